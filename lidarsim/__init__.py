@@ -1,0 +1,1 @@
+"""Exact and fast lidar simulation."""

@@ -1,0 +1,105 @@
+"""Checks of arguments, in one place so that every error reads alike.
+
+Each error names the argument, what was expected and what was got; in an array it names the first offender.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+
+def real(
+    name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf, infinite: bool = False
+) -> float:
+    """Return `value` as a float inside the bounds; NaN never passes, ±inf only with `infinite`."""
+    expected = "a real number" if infinite else "a finite number"
+    if above > -math.inf:
+        expected += f" > {above:g}"
+    if at_least > -math.inf:
+        expected += f" >= {at_least:g}"
+    if at_most < math.inf:
+        expected += f" <= {at_most:g}"
+    if isinstance(value, bool | str | bytes):
+        raise TypeError(f"{name}: expected {expected}, got {value!r}")
+    try:
+        number = float(value)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        raise TypeError(f"{name}: expected {expected}, got {value!r}") from None
+    if math.isnan(number) or (math.isinf(number) and not infinite) or not (number > above or above == -math.inf) or not at_least <= number <= at_most:
+        raise ValueError(f"{name}: expected {expected}, got {number!r}")
+    return number
+
+
+def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
+    """Return `value` as an int inside the bounds."""
+    expected = "an integer"
+    if at_least is not None:
+        expected += f" >= {at_least}"
+    if at_most is not None:
+        expected += f" <= {at_most}"
+    if isinstance(value, bool) or not hasattr(value, "__index__"):
+        raise TypeError(f"{name}: expected {expected}, got {value!r}")
+    number = int(value.__index__())
+    if (at_least is not None and number < at_least) or (at_most is not None and number > at_most):
+        raise ValueError(f"{name}: expected {expected}, got {number}")
+    return number
+
+
+def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
+    """Return `value` as a C-contiguous float64 array of `shape`, where a letter stands for any length."""
+    expected = f"shape ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers of {expected}, got a ragged sequence") from None
+    if given.dtype.kind not in "fiu" and given.size:
+        raise TypeError(f"{name}: expected real numbers of {expected}, got dtype {given.dtype}")
+    if given.ndim != len(shape) or any(isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=False)):
+        raise ValueError(f"{name}: expected {expected}, got {given.shape}")
+    result: Floats = np.ascontiguousarray(given, dtype=np.float64).reshape(given.shape)
+    if finite and not np.isfinite(result).all():
+        index = np.argwhere(~np.isfinite(result))[0]
+        where = "".join(f"[{i}]" for i in index)
+        raise ValueError(f"{name}: expected finite numbers, got {name}{where} = {result[tuple(index)]}")
+    return result
+
+
+def nonzero_vectors(name: str, vectors: Floats) -> Floats:
+    """Return `vectors`, of shape (3,) or (n, 3), after checking that none of them is zero."""
+    zero = ~vectors.any(axis=-1)
+    if zero.any():
+        where = f"[{int(np.argmax(zero))}]" if vectors.ndim == 2 else ""
+        raise ValueError(f"{name}: expected non-zero vectors, got {name}{where} = (0, 0, 0)")
+    return vectors
+
+
+def pose(name: str, value: Any) -> Floats:
+    """Return a (4, 4) float64 matrix from a `scipy.spatial.transform.RigidTransform` or a 4×4 rigid matrix.
+
+    Rigid means that the rotation part is orthonormal to within 1e-6, what a float32 pose file keeps, and not a reflection.
+    """
+    if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
+        value = value.as_matrix()
+    matrix = affine(name, value)
+    rotation = matrix[:3, :3]
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > 1e-6 or np.linalg.det(rotation) < 0:
+        raise ValueError(f"{name}: expected a rigid transform (orthonormal rotation), got one {error:.3g} away from it, determinant {np.linalg.det(rotation):.6g}")
+    return matrix
+
+
+def affine(name: str, value: Any) -> Floats:
+    """Return a (4, 4) float64 matrix whose last row is (0, 0, 0, 1) and which can be inverted (decided by the native core)."""
+    if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
+        value = value.as_matrix()
+    matrix = array(name, value, (4, 4))
+    if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
+        raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(matrix[3].tolist())}")
+    return matrix
