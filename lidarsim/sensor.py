@@ -1,0 +1,183 @@
+"""A lidar: a scan pattern, what it can see, and how it errs; from a preset, a file or its parts."""
+
+from __future__ import annotations
+
+import difflib
+import importlib.resources
+import math
+from collections.abc import Callable
+from dataclasses import KW_ONLY, dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lidarsim import scan as _scan
+from lidarsim._validation import real
+from lidarsim.errors import FileFormatError
+from lidarsim.measurement import Measurement
+from lidarsim.patterns import Pattern
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+    from scipy.spatial.transform import RigidTransform
+
+    from lidarsim.scan import Scan
+    from lidarsim.scene import Scene
+    from lidarsim.trajectory import Trajectory
+
+__all__ = ["Lidar", "preset_path", "register_lidar_reader"]
+
+HEAD = 1 << 16
+
+_readers: dict[str, tuple[Callable[[Path, str], bool], Callable[..., Lidar]]] = {}
+
+
+def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], read: Callable[..., Lidar]) -> None:
+    """Let `Lidar.from_file` read one more kind of file.
+
+    Parameters
+    ----------
+    name : str
+        What errors call the kind of file, such as "Ouster metadata JSON".
+    recognise : callable
+        ``recognise(path, text)`` says by its content whether a file is of this kind; `text` is its first 64 KiB, without a byte
+        order mark and with bytes that are not UTF-8 replaced.
+    read : callable
+        ``read(path, **options)`` returns the `Lidar`.
+    """
+    _readers[name] = recognise, read
+
+
+@dataclass(frozen=True)
+class Lidar:
+    """A lidar sensor.
+
+    Frozen; `dataclasses.replace` gives a varied copy.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Which pulses a frame fires: one of `lidarsim.patterns` or anything that has `rate`, `shape` and `pulses`.
+    measurement : Measurement
+        Noise and other effects; all of them are off by default.
+    min_range, max_range : float
+        Ranges that the sensor reports, m, both included.
+    name : str
+        Name of the sensor. Sensors of different names draw different noise from the same seed.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument has the wrong type or is out of its range.
+    """
+
+    pattern: Pattern
+    _: KW_ONLY
+    measurement: Measurement = field(default_factory=Measurement)
+    min_range: float = 0.0
+    max_range: float = math.inf
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.pattern, Pattern):
+            raise TypeError(f"pattern: expected a scan pattern (rate, shape, pulses), got {self.pattern!r}")
+        if not isinstance(self.measurement, Measurement):
+            raise TypeError(f"measurement: expected a Measurement, got {self.measurement!r}")
+        if not isinstance(self.name, str):
+            raise TypeError(f"name: expected a string, got {self.name!r}")
+        object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
+        object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
+
+    def scan(
+        self,
+        scene: Scene,
+        pose: RigidTransform | npt.ArrayLike | Trajectory | None = None,
+        *,
+        time: float = 0.0,
+        frame: int = 0,
+        seed: int = 0,
+    ) -> Scan:
+        """Scan `scene` for one frame; see `lidarsim.scan.scan`."""
+        return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed)
+
+    @staticmethod
+    def presets() -> list[str]:
+        """Return the names of the sensors that `preset` knows."""
+        return sorted(entry.name.removesuffix(".yaml") for entry in _presets().iterdir() if entry.name.endswith(".yaml"))
+
+    @classmethod
+    def preset(cls, name: str, *, mode: str | None = None, noise: str | None = None) -> Lidar:
+        """Return a real sensor by name.
+
+        Parameters
+        ----------
+        name : str
+            One of `presets()`.
+        mode : str, optional
+            One of the sensor's modes, such as "1024x20" of an Ouster. Default: the mode that its file describes.
+        noise : {"datasheet"}, optional
+            "datasheet" switches on the noise that the sensor's datasheet gives. Default: none.
+
+        Returns
+        -------
+        Lidar
+            The sensor as lidarsim/presets/NAME.yaml describes it, with the source of each number.
+
+        Raises
+        ------
+        ValueError
+            If there is no such preset, mode or noise.
+        """
+        _, read = _readers["lidarsim YAML"]
+        return read(preset_path(name), mode=mode, noise=noise)
+
+    @classmethod
+    def from_file(cls, path: str | Path, **options: Any) -> Lidar:
+        """Return the sensor that a file describes: lidarsim's own YAML or a vendor's file, told by its content.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        **options
+            What the kind of file needs or allows besides; its reader's keyword arguments.
+
+        Returns
+        -------
+        Lidar
+            The sensor.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read, or is of no kind that is known, or is not whole.
+        """
+        path = Path(path)
+        try:
+            with path.open("rb") as file:
+                text = file.read(HEAD).decode("utf-8-sig", errors="replace")
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
+        for recognise, read in _readers.values():
+            if recognise(path, text):
+                return read(path, **options)
+        raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(_readers)}")
+
+
+def preset_path(name: str) -> Path:
+    """Return the file of a preset.
+
+    Raises
+    ------
+    ValueError
+        If there is no preset of that name.
+    """
+    known = Lidar.presets()
+    if name not in known:
+        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+        hint = f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
+        raise ValueError(f"preset: unknown sensor {name!r}; {hint}")
+    return _presets() / f"{name}.yaml"
+
+
+def _presets() -> Path:
+    return Path(str(importlib.resources.files("lidarsim"))) / "presets"
