@@ -1,0 +1,81 @@
+"""Configurations: YAML files that describe a scene, a sensor and a run.
+
+Importing this is cheap; YAML and its checks are imported with the first file.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from lidarsim.sensor import Lidar, register_lidar_reader
+
+if TYPE_CHECKING:
+    from lidarsim.config.loader import Run
+
+__all__ = ["load", "read_lidar"]
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
+    """Return the run that a configuration describes.
+
+    Parameters
+    ----------
+    path : path-like
+        A YAML file. Paths in it are relative to its folder.
+    overrides : sequence of str
+        Values to replace or add, such as ``"scene.0.radius_m=2"``.
+
+    Returns
+    -------
+    Run
+        Scene, sensor, pose, seed and frames, ready to scan.
+
+    Raises
+    ------
+    ConfigError
+        If the configuration cannot be used; the message names file, line and key.
+    """
+    from lidarsim.config import loader
+
+    return loader.load(Path(path), overrides)
+
+
+def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None = None) -> Lidar:
+    """Return the sensor that a YAML file describes; `Lidar.from_file` and `Lidar.preset` come here.
+
+    Parameters
+    ----------
+    path : path-like
+        A YAML file with a ``pattern``, or with a ``preset`` or ``file`` and the differences from it.
+    mode : str, optional
+        One of the ``modes`` in the file.
+    noise : {"none", "datasheet"}, optional
+        Whether the file's ``datasheet_noise`` is switched on.
+
+    Returns
+    -------
+    Lidar
+        The sensor.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be used; the message names file, line and key.
+    ValueError
+        If there is no such mode or noise.
+    """
+    from lidarsim.config import loader
+
+    return loader.read_lidar(Path(path), mode=mode, noise=noise)
+
+
+def recognise(path: Path, text: str) -> bool:
+    """Return whether `text`, the head of the file `path`, is that of a sensor in lidarsim's own YAML."""
+    own = re.search(r"^(pattern|preset|file)\s*:", text, re.MULTILINE)
+    return path.suffix.lower() in (".yaml", ".yml") and own is not None
+
+
+register_lidar_reader("lidarsim YAML", recognise, read_lidar)

@@ -1,0 +1,263 @@
+"""YAML whose every value knows the file and line that it was written on.
+
+Documents stay YAML nodes until they are whole: a preset and the differences from it are merged, and ``--set`` is
+applied, as nodes, so an error always names the place where the offending value was written. Scalars are read by the
+core schema of YAML 1.2: ``1e-3`` is a number, ``no`` is text. Keys are words, each at most once in a mapping.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from lidarsim.errors import ConfigError, LidarsimError
+
+Node = yaml.Node
+
+_OVERRIDE = "--set "
+_TAG = "tag:yaml.org,2002:"
+_SCALARS: dict[str, Callable[[str], Any]] = {
+    f"{_TAG}null": lambda _: None,
+    f"{_TAG}bool": lambda text: {"true": True, "false": False}[text.lower()],
+    f"{_TAG}int": lambda text: int(text, 0),
+    f"{_TAG}float": lambda text: float(text.replace(".inf", "inf").replace(".nan", "nan")),
+    f"{_TAG}str": str,
+}
+
+
+class _Loader(yaml.SafeLoader):
+    yaml_implicit_resolvers = {}  # noqa: RUF012 - as the parent has it
+
+
+for _name, _pattern, _first in (
+    ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
+    ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
+    ("int", r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+", list("-+0123456789")),
+    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.inf|\.nan", list("-+.0123456789")),
+):
+    _Loader.add_implicit_resolver(f"{_TAG}{_name}", re.compile(f"^(?:{_pattern})$"), _first)
+
+
+def parse(text: str, name: str) -> Node:
+    """Return the node of the one YAML document in `text`; `name` is what errors call it.
+
+    Raises
+    ------
+    ConfigError
+        If the text is not one YAML document, or has a key twice.
+    """
+    try:
+        loader = _Loader(text)
+        loader.name = name
+        node = loader.get_single_node()
+        if node is None:
+            raise ConfigError(f"{name}: expected YAML, got nothing")
+        _check_keys(node)
+    except yaml.MarkedYAMLError as error:
+        where = _written(error.problem_mark) if error.problem_mark else name
+        raise ConfigError(f"{where}: not valid YAML: {error.problem or error.context}") from None
+    except yaml.reader.ReaderError as error:
+        raise ConfigError(
+            f"{name}: not valid YAML: character {error.character!r} at position {error.position}"
+        ) from None
+    except RecursionError:
+        raise ConfigError(f"{name}: not valid YAML: nested too deeply") from None
+    return node
+
+
+def read(path: Path) -> Node:
+    """Return the node of the one YAML document in the file `path`.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, and as `parse` does.
+    """
+    try:
+        return parse(path.read_text(encoding="utf-8-sig"), str(path))
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: not valid YAML: byte {error.start} is not UTF-8") from None
+
+
+def plain(node: Node) -> Any:
+    """Return the Python value of `node`: dicts, lists, text, numbers, booleans, None."""
+    if isinstance(node, yaml.MappingNode) and node.tag == f"{_TAG}map":
+        return {key: plain(value) for key, (_, value) in entries(node).items()}
+    if isinstance(node, yaml.SequenceNode) and node.tag == f"{_TAG}seq":
+        return [plain(value) for value in node.value]
+    try:
+        return _SCALARS[node.tag](node.value)
+    except (KeyError, TypeError, ValueError):
+        kind = node.tag.removeprefix(_TAG)
+        raise ConfigError(
+            f"{_written(node.start_mark)}: not valid YAML: {kind} is unknown or not what stands here"
+        ) from None
+
+
+def entries(node: Node | None) -> dict[str, tuple[Node, Node]]:
+    """Return the (key, value) nodes of a mapping by key; none for any other node."""
+    return {key.value: (key, value) for key, value in node.value} if isinstance(node, yaml.MappingNode) else {}
+
+
+def without(node: Node, *keys: str) -> Node:
+    """Return a mapping less some of its keys."""
+    return _mapping({key: entry for key, entry in entries(node).items() if key not in keys}, node)
+
+
+def merge(base: Node, difference: Node) -> Node:
+    """Return `base` with the values of `difference` put over it, mapping by mapping.
+
+    Anything but a mapping replaces what it meets, and so does a mapping of another ``type``: its keys are others.
+    """
+    if not isinstance(base, yaml.MappingNode) or not isinstance(difference, yaml.MappingNode):
+        return difference
+    old, new = entries(base), entries(difference)
+    if "type" in old and "type" in new and old["type"][1].value != new["type"][1].value:
+        return difference
+    for key, (key_node, value) in new.items():
+        old[key] = (key_node, merge(old[key][1], value) if key in old else value)
+    return _mapping(old, difference)
+
+
+def override(node: Node, assignment: str) -> Node:
+    """Return `node` with one value replaced or added, as ``scene.0.radius_m=2`` says: keys and list indices, then YAML.
+
+    Raises
+    ------
+    ConfigError
+        If the assignment cannot be read, or leads into a value that has no keys.
+    """
+    name = f"{_OVERRIDE}{assignment}"
+    path, equals, text = assignment.partition("=")
+    if not equals or not all(path.split(".")):
+        raise ConfigError(f"{name}: expected KEY=VALUE, such as scene.0.radius_m=2")
+    return replace(node, path.split("."), parse(text or "null", name))
+
+
+def replace(node: Node | None, path: list[str], value: Node) -> Node:
+    """Return `node` with `value` at `path`; mappings that are missing on the way are made."""
+    if not path:
+        return value
+    head, *rest = path
+    if isinstance(node, yaml.SequenceNode):
+        if not head.isdecimal() or int(head) >= len(node.value):
+            raise ConfigError(f"{_written(value.start_mark)}: expected an index below {len(node.value)}, got {head!r}")
+        changed = list(node.value)
+        changed[int(head)] = replace(changed[int(head)], rest, value)
+        return yaml.SequenceNode(node.tag, changed, node.start_mark, node.end_mark)
+    if isinstance(node, yaml.ScalarNode) and node.tag != f"{_TAG}null":
+        raise ConfigError(f"{_written(value.start_mark)}: {node.value!r} has no key {head!r} to set")
+    found = entries(node)
+    _, old = found.get(head, (None, None))
+    found[head] = (yaml.ScalarNode(f"{_TAG}str", head, value.start_mark, value.end_mark), replace(old, rest, value))
+    return _mapping(found, node or value)
+
+
+def _mapping(found: dict[str, tuple[Node, Node]], place: Node) -> Node:
+    return yaml.MappingNode(f"{_TAG}map", list(found.values()), place.start_mark, place.end_mark)
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place in a document: ``Place(node) / "scene" / 0 / "radius_m"``."""
+
+    root: Node
+    keys: tuple[int | str, ...] = ()
+
+    def __truediv__(self, key: int | str) -> Place:
+        """Return the place of `key` in the value here."""
+        return Place(self.root, (*self.keys, key))
+
+    def _walk(self) -> tuple[yaml.Mark, list[str]]:
+        # Keys that are not in the document are passed over: a missing one, or pydantic's tag of a union's member.
+        node, mark, keys = self.root, self.root.start_mark, []
+        for key in self.keys:
+            if isinstance(node, yaml.SequenceNode) and isinstance(key, int):
+                node = node.value[key]
+                mark = node.start_mark
+            elif key in (found := entries(node)):
+                key_node, node = found[str(key)]
+                mark = key_node.start_mark
+            else:
+                continue
+            keys.append(str(key))
+        return mark, keys
+
+    @property
+    def order(self) -> tuple[str, int]:
+        """Sorts places as they are written."""
+        mark, _ = self._walk()
+        return mark.name, mark.index
+
+    def error(self, problem: object) -> ConfigError:
+        """Return the error that `problem` was met here: ``file:line: key.key: problem``."""
+        mark, keys = self._walk()
+        key = ".".join(keys)
+        told = not key or mark.name.startswith(f"{_OVERRIDE}{key}=")
+        return ConfigError(": ".join([_written(mark), *([] if told else [key]), str(problem)]))
+
+    @contextmanager
+    def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
+        """Turn an error from within the block into one at this place.
+
+        Our errors begin with the argument: if `keys` has it, the key and what to add to the text stand there instead.
+        """
+        try:
+            yield
+        except ConfigError:
+            raise
+        except (LidarsimError, OSError, TypeError, ValueError) as error:
+            argument, _, problem = str(error).partition(": ")
+            if keys and argument in keys:
+                key, addition = keys[argument]
+                raise (self / key).error(problem + addition) from error
+            raise self.error(error) from error
+
+    def file(self, name: str) -> Path:
+        """Return the path of the file `name`, which is relative to the folder of the file in which this place is.
+
+        Raises
+        ------
+        ConfigError
+            If the file cannot be read.
+        """
+        mark, _ = self._walk()
+        path = (Path() if mark.name.startswith(_OVERRIDE) else Path(mark.name).parent) / name
+        try:
+            path.open("rb").close()
+        except OSError as error:
+            raise self.error(f"cannot read {path}: {error.strerror}") from None
+        return path
+
+
+def _written(mark: yaml.Mark) -> str:
+    return str(mark.name) if mark.name.startswith(_OVERRIDE) else f"{mark.name}:{mark.line + 1}"
+
+
+def _check_keys(node: Node, above: tuple[Node, ...] = ()) -> None:
+    if isinstance(node, yaml.ScalarNode):
+        return
+    if node in above:
+        raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: this value holds itself")
+    children = node.value
+    if isinstance(node, yaml.MappingNode):
+        lines: dict[str, int] = {}
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise ConfigError(f"{_written(key.start_mark)}: expected a word as a key")
+            if key.value in lines:
+                raise ConfigError(
+                    f"{_written(key.start_mark)}: {key.value}: this key is already on line {lines[key.value]}"
+                )
+            lines[key.value] = key.start_mark.line + 1
+        children = [value for _, value in node.value]
+    for child in children:
+        _check_keys(child, (*above, node))

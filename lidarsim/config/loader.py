@@ -1,0 +1,232 @@
+"""From a YAML file to a run: read, merge, override, check, build."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import pydantic
+import yaml
+
+from lidarsim.config import recognise
+from lidarsim.config.document import Node, Place, entries, merge, override, plain, read, replace, without
+from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose
+from lidarsim.scene import Scene
+from lidarsim.sensor import HEAD, Lidar, preset_path
+
+if TYPE_CHECKING:
+    from lidarsim._validation import Floats
+    from lidarsim.scan import Scan
+    from lidarsim.trajectory import Trajectory
+
+M = TypeVar("M", bound=Model)
+
+# These choose what a document includes, so overrides of them come first and all others after it is whole.
+CHOICES = ("sensor", "sensor.preset", "sensor.file", "sensor.mode", "sensor.noise", "scene", "scene.file")
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a configuration describes, built and ready to scan.
+
+    Attributes
+    ----------
+    scene : Scene
+        What is scanned.
+    lidar : Lidar
+        What scans it.
+    pose : ndarray of float64, shape (4, 4), or Trajectory
+        Where the sensor is, sensor to world.
+    seed : int
+        Seed of all random numbers.
+    frames : range
+        Numbers of the frames to scan.
+    cloud : dict
+        How points are given: arguments of `Scan.point_cloud`.
+    """
+
+    scene: Scene
+    lidar: Lidar
+    pose: Floats | Trajectory
+    seed: int
+    frames: range
+    cloud: dict[str, Any]
+
+    def scan(self, frame: int | None = None) -> Scan:
+        """Scan one frame, from the time at which it starts.
+
+        Parameters
+        ----------
+        frame : int, optional
+            Number of the frame. Default: the first of `frames`.
+
+        Returns
+        -------
+        Scan
+            What the sensor measured; ``scan.point_cloud(**run.cloud)`` are its points as the configuration wants them.
+        """
+        frame = self.frames.start if frame is None else frame
+        time = frame / self.lidar.pattern.rate
+        return self.lidar.scan(self.scene, self.pose, time=time, frame=frame, seed=self.seed)
+
+
+def load(path: Path, overrides: Sequence[str]) -> Run:
+    """Return the run that a file describes; see `lidarsim.config.load`."""
+    root = read(path)
+    for assignment in overrides:
+        if assignment.partition("=")[0] in CHOICES:
+            root = override(root, assignment)
+    root = _include(root)
+    for assignment in overrides:
+        if assignment.partition("=")[0] not in CHOICES:
+            root = override(root, assignment)
+    config, place = _check(Config, root), Place(root)
+    scene = Scene()
+    for index, item in enumerate(config.scene):
+        item.add_to(scene, place / "scene" / index)
+    return Run(
+        scene=scene,
+        lidar=config.sensor.build(place / "sensor"),
+        pose=build_pose(config.pose, place / "pose"),
+        seed=config.seed,
+        frames=range(config.first_frame, config.first_frame + config.frames),
+        cloud=config.cloud.model_dump(),
+    )
+
+
+def read_lidar(path: Path, *, mode: str | None, noise: str | None) -> Lidar:
+    """Return the sensor that a file describes; see `lidarsim.config.read_lidar`."""
+    document = read(path)
+    root = _variant(_sensor(document, Place(document)), mode, noise)
+    if "file" in entries(root):
+        return _check(VendorSensor, root).build(Place(root))
+    return _check(Sensor, root).build(Place(root))
+
+
+def _include(root: Node) -> Node:
+    """Return `root` with the files and presets that it names in their places."""
+    found, place = entries(root), Place(root)
+    if "sensor" in found:
+        root = replace(root, ["sensor"], _sensor(found["sensor"][1], place / "sensor"))
+    if "scene" in found and (file := _text(found["scene"][1], "file", place / "scene")) is not None:
+        root = replace(root, ["scene"], read((place / "scene" / "file").file(file)))
+    return root
+
+
+def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
+    """Return the sensor `node` with its preset or file, mode and noise merged in; a vendor's file stays a ``file``."""
+    if not isinstance(node, yaml.MappingNode):
+        return node
+    preset, file, mode, noise = (_text(node, key, place) for key in ("preset", "file", "mode", "noise"))
+    if preset is not None and file is not None:
+        raise (place / "file").error("expected a preset or a file, got both")
+    difference: Node | None = without(node, "preset", "file", "mode", "noise")
+    if preset is not None:
+        with (place / "preset").refusals({"preset": ("", "")}):
+            base = read(preset_path(preset))
+    elif file is not None:
+        path = (place / "file").file(file)
+        if not recognise(path, path.read_bytes()[:HEAD].decode("utf-8-sig", errors="replace")):
+            return node
+        if path.resolve() in above:
+            raise (place / "file").error("expected another file, got one that includes this one")
+        included = read(path)
+        base = _sensor(included, Place(included), (*above, path.resolve()))
+    elif "pattern" in entries(node):
+        base, difference = without(node, "mode", "noise"), None
+    else:
+        raise place.error("expected one of the keys preset, file, pattern, got none of them")
+    with place.refusals({"mode": ("mode", ""), "noise": ("noise", "")}):
+        base = _variant(base, mode, noise)
+    return base if difference is None else merge(base, difference)
+
+
+def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
+    """Return `sensor` in one of its modes, with the noise of its datasheet if that is asked for."""
+    found = entries(sensor)
+    if mode is not None:
+        modes = entries(found["modes"][1]) if "modes" in found else {}
+        if mode not in modes:
+            expected = f"expected one of {', '.join(modes)}" if modes else "the sensor has no modes"
+            raise ValueError(f"mode: {expected}, got {mode!r}")
+        sensor = merge(sensor, modes[mode][1])
+    if noise not in (None, "none", "datasheet"):
+        raise ValueError(f"noise: expected none or datasheet, got {noise!r}")
+    if noise == "datasheet":
+        if "datasheet_noise" not in found:
+            raise ValueError("noise: the sensor has no datasheet_noise, got 'datasheet'")
+        measurement = found["datasheet_noise"][1]
+        if "measurement" in found:
+            measurement = merge(found["measurement"][1], measurement)
+        sensor = replace(sensor, ["measurement"], measurement)
+    return sensor
+
+
+def _text(node: Node, key: str, place: Place) -> str | None:
+    if key not in entries(node):
+        return None
+    value = plain(entries(node)[key][1])
+    if not isinstance(value, str):
+        raise (place / key).error(f"expected text, got {_describe(value)}")
+    return value
+
+
+def _check(model: type[M], root: Node) -> M:
+    """Return `root` as `model`; an error tells the first problem in the file, and how many more there are."""
+    try:
+        return model.model_validate(plain(root))
+    except pydantic.ValidationError as invalid:
+        problems = [_problem(Place(root, tuple(error["loc"])), error) for error in invalid.errors()]
+        place, problem = min(problems, key=lambda item: item[0].order)
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise place.error(problem + more) from None
+
+
+_EXPECTED = {
+    "bool_type": "true or false",
+    "dict_type": "a mapping",
+    "float_type": "a number",
+    "greater_than_equal": "a value >= {ge}",
+    "int_from_float": "an integer",
+    "int_type": "an integer",
+    "less_than": "a value < {lt}",
+    "list_type": "a list",
+    "literal_error": "{expected}",
+    "model_attributes_type": "a mapping",
+    "model_type": "a mapping",
+    "string_type": "text",
+    "too_long": "at most {max_length} items",
+    "too_short": "at least {min_length} items",
+}
+
+
+def _problem(place: Place, error: Any) -> tuple[Place, str]:
+    """Return where pydantic's `error` is and what it is, in our words."""
+    kind, context, got = error["type"], error.get("ctx", {}), error["input"]
+    if kind == "missing":
+        return place, f"missing key {error['loc'][-1]!r}"
+    if kind == "unknown_key":
+        return place / context["key"], error["msg"]
+    if kind == "union_tag_not_found":
+        return place, f"missing key {context['discriminator']}"
+    if kind == "union_tag_invalid":
+        key = context["discriminator"].strip("'")
+        return place / key, f"expected one of {context['expected_tags']}, got {_describe(got[key])}"
+    if kind in _EXPECTED:
+        return place, f"expected {_EXPECTED[kind].format(**context)}, got {_describe(got)}"
+    return place, error["msg"]
+
+
+def _describe(value: object) -> str:
+    if value is None:
+        return "nothing"
+    if isinstance(value, dict):
+        return "a mapping"
+    if isinstance(value, list):
+        return f"a list of {len(value)}"
+    if isinstance(value, bool):
+        return str(value).lower()
+    return reprlib.repr(value)

@@ -1,0 +1,630 @@
+"""What a configuration may say, and the objects that come of it.
+
+A key is the name of a constructor's argument followed by its unit: ``radius_m`` is the ``radius`` of `Sphere`. So a
+model only lists its keys, and `construct` does the rest; what a value must be beyond its type is left to the
+constructor. A new shape is one class here and its entry in `SHAPES`, a new pattern likewise in `PATTERNS`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Callable, Iterable
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+from scipy.spatial.transform import Rotation
+
+from lidarsim import patterns, shapes
+from lidarsim.materials import Material
+from lidarsim.measurement import Measurement
+from lidarsim.sensor import Lidar
+from lidarsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lidarsim._validation import Floats
+    from lidarsim.config.document import Place
+    from lidarsim.patterns import Pattern
+    from lidarsim.scene import Scene
+    from lidarsim.shapes import Shape
+
+__all__ = ["PATTERNS", "SHAPES", "Config", "Sensor", "VendorSensor"]
+
+T = TypeVar("T")
+
+# Small units divide: 55.296 / 1e6 is the float64 nearest to 55.296e-6, because 1e6 is a float64 and 1e-6 is not.
+UNITS: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
+    "deg_per_s": ("rad/s", np.radians),
+    "m_per_s": ("", np.positive),
+    "per_m": ("", np.positive),
+    "deg": ("rad", np.radians),
+    "mrad": ("rad", lambda value: value / 1e3),
+    "mm": ("m", lambda value: value / 1e3),
+    "m": ("", np.positive),
+    "us": ("s", lambda value: value / 1e6),
+    "ns": ("s", lambda value: value / 1e9),
+    "s": ("", np.positive),
+    "khz": ("Hz", lambda value: value * 1e3),
+    "hz": ("", np.positive),
+    "rpm": ("Hz", lambda value: value / 60.0),
+}
+
+
+class Model(BaseModel):
+    """A mapping with these keys and no others."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _suggest(cls, value: object) -> object:
+        for key in value if isinstance(value, dict) else ():
+            if key not in cls.model_fields:
+                near = difflib.get_close_matches(key, cls.model_fields, n=3)
+                hint = (
+                    f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(cls.model_fields)}"
+                )
+                raise PydanticCustomError("unknown_key", "unknown key; {hint}", {"key": key, "hint": hint})
+        return value
+
+
+def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], place: Place, **more: object) -> T:
+    """Return what `constructor` makes of `more` and of those of `keys` that are given, in SI units and radians.
+
+    Raises
+    ------
+    ConfigError
+        If the constructor refuses: at the key of the argument that it names, else at `place`.
+    """
+    arguments = dict(more)
+    key_of: dict[str, tuple[str, str]] = {}
+    for key in [key for key in keys if key in model.model_fields_set]:
+        value = getattr(model, key)
+        name, unit = key, next((unit for unit in UNITS if key.endswith(f"_{unit}")), None)
+        if unit:
+            name = key.removesuffix(f"_{unit}")
+            value = None if value is None else UNITS[unit][1](np.asarray(value, dtype=np.float64))[()]
+        if name in key_of:
+            raise (place / key).error(f"given already as {key_of[name][0]}")
+        arguments[name] = value
+        key_of[name] = key, f" (in {UNITS[unit][0]})" if unit and UNITS[unit][0] else ""
+    with place.refusals(key_of):
+        return constructor(**arguments)
+
+
+def _either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
+    """Return the type of values that are of one of two types, and whose errors are those of that type alone."""
+    tag = Discriminator(lambda value: "second" if is_second(value) else "first")
+    return Annotated[Annotated[first, Tag("first")] | Annotated[second, Tag("second")], tag]
+
+
+def _is_list(value: object) -> bool:
+    return isinstance(value, list)
+
+
+def _is_table(value: object) -> bool:
+    return isinstance(value, list) and any(isinstance(row, list) for row in value)
+
+
+Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
+
+if TYPE_CHECKING:
+    Numbers = float | list[float]
+    Vectors = Vector | list[Vector]
+else:
+    Numbers = _either(float, list[float], _is_list)
+    Vectors = _either(Vector, list[Vector], _is_table)
+
+
+# Poses
+
+
+class Turn(Model):
+    """Turns about the fixed axes, x first: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+
+    roll: float = 0.0
+    pitch: float = 0.0
+    yaw: float = 0.0
+
+
+class Placement(Model):
+    """Where something stands: position and rotation, or the 4x4 matrix into the world."""
+
+    position_m: Vector = [0.0, 0.0, 0.0]
+    rotation_deg: Turn = Turn()
+    matrix: Matrix | None = None
+
+    def to_matrix(self, place: Place, scale: float | Vector = 1.0) -> Floats:
+        """Return the 4x4 matrix into the world."""
+        if self.matrix is not None:
+            others = [key for key in ("position_m", "rotation_deg", "scale") if key in self.model_fields_set]
+            if others:
+                raise (place / "matrix").error(f"expected the matrix alone, got {others[0]} beside it")
+            return np.array(self.matrix)
+        matrix = np.eye(4)
+        turn = self.rotation_deg
+        rotation = Rotation.from_euler("ZYX", [turn.yaw, turn.pitch, turn.roll], degrees=True).as_matrix()
+        matrix[:3, :3] = rotation * scale  # R diag(scale)
+        matrix[:3, 3] = self.position_m
+        return matrix
+
+
+class Waypoint(Placement):
+    """A placement at a time."""
+
+    time_s: float
+
+
+class Pose(Placement):
+    """A placement, which may go on at a constant twist from time 0."""
+
+    linear_m_per_s: Vector | None = None
+    angular_deg_per_s: Vector | None = None
+
+
+def build_pose(value: Pose | list[Waypoint], place: Place) -> Floats | Trajectory:
+    """Return the pose, or the trajectory if it moves."""
+    if isinstance(value, list):
+        poses = [waypoint.to_matrix(place / index) for index, waypoint in enumerate(value)]
+        with place.refusals():
+            return Trajectory([waypoint.time_s for waypoint in value], poses)
+    matrix = value.to_matrix(place)
+    if value.linear_m_per_s is None and value.angular_deg_per_s is None:
+        return matrix
+    still = {"linear": np.zeros(3), "angular": np.zeros(3)}
+    return construct(Trajectory.from_twist, value, ["linear_m_per_s", "angular_deg_per_s"], place, pose=matrix, **still)
+
+
+if TYPE_CHECKING:
+    Motion = Pose | list[Waypoint]
+else:
+    Motion = _either(Pose, list[Waypoint], _is_list)
+
+
+# Objects of the scene
+
+
+class Object(Placement):
+    """An object of the scene: a shape, where it stands and what it is made of."""
+
+    constructor: ClassVar[Callable[..., Shape]]
+
+    name: str = ""
+    label: int = 0
+    reflectivity: float = 1.0
+    scale: Numbers = 1.0
+    motion: Motion | None = None
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        keys = type(self).model_fields.keys() - Object.model_fields.keys() - {"shape"}
+        return construct(type(self).constructor, self, sorted(keys), place)
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add the object to `scene`."""
+        self._add(self.build(place), scene, place)
+
+    def _add(self, shape: Shape, scene: Scene, place: Place, **more: object) -> None:
+        material = construct(Material, self, ["reflectivity"], place)
+        placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
+        transform = self.to_matrix(place, self.scale) if placed else None
+        motion = None if self.motion is None else build_pose(self.motion, place / "motion")
+        more = {"transform": transform, "motion": motion, "material": material, **more}
+        construct(scene.add, self, ["name", "label"], place, shape=shape, **more)
+
+
+class Plane(Object):
+    """The plane of the points p with normal·p = distance, or through a point."""
+
+    constructor = shapes.Plane
+
+    shape: Literal["plane"]
+    normal: Vector
+    distance_m: float = 0.0
+    point_m: Vector | None = None
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        if self.point_m is None:
+            return construct(shapes.Plane, self, ["normal"], place, distance=self.distance_m)
+        return construct(shapes.Plane.from_point, self, ["point_m", "normal", "distance_m"], place)
+
+
+class Sphere(Object):
+    """A sphere."""
+
+    constructor = shapes.Sphere
+
+    shape: Literal["sphere"]
+    center_m: Vector
+    radius_m: float
+
+
+class Ellipsoid(Object):
+    """An ellipsoid whose axes are those of the object."""
+
+    constructor = shapes.Ellipsoid
+
+    shape: Literal["ellipsoid"]
+    center_m: Vector
+    radii_m: Vector
+
+
+class Box(Object):
+    """A box whose edges are along the axes of the object."""
+
+    constructor = shapes.Box
+
+    shape: Literal["box"]
+    size_m: Vector
+    center_m: Vector = [0.0, 0.0, 0.0]
+
+
+class Cylinder(Object):
+    """A cylinder between two points, closed by discs or open."""
+
+    constructor = shapes.Cylinder
+
+    shape: Literal["cylinder"]
+    start_m: Vector
+    end_m: Vector
+    radius_m: float
+    capped: bool = True
+
+
+class Triangle(Object):
+    """A triangle."""
+
+    constructor = shapes.Triangle
+
+    shape: Literal["triangle"]
+    a_m: Vector
+    b_m: Vector
+    c_m: Vector
+
+
+class Polygon(Object):
+    """A plane polygon, convex or not."""
+
+    constructor = shapes.Polygon
+
+    shape: Literal["polygon"]
+    vertices_m: list[Vector]
+
+
+class Mesh(Object):
+    """A triangle mesh from a file."""
+
+    constructor = shapes.TriangleMesh
+
+    shape: Literal["mesh"]
+    file: str
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        path = (place / "file").file(self.file)
+        with (place / "file").refusals():
+            return shapes.TriangleMesh.from_file(path)
+
+
+class Heightfield(Object):
+    """Terrain from a NumPy file of heights, m: rows along x, columns along y."""
+
+    constructor = shapes.TriangleMesh.from_heightfield
+
+    shape: Literal["heightfield"]
+    file: str
+    spacing_m: Numbers
+    origin_m: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.0, 0.0]
+
+    def build(self, place: Place) -> Shape:
+        """Return the shape."""
+        path = (place / "file").file(self.file)
+        with (place / "file").refusals():
+            heights = np.load(path, allow_pickle=False)
+        return construct(shapes.TriangleMesh.from_heightfield, self, ["spacing_m", "origin_m"], place, z=heights)
+
+
+class SceneFile(Object):
+    """All meshes of a scene file such as GLB, each where the file puts its instances; `file` says which way is up."""
+
+    constructor = shapes.TriangleMesh
+
+    shape: Literal["scene_file"]
+    file: str
+
+    def add_to(self, scene: Scene, place: Place) -> None:
+        """Add one object to `scene` for each instance, named after its node; instances share their mesh."""
+        import trimesh
+
+        path = (place / "file").file(self.file)
+        with (place / "file").refusals():
+            graph = trimesh.load_scene(path)
+            meshes = {name: shapes.TriangleMesh.from_trimesh(mesh) for name, mesh in graph.geometry.items()}
+        above = self.to_matrix(place, self.scale)
+        for node in graph.graph.nodes_geometry:
+            transform, mesh = graph.graph[node]
+            self._add(
+                meshes[mesh], scene, place, transform=above @ transform, name="/".join(filter(None, [self.name, node]))
+            )
+
+
+SHAPES: dict[str, type[Object]] = {
+    "plane": Plane,
+    "sphere": Sphere,
+    "ellipsoid": Ellipsoid,
+    "box": Box,
+    "cylinder": Cylinder,
+    "triangle": Triangle,
+    "polygon": Polygon,
+    "mesh": Mesh,
+    "heightfield": Heightfield,
+    "scene_file": SceneFile,
+}
+
+
+# Scan patterns
+
+
+class ScanPattern(Model):
+    """Which pulses a frame fires."""
+
+    constructor: ClassVar[Callable[..., Pattern]]
+
+    def build(self, place: Place) -> Pattern:
+        """Return the pattern."""
+        return construct(type(self).constructor, self, sorted(type(self).model_fields.keys() - {"type"}), place)
+
+
+class Spinning(ScanPattern):
+    """Channels on a spinning head."""
+
+    constructor = patterns.Spinning
+
+    type: Literal["spinning"]
+    elevations_deg: list[float]
+    azimuth_offsets_deg: Numbers = 0.0
+    columns: float | None = None
+    column_period_us: float | None = None
+    rate_hz: float = 10.0
+    firing_times_us: Numbers = 0.0
+    beam_origins_mm: Vectors | None = None
+    clockwise: bool = True
+    field_of_view_deg: float = 360.0
+    start_azimuth_deg: float | None = None
+
+
+class Grid(ScanPattern):
+    """A grid of azimuths and elevations: flash, solid state, 2D."""
+
+    constructor = patterns.Grid
+
+    type: Literal["grid"]
+    azimuths_deg: list[float]
+    elevations_deg: list[float]
+    rate_hz: float
+    column_period_us: float = 0.0
+
+
+class Prism(Model):
+    """A rotating wedge prism."""
+
+    rotation_rate_hz: float | None = None
+    rotation_rate_rpm: float | None = None
+    phase_deg: float = 0.0
+    entry_tilt_deg: float = 0.0
+    exit_tilt_deg: float = 0.0
+
+
+class Risley(ScanPattern):
+    """Rotating prisms, one behind the other."""
+
+    constructor = patterns.Risley
+
+    type: Literal["risley"]
+    prisms: list[Prism]
+    refractive_index: float
+    pulse_rate_hz: float
+    rate_hz: float
+    beams: list[Vector] = [[1.0, 0.0, 0.0]]
+
+    def build(self, place: Place) -> Pattern:
+        """Return the pattern."""
+        prisms = []
+        for index, prism in enumerate(self.prisms):
+            at = place / "prisms" / index
+            if not prism.model_fields_set & {"rotation_rate_hz", "rotation_rate_rpm"}:
+                raise at.error("missing key 'rotation_rate_hz' or 'rotation_rate_rpm'")
+            prisms.append(construct(patterns.Prism, prism, Prism.model_fields, at))
+        keys = ["refractive_index", "pulse_rate_hz", "rate_hz", "beams"]
+        return construct(patterns.Risley, self, keys, place, prisms=prisms)
+
+
+class OscillatingMirror(ScanPattern):
+    """A mirror that swings to and fro."""
+
+    constructor = patterns.OscillatingMirror
+
+    type: Literal["oscillating_mirror"]
+    field_of_view_deg: float
+    scan_rate_hz: float
+    pulse_rate_khz: float
+    rate_hz: float
+    turn: float = 0.0
+
+
+class PolygonMirror(ScanPattern):
+    """A rotating polygon of mirrors: lines one after the other."""
+
+    constructor = patterns.PolygonMirror
+
+    type: Literal["polygon_mirror"]
+    elevations_deg: list[float] = [0.0]
+    sweep_deg: float
+    field_of_view_deg: float
+    line_rate_hz: float
+    pulse_rate_khz: float
+    rate_hz: float
+    azimuth_offsets_deg: Numbers = 0.0
+    firing_times_us: Numbers = 0.0
+
+
+class Palmer(ScanPattern):
+    """A tilted beam that turns about the axis: circles on the ground."""
+
+    constructor = patterns.Palmer
+
+    type: Literal["palmer"]
+    half_angle_deg: float
+    scan_rate_hz: float
+    pulse_rate_khz: float
+    rate_hz: float
+
+
+class Mid360(ScanPattern):
+    """The non-repetitive pattern of the Livox Mid-360."""
+
+    constructor = patterns.Mid360
+
+    type: Literal["mid360"]
+    rate_hz: float = 10.0
+
+
+class Table(ScanPattern):
+    """Directions as listed here or in a CSV or NPY file."""
+
+    constructor = patterns.Table
+
+    type: Literal["table"]
+    file: str | None = None
+    pulse_rate_hz: float | None = None
+    directions: list[Vector] | None = None
+    times_s: Numbers = 0.0
+    rings: int | list[int] = 0
+    columns: list[int] | None = None
+    origins_m: Vectors | None = None
+    rate_hz: float
+
+    def build(self, place: Place) -> Pattern:
+        """Return the pattern."""
+        if (self.file is None) == (self.directions is None):
+            raise place.error("expected either file or directions")
+        if self.file is None:
+            keys = ["directions", "times_s", "rings", "columns", "origins_m", "rate_hz", "pulse_rate_hz"]
+            return construct(patterns.Table, self, keys, place)
+        path = (place / "file").file(self.file)
+        keys = ["rate_hz", "pulse_rate_hz", "times_s", "rings", "columns", "origins_m"]
+        return construct(patterns.Table.from_file, self, keys, place / "file", path=path)
+
+
+PATTERNS: dict[str, type[ScanPattern]] = {
+    "spinning": Spinning,
+    "grid": Grid,
+    "risley": Risley,
+    "oscillating_mirror": OscillatingMirror,
+    "polygon_mirror": PolygonMirror,
+    "palmer": Palmer,
+    "mid360": Mid360,
+    "table": Table,
+}
+
+if TYPE_CHECKING:
+    AnyObject = Object
+    AnyPattern = ScanPattern
+else:
+    AnyObject = Annotated[reduce(or_, SHAPES.values()), Discriminator("shape")]
+    AnyPattern = Annotated[reduce(or_, PATTERNS.values()), Discriminator("type")]
+
+
+# Sensors
+
+
+class Effects(Model):
+    """Noise and other effects, each off unless it is given."""
+
+    range_sigma_m: float = 0.0
+    range_sigma_slope: float = 0.0
+    range_bias_m: float = 0.0
+    range_resolution_m: float = 0.0
+
+    def build(self, place: Place) -> Measurement:
+        """Return the measurement model."""
+        return construct(Measurement, self, sorted(type(self).model_fields), place)
+
+
+class _Limits(Model):
+    name: str = ""
+    measurement: Effects = Effects()
+    min_range_m: float = 0.0
+    max_range_m: float = float("inf")
+
+
+class Sensor(_Limits):
+    """A lidar. `datasheet_noise` and `modes` are merged in on request; `sources` says where numbers are from."""
+
+    pattern: AnyPattern
+    description: str = ""
+    datasheet_noise: Effects | None = None
+    modes: dict[str, dict[str, Any]] = {}
+    datasheet: dict[str, Any] = {}
+    sources: dict[str, str] = {}
+
+    def build(self, place: Place) -> Lidar:
+        """Return the lidar."""
+        parts = {
+            "pattern": self.pattern.build(place / "pattern"),
+            "measurement": self.measurement.build(place / "measurement"),
+        }
+        return construct(Lidar, self, ["name", "min_range_m", "max_range_m"], place, **parts)
+
+
+class VendorSensor(_Limits):
+    """A lidar from a vendor's own file, and the differences from what that says."""
+
+    file: str
+
+    def build(self, place: Place) -> Lidar:
+        """Return the lidar."""
+        path = (place / "file").file(self.file)
+        with (place / "file").refusals():
+            lidar = Lidar.from_file(path)
+        parts = (
+            {"measurement": self.measurement.build(place / "measurement")}
+            if "measurement" in self.model_fields_set
+            else {}
+        )
+        change = lambda **differences: dataclasses.replace(lidar, **differences)  # noqa: E731
+        return construct(change, self, ["name", "min_range_m", "max_range_m"], place, **parts)
+
+
+# Runs
+
+if TYPE_CHECKING:
+    AnySensor = Sensor | VendorSensor
+else:
+    AnySensor = _either(Sensor, VendorSensor, lambda value: isinstance(value, dict) and "file" in value)
+
+
+class Cloud(Model):
+    """How points are given."""
+
+    frame: Literal["sensor", "world"] = "sensor"
+    deskew: bool = False
+
+
+class Config(Model):
+    """A run: what is scanned, with which sensor, from where."""
+
+    scene: list[AnyObject]
+    sensor: AnySensor
+    pose: Motion = Pose()
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    first_frame: Annotated[int, Field(ge=0)] = 0
+    frames: Annotated[int, Field(ge=1)] = 1
+    cloud: Cloud = Cloud()
