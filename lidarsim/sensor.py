@@ -39,8 +39,8 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
     name : str
         What errors call the kind of file, such as "Ouster metadata JSON".
     recognise : callable
-        ``recognise(path, text)`` says by its content whether a file is of this kind; `text` is its first 64 KiB, without a byte
-        order mark and with bytes that are not UTF-8 replaced.
+        ``recognise(path, text)`` says by its content whether a file is of this kind; `text` is its first 64 KiB,
+        without a byte order mark and with bytes that are not UTF-8 replaced.
     read : callable
         ``read(path, **options)`` returns the `Lidar`.
     """
@@ -78,6 +78,7 @@ class Lidar:
     name: str = ""
 
     def __post_init__(self) -> None:
+        """Check the arguments."""
         if not isinstance(self.pattern, Pattern):
             raise TypeError(f"pattern: expected a scan pattern (rate, shape, pulses), got {self.pattern!r}")
         if not isinstance(self.measurement, Measurement):
@@ -102,7 +103,9 @@ class Lidar:
     @staticmethod
     def presets() -> list[str]:
         """Return the names of the sensors that `preset` knows."""
-        return sorted(entry.name.removesuffix(".yaml") for entry in _presets().iterdir() if entry.name.endswith(".yaml"))
+        return sorted(
+            entry.name.removesuffix(".yaml") for entry in _presets().iterdir() if entry.name.endswith(".yaml")
+        )
 
     @classmethod
     def preset(cls, name: str, *, mode: str | None = None, noise: str | None = None) -> Lidar:

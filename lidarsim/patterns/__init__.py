@@ -3,6 +3,25 @@
 from __future__ import annotations
 
 from lidarsim.patterns._pulses import Pattern, Pulses
+from lidarsim.patterns.grid import Grid
+from lidarsim.patterns.mid360 import Mid360
+from lidarsim.patterns.oscillating_mirror import OscillatingMirror
+from lidarsim.patterns.palmer import Palmer
+from lidarsim.patterns.polygon_mirror import PolygonMirror
+from lidarsim.patterns.risley import Prism, Risley
 from lidarsim.patterns.spinning import Spinning
+from lidarsim.patterns.table import Table
 
-__all__ = ["Pattern", "Pulses", "Spinning"]
+__all__ = [
+    "Grid",
+    "Mid360",
+    "OscillatingMirror",
+    "Palmer",
+    "Pattern",
+    "PolygonMirror",
+    "Prism",
+    "Pulses",
+    "Risley",
+    "Spinning",
+    "Table",
+]

@@ -2,31 +2,30 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from fractions import Fraction
 from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, real
-from lidarsim.patterns._pulses import TURN, Pulses, directions_of, frozen, per_channel, ticks_of, unit
+from lidarsim.patterns._parts import TURN, Ticks, fired_in_cycles, firing_times_within, frozen, per_channel, used_cycles
+from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True, eq=False, init=False)
 class Spinning:
     """Channels on a head that spins about the z axis: one frame a turn.
 
-    The head fires its channels in cycles, one cycle a column. Cycle `c` of a frame starts when the head has gone the part
-    ``(c + d) / columns`` of a turn, and channel `i` fires ``firing_times[i]`` later, when the head has moved on::
+    The head fires its channels in cycles, one cycle a column. Cycle `c` of a frame starts when the head has gone the
+    part ``(c + d) / columns`` of a turn, and channel `i` fires ``firing_times[i]`` later, when the head has moved on::
 
         time      = (c + d) / (columns rate) + firing_times[i]
         azimuth   = start_azimuth -/+ 2 pi rate time + azimuth_offsets[i]        - clockwise, + counter-clockwise
         elevation = elevations[i]
 
-    With a whole number of columns d is 0 and all frames are alike. Otherwise the cycles run on from turn to turn without a
-    break, and ``d = ceil(k columns) - k columns`` is what frame `k` waits for its first.
+    With a whole number of columns d is 0 and all frames are alike. Otherwise the cycles run on from turn to turn
+    without a break, and ``d = ceil(k columns) - k columns`` is what frame `k` waits for its first.
 
     Parameters
     ----------
@@ -43,15 +42,15 @@ class Spinning:
     firing_times : float or array_like, shape (channels,)
         Firing time of each channel since the start of its cycle, s; less than the time of a cycle.
     beam_origins : array_like, shape (channels, 3) or (3,), optional
-        Where each beam leaves the sensor while the head's azimuth is 0, m; they turn with the head. Default: the sensor's
-        origin.
+        Where each beam leaves the sensor while the head's azimuth is 0, m; they turn with the head. Default: the
+        sensor's origin.
     clockwise : bool
         Whether the head spins clockwise seen from above.
     field_of_view : float
         Angle over which the head fires, rad; cycles that start outside it are left out.
     start_azimuth : float, optional
-        Azimuth of the head when a frame starts, rad. Default: half the field of view before the x axis, so that a full turn
-        starts behind the sensor and a partial field of view has x in its middle.
+        Azimuth of the head when a frame starts, rad. Default: half the field of view before the x axis, so that a full
+        turn starts behind the sensor and a partial field of view has x in its middle.
 
     Raises
     ------
@@ -107,22 +106,28 @@ class Spinning:
         if columns is None and column_period is None:
             columns = 1024
         set_(self, "columns", None if columns is None else real("columns", columns, at_least=1.0))
-        set_(self, "column_period", None if column_period is None else real("column_period", column_period, above=0.0, at_most=1.0 / self.rate))
-        set_(self, "firing_times", per_channel("firing_times", firing_times, channels))
+        set_(
+            self,
+            "column_period",
+            None if column_period is None else real("column_period", column_period, above=0.0, at_most=1.0 / self.rate),
+        )
         cycle = 1.0 / (self.columns_per_turn * self.rate)
-        outside = (self.firing_times < 0.0) | (self.firing_times >= cycle)
-        if outside.any():
-            first = int(np.argmax(outside))
-            raise ValueError(
-                f"firing_times: expected 0 <= firing_times < {cycle:g} s, the time of a cycle, got firing_times[{first}] = {self.firing_times[first]:g}"
-            )
-        set_(self, "beam_origins", per_channel("beam_origins", (0.0, 0.0, 0.0) if beam_origins is None else beam_origins, channels, width=3))
+        set_(self, "firing_times", firing_times_within(cycle, firing_times, channels))
+        set_(
+            self,
+            "beam_origins",
+            per_channel("beam_origins", (0.0, 0.0, 0.0) if beam_origins is None else beam_origins, channels, width=3),
+        )
         if not isinstance(clockwise, bool | np.bool_):
             raise TypeError(f"clockwise: expected True or False, got {clockwise!r}")
         set_(self, "clockwise", bool(clockwise))
         set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=TURN))
         ahead = 0.5 if self.clockwise else -0.5
-        set_(self, "start_azimuth", ahead * self.field_of_view if start_azimuth is None else real("start_azimuth", start_azimuth))
+        set_(
+            self,
+            "start_azimuth",
+            ahead * self.field_of_view if start_azimuth is None else real("start_azimuth", start_azimuth),
+        )
 
     @property
     def columns_per_turn(self) -> float:
@@ -132,7 +137,7 @@ class Spinning:
     @property
     def shape(self) -> tuple[int, int]:
         """Rings and most columns of a frame."""
-        return len(self.elevations), self._cycles(0.0)
+        return len(self.elevations), self._used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
         """Return the pulses of turn number `frame` (>= 0).
@@ -152,48 +157,26 @@ class Spinning:
         TypeError, ValueError
             If `frame` is not a whole number >= 0.
         """
-        columns = Fraction(self.columns_per_turn)
-        first, _ = ticks_of(frame, columns)
-        wait = float(first - frame * columns)
+        wait = Ticks.of(frame, self.columns_per_turn, 1.0).wait
         return self._turn(wait) if wait else self._even_turn
 
     @cached_property
     def _even_turn(self) -> Pulses:
         return self._turn(0.0)
 
-    def _cycles(self, wait: float) -> int:
-        """Return how many cycles lie in the field of view, of which the first is `wait` of a column after its start.
-
-        The bound is lowered by 4 ulp, the most that a field of view in degrees gains on its way to columns (to radians 2, two
-        divisions and a product 2), so that a whole number of columns stays that number.
-        """
-        columns = self.columns_per_turn
-        if self.field_of_view < TURN:
-            columns = columns * (self.field_of_view / TURN) * (1.0 - 4.0 * 2.0**-52)
-        return math.ceil(columns - wait)
+    def _used(self, wait: float) -> int:
+        """Return how many cycles of a turn lie in the field of view, which the first enters `wait` of a cycle late."""
+        return used_cycles(self.columns_per_turn, self.field_of_view / TURN, wait)
 
     def _turn(self, wait: float) -> Pulses:
-        channels, cycles = len(self.elevations), self._cycles(wait)
-        turn = -TURN if self.clockwise else TURN
-        cycle = np.arange(cycles) + wait
-        head = (self.start_azimuth + turn * (cycle / self.columns_per_turn))[:, None]
-
-        order = np.argsort(self.firing_times, kind="stable")
-        firing = self.firing_times[order]
-        lag = turn * (self.rate * firing)
-        beam = directions_of(self.azimuth_offsets[order] + lag, self.elevations[order])
-        origin = _turned(self.beam_origins[order], lag)
-        return Pulses(
-            directions=unit(_turned(beam, head)).reshape(-1, 3),
-            origins=_turned(origin, head).reshape(-1, 3),
-            time=np.add.outer(cycle / (self.columns_per_turn * self.rate), firing).reshape(-1),
-            ring=np.tile(order.astype(np.uint16), cycles),
-            column=np.repeat(np.arange(cycles, dtype=np.uint32), channels),
+        speed = (-TURN if self.clockwise else TURN) * self.rate
+        time = (np.arange(self._used(wait), dtype=np.float64) + wait) / (self.columns_per_turn * self.rate)
+        return fired_in_cycles(
+            self.elevations,
+            self.azimuth_offsets,
+            self.firing_times,
+            self.beam_origins,
+            azimuth=self.start_azimuth + speed * time,
+            time=time,
+            speed=speed,
         )
-
-
-def _turned(vectors: Floats, azimuth: Floats) -> Floats:
-    """Return `vectors`, of shape (..., 3), turned about z."""
-    cosine, sine = np.cos(azimuth), np.sin(azimuth)
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    return np.stack(np.broadcast_arrays(cosine * x - sine * y, sine * x + cosine * y, z), axis=-1)

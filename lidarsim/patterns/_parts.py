@@ -1,0 +1,152 @@
+"""What the scan patterns share."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from lidarsim._validation import Floats, array, integer
+from lidarsim.patterns._pulses import Pulses
+
+TURN = 2.0 * math.pi
+
+
+def per_channel(name: str, value: Any, channels: int, *, width: int | None = None) -> Floats:
+    """Return `value` as a read-only array with a row for each channel, given as that or as one row for all."""
+    tail = () if width is None else (width,)
+    try:
+        one_for_all = np.ndim(value) == len(tail)
+    except ValueError:
+        one_for_all = False
+    values = array(name, value, tail if one_for_all else (channels, *tail))
+    return frozen(np.broadcast_to(values, (channels, *tail)))
+
+
+def frozen(values: Floats) -> Floats:
+    """Return a read-only copy of `values`."""
+    copy = np.array(values, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
+def joined(x: Floats, y: Floats, z: Floats, *, unit: bool = True) -> Floats:
+    """Return the vectors, of shape (..., 3), with the given components, divided by their lengths if `unit` is set."""
+    length = np.sqrt(x * x + y * y + z * z) if unit else 1.0
+    vectors = np.empty((*np.broadcast_shapes(x.shape, y.shape, z.shape), 3))
+    for axis, component in enumerate((x, y, z)):
+        np.divide(component, length, out=vectors[..., axis])
+    return vectors
+
+
+def turned(vectors: Floats, azimuth: Floats, *, unit: bool = True) -> Floats:
+    """Return `vectors`, of shape (..., 3), turned about z, and divided by their lengths if `unit` is set."""
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    return joined(cosine * x - sine * y, sine * x + cosine * y, z, unit=unit)
+
+
+def directions_of(azimuth: Floats, elevation: Floats) -> Floats:
+    """Return the unit vectors, of shape (..., 3), at an azimuth (from x to y) and an elevation above the x-y plane."""
+    across = np.cos(elevation)
+    return joined(across * np.cos(azimuth), across * np.sin(azimuth), np.sin(elevation))
+
+
+@dataclass(frozen=True)
+class Ticks:
+    """The ticks `first` to ``first + count - 1`` of a steady clock, tick m at ``m / rate`` s, that one frame takes.
+
+    Frames share out the ticks by whole-number arithmetic: none gets lost or comes twice, however late the frame.
+    """
+
+    rate: Fraction
+    first: int
+    count: int
+    wait: float
+    """Part of a tick from the start of the frame to its first."""
+
+    @classmethod
+    def of(cls, frame: int, rate: float | Fraction, frame_rate: float) -> Ticks:
+        """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``."""
+        frame = integer("frame", frame, at_least=0)
+        per_frame = Fraction(rate) / Fraction(frame_rate)
+        first = math.ceil(frame * per_frame)
+        return cls(Fraction(rate), first, math.ceil((frame + 1) * per_frame) - first, float(first - frame * per_frame))
+
+    @property
+    def time(self) -> Floats:
+        """Time of each tick since the start of the frame, s."""
+        return (np.arange(self.count, dtype=np.float64) + self.wait) / float(self.rate)
+
+    def turns(self, rotation_rate: float | Fraction) -> Floats:
+        """Return at each tick how far something has turned that was at 0 at time 0, in turns, less whole turns.
+
+        The first is reduced exactly, so that the error, of less than 2**-52 for each turn within the frame, does not
+        grow from frame to frame.
+        """
+        per_tick = Fraction(rotation_rate) / self.rate
+        return float(self.first * per_tick % 1) + np.arange(self.count, dtype=np.float64) * float(per_tick)
+
+
+def fired_together(directions: Floats, time: Floats) -> Pulses:
+    """Return the pulses of beams, of shape (n, beams, 3), that fire together at each of n times."""
+    count, beams = directions.shape[:2]
+    return Pulses(
+        directions=directions.reshape(-1, 3),
+        origins=np.zeros((count * beams, 3)),
+        time=np.repeat(time, beams),
+        ring=np.tile(np.arange(beams, dtype=np.uint16), count),
+        column=np.repeat(np.arange(count, dtype=np.uint32), beams),
+    )
+
+
+def fired_in_cycles(
+    elevations: Floats,
+    azimuth_offsets: Floats,
+    firing_times: Floats,
+    origins: Floats,
+    *,
+    azimuth: Floats,
+    time: Floats,
+    speed: float,
+) -> Pulses:
+    """Return the pulses of channels, one row each, whose cycles start at `azimuth` and `time`, both of shape (n,).
+
+    Between the start of a cycle and the firing of a channel the azimuth, and the origins with it, moves on at `speed`,
+    rad/s.
+    """
+    order = np.argsort(firing_times, kind="stable")
+    moved = speed * firing_times[order]
+    beams = directions_of(azimuth_offsets[order] + moved, elevations[order])
+    return Pulses(
+        directions=turned(beams, azimuth[:, None]).reshape(-1, 3),
+        origins=turned(turned(origins[order], moved, unit=False), azimuth[:, None], unit=False).reshape(-1, 3),
+        time=np.add.outer(time, firing_times[order]).reshape(-1),
+        ring=np.tile(order.astype(np.uint16), len(time)),
+        column=np.repeat(np.arange(len(time), dtype=np.uint32), len(order)),
+    )
+
+
+def firing_times_within(cycle: float, firing_times: Any, channels: int) -> Floats:
+    """Return the firing times of the channels, s, after checking that they lie within a cycle."""
+    times = per_channel("firing_times", firing_times, channels)
+    outside = (times < 0.0) | (times >= cycle)
+    if outside.any():
+        first = int(np.argmax(outside))
+        raise ValueError(
+            f"firing_times: expected times >= 0 and < {cycle:g} s, that of a cycle, "
+            f"got firing_times[{first}] = {times[first]:g}"
+        )
+    return times
+
+
+def used_cycles(cycles: float, part: float, wait: float) -> int:
+    """Return how many of the `cycles` of a turn lie in its used `part`, which the first enters `wait` of a cycle late.
+
+    The bound is lowered by 4 ulp, the most that a part given as an angle in degrees gains on its way here (two
+    roundings to radians, one each in the division and the product), so that a whole number of cycles stays that number.
+    """
+    return math.ceil(cycles * part * (1.0 if part == 1.0 else 1.0 - 4.0 * 2.0**-52) - wait)

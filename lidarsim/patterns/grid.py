@@ -1,0 +1,83 @@
+"""Beams on a grid of azimuths and elevations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats, array, integer, real
+from lidarsim.patterns._parts import directions_of, frozen
+from lidarsim.patterns._pulses import Pulses
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Grid:
+    """Beams at each azimuth and elevation of a grid: a flash or solid-state lidar; with one elevation, a 2D one.
+
+    Columns fire one after the other in the order given, `column_period` apart, all rings of a column together. All
+    frames are alike.
+
+    Parameters
+    ----------
+    azimuths : array_like, shape (columns,)
+        Azimuth of each column, rad, counter-clockwise seen from above.
+    elevations : array_like, shape (rings,)
+        Elevation of each ring, rad.
+    rate : float
+        Frames per second, Hz.
+    column_period : float
+        Time from one column to the next, s. 0, the default, is a flash: the whole frame fires at once.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument has the wrong type or shape, is not finite, or the columns take longer than a frame.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidarsim.patterns import Grid
+    >>> flash = Grid(np.radians(np.linspace(60, -60, 160)), np.radians(np.linspace(15, -15, 60)), rate=25.0)
+    >>> len(flash.pulses()), flash.shape
+    (9600, (60, 160))
+    """
+
+    azimuths: Floats
+    elevations: Floats
+    rate: float
+    column_period: float
+
+    def __init__(
+        self, azimuths: npt.ArrayLike, elevations: npt.ArrayLike, *, rate: float, column_period: float = 0.0
+    ) -> None:
+        set_ = object.__setattr__
+        set_(self, "azimuths", frozen(array("azimuths", azimuths, ("columns",))))
+        set_(self, "elevations", frozen(array("elevations", elevations, ("rings",))))
+        set_(self, "rate", real("rate", rate, above=0.0))
+        longest = 1.0 / self.rate / max(len(self.azimuths), 1)
+        set_(self, "column_period", real("column_period", column_period, at_least=0.0, at_most=longest))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rings and columns of a frame."""
+        return len(self.elevations), len(self.azimuths)
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        """Return the pulses of a frame, the same for each `frame` (>= 0): column by column, ring by ring."""
+        integer("frame", frame, at_least=0)
+        return self._pulses
+
+    @cached_property
+    def _pulses(self) -> Pulses:
+        rings, columns = self.shape
+        column = np.repeat(np.arange(columns, dtype=np.uint32), rings)
+        return Pulses(
+            directions=directions_of(self.azimuths[:, None], self.elevations).reshape(-1, 3),
+            origins=np.zeros((rings * columns, 3)),
+            time=column.astype(np.float64) * self.column_period,
+            ring=np.tile(np.arange(rings, dtype=np.uint16), columns),
+            column=column,
+        )

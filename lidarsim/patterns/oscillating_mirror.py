@@ -1,0 +1,90 @@
+"""One beam that a mirror swings to and fro."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from lidarsim._validation import Floats, real
+from lidarsim.patterns._parts import TURN, Ticks, directions_of, fired_together
+from lidarsim.patterns._pulses import Pulses
+
+
+@dataclass(frozen=True)
+class OscillatingMirror:
+    """A beam that swings to and fro about x in the x-y plane: the zigzag of an airborne scanner that looks along x.
+
+    The azimuth starts at the left end. It moves at constant speed, and where it turns back it brakes and speeds up at
+    constant acceleration for the part `turn` of the time. Pulse `m` fires at ``m / pulse_rate``, and frames go on where
+    the one before stopped.
+
+    Parameters
+    ----------
+    field_of_view : float
+        Angle from end to end, rad.
+    scan_rate : float
+        Swings there and back per second, Hz.
+    pulse_rate : float
+        Pulses per second, Hz.
+    rate : float
+        Frames per second, Hz.
+    turn : float
+        Part of the time spent turning, from 0 (a triangle wave, the default) to 1 (never at constant speed, nearly a
+        sine).
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not a number or is out of its range.
+
+    Examples
+    --------
+    >>> from math import pi
+    >>> from lidarsim.patterns import OscillatingMirror
+    >>> pattern = OscillatingMirror(field_of_view=pi / 4, scan_rate=50.0, pulse_rate=150e3, rate=10.0)
+    >>> pattern.shape
+    (1, 15000)
+    """
+
+    _: KW_ONLY
+    field_of_view: float
+    scan_rate: float
+    pulse_rate: float
+    rate: float
+    turn: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        set_ = object.__setattr__
+        set_(self, "field_of_view", real("field_of_view", self.field_of_view, above=0.0, at_most=TURN))
+        set_(self, "scan_rate", real("scan_rate", self.scan_rate, above=0.0))
+        set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
+        set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))
+        set_(self, "turn", real("turn", self.turn, at_least=0.0, at_most=1.0))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """One ring, and most pulses of a frame."""
+        return 1, math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        """Return the pulses of frame number `frame` (>= 0), in firing order."""
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
+        azimuth = 0.5 * self.field_of_view * self._swing(ticks.turns(self.scan_rate))
+        return fired_together(directions_of(azimuth[:, None], np.zeros(1)), ticks.time)
+
+    def _swing(self, turns: Floats) -> Floats:
+        """Return the deflection, from 1 to -1 and back, at phases in turns.
+
+        A swing one way takes the time 1: a turn of T/2, the ramp of 1 - T, a turn of T/2. It covers 2, so that its
+        speed is v = 2 / (1 - T/2), and at e before its end a turn still has v/T e**2 to go.
+        """
+        swing = 2.0 * np.abs(turns % 1.0 - 0.5)
+        speed = 2.0 / (1.0 - 0.5 * self.turn)
+        to_end = np.minimum(swing, 1.0 - swing)
+        turning = to_end < 0.5 * self.turn
+        depth = np.where(turning, 1.0 - speed / (self.turn or 1.0) * to_end**2, speed * (0.5 - to_end))
+        return np.copysign(depth, swing - 0.5)

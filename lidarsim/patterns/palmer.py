@@ -1,0 +1,72 @@
+"""One beam that a tilted mirror leads round a cone."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import KW_ONLY, dataclass
+from fractions import Fraction
+
+import numpy as np
+
+from lidarsim._validation import real
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined
+from lidarsim.patterns._pulses import Pulses
+
+
+@dataclass(frozen=True)
+class Palmer:
+    """A beam that goes round a cone about x, from left to up: the circles of a bathymetric scanner that looks along x.
+
+    Pulse `m` fires at ``m / pulse_rate`` towards ``(cos a, sin a cos h, sin a sin h)`` with ``h = 2 pi scan_rate m /
+    pulse_rate``, and frames go on where the one before stopped.
+
+    Parameters
+    ----------
+    half_angle : float
+        Angle a between the beam and x, rad.
+    scan_rate : float
+        Turns per second, Hz.
+    pulse_rate : float
+        Pulses per second, Hz.
+    rate : float
+        Frames per second, Hz.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not a number or is out of its range.
+
+    Examples
+    --------
+    >>> from math import radians
+    >>> from lidarsim.patterns import Palmer
+    >>> Palmer(half_angle=radians(20), scan_rate=80.0, pulse_rate=200e3, rate=10.0).shape
+    (1, 20000)
+    """
+
+    _: KW_ONLY
+    half_angle: float
+    scan_rate: float
+    pulse_rate: float
+    rate: float
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        set_ = object.__setattr__
+        set_(self, "half_angle", real("half_angle", self.half_angle, above=0.0, at_most=TURN / 2))
+        set_(self, "scan_rate", real("scan_rate", self.scan_rate, above=0.0))
+        set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
+        set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """One ring, and most pulses of a frame."""
+        return 1, math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        """Return the pulses of frame number `frame` (>= 0), in firing order."""
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
+        angle = TURN * ticks.turns(self.scan_rate)[:, None]
+        across = math.sin(self.half_angle)
+        directions = joined(np.array(math.cos(self.half_angle)), across * np.cos(angle), across * np.sin(angle))
+        return fired_together(directions, ticks.time)

@@ -1,0 +1,129 @@
+"""Beams that the facets of a rotating polygon sweep, one line a facet."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from fractions import Fraction
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats, array, real
+from lidarsim.patterns._parts import Ticks, fired_in_cycles, firing_times_within, frozen, per_channel, used_cycles
+from lidarsim.patterns._pulses import Pulses
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class PolygonMirror:
+    """Channels that a rotating polygon sweeps about z at constant speed, each facet from the left end to the right.
+
+    A facet of a polygon of N mirrors, which turns by ``2 pi / N``, sweeps twice that angle, but only the field of view
+    is used and the rest of the line is a pause. Line `l` enters the field of view at ``l / line_rate``; firing cycles
+    come at ``m / pulse_rate`` whatever the mirror does, and those outside the field of view are left out. Channel `i`
+    fires at ``time = m / pulse_rate + firing_times[i]`` with::
+
+        azimuth   = field_of_view / 2 - sweep (time - l / line_rate) line_rate + azimuth_offsets[i]
+        elevation = elevations[i]
+
+    The bending of lines away from the axis of the mirror is not modelled.
+
+    Parameters
+    ----------
+    elevations : float or array_like, shape (channels,)
+        Elevation of each channel, rad. A channel's index here is its ring. Default: one at 0, as airborne scanners have
+        that look along x.
+    sweep : float
+        Angle that a facet sweeps, rad: ``4 pi / N``.
+    field_of_view : float
+        Part of it that is used, rad.
+    line_rate : float
+        Facets per second, Hz.
+    pulse_rate : float
+        Firing cycles per second, Hz: pulses of each channel.
+    rate : float
+        Frames per second, Hz.
+    azimuth_offsets : float or array_like, shape (channels,)
+        Azimuth of each channel relative to the sweep, rad, counter-clockwise seen from above.
+    firing_times : float or array_like, shape (channels,)
+        Firing time of each channel since the start of its cycle, s; less than the time of a cycle.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument has the wrong type or shape, is not finite or is out of its range.
+
+    Examples
+    --------
+    >>> from math import radians
+    >>> from lidarsim.patterns import PolygonMirror
+    >>> pattern = PolygonMirror(sweep=radians(90), field_of_view=radians(60), line_rate=300, pulse_rate=900e3, rate=100)
+    >>> pattern.shape, len(pattern.pulses())
+    ((1, 6000), 6000)
+    """
+
+    elevations: Floats
+    sweep: float
+    field_of_view: float
+    line_rate: float
+    pulse_rate: float
+    rate: float
+    azimuth_offsets: Floats
+    firing_times: Floats
+
+    def __init__(
+        self,
+        elevations: npt.ArrayLike = (0.0,),
+        *,
+        sweep: float,
+        field_of_view: float,
+        line_rate: float,
+        pulse_rate: float,
+        rate: float,
+        azimuth_offsets: npt.ArrayLike = 0.0,
+        firing_times: npt.ArrayLike = 0.0,
+    ) -> None:
+        set_ = object.__setattr__
+        set_(self, "elevations", frozen(array("elevations", np.atleast_1d(elevations), ("channels",))))
+        channels = len(self.elevations)
+        set_(self, "sweep", real("sweep", sweep, above=0.0))
+        set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=self.sweep))
+        set_(self, "line_rate", real("line_rate", line_rate, above=0.0))
+        set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
+        set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
+        set_(self, "azimuth_offsets", per_channel("azimuth_offsets", azimuth_offsets, channels))
+        set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rings, and most columns of a frame."""
+        lines = Fraction(self.line_rate) / Fraction(self.rate)
+        if lines.denominator > 1:
+            return len(self.elevations), math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+        return len(self.elevations), int(lines) * self._used(0.0)
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        """Return the pulses of frame number `frame` (>= 0), in firing order; channels that fire together by ring."""
+        now = Ticks.of(frame, self.pulse_rate, self.rate)
+        end = now.first + now.count
+        per_line = Fraction(self.pulse_rate) / Fraction(self.line_rate)
+        cycle, since_line = [], []
+        for number in range(math.floor(now.first / per_line), math.floor((end - 1) / per_line) + 1):
+            line = Ticks.of(number, self.pulse_rate, self.line_rate)
+            used = np.arange(max(now.first, line.first), min(end, line.first + self._used(line.wait)), dtype=np.float64)
+            cycle.append(used - now.first)
+            since_line.append(used - line.first + line.wait)
+        speed = -self.sweep * self.line_rate
+        return fired_in_cycles(
+            self.elevations,
+            self.azimuth_offsets,
+            self.firing_times,
+            np.zeros((len(self.elevations), 3)),
+            azimuth=0.5 * self.field_of_view + speed * (np.concatenate(since_line) / self.pulse_rate),
+            time=(np.concatenate(cycle) + now.wait) / self.pulse_rate,
+            speed=speed,
+        )
+
+    def _used(self, wait: float) -> int:
+        """Return how many cycles of a line lie in the field of view, which the first enters `wait` of a cycle late."""
+        return used_cycles(self.pulse_rate / self.line_rate, self.field_of_view / self.sweep, wait)

@@ -1,0 +1,144 @@
+"""Rotating prisms: patterns that do not repeat."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import KW_ONLY, dataclass
+from fractions import Fraction
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats, array, nonzero_vectors, real
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, frozen, joined
+from lidarsim.patterns._pulses import Pulses
+
+
+@dataclass(frozen=True)
+class Prism:
+    """A wedge of glass that rotates about the x axis.
+
+    Each of its faces is flat (0) or tilted: at time t the normal of a face tilted by `a` is ``(cos a, sin a cos h, sin
+    a sin h)`` with ``h = 2 pi rotation_rate t + phase``.
+
+    Parameters
+    ----------
+    rotation_rate : float
+        Turns per second, Hz; positive is from y towards z.
+    phase : float
+        Angle at time 0, rad.
+    entry_tilt, exit_tilt : float
+        Tilt of the face where the light enters and of the one where it leaves, rad.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is not a finite number, or a tilt is not between -pi/2 and pi/2.
+    """
+
+    rotation_rate: float
+    _: KW_ONLY
+    phase: float = 0.0
+    entry_tilt: float = 0.0
+    exit_tilt: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        for name in ("rotation_rate", "phase"):
+            object.__setattr__(self, name, real(name, getattr(self, name)))
+        for name in ("entry_tilt", "exit_tilt"):
+            object.__setattr__(self, name, real(name, getattr(self, name), at_least=-TURN / 4, at_most=TURN / 4))
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Risley:
+    """Beams along x that rotating prisms bend in turn: the rosettes of non-repetitive lidars.
+
+    Pulse `m` fires at ``m / pulse_rate``, all beams together; frame `k` takes those from ``k / rate`` to ``(k + 1) /
+    rate``, so the pattern runs on from frame to frame. At each face Snell's law holds in its vector form: a beam d
+    meets the face of normal N, with r the ratio of the refractive indices before and behind it, and leaves along ``r d
+    + (sqrt(1 - r**2 (1 - (d.N)**2)) - r d.N) N``.
+
+    Parameters
+    ----------
+    prisms : sequence of Prism
+        In the order in which the light passes them.
+    refractive_index : float
+        Of the prisms' glass; that of the air is 1.
+    pulse_rate : float
+        Pulses per second of each beam, Hz.
+    rate : float
+        Frames per second, Hz.
+    beams : array_like, shape (b, 3), optional
+        Directions of the beams before the first prism. A beam's index here is its ring. Default: one along x.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument has the wrong type or shape or is out of its range, or a prism reflects a beam totally.
+
+    Examples
+    --------
+    >>> from math import radians
+    >>> from lidarsim.patterns import Prism, Risley
+    >>> prisms = [Prism(121.57, exit_tilt=radians(18)), Prism(-77.73, entry_tilt=radians(18))]
+    >>> pattern = Risley(prisms, refractive_index=1.5089, pulse_rate=100e3, rate=10.0)
+    >>> pattern.shape, len(pattern.pulses(frame=7))
+    ((1, 10000), 10000)
+    """
+
+    prisms: tuple[Prism, ...]
+    refractive_index: float
+    pulse_rate: float
+    rate: float
+    beams: Floats
+
+    def __init__(
+        self,
+        prisms: Sequence[Prism],
+        *,
+        refractive_index: float,
+        pulse_rate: float,
+        rate: float,
+        beams: npt.ArrayLike = ((1.0, 0.0, 0.0),),
+    ) -> None:
+        set_ = object.__setattr__
+        set_(self, "prisms", tuple(prisms))
+        for i, prism in enumerate(self.prisms):
+            if not isinstance(prism, Prism):
+                raise TypeError(f"prisms: expected Prism objects, got prisms[{i}] = {prism!r}")
+        set_(self, "refractive_index", real("refractive_index", refractive_index, at_least=1.0))
+        set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
+        set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
+        set_(self, "beams", frozen(nonzero_vectors("beams", array("beams", beams, ("beams", 3)))))
+        self.pulses()
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Beams, and most pulses of a beam in a frame."""
+        return len(self.beams), math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        """Return the pulses of frame number `frame` (>= 0), in firing order; beams that fire together by ring."""
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
+        direction = np.broadcast_to(joined(*self.beams.T), (ticks.count, len(self.beams), 3))
+        for prism in self.prisms:
+            angle = (TURN * ticks.turns(prism.rotation_rate) + prism.phase)[:, None]
+            for tilt, ratio in (
+                (prism.entry_tilt, 1.0 / self.refractive_index),
+                (prism.exit_tilt, self.refractive_index),
+            ):
+                direction = _refracted(direction, tilt, angle, ratio)
+        return fired_together(direction, ticks.time)
+
+
+def _refracted(direction: Floats, tilt: float, angle: Floats, ratio: float) -> Floats:
+    """Return unit vectors, of shape (n, b, 3), after a face whose tilted normal stands at `angle`, of shape (n, 1)."""
+    normal = joined(np.array(np.cos(tilt)), np.sin(tilt) * np.cos(angle), np.sin(tilt) * np.sin(angle))
+    along = (direction * normal).sum(axis=-1)
+    square = 1.0 - ratio**2 * (1.0 - along**2)
+    if (square < 0.0).any() or (along <= 0.0).any():
+        raise ValueError("prisms: expected each face to let the beams through, got total reflection")
+    bent = ratio * direction + (np.sqrt(square) - ratio * along)[..., None] * normal
+    return joined(bent[..., 0], bent[..., 1], bent[..., 2])

@@ -1,0 +1,238 @@
+"""Pulses listed one by one."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats, array, integer, nonzero_vectors, real
+from lidarsim.errors import FileFormatError
+from lidarsim.patterns._parts import directions_of, frozen, joined, per_channel
+from lidarsim.patterns._pulses import Pulses
+
+
+@dataclass(frozen=True, eq=False, init=False)
+class Table:
+    """Pulses listed one by one: a measured pattern, a patent's, or one that no other class makes.
+
+    The list is cut into frames by its times: frame `k` takes the pulses from ``k / rate`` to ``(k + 1) / rate``. After
+    the frame that holds the last time the list starts again.
+
+    Parameters
+    ----------
+    directions : array_like, shape (n, 3)
+        Directions of the pulses, of any length but 0.
+    times : float or array_like, shape (n,)
+        Firing times since the start of the list, s, in any order. Default: all fire together at the start of each
+        frame.
+    rings : int or array_like, shape (n,)
+        Channel of each pulse.
+    columns : array_like, shape (n,), optional
+        Column of each pulse in its frame. Default: how many pulses of its ring precede it in its frame.
+    origins : array_like, shape (n, 3) or (3,), optional
+        Where each beam leaves the sensor, m. Default: the sensor's origin.
+    rate : float
+        Frames per second, Hz.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument has the wrong type or shape, is not finite or is out of its range, or there are no pulses.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from lidarsim.patterns import Table
+    >>> pattern = Table([[1, 0, 0], [1, 1, 0], [1, 2, 0]], times=[0.0, 0.05, 0.1], rate=10.0)
+    >>> [len(pattern.pulses(frame)) for frame in range(4)]
+    [2, 1, 2, 1]
+    """
+
+    directions: Floats
+    times: Floats
+    rings: npt.NDArray[np.uint16]
+    columns: npt.NDArray[np.uint32] | None
+    origins: Floats
+    rate: float
+
+    def __init__(
+        self,
+        directions: npt.ArrayLike,
+        *,
+        times: npt.ArrayLike = 0.0,
+        rings: npt.ArrayLike = 0,
+        columns: npt.ArrayLike | None = None,
+        origins: npt.ArrayLike | None = None,
+        rate: float,
+    ) -> None:
+        set_ = object.__setattr__
+        vectors = nonzero_vectors("directions", array("directions", directions, ("n", 3)))
+        count = len(vectors)
+        if not count:
+            raise ValueError("directions: expected at least one pulse, got none")
+        set_(self, "directions", frozen(joined(*vectors.T)))
+        set_(self, "times", per_channel("times", times, count))
+        if (self.times < 0.0).any():
+            first = int(np.argmax(self.times < 0.0))
+            raise ValueError(f"times: expected times >= 0, got times[{first}] = {self.times[first]:g}")
+        set_(self, "rings", _indices("rings", rings, count, np.uint16))
+        set_(self, "columns", None if columns is None else _indices("columns", columns, count, np.uint32))
+        set_(self, "origins", per_channel("origins", np.zeros(3) if origins is None else origins, count, width=3))
+        set_(self, "rate", real("rate", rate, above=0.0))
+
+    @classmethod
+    def from_file(cls, path: str | Path, *, rate: float, pulse_rate: float | None = None) -> Table:
+        """Return the pattern that a CSV or NPY file lists.
+
+        Parameters
+        ----------
+        path : path-like
+            An NPY file of shape (n, 3), directions, or (n, 2), azimuths and elevations in rad; or a CSV file whose
+            first line names its columns: ``x, y, z`` or ``azimuth_deg, elevation_deg`` or ``azimuth_rad,
+            elevation_rad``, and maybe ``time_s``, ``ring`` and ``column``.
+        rate : float
+            Frames per second, Hz.
+        pulse_rate : float, optional
+            Pulses per second, Hz, for a file without times: pulse i fires at ``i / pulse_rate``. Default: all fire
+            together.
+
+        Returns
+        -------
+        Table
+            The pattern.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read or is not such a table.
+        """
+        path = Path(path)
+        if path.suffix.lower() == ".npy":
+            columns = _npy_columns(path)
+        elif path.suffix.lower() == ".csv":
+            columns = csv_columns(path)
+        else:
+            raise FileFormatError(f"{path}: expected a .csv or .npy file")
+        given = set(columns)
+        names = next((names for names in _DIRECTIONS if given.issuperset(names)), None)
+        if names is None:
+            wanted = " or ".join(", ".join(names) for names in _DIRECTIONS)
+            raise FileFormatError(f"{path}: expected columns {wanted}, got {', '.join(columns)}")
+        unknown = given.difference(names, ("time_s", "ring", "column"))
+        if unknown:
+            raise FileFormatError(f"{path}: unknown columns {', '.join(sorted(unknown))}")
+        if "time_s" in given and pulse_rate is not None:
+            raise ValueError(f"pulse_rate: expected none for {path}, which has a column time_s, got {pulse_rate!r}")
+        directions = _DIRECTIONS[names](*(columns[name] for name in names))
+        times = columns.get("time_s", 0.0)
+        if pulse_rate is not None:
+            times = np.arange(len(directions)) / real("pulse_rate", pulse_rate, above=0.0)
+        try:
+            return cls(directions, times=times, rings=columns.get("ring", 0), columns=columns.get("column"), rate=rate)
+        except ValueError as error:
+            raise FileFormatError(f"{path}: {error}") from None
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rings, and most columns of a frame."""
+        return int(self.rings.max()) + 1, self._width
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        """Return the pulses of frame number `frame` (>= 0), in firing order; pulses that fire together by ring."""
+        order, starts = self._frames
+        part = integer("frame", frame, at_least=0) % (len(starts) - 1)
+        chosen = order[starts[part] : starts[part + 1]]
+        rings = self.rings[chosen]
+        return Pulses(
+            directions=self.directions[chosen],
+            origins=self.origins[chosen],
+            time=np.maximum(self.times[chosen] - part / self.rate, 0.0),
+            ring=rings,
+            column=_ranks(rings) if self.columns is None else self.columns[chosen],
+        )
+
+    @cached_property
+    def _frames(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """The pulses in firing order, and where each frame starts among them; one start more than there are frames."""
+        order = np.lexsort((self.rings, self.times))
+        frame = np.floor(self.times[order] * self.rate)
+        return order, np.searchsorted(frame, np.arange(frame[-1] + 2))
+
+    @cached_property
+    def _width(self) -> int:
+        """Most columns of a frame."""
+        return max(int(self.pulses(frame).column.max(initial=0)) for frame in range(len(self._frames[1]) - 1)) + 1
+
+
+def _ranks(rings: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint32]:
+    """Return how many equal rings precede each."""
+    order = np.argsort(rings, kind="stable")
+    ranks = np.empty(len(rings), np.uint32)
+    ranks[order] = np.arange(len(rings)) - np.searchsorted(rings[order], rings[order])
+    return ranks
+
+
+def _indices(name: str, value: npt.ArrayLike, count: int, dtype: type[np.unsignedinteger]) -> npt.NDArray[Any]:
+    """Return `value`, one for all or one for each, as a read-only array of `count` whole numbers that fit `dtype`."""
+    values = per_channel(name, value, count)
+    largest = np.iinfo(dtype).max
+    wrong = (values != np.floor(values)) | (values < 0) | (values > largest)
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        raise ValueError(f"{name}: expected whole numbers from 0 to {largest}, got {name}[{first}] = {values[first]:g}")
+    return frozen(values).astype(dtype)
+
+
+def csv_columns(path: Path) -> dict[str, Floats]:
+    """Return the columns of numbers in a CSV file by the names in its first line.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read or is not such a table.
+    """
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            names = [name.strip() for name in file.readline().split(",")]
+            with warnings.catch_warnings(action="ignore", category=UserWarning):  # no rows: said below
+                values = np.loadtxt(file, delimiter=",", ndmin=2, comments=None)
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
+    except ValueError as error:
+        raise FileFormatError(f"{path}: expected a line of names, then lines of numbers: {error}") from None
+    if not values.size:
+        raise FileFormatError(f"{path}: expected a line of names, then lines of numbers, got no numbers")
+    if len(names) != values.shape[1] or len(set(names)) < len(names):
+        raise FileFormatError(
+            f"{path}: expected {values.shape[1]} different names in the first line, got {', '.join(names)}"
+        )
+    return dict(zip(names, values.T, strict=True))
+
+
+def _npy_columns(path: Path) -> dict[str, Floats]:
+    try:
+        values = np.load(path, allow_pickle=False)
+    except OSError as error:
+        raise FileFormatError(f"{path}: cannot read the file: {error.strerror or error}") from None
+    except ValueError as error:
+        raise FileFormatError(f"{path}: not an array of numbers: {error}") from None
+    if values.ndim != 2 or values.shape[1] not in (2, 3) or values.dtype.kind not in "fiu":
+        raise FileFormatError(
+            f"{path}: expected numbers of shape (n, 3) or (n, 2), got {values.dtype} of shape {values.shape}"
+        )
+    names = ("x", "y", "z") if values.shape[1] == 3 else ("azimuth_rad", "elevation_rad")
+    return dict(zip(names, values.T.astype(np.float64), strict=True))
+
+
+_DIRECTIONS: dict[tuple[str, ...], Callable[..., Floats]] = {
+    ("x", "y", "z"): lambda *components: np.stack(components, axis=-1),
+    ("azimuth_deg", "elevation_deg"): lambda *angles: directions_of(*np.radians(angles)),
+    ("azimuth_rad", "elevation_rad"): directions_of,
+}
