@@ -80,6 +80,29 @@ def nonzero_vectors(name: str, vectors: Floats) -> Floats:
     return vectors
 
 
+def positive(name: str, values: Floats) -> Floats:
+    """Return the vector `values` after checking that each of them is > 0."""
+    wrong = values <= 0
+    if wrong.any():
+        index = int(np.argmax(wrong))
+        raise ValueError(f"{name}: expected numbers > 0, got {name}[{index}] = {values[index]}")
+    return values
+
+
+def rays(origins: Any, directions: Any) -> tuple[Floats, Floats]:
+    """Return origins and directions as (n, 3) arrays; the native core checks their values."""
+    return (
+        array("origins", origins, ("n", 3), finite=False),
+        array("directions", directions, ("n", 3), finite=False),
+    )
+
+
+def t_range(t_min: object, t_max: object) -> tuple[float, float]:
+    """Return a range of ray parameters, 0 <= t_min <= t_max."""
+    low = real("t_min", t_min, at_least=0.0)
+    return low, real("t_max", t_max, at_least=low, infinite=True)
+
+
 def pose(name: str, value: Any) -> Floats:
     """Return a (4, 4) float64 matrix from a `scipy.spatial.transform.RigidTransform` or a 4×4 rigid matrix.
 

@@ -1,8 +1,19 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 
+mod affine;
+mod bind;
+mod bvh;
+mod number;
+mod parallel;
+mod ray;
+mod root;
+mod scene;
+mod shapes;
+mod vector;
+
 use pyo3::prelude::*;
 
 #[pymodule]
-fn _native(_m: &Bound<'_, PyModule>) -> PyResult<()> {
-    Ok(())
+fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
+    bind::register(m)
 }

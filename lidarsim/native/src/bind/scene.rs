@@ -1,0 +1,77 @@
+//! Scenes, and casts at them.
+
+use super::{CHUNK, Points, PyShape, interruptible, rays};
+use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use pyo3::prelude::*;
+use rayon::prelude::*;
+
+use crate::parallel;
+use crate::scene::{Hit, Scene};
+
+type Columns<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i32>>,
+    Bound<'py, PyArray1<i32>>,
+    Bound<'py, PyArray2<f64>>,
+);
+
+/// Objects in the order of their ids.
+#[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
+pub struct PyScene {
+    pub scene: Scene,
+}
+
+#[pymethods]
+impl PyScene {
+    #[new]
+    fn new(shapes: Vec<PyRef<'_, PyShape>>) -> Self {
+        PyScene { scene: Scene::new(shapes.iter().map(|shape| shape.object.clone()).collect()) }
+    }
+
+    /// Builds the hierarchies now rather than at the first cast.
+    fn prepare(&self, py: Python<'_>) {
+        py.detach(|| parallel::run(|| self.scene.prepare()));
+    }
+
+    /// t (n,), object_id (n,), primitive_id (n,), normal (n, 3).
+    fn cast<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Points<'py>,
+        directions: Points<'py>,
+        t_min: f64,
+        t_max: f64,
+    ) -> PyResult<Columns<'py>> {
+        let (o, d) = rays(&origins, &directions)?;
+        let n = o.len();
+        let (mut t, mut object, mut primitive) = (vec![0.0; n], vec![0; n], vec![0; n]);
+        let mut normal = vec![[0.0; 3]; n];
+        self.prepare(py);
+        interruptible(py, n, |slice| {
+            let columns = t[slice.clone()]
+                .par_chunks_mut(CHUNK)
+                .zip(object[slice.clone()].par_chunks_mut(CHUNK))
+                .zip(primitive[slice.clone()].par_chunks_mut(CHUNK))
+                .zip(normal[slice.clone()].par_chunks_mut(CHUNK))
+                .zip(o[slice.clone()].par_chunks(CHUNK).zip(d[slice].par_chunks(CHUNK)));
+            parallel::run(|| {
+                columns.for_each_init(
+                    || vec![Hit::MISS; CHUNK],
+                    |hits, ((((t, object), primitive), normal), (o, d))| {
+                        let hits = &mut hits[..o.len()];
+                        self.scene.cast(o, d, t_min, t_max, hits);
+                        for (i, hit) in hits.iter().enumerate() {
+                            (t[i], object[i], primitive[i], normal[i]) = (hit.t, hit.object, hit.primitive, hit.normal);
+                        }
+                    },
+                );
+            });
+        })?;
+        Ok((
+            PyArray1::from_vec(py, t),
+            PyArray1::from_vec(py, object),
+            PyArray1::from_vec(py, primitive),
+            PyArray1::from_vec(py, normal.into_flattened()).reshape([n, 3])?,
+        ))
+    }
+}

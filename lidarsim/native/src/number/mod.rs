@@ -1,0 +1,98 @@
+//! Numbers that know how far they may be wrong.
+//!
+//! Every formula of the core is written once, over [`Number`], and evaluated in up to three kinds of arithmetic:
+//! [`Ball`] (float64 with a running error bound), [`DdBall`] (double-double with a running error bound) and
+//! [`Dyadic`] (exact). A decision that the first kind cannot certify is [`Uncertain`]; [`certify`] then asks the next
+//! kind, and the last one always knows. So no formula holds an epsilon, and every decision is exact for the float64
+//! numbers that were given.
+
+mod ball;
+mod dd;
+mod dyadic;
+
+use std::cmp::Ordering;
+
+pub use ball::Ball;
+pub use dd::DdBall;
+pub use dyadic::Dyadic;
+
+use crate::root::Root;
+
+/// This kind of arithmetic cannot tell; the next one may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Uncertain;
+
+/// A real number, known exactly or to within a bound that it carries.
+pub trait Number: Clone {
+    fn exact(x: f64) -> Self;
+    fn plus(&self, other: &Self) -> Self;
+    fn minus(&self, other: &Self) -> Self;
+    fn times(&self, other: &Self) -> Self;
+    fn negated(&self) -> Self;
+    fn sign(&self) -> Result<Ordering, Uncertain>;
+    /// Sign of `p + q·√d`, for d ≥ 0.
+    fn sign_of_surd(p: &Self, q: &Self, d: &Self) -> Result<Ordering, Uncertain>;
+    fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain>;
+    /// The root rounded to the nearest float64.
+    fn round(root: &Root<Self>) -> Result<f64, Uncertain>;
+    /// Float64 numbers that hold the root between them.
+    fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain>;
+
+    fn squared(&self) -> Self {
+        self.times(self)
+    }
+
+    fn is_zero(&self) -> Result<bool, Uncertain> {
+        Ok(self.sign()? == Ordering::Equal)
+    }
+}
+
+/// A closed interval of float64 numbers.
+#[derive(Clone, Copy, Debug)]
+pub struct Interval {
+    pub low: f64,
+    pub high: f64,
+}
+
+impl Interval {
+    pub fn point(x: f64) -> Self {
+        Interval { low: x, high: x }
+    }
+}
+
+/// A question that any kind of [`Number`] may try to answer.
+pub trait Question {
+    type Answer;
+    fn ask<N: Number>(&self) -> Result<Self::Answer, Uncertain>;
+}
+
+/// Answers a question with the cheapest arithmetic that is certain of it.
+#[inline]
+pub fn certify<Q: Question>(question: &Q) -> Q::Answer {
+    question
+        .ask::<Ball>()
+        .unwrap_or_else(|Uncertain| certify_finely(question))
+}
+
+/// As [`certify`], for questions that float64 can hardly ever answer.
+#[cold]
+#[inline(never)]
+pub fn certify_finely<Q: Question>(question: &Q) -> Q::Answer {
+    question
+        .ask::<DdBall>()
+        .or_else(|Uncertain| question.ask::<Dyadic>())
+        .unwrap_or_else(|Uncertain| unreachable!("exact arithmetic is never uncertain"))
+}
+
+/// Unit roundoff of float64, 2⁻⁵³.
+pub const UNIT: f64 = f64::EPSILON / 2.0;
+
+/// Covers the roundings made while an error bound itself is summed up: fewer than 8 of relative size `UNIT` each.
+pub(crate) const PAD: f64 = 1.0 + 8.0 * f64::EPSILON;
+
+/// Covers what up to 32 operations lose when they underflow: half the smallest subnormal, 2⁻¹⁰⁷⁵, each.
+pub(crate) const UNDERFLOW: f64 = f64::from_bits(32);
+
+pub(crate) fn sign_of(x: f64) -> Ordering {
+    x.partial_cmp(&0.0).unwrap_or(Ordering::Equal)
+}

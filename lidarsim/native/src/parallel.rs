@@ -1,0 +1,62 @@
+//! Work shared among threads, in a pool that is rebuilt after a fork.
+
+use std::ops::Range;
+use std::sync::Arc;
+
+use arc_swap::ArcSwapOption;
+use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+/// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is of.
+struct Pool {
+    process: u32,
+    threads: usize,
+    pool: ThreadPool,
+}
+
+static CURRENT: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
+
+/// `LIDARSIM_THREADS`, if it is a number above 0; else as many threads as this process may run at once.
+pub fn threads() -> usize {
+    let asked = std::env::var("LIDARSIM_THREADS").ok().and_then(|n| n.parse().ok()).filter(|&n| n > 0);
+    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()))
+}
+
+fn pool() -> Option<Arc<Pool>> {
+    let (process, threads) = (std::process::id(), threads());
+    let current = CURRENT.load_full();
+    if let Some(pool) = &current
+        && pool.process == process
+        && pool.threads == threads
+    {
+        return current;
+    }
+    let pool = ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
+    let old = CURRENT.swap(Some(Arc::new(Pool { process, threads, pool })));
+    if old.as_ref().is_some_and(|old| old.process != process) {
+        // Its threads are gone: to end it would wait for them.
+        std::mem::forget(old);
+        std::mem::forget(current);
+    }
+    CURRENT.load_full()
+}
+
+/// Runs `work` in the pool, so that the parallel iterators in it use its threads; in this thread if no pool can be had.
+pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    match pool() {
+        Some(pool) => pool.pool.install(work),
+        None => work(),
+    }
+}
+
+/// Calls `work` with disjoint ranges of at most `size` that make up 0..n, on all threads.
+pub fn chunks(n: usize, size: usize, work: impl Fn(Range<usize>) + Sync) {
+    let range = |i: usize| i * size..n.min((i + 1) * size);
+    if n <= size {
+        if n > 0 {
+            work(0..n);
+        }
+        return;
+    }
+    run(|| (0..n.div_ceil(size)).into_par_iter().for_each(|i| work(range(i))));
+}

@@ -1,0 +1,88 @@
+//! Where a line meets a surface, before anything is rounded.
+
+use std::cmp::Ordering;
+
+use crate::number::{Number, Uncertain};
+
+/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with branch 0, t = b/a.
+///
+/// The coefficients come from formulas that keep them accurate each on its own, so that `disc` is not evaluated as
+/// b² − a·c, and c is there to avoid the cancellation between b and √disc.
+#[derive(Clone, Debug)]
+pub struct Root<N> {
+    pub a: N,
+    pub b: N,
+    pub c: N,
+    pub disc: N,
+    pub branch: i8,
+    /// Which part of the surface was met: a face of a box, the side or a cap of a cylinder.
+    pub feature: u8,
+}
+
+impl<N: Number> Root<N> {
+    /// t = num/den; none where den = 0.
+    pub fn ratio(num: N, den: N, feature: u8) -> Result<Option<Self>, Uncertain> {
+        let (a, b) = match den.sign()? {
+            Ordering::Equal => return Ok(None),
+            Ordering::Greater => (den, num),
+            Ordering::Less => (den.negated(), num.negated()),
+        };
+        Ok(Some(Root { a, b, c: N::exact(0.0), disc: N::exact(0.0), branch: 0, feature }))
+    }
+
+    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending; one where disc = 0.
+    pub fn quadratic(a: N, b: N, c: N, disc: N, feature: u8) -> Result<Roots<N>, Uncertain> {
+        let root = |branch| Root { a: a.clone(), b: b.clone(), c: c.clone(), disc: disc.clone(), branch, feature };
+        Ok(match disc.sign()? {
+            Ordering::Less => [None, None],
+            Ordering::Equal => [Some(Root { branch: 0, ..root(0) }), None],
+            Ordering::Greater => [Some(root(-1)), Some(root(1))],
+        })
+    }
+
+    /// Sign of p + q·t.
+    pub fn sign_of_linear(&self, p: &N, q: &N) -> Result<Ordering, Uncertain> {
+        let constant = p.times(&self.a).plus(&q.times(&self.b));
+        if self.branch == 0 {
+            return constant.sign();
+        }
+        let slope = if self.branch > 0 { q.clone() } else { q.negated() };
+        N::sign_of_surd(&constant, &slope, &self.disc)
+    }
+}
+
+/// The roots of a surface of degree two or of a convex solid, ascending and distinct.
+pub type Roots<N> = [Option<Root<N>>; 2];
+
+/// What is left of a line inside a convex solid while one part of its boundary after another cuts it: from the largest
+/// `entry` to the least `exit`.
+#[derive(Clone)]
+pub struct Chord<N> {
+    entry: Option<Root<N>>,
+    exit: Option<Root<N>>,
+}
+
+impl<N: Number> Chord<N> {
+    pub fn whole_line() -> Self {
+        Chord { entry: None, exit: None }
+    }
+
+    pub fn cut(&mut self, entry: Root<N>, exit: Root<N>) -> Result<(), Uncertain> {
+        if self.entry.as_ref().map_or(Ok(true), |now| Ok(N::compare(&entry, now)? == Ordering::Greater))? {
+            self.entry = Some(entry);
+        }
+        if self.exit.as_ref().map_or(Ok(true), |now| Ok(N::compare(&exit, now)? == Ordering::Less))? {
+            self.exit = Some(exit);
+        }
+        Ok(())
+    }
+
+    pub fn roots(self) -> Result<Roots<N>, Uncertain> {
+        let Chord { entry: Some(entry), exit: Some(exit) } = self else { return Ok([None, None]) };
+        Ok(match N::compare(&entry, &exit)? {
+            Ordering::Less => [Some(entry), Some(exit)],
+            Ordering::Equal => [Some(entry), None],
+            Ordering::Greater => [None, None],
+        })
+    }
+}

@@ -1,0 +1,71 @@
+//! The shapes: their mathematics, one file each.
+//!
+//! To add one: write its file, implement [`Surface`], and name it once in `surfaces!` below.
+
+mod r#box;
+mod cylinder;
+mod ellipsoid;
+mod triangle_mesh;
+mod plane;
+mod polygon;
+mod sphere;
+mod triangle;
+
+pub use r#box::Box;
+pub use cylinder::Cylinder;
+pub use ellipsoid::Ellipsoid;
+pub use triangle_mesh::TriangleMesh;
+pub use plane::Plane;
+pub use polygon::self_crossing;
+pub use sphere::Sphere;
+pub use triangle::Triangle;
+
+use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::ray::Ray;
+use crate::root::Roots;
+use crate::vector::Vector;
+
+/// A surface that a line meets at most twice.
+pub trait Surface {
+    /// Every t, of either sign, at which the line meets the surface: ascending and distinct.
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
+
+    /// An outward normal, of any length, where the line meets the surface at `t`, in part `feature` of it.
+    fn normal(&self, ray: &Ray<DdBall>, t: DdBall, feature: u8) -> Vector<DdBall>;
+
+    /// An axis-aligned box around the surface; none if the surface has no end.
+    fn bounds(&self) -> Option<[Interval; 3]>;
+}
+
+macro_rules! surfaces {
+    ($($name:ident),+ $(,)?) => {
+        /// Any surface that a line meets at most twice.
+        #[derive(Clone, Debug)]
+        pub enum Simple {
+            $($name($name)),+
+        }
+
+        $(impl From<$name> for Simple {
+            fn from(shape: $name) -> Self {
+                Simple::$name(shape)
+            }
+        })+
+
+        impl Surface for Simple {
+            #[inline]
+            fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+                match self { $(Simple::$name(shape) => shape.roots(ray)),+ }
+            }
+
+            fn normal(&self, ray: &Ray<DdBall>, t: DdBall, feature: u8) -> Vector<DdBall> {
+                match self { $(Simple::$name(shape) => shape.normal(ray, t, feature)),+ }
+            }
+
+            fn bounds(&self) -> Option<[Interval; 3]> {
+                match self { $(Simple::$name(shape) => shape.bounds()),+ }
+            }
+        }
+    };
+}
+
+surfaces!(Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle);

@@ -1,0 +1,58 @@
+//! Plane: t = n·(p − o)/(n·d).
+//!
+//! The plane keeps the numbers it was made from: the point form stays accurate far from the origin of coordinates, where
+//! n·p rounded once has already moved the plane.
+
+use super::Surface;
+use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::ray::Ray;
+use crate::root::{Root, Roots};
+use crate::vector::{self, Point, Vector};
+
+#[derive(Clone, Copy, Debug)]
+pub enum Plane {
+    /// normal·x = distance.
+    Distance { normal: Point, distance: f64 },
+    /// normal·(x − point) = 0.
+    PointNormal { point: Point, normal: Point },
+    /// Through a, b, c, with the normal (b − a) × (c − a), which is not rounded.
+    Points(Point, Point, Point),
+}
+
+impl Plane {
+    fn normal_of<N: Number>(&self) -> Vector<N> {
+        match *self {
+            Plane::Distance { normal, .. } | Plane::PointNormal { normal, .. } => vector::exact(normal),
+            Plane::Points(a, b, c) => triangle_normal(a, b, c),
+        }
+    }
+}
+
+/// (b − a) × (c − a).
+pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
+    let a = vector::exact(a);
+    vector::cross(&vector::sub(&vector::exact(b), &a), &vector::sub(&vector::exact(c), &a))
+}
+
+impl Surface for Plane {
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+        let normal = self.normal_of();
+        let offset = match *self {
+            Plane::Distance { distance, .. } => {
+                ray.weighted(N::exact(distance)).minus(&vector::dot(&normal, &ray.origin))
+            }
+            Plane::PointNormal { point, .. } | Plane::Points(point, ..) => {
+                vector::dot(&normal, &ray.origin_from(vector::exact(point))).negated()
+            }
+        };
+        Ok([Root::ratio(offset, vector::dot(&normal, &ray.direction), 0)?, None])
+    }
+
+    fn normal(&self, _: &Ray<DdBall>, _: DdBall, _: u8) -> Vector<DdBall> {
+        self.normal_of()
+    }
+
+    fn bounds(&self) -> Option<[Interval; 3]> {
+        None
+    }
+}

@@ -1,0 +1,45 @@
+//! Sphere: |f + t·d|² = r², with f = o − c.
+
+use super::Surface;
+use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::ray::Ray;
+use crate::root::{Root, Roots};
+use crate::vector::{self, Point, Vector};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Sphere {
+    pub center: Point,
+    pub radius: f64,
+}
+
+/// The roots of |f + t·d|² = r².
+///
+/// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity this is the same number without the cancellation between
+/// two squares of the distance (E. Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019).
+pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<Roots<N>, Uncertain> {
+    let a = vector::norm2(d);
+    let r2 = r.squared();
+    let disc = r2.times(&a).minus(&vector::norm2(&vector::cross(f, d)));
+    let b = vector::dot(f, d).negated();
+    let c = vector::norm2(f).minus(&r2);
+    Root::quadratic(a, b, c, disc, 0)
+}
+
+impl Surface for Sphere {
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+        let f = ray.origin_from(vector::exact(self.center));
+        roots_of_ball(&f, &ray.direction, &ray.weighted(N::exact(self.radius)))
+    }
+
+    fn normal(&self, ray: &Ray<DdBall>, t: DdBall, _: u8) -> Vector<DdBall> {
+        let f = ray.origin_from(vector::exact(self.center));
+        vector::add(&f, &vector::scaled(&ray.direction, &t))
+    }
+
+    fn bounds(&self) -> Option<[Interval; 3]> {
+        Some(self.center.map(|c| Interval {
+            low: (c - self.radius).next_down(),
+            high: (c + self.radius).next_up(),
+        }))
+    }
+}

@@ -1,0 +1,153 @@
+"""The world: shapes with names, labels and materials."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._validation import affine, integer, rays, t_range
+from lidarsim.materials import Material
+from lidarsim.shapes import Hits, Shape
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SceneObject:
+    """A shape in a scene.
+
+    Attributes
+    ----------
+    shape : Shape
+        The shape in its own coordinates.
+    name : str
+        For people; it need not be unique.
+    label : int
+        Class of the object, 0 to 2³² − 1.
+    material : Material
+        How its surface returns light.
+    transform : ndarray of float64, shape (4, 4), or None
+        Affine map, object to world; None for the identity.
+    """
+
+    shape: Shape
+    name: str
+    label: int
+    material: Material
+    transform: npt.NDArray[Any] | None
+
+
+class Scene:
+    """Objects that rays are cast at together.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> scene = ls.Scene()
+    >>> road = scene.add(ls.Plane((0, 0, 1), 0.0), name="road", label=40)
+    >>> ball = scene.add(ls.Sphere((5, 0, 1), 1.0), name="ball", label=1)
+    >>> hits = scene.cast([[0, 0, 1], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [0, 1, -1], [0, 0, 1]])
+    >>> hits.t
+    array([ 4.,  1., inf])
+    >>> hits.object_id
+    array([ 1,  0, -1], dtype=int32)
+    """
+
+    def __init__(self) -> None:
+        self._objects: list[SceneObject] = []
+        self._placed: list[_native.Shape] = []
+        self._native: _native.Scene | None = None
+
+    def add(
+        self,
+        shape: Shape,
+        *,
+        name: str = "",
+        label: int = 0,
+        material: Material | None = None,
+        transform: Any = None,
+    ) -> int:
+        """Add an object.
+
+        Parameters
+        ----------
+        shape : Shape
+            A mesh may be added many times; its triangles and their hierarchy are shared.
+        name : str
+            For people.
+        label : int
+            Class of the object, 0 to 2³² − 1.
+        material : Material, optional
+            How its surface returns light; by default a perfect diffuser.
+        transform : array_like, shape (4, 4), or RigidTransform, optional
+            Affine map, object to world; it may shear and reflect. It comes after the transform that the shape may have of its own.
+
+        Returns
+        -------
+        int
+            The object's id, which hits refer to: 0 for the first object, then 1, and so on.
+
+        Raises
+        ------
+        TypeError
+            If `shape` is not a shape, `name` not a string, `label` not an integer, or `material` not a material.
+        ValueError
+            If the label is out of range or the transform cannot be inverted.
+        """
+        if not isinstance(shape, Shape):
+            raise TypeError(f"shape: expected a lidarsim shape, got {type(shape).__name__}")
+        if not isinstance(name, str):
+            raise TypeError(f"name: expected a string, got {name!r}")
+        if material is not None and not isinstance(material, Material):
+            raise TypeError(f"material: expected a Material, got {type(material).__name__}")
+        label = integer("label", label, at_least=0, at_most=2**32 - 1)
+        placed = shape._native
+        if transform is not None:
+            transform = affine("transform", transform)
+            placed = placed.transformed(transform.tolist())
+        self._objects.append(SceneObject(shape, name, label, material or Material(), transform))
+        self._placed.append(placed)
+        self._native = None
+        return len(self._objects) - 1
+
+    @property
+    def objects(self) -> tuple[SceneObject, ...]:
+        """The objects in the order of their ids: tuple of SceneObject."""
+        return tuple(self._objects)
+
+    @property
+    def native(self) -> _native.Scene:
+        """The scene in the core."""
+        if self._native is None:
+            self._native = _native.Scene(self._placed)
+        return self._native
+
+    def cast(
+        self, origins: npt.ArrayLike, directions: npt.ArrayLike, *, t_min: float = 0.0, t_max: float = math.inf
+    ) -> Hits:
+        """Find the nearest hit of each ray.
+
+        Parameters
+        ----------
+        origins, directions : array_like, shape (n, 3)
+            Rays ``origin + t * direction``. A direction may have any length but zero.
+        t_min, t_max : float
+            Range of t, in units of the length of the direction; 0 <= t_min <= t_max. Both ends belong to it.
+
+        Returns
+        -------
+        Hits
+            One entry a ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id comes first, then the
+            lowest primitive id.
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
+        """
+        return Hits(*self.native.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+
+    def __len__(self) -> int:
+        return len(self._objects)

@@ -1,0 +1,24 @@
+"""The shapes, one file each. To add one: write its file and name it here."""
+
+from lidarsim.shapes._shape import Hits, Shape
+from lidarsim.shapes.box import Box
+from lidarsim.shapes.cylinder import Cylinder
+from lidarsim.shapes.ellipsoid import Ellipsoid
+from lidarsim.shapes.plane import Plane
+from lidarsim.shapes.polygon import Polygon
+from lidarsim.shapes.sphere import Sphere
+from lidarsim.shapes.triangle import Triangle
+from lidarsim.shapes.triangle_mesh import TriangleMesh
+
+__all__ = [
+    "Box",
+    "Cylinder",
+    "Ellipsoid",
+    "Hits",
+    "Plane",
+    "Polygon",
+    "Shape",
+    "Sphere",
+    "Triangle",
+    "TriangleMesh",
+]

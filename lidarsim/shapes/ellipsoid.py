@@ -1,0 +1,59 @@
+"""Ellipsoid."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._validation import array, positive
+from lidarsim.shapes._shape import Shape
+
+
+class Ellipsoid(Shape):
+    """The ellipsoid ``center + R · diag(radii) · u`` for all unit vectors u.
+
+    Parameters
+    ----------
+    center : array_like, shape (3,)
+        m.
+    radii : array_like, shape (3,)
+        Half axes, m, each > 0.
+    rotation : Rotation or array_like, shape (3, 3), optional
+        R, whose columns are the directions of the axes; the entries are taken as exact. None: along x, y, z.
+    transform : array_like, shape (4, 4), or RigidTransform, optional
+        Affine map that the ellipsoid goes through.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, a radius is not positive, or the rotation or the transform cannot be inverted.
+
+    Notes
+    -----
+    The ray is taken into the space where the ellipsoid is the unit sphere. The map is affine, so t stays as it is.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Ellipsoid((5, 0, 0), (2, 1, 1)).roots([[0, 0, 0]], [[1, 0, 0]])
+    array([[3., 7.]])
+    """
+
+    __slots__ = ()
+
+    def __init__(
+        self, center: npt.ArrayLike, radii: npt.ArrayLike, rotation: Any = None, *, transform: Any = None
+    ) -> None:
+        if rotation is None:
+            rotation = np.eye(3)
+        elif hasattr(rotation, "as_matrix"):
+            rotation = rotation.as_matrix()
+        native = _native.Shape.ellipsoid(
+            array("center", center, (3,)).tolist(),
+            positive("radii", array("radii", radii, (3,))).tolist(),
+            array("rotation", rotation, (3, 3)).tolist(),
+        )
+        super().__init__(native, transform)

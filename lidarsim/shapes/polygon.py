@@ -1,0 +1,96 @@
+"""Polygon."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._validation import Floats, array
+from lidarsim.shapes._shape import Shape
+
+# Vertices of a plane outline that went through one rigid map in float64 are each off by at most 4 roundings a coordinate, of numbers up
+# to three times the largest coordinate M: 12·u·M, or 12·√3·u·M in all directions. The plane they are held against, through their mean, is off by
+# as much: 2·12·√3 < 48.
+_ROUNDINGS = 48
+
+
+class Polygon(Shape):
+    """A plane n-gon, convex or not, whose outline does not touch itself.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (n, 3)
+        Outline in order, without repeating the first, m, n >= 3. The normal is on the side from which the outline turns left.
+    transform : array_like, shape (4, 4), or RigidTransform, optional
+        Affine map that the polygon goes through.
+
+    Raises
+    ------
+    ValueError
+        If there are fewer than three vertices, two neighbours coincide, the vertices do not lie in a plane to within rounding (the
+        message states by how much), the outline touches itself, or the transform cannot be inverted.
+
+    Notes
+    -----
+    The polygon is triangulated, and each triangle is met as :class:`Triangle` is: the triangles share their edges exactly, so the whole has
+    no gaps. ``primitive_id`` is 0 for all of them.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> arrow = ls.Polygon([(2, 0, 0), (2, 2, -1), (2, 1, 0), (2, 2, 1)])
+    >>> arrow.cast([(0, 0.5, 0), (0, 1.5, 0)], [(1, 0, 0), (1, 0, 0)]).hit
+    array([ True, False])
+    """
+
+    __slots__ = ()
+
+    def __init__(self, vertices: npt.ArrayLike, *, transform: Any = None) -> None:
+        points = array("vertices", vertices, ("n", 3))
+        if len(points) < 3:
+            raise ValueError(f"vertices: expected at least 3, got {len(points)}")
+        faces = _triangulate(points)
+        super().__init__(_native.Shape.triangle_mesh(points, faces, True), transform)
+
+
+def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
+    """Check the outline and cut it into triangles of the same orientation."""
+    import mapbox_earcut
+
+    following = np.roll(points, -1, axis=0)
+    equal = (points == following).all(axis=1)
+    if equal.any():
+        i = int(np.argmax(equal))
+        raise ValueError(
+            f"vertices: expected neighbours to differ, got {tuple(points[i].tolist())} for vertices {i} and {(i + 1) % len(points)}"
+        )
+    middle = points.mean(axis=0)
+    local = points - middle
+    # Newell's normal: the sum of the cross products along the outline, twice the area.
+    normal = np.cross(local, np.roll(local, -1, axis=0)).sum(axis=0)
+    length = float(np.linalg.norm(normal))
+    if length == 0.0:
+        raise ValueError("vertices: expected a polygon with an area, got area 0")
+    deviation = float(np.abs(local @ (normal / length)).max())
+    allowed = _ROUNDINGS * (np.finfo(np.float64).eps / 2) * float(np.abs(points).max())
+    if deviation > allowed:
+        raise ValueError(
+            f"vertices: expected points of one plane to within rounding ({allowed:.3g} m), got a deviation of {deviation:.3g} m"
+        )
+    # Seen along the axis nearest to the normal, from the side that keeps left turns left.
+    drop = int(np.argmax(np.abs(normal)))
+    axes = [(drop + 1) % 3, (drop + 2) % 3]
+    if normal[drop] < 0:
+        axes.reverse()
+    outline = np.ascontiguousarray(points[:, axes])
+    crossing = _native.self_crossing(outline)
+    if crossing is not None:
+        i, j = crossing
+        raise ValueError(f"vertices: expected an outline that does not touch itself, got edges {i} and {j} that do")
+    faces = mapbox_earcut.triangulate_float64(outline, np.array([len(outline)], dtype=np.uint32)).reshape(-1, 3)
+    a, b, c = outline[faces[:, 0]], outline[faces[:, 1]], outline[faces[:, 2]]
+    left = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) > 0
+    return np.ascontiguousarray(np.where(left[:, None], faces, faces[:, ::-1]), dtype=np.uint32)

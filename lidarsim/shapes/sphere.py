@@ -1,0 +1,48 @@
+"""Sphere."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._validation import array, real
+from lidarsim.shapes._shape import Shape
+
+
+class Sphere(Shape):
+    """The sphere of all points at a distance of `radius` from `center`.
+
+    Parameters
+    ----------
+    center : array_like, shape (3,)
+        m.
+    radius : float
+        m, > 0.
+    transform : array_like, shape (4, 4), or RigidTransform, optional
+        Affine map that the sphere goes through.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, the radius is not positive, or the transform cannot be inverted.
+
+    Notes
+    -----
+    With f = o − c, the roots of ``|d|² t² + 2 (f·d) t + (|f|² − r²) = 0``. The discriminant (f·d)² − |d|² (|f|² − r²) is taken as
+    ``r² |d|² − |f × d|²``, which is the same number (Lagrange's identity) without the cancellation; a sphere that is touched in exactly
+    one point is hit. One of the texts this follows prints the constant term as 2(w − S) − r²; it is (w − S)·(w − S) − r².
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Sphere((3, 0, 0), 1.0).roots([[0, 0, 0]], [[1, 0, 0]])
+    array([[2., 4.]])
+    """
+
+    __slots__ = ()
+
+    def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Any = None) -> None:
+        native = _native.Shape.sphere(array("center", center, (3,)).tolist(), real("radius", radius, above=0.0))
+        super().__init__(native, transform)

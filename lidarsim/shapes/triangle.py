@@ -1,0 +1,46 @@
+"""Triangle."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._validation import array
+from lidarsim.shapes._shape import Shape
+
+
+class Triangle(Shape):
+    """The triangle with vertices a, b, c; its edges and vertices belong to it.
+
+    Parameters
+    ----------
+    a, b, c : array_like, shape (3,)
+        Vertices, m, not on one line. The normal is along (b − a) × (c − a).
+    transform : array_like, shape (4, 4), or RigidTransform, optional
+        Affine map that the triangle goes through.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite, the vertices are on one line, or the transform cannot be inverted.
+
+    Notes
+    -----
+    A line meets the triangle if the volumes d·(c × b), d·(a × c), d·(b × a), with vertices seen from its origin, have no two different
+    signs; the signs are exact. Then t = n·(a − o)/(n·d). A line within the plane of the triangle is a miss. Some texts solve for the
+    point as a combination of the three vertices, which breaks down where the triangle's plane passes through the origin of coordinates.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Triangle((3, -1, -1), (3, 1, -1), (3, 0, 2)).cast([[0, 0, 0]], [[1, 0, 0]]).t
+    array([3.])
+    """
+
+    __slots__ = ()
+
+    def __init__(self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Any = None) -> None:
+        points = [array(name, value, (3,)).tolist() for name, value in (("a", a), ("b", b), ("c", c))]
+        super().__init__(_native.Shape.triangle(*points), transform)

@@ -1,0 +1,257 @@
+"""Triangle mesh."""
+
+from __future__ import annotations
+
+import logging
+from os import PathLike, fspath
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim import _native
+from lidarsim._validation import array, positive
+from lidarsim.errors import FileFormatError
+from lidarsim.shapes._shape import Shape
+
+
+class TriangleMesh(Shape):
+    """Triangles over shared vertices, open or closed.
+
+    Parameters
+    ----------
+    vertices : array_like, shape (n, 3)
+        m.
+    faces : array_like of int, shape (m, 3)
+        Vertices of each triangle; its normal is that of :class:`Triangle`.
+    transform : array_like, shape (4, 4), or RigidTransform, optional
+        Affine map that the mesh goes through.
+
+    Raises
+    ------
+    TypeError
+        If the faces are not integers.
+    ValueError
+        If a number is not finite, a face names a vertex that is not there, or the transform cannot be inverted.
+
+    Notes
+    -----
+    Each triangle is met as :class:`Triangle` is, with exact signs: so no ray passes between two triangles that share an edge or a vertex,
+    anywhere in space. Triangles whose edges merely lie on each other (a T-junction) share nothing once their vertices are rounded, and a
+    ray may pass there. Triangles without area are legal; nothing hits them.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> mesh = ls.TriangleMesh([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)], [(0, 1, 2), (0, 2, 3)])
+    >>> hits = mesh.cast([(0.25, 0.75, 2.0)], [(0, 0, -1)])
+    >>> hits.t, hits.primitive_id
+    (array([2.]), array([1], dtype=int32))
+    """
+
+    __slots__ = ()
+
+    def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Any = None) -> None:
+        points = array("vertices", vertices, ("n", 3))
+        super().__init__(_native.Shape.triangle_mesh(points, _faces(faces, len(points)), False), transform)
+
+    @classmethod
+    def from_file(cls, path: str | PathLike[str], *, transform: Any = None) -> Self:
+        """Read a mesh file: PLY, STL, OBJ, OFF, GLB and what else trimesh reads.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file; its units are taken as metres. A file of several meshes is read as one.
+        transform : array_like, shape (4, 4), or RigidTransform, optional
+            Affine map that the mesh goes through.
+
+        Returns
+        -------
+        TriangleMesh
+            The vertices and faces in the order of the file. Triangles without area are reported to the logger ``lidarsim``.
+
+        Raises
+        ------
+        FileNotFoundError
+            If there is no such file.
+        FileFormatError
+            If it cannot be read as a mesh.
+        ValueError
+            If its numbers are not those of a mesh.
+        """
+        import trimesh
+
+        path = Path(fspath(path))
+        if not path.is_file():
+            raise FileNotFoundError(f"{path}: no such mesh file")
+        try:
+            loaded = trimesh.load_mesh(path, process=False)
+        except Exception as error:  # trimesh's readers raise whatever their parsers do
+            reason = str(error).strip().splitlines() or [type(error).__name__]
+            raise FileFormatError(f"{path}: cannot be read as a mesh: {reason[0]}") from error
+        if isinstance(loaded, trimesh.Scene):
+            loaded = loaded.to_mesh()
+        if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
+            raise FileFormatError(f"{path}: cannot be read as a mesh: it holds no triangles")
+        try:
+            mesh = cls.from_trimesh(loaded, transform=transform)
+        except ValueError as error:
+            raise FileFormatError(f"{path}: {error}") from error
+        if mesh.degenerate_count:
+            logging.getLogger("lidarsim").warning(
+                "%s: %d of %d triangles have no area; nothing hits them", path, mesh.degenerate_count, len(mesh)
+            )
+        return mesh
+
+    @classmethod
+    def from_trimesh(cls, mesh: Any, *, transform: Any = None) -> Self:
+        """Take over a ``trimesh.Trimesh``.
+
+        Parameters
+        ----------
+        mesh : trimesh.Trimesh
+            Its vertices and faces are copied.
+        transform : array_like, shape (4, 4), or RigidTransform, optional
+            Affine map that the mesh goes through.
+
+        Returns
+        -------
+        TriangleMesh
+            The same triangles in the same order.
+
+        Raises
+        ------
+        ValueError
+            If its numbers are not those of a mesh.
+        """
+        return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), transform=transform)
+
+    @classmethod
+    def from_open3d(cls, mesh: Any, *, transform: Any = None) -> Self:
+        """Take over an Open3D triangle mesh.
+
+        Parameters
+        ----------
+        mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
+            Its vertices and triangles are copied.
+        transform : array_like, shape (4, 4), or RigidTransform, optional
+            Affine map that the mesh goes through.
+
+        Returns
+        -------
+        TriangleMesh
+            The same triangles in the same order.
+
+        Raises
+        ------
+        ValueError
+            If its numbers are not those of a mesh.
+        """
+        if hasattr(mesh, "vertex"):  # the tensor mesh
+            return cls(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), transform=transform)
+        return cls(np.asarray(mesh.vertices), np.asarray(mesh.triangles), transform=transform)
+
+    @classmethod
+    def from_pyvista(cls, mesh: Any, *, transform: Any = None) -> Self:
+        """Take over the surface of a PyVista data set.
+
+        Parameters
+        ----------
+        mesh : pyvista.DataSet
+            Its surface; faces of more than three vertices are triangulated by PyVista.
+        transform : array_like, shape (4, 4), or RigidTransform, optional
+            Affine map that the mesh goes through.
+
+        Returns
+        -------
+        TriangleMesh
+            The triangles of the surface.
+
+        Raises
+        ------
+        ValueError
+            If its numbers are not those of a mesh.
+        """
+        surface = mesh if hasattr(mesh, "regular_faces") else mesh.extract_surface()
+        if not surface.is_all_triangles:
+            surface = surface.triangulate()
+        return cls(np.asarray(surface.points), surface.regular_faces, transform=transform)
+
+    @classmethod
+    def from_heightfield(
+        cls,
+        z: npt.ArrayLike,
+        spacing: npt.ArrayLike,
+        origin: npt.ArrayLike = (0.0, 0.0),
+        *,
+        transform: Any = None,
+    ) -> Self:
+        """Make terrain from heights on a regular grid.
+
+        Parameters
+        ----------
+        z : array_like, shape (rows, columns)
+            Heights, m, at least two rows and two columns. ``z[i, j]`` stands at x = origin[0] + j·spacing, y = origin[1] + i·spacing.
+        spacing : float or array_like, shape (2,)
+            Distance between columns (along x) and rows (along y), m, > 0.
+        origin : array_like, shape (2,)
+            Position x, y of ``z[0, 0]``, m.
+        transform : array_like, shape (4, 4), or RigidTransform, optional
+            Affine map that the mesh goes through.
+
+        Returns
+        -------
+        TriangleMesh
+            Two triangles a cell, cell after cell along the rows; normals point up.
+
+        Raises
+        ------
+        ValueError
+            If a number is not finite, the grid is too small, or the spacing is not positive.
+        """
+        heights = array("z", z, ("rows", "columns"))
+        rows, columns = heights.shape
+        if rows < 2 or columns < 2:
+            raise ValueError(f"z: expected at least 2 rows and 2 columns, got shape {heights.shape}")
+        step = positive("spacing", array("spacing", np.broadcast_to(np.asarray(spacing), (2,)), (2,)))
+        x0, y0 = array("origin", origin, (2,))
+        x, y = np.meshgrid(x0 + step[0] * np.arange(columns), y0 + step[1] * np.arange(rows))
+        corner = np.arange(rows * columns).reshape(rows, columns)
+        a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+        faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+        return cls(np.stack([x, y, heights], axis=-1).reshape(-1, 3), faces, transform=transform)
+
+    @property
+    def vertices(self) -> npt.NDArray[np.float64]:
+        """Copy of the vertices before any transform, m: ndarray of float64, shape (n, 3)."""
+        return self._native.vertices()
+
+    @property
+    def faces(self) -> npt.NDArray[np.uint32]:
+        """Copy of the faces: ndarray of uint32, shape (m, 3)."""
+        return self._native.faces()
+
+    @property
+    def degenerate_count(self) -> int:
+        """Number of triangles whose vertices lie on one line, exactly; nothing hits them."""
+        return self._native.degenerate()
+
+    def __len__(self) -> int:
+        return self._native.primitives()
+
+
+def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:
+    given = np.asarray(value)
+    if given.size == 0:
+        given = given.reshape(-1, 3).astype(np.uint32)
+    if given.dtype.kind not in "iu":
+        raise TypeError(f"faces: expected integers of shape (m, 3), got dtype {given.dtype}")
+    if given.ndim != 2 or given.shape[1] != 3:
+        raise ValueError(f"faces: expected shape (m, 3), got {given.shape}")
+    wrong = (given < 0) | (given >= vertices)
+    if wrong.any():
+        i, j = np.argwhere(wrong)[0]
+        raise ValueError(f"faces: expected indices from 0 to {vertices - 1}, got faces[{i}][{j}] = {given[i, j]}")
+    return np.ascontiguousarray(given, dtype=np.uint32)
