@@ -1,0 +1,62 @@
+"""Output files that are whole or not there: checked before the work, replaced in one step after it."""
+
+from __future__ import annotations
+
+import os
+import secrets
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from lidarsim.errors import FileFormatError
+
+PathLike = str | os.PathLike[str]
+
+
+def check_suffix(path: PathLike, known: Iterable[str]) -> str:
+    """Return the suffix of `path` in lower case, after checking that it is one of the `known`."""
+    suffix = Path(path).suffix.lower()
+    if suffix not in known:
+        what = f"unknown extension {suffix!r}" if suffix else "no extension"
+        raise FileFormatError(f"{path}: {what}, expected {' or '.join(sorted(known))}")
+    return suffix
+
+
+def check_folder(path: PathLike) -> None:
+    """Raise `OSError` unless a file `path` can be written as far as its folder goes: it exists and lets us write."""
+    path = Path(path)
+    folder = path.parent
+    if path.is_dir():
+        raise IsADirectoryError(f"{path}: expected a file to write, got a folder")
+    if not folder.exists():
+        raise FileNotFoundError(f"{path}: the folder {folder} does not exist")
+    if not folder.is_dir():
+        raise NotADirectoryError(f"{path}: {folder} is not a folder")
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise PermissionError(f"{path}: no permission to write in the folder {folder}")
+
+
+@contextmanager
+def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
+    """Open a binary file that takes the name `path` when the block ends well; else `path` stays as it was.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; the message names `path`.
+    """
+    check_folder(path)
+    target = Path(path).resolve()  # a link keeps pointing to its file
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+    try:
+        with temporary.open("xb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())  # the content is on disk before the name is
+        temporary.replace(target)
+    except BaseException as error:
+        temporary.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise

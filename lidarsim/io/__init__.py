@@ -1,0 +1,5 @@
+"""File formats: one module a format, which registers itself."""
+
+from lidarsim.io import npz, pcd, ply
+
+__all__ = ["npz", "pcd", "ply"]

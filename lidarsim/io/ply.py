@@ -1,0 +1,43 @@
+"""PLY files: written binary little-endian; read in any encoding."""
+
+from __future__ import annotations
+
+from typing import BinaryIO
+
+from lidarsim._extras import import_extra
+from lidarsim.errors import FileFormatError
+from lidarsim.io._records import to_fields, to_records
+from lidarsim.pointcloud import Fields, register_format
+
+NORMAL = ("nx", "ny", "nz")
+CODES = {"f4", "f8", "i1", "i2", "i4", "u1", "u2", "u4"}
+
+
+def save(fields: Fields, file: BinaryIO) -> None:
+    """Write the fields as the element ``vertex``.
+
+    Types are named by their size, since Open3D reads ``uint16`` but passes over ``ushort``.
+    """
+    records = to_records(fields, NORMAL, CODES)
+    properties = (f"property {records.dtype[name].name} {name}" for name in records.dtype.names or ())
+    header = ("ply", "format binary_little_endian 1.0", f"element vertex {len(records)}", *properties, "end_header", "")
+    file.write("\n".join(header).encode("ascii"))
+    file.write(records.data)
+
+
+def load(file: BinaryIO) -> Fields:
+    """Read the element ``vertex``, lists left out; faces and other elements are passed over."""
+    plyfile = import_extra("plyfile", "formats", "reading PLY files")
+    if file.read(3) != b"ply":
+        raise FileFormatError("it does not begin with 'ply'")
+    file.seek(0)
+    ply = plyfile.PlyData.read(file)
+    if "vertex" not in ply:
+        elements = ", ".join(element.name for element in ply) or "(none)"
+        raise FileFormatError(f"it has no element 'vertex' among its elements {elements}")
+    vertices = ply["vertex"]
+    scalars = [prop.name for prop in vertices.properties if not isinstance(prop, plyfile.PlyListProperty)]
+    return to_fields({name: vertices[name] for name in scalars}, NORMAL)
+
+
+register_format(".ply", save=save, load=load)

@@ -1,0 +1,369 @@
+"""Point clouds: named arrays of one length, and the formats and views that are registered for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
+from lidarsim.errors import FileFormatError
+
+if TYPE_CHECKING:
+    import open3d
+    import pyvista
+
+__all__ = ["PointCloud", "check_output", "register_format", "register_view"]
+
+Fields = dict[str, npt.NDArray[Any]]
+
+CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
+    "xyz": ((3,), np.float64),
+    "range": ((), np.float64),
+    "true_range": ((), np.float64),
+    "intensity": ((), np.float32),
+    "time": ((), np.float64),
+    "ring": ((), np.uint16),
+    "column": ((), np.uint32),
+    "return_number": ((), np.uint8),
+    "return_count": ((), np.uint8),
+    "object_id": ((), np.int32),
+    "label": ((), np.uint32),
+    "normal": ((3,), np.float32),
+    "incidence": ((), np.float32),
+    "range_error": ((), np.float64),
+}
+"""Shape per point and dtype of the fields that lidarsim itself gives, in their order."""
+
+_EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"))
+
+
+class PointCloud:
+    """Points with named fields, each an array attribute of one entry a point.
+
+    Only the fields that are given exist. Fields can be set and added later (``cloud.cluster = ids``) under the same
+    checks; ``cloud[index]`` is the cloud of the points that a slice, a mask or an array of indices selects. Arrays that
+    already have the right dtype and are C-contiguous are kept, not copied.
+
+    Parameters
+    ----------
+    fields, **more : mapping or keywords of array_like
+        The fields by name, `xyz` among them. Those listed below are converted to their dtype: float32 rounds, but an
+        integer must fit, and a number with a fraction is refused where an integer is expected. A field of any other
+        name has shape (n,) or (n, m) and is bool, of any integer type, float32 or float64, and keeps its dtype.
+
+    Attributes
+    ----------
+    xyz : ndarray of float64, shape (n, 3)
+        Positions, m. May hold NaN, as organised clouds of other programs do.
+    range, true_range : ndarray of float64, shape (n,)
+        Measured and exact distance from the beam's origin along the pulse, m.
+    intensity : ndarray of float32, shape (n,)
+        Received intensity; 1 is a perfect diffuse reflector at normal incidence.
+    time : ndarray of float64, shape (n,)
+        Firing time since the start of the scan, s.
+    ring : ndarray of uint16, shape (n,)
+        Channel that fired.
+    column : ndarray of uint32, shape (n,)
+        Column (firing cycle) of the frame.
+    return_number, return_count : ndarray of uint8, shape (n,)
+        Which return of its pulse the point is, and how many returns that pulse has.
+    object_id : ndarray of int32, shape (n,)
+        Object that was hit.
+    label : ndarray of uint32, shape (n,)
+        Label of that object.
+    normal : ndarray of float32, shape (n, 3)
+        Unit outward surface normal.
+    incidence : ndarray of float32, shape (n,)
+        Angle between the pulse and the surface normal, rad.
+    range_error : ndarray of float64, shape (n,)
+        Measured minus true range, m.
+
+    Raises
+    ------
+    TypeError
+        If `xyz` is missing or a field does not hold numbers.
+    ValueError
+        If a field's shape, length, values or name do not fit.
+
+    Examples
+    --------
+    >>> cloud = PointCloud(xyz=[[4, 0, 0], [0, 3, 1]], ring=[0, 1])
+    >>> cloud.intensity = [0.5, 0.25]
+    >>> cloud
+    PointCloud: 2 points
+      xyz        float64 (2, 3)  (0, 0, 0) … (4, 3, 1)
+      intensity  float32 (2,)    0.25 … 0.5
+      ring       uint16  (2,)    0 … 1
+    >>> cloud[cloud.ring == 1].xyz
+    array([[0., 3., 1.]])
+    """
+
+    xyz: npt.NDArray[np.float64]
+    range: npt.NDArray[np.float64]
+    true_range: npt.NDArray[np.float64]
+    intensity: npt.NDArray[np.float32]
+    time: npt.NDArray[np.float64]
+    ring: npt.NDArray[np.uint16]
+    column: npt.NDArray[np.uint32]
+    return_number: npt.NDArray[np.uint8]
+    return_count: npt.NDArray[np.uint8]
+    object_id: npt.NDArray[np.int32]
+    label: npt.NDArray[np.uint32]
+    normal: npt.NDArray[np.float32]
+    incidence: npt.NDArray[np.float32]
+    range_error: npt.NDArray[np.float64]
+
+    def __init__(self, fields: Mapping[str, npt.ArrayLike] | None = None, /, **more: npt.ArrayLike) -> None:
+        given = dict(fields or {}, **more)
+        if "xyz" not in given:
+            raise TypeError(f"PointCloud: expected a field 'xyz', got {', '.join(given) or 'no fields'}")
+        for name in sorted(given, key=lambda name: name != "xyz"):  # first xyz, which sets the length
+            setattr(self, name, given[name])
+
+    def __setattr__(self, name: str, values: npt.ArrayLike) -> None:
+        """Set or add a field."""
+        if not (name.isascii() and name.isidentifier()) or name in {"_", "x", "y", "z"} or hasattr(PointCloud, name):
+            raise ValueError(f"PointCloud: {name!r} cannot be the name of a field")
+        array = _field(name, values)
+        if "xyz" in self.__dict__ and len(array) != len(self):
+            raise ValueError(f"{name}: expected one entry for each of the {len(self)} points, got {len(array)}")
+        self.__dict__[name] = array
+
+    def __getattr__(self, name: str) -> npt.NDArray[Any]:
+        """Raise an error that names the fields present: called only for an absent one."""
+        raise AttributeError(f"this point cloud has no {name!r}; its fields are {', '.join(self.fields)}")
+
+    def __delattr__(self, name: str) -> None:
+        """Remove a field."""
+        if name == "xyz":
+            raise AttributeError("a point cloud cannot be without 'xyz'")
+        super().__delattr__(name)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the fields present: those of lidarsim in their fixed order, then the others by name."""
+        own = self.__dict__
+        return (*(name for name in CANONICAL if name in own), *sorted(own.keys() - CANONICAL.keys()))
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.xyz)
+
+    def __getitem__(self, index: Any) -> PointCloud:
+        """Return the cloud of the points that a slice, a mask or an array of indices selects."""
+        return PointCloud({name: array[index] for name, array in self._arrays().items()})
+
+    def __repr__(self) -> str:
+        """Return a line a field: dtype, shape, least and greatest finite value."""
+        rows = [(name, array.dtype, array.shape, _extent(array)) for name, array in self._arrays().items()]
+        width, type_width, shape_width = (max(len(str(row[i])) for row in rows) for i in (0, 1, 2))
+        lines = [
+            f"  {name:{width}}  {dtype!s:{type_width}} {shape!s:{shape_width}}  {extent}".rstrip()
+            for name, dtype, shape, extent in rows
+        ]
+        return "\n".join((f"PointCloud: {len(self)} point{'' if len(self) == 1 else 's'}", *lines))
+
+    def _arrays(self) -> Fields:
+        return {name: getattr(self, name) for name in self.fields}
+
+    def save(self, path: PathLike, *, float32: bool = False) -> None:
+        """Write all fields to a file, whose suffix says the format: ``.npz``, ``.pcd`` or ``.ply``.
+
+        `load` gives back every number and dtype as it is here. The file takes its name when it is complete: a failure
+        leaves the old file, or none.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, in a folder that exists.
+        float32 : bool
+            Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer take.
+
+        Raises
+        ------
+        FileFormatError
+            If the suffix is unknown, or the format cannot hold a field's dtype.
+        OSError
+            If the file cannot be written.
+        """
+        fields = self._arrays()
+        if float32:
+            fields["xyz"] = fields["xyz"].astype(np.float32)
+        check_output(path)
+        with atomic_writer(path) as file:
+            _format(path).save(fields, file)
+
+    @classmethod
+    def load(cls, path: PathLike) -> PointCloud:
+        """Read a file that `save` or another program wrote.
+
+        Parameters
+        ----------
+        path : path-like
+            A ``.npz``, ``.pcd`` or ``.ply`` file.
+
+        Returns
+        -------
+        PointCloud
+            With a field for each that the file has. Fields of lidarsim's names get lidarsim's dtypes (float32
+            coordinates become float64, units are as the file has them); the others keep theirs.
+
+        Raises
+        ------
+        FileFormatError
+            If the suffix is unknown, or the file is damaged, of another format, or not a point cloud.
+        MissingExtraError
+            If it is a PLY or a compressed PCD file, and the extra ``formats`` is not installed.
+        OSError
+            If the file cannot be read.
+        """
+        format_ = _format(path)
+        path = Path(path)
+        if path.is_dir():
+            raise IsADirectoryError(f"{path}: expected a file, got a folder")
+        try:
+            with path.open("rb") as file:
+                return cls(format_.load(file))
+        except FileNotFoundError:
+            raise FileNotFoundError(f"{path}: no such file") from None
+        except OSError as error:
+            raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
+        except ImportError:
+            raise
+        except Exception as error:  # parsers of damaged files fail in any way
+            reason = str(error).partition("\n")[0] or type(error).__name__
+            raise FileFormatError(f"{path}: not a readable {path.suffix.lower()} point cloud: {reason}") from error
+
+    def to_open3d(self) -> open3d.t.geometry.PointCloud:
+        """Return an Open3D tensor point cloud with all fields as attributes.
+
+        `xyz` becomes ``positions`` and `normal` ``normals``, Open3D's names; the others keep theirs, with shape (n, 1)
+        where it was (n,), as Open3D's own algorithms and writers require. Every dtype stays but that of the normals:
+        they are widened to float64 like the positions, since Open3D's writers take both to be of one type.
+
+        Returns
+        -------
+        open3d.t.geometry.PointCloud
+            A copy, on the CPU.
+
+        Raises
+        ------
+        MissingExtraError
+            If Open3D is not installed.
+        """
+        converted: open3d.t.geometry.PointCloud = _VIEWS["open3d"](self)
+        return converted
+
+    def to_pyvista(self) -> pyvista.PolyData:
+        """Return a PyVista data set with one vertex a point and all fields but `xyz` as point data of the same dtype.
+
+        Returns
+        -------
+        pyvista.PolyData
+            It shares its arrays with this cloud.
+
+        Raises
+        ------
+        MissingExtraError
+            If PyVista is not installed.
+        """
+        converted: pyvista.PolyData = _VIEWS["pyvista"](self)
+        return converted
+
+
+def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Return `values` as a C-contiguous array of the field's shape and dtype."""
+    shape, dtype = CANONICAL.get(name, (None, None))
+    expected = "shape (n,) or (n, m)" if shape is None else "shape (n, 3)" if shape else "shape (n,)"
+    try:
+        given = np.asarray(values)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers of {expected}, got a ragged sequence") from None
+    fits = (
+        given.ndim in {1, 2} and 0 not in given.shape[1:]
+        if shape is None
+        else given.shape == (*given.shape[:1], *shape)
+    )
+    if not fits:
+        raise ValueError(f"{name}: expected {expected}, got {given.shape}")
+    given = given.astype(given.dtype.newbyteorder("="), copy=False)
+    if dtype is None:
+        if given.dtype not in _EXTRA_DTYPES:
+            raise TypeError(f"{name}: expected bool, integers, float32 or float64, got dtype {given.dtype}")
+        return np.ascontiguousarray(given)
+    if given.dtype.kind not in "fiu":
+        raise TypeError(f"{name}: expected real numbers, got dtype {given.dtype}")
+    if issubclass(dtype, np.integer) and given.dtype != dtype:
+        low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
+        wrong = ~((given >= low) & (given <= high) & (given == np.floor(given)))
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise ValueError(f"{name}: expected integers from {low} to {high}, got {name}[{i}] = {given[i]}")
+    return np.ascontiguousarray(given, dtype)
+
+
+def _extent(array: npt.NDArray[Any]) -> str:
+    """Return the least and greatest finite values, per column of a vector field."""
+    finite = array[np.isfinite(array).all(axis=tuple(range(1, array.ndim)))]
+    if not len(finite):
+        return ""
+    ends = ([f"{value:g}" for value in np.atleast_1d(end)] for end in (finite.min(axis=0), finite.max(axis=0)))
+    return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
+
+
+@dataclass(frozen=True, slots=True)
+class _Format:
+    save: Callable[[Fields, BinaryIO], None]
+    load: Callable[[BinaryIO], Fields]
+
+
+_FORMATS: dict[str, _Format] = {}
+_VIEWS: dict[str, Callable[[PointCloud], Any]] = {}
+
+
+def register_format(
+    suffix: str,
+    *,
+    save: Callable[[Fields, BinaryIO], None],
+    load: Callable[[BinaryIO], Fields],
+) -> None:
+    """Let `PointCloud.save` and `PointCloud.load` handle files of a suffix.
+
+    Parameters
+    ----------
+    suffix : str
+        With its dot, in lower case.
+    save : callable
+        Writes the fields of a cloud, in their order, into an open binary file.
+    load : callable
+        Returns the fields that an open binary file holds; the message of any exception says why it cannot.
+    """
+    _FORMATS[suffix] = _Format(save, load)
+
+
+def register_view(name: str, function: Callable[[PointCloud], Any]) -> None:
+    """Let the method ``to_<name>`` of `PointCloud` convert with `function`."""
+    _VIEWS[name] = function
+
+
+def check_output(path: PathLike) -> None:
+    """Check, before any work, that `PointCloud.save` can write `path`: a known suffix, a folder that is there.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is unknown.
+    OSError
+        If the folder does not exist or cannot be written in.
+    """
+    _format(path)
+    check_folder(path)
+
+
+def _format(path: PathLike) -> _Format:
+    return _FORMATS[check_suffix(path, _FORMATS)]

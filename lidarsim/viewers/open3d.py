@@ -1,0 +1,85 @@
+"""Open3D: conversion to its tensor point cloud, and its interactive window."""
+
+from __future__ import annotations
+
+import ctypes
+from contextlib import suppress
+from types import ModuleType
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lidarsim._extras import import_extra
+from lidarsim.pointcloud import PointCloud, register_view
+from lidarsim.viewers._colors import BACKGROUND, coloring
+from lidarsim.viewers._display import require_display
+
+if TYPE_CHECKING:
+    import open3d
+
+
+def import_open3d() -> ModuleType:
+    """Return the module `open3d`, also on a machine without libusb.
+
+    Open3D's wheel links to ``libusb-1.0.so.0`` for its camera drivers, which servers lack. The package `libusb-package`
+    carries that library, and once it is loaded the dynamic linker looks no further.
+
+    Raises
+    ------
+    MissingExtraError
+        If Open3D is not installed, or does not import here.
+    """
+    with suppress(ImportError, OSError):  # Open3D's own import then says what is missing, if anything is
+        import libusb_package
+
+        ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
+    return import_extra("open3d", "open3d", "this view")
+
+
+def to_open3d(cloud: PointCloud) -> open3d.t.geometry.PointCloud:
+    """Convert as `PointCloud.to_open3d` documents."""
+    o3d = import_open3d()
+    converted: open3d.t.geometry.PointCloud = o3d.t.geometry.PointCloud()
+    for name in cloud.fields:
+        array = getattr(cloud, name)
+        if name == "normal":
+            array = array.astype(np.float64)
+        if array.ndim == 1:
+            array = array[:, np.newaxis]
+        converted.point[{"xyz": "positions", "normal": "normals"}.get(name, name)] = o3d.core.Tensor(array)
+    return converted
+
+
+def show(cloud: PointCloud, *, color_by: str | None = None, point_size: int = 3) -> None:
+    """Show a cloud in Open3D's viewer until the user closes it.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    color_by : str, optional
+        Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
+    point_size : int
+        Diameter of a point, pixels.
+
+    Raises
+    ------
+    LidarsimError
+        If there is no display.
+    MissingExtraError
+        If Open3D is not installed.
+    ValueError
+        If the cloud has no scalar field `color_by`.
+    """
+    rgb = coloring(cloud, color_by).rgb()
+    require_display()
+    o3d = import_open3d()
+    geometry = to_open3d(cloud)
+    geometry.point["colors"] = o3d.core.Tensor(rgb)
+    background = (*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0)
+    o3d.visualization.draw(
+        geometry, title="lidarsim", bg_color=background, point_size=point_size, show_skybox=False, show_ui=True
+    )
+
+
+register_view("open3d", to_open3d)

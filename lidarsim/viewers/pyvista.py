@@ -1,0 +1,173 @@
+"""PyVista: conversion to its point data set, and a picture of a cloud, on the screen or as a PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import closing
+from io import BytesIO
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidarsim import _validation
+from lidarsim._extras import import_extra
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
+from lidarsim._validation import Floats
+from lidarsim.errors import LidarsimError
+from lidarsim.pointcloud import PointCloud, register_view
+from lidarsim.viewers._colors import BACKGROUND, Coloring, coloring
+from lidarsim.viewers._display import require_display
+
+if TYPE_CHECKING:
+    import pyvista
+
+
+def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
+    """Convert as `PointCloud.to_pyvista` documents."""
+    pv = import_extra("pyvista", "pyvista", "this view")
+    converted: pyvista.PolyData = pv.PolyData(cloud.xyz)
+    for name in cloud.fields[1:]:
+        converted.point_data[name] = getattr(cloud, name)
+    return converted
+
+
+def check_screenshot(path: PathLike) -> None:
+    """Check, before any work, that `render` can write `path`: a PNG in a folder that is there.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is not ``.png``.
+    OSError
+        If the folder does not exist or cannot be written in.
+    """
+    check_suffix(path, {".png"})
+    check_folder(path)
+
+
+def render(
+    cloud: PointCloud,
+    path: PathLike | None = None,
+    *,
+    color_by: str | None = None,
+    meshes: Iterable[Any] = (),
+    pose: Any = None,
+    camera: Sequence[Sequence[float]] | None = None,
+    window_size: tuple[int, int] = (1600, 1000),
+    point_size: float | None = None,
+) -> None:
+    """Show a cloud in a window until the user closes it, or write the picture to a PNG file, which needs no display.
+
+    Parameters
+    ----------
+    cloud : PointCloud
+        The points.
+    path : path-like, optional
+        PNG file to write instead of opening a window.
+    color_by : str, optional
+        Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
+    meshes : iterable of pyvista.DataSet or trimesh.Trimesh
+        Surfaces to show translucent, in the frame of the cloud.
+    pose : RigidTransform or array_like of shape (4, 4), optional
+        Pose of the sensor in the frame of the cloud, shown by its axes (x red, y green, z blue); by default the origin.
+    camera : sequence of three points, optional
+        Position, focal point and up vector; by default behind and above the sensor, as far off as to see most points.
+    window_size : tuple of int
+        Width and height, pixels.
+    point_size : float, optional
+        Diameter of a point, in half pixels; by default the more points, the smaller.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix of `path` is not ``.png``.
+    LidarsimError
+        If there is no display for a window, or no OpenGL for a picture.
+    MissingExtraError
+        If PyVista is not installed.
+    OSError
+        If the file cannot be written.
+    ValueError
+        If the cloud has no scalar field `color_by`.
+    """
+    cloud = cloud[np.isfinite(cloud.xyz).all(axis=1)]
+    colors = coloring(cloud, color_by)
+    sensor = np.eye(4) if pose is None else _validation.pose("pose", pose)
+    if path is None:
+        require_display()
+    else:
+        check_screenshot(path)
+    middle, size = _extent(cloud, sensor)
+    if camera is None:
+        forward, left, up = sensor[:3, 0], sensor[:3, 1], np.array([0.0, 0.0, 1.0])
+        eye, target = middle + size * (-2.0 * forward + 0.5 * left + 1.3 * up), middle
+    else:
+        eye, target, up = _validation.array("camera", camera, (3, 3))
+    pv = import_extra("pyvista", "pyvista", "this view")
+    # VTK reports each kind of window that it tries in vain.
+    with pv.vtk_verbosity("off"), closing(pv.Plotter(off_screen=path is not None, window_size=window_size)) as plotter:
+        # All is drawn relative to the middle: the graphics card has float32, too coarse for map coordinates.
+        plotter.set_background(BACKGROUND)
+        if len(cloud):  # PyVista refuses to draw nothing
+            _add_points(plotter, cloud.xyz - middle, colors, point_size)
+        for mesh in meshes:
+            plotter.add_mesh(mesh, color="white", opacity=0.15).position = -middle
+        for axis, color in enumerate(("#ff4b4b", "#4bd964", "#4b8bff")):
+            arrow = pv.Arrow(start=sensor[:3, 3] - middle, direction=sensor[:3, axis], scale=0.06 * size)
+            plotter.add_mesh(arrow, color=color, lighting=False)
+        plotter.camera_position = (eye - middle, target - middle, up)
+        plotter.enable_anti_aliasing("ssaa")
+        if path is None:
+            plotter.show(title="lidarsim")
+        else:
+            _write_png(plotter, path)
+
+
+def _write_png(plotter: pyvista.Plotter, path: PathLike) -> None:
+    window: Any = plotter.render_window
+    window.Initialize()
+    if not window.GetInitialized():  # VTK would draw nevertheless, and crash
+        raise LidarsimError("no OpenGL to draw with: install libEGL (Debian, Ubuntu: apt install libegl1)")
+    image = BytesIO()
+    plotter.screenshot(image)
+    with atomic_writer(path) as file:
+        file.write(image.getvalue())
+
+
+def _add_points(plotter: pyvista.Plotter, xyz: Floats, colors: Coloring, size: float | None) -> None:
+    if size is None:  # of as many pixels as it takes for the points to cover about the same part of the picture
+        size = float(np.clip(5 * (100_000 / len(xyz)) ** 0.25, 3, 12))
+    plotter.add_points(
+        xyz,
+        scalars=colors.values,
+        cmap=colors.table,
+        clim=colors.limits,
+        point_size=size,
+        render_points_as_spheres=True,
+        lighting=False,
+        annotations=dict(enumerate(colors.names)),
+        show_scalar_bar=len(colors.names) <= 20,
+        scalar_bar_args={
+            "title": f"{colors.title}\n",  # a line clear of the topmost number
+            "vertical": True,
+            "position_x": 0.93,
+            "position_y": 0.25,
+            "width": 0.05,
+            "height": 0.5,
+            "n_labels": 0 if colors.names else 5,
+            "fmt": "%.3g",
+            "color": "white",
+        },
+    )
+
+
+def _extent(cloud: PointCloud, sensor: Floats) -> tuple[Floats, float]:
+    """Return the middle of the points and how far they reach, however far a few of them lie."""
+    if not len(cloud):
+        return sensor[:3, 3], 10.0
+    middle = np.median(cloud.xyz, axis=0)
+    half, most = np.percentile(np.linalg.norm(cloud.xyz - middle, axis=1), (50, 90))
+    return middle, float(max(most, 1.6 * half)) or 1.0  # a ball is seen whole, a street without its far ends
+
+
+register_view("pyvista", to_pyvista)
