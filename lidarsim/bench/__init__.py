@@ -1,0 +1,1 @@
+"""Speed and accuracy, measured: the exact oracle, the textbook baseline, the peers, the reports."""

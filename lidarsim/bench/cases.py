@@ -1,0 +1,831 @@
+"""Hard inputs: rays and shapes on which floating point goes wrong, each named, and an endless supply of random ones.
+
+A `Spec` says how to build a shape, so that one case serves lidarsim, the oracle, the textbook and the peers alike.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial.transform import Rotation
+
+from lidarsim.bench import oracle, textbook
+
+__all__ = ["KINDS", "OFFSETS", "Case", "Spec", "closed_meshes", "hard_cases", "leak_rays", "random_case"]
+
+Floats = npt.NDArray[np.float64]
+
+OFFSETS = {"0": 0.0, "5e5": 5e5, "5e6": 5e6, "6.4e6": 6.4e6, "1e9": 1e9}
+UTM = np.array([448_262.25, 5_411_932.125, 113.7])
+
+GRAZING = (1e-2, 1e-4, 2e-5, 1e-8, 1e-12)
+IMPACTS: dict[str, Callable[[float], float]] = {
+    "0": lambda _: 0.0,
+    "0.5": lambda r: 0.5 * r,
+    "1-1e-5": lambda r: r * (1 - 1e-5),
+    "1-1e-12": lambda r: r * (1 - 1e-12),
+    "1-2^-53": lambda r: float(np.nextafter(r, 0.0)),
+    "1": lambda r: r,
+    "1+2^-52": lambda r: float(np.nextafter(r, np.inf)),
+}
+SCALES = (1.0, 2.0, 2.0**-50, 2.0**50, 2.0**500, 2.0**-500, 1e150, 1e-150, 1e160, 1e-160, 1e200, 1e-200)
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A shape by the name of its class or constructor, its arguments and its transform."""
+
+    kind: str
+    args: tuple[Any, ...]
+    transform: Floats | None = None
+
+    def judge(self) -> oracle.Shape:
+        """Return the oracle's shape."""
+        shape: oracle.Shape = self._make(oracle, {})
+        return shape if self.transform is None else oracle.Transformed(shape, self.transform)
+
+    def build(self) -> Any:
+        """Return lidarsim's shape."""
+        import lidarsim
+
+        return self._make(lidarsim, {} if self.transform is None else {"transform": self.transform})
+
+    def _make(self, module: Any, keywords: dict[str, Any]) -> Any:
+        make = module
+        for name in self.kind.split("."):
+            make = getattr(make, name)
+        return make(*self.args, **keywords)
+
+    def textbook(self, origins: Floats, directions: Floats) -> Floats | None:
+        """Return the textbook's roots, (n, k), or None where the textbook has no such shape."""
+        if self.transform is not None:
+            inverse = np.linalg.inv(self.transform)
+            origins, directions = origins @ inverse[:3, :3].T + inverse[:3, 3], directions @ inverse[:3, :3].T
+        match self.kind, self.args:
+            case "Plane.from_point", (point, normal):
+                return textbook.plane(origins, directions, normal, float(np.dot(normal, point)))
+            case "Plane.from_points", (a, b, c):
+                normal = np.cross(np.subtract(b, a), np.subtract(c, a))
+                return textbook.plane(origins, directions, normal, float(np.dot(normal, a)))
+            case "Polygon", _:
+                return None
+        formulas: dict[str, Callable[..., Floats]] = {
+            "Plane": textbook.plane,
+            "Sphere": textbook.sphere,
+            "Ellipsoid": textbook.ellipsoid,
+            "Box": textbook.box,
+            "Cylinder": textbook.cylinder,
+            "Triangle": textbook.triangle,
+            "TriangleMesh": textbook.triangle_mesh,
+        }
+        return formulas[self.kind](origins, directions, *self.args)
+
+
+@dataclass(frozen=True)
+class Case:
+    """Rays at a shape. `group` is its row in the accuracy table; `hits` and `misses` are the least it must hold."""
+
+    name: str
+    group: str
+    spec: Spec
+    origins: Floats = field(repr=False)
+    directions: Floats = field(repr=False)
+    hits: int = 1
+    misses: int = 0
+
+
+def _rays(pairs: Sequence[tuple[Any, Any]]) -> tuple[Floats, Floats]:
+    array = np.array([[np.asarray(o, dtype=np.float64), np.asarray(d, dtype=np.float64)] for o, d in pairs])
+    return np.ascontiguousarray(array[:, 0]), np.ascontiguousarray(array[:, 1])
+
+
+def _rotations(count: int, seed: int) -> Floats:
+    matrices: Floats = Rotation.random(count, rng=np.random.default_rng(seed)).as_matrix()
+    return matrices
+
+
+def _affine(linear: Any, translation: Any = (0.0, 0.0, 0.0)) -> Floats:
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = linear, translation
+    return matrix
+
+
+def hard_cases() -> list[Case]:
+    """Return every named case."""
+    makers = (_planes, _spheres, _ellipsoids, _boxes, _cylinders, _triangles, _meshes, _polygons, _scaled, _transformed)
+    return list(itertools.chain.from_iterable(maker() for maker in makers))
+
+
+def _planes() -> Iterator[Case]:
+    rng = np.random.default_rng(1)
+    for offset, shift in OFFSETS.items():
+        for angle in GRAZING:
+            normal = rng.normal(size=3)
+            along = np.cross(normal, rng.normal(size=(20, 3)))
+            along /= np.linalg.norm(along, axis=1, keepdims=True)
+            point = shift + rng.normal(size=3)
+            directions = along + rng.choice([-1, 1], (20, 1)) * angle * normal / np.linalg.norm(normal)
+            origins = point + rng.normal(size=(20, 3)) * 10
+            yield Case(
+                f"plane-grazing-{angle:g}-at-{offset}",
+                "plane, grazing 1e-2 … 1e-12 rad",
+                Spec("Plane.from_point", (point, normal)),
+                origins,
+                directions,
+            )
+            yield Case(
+                f"plane-distance-grazing-{angle:g}-at-{offset}",
+                "plane, grazing 1e-2 … 1e-12 rad",
+                Spec("Plane", (normal, float(normal @ point))),
+                origins,
+                directions,
+            )
+            yield Case(
+                f"plane-of-three-points-grazing-{angle:g}-at-{offset}",
+                "plane, grazing 1e-2 … 1e-12 rad",
+                Spec("Plane.from_points", (point, point + along[0], point + along[1])),
+                origins,
+                directions,
+            )
+    nx, ny, nz = 0.1, 0.7, -0.3
+    parallel = [(ny, -nx, 0.0), (0.0, nz, -ny), (nz, 0.0, -nx)]
+    nearly = [(np.nextafter(x, 9) if x else 0.0, y, z) for x, y, z in parallel]
+    nearly += [(x, np.nextafter(y, -9) if y else 0.0, z) for x, y, z in parallel]
+    # the products of the components cancel exactly; one ulp aside they do not, though the rounded products may
+    pairs = [(o, d) for o in ((0.0, 0.0, 0.0), (3.0, 4.0, 5.0), tuple(UTM)) for d in (*parallel, *nearly)]
+    origins, directions = _rays(pairs)
+    spec = Spec("Plane", ((nx, ny, nz), 2.0))
+    yield Case("plane-parallel-and-one-ulp-off", "plane, parallel or one ulp off", spec, origins, directions, 6, 9)
+    origins, directions = _rays([((1.0, 2.0, 3.0), d) for d in ((1, 0, 0), (0, -1, 0), (3, -2, 0.0), (-0.0, 1, -0.0))])
+    spec = Spec("Plane", ((0.0, 0.0, 2.0), 6.0))
+    yield Case("plane-ray-inside-it", "plane, parallel or one ulp off", spec, origins, directions, 0, 4)
+    origins, directions = _rays([((1, 2, 3), (0.5, 1, s * z)) for s in (-1, 1) for z in (1, 1e-200, 5e-324, 1e200)])
+    yield Case("plane-origin-on-it", "plane, parallel or one ulp off", spec, origins, directions, 8)
+
+
+def _spheres() -> Iterator[Case]:
+    for r, distance in itertools.product((1e-3, 1.0, 6.371e6), (0.0, 1e-9, 1e-3, 10.0, 1e6, 1e8)):
+        for label, impact in IMPACTS.items():
+            b = impact(r)
+            group = f"sphere, b/r = {label.replace('-1e', ' − 1e').replace('-2', ' − 2').replace('+', ' + ')}"
+            pairs: list[tuple[Any, Any]] = []
+            for axis, sign, back, scale in itertools.product(range(3), (-1, 1), (distance, r + distance), (1.0, 3.7)):
+                e, f = np.zeros(3), np.zeros(3)
+                e[axis], f[(axis + 1) % 3] = sign, b
+                pairs.append((f - back * e, e * scale))
+            origins, directions = _rays(pairs)
+            hits, misses = (0, len(pairs)) if label == "1+2^-52" else (len(pairs) // 2, 0)
+            name = f"sphere-r{r:g}-distance{distance:g}-b{label}"
+            yield Case(name, group, Spec("Sphere", ((0, 0, 0), r)), origins, directions, hits, misses)
+            turned = _rotations(12, 2)
+            for where, center in (("turned", np.zeros(3)), ("turned-utm", UTM)):
+                spec = Spec("Sphere", (center, r))
+                o, d = (
+                    np.einsum("nij,nj->ni", turned, origins[:12]) + center,
+                    np.einsum("nij,nj->ni", turned, directions[:12]),
+                )
+                yield Case(f"{name}-{where}", group, spec, o, d, 0)
+    for scale in (1e-3, 1.0, 1.0e6):
+        pairs = []
+        # 3² + 4² = 5² and 2² + 3² + 6² = 7² put the origin on the sphere exactly when the scale is a power of two
+        for radius, point in ((5.0, (3.0, 4.0, 0.0)), (7.0, (-2.0, 3.0, 6.0))):
+            p = np.array(point)
+            tangent = np.array((-p[1], p[0], 0.0))
+            for d in (p, -p, tangent, -tangent, tangent + 1e-9 * p, tangent - 1e-9 * p, (1.0, 0.5, -0.25)):
+                pairs += [
+                    (p * scale, np.asarray(d)),
+                    (np.nextafter(p, 0) * scale, d),
+                    (np.nextafter(p, 9 * p) * scale, d),
+                ]
+            origins, directions = _rays(pairs)
+            spec = Spec("Sphere", ((0, 0, 0), radius * scale))
+            yield Case(
+                f"sphere-origin-on-surface-r{radius:g}x{scale:g}",
+                "sphere, origin on it ± 1 ulp",
+                spec,
+                origins,
+                directions,
+                5,
+            )
+    rng = np.random.default_rng(3)
+    directions = rng.normal(size=(24, 3))
+    unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    for where, depth in (("centre", 100.0), ("half-way", 50.0), ("1e-9-inside", 1e-9), ("1e-9-outside", -1e-9)):
+        spec = Spec("Sphere", ((1.0, -2.0, 3.0), 100.0))
+        origins = np.array((1.0, -2.0, 3.0)) + unit * (100.0 - depth)
+        for way, d in (("out", directions), ("in", -directions), ("along", np.cross(directions, (1.0, 2.0, 3.0)))):
+            yield Case(f"sphere-from-{where}-{way}", "sphere, origin within 1e-9 of it or inside", spec, origins, d, 0)
+    down = np.array((0.0, 0.0, 6.371e6 + 1e-3))
+    for angle in GRAZING:
+        around = np.linspace(0, 6, 20)
+        d = np.stack([np.cos(around), np.sin(around), np.full(20, -angle)], axis=1)
+        o = np.tile(down, (20, 1))
+        yield Case(
+            f"sphere-planet-grazing-{angle:g}",
+            "planet r 6.371e6 from 1e-3 above",
+            Spec("Sphere", ((0, 0, 0), 6.371e6)),
+            o,
+            d,
+            0,
+        )
+    o = down + rng.normal(size=(20, 3)) * (1, 1, 0)
+    d = rng.normal(size=(20, 3)) * (1, 1, 0.1) - (0, 0, 3)
+    yield Case(
+        "sphere-planet-downward", "planet r 6.371e6 from 1e-3 above", Spec("Sphere", ((0, 0, 0), 6.371e6)), o, d, 20
+    )
+
+
+def _ellipsoids() -> Iterator[Case]:
+    turns = _rotations(3, 4)
+    for aspect, (label, impact) in itertools.product((1.0, 1e3, 1e6, 1e-6), IMPACTS.items()):
+        radii = np.array((1.0, aspect, 2.0))
+        pairs = []
+        for axis, sign in itertools.product(range(3), (-1, 1)):
+            e, f = np.zeros(3), np.zeros(3)
+            e[axis], f[(axis + 1) % 3] = sign, impact(radii[(axis + 1) % 3])
+            pairs += [(f - 3 * radii[axis] * e, e), (f - 1e6 * e, 1.7 * e)]
+        origins, directions = _rays(pairs)
+        group = "ellipsoid, tangent and nearly"
+        hits, misses = (0, 12) if label == "1+2^-52" else (6, 0)
+        name = f"ellipsoid-aspect{aspect:g}-b{label}"
+        yield Case(name, group, Spec("Ellipsoid", ((0, 0, 0), radii)), origins, directions, hits, misses)
+        for turn, (where, center) in zip(turns, (("turned", np.zeros(3)), ("turned-utm", UTM)), strict=False):
+            spec = Spec("Ellipsoid", (center, radii, turn))
+            yield Case(f"{name}-{where}", group, spec, origins @ turn.T + center, directions @ turn.T, 0)
+    rng = np.random.default_rng(5)
+    for radii in np.array(((1e-3, 2e-3, 1e-3), (1.0, 0.1, 10.0), (1e-6, 1.0, 1e6))):
+        d = rng.normal(size=(30, 3)) @ (turns[2] * radii).T
+        o = UTM - d * np.exp(rng.uniform(0, 20, (30, 1))) + rng.normal(size=(30, 3)) * min(radii)
+        yield Case(
+            f"ellipsoid-far-{radii[0]:g}-{radii[2]:g}",
+            "ellipsoid, far",
+            Spec("Ellipsoid", (UTM, radii, turns[2])),
+            o,
+            d,
+            5,
+        )
+
+
+def _boxes() -> Iterator[Case]:
+    sizes = {"cube": (2.0, 2.0, 2.0), "flat": (2.0, 4.0, 1e-12), "thin": (1e-6, 1.0, 1e6), "plate": (1e6, 1.0, 1e-6)}
+    for (label, size), (where, shift) in itertools.product(
+        sizes.items(), (("0", 0.0), ("5e6", 5e6), ("2^30", 2.0**30))
+    ):
+        half = np.array(size) / 2
+        corners = np.array(list(itertools.product((-1, 1), repeat=3))) * half
+        rng = np.random.default_rng(6)
+        pairs = []
+        for axis, sign in itertools.product(range(3), (-1, 1)):
+            e = np.zeros(3)
+            e[axis] = sign
+            u, v = (axis + 1) % 3, (axis + 2) % 3
+            for a, b in itertools.product((-1, 0, 0.5, 1), repeat=2):  # in a face and along an edge at ±1
+                side = np.zeros(3)
+                side[u], side[v] = a * half[u], b * half[v]
+                pairs += [(side - 3 * half[axis] * e, e), (side, 2.5 * e), (side + 3 * half[axis] * e, e)]
+            out = np.zeros(3)
+            out[u] = np.nextafter(half[u], np.inf)
+            pairs += [(out - 3 * half[axis] * e, e), (-out - 3 * half[axis] * e, np.where(e == 0, -0.0, e))]
+        exact = len(pairs)
+        for corner in corners:
+            for towards in rng.integers(-3, 4, (6, 3)) / 2.0:
+                d = towards * half
+                if d.any():
+                    pairs += [(corner - d, d), (corner + d, d)]  # through the corner, from either side
+            edge = corner * (1, 1, rng.uniform(-1, 1))
+            pairs += [(edge - 4 * d, d) for d in rng.normal(size=(3, 3)) * half]
+        origins, directions = _rays(pairs)
+        spec = Spec("Box", (size, (shift, shift, shift)))
+        name = f"box-{label}-at-{where}"
+        group = "box, in faces, along edges, through corners"
+        yield Case(
+            f"{name}-axis-parallel", group, spec, origins[:exact] + shift, directions[:exact], 60, 0 if shift else 12
+        )
+        yield Case(f"{name}-edges-corners", group, spec, origins[exact:] + shift, directions[exact:], 20)
+
+
+def _cylinders() -> Iterator[Case]:
+    sizes = {
+        "unit": (5.0, 10.0),
+        "needle": (1e-6, 1.0),
+        "disc": (1e6, 1.0),
+        "flat": (1.0, 1e-12),
+        "thread": (1e-12, 1.0),
+    }
+    for (label, (r, h)), capped in itertools.product(sizes.items(), (True, False)):
+        where = "capped" if capped else "open"
+        group = f"cylinder ({where})"
+        spec = Spec("Cylinder", ((0, 0, 0), (0, 0, h), r, capped))
+        pairs: list[tuple[Any, Any]] = []
+        for sign in (-1, 1):
+            for rho in (0.0, 0.5 * r, np.nextafter(r, 0), r, np.nextafter(r, np.inf)):
+                pairs += [((rho, 0, z * h), (0, 0, sign * 1.5)) for z in (-1, 0, 0.5, 1, 2)]
+                pairs += [((0, -rho, -h), (0.0, -0.0, sign * 0.1))]
+        yield Case(
+            f"cylinder-{where}-{label}-along-axis",
+            f"{group}, along the axis and in the wall",
+            spec,
+            *_rays(pairs),
+            20 * capped,
+            12,
+        )
+        pairs = []
+        for z, impact in itertools.product((0.0, 0.5 * h, h, np.nextafter(h, 9 * h), -5e-324), IMPACTS.values()):
+            pairs += [
+                ((-3 * r, impact(r), z), (1.0, 0, 0)),
+                ((impact(r), 7 * r, z), (0, -3.0, 0)),
+                ((-impact(r), 0, z), (0, 1.0, 0)),
+            ]
+        yield Case(
+            f"cylinder-{where}-{label}-across", f"{group}, tangent and at the rim's height", spec, *_rays(pairs), 30, 30
+        )
+        pairs = []
+        for (x, y), z in itertools.product(((1, 0), (-0.6, 0.8), (0.6, -0.8)), (0.0, h)):
+            rim = np.array((x * r, y * r, z))  # (3, 4)/5 of r = 5 is on the rim exactly
+            for towards in (
+                (x * r, y * r, h),
+                (x * r, y * r, -h),
+                (-y * r, x * r, h),
+                (-y * r, x * r, 0),
+                (r, 2 * r, 0.5 * h),
+                (r, -r, -3 * h),
+            ):
+                step = np.array(towards)
+                pairs += [(rim - step, step), (rim + 2 * step, step), (rim + 2 * step, -step), (rim, step)]
+        yield Case(f"cylinder-{where}-{label}-through-rim", f"{group}, through the rim", spec, *_rays(pairs), 20)
+        for angle in GRAZING:
+            rng = np.random.default_rng(7)
+            around = rng.uniform(0, 6.28, 24)
+            wall = np.stack([r * np.cos(around), r * np.sin(around), h * rng.uniform(0, 1, 24)], axis=1)
+            inward = -wall * (1, 1, 0) / r
+            d = inward * angle * rng.choice([-1, 1], (24, 1)) + np.array((0, 0, 1.0)) * rng.choice([-1, 1], (24, 1))
+            yield Case(
+                f"cylinder-{where}-{label}-grazing-{angle:g}",
+                f"{group}, grazing the wall",
+                spec,
+                wall - d * 2 * h,
+                d,
+                0,
+            )
+    rng = np.random.default_rng(8)
+    for (offset, shift), capped in itertools.product(OFFSETS.items(), (True, False)):
+        start = shift + rng.normal(size=3)
+        axis = rng.normal(size=3)
+        radius = 0.37
+        u = np.cross(axis, rng.normal(size=(60, 3)))
+        u /= np.linalg.norm(u, axis=1, keepdims=True)
+        v = np.cross(axis, u)
+        v /= np.linalg.norm(v, axis=1, keepdims=True)
+        z = rng.choice([0, 1e-17, 0.3, 0.99999, 1, 1 + 1e-16], (60, 1))
+        b = radius * rng.choice([0.3, 1 - 1e-9, 1 - 1e-15, 1], (60, 1))
+        target = start + z * axis + u * np.sqrt(radius * radius - b * b) + v * b
+        d = u + rng.normal(size=(60, 1)) * axis
+        where = "capped" if capped else "open"
+        spec = Spec("Cylinder", (start, start + axis, radius, capped))
+        origins = target + d * rng.choice([1e-9, 1.0, 100.0], (60, 1))
+        yield Case(
+            f"cylinder-{where}-tilted-at-{offset}",
+            f"cylinder ({where}), tilted, to tangents and rims",
+            spec,
+            origins,
+            -d,
+            10,
+        )
+
+
+def _triangle_rays(a: Any, b: Any, c: Any, rng: np.random.Generator, distance: float) -> tuple[Floats, Floats]:
+    """Rays to the vertices, to edge midpoints and points p + s·e, inside, and just outside of a triangle."""
+    corners = np.array([a, b, c])
+    targets = [*corners, *((corners + np.roll(corners, 1, 0)) / 2)]
+    for i, s in itertools.product(range(3), rng.uniform(0, 1, 4)):
+        targets.append(corners[i] + s * (corners[(i + 1) % 3] - corners[i]))
+    targets += list(rng.dirichlet((1, 1, 1), 6) @ corners)
+    centroid = corners.mean(axis=0)
+    targets += [centroid + (p - centroid) * (1 + s) for p in corners for s in (1e-15, 1e-3, 1.0)]
+    goal = np.repeat(np.array(targets), 2, axis=0)
+    size = np.abs(corners - centroid).max()
+    origins = centroid + rng.normal(size=goal.shape) * distance * size
+    return origins, goal - origins
+
+
+def _triangles() -> Iterator[Case]:
+    rng = np.random.default_rng(9)
+    for (offset, shift), distance in itertools.product(OFFSETS.items(), (0.5, 50.0, 1e6)):
+        a, b, c = shift + rng.normal(size=(3, 3))
+        rays = _triangle_rays(a, b, c, rng, distance)
+        spec = Spec("Triangle", (a, b, c))
+        yield Case(f"triangle-at-{offset}-from-{distance:g}", f"triangle at {offset} m", spec, *rays, 10)
+    for aspect, (where, shift) in itertools.product((1e4, 1e8, 1e12), (("0", 0.0), ("5e6", 5e6))):
+        for trial in range(3):
+            a, b = shift + rng.normal(size=(2, 3))
+            c = a + 0.4 * (b - a) + rng.normal(size=3) / aspect
+            if not np.cross(b - a, c - a).any():
+                continue
+            rays = _triangle_rays(a, b, c, rng, 3.0)
+            name = f"triangle-sliver-{aspect:g}-at-{where}-{trial}"
+            yield Case(name, f"triangle, sliver of aspect {aspect:g}", Spec("Triangle", (a, b, c)), *rays, 0)
+    for angle, (where, shift) in itertools.product(GRAZING, (("0", 0.0), ("5e6", 5e6))):
+        a, b, c = shift + rng.normal(size=(3, 3))
+        n = np.cross(b - a, c - a)
+        n /= np.linalg.norm(n)
+        inside = rng.dirichlet((1, 1, 1), 30) @ np.array([a, b, c])
+        d = np.cross(n, rng.normal(size=(30, 3))) + n * angle * rng.choice([-1, 1], (30, 1))
+        origins = inside - d * rng.uniform(1, 30, (30, 1))
+        yield Case(
+            f"triangle-grazing-{angle:g}-at-{where}",
+            "triangle, grazing 1e-2 … 1e-12 rad",
+            Spec("Triangle", (a, b, c)),
+            origins,
+            d,
+            0,
+        )
+    tiny, huge = 1e-6, 1e8
+    for label, size, distance in (("tiny-far", tiny, 1e12), ("huge-near", huge, 1e-9)):
+        a, b, c = rng.normal(size=(3, 3)) * size
+        rays = _triangle_rays(a, b, c, rng, distance)
+        yield Case(
+            f"triangle-{label}", "triangle, tiny and far or huge and near", Spec("Triangle", (a, b, c)), *rays, 10
+        )
+    a, b, c = (0.0, 0.0, 0.0), (4.0, 1.0, 2.0), (1.0, 5.0, 3.0)
+    in_plane = [
+        (a, b),
+        (b, c),
+        ((-4, -1, -2), b),
+        ((-5, -6, -5), (5.0, 6.0, 5.0)),
+        (np.add(a, c), np.subtract(b, c)),
+        ((9, 0, 0), (5, 6, 5)),
+    ]
+    yield Case(
+        "triangle-ray-in-its-plane", "triangle, ray in its plane", Spec("Triangle", (a, b, c)), *_rays(in_plane), 0, 6
+    )
+    grid = [((x, y, z), (0, 0, -z)) for x in range(-1, 6) for y in range(-1, 6) for z in (7.0, -3.0)]
+    spec = Spec("Triangle", ((0, 0, 0), (4, 0, 0), (0, 4, 0)))
+    yield Case("triangle-integer-grid", "triangle, integer grid", spec, *_rays(grid), 30, 30)
+    ulp = [
+        ((x, y, 1.0), (0, 0, -1.0))
+        for x in (-5e-324, 0.0, 5e-324, 1.0)
+        for y in (-1e-310, -0.0, 2.0, np.nextafter(3.0, 9))
+    ]
+    yield Case("triangle-one-ulp-off-the-edge", "triangle, integer grid", spec, *_rays(ulp), 5, 5)
+
+
+def fan(valence: int) -> tuple[Floats, npt.NDArray[np.int64]]:
+    """Return a closed double fan: two apexes, each in `valence` triangles."""
+    around = np.arange(valence) * (2 * np.pi / valence)
+    ring = np.stack([np.cos(around), np.sin(around), 0.1 * np.cos(3 * around)], axis=1)
+    i = np.arange(valence)
+    j = (i + 1) % valence
+    top, bottom = np.full(valence, valence), np.full(valence, valence + 1)
+    faces = np.concatenate([np.stack([i, j, top], axis=1), np.stack([j, i, bottom], axis=1)])
+    return np.concatenate([ring, [(0.1, 0.2, 1.0), (-0.1, 0.1, -0.8)]]), faces
+
+
+def closed_meshes() -> dict[str, tuple[Floats, npt.NDArray[np.int64], Floats]]:
+    """Return closed meshes about the origin, each with a point inside it."""
+    import trimesh
+
+    zero = np.zeros(3)
+    tetrahedron = np.array([(1.0, 1.0, 1.0), (1.0, -1.0, -1.0), (-1.0, 1.0, -1.0), (-1.0, -1.0, 1.0)])
+    meshes = {"tetrahedron": (tetrahedron, np.array([(0, 1, 2), (0, 3, 1), (0, 2, 3), (1, 3, 2)]), zero)}
+    for name, mesh, inside in (
+        ("box", trimesh.creation.box((2.0, 1.0, 0.5)), zero),
+        ("icosphere", trimesh.creation.icosphere(subdivisions=2), zero),
+        ("torus", trimesh.creation.torus(1.0, 0.4, major_sections=20, minor_sections=9), np.array((0.98, 0.17, 0.03))),
+    ):
+        meshes[name] = np.array(mesh.vertices, dtype=np.float64), np.array(mesh.faces, dtype=np.int64), inside
+    for valence in (3, 4, 7, 30, 100):
+        meshes[f"fan-{valence}"] = (*fan(valence), zero)
+    return meshes
+
+
+def leak_rays(
+    vertices: Floats, faces: npt.NDArray[np.int64], inside: Floats, rng: np.random.Generator
+) -> tuple[Floats, Floats]:
+    """Return rays, of any length, from inside to each vertex, edge midpoint, point p + s·e of an edge, and centroid."""
+    corners = vertices[faces]
+    edges = corners[:, [1, 2, 0]] - corners
+    targets = [
+        vertices,
+        ((corners + corners[:, [1, 2, 0]]) / 2).reshape(-1, 3),
+        (corners + rng.uniform(size=(len(faces), 3, 1)) * edges).reshape(-1, 3),
+        corners.mean(axis=1),
+    ]
+    directions = np.concatenate(targets) - inside
+    directions *= 2.0 ** rng.integers(-40, 40, (len(directions), 1))
+    return np.broadcast_to(inside, directions.shape).copy(), directions
+
+
+def _meshes() -> Iterator[Case]:
+    rng = np.random.default_rng(10)
+    shapes = closed_meshes()
+    for name, (offset, shift) in itertools.product(("tetrahedron", "torus", "fan-7", "fan-100"), OFFSETS.items()):
+        vertices, faces, inside = shapes[name]
+        vertices = vertices + shift
+        inside = inside + shift
+        origins, directions = leak_rays(vertices, faces, inside, rng)
+        keep = rng.permutation(len(origins))[:60]
+        spec = Spec("TriangleMesh", (vertices, faces))
+        group = f"closed mesh at {offset} m, to vertices and edges"
+        yield Case(f"mesh-{name}-inside-at-{offset}", group, spec, origins[keep], directions[keep], len(keep))
+        outside = inside + rng.normal(size=(len(keep), 3)) * 4
+        target = origins[keep] + directions[keep] / np.linalg.norm(directions[keep], axis=1, keepdims=True)
+        yield Case(f"mesh-{name}-outside-at-{offset}", group, spec, outside, target - outside, 10)
+    x, y = (g.ravel().astype(float) for g in np.meshgrid(np.arange(6), np.arange(6)))
+    vertices = np.stack([x, y, np.mod(x * y, 3.0)], axis=1)
+    i = (np.arange(5)[:, None] * 6 + np.arange(5)).ravel()
+    faces = np.concatenate([np.stack([i, i + 1, i + 7], 1), np.stack([i, i + 7, i + 6], 1)])
+    half = np.arange(-1, 12) / 2
+    down = [((u, v, 9.0), (0, 0, -1.0)) for u in half for v in half]
+    spec = Spec("TriangleMesh", (vertices, faces))
+    yield Case("mesh-integer-grid-axis-parallel", "mesh, integer grid, axis-parallel rays", spec, *_rays(down), 100, 20)
+    along = [((-3.0, v, w), (1.0, 0, -0.0)) for v in half for w in (0.0, 0.5, 1.0, 2.0)]
+    yield Case("mesh-integer-grid-along-rows", "mesh, integer grid, axis-parallel rays", spec, *_rays(along), 20, 5)
+    # two coplanar triangles overlap, one twice; then zero area in three ways
+    vertices = np.array([(0, 0, 0), (4, 0, 0), (0, 4, 0), (4, 4, 0), (2, 0, 0), (2, 2, 0)], dtype=float)
+    faces = np.array([(0, 0, 1), (0, 4, 1), (3, 3, 3), (0, 1, 3), (0, 1, 2), (2, 0, 1), (1, 3, 2)])
+    down = [((u, v, 5.0), (0, 0, -2.5)) for u in half for v in half]
+    spec = Spec("TriangleMesh", (vertices, faces))
+    yield Case(
+        "mesh-coplanar-overlaps-and-no-area",
+        "mesh, coplanar overlaps and triangles without area",
+        spec,
+        *_rays(down),
+        80,
+        20,
+    )
+
+
+def star(points: int, rng: np.random.Generator, slope: Sequence[int] = (2, -3), size: int = 1000) -> Floats:
+    """Return a simple polygon, not convex, of integer coordinates in the plane z = slope·(x, y)."""
+    around = (np.arange(points) + rng.uniform(0.1, 0.9, points)) * (2 * np.pi / points)
+    radius = np.where(np.arange(points) % 2, rng.uniform(0.2, 0.5, points), rng.uniform(0.7, 1, points))
+    x, y = np.rint(size * radius * np.cos(around)), np.rint(size * radius * np.sin(around))
+    return np.stack([x, y, slope[0] * x + slope[1] * y], axis=1)
+
+
+def _polygons() -> Iterator[Case]:
+    rng = np.random.default_rng(11)
+    for points, (where, shift) in itertools.product((3, 4, 8, 25), (("0", 0.0), ("2^22", 2.0**22))):
+        vertices = star(points, rng)
+        nxt = np.roll(vertices, -1, axis=0)
+        targets = np.concatenate(
+            [
+                vertices,
+                (vertices + nxt) / 2,
+                vertices + rng.uniform(size=(points, 1)) * (nxt - vertices),
+                vertices * 0.3,
+                vertices * 1.01,
+            ]
+        )
+        origins = rng.normal(size=targets.shape) * 2000
+        spec = Spec("Polygon", (vertices + shift,))
+        name = f"polygon-{points}-at-{where}"
+        yield Case(name, "polygon, to vertices and edges", spec, origins + shift, (targets - origins) * 3, points)
+        level = np.rint(rng.uniform(-1000, 1000, (60, 2)))
+        pairs = [((x, y, 9000.0), (0, 0, -1.0)) for x, y in [*level.tolist(), *vertices[:, :2].tolist()]]
+        origins, directions = _rays(pairs)
+        yield Case(f"{name}-axis-parallel", "polygon, to vertices and edges", spec, origins + shift, directions, points)
+    comb = np.array(
+        [(0, 0, 0), (6, 0, 0), (6, 3, 0), (5, 3, 0), (5, 1, 0), (4, 1, 0), (4, 3, 0), (2, 3, 0), (2, 1, 0), (0, 1, 0)]
+    )
+    half = np.arange(-1, 14) / 2
+    pairs = [((u, v, 1.0), (0, 0, -1.0)) for u in half for v in half[:9]]
+    yield Case(
+        "polygon-comb-integer-grid",
+        "polygon, to vertices and edges",
+        Spec("Polygon", (comb.astype(float),)),
+        *_rays(pairs),
+        50,
+        30,
+    )
+
+
+def _basic() -> dict[str, Spec]:
+    """Return one plain sample of each kind, about a metre in size, near the origin."""
+    turn = _rotations(1, 12)[0]
+    vertices, faces = fan(5)
+    return {
+        "plane": Spec("Plane", ((1.0, 2.0, 3.0), 0.5)),
+        "sphere": Spec("Sphere", ((0.1, 0.2, 0.3), 0.9)),
+        "ellipsoid": Spec("Ellipsoid", ((0.1, 0.2, 0.3), (1.2, 0.5, 0.8), turn)),
+        "box": Spec("Box", ((1.5, 1.1, 0.7), (0.1, 0.2, 0.3))),
+        "cylinder": Spec("Cylinder", ((0.1, 0.2, -0.6), (0.3, 0.1, 0.8), 0.7)),
+        "open-cylinder": Spec("Cylinder", ((0.1, 0.2, -0.6), (0.3, 0.1, 0.8), 0.7, False)),
+        "triangle": Spec("Triangle", ((1.3, 0.1, 0.2), (-0.7, 1.1, 0.1), (-0.6, -0.9, 0.4))),
+        "polygon": Spec("Polygon", (star(9, np.random.default_rng(12)) / 1024,)),
+        "mesh": Spec("TriangleMesh", (vertices, faces)),
+    }
+
+
+def _scaled() -> Iterator[Case]:
+    rng = np.random.default_rng(13)
+    for name, spec in _basic().items():
+        origins = rng.normal(size=(20, 3)) * 3
+        towards = rng.uniform(-0.5, 0.5, (20, 3)) - origins
+        axis_parallel = np.eye(3)[rng.integers(0, 3, 20)] * rng.choice([-1, 1], (20, 1))
+        level = rng.uniform(-0.4, 0.4, (20, 3)) - 4 * axis_parallel
+        for scale in SCALES:
+            o, d = (
+                np.concatenate([origins, level]),
+                np.concatenate([towards, np.where(axis_parallel == 0, -0.0, axis_parallel)]),
+            )
+            yield Case(f"{name}-direction-times-{scale:g}", "directions times 2^k and 1e±200", spec, o, d * scale, 5)
+        near = rng.uniform(-0.3, 0.3, (20, 3))
+        tiny = rng.choice([0.0, -0.0, 5e-324, -1e-310, 2e-308, 1e-300], (20, 3)) + axis_parallel * 1e-307
+        yield Case(f"{name}-subnormal-direction", "directions times 2^k and 1e±200", spec, near, tiny, 1)
+        mixed = rng.choice([5e-324, -1e-310, 1e-200, 1.0, -1e200], (20, 3))
+        yield Case(f"{name}-mixed-direction", "directions times 2^k and 1e±200", spec, near, mixed, 1)
+
+
+def transforms() -> dict[str, Floats]:
+    """Return affine maps: each kind that a user may give."""
+    turn = _rotations(2, 14)
+    return {
+        "turn-utm": _affine(turn[0], UTM),
+        "uneven": _affine(turn[0] @ np.diag((1e3, 1.0, 1e-3)) @ turn[1]),
+        "reflection": _affine(np.diag((-1.0, 1.0, 1.0)) @ turn[1], (1.0, 2.0, 3.0)),
+        "mirror": _affine(np.diag((1.0, 1.0, -1.0))),
+        "shear": _affine(((1.0, 0.5, 0.0), (0.0, 1.0, 0.25), (0.125, 0.0, 1.0)), (5.0, -3.0, 2.0)),
+        "shrink-far": _affine(turn[1] * 1e-3, UTM),
+        "thirds": _affine(np.diag((1 / 3, 1 / 7, -1 / 11)), (0.1, 0.2, 0.3)),
+    }
+
+
+def _transformed() -> Iterator[Case]:
+    rng = np.random.default_rng(15)
+    for (shape, spec), (name, matrix) in itertools.product(_basic().items(), transforms().items()):
+        origins = rng.normal(size=(40, 3)) * 3
+        directions = rng.uniform(-0.6, 0.6, (40, 3)) - origins
+        linear = matrix[:3, :3]
+        moved = Spec(spec.kind, spec.args, matrix)
+        o, d = origins @ linear.T + matrix[:3, 3], directions @ linear.T
+        yield Case(f"{shape}-transform-{name}", "through a transform", moved, o, d, 5)
+
+
+# The random supply.
+
+KINDS = ("Plane", "Sphere", "Ellipsoid", "Box", "Cylinder", "Triangle", "Polygon", "TriangleMesh")
+
+
+@dataclass(frozen=True)
+class _Aim:
+    """Points to aim at and ways to go through them, before an origin is chosen; `unit` is the lattice's step."""
+
+    spec: Spec
+    targets: Floats
+    directions: Floats
+    unit: float
+
+
+def random_case(rng: np.random.Generator, kind: str, rays: int = 100) -> Case:
+    """Return a random case of `kind`: adversarial targets, any offset and scale; every third on a lattice."""
+    lattice = bool(rng.random() < 0.3)
+    size = float(2.0 ** rng.integers(-12, 12)) if lattice else float(10 ** rng.uniform(-4, 4))
+    offset = np.zeros(3) if rng.random() < 0.4 else rng.normal(size=3) * 10 ** rng.uniform(0, 9) * size
+    center = np.rint(rng.uniform(-4, 4, 3)) * size if lattice else offset
+    make = {
+        "Plane": _random_plane,
+        "Triangle": _random_facets,
+        "Polygon": _random_facets,
+        "TriangleMesh": _random_facets,
+    }
+    aim = make.get(kind, _random_solid)(rng, kind, rays, size, center, lattice=lattice)
+    if lattice:
+        target = np.rint(aim.targets / aim.unit) * aim.unit
+        d = np.rint(rng.uniform(-3, 3, (rays, 3))) if rng.random() < 0.7 else np.eye(3)[rng.integers(0, 3, rays)]
+        d = np.where(d.any(axis=1, keepdims=True), d, (1.0, 0.0, 0.0)) * aim.unit
+        origins = target - d * rng.integers(-4, 9, (rays, 1))
+    else:
+        reach = 10 ** rng.uniform(-6, 6, (rays, 1)) * rng.choice(
+            [1.0, 1.0, -1.0, 0.0], (rays, 1), p=(0.4, 0.4, 0.1, 0.1)
+        )
+        origins = aim.targets - aim.directions * reach
+        aimed = aim.targets - origins
+        d = np.where((rng.random((rays, 1)) < 0.5) & aimed.any(axis=1, keepdims=True), aimed, aim.directions)
+    spec = aim.spec
+    if rng.random() < 0.25:
+        matrix = transforms()["mirror"] if lattice else list(transforms().values())[rng.integers(7)]
+        linear = matrix[:3, :3]
+        spec = Spec(spec.kind, spec.args, matrix)
+        origins, d = origins @ linear.T + matrix[:3, 3], d @ linear.T
+    d = np.where(d.any(axis=1, keepdims=True), d, (1.0, 0.0, 0.0))
+    if rng.random() < 0.2:
+        d = d / np.abs(d).max(axis=1, keepdims=True) * 2.0 ** rng.integers(-500, 500)
+    return Case(f"random {kind}", f"random, {kind}", spec, np.ascontiguousarray(origins), np.ascontiguousarray(d), 0)
+
+
+def _units(rng: np.random.Generator, n: int) -> Floats:
+    v = rng.normal(size=(n, 3))
+    unit: Floats = v / np.linalg.norm(v, axis=1, keepdims=True)
+    return unit
+
+
+def _near_one(rng: np.random.Generator, n: int) -> Floats:
+    """Return (n, 1) factors, most of which crowd around 1: 1 ± 2^−k."""
+    one = 1 + rng.choice([-1.0, 1.0], (n, 1)) * 2.0 ** -rng.integers(1, 56, (n, 1))
+    return np.where(rng.random((n, 1)) < 0.3, rng.uniform(0, 1.1, (n, 1)), one)
+
+
+def _random_plane(rng: np.random.Generator, _kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
+    normal = np.rint(rng.uniform(-4, 4, 3)) if lattice else rng.normal(size=3) * 10.0 ** rng.integers(-6, 6)
+    normal = normal if normal.any() else np.array((0.0, 0.0, 1.0))
+    along = np.cross(normal, rng.normal(size=(n, 3)))
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    d = along + normal * 10.0 ** rng.uniform(-18, 0, (n, 1)) * rng.choice([-1.0, 1.0], (n, 1))
+    legs = np.array(((1.0, 0.0, 2.0), (0.0, 3.0, -1.0))) if lattice else along[:2]
+    spec = (
+        Spec("Plane", (normal, float(normal @ center))),
+        Spec("Plane.from_point", (center, normal)),
+        Spec("Plane.from_points", (center, center + legs[0] * size, center + legs[1] * size)),
+    )[rng.integers(3)]
+    return _Aim(spec, center + along * size, d, size / 2)
+
+
+def _random_solid(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
+    def lengths(count: int) -> Floats:
+        return size * np.asarray(2.0 ** rng.integers(-3, 4, count) if lattice else 10 ** rng.uniform(-3, 3, count))
+
+    turn = np.eye(3) if lattice else _rotations(1, int(rng.integers(1 << 30)))[0]
+    match kind:
+        case "Sphere":
+            linear = np.eye(3) * size * 5
+            spec = Spec(kind, (center, size * 5))
+        case "Ellipsoid":
+            radii = lengths(3)
+            linear = turn * radii
+            spec = Spec(kind, (center, radii, turn))
+        case "Box":
+            half = lengths(3)
+            linear = np.diag(half)
+            spec = Spec(kind, (2 * half, center))
+        case _:
+            radius, half_height = (5 * size, 4 * size) if lattice else lengths(2)
+            linear = turn * np.array((radius, radius, half_height))
+            axis = linear[:, 2]
+            spec = Spec(kind, (center - axis, center + axis, float(radius), bool(rng.integers(2))))
+    target, d = _solid_targets(rng, kind, n)
+    return _Aim(spec, target @ linear.T + center, d @ linear.T, size / 2)
+
+
+def _solid_targets(rng: np.random.Generator, kind: str, n: int) -> tuple[Floats, Floats]:
+    """Return points of, and directions nearly tangent to or through, the unit ball, [−1, 1]³ or the cylinder in it."""
+    u = _units(rng, n)
+    if kind in {"Sphere", "Ellipsoid"}:
+        v = np.cross(u, _units(rng, n))
+        return _near_one(rng, n) * v / np.linalg.norm(v, axis=1, keepdims=True), u
+    if kind == "Box":
+        target = rng.choice([-1.0, 1.0, 0.0], (n, 3))
+        target = np.where(rng.random((n, 3)) < 0.25, rng.uniform(-1, 1, (n, 3)), target)
+        return target, np.where(rng.random((n, 1)) < 0.3, np.eye(3)[rng.integers(0, 3, n)], u)
+    around, zero = rng.uniform(0, 2 * np.pi, (n, 1)), np.zeros((n, 1))
+    radial = np.concatenate([np.cos(around), np.sin(around), zero], axis=1)
+    tangent = np.concatenate([-np.sin(around), np.cos(around), zero], axis=1)
+    axis = np.array((0.0, 0.0, 1.0))
+    rim = rng.choice([-1.0, 1.0], (n, 1)) * _near_one(rng, n)
+    z = np.where(rng.random((n, 1)) < 0.5, rim, rng.uniform(-1, 1, (n, 1)))
+    parts = ((radial, (0.0, 1.0, 1e-9)), (tangent, (0.0, 1.0)), (axis, (0.0, 1.0, 1e-7)))
+    d = sum(rng.choice(weights, (n, 1)) * part for part, weights in parts)
+    return radial * _near_one(rng, n) + z * axis, np.where(np.any(d, axis=1, keepdims=True), d, axis)
+
+
+def _random_facets(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
+    unit = size / 2
+    if kind == "Triangle":
+        corners = np.rint(rng.uniform(-4, 4, (3, 3))) * size if lattice else rng.normal(size=(3, 3)) * size
+        if not lattice and rng.random() < 0.4:  # a sliver
+            side = rng.random() * (corners[1] - corners[0])
+            corners[2] = corners[0] + side + rng.normal(size=3) * size * 10 ** rng.uniform(-12, 0)
+        corners = corners + center
+        if not np.cross(corners[1] - corners[0], corners[2] - corners[0]).any():
+            corners = center + np.array([(0, 0, 0), (4, 0, 1), (0, 2, 0)]) * size
+        spec = Spec(kind, tuple(corners))
+    elif kind == "Polygon":  # exactly planar, so of integers times a power of two
+        unit = 2.0 ** float(np.rint(np.log2(size)))
+        points = 6 if lattice else int(rng.integers(3, 12))
+        corners = star(
+            points,
+            np.random.default_rng(3) if lattice else rng,
+            rng.integers(-3, 4, 2).tolist(),
+            16 if lattice else 1000,
+        )
+        corners = corners * unit
+        spec = Spec(kind, (corners,))
+    else:
+        corners, faces = fan(int(rng.integers(3, 12)))
+        corners = corners + rng.normal(size=corners.shape) * 0.1
+        corners = (np.rint(corners * 4) if lattice else corners) * size + center
+        spec = Spec(kind, (corners, faces))
+    i, j, k = rng.integers(0, len(corners), (3, n))
+    s = np.where(rng.random((n, 1)) < 0.4, rng.uniform(0, 1, (n, 1)), rng.choice([0.0, 0.5, 1.0], (n, 1)))
+    inward = np.where(rng.random((n, 1)) < 0.6, 0.0, rng.uniform(0, 0.5, (n, 1)))
+    target = corners[i] + s * (corners[(i + 1) % len(corners)] - corners[i])
+    target = target + inward * (corners[k] - target)
+    extent = np.ptp(corners)
+    across = corners[j] - corners[i] + 10.0 ** rng.uniform(-15, 0, (n, 1)) * _units(rng, n) * extent
+    d = np.where(rng.random((n, 1)) < 0.4, across, _units(rng, n) * extent)
+    return _Aim(spec, target, d, unit)
