@@ -1,7 +1,7 @@
 """The core in Rust. Private: use the classes of lidarsim."""
 
 from collections.abc import Sequence
-from typing import final
+from typing import Any, final
 
 import numpy as np
 import numpy.typing as npt
@@ -46,5 +46,34 @@ class Scene:
         self, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64], t_min: float, t_max: float
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]: ...
 
+@final
+class Path:
+    @staticmethod
+    def still(matrix: Sequence[_Point]) -> Path: ...
+    @staticmethod
+    def twist(matrix: Sequence[_Point], linear: _Point, angular: _Point) -> Path: ...
+    @staticmethod
+    def knots(times: Sequence[float], matrices: Sequence[Sequence[_Point]], turns: Sequence[_Point]) -> Path: ...
+    def span(self) -> tuple[float, float]: ...
+    def at(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...
+
+@final
+class Appearances:
+    def __new__(cls, objects: Sequence[tuple[int, str, npt.NDArray[np.float64]]]) -> Appearances: ...
+
+def scan(
+    scene: Scene,
+    appearances: Appearances,
+    path: Path,
+    pulses: object,
+    indices: npt.NDArray[np.uint64] | None,
+    measurement: object,
+    gate: tuple[float, float],
+    start: float,
+    draws: tuple[int, int, int],
+) -> dict[str, npt.NDArray[Any]]: ...
+def points_of(scan: object, path: Path, frame: str) -> dict[str, npt.NDArray[Any]]: ...
+def philox(counters: npt.NDArray[np.uint32], key: Sequence[int]) -> npt.NDArray[np.uint32]: ...
+def normal_quantile(p: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...
 def self_crossing(outline: npt.NDArray[np.float64]) -> tuple[int, int] | None: ...
 def threads() -> int: ...

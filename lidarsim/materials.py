@@ -3,26 +3,103 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
-from lidarsim._validation import real
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import array, real
+
+__all__ = ["Material"]
+
+Per = Literal["object", "face", "vertex"]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Material:
     """How a surface returns light.
 
     Parameters
     ----------
-    reflectivity : float
-        Lambertian reflectivity at the wavelength of the sensor, >= 0; 1 for a perfect diffuser, more for a retro-reflector.
+    reflectivity : float or array_like, shape (n,)
+        Lambertian reflectivity at the wavelength of the sensor, >= 0: what the surface returns as a share of what a
+        white diffuser does, so that a retro-reflector has more than 1. An array is kept as a read-only copy.
+    per : {"object", "face", "vertex"}
+        What the reflectivity is given for: one number for all of an object, or, of a `TriangleMesh`, one a face or one
+        a vertex, between which it is linear over each face.
 
     Raises
     ------
-    ValueError
-        If the reflectivity is negative or not finite.
+    TypeError, ValueError
+        If a reflectivity is negative or not finite, or is not one number or one-dimensional array, as `per` says.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> asphalt = ls.Material(reflectivity=0.17)
+    >>> sign = ls.Material(reflectivity=[0.1, 300.0], per="face")
     """
 
-    reflectivity: float = 1.0
+    reflectivity: float | npt.NDArray[np.float64] = 1.0
+    per: Per = "object"
 
     def __post_init__(self) -> None:
-        real("reflectivity", self.reflectivity, at_least=0.0)
+        """Check the arguments."""
+        if self.per not in get_args(Per):
+            raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {self.per!r}")
+        if self.per == "object":
+            if isinstance(self.reflectivity, np.ndarray | list | tuple):
+                raise TypeError("reflectivity: expected one number, or per='face' or per='vertex' beside an array")
+            object.__setattr__(self, "reflectivity", real("reflectivity", self.reflectivity, at_least=0.0))
+            return
+        values = array("reflectivity", self.reflectivity, ("n",)).copy()
+        if (values < 0.0).any():
+            index = int(np.argmax(values < 0.0))
+            raise ValueError(f"reflectivity: expected numbers >= 0, got reflectivity[{index}] = {values[index]}")
+        values.setflags(write=False)
+        object.__setattr__(self, "reflectivity", values)
+
+    @classmethod
+    def from_colors(cls, colors: npt.ArrayLike, *, per: Literal["face", "vertex"] = "vertex") -> Material:
+        """Return the material of a mesh whose reflectivity is the luminance of its colours.
+
+        The only guess there is where a mesh has colours and nothing is known of the infrared: green leaves, among
+        others, are far brighter there.
+
+        Parameters
+        ----------
+        colors : array_like, shape (n, 3) or (n, 4)
+            sRGB colours of the vertices or faces: integers 0 to 255 or numbers 0 to 1. An opacity is ignored.
+        per : {"vertex", "face"}
+            What the colours are given for.
+
+        Returns
+        -------
+        Material
+            Luminance of linear light, weights of ITU-R BT.709; 1 for white.
+
+        Raises
+        ------
+        ValueError
+            If the shape is wrong or a colour out of range.
+        """
+        given = np.asarray(colors)
+        scale = 255.0 if given.dtype.kind in "iu" else 1.0
+        if given.ndim != 2 or given.shape[1] not in {3, 4}:
+            raise ValueError(f"colors: expected shape (n, 3) or (n, 4), got {given.shape}")
+        encoded = array("colors", given[:, :3], ("n", 3)) / scale
+        if ((encoded < 0.0) | (encoded > 1.0)).any():
+            raise ValueError(f"colors: expected numbers from 0 to {scale:g}, got {given.min()} to {given.max()}")
+        # IEC 61966-2-1
+        linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
+        return cls(reflectivity=linear @ (0.2126, 0.7152, 0.0722), per=per)
+
+    def __eq__(self, other: object) -> bool:
+        """Say whether the parameters are equal."""
+        if not isinstance(other, Material):
+            return NotImplemented
+        return self.per == other.per and np.array_equal(self.reflectivity, other.reflectivity)
+
+    def __hash__(self) -> int:
+        """Return a hash of the parameters."""
+        return hash((self.per, np.asarray(self.reflectivity).tobytes()))

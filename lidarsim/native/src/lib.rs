@@ -3,9 +3,13 @@
 mod affine;
 mod bind;
 mod bvh;
+mod elementary;
+mod measure;
 mod number;
 mod parallel;
+mod pose;
 mod ray;
+mod rng;
 mod root;
 mod scene;
 mod shapes;

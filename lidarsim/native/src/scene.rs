@@ -41,6 +41,14 @@ impl Object {
         object
     }
 
+    /// A triangle of a mesh: its vertices, and where they are in the world, rounded.
+    pub fn triangle(&self, primitive: u32) -> Option<([u32; 3], [Point; 3])> {
+        let Geometry::Mesh(mesh) = &self.geometry else { return None };
+        let vertices = *mesh.faces().get(primitive as usize)?;
+        let place = |v: u32| self.maps.iter().fold(mesh.vertices()[v as usize], |p, map| map.place(p));
+        Some((vertices, vertices.map(place)))
+    }
+
     fn local<N: Number>(&self, origin: Point, direction: Point) -> Result<Ray<N>, Uncertain> {
         let ray = Ray::new(origin, direction);
         self.maps.iter().rev().try_fold(ray, |ray, map| Ok(Adjugate::new(map)?.apply(&ray)))

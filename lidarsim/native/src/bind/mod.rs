@@ -1,5 +1,6 @@
 //! What Python sees of the core. No Python type goes past these files.
 
+mod scan;
 mod scene;
 mod shape;
 
@@ -24,6 +25,12 @@ const SLICE: usize = 1 << 18;
 pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyShape>()?;
     m.add_class::<PyScene>()?;
+    m.add_class::<scan::PyPath>()?;
+    m.add_class::<scan::PyAppearances>()?;
+    m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
+    m.add_function(wrap_pyfunction!(scan::points_of, m)?)?;
+    m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
+    m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;
     Ok(())

@@ -1,0 +1,244 @@
+"""What a sensor makes of what its pulses hit: noise, intensity, detection, returns.
+
+The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, range gate, detection, drop-out,
+range noise, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it.
+
+Random numbers come from Philox4x32-10. Its key is drawn from the seed and the sensor's name, its counter is pulse,
+frame, effect and draw; so the noise of a pulse hangs on these alone: not on threads, on which other pulses are fired,
+or on which other effects are on. The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevation),
+2 drop-out, 3 range noise (one draw an echo, from the nearest).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import array, integer, real
+
+__all__ = ["Beam", "Detection", "Measurement"]
+
+ReturnMode = Literal["strongest", "first", "last", "dual"]
+Pairs = Sequence[Sequence[float]] | npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Detection:
+    """What a sensor detects, in the words of a datasheet: "150 m at 10 %".
+
+    A target of this reflectivity, met at normal incidence, is seen out to this range, and any other target as far as
+    it returns as much light: an echo of intensity I from range R is kept if I/R² >= ρ·exp(−2αr)/r², where α is the
+    extinction of the `Measurement`.
+
+    Parameters
+    ----------
+    reflectivity : float
+        ρ, > 0; 0.1 for 10 %.
+    range : float
+        r, m, > 0.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Detection(reflectivity=0.1, range=150.0)
+    Detection(reflectivity=0.1, range=150.0)
+    """
+
+    reflectivity: float
+    range: float
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        object.__setattr__(self, "reflectivity", real("reflectivity", self.reflectivity, above=0.0))
+        object.__setattr__(self, "range", real("range", self.range, above=0.0))
+
+
+@dataclass(frozen=True)
+class Beam:
+    """A beam that widens, as a few sub-rays over its footprint.
+
+    The profile is Gaussian, elliptical, and cut where its intensity is 1/e² of the axis'. The sub-rays stand on the
+    axis and on rings about it, 6, 12, 18, … of them, each with the energy that the profile has in its part of the
+    footprint. What they bring back makes echoes: sub-rays are of one echo if their ranges differ by less than the
+    range resolution c/2·`pulse_length`, or if they hit one plane to within that, as on a slanted wall; an echo is all
+    that hangs together so. Its range is the mean over its sub-rays, weighted by the power received, I/R², so that an
+    echo over an edge lies between the two surfaces: a mixed pixel. Its intensity is the sum over its sub-rays, each
+    weighted by its share of the energy.
+
+    Parameters
+    ----------
+    divergence_azimuth, divergence_elevation : float
+        Full angles, horizontally and vertically, between the directions where the intensity is 1/e² of the axis', rad,
+        >= 0. (The angle at half of the intensity is 0.589 times that.) If only one is given, the beam is round.
+    pulse_length : float
+        Duration of the pulse, s, > 0.
+    rays : int
+        Sub-rays a pulse: 7, 19, 37, 61 or 91.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a number is out of its range.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> ls.Beam(3.0e-3, 1.5e-3, pulse_length=6e-9)
+    Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19)
+    """
+
+    divergence_azimuth: float
+    divergence_elevation: float | None = None
+    pulse_length: float = 5e-9
+    rays: int = 19
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        elevation = self.divergence_azimuth if self.divergence_elevation is None else self.divergence_elevation
+        for name, value in (("divergence_azimuth", self.divergence_azimuth), ("divergence_elevation", elevation)):
+            object.__setattr__(self, name, real(name, value, at_least=0.0, at_most=1.0))
+        object.__setattr__(self, "pulse_length", real("pulse_length", self.pulse_length, above=0.0))
+        object.__setattr__(self, "rays", integer("rays", self.rays))
+        if self.rays not in {7, 19, 37, 61, 91}:
+            raise ValueError(f"rays: expected 7, 19, 37, 61 or 91, got {self.rays}")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Measurement:
+    """What a sensor makes of what its pulses hit. Every effect is off until it is asked for.
+
+    Parameters
+    ----------
+    range_sigma : float or sequence of (range, sigma), shape (n, 2)
+        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it against range, as datasheets print
+        it: linear between its rows, constant before the first and after the last; its ranges must rise.
+    range_sigma_slope : float
+        b, the part that grows with range, m a metre.
+    range_bias : float
+        Added to each range, m.
+    range_resolution : float
+        Step to whose multiples ranges are rounded, halves to even, m; 0 for none.
+    azimuth_sigma, elevation_sigma : float
+        Standard deviations of the direction that a pulse really takes, rad. Points are still put where the pulse
+        should have gone.
+    dropout : float
+        Probability that a pulse is lost, 0 to 1.
+    detection : Detection, optional
+        The weakest echo that is seen. Default: any is.
+    extinction : float
+        α of the atmosphere, 1/m: light comes back weaker by exp(−2αR).
+    beam : Beam, optional
+        Divergence of the beam. Default: a pulse is a line.
+    returns : {"strongest", "first", "last", "dual"} or int
+        Which echoes of a pulse are reported. "dual": the strongest and then the last or, if they are the same, the
+        next strongest. A number: so many at most, from the nearest on. More than one needs a `beam`, since a line has
+        one echo.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a parameter is of the wrong type or out of its range.
+
+    Notes
+    -----
+    Intensity is Lambert's, I = ρ·cos θ·exp(−2αR), with reflectivity ρ and incidence θ: 1 for a white diffuser met at a
+    right angle. It is not divided by R², as sensors do not report it so either; the power that decides detection is
+    I/R².
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> noisy = ls.Measurement(range_sigma=0.02, dropout=0.01, detection=ls.Detection(0.1, 100.0))
+    >>> table = ls.Measurement(range_sigma=[(0.1, 0.01), (10.0, 0.01), (30.0, 0.03)])
+    """
+
+    range_sigma: float | Pairs = 0.0
+    range_sigma_slope: float = 0.0
+    range_bias: float = 0.0
+    range_resolution: float = 0.0
+    azimuth_sigma: float = 0.0
+    elevation_sigma: float = 0.0
+    dropout: float = 0.0
+    detection: Detection | None = None
+    extinction: float = 0.0
+    beam: Beam | None = None
+    returns: ReturnMode | int = "strongest"
+
+    def __post_init__(self) -> None:
+        """Check the arguments."""
+        is_table = isinstance(self.range_sigma, np.ndarray | list | tuple)
+        for name, at_most in _NUMBERS.items():
+            if not (name == "range_sigma" and is_table):
+                object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0, at_most=at_most))
+        object.__setattr__(self, "range_bias", real("range_bias", self.range_bias))
+        if is_table:
+            object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
+        if self.detection is not None and not isinstance(self.detection, Detection):
+            raise TypeError(f"detection: expected a Detection or None, got {self.detection!r}")
+        if self.beam is not None and not isinstance(self.beam, Beam):
+            raise TypeError(f"beam: expected a Beam or None, got {self.beam!r}")
+        object.__setattr__(self, "returns", _returns(self.returns, self.beam))
+
+    @property
+    def max_returns(self) -> int:
+        """The most returns that a pulse can have."""
+        return self.returns if isinstance(self.returns, int) else 2 if self.returns == "dual" else 1
+
+
+_NUMBERS = {
+    "range_sigma": math.inf,
+    "range_sigma_slope": math.inf,
+    "range_resolution": math.inf,
+    "azimuth_sigma": 1.0,
+    "elevation_sigma": 1.0,
+    "dropout": 1.0,
+    "extinction": math.inf,
+}
+"""Greatest value of each number that is at least 0."""
+
+
+def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]:
+    table = array("range_sigma", rows, ("n", 2))
+    if slope != 0.0:
+        raise ValueError(f"range_sigma_slope: expected 0 beside a table of range_sigma, got {slope!r}")
+    if not len(table):
+        raise ValueError("range_sigma: expected at least one row (range, sigma), got none")
+    if (table < 0.0).any():
+        i, j = np.argwhere(table < 0.0)[0]
+        raise ValueError(f"range_sigma: expected numbers >= 0, got range_sigma[{i}][{j}] = {table[i, j]}")
+    falling = np.diff(table[:, 0]) <= 0.0
+    if falling.any():
+        i = int(np.argmax(falling)) + 1
+        raise ValueError(
+            f"range_sigma: expected rising ranges, got {table[i, 0]} m in row {i} after {table[i - 1, 0]} m"
+        )
+    return tuple((float(r), float(sigma)) for r, sigma in table)
+
+
+def _returns(value: object, beam: Beam | None) -> ReturnMode | int:
+    names = get_args(ReturnMode)
+    if isinstance(value, str):
+        if value not in names:
+            raise ValueError(f"returns: expected {', '.join(map(repr, names))} or a number, got {value!r}")
+        number = 2 if value == "dual" else 1
+    else:
+        number = value = integer("returns", value, at_least=1)
+    most = 1 if beam is None else beam.rays
+    if number > most:
+        hint = (
+            "without a beam, which has one echo; give beam=Beam(...)"
+            if beam is None
+            else "from the sub-rays of the beam"
+        )
+        raise ValueError(f"returns: expected at most {most} {hint}, got {value!r}")
+    return value  # type: ignore[return-value]

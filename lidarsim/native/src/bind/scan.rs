@@ -1,0 +1,494 @@
+//! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
+
+use numpy::ndarray::Dimension;
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadonlyArray3, PyUntypedArrayMethods,
+};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+use pyo3::types::PyDict;
+use rayon::prelude::*;
+
+use super::{CHUNK, Points, PyScene, points};
+use crate::measure::{
+    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, Returns, Rows, measure,
+};
+use crate::parallel;
+use crate::pose::{Path, Pose};
+use crate::rng::{self, Stream};
+use crate::vector::Point;
+
+/// Half of the speed of light in vacuum, m/s: a range is half of a way.
+const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
+
+/// Where the sensor is at each time.
+#[pyclass(frozen, name = "Path", module = "lidarsim._native")]
+pub struct PyPath {
+    path: Path,
+}
+
+type Matrix = [[f64; 4]; 4];
+
+fn pose([x, y, z, _]: Matrix) -> Pose {
+    Pose::from_rows([x, y, z])
+}
+
+#[pymethods]
+impl PyPath {
+    #[staticmethod]
+    fn still(matrix: Matrix) -> Self {
+        PyPath { path: Path::Still(pose(matrix)) }
+    }
+
+    /// Constant velocities in the moving frame, which is at `matrix` at time 0.
+    #[staticmethod]
+    fn twist(matrix: Matrix, linear: Point, angular: Point) -> Self {
+        PyPath { path: Path::Twist { start: pose(matrix), linear, angular } }
+    }
+
+    /// Rising times, as many poses, and the rotation vectors from one pose to the next.
+    #[staticmethod]
+    fn knots(times: Vec<f64>, matrices: Vec<Matrix>, turns: Vec<Point>) -> PyResult<Self> {
+        if times.is_empty() || matrices.len() != times.len() || turns.len() + 1 != times.len() {
+            return Err(PyValueError::new_err("times, matrices, turns: expected n, n and n - 1 of them, n > 0"));
+        }
+        Ok(PyPath { path: Path::Knots { times, poses: matrices.into_iter().map(pose).collect(), turns } })
+    }
+
+    /// First and last time for which there is a pose.
+    fn span(&self) -> (f64, f64) {
+        self.path.span().into()
+    }
+
+    /// Poses (n, 4, 4) at times of the span.
+    fn at<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
+        let times = times.as_array();
+        let matrices: Vec<f64> = times
+            .iter()
+            .flat_map(|&time| {
+                let [x, y, z] = self.path.at(time).rows();
+                [x, y, z, [0.0, 0.0, 0.0, 1.0]].into_iter().flatten()
+            })
+            .collect();
+        Ok(matrices.into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
+    }
+}
+
+/// Label and reflectivity of each object of a scene.
+#[pyclass(frozen, name = "Appearances", module = "lidarsim._native")]
+pub struct PyAppearances {
+    appearances: Vec<Appearance>,
+}
+
+#[pymethods]
+impl PyAppearances {
+    /// For each object its label, what its reflectivity is given per ("object", "face" or "vertex"), and the values of that.
+    #[new]
+    fn new(objects: Vec<(u32, String, PyReadonlyArray1<'_, f64>)>) -> PyResult<Self> {
+        let appearances = objects.into_iter().map(|(label, per, values)| {
+            let values = values.as_array().to_vec();
+            let reflectivity = match (per.as_str(), values.as_slice()) {
+                ("object", [value]) => Reflectivity::Object(*value),
+                ("face", _) => Reflectivity::Face(values),
+                ("vertex", _) => Reflectivity::Vertex(values),
+                _ => {
+                    return Err(PyValueError::new_err(
+                        "reflectivity: expected one of an object, or some per face or vertex",
+                    ));
+                }
+            };
+            Ok(Appearance { label, reflectivity })
+        });
+        Ok(PyAppearances { appearances: appearances.collect::<PyResult<_>>()? })
+    }
+}
+
+/// The attributes of `lidarsim.Measurement`.
+#[derive(FromPyObject)]
+pub struct Parameters {
+    range_sigma: SigmaParameter,
+    range_sigma_slope: f64,
+    range_bias: f64,
+    range_resolution: f64,
+    azimuth_sigma: f64,
+    elevation_sigma: f64,
+    dropout: f64,
+    detection: Option<DetectionParameters>,
+    extinction: f64,
+    beam: Option<BeamParameters>,
+    returns: ReturnsParameter,
+}
+
+#[derive(FromPyObject)]
+enum SigmaParameter {
+    Number(f64),
+    Table(Vec<[f64; 2]>),
+}
+
+#[derive(FromPyObject)]
+struct DetectionParameters {
+    reflectivity: f64,
+    range: f64,
+}
+
+#[derive(FromPyObject)]
+struct BeamParameters {
+    divergence_azimuth: f64,
+    divergence_elevation: f64,
+    pulse_length: f64,
+    rays: usize,
+}
+
+#[derive(FromPyObject)]
+enum ReturnsParameter {
+    Nearest(usize),
+    Name(String),
+}
+
+impl Parameters {
+    fn measurement(self, [min_range, max_range]: [f64; 2]) -> PyResult<Measurement> {
+        let returns = match self.returns {
+            ReturnsParameter::Nearest(n) => Returns::Nearest(n),
+            ReturnsParameter::Name(name) => match name.as_str() {
+                "strongest" => Returns::Strongest,
+                "first" => Returns::First,
+                "last" => Returns::Last,
+                "dual" => Returns::Dual,
+                _ => return Err(PyValueError::new_err(format!("returns: unknown {name:?}"))),
+            },
+        };
+        Ok(Measurement {
+            azimuth_sigma: self.azimuth_sigma,
+            elevation_sigma: self.elevation_sigma,
+            extinction: self.extinction,
+            detection: self.detection.map(|d| Detection { reflectivity: d.reflectivity, range: d.range }),
+            dropout: self.dropout,
+            range_sigma: match self.range_sigma {
+                SigmaParameter::Number(a) => RangeSigma::Formula { a, b: self.range_sigma_slope },
+                SigmaParameter::Table(rows) => RangeSigma::Table(rows),
+            },
+            range_bias: self.range_bias,
+            beam: self.beam.map(|b| {
+                Beam::new([b.divergence_azimuth, b.divergence_elevation], b.rays, HALF_SPEED_OF_LIGHT * b.pulse_length)
+            }),
+            returns,
+            range_resolution: self.range_resolution,
+            min_range,
+            max_range,
+        })
+    }
+}
+
+/// The attributes of `lidarsim.patterns.Pulses` that a scan needs.
+#[derive(FromPyObject)]
+pub struct PulseArrays<'py> {
+    directions: Points<'py>,
+    origins: Points<'py>,
+    time: PyReadonlyArray1<'py, f64>,
+}
+
+impl PulseArrays<'_> {
+    fn slices(&self) -> PyResult<(&[Point], &[Point], &[f64])> {
+        let (directions, origins) =
+            (points("pulses.directions", &self.directions)?, points("pulses.origins", &self.origins)?);
+        let times =
+            self.time.as_slice().map_err(|_| PyValueError::new_err("pulses.time: expected a contiguous array"))?;
+        if origins.len() != directions.len() || times.len() != directions.len() {
+            return Err(PyValueError::new_err(format!(
+                "pulses: expected directions, origins and time of equal length, got {}, {} and {}",
+                directions.len(),
+                origins.len(),
+                times.len()
+            )));
+        }
+        Ok((directions, origins, times))
+    }
+}
+
+/// What a scan gives, each array filled once.
+struct Columns {
+    range: Vec<f64>,
+    true_range: Vec<f64>,
+    range_error: Vec<f64>,
+    intensity: Vec<f32>,
+    incidence: Vec<f32>,
+    normal: Vec<[f32; 3]>,
+    object_id: Vec<i32>,
+    label: Vec<u32>,
+    status: Vec<u8>,
+    return_count: Vec<u8>,
+}
+
+impl Columns {
+    fn new(pulses: usize, most: usize) -> Self {
+        let rows = pulses * most;
+        Columns {
+            range: vec![0.0; rows],
+            true_range: vec![0.0; rows],
+            range_error: vec![0.0; rows],
+            intensity: vec![0.0; rows],
+            incidence: vec![0.0; rows],
+            normal: vec![[0.0; 3]; rows],
+            object_id: vec![0; rows],
+            label: vec![0; rows],
+            status: vec![0; pulses],
+            return_count: vec![0; pulses],
+        }
+    }
+
+    /// The rows of `size` pulses at a time.
+    fn rows(&mut self, size: usize, most: usize) -> Vec<Rows<'_>> {
+        let mut range = self.range.chunks_mut(size * most);
+        let mut true_range = self.true_range.chunks_mut(size * most);
+        let mut range_error = self.range_error.chunks_mut(size * most);
+        let mut intensity = self.intensity.chunks_mut(size * most);
+        let mut incidence = self.incidence.chunks_mut(size * most);
+        let mut normal = self.normal.chunks_mut(size * most);
+        let mut object_id = self.object_id.chunks_mut(size * most);
+        let mut label = self.label.chunks_mut(size * most);
+        let mut status = self.status.chunks_mut(size);
+        let mut return_count = self.return_count.chunks_mut(size);
+        std::iter::from_fn(|| {
+            Some(Rows {
+                range: range.next()?,
+                true_range: true_range.next()?,
+                range_error: range_error.next()?,
+                intensity: intensity.next()?,
+                incidence: incidence.next()?,
+                normal: normal.next()?,
+                object_id: object_id.next()?,
+                label: label.next()?,
+                status: status.next()?,
+                return_count: return_count.next()?,
+            })
+        })
+        .collect()
+    }
+
+    fn into_dict(self, py: Python<'_>, most: usize) -> PyResult<Bound<'_, PyDict>> {
+        let shape = [self.status.len(), most];
+        let arrays = PyDict::new(py);
+        arrays.set_item("range", self.range.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("true_range", self.true_range.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("range_error", self.range_error.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("intensity", self.intensity.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("incidence", self.incidence.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("normal", self.normal.into_flattened().into_pyarray(py).reshape([shape[0], most, 3])?)?;
+        arrays.set_item("object_id", self.object_id.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("label", self.label.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("status", self.status.into_pyarray(py))?;
+        arrays.set_item("return_count", self.return_count.into_pyarray(py))?;
+        Ok(arrays)
+    }
+}
+
+/// Chunks between two looks at pending signals.
+const CHUNKS: usize = 256;
+
+/// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n, most).
+///
+/// `indices`: which pulses of the whole frame these are, if they are not all in order. `gate`: min_range, max_range.
+/// `draws`: seed, sensor and frame.
+#[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "one call a scan")]
+pub fn scan<'py>(
+    py: Python<'py>,
+    scene: &PyScene,
+    appearances: &PyAppearances,
+    path: &PyPath,
+    pulses: PulseArrays<'py>,
+    indices: Option<PyReadonlyArray1<'py, u64>>,
+    measurement: Parameters,
+    gate: [f64; 2],
+    start: f64,
+    draws: (u64, u32, u32),
+) -> PyResult<Bound<'py, PyDict>> {
+    let (directions, origins, times) = pulses.slices()?;
+    let indices =
+        indices.as_ref().map(|i| i.as_slice()).transpose().map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let measurement = measurement.measurement(gate)?;
+    let stream = Stream::new(draws.0, draws.1, draws.2);
+    let frame = Frame { origins, directions, times, indices, start, path: &path.path, stream };
+    let most = measurement.returns.most();
+    let size = (CHUNK / measurement.rays()).max(1);
+    let mut columns = Columns::new(directions.len(), most);
+    let mut rows = columns.rows(size, most);
+    py.detach(|| parallel::run(|| scene.scene.prepare()));
+    for (group, rows) in rows.chunks_mut(CHUNKS).enumerate() {
+        let bad = py.detach(|| {
+            parallel::run(|| {
+                rows.par_iter_mut()
+                    .enumerate()
+                    .filter_map(|(i, rows)| {
+                        let first = (group * CHUNKS + i) * size;
+                        let pulses = first..first + rows.status.len();
+                        measure(&frame, &measurement, &appearances.appearances, &scene.scene, pulses, rows).err()
+                    })
+                    .min_by_key(|bad| bad.pulse)
+            })
+        });
+        if let Some(bad) = bad {
+            return Err(PyValueError::new_err(explain(bad, &frame)));
+        }
+        py.check_signals()?;
+    }
+    columns.into_dict(py, most)
+}
+
+fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {
+    match fault {
+        Fault::Direction => {
+            let [x, y, z] = frame.directions[i];
+            format!("pulses.directions: expected unit vectors, got pulses.directions[{i}] = ({x}, {y}, {z})")
+        }
+        Fault::Origin => {
+            let [x, y, z] = frame.origins[i];
+            format!("pulses.origins: expected finite numbers, got pulses.origins[{i}] = ({x}, {y}, {z})")
+        }
+        Fault::Time => {
+            let ([first, last], time) = (frame.path.span(), frame.start + frame.times[i]);
+            format!(
+                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse {i} at {time} s"
+            )
+        }
+    }
+}
+
+/// The attributes of `lidarsim.Scan` that a point cloud is made from.
+#[derive(FromPyObject)]
+pub struct ScanArrays<'py> {
+    pulses: AllPulseArrays<'py>,
+    time: f64,
+    range: PyReadonlyArray2<'py, f64>,
+    true_range: PyReadonlyArray2<'py, f64>,
+    range_error: PyReadonlyArray2<'py, f64>,
+    intensity: PyReadonlyArray2<'py, f32>,
+    incidence: PyReadonlyArray2<'py, f32>,
+    normal: PyReadonlyArray3<'py, f32>,
+    object_id: PyReadonlyArray2<'py, i32>,
+    label: PyReadonlyArray2<'py, u32>,
+    return_count: PyReadonlyArray1<'py, u8>,
+}
+
+#[derive(FromPyObject)]
+struct AllPulseArrays<'py> {
+    directions: Points<'py>,
+    origins: Points<'py>,
+    time: PyReadonlyArray1<'py, f64>,
+    ring: PyReadonlyArray1<'py, u16>,
+    column: PyReadonlyArray1<'py, u32>,
+}
+
+/// In which coordinates points are given.
+#[derive(Clone, Copy)]
+enum Coordinates {
+    /// Of the sensor when it fired the pulse.
+    Sensor,
+    /// Of the sensor at the start of the scan.
+    Start(Pose),
+    World,
+}
+
+/// The fields of `lidarsim.PointCloud`, an entry a return. `frame`: "sensor", "start" or "world".
+#[pyfunction]
+pub fn points_of<'py>(
+    py: Python<'py>,
+    scan: ScanArrays<'py>,
+    path: &PyPath,
+    frame: &str,
+) -> PyResult<Bound<'py, PyDict>> {
+    let path = &path.path;
+    let coordinates = match (frame, path) {
+        ("world", _) => Coordinates::World,
+        ("start", Path::Twist { .. } | Path::Knots { .. }) => Coordinates::Start(path.at(scan.time)),
+        ("sensor" | "start", _) => Coordinates::Sensor,
+        _ => return Err(PyValueError::new_err(format!("frame: unknown {frame:?}"))),
+    };
+    let pulses = &scan.pulses;
+    let (n, most) = (scan.return_count.len(), scan.range.shape()[1]);
+    let directions = of_length(n, points("pulses.directions", &pulses.directions)?)?;
+    let origins = of_length(n, points("pulses.origins", &pulses.origins)?)?;
+    let (times, rings) = (column(n, &pulses.time)?, column(n, &pulses.ring)?);
+    let columns = column(n, &pulses.column)?;
+    let counts = column(n, &scan.return_count)?;
+    let (range, true_range) = (column(n * most, &scan.range)?, column(n * most, &scan.true_range)?);
+    let (range_error, intensity) = (column(n * most, &scan.range_error)?, column(n * most, &scan.intensity)?);
+    let (incidence, object_id) = (column(n * most, &scan.incidence)?, column(n * most, &scan.object_id)?);
+    let label = column(n * most, &scan.label)?;
+    let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
+
+    let rows: Vec<usize> = counts
+        .iter()
+        .enumerate()
+        .flat_map(|(i, &count)| (0..most.min(count.into())).map(move |j| i * most + j))
+        .collect();
+    let pose = |pulse: usize| path.at(scan.time + times[pulse]);
+    let place = |row: usize| {
+        let pulse = row / most;
+        let local: Point = std::array::from_fn(|k| origins[pulse][k] + directions[pulse][k] * range[row]);
+        match coordinates {
+            Coordinates::Sensor => local,
+            Coordinates::Start(start) => pose(pulse).relative_to(&start).place(local),
+            Coordinates::World => pose(pulse).place(local),
+        }
+    };
+    let turn = |row: usize| {
+        let normal = normals[row].map(f64::from);
+        let turned = match coordinates {
+            Coordinates::Sensor => pose(row / most).turn_back(normal),
+            Coordinates::Start(start) => start.turn_back(normal),
+            Coordinates::World => normal,
+        };
+        turned.map(|x| x as f32)
+    };
+    let fields = PyDict::new(py);
+    let shape = [rows.len(), 3];
+    fields.set_item("xyz", gather(py, &rows, place).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("range", gather(py, &rows, |row| range[row]).into_pyarray(py))?;
+    fields.set_item("true_range", gather(py, &rows, |row| true_range[row]).into_pyarray(py))?;
+    fields.set_item("intensity", gather(py, &rows, |row| intensity[row]).into_pyarray(py))?;
+    fields.set_item("time", gather(py, &rows, |row| times[row / most]).into_pyarray(py))?;
+    fields.set_item("ring", gather(py, &rows, |row| rings[row / most]).into_pyarray(py))?;
+    fields.set_item("column", gather(py, &rows, |row| columns[row / most]).into_pyarray(py))?;
+    fields.set_item("return_number", gather(py, &rows, |row| (row % most + 1) as u8).into_pyarray(py))?;
+    fields.set_item("return_count", gather(py, &rows, |row| counts[row / most]).into_pyarray(py))?;
+    fields.set_item("object_id", gather(py, &rows, |row| object_id[row]).into_pyarray(py))?;
+    fields.set_item("label", gather(py, &rows, |row| label[row]).into_pyarray(py))?;
+    fields.set_item("normal", gather(py, &rows, turn).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("incidence", gather(py, &rows, |row| incidence[row]).into_pyarray(py))?;
+    fields.set_item("range_error", gather(py, &rows, |row| range_error[row]).into_pyarray(py))?;
+    Ok(fields)
+}
+
+/// The elements of a C-contiguous array that has so many.
+fn column<'a, T: Element, D: Dimension>(n: usize, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+    of_length(n, array.as_slice().map_err(|_| PyValueError::new_err("scan: expected C-contiguous arrays"))?)
+}
+
+fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
+    if slice.len() == n { Ok(slice) } else { Err(PyValueError::new_err("scan: expected arrays as a scan gives them")) }
+}
+
+fn gather<T: Send>(py: Python<'_>, rows: &[usize], value: impl Fn(usize) -> T + Sync) -> Vec<T> {
+    let all = || rows.par_iter().with_min_len(CHUNK).map(|&row| value(row)).collect();
+    py.detach(|| parallel::run(all))
+}
+
+/// Philox4x32-10 of each counter (n, 4) with one key.
+#[pyfunction]
+pub fn philox<'py>(
+    py: Python<'py>,
+    counters: PyReadonlyArray2<'py, u32>,
+    key: [u32; 2],
+) -> PyResult<Bound<'py, PyArray2<u32>>> {
+    let counters: &[[u32; 4]] = column(counters.len(), &counters)?.as_chunks().0;
+    let words: Vec<u32> = counters.iter().flat_map(|&counter| rng::philox(counter, key)).collect();
+    words.into_pyarray(py).reshape([counters.len(), 4])
+}
+
+/// The inverse of the normal distribution.
+#[pyfunction]
+pub fn normal_quantile<'py>(py: Python<'py>, p: PyReadonlyArray1<'py, f64>) -> Bound<'py, PyArray1<f64>> {
+    p.as_array().iter().map(|&p| rng::normal_quantile(p)).collect::<Vec<_>>().into_pyarray(py)
+}
