@@ -175,7 +175,7 @@ class PointCloud:
         """Write all fields to a file, whose suffix says the format: ``.npz``, ``.pcd`` or ``.ply``.
 
         `load` gives back every number and dtype as it is here. The file takes its name when it is complete: a failure
-        leaves the old file, or none.
+        leaves the old file, or none. In a PCD file the normals are float64 like `xyz`, since Open3D misreads others.
 
         Parameters
         ----------

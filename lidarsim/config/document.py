@@ -10,15 +10,16 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import yaml
 
 from lidarsim.errors import ConfigError, LidarsimError
 
 Node = yaml.Node
+T = TypeVar("T")
 
 _OVERRIDE = "--set "
 _TAG = "tag:yaml.org,2002:"
@@ -26,7 +27,7 @@ _SCALARS: dict[str, Callable[[str], Any]] = {
     f"{_TAG}null": lambda _: None,
     f"{_TAG}bool": lambda text: {"true": True, "false": False}[text.lower()],
     f"{_TAG}int": lambda text: int(text, 0),
-    f"{_TAG}float": lambda text: float(text.replace(".inf", "inf").replace(".nan", "nan")),
+    f"{_TAG}float": lambda text: float(re.sub(r"\.(inf|nan)$", r"\1", text.lower())),
     f"{_TAG}str": str,
 }
 
@@ -39,7 +40,7 @@ for _name, _pattern, _first in (
     ("null", r"~|null|Null|NULL|", ["~", "n", "N", ""]),
     ("bool", r"true|True|TRUE|false|False|FALSE", list("tTfF")),
     ("int", r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+", list("-+0123456789")),
-    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.inf|\.nan", list("-+.0123456789")),
+    ("float", r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?|[-+]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)", list("-+.0123456789")),
 ):
     _Loader.add_implicit_resolver(f"{_TAG}{_name}", re.compile(f"^(?:{_pattern})$"), _first)
 
@@ -171,10 +172,11 @@ class Place:
 
     root: Node
     keys: tuple[int | str, ...] = ()
+    _loaded: dict[tuple[Path, Callable[[Path], Any]], Any] = field(default_factory=dict, repr=False, compare=False)
 
     def __truediv__(self, key: int | str) -> Place:
         """Return the place of `key` in the value here."""
-        return Place(self.root, (*self.keys, key))
+        return Place(self.root, (*self.keys, key), self._loaded)
 
     def _walk(self) -> tuple[yaml.Mark, list[str]]:
         # Keys that are not in the document are passed over: a missing one, or pydantic's tag of a union's member.
@@ -236,6 +238,21 @@ class Place:
         except OSError as error:
             raise self.error(f"cannot read {path}: {error.strerror}") from None
         return path
+
+    def load(self, name: str, read: Callable[[Path], T]) -> T:
+        """Return what `read` makes of the file `name`: the same object wherever the document names that file.
+
+        Raises
+        ------
+        ConfigError
+            If the file cannot be read.
+        """
+        path = self.file(name)
+        if (path, read) not in self._loaded:
+            with self.refusals():
+                self._loaded[path, read] = read(path)
+        loaded: T = self._loaded[path, read]
+        return loaded
 
 
 def _written(mark: yaml.Mark) -> str:

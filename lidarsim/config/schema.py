@@ -12,6 +12,7 @@ import difflib
 from collections.abc import Callable, Iterable
 from functools import reduce
 from operator import or_
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -20,6 +21,7 @@ from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
 from lidarsim import patterns, shapes
+from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
 from lidarsim.measurement import Measurement
 from lidarsim.sensor import Lidar
@@ -80,7 +82,7 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
     ConfigError
         If the constructor refuses: at the key of the argument that it names, else at `place`.
     """
-    arguments = dict(more)
+    arguments: dict[str, object] = {}
     key_of: dict[str, tuple[str, str]] = {}
     for key in [key for key in keys if key in model.model_fields_set]:
         value = getattr(model, key)
@@ -93,7 +95,7 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
         arguments[name] = value
         key_of[name] = key, f" (in {UNITS[unit][0]})" if unit and UNITS[unit][0] else ""
     with place.refusals(key_of):
-        return constructor(**arguments)
+        return constructor(**{**arguments, **more})
 
 
 def _either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
@@ -199,7 +201,6 @@ class Object(Placement):
     label: int = 0
     reflectivity: float = 1.0
     scale: Numbers = 1.0
-    motion: Motion | None = None
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
@@ -214,9 +215,8 @@ class Object(Placement):
         material = construct(Material, self, ["reflectivity"], place)
         placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
         transform = self.to_matrix(place, self.scale) if placed else None
-        motion = None if self.motion is None else build_pose(self.motion, place / "motion")
-        more = {"transform": transform, "motion": motion, "material": material, **more}
-        construct(scene.add, self, ["name", "label"], place, shape=shape, **more)
+        more = {"transform": transform, **more}
+        construct(scene.add, self, ["name", "label"], place, shape=shape, material=material, **more)
 
 
 class Plane(Object):
@@ -233,7 +233,9 @@ class Plane(Object):
         """Return the shape."""
         if self.point_m is None:
             return construct(shapes.Plane, self, ["normal"], place, distance=self.distance_m)
-        return construct(shapes.Plane.from_point, self, ["point_m", "normal", "distance_m"], place)
+        if "distance_m" in self.model_fields_set:
+            raise (place / "distance_m").error("expected either distance_m or point_m, got both")
+        return construct(shapes.Plane.from_point, self, ["point_m", "normal"], place)
 
 
 class Sphere(Object):
@@ -308,13 +310,11 @@ class Mesh(Object):
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
-        path = (place / "file").file(self.file)
-        with (place / "file").refusals():
-            return shapes.TriangleMesh.from_file(path)
+        return (place / "file").load(self.file, shapes.TriangleMesh.from_file)
 
 
 class Heightfield(Object):
-    """Terrain from a NumPy file of heights, m: rows along x, columns along y."""
+    """Terrain from a NumPy file of heights, m: columns along x, rows along y."""
 
     constructor = shapes.TriangleMesh.from_heightfield
 
@@ -325,14 +325,12 @@ class Heightfield(Object):
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
-        path = (place / "file").file(self.file)
-        with (place / "file").refusals():
-            heights = np.load(path, allow_pickle=False)
+        heights = (place / "file").load(self.file, _read_npy)
         return construct(shapes.TriangleMesh.from_heightfield, self, ["spacing_m", "origin_m"], place, z=heights)
 
 
 class SceneFile(Object):
-    """All meshes of a scene file such as GLB, each where the file puts its instances; `file` says which way is up."""
+    """The meshes of a scene file such as GLB, wherever it has instances of them. The file says which way is up."""
 
     constructor = shapes.TriangleMesh
 
@@ -340,19 +338,28 @@ class SceneFile(Object):
     file: str
 
     def add_to(self, scene: Scene, place: Place) -> None:
-        """Add one object to `scene` for each instance, named after its node; instances share their mesh."""
-        import trimesh
+        """Add an object to `scene` for each instance, named after its node; the instances of a mesh share it."""
+        meshes, graph = (place / "file").load(self.file, _read_scene)
+        for node in graph.nodes_geometry:
+            to_file, mesh = graph[node]
+            to_world = self.to_matrix(place, self.scale) @ to_file
+            self._add(meshes[mesh], scene, place, transform=to_world, name=f"{self.name}/{node}".lstrip("/"))
 
-        path = (place / "file").file(self.file)
-        with (place / "file").refusals():
-            graph = trimesh.load_scene(path)
-            meshes = {name: shapes.TriangleMesh.from_trimesh(mesh) for name, mesh in graph.geometry.items()}
-        above = self.to_matrix(place, self.scale)
-        for node in graph.graph.nodes_geometry:
-            transform, mesh = graph.graph[node]
-            self._add(
-                meshes[mesh], scene, place, transform=above @ transform, name="/".join(filter(None, [self.name, node]))
-            )
+
+def _read_npy(path: Path) -> Floats:
+    with path.open("rb") as file:
+        array: Floats = np.lib.format.read_array(file, allow_pickle=False)
+    return array
+
+
+def _read_scene(path: Path) -> tuple[dict[str, shapes.TriangleMesh], Any]:
+    import trimesh
+
+    try:
+        scene = trimesh.load_scene(path)
+    except Exception as error:  # trimesh's readers raise whatever their parsers do
+        raise FileFormatError(f"{path}: cannot be read as a scene: {error}") from error
+    return {name: shapes.TriangleMesh.from_trimesh(mesh) for name, mesh in scene.geometry.items()}, scene.graph
 
 
 SHAPES: dict[str, type[Object]] = {
@@ -591,9 +598,7 @@ class VendorSensor(_Limits):
 
     def build(self, place: Place) -> Lidar:
         """Return the lidar."""
-        path = (place / "file").file(self.file)
-        with (place / "file").refusals():
-            lidar = Lidar.from_file(path)
+        lidar = (place / "file").load(self.file, Lidar.from_file)
         parts = (
             {"measurement": self.measurement.build(place / "measurement")}
             if "measurement" in self.model_fields_set

@@ -23,7 +23,12 @@ KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPO
 
 
 def save(fields: Fields, file: BinaryIO) -> None:
-    """Write the fields as ``DATA binary``."""
+    """Write the fields as ``DATA binary``.
+
+    Normals get the type of the positions: Open3D's reader takes them to have it, and gives garbage where they do not.
+    """
+    if "normal" in fields:
+        fields = fields | {"normal": fields["normal"].astype(fields["xyz"].dtype)}
     records = to_records(fields, NORMAL, CODES)
     columns = [(name, records.dtype[name]) for name in records.dtype.names or ()]
     header = f"""\

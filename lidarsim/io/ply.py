@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from io import BytesIO
 from typing import BinaryIO
 
 from lidarsim._extras import import_extra
@@ -28,10 +29,10 @@ def save(fields: Fields, file: BinaryIO) -> None:
 def load(file: BinaryIO) -> Fields:
     """Read the element ``vertex``, lists left out; faces and other elements are passed over."""
     plyfile = import_extra("plyfile", "formats", "reading PLY files")
-    if file.read(3) != b"ply":
+    content = file.read()
+    if not content.startswith(b"ply"):
         raise FileFormatError("it does not begin with 'ply'")
-    file.seek(0)
-    ply = plyfile.PlyData.read(file)
+    ply = plyfile.PlyData.read(BytesIO(content))
     if "vertex" not in ply:
         elements = ", ".join(element.name for element in ply) or "(none)"
         raise FileFormatError(f"it has no element 'vertex' among its elements {elements}")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -114,30 +113,35 @@ class Table:
             If the file cannot be read or is not such a table.
         """
         path = Path(path)
-        if path.suffix.lower() == ".npy":
-            columns = _npy_columns(path)
-        elif path.suffix.lower() == ".csv":
-            columns = csv_columns(path)
-        else:
+        if path.suffix.lower() not in (".csv", ".npy"):
             raise FileFormatError(f"{path}: expected a .csv or .npy file")
-        given = set(columns)
-        names = next((names for names in _DIRECTIONS if given.issuperset(names)), None)
+        try:
+            if path.suffix.lower() == ".npy":
+                columns = _npy_columns(path)
+            else:
+                columns = columns_of(path.read_text(encoding="utf-8-sig").splitlines())
+            return cls._from_columns(columns, rate, pulse_rate)
+        except OSError as error:
+            raise FileFormatError(f"{path}: cannot read the file: {error.strerror or error}") from None
+        except (EOFError, TypeError, ValueError) as error:
+            raise FileFormatError(f"{path}: {error}") from None
+
+    @classmethod
+    def _from_columns(cls, columns: dict[str, Floats], rate: float, pulse_rate: float | None) -> Table:
+        names = next((names for names in _DIRECTIONS if columns.keys() >= set(names)), None)
         if names is None:
             wanted = " or ".join(", ".join(names) for names in _DIRECTIONS)
-            raise FileFormatError(f"{path}: expected columns {wanted}, got {', '.join(columns)}")
-        unknown = given.difference(names, ("time_s", "ring", "column"))
+            raise ValueError(f"expected columns {wanted}, got {', '.join(columns)}")
+        unknown = columns.keys() - {*names, "time_s", "ring", "column"}
         if unknown:
-            raise FileFormatError(f"{path}: unknown columns {', '.join(sorted(unknown))}")
-        if "time_s" in given and pulse_rate is not None:
-            raise ValueError(f"pulse_rate: expected none for {path}, which has a column time_s, got {pulse_rate!r}")
+            raise ValueError(f"unknown columns {', '.join(sorted(unknown))}")
+        if "time_s" in columns and pulse_rate is not None:
+            raise ValueError(f"pulse_rate: expected none beside the column time_s, got {pulse_rate!r}")
         directions = _DIRECTIONS[names](*(columns[name] for name in names))
-        times = columns.get("time_s", 0.0)
+        times: Floats | float = columns.get("time_s", 0.0)
         if pulse_rate is not None:
             times = np.arange(len(directions)) / real("pulse_rate", pulse_rate, above=0.0)
-        try:
-            return cls(directions, times=times, rings=columns.get("ring", 0), columns=columns.get("column"), rate=rate)
-        except ValueError as error:
-            raise FileFormatError(f"{path}: {error}") from None
+        return cls(directions, times=times, rings=columns.get("ring", 0), columns=columns.get("column"), rate=rate)
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -190,43 +194,27 @@ def _indices(name: str, value: npt.ArrayLike, count: int, dtype: type[np.unsigne
     return frozen(values).astype(dtype)
 
 
-def csv_columns(path: Path) -> dict[str, Floats]:
-    """Return the columns of numbers in a CSV file by the names in its first line.
+def columns_of(lines: Sequence[str]) -> dict[str, Floats]:
+    """Return the columns of numbers in the lines of a CSV file by the names in the first line.
 
     Raises
     ------
-    FileFormatError
-        If the file cannot be read or is not such a table.
+    ValueError
+        If the lines are not such a table.
     """
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            names = [name.strip() for name in file.readline().split(",")]
-            with warnings.catch_warnings(action="ignore", category=UserWarning):  # no rows: said below
-                values = np.loadtxt(file, delimiter=",", ndmin=2, comments=None)
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
-    except ValueError as error:
-        raise FileFormatError(f"{path}: expected a line of names, then lines of numbers: {error}") from None
-    if not values.size:
-        raise FileFormatError(f"{path}: expected a line of names, then lines of numbers, got no numbers")
+    names = [name.strip().lower() for name in lines[0].split(",")] if lines else []
+    if len(lines) < 2:
+        raise ValueError("expected a line of names and lines of numbers, got no numbers")
+    values = np.loadtxt(lines[1:], delimiter=",", ndmin=2, comments=None)
     if len(names) != values.shape[1] or len(set(names)) < len(names):
-        raise FileFormatError(
-            f"{path}: expected {values.shape[1]} different names in the first line, got {', '.join(names)}"
-        )
+        raise ValueError(f"expected {values.shape[1]} different names in the first line, got {', '.join(names)}")
     return dict(zip(names, values.T, strict=True))
 
 
 def _npy_columns(path: Path) -> dict[str, Floats]:
-    try:
-        values = np.load(path, allow_pickle=False)
-    except OSError as error:
-        raise FileFormatError(f"{path}: cannot read the file: {error.strerror or error}") from None
-    except ValueError as error:
-        raise FileFormatError(f"{path}: not an array of numbers: {error}") from None
+    values = np.load(path, allow_pickle=False)
     if values.ndim != 2 or values.shape[1] not in (2, 3) or values.dtype.kind not in "fiu":
-        raise FileFormatError(
-            f"{path}: expected numbers of shape (n, 3) or (n, 2), got {values.dtype} of shape {values.shape}"
-        )
+        raise ValueError(f"expected numbers of shape (n, 3) or (n, 2), got {values.dtype} of shape {values.shape}")
     names = ("x", "y", "z") if values.shape[1] == 3 else ("azimuth_rad", "elevation_rad")
     return dict(zip(names, values.T.astype(np.float64), strict=True))
 

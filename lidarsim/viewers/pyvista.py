@@ -27,7 +27,11 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
     pv = import_extra("pyvista", "pyvista", "this view")
     converted: pyvista.PolyData = pv.PolyData(cloud.xyz)
     for name in cloud.fields[1:]:
-        converted.point_data[name] = getattr(cloud, name)
+        array = getattr(cloud, name)
+        if array.shape[0] or array.ndim == 1:
+            converted.point_data[name] = array
+        else:  # PyVista refuses an empty vector field, VTK does not
+            converted.point_data.VTKObject.AddArray(pv.convert_array(array, name=name))
     return converted
 
 
@@ -112,9 +116,12 @@ def render(
             _add_points(plotter, cloud.xyz - middle, colors, point_size)
         for mesh in meshes:
             plotter.add_mesh(mesh, color="white", opacity=0.15).position = -middle
-        for axis, color in enumerate(("#ff4b4b", "#4bd964", "#4b8bff")):
-            arrow = pv.Arrow(start=sensor[:3, 3] - middle, direction=sensor[:3, axis], scale=0.06 * size)
-            plotter.add_mesh(arrow, color=color, lighting=False)
+        if np.linalg.norm(sensor[:3, 3] - middle) < 1000 * size:  # else it would be a dot, and spoil the depth buffer
+            for axis, color in enumerate(("#ff4b4b", "#4bd964", "#4b8bff")):
+                arrow = pv.Arrow(start=sensor[:3, 3] - middle, direction=sensor[:3, axis], scale=0.06 * size)
+                plotter.add_mesh(arrow, color=color, lighting=False)
+        # VTK's nearest visible depth is a fraction of the farthest: one far point must not hide all near ones.
+        plotter.renderer.SetNearClippingPlaneTolerance(1e-6)
         plotter.camera_position = (eye - middle, target - middle, up)
         plotter.enable_anti_aliasing("ssaa")
         if path is None:

@@ -1,0 +1,7 @@
+"""Vendors' own files as sensors: one module a vendor, each with its registration."""
+
+from __future__ import annotations
+
+from lidarsim.io.vendors import hesai, livox, ouster, velodyne
+
+__all__ = ["hesai", "livox", "ouster", "velodyne"]

@@ -1,0 +1,158 @@
+"""Ouster's metadata JSON, in its old flat and its new nested form.
+
+The published range-to-xyz formula, column m of W, channel i, range r, transforms in mm::
+
+    n  = sqrt(B03**2 + B23**2)       B = beam_to_lidar_transform
+    te = 2 pi - 2 pi m / W           encoder angle
+    ta = -beam_azimuth_angles[i]     phi = beam_altitude_angles[i]
+    x  = (r - n) cos(te + ta) cos(phi) + B03 cos(te)
+    y  = (r - n) sin(te + ta) cos(phi) + B03 sin(te)
+    z  = (r - n) sin(phi) + B23
+
+followed by lidar_to_sensor_transform. So a beam leaves (B03, 0, B23) of the head, and Ouster's range is n more than the
+range from there.
+
+Source: Ouster Software User Manual, "Lidar Range to XYZ"; ouster-sdk, ouster_client/src/lidar_scan.cpp, make_xyz_lut.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lidarsim._validation import Floats, array
+from lidarsim.errors import FileFormatError
+from lidarsim.io.vendors._reading import refusals
+from lidarsim.patterns import Spinning
+from lidarsim.sensor import Lidar, register_lidar_reader
+
+KIND = "Ouster metadata JSON"
+
+MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
+
+PRESETS = {"OS-0": "ouster-os0-128", "OS-1": "ouster-os1-128", "OS-2": "ouster-os2-128"}
+"""Whose limits and noise a product has, by the start of its prod_line."""
+
+BEAM_ORIGIN_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}
+"""Distance from the axis to the beams' origin for old files that lack it (ouster-sdk, ouster_client/src/types.cpp)."""
+
+LIDAR_TO_SENSOR = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
+
+
+def recognise(path: Path, text: str) -> bool:
+    """Return whether `text`, the head of the file `path`, is that of an Ouster metadata JSON."""
+    del path
+    keys = r'"(beam_altitude_angles|beam_azimuth_angles|beam_intrinsics|lidar_origin_to_beam_origin_mm)"'
+    return text.lstrip().startswith("{") and re.search(keys, text) is not None
+
+
+def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Lidar:
+    """Return the sensor that an Ouster metadata JSON describes.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    mode : str, optional
+        Columns a turn and turns a second, such as "1024x20", all around. Default: mode and column window of the file.
+    noise : {"datasheet"}, optional
+        As in `Lidar.preset`.
+
+    Returns
+    -------
+    Lidar
+        The sensor, with the limits of the OS0, OS1 or OS2 preset. Its range is measured from the beams' origin.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not whole or describes a sensor that is not covered.
+    """
+    with refusals(path, KIND):
+        try:
+            document = json.loads(path.read_text(encoding="utf-8-sig"))
+        except json.JSONDecodeError as error:
+            raise FileFormatError(f"{path}: {KIND}: not valid JSON at line {error.lineno}: {error.msg}") from None
+        parts = ("config_params", "sensor_info", "beam_intrinsics", "lidar_intrinsics")
+        keys = document | {key: value for part in parts for key, value in _mapping(document, part).items()}
+        product = str(keys.get("prod_line", ""))
+        if product[:4] not in PRESETS:
+            raise ValueError(f"prod_line: expected a product that starts with {', '.join(PRESETS)}, got {product!r}")
+        pattern = _pattern(keys, product, mode)
+    return dataclasses.replace(Lidar.preset(PRESETS[product[:4]], noise=noise), pattern=pattern)
+
+
+def _pattern(keys: dict[str, Any], product: str, mode: str | None) -> Spinning:
+    for key in ("beam_altitude_angles", "beam_azimuth_angles"):
+        if key not in keys:
+            raise ValueError(f"{key} is missing")
+    altitudes = array("beam_altitude_angles", keys["beam_altitude_angles"], ("channels",))
+    azimuths = array("beam_azimuth_angles", keys["beam_azimuth_angles"], (len(altitudes),))
+    columns, rate = _mode(mode, keys.get("lidar_mode"))
+    data_format = _mapping(keys, "lidar_data_format") or _mapping(keys, "data_format")
+    for key, expected in (("pixels_per_column", len(altitudes)), ("columns_per_frame", columns)):
+        if data_format.get(key, expected) != expected and not (mode and key == "columns_per_frame"):
+            raise ValueError(f"{key}: expected {expected}, got {data_format[key]!r}")
+    first, count = 0, columns
+    if mode is None and "column_window" in data_format:
+        window = array("column_window", data_format["column_window"], (2,))
+        if not np.array_equal(window, np.clip(np.floor(window), 0, columns - 1)):
+            raise ValueError(
+                f"column_window: expected columns from 0 to {columns - 1}, got {data_format['column_window']}"
+            )
+        first = int(window[0])
+        count = int(window[1] - window[0]) % columns + 1
+
+    to_sensor = _transform("lidar_to_sensor_transform", keys.get("lidar_to_sensor_transform", LIDAR_TO_SENSOR))
+    if not np.array_equal(to_sensor[2, :3], (0, 0, 1)) or to_sensor[:2, 3].any():
+        raise ValueError("lidar_to_sensor_transform: expected a turn about z and a shift along it")
+    return Spinning(
+        np.radians(altitudes),
+        azimuth_offsets=-np.radians(azimuths),
+        columns=columns,
+        rate=rate,
+        beam_origins=(_beam_origin(keys, product) + to_sensor[:3, 3]) / 1e3,
+        field_of_view=2.0 * math.pi * (count / columns),
+        start_azimuth=math.atan2(to_sensor[1, 0], to_sensor[0, 0]) - 2.0 * math.pi * (first / columns),
+    )
+
+
+def _mode(asked: str | None, given: object) -> tuple[int, float]:
+    """Return columns a turn and turns a second."""
+    mode = given if asked is None else asked
+    if mode not in MODES:
+        name = "lidar_mode" if asked is None else "mode"
+        raise ValueError(f"{name}: expected one of {', '.join(MODES)}, got {mode!r}")
+    columns, rate = str(mode).split("x")
+    return int(columns), float(rate)
+
+
+def _beam_origin(keys: dict[str, Any], product: str) -> Floats:
+    """Return where the beams leave the head, mm."""
+    if "beam_to_lidar_transform" not in keys:
+        distance = keys.get("lidar_origin_to_beam_origin_mm", BEAM_ORIGIN_MM[product[:4]])
+        return array("lidar_origin_to_beam_origin_mm", [distance, 0.0, 0.0], (3,))
+    beam_to_lidar = _transform("beam_to_lidar_transform", keys["beam_to_lidar_transform"])
+    if beam_to_lidar[1, 3] or not np.array_equal(beam_to_lidar[:3, :3], np.eye(3)):
+        raise ValueError("beam_to_lidar_transform: expected a shift along x and z alone")
+    return beam_to_lidar[:3, 3]
+
+
+def _mapping(document: dict[str, Any], key: str) -> dict[str, Any]:
+    value = document.get(key, {})
+    if not isinstance(value, dict):
+        raise TypeError(f"{key}: expected an object, got {value!r}")
+    return value
+
+
+def _transform(name: str, value: object) -> Floats:
+    return array(name, value, (16,)).reshape(4, 4)
+
+
+register_lidar_reader(KIND, recognise, read)

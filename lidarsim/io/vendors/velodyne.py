@@ -1,0 +1,169 @@
+"""Velodyne's calibration of a unit as the ROS drivers keep it: a YAML with a list of lasers.
+
+The model of a channel, with range d, delta = vert_correction, rho = azimuth - rot_correction, Vo =
+vert_offset_correction, Ho = horiz_offset_correction, X to the right and Y to the front::
+
+    q = d cos(delta) - Vo sin(delta)
+    X = q sin(rho) - Ho cos(rho)
+    Y = q cos(rho) + Ho sin(rho)
+    Z = d sin(delta) + Vo cos(delta)
+
+Here x = Y and y = -X. So a laser at rho = 0 leaves (-Vo sin(delta), Ho, Vo cos(delta)), the point of d = 0, and since
+its azimuth is
+-rho, rot_correction is its azimuth offset. The corrections of the range (dist_correction, focal_distance and their
+like) turn raw readings into d; they move no point.
+
+Source: ros-drivers/velodyne, velodyne_pointcloud/src/lib/rawdata.cc.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, cast
+
+import numpy as np
+
+from lidarsim._validation import Floats, array
+from lidarsim.errors import FileFormatError
+from lidarsim.io.vendors._reading import refusals
+from lidarsim.patterns import Spinning
+from lidarsim.patterns._parts import turned
+from lidarsim.sensor import Lidar, register_lidar_reader
+
+KIND = "Velodyne calibration YAML"
+
+
+class Model(NamedTuple):
+    """What a calibration does not say; the rest is that of the preset."""
+
+    lasers: int
+    firing_us: Callable[[Floats], Floats]
+    """Firing times of lasers since the start of their cycle, microseconds, by their ids."""
+
+
+# Source: ros-drivers/velodyne rawdata.cc and rawdata.h; valgur/velodyne_decoder src/packet_decoder.cpp, which cites the
+# manuals; VLP-16 User Manual 63-9243 Rev D p. 49; VLS-128 User Manual 63-9483 Rev A p. 49.
+MODELS = {
+    "velodyne-vlp16": Model(16, lambda laser: 2.304 * laser),
+    "velodyne-vlp32c": Model(32, lambda laser: 2.304 * (laser // 2)),
+    "velodyne-hdl32e": Model(32, lambda laser: 1.152 * laser),
+    "velodyne-hdl64e-s2": Model(64, lambda laser: _fours(laser % 32, 6.0, (0.0, 1.26, 2.46, 3.66))),
+    "velodyne-hdl64e-s3": Model(64, lambda laser: _fours(laser % 32, 7.2, (0.0, 1.3, 2.5, 3.7))),
+    "velodyne-vls128": Model(128, lambda laser: 2.665 * (laser // 8 + laser // 64)),
+}
+
+
+def recognise(path: Path, text: str) -> bool:
+    """Return whether `text`, the head of the file `path`, is that of a Velodyne calibration YAML."""
+    del path
+    return re.search(r"^lasers\s*:", text, re.MULTILINE) is not None and "vert_correction" in text
+
+
+def read(path: Path, *, model: str | None = None, rate: float | None = None, noise: str | None = None) -> Lidar:
+    """Return the sensor that a Velodyne calibration YAML describes.
+
+    Rings count upwards from the lowest laser, as in the ROS driver.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    model : str, optional
+        The preset whose firing times, limits and noise the sensor has. Default: by the number of lasers; of the two
+        with 32 the VLP-32C if lasers have azimuth offsets, else the HDL-32E; of the two with 64 the HDL-64E S2.
+    rate : float, optional
+        Turns, and so frames, per second, Hz. Default: the preset's.
+    noise : {"datasheet"}, optional
+        As in `Lidar.preset`.
+
+    Returns
+    -------
+    Lidar
+        The sensor.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is not whole or describes a sensor that is not covered.
+    """
+    with refusals(path, KIND):
+        name, changes = _calibration(_yaml(path), model)
+    lidar = Lidar.preset(name, noise=noise)
+    if rate is not None:
+        changes["rate"] = rate
+    return dataclasses.replace(lidar, pattern=dataclasses.replace(cast("Spinning", lidar.pattern), **changes))
+
+
+def _yaml(path: Path) -> Any:
+    import yaml
+
+    try:
+        return yaml.load(path.read_text(encoding="utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506
+    except yaml.MarkedYAMLError as error:
+        where = f" at line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise FileFormatError(f"{path}: {KIND}: not valid YAML{where}: {error.problem or error.context}") from None
+
+
+def _calibration(document: dict[str, Any], name: str | None) -> tuple[str, dict[str, Any]]:
+    """Return the preset, and what a calibration changes in its pattern."""
+    lasers = document["lasers"]
+    if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
+        raise ValueError("lasers: expected a list of mappings")
+    if document.get("num_lasers") != len(lasers):
+        given = document.get("num_lasers", "none")
+        raise ValueError(f"num_lasers: expected {len(lasers)}, the number of lasers listed, got {given}")
+    ids = _column(lasers, "laser_id")
+    if not np.array_equal(np.sort(ids), np.arange(len(lasers))):
+        raise ValueError(f"laser_id: expected each of 0 to {len(lasers) - 1} once")
+    elevation = _column(lasers, "vert_correction")
+    azimuth_offset = _column(lasers, "rot_correction", 0.0)
+    vertical = _column(lasers, "vert_offset_correction", 0.0)
+    horizontal = _column(lasers, "horiz_offset_correction", 0.0)
+
+    name = name or _model(len(lasers), azimuth_offset)
+    if name not in MODELS:
+        raise ValueError(f"model: expected one of {', '.join(MODELS)}, got {name!r}")
+    if MODELS[name].lasers != len(lasers):
+        raise ValueError(f"model: {name} has {MODELS[name].lasers} lasers, the file {len(lasers)}")
+
+    rings = np.argsort(elevation, kind="stable")
+    origin = np.stack([-vertical * np.sin(elevation), horizontal, vertical * np.cos(elevation)], axis=-1)
+    return name, {
+        "elevations": elevation[rings],
+        "azimuth_offsets": azimuth_offset[rings],
+        "firing_times": MODELS[name].firing_us(ids[rings]) / 1e6,
+        "beam_origins": turned(origin, azimuth_offset, unit=False)[rings],
+    }
+
+
+def _fours(laser: Floats, group: float, within: tuple[float, ...]) -> Floats:
+    """Return the firing times of lasers that fire in groups of four."""
+    steps: Floats = np.array(within)[(laser % 4).astype(np.intp)]
+    return group * (laser // 4) + steps
+
+
+def _model(lasers: int, azimuth_offset: Floats) -> str:
+    """Return the model that a calibration is most likely of."""
+    if lasers == 32:
+        return "velodyne-vlp32c" if azimuth_offset.any() else "velodyne-hdl32e"
+    for name, model in MODELS.items():
+        if model.lasers == lasers:
+            return name
+    known = sorted({model.lasers for model in MODELS.values()})
+    raise ValueError(
+        f"lasers: expected the number of a model that is covered, {', '.join(map(str, known))}, got {lasers}"
+    )
+
+
+def _column(lasers: list[dict[str, Any]], key: str, default: float | None = None) -> Floats:
+    """Return one value of each laser."""
+    for number, laser in enumerate(lasers):
+        if default is None and key not in laser:
+            raise ValueError(f"{key} is missing in lasers[{number}]")
+    return array(key, [laser.get(key, default) for laser in lasers], (len(lasers),))
+
+
+register_lidar_reader(KIND, recognise, read)

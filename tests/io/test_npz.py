@@ -1,0 +1,56 @@
+"""NPZ beside NumPy itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarsim import io
+from lidarsim.errors import FileFormatError
+from lidarsim.pointcloud import PointCloud
+
+assert io, "the formats register themselves on import"
+
+
+def test_numpy_reads_what_we_write(tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=np.random.default_rng(0).normal(size=(9, 3)), ring=range(9), normal=np.ones((9, 3)))
+    cloud.save(tmp_path / "cloud.npz")
+    with np.load(tmp_path / "cloud.npz") as archive:
+        assert archive.files == ["xyz", "ring", "normal"]
+        for name in archive.files:
+            assert archive[name].dtype == getattr(cloud, name).dtype
+            np.testing.assert_array_equal(archive[name], getattr(cloud, name))
+
+
+def test_we_read_what_numpy_compressed(tmp_path: Path) -> None:
+    np.savez_compressed(tmp_path / "cloud.npz", xyz=np.ones((2, 3), np.float32), gain=np.array([1, 2], ">i2"))
+    cloud = PointCloud.load(tmp_path / "cloud.npz")
+    assert cloud.xyz.tolist() == [[1, 1, 1], [1, 1, 1]]
+    assert cloud.xyz.dtype == np.float64
+    assert cloud.gain.tolist() == [1, 2]
+
+
+@pytest.mark.parametrize(
+    ("arrays", "reason"),
+    [
+        ({"points": np.ones((2, 3))}, "PointCloud: expected a field 'xyz', got points"),
+        ({"xyz": np.ones((2, 2))}, "xyz: expected shape (n, 3), got (2, 2)"),
+        ({"xyz": np.ones((2, 3)), "ring": [1]}, "ring: expected one entry for each of the 2 points, got 1"),
+        ({"xyz": np.array([[print] * 3])}, "Object arrays cannot be loaded when allow_pickle=False"),
+    ],
+)
+def test_not_a_point_cloud(arrays: dict[str, np.ndarray], reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.npz"
+    np.savez(path, **arrays)
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value) == f"{path}: not a readable .npz point cloud: {reason}"
+
+
+def test_a_bare_array(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.npz"
+    np.save(tmp_path / "array.npy", np.ones((2, 3)))
+    (tmp_path / "array.npy").rename(path)
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value) == f"{path}: not a readable .npz point cloud: it does not begin as a NumPy archive does"

@@ -1,0 +1,225 @@
+"""PCD beside Open3D and pypcd4, and files as the Point Cloud Library writes them."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pypcd4
+import pytest
+
+from lidarsim import io
+from lidarsim.errors import FileFormatError, MissingExtraError
+from lidarsim.pointcloud import PointCloud
+from lidarsim.viewers.open3d import import_open3d
+
+assert io, "the formats register themselves on import"
+
+COUNT = 500
+
+
+@pytest.fixture
+def cloud() -> PointCloud:
+    rng = np.random.default_rng(0)
+    return PointCloud(
+        xyz=rng.normal(scale=1e6, size=(COUNT, 3)),
+        intensity=rng.random(COUNT),
+        time=rng.random(COUNT),
+        ring=rng.integers(0, 65536, COUNT),
+        return_count=rng.integers(0, 256, COUNT),
+        object_id=rng.integers(-(2**31), 2**31, COUNT),
+        label=rng.integers(0, 2**32, COUNT),
+        normal=rng.normal(size=(COUNT, 3)),
+        flow=rng.normal(size=(COUNT, 2)),
+    )
+
+
+def test_header(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    PointCloud(xyz=np.zeros((2, 3)), ring=[1, 2], normal=np.zeros((2, 3))).save(path)
+    assert path.read_bytes()[: -2 * (24 + 2 + 24)].decode().splitlines() == [
+        "# .PCD v0.7 - Point Cloud Data file format",
+        "VERSION 0.7",
+        "FIELDS x y z ring normal_x normal_y normal_z",
+        "SIZE 8 8 8 2 8 8 8",
+        "TYPE F F F U F F F",
+        "COUNT 1 1 1 1 1 1 1",
+        "WIDTH 2",
+        "HEIGHT 1",
+        "VIEWPOINT 0 0 0 1 0 0 0",
+        "POINTS 2",
+        "DATA binary",
+    ]
+
+
+def test_pypcd4_reads_every_field(cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "cloud.pcd")
+    data = pypcd4.PointCloud.from_path(tmp_path / "cloud.pcd").pc_data
+    columns = dict(zip("xyz", cloud.xyz.T, strict=True))
+    columns |= {f"normal_{axis}": column for axis, column in zip("xyz", cloud.normal.T.astype(np.float64), strict=True)}
+    columns |= {f"flow.{i}": column for i, column in enumerate(cloud.flow.T)}
+    columns |= {name: getattr(cloud, name) for name in cloud.fields if getattr(cloud, name).ndim == 1}
+    assert set(data.dtype.names) == set(columns)
+    for name, column in columns.items():
+        assert data[name].dtype == column.dtype
+        np.testing.assert_array_equal(data[name], column)
+
+
+@pytest.mark.parametrize("float32", [False, True])
+def test_open3d_reads_the_same_points(float32: bool, cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "cloud.pcd", float32=float32)
+    read = import_open3d().t.io.read_point_cloud(str(tmp_path / "cloud.pcd"))
+    xyz = cloud.xyz.astype(np.float32 if float32 else np.float64)
+    assert read.point.positions.numpy().dtype == xyz.dtype
+    np.testing.assert_array_equal(read.point.positions.numpy(), xyz)
+    np.testing.assert_array_equal(read.point.normals.numpy(), cloud.normal)
+    for name in ("intensity", "time", "ring", "return_count", "object_id", "label"):
+        got = read.point[name].numpy()[:, 0]
+        assert got.dtype == getattr(cloud, name).dtype
+        np.testing.assert_array_equal(got, getattr(cloud, name))
+
+
+@pytest.mark.parametrize("options", [{}, {"write_ascii": True}, {"compressed": True}], ids=str)
+def test_we_read_what_open3d_writes(options: dict[str, bool], tmp_path: Path) -> None:
+    o3d = import_open3d()
+    xyz = np.random.default_rng(0).normal(size=(COUNT, 3)).astype(np.float32)
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(xyz))
+    cloud.point.intensity = o3d.core.Tensor(np.arange(COUNT, dtype=np.float32)[:, None])
+    cloud.point.colors = o3d.core.Tensor(np.full((COUNT, 3), 255, np.uint8))
+    path = tmp_path / "cloud.pcd"
+    assert o3d.t.io.write_point_cloud(str(path), cloud, **options)
+    read = PointCloud.load(path)
+    np.testing.assert_array_equal(read.xyz, xyz)
+    assert read.intensity.tolist() == list(range(COUNT))
+    assert set(read.fields) == {"xyz", "intensity", "rgb"}
+
+
+@pytest.mark.parametrize("encoding", list(pypcd4.Encoding)[:3])
+def test_we_read_what_pypcd4_writes(encoding: pypcd4.Encoding, tmp_path: Path) -> None:
+    points = np.arange(50, dtype=np.float32).reshape(10, 5)
+    pypcd4.PointCloud.from_xyzir_points(points).save(tmp_path / "cloud.pcd", encoding)
+    read = PointCloud.load(tmp_path / "cloud.pcd")
+    assert read.fields == ("xyz", "intensity", "ring")
+    np.testing.assert_array_equal(read.xyz, points[:, :3])
+    np.testing.assert_array_equal(read.ring, points[:, 4])
+
+
+def header(fields: str, size: str, kind: str, count: str | None, *, width: int, data: str, height: int = 1) -> str:
+    counts = f"COUNT {count}\n" if count else ""
+    return (
+        f"# .PCD v.7\n\nVERSION .7\nFIELDS {fields}\nSIZE {size}\nTYPE {kind}\n{counts}WIDTH {width}\nHEIGHT {height}\n"
+        f"VIEWPOINT 0 0 0 1 0 0 0\nPOINTS {width * height}\nDATA {data}\n"
+    )
+
+
+def test_padding_and_counts_as_pcl_writes_them(tmp_path: Path) -> None:
+    dtype = np.dtype(
+        [("x", "f4"), ("y", "f4"), ("z", "f4"), ("pad", "u1", 4), ("h", "f4", 3), ("rgb", "f4"), ("p2", "u1", 8)]
+    )
+    records = np.zeros(2, dtype)
+    records["x"], records["h"], records["pad"] = [1, 2], [[1, 2, 3], [4, 5, 6]], 9
+    path = tmp_path / "cloud.pcd"
+    text = header("x y z _ h rgb _", "4 4 4 1 4 4 1", "F F F U F F U", "1 1 1 4 3 1 8", width=2, data="binary")
+    path.write_bytes(text.encode() + records.tobytes())
+    read = PointCloud.load(path)
+    assert read.fields == ("xyz", "h", "rgb")
+    assert read.xyz.tolist() == [[1, 0, 0], [2, 0, 0]]
+    assert read.h.tolist() == [[1, 2, 3], [4, 5, 6]]
+
+
+def test_compressed_counts(tmp_path: Path) -> None:
+    import lzf
+
+    xyz, h = np.ones((3, 20), np.float32), np.tile(np.arange(3, dtype=np.float32), 20)
+    data = xyz.tobytes() + h.tobytes()
+    block = lzf.compress(data)
+    sizes = np.array([len(block), len(data)], "<u4").tobytes()
+    path = tmp_path / "cloud.pcd"
+    text = header("x y z h", "4 4 4 4", "F F F F", "1 1 1 3", width=20, data="binary_compressed").encode()
+    path.write_bytes(text + sizes + block)
+    assert PointCloud.load(path).h.tolist() == [[0, 1, 2]] * 20
+    for damaged, reason in (
+        (sizes + block[:-1], "it is truncated inside its compressed data"),
+        (sizes[:5], "it is truncated inside its compressed data"),
+        (sizes + b"\xff" * len(block), "error in compressed data"),
+        (np.array([len(block), 4], "<u4").tobytes() + block, "its compressed data holds 4 bytes, expected 480"),
+    ):
+        path.write_bytes(text + damaged)
+        with pytest.raises(FileFormatError) as caught:
+            PointCloud.load(path)
+        assert str(caught.value) == f"{path}: not a readable .pcd point cloud: {reason}"
+
+
+def test_old_organised_ascii_without_count(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    path.write_text(
+        header("x y z", "4 4 4", "F F F", None, width=2, data="ascii", height=2)
+        + "1 2 3 \nnan nan nan\n\n4  5\t6\n7 8 9\n"
+    )
+    np.testing.assert_array_equal(PointCloud.load(path).xyz, [[1, 2, 3], [np.nan] * 3, [4, 5, 6], [7, 8, 9]])
+
+
+def test_one_ascii_point(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    path.write_text(header("x y z i", "8 8 8 1", "F F F U", "1 1 1 1", width=1, data="ascii") + "1 2 3 255\n")
+    cloud = PointCloud.load(path)
+    assert cloud.xyz.tolist() == [[1, 2, 3]]
+    assert cloud.i.tolist() == [255]
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary", "binary_compressed"])
+def test_no_points(data: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    path.write_text(header("x y z ring", "4 4 4 2", "F F F U", "1 1 1 1", width=0, data=data))
+    assert PointCloud.load(path).ring.tolist() == []
+
+
+def test_names_that_are_no_identifiers(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    path.write_text(
+        header("x y z gps-time 2nd", "4 4 4 8 4", "F F F F F", "1 1 1 1 1", width=1, data="ascii") + "0 0 0 7 8\n"
+    )
+    cloud = PointCloud.load(path)
+    assert cloud.fields == ("xyz", "_2nd", "gps_time")
+    assert cloud.gps_time.tolist() == [7]
+
+
+GOOD = header("x y z", "4 4 4", "F F F", "1 1 1", width=2, data="binary")
+ASCII = GOOD.replace("binary", "ascii")
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("ply\nformat ascii 1.0\n", r"expected the header of a PCD file, got b'ply\n'"),
+        ("", "expected the header of a PCD file, got b''"),
+        ("FIELDS x y z\n", "expected the header of a PCD file, got b''"),
+        ("DATA ascii\n", "its header has no FIELDS"),
+        (GOOD.replace("SIZE 4 4 4", "SIZE 4 4"), "its header has 3 FIELDS, but 2 SIZE"),
+        (GOOD.replace("TYPE F", "TYPE Q"), "its field x has the unknown layout TYPE Q, SIZE 4, COUNT 1"),
+        (GOOD.replace("SIZE 4", "SIZE 3"), "its field x has the unknown layout TYPE F, SIZE 3, COUNT 1"),
+        (GOOD.replace("COUNT 1", "COUNT -1"), "its field x has the unknown layout TYPE F, SIZE 4, COUNT -1"),
+        (GOOD.replace("WIDTH 2", "WIDTH -2"), "its WIDTH is -2, expected a count"),
+        (GOOD.replace("x y z", "x y q") + "0" * 24, "it has no z among its fields x, y, q"),
+        (GOOD.replace("binary", "zipped"), "its DATA is 'zipped', expected ascii, binary or binary_compressed"),
+        (GOOD + "0" * 23, "it is truncated: 1 of 2 points"),
+        (GOOD.replace("WIDTH 2", "WIDTH 9999999999999") + "0" * 24, "it is truncated: 2 of 9999999999999 points"),
+        (ASCII + "1 2 3\n", "it is truncated: 1 of 2 points"),
+        (ASCII, "it is truncated: 0 of 2 points"),
+        (ASCII + "1 2 3\n1 2 a\n", "could not convert string 'a' to float32 at row 1, column 3."),
+    ],
+)
+def test_bad_files(content: str, reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    path.write_bytes(content.encode())
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value) == f"{path}: not a readable .pcd point cloud: {reason}"
+
+
+def test_compressed_without_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "cloud.pcd"
+    pypcd4.PointCloud.from_xyz_points(np.zeros((50, 3))).save(path, pypcd4.Encoding.BINARY_COMPRESSED)
+    monkeypatch.setitem(sys.modules, "lzf", None)
+    with pytest.raises(MissingExtraError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value) == 'reading compressed PCD files needs lzf: pip install "lidarsim[formats]"'

@@ -1,0 +1,150 @@
+"""PLY beside Open3D, PyVista, plyfile and trimesh."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import plyfile
+import pytest
+import pyvista
+import trimesh
+
+from lidarsim import io
+from lidarsim.errors import FileFormatError, MissingExtraError
+from lidarsim.pointcloud import PointCloud
+from lidarsim.viewers.open3d import import_open3d
+
+assert io, "the formats register themselves on import"
+
+COUNT = 500
+
+
+@pytest.fixture
+def cloud() -> PointCloud:
+    rng = np.random.default_rng(0)
+    return PointCloud(
+        xyz=rng.normal(scale=1e6, size=(COUNT, 3)),
+        intensity=rng.random(COUNT),
+        time=rng.random(COUNT),
+        ring=rng.integers(0, 65536, COUNT),
+        return_count=rng.integers(0, 256, COUNT),
+        object_id=rng.integers(-(2**31), 2**31, COUNT),
+        label=rng.integers(0, 2**32, COUNT),
+        normal=rng.normal(size=(COUNT, 3)),
+        flow=rng.normal(size=(COUNT, 2)),
+    )
+
+
+def test_plyfile_reads_every_field(cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "cloud.ply")
+    data = plyfile.PlyData.read(tmp_path / "cloud.ply")["vertex"].data
+    columns = dict(zip("xyz", cloud.xyz.T, strict=True))
+    columns |= {f"n{axis}": column for axis, column in zip("xyz", cloud.normal.T, strict=True)}
+    columns |= {f"flow.{i}": column for i, column in enumerate(cloud.flow.T)}
+    columns |= {name: getattr(cloud, name) for name in cloud.fields if getattr(cloud, name).ndim == 1}
+    assert set(data.dtype.names) == set(columns)
+    for name, column in columns.items():
+        assert data[name].dtype == column.dtype
+        np.testing.assert_array_equal(data[name], column)
+
+
+def test_open3d_reads_the_same_points(cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "cloud.ply")
+    read = import_open3d().t.io.read_point_cloud(str(tmp_path / "cloud.ply"))
+    np.testing.assert_array_equal(read.point.positions.numpy(), cloud.xyz)
+    np.testing.assert_array_equal(read.point.normals.numpy(), cloud.normal)
+    for name in ("intensity", "time", "ring", "return_count", "object_id"):  # it knows no uint32, that of the label
+        got = read.point[name].numpy()[:, 0]
+        assert got.dtype == getattr(cloud, name).dtype
+        np.testing.assert_array_equal(got, getattr(cloud, name))
+
+
+def test_pyvista_reads_the_same_points(cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "cloud.ply")
+    read = pyvista.read(tmp_path / "cloud.ply")
+    np.testing.assert_array_equal(read.points, cloud.xyz.astype(np.float32))  # VTK's reader has float32 alone
+    np.testing.assert_array_equal(read.point_data["Normals"], cloud.normal)
+
+
+@pytest.mark.parametrize("ascii_", [False, True])
+def test_we_read_what_open3d_writes(ascii_: bool, tmp_path: Path) -> None:
+    o3d = import_open3d()
+    xyz = np.random.default_rng(0).normal(size=(COUNT, 3)).astype(np.float32)
+    cloud = o3d.t.geometry.PointCloud(o3d.core.Tensor(xyz))
+    cloud.point.intensity = o3d.core.Tensor(np.arange(COUNT, dtype=np.float32)[:, None])
+    cloud.point.normals = o3d.core.Tensor(np.tile(np.float32([0, 0, 1]), (COUNT, 1)))
+    cloud.point.colors = o3d.core.Tensor(np.full((COUNT, 3), 255, np.uint8))
+    path = tmp_path / "cloud.ply"
+    assert o3d.t.io.write_point_cloud(str(path), cloud, write_ascii=ascii_)
+    read = PointCloud.load(path)
+    # Its text has six significant digits: off by half a unit of the last, then rounded to float32.
+    np.testing.assert_allclose(read.xyz, xyz, rtol=5e-6 + 2**-23 if ascii_ else 0, atol=0)
+    assert read.intensity.tolist() == list(range(COUNT))
+    assert read.normal.tolist() == [[0, 0, 1]] * COUNT
+    assert read.blue.tolist() == [255] * COUNT
+
+
+def test_we_read_the_vertices_of_a_mesh(tmp_path: Path) -> None:
+    box = trimesh.creation.box()
+    box.export(tmp_path / "box.ply")
+    np.testing.assert_array_equal(PointCloud.load(tmp_path / "box.ply").xyz, box.vertices.astype(np.float32))
+
+
+def test_big_endian(tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=np.arange(6.0).reshape(2, 3), ring=[4, 500], flow=np.ones((2, 2)))
+    cloud.save(tmp_path / "cloud.ply")
+    ply = plyfile.PlyData.read(tmp_path / "cloud.ply")
+    ply.byte_order = ">"
+    ply.write(tmp_path / "big.ply")
+    read = PointCloud.load(tmp_path / "big.ply")
+    for name in cloud.fields:
+        assert getattr(read, name).dtype == getattr(cloud, name).dtype
+        np.testing.assert_array_equal(getattr(read, name), getattr(cloud, name))
+
+
+def test_lists_are_left_out(tmp_path: Path) -> None:
+    vertices = np.zeros(3, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("ring", "u2"), ("near", "O")])
+    vertices["x"], vertices["ring"] = [1, 2, 3], [4, 5, 6]
+    vertices["near"] = [[1], [2, 3], []]
+    plyfile.PlyData([plyfile.PlyElement.describe(vertices, "vertex")]).write(tmp_path / "cloud.ply")
+    read = PointCloud.load(tmp_path / "cloud.ply")
+    assert read.fields == ("xyz", "ring")
+    assert read.xyz[:, 0].tolist() == [1, 2, 3]
+    assert read.ring.tolist() == [4, 5, 6]
+
+
+HEAD = "ply\nformat ascii 1.0\n"
+
+
+@pytest.mark.parametrize(
+    ("content", "reason"),
+    [
+        ("# .PCD v0.7\n", "it does not begin with 'ply'"),
+        (HEAD + "end_header\n", "it has no element 'vertex' among its elements (none)"),
+        (HEAD + "element face 0\nend_header\n", "it has no element 'vertex' among its elements face"),
+        (
+            HEAD + "element vertex 1\nproperty float x\nend_header\n0\n",
+            "it has no y among its fields x",
+        ),
+        (
+            HEAD + "element vertex 2\nproperty float x\nend_header\n0\n",
+            "element 'vertex': row 1: early end-of-file",
+        ),
+        (HEAD + "element vertex two\n", "line 3: expected integer count"),
+    ],
+)
+def test_bad_files(content: str, reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_text(content)
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value) == f"{path}: not a readable .ply point cloud: {reason}"
+
+
+def test_without_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "cloud.ply"
+    monkeypatch.setitem(sys.modules, "plyfile", None)
+    PointCloud(xyz=np.zeros((1, 3))).save(path)  # needs none
+    with pytest.raises(MissingExtraError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value) == 'reading PLY files needs plyfile: pip install "lidarsim[formats]"'

@@ -1,0 +1,116 @@
+"""What every format promises: bit for bit what was saved, and an error for any part of a file."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import hypothesis.extra.numpy as hnp
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from lidarsim import io
+from lidarsim.errors import FileFormatError
+from lidarsim.pointcloud import CANONICAL, PointCloud
+
+assert io, "the formats register themselves on import"
+
+FORMATS = {
+    ".npz": ["?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"],
+    ".pcd": ["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"],
+    ".ply": ["i1", "i2", "i4", "u1", "u2", "u4", "f4", "f8"],
+}
+
+
+def assert_same(got: PointCloud, want: PointCloud) -> None:
+    assert got.fields == want.fields
+    for name in want.fields:
+        a, b = getattr(got, name), getattr(want, name)
+        assert (a.dtype, a.shape) == (b.dtype, b.shape), name
+        np.testing.assert_array_equal(np.isnan(a), np.isnan(b))  # a NaN is a NaN, whatever its payload
+        assert a[~np.isnan(a)].tobytes() == b[~np.isnan(b)].tobytes(), name
+
+
+@st.composite
+def clouds(draw: st.DrawFn, dtypes: list[str]) -> PointCloud:
+    n = draw(st.integers(0, 8))
+    fields: dict[str, Any] = {"xyz": draw(hnp.arrays(np.float64, (n, 3)))}
+    for name in draw(st.sets(st.sampled_from(sorted(CANONICAL)[:-1]))):
+        shape, dtype = CANONICAL[name]
+        fields[name] = draw(hnp.arrays(dtype, (n, *shape)))
+    for name in draw(st.sets(st.sampled_from(["a", "b_0", "b_1", "rgb", "class_", "Z9"]))):
+        shape = draw(st.sampled_from([(), (1,), (2,), (3,), (12,)]))
+        fields[name] = draw(hnp.arrays(draw(st.sampled_from(dtypes)), (n, *shape)))
+    return PointCloud(fields)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@given(data=st.data())
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_every_bit_comes_back(suffix: str, data: st.DataObject, tmp_path: Path) -> None:
+    cloud = data.draw(clouds(FORMATS[suffix]))
+    path = tmp_path / f"cloud{suffix}"
+    cloud.save(path)
+    assert_same(PointCloud.load(path), cloud)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("points", [0, 1, 1000])
+def test_all_fields_of_lidarsim(suffix: str, points: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(1)
+    fields = {
+        name: rng.integers(0, 200, (points, *shape)).astype(dtype)
+        if issubclass(dtype, np.integer)
+        else rng.normal(scale=1e6, size=(points, *shape)).astype(dtype)
+        for name, (shape, dtype) in CANONICAL.items()
+    }
+    cloud = PointCloud(fields)
+    path = tmp_path / f"cloud{suffix}"
+    cloud.save(path)
+    assert_same(PointCloud.load(path), cloud)
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_same_cloud_same_bytes(suffix: str, tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=[[math.pi, 2, 3]], ring=[1])
+    cloud.save(tmp_path / f"a{suffix}")
+    cloud.save(tmp_path / f"b{suffix}")
+    assert (tmp_path / f"a{suffix}").read_bytes() == (tmp_path / f"b{suffix}").read_bytes()
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_no_part_of_a_file_is_taken_for_a_whole(suffix: str, tmp_path: Path) -> None:
+    whole, part = tmp_path / f"whole{suffix}", tmp_path / f"part{suffix}"
+    PointCloud(xyz=np.ones((5, 3)), ring=range(5)).save(whole)
+    content = whole.read_bytes()
+    for size in range(len(content)):
+        part.write_bytes(content[:size])
+        with pytest.raises(FileFormatError) as caught:
+            PointCloud.load(part)
+        message = str(caught.value)
+        assert message.startswith(f"{part}: not a readable {suffix} point cloud: ")
+        assert "\n" not in message
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+@pytest.mark.parametrize("content", [b"", b"\n", b"\x00" * 100, b"\xff\xfe" * 50, b"PK\x03\x04", b"hello world, " * 9])
+def test_foreign_content_is_one_clear_line(suffix: str, content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / f"foreign{suffix}"
+    path.write_bytes(content)
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    message = str(caught.value)
+    assert message.startswith(f"{path}: not a readable {suffix} point cloud: ")
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("suffix", "dtype"), [(".pcd", "bool"), (".ply", "bool"), (".ply", "int64"), (".ply", "uint64")]
+)
+def test_a_dtype_that_a_format_cannot_hold(suffix: str, dtype: str, tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=np.ones((2, 3)), extra=np.zeros(2, dtype))
+    with pytest.raises(FileFormatError) as caught:
+        cloud.save(tmp_path / f"cloud{suffix}")
+    assert str(caught.value) == f"extra: this format cannot hold {dtype}; convert it, or save as .npz"
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,255 @@
+"""Point clouds: their fields, and what saving and loading promise whatever the format."""
+
+import copy
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from lidarsim import io
+from lidarsim.errors import FileFormatError
+from lidarsim.pointcloud import CANONICAL, PointCloud, check_output
+
+assert io, "the formats register themselves on import"
+
+XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+
+
+@pytest.fixture
+def cloud() -> PointCloud:
+    return PointCloud(xyz=XYZ, intensity=[0.25, 0.5], ring=[3, 7], flow=np.ones((2, 2), np.float32))
+
+
+def test_only_the_given_fields_are_present_in_the_fixed_order(cloud: PointCloud) -> None:
+    assert cloud.fields == ("xyz", "intensity", "ring", "flow")
+    assert PointCloud(zeta=[0], alpha=[0], label=[0], range=[0], xyz=[[0, 0, 0]]).fields == (
+        "xyz", "range", "label", "alpha", "zeta",
+    )  # fmt: skip
+    assert len(cloud) == 2
+
+
+def test_mapping_and_keywords_are_one() -> None:
+    assert PointCloud({"xyz": XYZ, "ring": [0, 1]}, label=[1, 2]).fields == ("xyz", "ring", "label")
+
+
+def test_every_canonical_field_gets_its_dtype_and_shape() -> None:
+    cloud = PointCloud({name: np.ones((2, *shape), np.int64) for name, (shape, _) in CANONICAL.items()})
+    assert cloud.fields == tuple(CANONICAL)
+    for name, (shape, dtype) in CANONICAL.items():
+        array = getattr(cloud, name)
+        assert array.dtype == dtype
+        assert array.shape == (2, *shape)
+        assert array.flags.c_contiguous
+
+
+def test_canonical_dtypes_are_those_of_the_annotations() -> None:
+    annotations = PointCloud.__annotations__
+    assert list(annotations) == list(CANONICAL)
+    for name, (_, dtype) in CANONICAL.items():
+        assert annotations[name] == f"npt.NDArray[np.{dtype.__name__}]"
+
+
+def test_arrays_of_the_right_dtype_are_kept() -> None:
+    ring = np.array([1, 2], np.uint16)
+    cloud = PointCloud(xyz=XYZ, ring=ring)
+    assert np.shares_memory(cloud.xyz, XYZ)
+    assert np.shares_memory(cloud.ring, ring)
+
+
+@pytest.mark.parametrize("dtype", ["?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8", ">f8", ">i2"])
+def test_other_fields_keep_their_dtype_in_native_order(dtype: str) -> None:
+    cloud = PointCloud(xyz=XYZ, extra=np.array([0, 1], dtype))
+    assert cloud.extra.dtype == np.dtype(dtype).newbyteorder("=")
+    assert cloud.extra.tolist() == [0, 1]
+
+
+def test_absent_field_names_those_present(cloud: PointCloud) -> None:
+    with pytest.raises(AttributeError) as error:
+        cloud.label  # noqa: B018
+    assert str(error.value) == "this point cloud has no 'label'; its fields are xyz, intensity, ring, flow"
+    assert not hasattr(cloud, "label")
+
+
+def test_fields_can_be_set_and_removed(cloud: PointCloud) -> None:
+    cloud.cluster = np.array([0, 1])
+    cloud.intensity *= 2
+    del cloud.ring
+    assert cloud.fields == ("xyz", "intensity", "cluster", "flow")
+    assert cloud.intensity.tolist() == [0.5, 1.0]
+    with pytest.raises(AttributeError, match=r"^a point cloud cannot be without 'xyz'$"):
+        del cloud.xyz
+
+
+@pytest.mark.parametrize("index", [slice(1, 2), np.array([False, True]), np.array([1])])
+def test_selection_keeps_all_fields(cloud: PointCloud, index: object) -> None:
+    part = cloud[index]
+    assert part.fields == cloud.fields
+    assert part.xyz.tolist() == [[4, 5, 6]]
+    assert part.ring.tolist() == [7]
+    assert part.ring.dtype == np.uint16
+
+
+def test_copies_and_pickles(cloud: PointCloud) -> None:
+    for other in (copy.copy(cloud), copy.deepcopy(cloud), pickle.loads(pickle.dumps(cloud))):  # noqa: S301
+        assert other.fields == cloud.fields
+        np.testing.assert_array_equal(other.xyz, cloud.xyz)
+
+
+def test_repr_of_odd_clouds() -> None:
+    assert repr(PointCloud(xyz=np.empty((0, 3)))) == "PointCloud: 0 points\n  xyz  float64 (0, 3)"
+    assert repr(PointCloud(xyz=[[np.nan, 0, 0]], on=[True])) == (
+        "PointCloud: 1 point\n  xyz  float64 (1, 3)\n  on   bool    (1,)    1 … 1"
+    )
+    assert repr(PointCloud(xyz=[[np.nan, 0, 0], [1, 2, 3], [4, 0, np.inf]])) == (
+        "PointCloud: 3 points\n  xyz  float64 (3, 3)  (1, 2, 3) … (1, 2, 3)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "message"),
+    [
+        ({}, TypeError, "PointCloud: expected a field 'xyz', got no fields"),
+        ({"ring": [1], "label": [2]}, TypeError, "PointCloud: expected a field 'xyz', got ring, label"),
+        ({"xyz": [1, 2, 3]}, ValueError, "xyz: expected shape (n, 3), got (3,)"),
+        ({"xyz": [[1, 2]]}, ValueError, "xyz: expected shape (n, 3), got (1, 2)"),
+        ({"xyz": [[1, 2, 3], [4]]}, ValueError, "xyz: expected numbers of shape (n, 3), got a ragged sequence"),
+        ({"xyz": [["a", "b", "c"]]}, TypeError, "xyz: expected real numbers, got dtype <U1"),
+        ({"xyz": [[1, 2, 3j]]}, TypeError, "xyz: expected real numbers, got dtype complex128"),
+        ({"xyz": XYZ, "ring": [1]}, ValueError, "ring: expected one entry for each of the 2 points, got 1"),
+        ({"xyz": XYZ, "ring": [[1], [2]]}, ValueError, "ring: expected shape (n,), got (2, 1)"),
+        ({"xyz": XYZ, "normal": [1, 2]}, ValueError, "normal: expected shape (n, 3), got (2,)"),
+        ({"xyz": XYZ, "ring": [0, 65536]}, ValueError, "ring: expected integers from 0 to 65535, got ring[1] = 65536"),
+        ({"xyz": XYZ, "ring": [-1, 0]}, ValueError, "ring: expected integers from 0 to 65535, got ring[0] = -1"),
+        ({"xyz": XYZ, "ring": [0, 2.5]}, ValueError, "ring: expected integers from 0 to 65535, got ring[1] = 2.5"),
+        ({"xyz": XYZ, "ring": [np.nan, 0]}, ValueError, "ring: expected integers from 0 to 65535, got ring[0] = nan"),
+        ({"xyz": XYZ, "ring": [True, False]}, TypeError, "ring: expected real numbers, got dtype bool"),
+        ({"xyz": XYZ, "tag": ["a", "b"]}, TypeError, "tag: expected bool, integers, float32 or float64, got dtype <U1"),
+        ({"xyz": XYZ, "q": np.zeros(2, "f2")}, TypeError, "q: expected bool, integers, float32 or float64, got dtype float16"),
+        ({"xyz": XYZ, "tag": 1}, ValueError, "tag: expected shape (n,) or (n, m), got ()"),
+        ({"xyz": XYZ, "tag": np.zeros((2, 0))}, ValueError, "tag: expected shape (n,) or (n, m), got (2, 0)"),
+        ({"xyz": XYZ, "save": [0, 1]}, ValueError, "PointCloud: 'save' cannot be the name of a field"),
+        ({"xyz": XYZ, "x": [0, 1]}, ValueError, "PointCloud: 'x' cannot be the name of a field"),
+        ({"xyz": XYZ, "a b": [0, 1]}, ValueError, "PointCloud: 'a b' cannot be the name of a field"),
+    ],
+)  # fmt: skip
+def test_bad_fields(fields: dict[str, object], error: type[Exception], message: str) -> None:
+    with pytest.raises(error) as caught:
+        PointCloud(fields)
+    assert str(caught.value) == message
+
+
+def test_whole_floats_are_integers_and_integers_of_any_width() -> None:
+    cloud = PointCloud(xyz=XYZ, ring=np.array([0.0, 65535.0]), label=np.array([0, 2**32 - 1], np.uint64))
+    assert cloud.ring.tolist() == [0, 65535]
+    assert cloud.label.tolist() == [0, 2**32 - 1]
+
+
+@pytest.mark.parametrize("suffix", [".pcd", ".ply", ".npz", ".PCD"])
+class TestSaving:
+    def test_file_appears_complete_and_alone(self, cloud: PointCloud, tmp_path: Path, suffix: str) -> None:
+        cloud.save(tmp_path / f"a{suffix}")
+        assert [path.name for path in tmp_path.iterdir()] == [f"a{suffix}"]
+        np.testing.assert_array_equal(PointCloud.load(str(tmp_path / f"a{suffix}")).xyz, XYZ)
+
+    def test_float32_rounds_the_positions_alone(self, tmp_path: Path, suffix: str) -> None:
+        cloud = PointCloud(xyz=[[0.1, 1e9 + 1, 3]], time=[0.1])
+        cloud.save(tmp_path / f"a{suffix}", float32=True)
+        loaded = PointCloud.load(tmp_path / f"a{suffix}")
+        assert loaded.xyz.tolist() == [[float(np.float32(0.1)), 1e9, 3.0]]
+        assert loaded.time.tolist() == [0.1]
+        assert cloud.xyz[0, 0] == 0.1
+
+    def test_full_disk_leaves_the_old_file(self, cloud: PointCloud, tmp_path: Path, suffix: str) -> None:
+        resource = pytest.importorskip("resource", reason="Windows has no limit on the size of a file")
+        path = tmp_path / f"a{suffix}"
+        cloud.save(path)
+        before = path.read_bytes()
+        soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+        big = PointCloud(xyz=np.ones((10_000, 3)))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+        try:
+            with pytest.raises(OSError, match=r"cannot be written") as caught:
+                big.save(path)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        assert str(caught.value) == f"{path}: cannot be written: File too large"
+        assert path.read_bytes() == before
+        assert list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("scan.xyz", "unknown extension '.xyz', expected .npz or .pcd or .ply"),
+        ("scan", "no extension, expected .npz or .pcd or .ply"),
+    ],
+)
+def test_unknown_extension(cloud: PointCloud, tmp_path: Path, name: str, message: str) -> None:
+    path = tmp_path / name
+    for use in (cloud.save, check_output, PointCloud.load):
+        with pytest.raises(FileFormatError) as caught:
+            use(path)
+        assert str(caught.value) == f"{path}: {message}"
+    assert not list(tmp_path.iterdir())
+
+
+def test_output_folder_that_does_not_exist(cloud: PointCloud, tmp_path: Path) -> None:
+    path = tmp_path / "none" / "scan.pcd"
+    for use in (cloud.save, check_output):
+        with pytest.raises(FileNotFoundError) as caught:
+            use(path)
+        assert str(caught.value) == f"{path}: the folder {tmp_path / 'none'} does not exist"
+
+
+def test_output_below_a_file(cloud: PointCloud, tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    path = tmp_path / "file" / "scan.pcd"
+    for use in (cloud.save, check_output):
+        with pytest.raises(NotADirectoryError) as caught:
+            use(path)
+        assert str(caught.value) == f"{path}: {tmp_path / 'file'} is not a folder"
+
+
+def test_output_that_is_a_folder(cloud: PointCloud, tmp_path: Path) -> None:
+    (tmp_path / "scan.pcd").mkdir()
+    for use in (cloud.save, check_output):
+        with pytest.raises(IsADirectoryError) as caught:
+            use(tmp_path / "scan.pcd")
+        assert str(caught.value) == f"{tmp_path / 'scan.pcd'}: expected a file to write, got a folder"
+
+
+def test_output_folder_without_permission(cloud: PointCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("os.access", lambda *_: False)  # permissions do not stop an administrator
+    for use in (cloud.save, check_output):
+        with pytest.raises(PermissionError) as caught:
+            use(tmp_path / "scan.pcd")
+        assert str(caught.value) == f"{tmp_path / 'scan.pcd'}: no permission to write in the folder {tmp_path}"
+
+
+def test_good_output_is_checked_without_a_trace(tmp_path: Path) -> None:
+    check_output(tmp_path / "scan.pcd")
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", ["pcd", "ply", "npz"])
+class TestLoading:
+    def test_missing_file(self, tmp_path: Path, suffix: str) -> None:
+        path = tmp_path / f"none.{suffix}"
+        with pytest.raises(FileNotFoundError) as caught:
+            PointCloud.load(path)
+        assert str(caught.value) == f"{path}: no such file"
+
+    def test_folder(self, tmp_path: Path, suffix: str) -> None:
+        path = tmp_path / f"folder.{suffix}"
+        path.mkdir()
+        with pytest.raises(IsADirectoryError) as caught:
+            PointCloud.load(path)
+        assert str(caught.value) == f"{path}: expected a file, got a folder"
+
+    def test_unreadable_file(self, tmp_path: Path, suffix: str) -> None:
+        (tmp_path / "file").touch()
+        path = tmp_path / "file" / f"scan.{suffix}"
+        with pytest.raises(OSError, match="cannot be read") as caught:
+            PointCloud.load(path)
+        assert str(caught.value) == f"{path}: cannot be read: Not a directory"

@@ -1,0 +1,198 @@
+"""PyVista: conversion, and pictures that show what they should."""
+
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+from unittest.mock import MagicMock
+
+import numpy as np
+import pytest
+import pyvista
+from PIL import Image
+from scipy.spatial.transform import RigidTransform, Rotation
+
+from lidarsim.errors import FileFormatError, LidarsimError, MissingExtraError
+from lidarsim.pointcloud import CANONICAL, PointCloud
+from lidarsim.viewers._colors import BACKGROUND, QUALITATIVE
+from lidarsim.viewers.pyvista import _write_png, check_screenshot, render
+
+SIZE = (320, 200)
+
+
+def channels(color: str) -> list[int]:
+    return list(bytes.fromhex(color[1:]))
+
+
+def picture(path: Path, cloud: PointCloud, **options: Any) -> np.ndarray:
+    render(cloud, path, window_size=SIZE, **options)
+    image = np.asarray(Image.open(path).convert("RGB")).astype(int)
+    assert image.shape == (SIZE[1], SIZE[0], 3)
+    return image
+
+
+def near(image: np.ndarray, color: str, tolerance: int = 12) -> np.ndarray:
+    return (np.abs(image - channels(color)) <= tolerance).all(axis=-1)
+
+
+@pytest.fixture
+def wall() -> PointCloud:
+    """Two patches across the sensor's x axis: label 7 to the left, label 9 to the right."""
+    y, z = np.meshgrid(np.linspace(-4, 4, 60), np.linspace(-2, 2, 40))
+    return PointCloud(
+        xyz=np.stack([np.full(y.size, 10.0), y.ravel(), z.ravel()], 1), label=np.where(y > 0, 7, 9).ravel()
+    )
+
+
+@pytest.mark.parametrize("points", [0, 1, 100])
+def test_every_field_is_point_data_of_its_dtype(points: int) -> None:
+    rng = np.random.default_rng(0)
+    fields: dict[str, Any] = {
+        name: rng.integers(0, 200, (points, *shape)).astype(dtype) for name, (shape, dtype) in CANONICAL.items()
+    }
+    for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"):
+        fields[f"extra_{np.dtype(code).name}"] = rng.integers(0, 2, points).astype(code)
+    cloud = PointCloud(fields, vector=rng.random((points, 2)))
+    converted = cloud.to_pyvista()
+    assert isinstance(converted, pyvista.PolyData)
+    assert converted.points.dtype == np.float64
+    assert converted.n_cells == points
+    np.testing.assert_array_equal(converted.points, cloud.xyz)
+    assert set(converted.point_data) == set(cloud.fields) - {"xyz"}
+    for name in converted.point_data:
+        assert converted.point_data[name].dtype == getattr(cloud, name).dtype
+        np.testing.assert_array_equal(converted.point_data[name], getattr(cloud, name))
+
+
+def test_conversion_shares_its_arrays() -> None:
+    cloud = PointCloud(xyz=np.zeros((3, 3)), range=np.zeros(3))
+    converted = cloud.to_pyvista()
+    assert np.shares_memory(converted.points, cloud.xyz)
+    assert np.shares_memory(converted.point_data["range"], cloud.range)
+
+
+def test_points_are_drawn_in_their_colours_where_they_are(wall: PointCloud, tmp_path: Path) -> None:
+    image = picture(tmp_path / "a.png", wall, color_by="label")
+    assert near(image, BACKGROUND).mean() > 0.2
+    left, right = near(image, QUALITATIVE[0]), near(image, QUALITATIVE[1])
+    assert left.sum() > 200
+    assert right.sum() > 200
+    middle = SIZE[0] * 0.8  # right of it stands the colour bar
+    assert np.median(np.nonzero(left)[1]) < np.median(np.nonzero(right)[1]) < middle
+
+
+def test_camera_and_pose_move_with_the_cloud(wall: PointCloud, tmp_path: Path) -> None:
+    pose = RigidTransform.from_components([5e6, 4e5, 300.0], Rotation.from_euler("z", 1.0))
+    moved = PointCloud(xyz=pose.apply(wall.xyz), label=wall.label)
+    near_origin = picture(tmp_path / "a.png", wall, color_by="label")
+    far_off = picture(tmp_path / "b.png", moved, color_by="label", pose=pose)
+    # Coordinates of 5e6 m are rounded to 1e-9 m, so only pixels on an edge can differ.
+    assert (near_origin != far_off).any(axis=-1).mean() < 0.01
+    assert near(near_origin, QUALITATIVE[0]).sum() > 200
+
+
+def test_a_given_camera_is_used(wall: PointCloud, tmp_path: Path) -> None:
+    away = picture(tmp_path / "a.png", wall, color_by="label", camera=[(0, 0, 0), (-1, 0, 0), (0, 0, 1)])
+    assert near(away[:, : SIZE[0] * 4 // 5], QUALITATIVE[0]).sum() == 0
+
+
+def test_far_outliers_do_not_shrink_the_picture(wall: PointCloud, tmp_path: Path) -> None:
+    with_outliers = PointCloud(
+        xyz=np.concatenate([wall.xyz, [[1e5, 0, 0], [np.nan, 0, 0], [0, np.inf, 0]]]),
+        label=np.concatenate([wall.label, [7, 7, 7]]),
+    )
+    counts = [
+        near(picture(tmp_path / "a.png", cloud, color_by="label"), QUALITATIVE[1]).sum()
+        for cloud in (wall, with_outliers)
+    ]
+    assert counts[1] == pytest.approx(counts[0], rel=0.2)
+
+
+def test_meshes_are_shown(wall: PointCloud, tmp_path: Path) -> None:
+    plain = picture(tmp_path / "a.png", wall)
+    boxed = picture(
+        tmp_path / "b.png", wall, meshes=[pyvista.Cube(center=(10, 0, 0), x_length=2, y_length=9, z_length=5)]
+    )
+    assert (plain != boxed).any(axis=-1).mean() > 0.1
+
+
+@pytest.mark.parametrize("field", ["intensity", "height", "on", "constant", "empty"])
+def test_odd_fields_draw(field: str, wall: PointCloud, tmp_path: Path) -> None:
+    wall.intensity = np.linspace(0, 1, len(wall))
+    wall.on = wall.label == 7
+    wall.constant = np.full(len(wall), 3)
+    wall.empty = np.full(len(wall), np.nan)
+    image = picture(tmp_path / "a.png", wall, color_by=field)
+    assert (~near(image, BACKGROUND)).mean() > 0.05
+
+
+def test_empty_cloud_shows_the_sensor(tmp_path: Path) -> None:
+    image = picture(
+        tmp_path / "a.png", PointCloud(xyz=np.empty((0, 3)), label=np.empty(0, np.uint32)), color_by="label"
+    )
+    assert 0 < (~near(image, BACKGROUND)).mean() < 0.05
+
+
+def test_a_new_picture_replaces_the_old_whole(wall: PointCloud, tmp_path: Path) -> None:
+    (tmp_path / "a.png").write_text("old")
+    picture(tmp_path / "a.png", wall)
+    assert [path.name for path in tmp_path.iterdir()] == ["a.png"]
+
+
+def test_bad_paths(wall: PointCloud, tmp_path: Path) -> None:
+    for path, error, message in (
+        (tmp_path / "a.jpg", FileFormatError, "unknown extension '.jpg', expected .png"),
+        (tmp_path / "none" / "a.png", FileNotFoundError, f"the folder {tmp_path / 'none'} does not exist"),
+    ):
+        for use in (check_screenshot, lambda path: render(wall, path)):
+            with pytest.raises(error) as caught:
+                use(path)
+            assert str(caught.value) == f"{path}: {message}"
+
+
+def test_bad_arguments(wall: PointCloud, tmp_path: Path) -> None:
+    for options, message in (
+        ({"color_by": "ring"}, "color_by: expected one of height, label, got 'ring'"),
+        ({"camera": [1, 2, 3]}, "camera: expected shape (3, 3), got (3,)"),
+        ({"pose": np.eye(3)}, "pose: expected shape (4, 4), got (3, 3)"),
+    ):
+        with pytest.raises(ValueError) as caught:  # noqa: PT011
+            render(wall, tmp_path / "a.png", **options)
+        assert str(caught.value) == message
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_package(wall: PointCloud, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pyvista", None)
+    for use in (wall.to_pyvista, lambda: render(wall, tmp_path / "a.png")):
+        with pytest.raises(MissingExtraError) as caught:
+            use()
+        assert str(caught.value) == 'this view needs pyvista: pip install "lidarsim[pyvista]"'
+
+
+def test_no_opengl_is_an_error_instead_of_a_crash(tmp_path: Path) -> None:
+    plotter = MagicMock()  # where VTK finds no OpenGL, it gives a window that does not initialise
+    plotter.render_window.GetInitialized.return_value = False
+    with pytest.raises(LidarsimError) as caught:
+        _write_png(plotter, tmp_path / "a.png")
+    assert str(caught.value) == "no OpenGL to draw with: install libEGL (Debian, Ubuntu: apt install libegl1)"
+    plotter.screenshot.assert_not_called()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
+def test_window_without_a_display(wall: PointCloud, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    with pytest.raises(LidarsimError) as caught:
+        render(wall)
+    assert str(caught.value) == "no display to show a window on (DISPLAY is not set): write a screenshot instead"
+
+
+def test_rendering_says_nothing(tmp_path: Path) -> None:
+    code = (
+        "from lidarsim.pointcloud import PointCloud; from lidarsim.viewers.pyvista import render;"
+        "render(PointCloud(xyz=[[1, 2, 3]]), 'a.png')"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert (done.stdout, done.stderr) == ("", "")
+    assert (tmp_path / "a.png").exists()
