@@ -5,7 +5,11 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 
 from lidarsim import errors, patterns
 from lidarsim.materials import Material
+from lidarsim.measurement import Beam, Detection, Measurement
+from lidarsim.pointcloud import PointCloud
+from lidarsim.scan import Scan, Status
 from lidarsim.scene import Scene, SceneObject
+from lidarsim.sensor import Lidar
 from lidarsim.shapes import (
     Box,
     Cylinder,
@@ -18,19 +22,28 @@ from lidarsim.shapes import (
     Triangle,
     TriangleMesh,
 )
+from lidarsim.trajectory import Trajectory
 
 __all__ = [
+    "Beam",
     "Box",
     "Cylinder",
+    "Detection",
     "Ellipsoid",
     "Hits",
+    "Lidar",
     "Material",
+    "Measurement",
     "Plane",
+    "PointCloud",
     "Polygon",
+    "Scan",
     "Scene",
     "SceneObject",
     "Shape",
     "Sphere",
+    "Status",
+    "Trajectory",
     "Triangle",
     "TriangleMesh",
     "errors",

@@ -219,9 +219,7 @@ def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]
     falling = np.diff(table[:, 0]) <= 0.0
     if falling.any():
         i = int(np.argmax(falling)) + 1
-        raise ValueError(
-            f"range_sigma: expected rising ranges, got {table[i, 0]} m in row {i} after {table[i - 1, 0]} m"
-        )
+        raise ValueError(f"range_sigma: expected rising ranges, got {table[i, 0]} after {table[i - 1, 0]} in row {i}")
     return tuple((float(r), float(sigma)) for r, sigma in table)
 
 
@@ -235,10 +233,6 @@ def _returns(value: object, beam: Beam | None) -> ReturnMode | int:
         number = value = integer("returns", value, at_least=1)
     most = 1 if beam is None else beam.rays
     if number > most:
-        hint = (
-            "without a beam, which has one echo; give beam=Beam(...)"
-            if beam is None
-            else "from the sub-rays of the beam"
-        )
-        raise ValueError(f"returns: expected at most {most} {hint}, got {value!r}")
+        reason = "a pulse has one echo without a beam" if beam is None else f"the beam has {most} rays"
+        raise ValueError(f"returns: expected at most {most}, since {reason}, got {value!r}")
     return value  # type: ignore[return-value]

@@ -1,0 +1,663 @@
+"""Each effect of a measurement, recovered from scans as a user would, and its parameters refused where they cannot be."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import statistics
+import zlib
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from scipy import integrate, optimize, stats
+
+import lidarsim as ls
+from lidarsim import _native
+
+Floats = npt.NDArray[np.float64]
+
+SIGMAS = 4.0
+"""Confidence bounds of what is fitted: one fit in 16 000 lies outside."""
+
+
+def beams(directions: npt.ArrayLike, origins: npt.ArrayLike = (0.0, 0.0, 0.0), count: int = 1) -> ls.patterns.Table:
+    directions = np.repeat(np.atleast_2d(directions), count, axis=0)
+    origins = np.broadcast_to(origins, np.shape(directions) if np.ndim(origins) == 1 else np.shape(origins))
+    return ls.patterns.Table(np.broadcast_to(directions, origins.shape), origins=origins, rate=10.0)
+
+
+def before_wall(ranges: npt.ArrayLike) -> ls.patterns.Table:
+    """Pulses at right angles to the plane x = 0, each from its own distance."""
+    distances = np.asarray(ranges, dtype=float)
+    return beams(np.tile([1.0, 0.0, 0.0], (len(distances), 1)), np.outer(distances, [-1.0, 0.0, 0.0]))
+
+
+def wall(reflectivity: float = 1.0) -> ls.Scene:
+    scene = ls.Scene()
+    scene.add(ls.Plane((1, 0, 0), 0.0), material=ls.Material(reflectivity=reflectivity))
+    return scene
+
+
+def measured(pattern: ls.patterns.Table, scene: ls.Scene, *, seed: int = 3, **parameters: Any) -> ls.Scan:
+    gate = {name: parameters.pop(name) for name in ("min_range", "max_range") if name in parameters}
+    return ls.Lidar(pattern, measurement=ls.Measurement(**parameters), **gate).scan(scene, seed=seed)
+
+
+# Nothing asked for
+
+
+def test_without_effects_the_range_is_the_truth() -> None:
+    ranges = np.linspace(0.1, 300.0, 1000)
+    scan = measured(before_wall(ranges), wall(0.25))
+    assert (scan.status == ls.Status.hit).all()
+    assert np.array_equal(scan.range[:, 0], ranges)
+    assert np.array_equal(scan.true_range, scan.range)
+    assert not scan.range_error.any()
+    assert (scan.intensity == 0.25).all()
+    assert not scan.incidence.any()
+
+
+def test_nothing_is_added_to_a_miss() -> None:
+    everything = {
+        "range_sigma": 1.0, "range_bias": 1.0, "range_resolution": 0.1, "azimuth_sigma": 0.1, "elevation_sigma": 0.1,
+        "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "beam": ls.Beam(0.1), "returns": 3,
+    }  # fmt: skip
+    scan = measured(beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=1000), wall(), **everything)
+    assert (scan.status == ls.Status.miss).all()
+    assert scan.range.shape == (1000, 3)
+    for name in ("range", "true_range", "range_error", "intensity", "normal", "incidence"):
+        assert np.isnan(getattr(scan, name)).all(), name
+    assert (scan.object_id == -1).all()
+    assert not scan.label.any()
+    assert not scan.return_count.any()
+    assert len(scan.point_cloud()) == 0
+
+
+# Range
+
+
+def test_range_noise_gives_back_its_constants() -> None:
+    a, b = 0.02, 1e-3
+    distances = np.geomspace(1.0, 100.0, 25)
+    count = 8000
+    scan = measured(before_wall(np.repeat(distances, count)), wall(), range_sigma=a, range_sigma_slope=b)
+    cloud = scan.point_cloud()
+    variances = cloud.range_error.reshape(-1, count).var(axis=1, ddof=1)
+    # σ² = a² + b²R² is linear in R²; the variance of a sample variance is 2σ⁴/(n−1). Weights from a first fit, then from that.
+    design = np.column_stack([np.ones_like(distances), distances**2])
+    fit = np.array([a**2, b**2])
+    for _ in range(3):
+        spread = design @ fit * math.sqrt(2.0 / (count - 1))
+        covariance = np.linalg.inv((design / spread[:, None] ** 2).T @ design)
+        fit = covariance @ (design / spread[:, None] ** 2).T @ variances
+    errors = np.sqrt(np.diag(covariance))
+    assert (errors < [0.02 * a**2, 0.02 * b**2]).all()
+    assert (np.abs(fit - [a**2, b**2]) < SIGMAS * errors).all()
+
+
+def test_range_noise_follows_a_table() -> None:
+    table = [(1.0, 0.01), (10.0, 0.01), (10.5, 0.03), (30.0, 0.05)]
+    distances = np.array([0.5, 1.0, 5.0, 10.0, 10.25, 20.0, 30.0, 80.0])
+    count = 20_000
+    scan = measured(before_wall(np.repeat(distances, count)), wall(), range_sigma=table)
+    sigmas = scan.range_error.reshape(-1, count).std(axis=1)
+    expected = np.interp(distances, *np.transpose(table))
+    assert (np.abs(sigmas / expected - 1.0) < SIGMAS / math.sqrt(2 * count)).all()
+
+
+def test_bias_is_added() -> None:
+    scan = measured(before_wall(np.full(10_000, 20.0)), wall(), range_bias=-0.05)
+    assert np.array_equal(scan.range[:, 0], np.full(10_000, 20.0 - 0.05))
+    noisy = measured(before_wall(np.full(10_000, 20.0)), wall(), range_bias=-0.05, range_sigma=0.02)
+    assert abs(noisy.range_error.mean() + 0.05) < SIGMAS * 0.02 / 100.0
+
+
+def test_ranges_are_quantised_last() -> None:
+    step = 0.004
+    scan = measured(before_wall(np.full(50_000, 20.0)), wall(), range_sigma=0.05, range_resolution=step)
+    counts = scan.range[:, 0] / step
+    assert np.array_equal(np.rint(counts) * step, scan.range[:, 0])
+    assert len(np.unique(counts)) > 50
+    exact = measured(before_wall(np.full(50_000, 20.0)), wall(), range_sigma=0.05)
+    rest = scan.range - exact.range
+    assert np.abs(rest).max() <= step / 2 * (1 + 1e-9)
+    assert stats.kstest(rest[:, 0] / step + 0.5, "uniform").pvalue > 1e-3
+
+
+def test_halves_are_rounded_to_even() -> None:
+    scan = measured(before_wall([0.25, 0.75, 1.25, 1.75]), wall(), range_resolution=0.5)
+    assert scan.range[:, 0].tolist() == [0.0, 1.0, 1.0, 2.0]
+
+
+# Range gate
+
+
+def test_the_gate_is_that_of_the_lidar() -> None:
+    ranges = [0.5, math.nextafter(1.0, 0.0), 1.0, 5.0, 9.0, math.nextafter(9.0, 10.0), 20.0]
+    scan = measured(before_wall(ranges), wall(), min_range=1.0, max_range=9.0)
+    below, hit, beyond = ls.Status.below_min_range, ls.Status.hit, ls.Status.beyond_max_range
+    assert scan.status.tolist() == [below, below, hit, hit, hit, beyond, beyond]
+    assert np.isnan(scan.range[scan.status != hit]).all()
+    assert scan.true_range[:, 0].tolist() == ranges
+
+
+def test_what_noise_puts_out_of_the_gate_is_not_reported() -> None:
+    count = 20_000
+    near = measured(before_wall(np.full(count, 0.5)), wall(), range_sigma=0.5)
+    below = near.status == ls.Status.below_min_range
+    assert stats.binomtest(int(below.sum()), count, stats.norm.cdf(-1.0)).pvalue > 1e-3
+    assert np.isnan(near.range[below]).all()
+    assert np.nanmin(near.range) >= 0.0
+    far = measured(before_wall(np.full(count, 49.5)), wall(), range_sigma=0.5, max_range=50.0)
+    beyond = far.status == ls.Status.beyond_max_range
+    assert stats.binomtest(int(beyond.sum()), count, stats.norm.cdf(-1.0)).pvalue > 1e-3
+    assert np.nanmax(far.range) <= 50.0
+
+
+def test_noise_does_not_bring_back_what_is_out_of_the_gate() -> None:
+    scan = measured(before_wall(np.full(1000, 50.1)), wall(), range_sigma=0.5, max_range=50.0)
+    assert (scan.status == ls.Status.beyond_max_range).all()
+
+
+# Angles
+
+
+@pytest.mark.parametrize("name", ["azimuth_sigma", "elevation_sigma"])
+def test_angular_noise_is_recovered_from_a_grazing_plane(name: str) -> None:
+    sigma, grazing, height, count = 5e-4, math.radians(5.0), 2.0, 100_000
+    scene = ls.Scene()
+    sin, cos = math.sin(grazing), math.cos(grazing)
+    if name == "azimuth_sigma":
+        scene.add(ls.Plane((0, 1, 0), height))
+        direction = [cos, sin, 0.0]
+    else:
+        scene.add(ls.Plane((0, 0, 1), height))
+        direction = [cos, 0.0, sin]
+    cloud = measured(beams(direction, count=count), scene, **{name: sigma}).point_cloud()
+    # The points lie on the nominal ray, at the range where the true one met the plane.
+    assert np.allclose(cloud.xyz / cloud.range[:, None], direction, rtol=0, atol=1e-15)
+    errors = np.arcsin(height / cloud.range) - grazing
+    assert abs(errors.std() / sigma - 1.0) < SIGMAS / math.sqrt(2 * count)
+    assert abs(errors.mean()) < SIGMAS * sigma / math.sqrt(count)
+    assert np.array_equal(cloud.range, cloud.true_range)
+    other = "elevation_sigma" if name == "azimuth_sigma" else "azimuth_sigma"
+    still = measured(beams(direction, count=1000), scene, **{other: sigma}).point_cloud()
+    # Across the plane's slope the range changes by the square of the angle, or with its cosine.
+    assert still.range.std() < 10 * sigma**2 * still.range.mean()
+
+
+def test_azimuth_noise_shrinks_towards_the_pole_and_does_nothing_at_it() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((1, 0, 1), 10.0))
+    straight_up = measured(beams([0.0, 0.0, 1.0], count=100), scene, azimuth_sigma=0.01)
+    assert np.array_equal(straight_up.range, np.full((100, 1), 10.0))
+    spread = [
+        measured(beams([0.0, math.cos(e), math.sin(e)], count=10_000), scene, azimuth_sigma=0.01).range.std()
+        / (10.0 * math.cos(e) / math.sin(e) ** 2)
+        for e in (0.8, 1.5)
+    ]
+    # dR/d(azimuth) = R²·cos(e)/10 with R = 10/sin(e), at azimuth 90°.
+    assert np.allclose(spread, 0.01, rtol=SIGMAS / math.sqrt(2 * 10_000) + 0.01)
+
+
+# Intensity and detection
+
+
+def test_intensity_is_lamberts() -> None:
+    angles = np.linspace(0.0, 1.5, 50)
+    directions = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    scene, alpha = wall(0.6), 0.01
+    origin = (-10.0, 0.0, 0.0)
+    scan = measured(beams(directions, np.tile(origin, (50, 1))), scene, extinction=alpha)
+    expected = 0.6 * np.cos(angles) * np.exp(-2 * alpha * 10.0 / np.cos(angles))
+    assert np.allclose(scan.intensity[:, 0], expected, rtol=2.0**-23, atol=0)
+    assert np.allclose(scan.incidence[:, 0], angles, rtol=2.0**-23, atol=1e-12)
+
+
+def test_a_retro_reflector_exceeds_one() -> None:
+    assert measured(before_wall([10.0]), wall(300.0)).intensity.tolist() == [[300.0]]
+
+
+def test_both_sides_of_a_surface_return_light() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Sphere((0, 0, 0), 5.0), material=ls.Material(reflectivity=0.5))
+    scan = measured(beams([1.0, 0.0, 0.0]), scene)
+    assert scan.intensity.tolist() == [[0.5]]
+    assert scan.incidence.tolist() == [[0.0]]
+    assert scan.normal.tolist() == [[[1.0, 0.0, 0.0]]]
+
+
+def cut(scan: ls.Scan) -> float:
+    """The last range that is seen; none after the first that is not."""
+    seen = scan.status == ls.Status.hit
+    last = int(seen.sum())
+    assert 10 < last < len(seen) - 10
+    assert seen[:last].all()
+    assert (scan.status[last:] == ls.Status.below_threshold).all()
+    return float(scan.true_range[last - 1, 0])
+
+
+def test_detection_cuts_exactly_at_its_range() -> None:
+    ranges = [math.nextafter(150.0, 0.0), 150.0, math.nextafter(150.0, 151.0)]
+    for extinction in (0.0, 1e-3):
+        scan = measured(before_wall(ranges), wall(0.1), detection=ls.Detection(0.1, 150.0), extinction=extinction)
+        assert scan.status[:2].tolist() == [ls.Status.hit, ls.Status.hit]
+    # One ulp further the quotient I/R² may still round to the same.
+    further = measured(before_wall([150.0 * (1 + 1e-15)]), wall(0.1), detection=ls.Detection(0.1, 150.0))
+    assert further.status.tolist() == [ls.Status.below_threshold]
+
+
+@pytest.mark.parametrize("reflectivity", [0.02, 0.1, 0.8, 5.0])
+@pytest.mark.parametrize("angle", [0.0, 0.5, 1.2])
+@pytest.mark.parametrize("extinction", [0.0, 2e-3])
+def test_detection_cuts_where_it_should(reflectivity: float, angle: float, extinction: float) -> None:
+    least, seen_to = 0.1, 100.0
+    direction = np.array([math.cos(angle), math.sin(angle), 0.0])
+    ranges = np.linspace(1.0, 1000.0, 20_000)
+    pattern = beams(np.tile(direction, (len(ranges), 1)), -np.outer(ranges, direction))
+    scan = measured(pattern, wall(reflectivity), detection=ls.Detection(least, seen_to), extinction=extinction)
+
+    def power(rho: float, r: float) -> float:
+        return rho * math.exp(-2 * extinction * r) / r**2
+
+    def excess(r: float) -> float:
+        return power(reflectivity * math.cos(angle), r) - power(least, seen_to)
+
+    expected = optimize.brentq(excess, 1.0, 1000.0, xtol=1e-9)
+    step = ranges[1] - ranges[0]
+    assert expected - step <= cut(scan) <= expected
+
+
+def test_dropout_has_its_rate() -> None:
+    for rate in (0.0, 0.001, 0.3, 1.0):
+        scan = measured(before_wall(np.full(100_000, 10.0)), wall(), dropout=rate)
+        lost = int((scan.status == ls.Status.dropped).sum())
+        assert stats.binomtest(lost, 100_000, rate).pvalue > 1e-4 if 0 < rate < 1 else lost == rate * 100_000
+
+
+def test_what_is_too_weak_is_not_dropped_too() -> None:
+    scan = measured(before_wall([10.0, 90.0] * 1000), wall(0.1), detection=ls.Detection(0.1, 50.0), dropout=0.5)
+    assert set(scan.status[0::2].tolist()) == {ls.Status.hit, ls.Status.dropped}
+    assert set(scan.status[1::2].tolist()) == {ls.Status.below_threshold}
+
+
+# The beam
+
+
+SLOW_PULSE = 2 * 0.75 / 299_792_458.0
+"""Echoes closer than 0.75 m are one."""
+
+
+def footprint_mean(range_of: Callable[[float, float], tuple[float, float]], divergence: float) -> float:
+    """Mean range over a Gaussian footprint out to 1/e², by the power that is received; range and cos θ of each direction."""
+
+    def integral(with_range: bool) -> float:
+        def integrand(phi: float, r: float) -> float:
+            distance, cosine = range_of(r * math.cos(phi), r * math.sin(phi))
+            power = math.exp(-2 * (2 * r / divergence) ** 2) * cosine / distance**2
+            return r * power * (distance if with_range else 1.0)
+
+        return float(integrate.dblquad(integrand, 0, divergence / 2, 0, 2 * math.pi, epsabs=0, epsrel=1e-10)[0])
+
+    return integral(True) / integral(False)
+
+
+@pytest.mark.parametrize("slant", [0.0, 0.5, 1.0, 1.4, 1.5])
+def test_a_slanted_plane_gives_one_return_with_the_right_mean(slant: float) -> None:
+    divergence, distance = 6e-3, 50.0
+    normal = np.array([-math.cos(slant), 0.0, math.sin(slant)])
+    scene = ls.Scene()
+    scene.add(ls.Plane.from_point((distance, 0, 0), normal))
+
+    def range_of(left: float, up: float) -> tuple[float, float]:
+        direction = np.array([1.0, left, up])
+        direction /= np.linalg.norm(direction)
+        cosine = abs(float(normal @ direction))
+        return distance * math.cos(slant) / cosine, cosine
+
+    expected = footprint_mean(range_of, divergence)
+    errors = []
+    for rays in (7, 19, 37, 61, 91):
+        beam = ls.Beam(divergence, pulse_length=SLOW_PULSE, rays=rays)
+        scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=min(rays, 5))
+        assert scan.return_count.tolist() == [1]
+        assert scan.true_range[0, 0] == distance
+        errors.append(abs(scan.range[0, 0] - expected))
+    # The mean is off the axis by the second moments of the profile, which the layouts keep to 1 %, and by far smaller ones of higher order.
+    assert (np.array(errors) < 0.01 * abs(expected - distance)).all()
+    if slant >= 1.4:
+        assert distance * (math.tan(slant + divergence / 2) - math.tan(slant - divergence / 2)) > 0.75
+
+
+def test_a_grazed_plane_is_one_return_though_its_sub_rays_lie_far_apart() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), -2.0))
+    down = 0.02 + 3e-3 / 5 * np.arange(-2, 3)
+    directions = np.column_stack([np.cos(down), 0 * down, -np.sin(down)])
+    assert (-np.diff(scene.cast(np.zeros((5, 3)), directions).t) > 2.0).all()
+    scan = measured(beams(directions[2]), scene, beam=ls.Beam(3e-3, pulse_length=SLOW_PULSE, rays=19), returns=5)
+    assert scan.return_count.tolist() == [1]
+    assert abs(scan.range_error[0, 0]) < 1.0
+
+
+def edge(depth: float, *, near: float = 20.0, reflectivity: float = 1.0) -> ls.Scene:
+    """A wall at x = near for y > 0, and one further by `depth` behind it."""
+    scene = ls.Scene()
+    corners = [[near, 0, -50], [near, 0, 50], [near, 50, 50], [near, 50, -50]]
+    scene.add(ls.Polygon(corners), label=1, material=ls.Material(reflectivity=reflectivity))
+    scene.add(ls.Plane((1, 0, 0), near + depth), label=2)
+    return scene
+
+
+def test_an_edge_gives_mixed_pixels_whose_share_falls_with_divergence() -> None:
+    azimuths = np.linspace(-0.01, 0.01, 4001)
+    pattern = beams(np.column_stack([np.cos(azimuths), np.sin(azimuths), 0 * azimuths]))
+    shares = []
+    for divergence in (8e-3, 4e-3, 2e-3, 1e-3, 0.0):
+        scan = measured(pattern, edge(0.5), beam=ls.Beam(divergence, pulse_length=SLOW_PULSE, rays=91))
+        x = scan.range[:, 0] * np.cos(azimuths)
+        mixed = (x > 20.01) & (x < 20.49)
+        assert ((x > 19.99) & (x < 20.51)).all()
+        shares.append(mixed.mean())
+    # A pulse is mixed if the edge is inside of its footprint: the share is the divergence over the 0.02 rad that are scanned, less
+    # the outermost cells of 1/11 of the radius.
+    expected = np.array([8e-3, 4e-3, 2e-3, 1e-3, 0.0]) / 0.02
+    assert (shares <= expected + 1 / 4001).all()
+    assert (shares >= expected * (1 - 2 / 11) - 1 / 4001).all()
+
+
+def test_echoes_apart_are_separate_returns() -> None:
+    """The axis just on the near wall, so that a little more than half of the light is from there."""
+    pattern, scene = beams([1.0, 1e-5, 0.0]), edge(3.0)
+    beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    both = measured(pattern, scene, beam=beam, returns=4)
+    assert both.return_count.tolist() == [2]
+    assert both.label.tolist() == [[1, 2, 0, 0]]
+    assert np.allclose(both.range[0, :2], [20.0, 23.0], rtol=1e-5)
+    assert np.isnan(both.range[0, 2:]).all()
+    assert 0.5 < both.intensity[0, 0] < 0.7
+    assert np.isclose(both.intensity[0, :2].sum(), 1.0, atol=1e-5)
+    cloud = both.point_cloud()
+    assert cloud.return_number.tolist() == [1, 2]
+    assert cloud.return_count.tolist() == [2, 2]
+    modes = {"strongest": [1], "first": [1], "last": [2], "dual": [1, 2], 1: [1], 2: [1, 2]}
+    for returns, labels in modes.items():
+        assert measured(pattern, scene, beam=beam, returns=returns).label.tolist() == [labels], returns
+    dark = edge(3.0, reflectivity=0.01)
+    modes = {"strongest": [2], "first": [1], "last": [2], "dual": [2, 1], 1: [1], 2: [1, 2]}
+    for returns, labels in modes.items():
+        assert measured(pattern, dark, beam=beam, returns=returns).label.tolist() == [labels], returns
+
+
+def steps(*, reflectivities: tuple[float, float, float]) -> ls.Scene:
+    """Three walls, each seen past the edge of the one before it."""
+    scene = ls.Scene()
+    for i, (x, y, rho) in enumerate(zip((20, 25, 30), (0.02, -0.02, -50), reflectivities, strict=True)):
+        corners = [[x, y, -50], [x, y, 50], [x, 50, 50], [x, 50, -50]]
+        scene.add(ls.Polygon(corners), label=i + 1, material=ls.Material(reflectivity=rho))
+    return scene
+
+
+@pytest.mark.parametrize(
+    ("reflectivities", "labels"),
+    [((1, 1, 1), [2, 3]), ((9, 1, 1), [1, 3]), ((9, 1, 300), [3, 1]), ((1, 9, 300), [3, 2])],
+)
+def test_dual_is_the_strongest_and_the_last_or_the_next(
+    reflectivities: tuple[float, float, float], labels: list[int]
+) -> None:
+    scene = steps(reflectivities=reflectivities)
+    beam = ls.Beam(6e-3, pulse_length=SLOW_PULSE, rays=91)
+    assert measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=3).label.tolist() == [[1, 2, 3]]
+    assert measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns="dual").label.tolist() == [labels]
+    assert measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=2).label.tolist() == [[1, 2]]
+
+
+def test_lost_echoes_leave_the_others() -> None:
+    pattern, scene, beam = beams([1.0, 1e-5, 0.0]), edge(3.0), ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    gated = measured(pattern, scene, beam=beam, returns="first", min_range=21.0)
+    assert gated.label.tolist() == [[2]]
+    assert gated.status.tolist() == [ls.Status.hit]
+    weak = measured(pattern, scene, beam=beam, returns=2, detection=ls.Detection(0.5, 20.0))
+    assert weak.label.tolist() == [[1, 0]]
+    assert weak.return_count.tolist() == [1]
+    none = measured(pattern, scene, beam=beam, returns=2, detection=ls.Detection(0.9, 20.0))
+    assert none.status.tolist() == [ls.Status.below_threshold]
+    assert none.label.tolist() == [[1, 0]]
+    assert none.true_range[0, 0] == pytest.approx(20.0)
+    assert np.isnan(none.range).all()
+    assert np.isnan(none.intensity).all()
+
+
+def test_part_of_the_footprint_beside_the_target_is_lost_light() -> None:
+    scene = ls.Scene()
+    corners = [[20, 0, -50], [20, 0, 50], [20, 50, 50], [20, 50, -50]]
+    scene.add(ls.Polygon(corners))
+    scan = measured(beams([1.0, -1e-5, 0.0]), scene, beam=ls.Beam(4e-3, rays=91))
+    assert scan.status.tolist() == [ls.Status.hit]
+    assert 0.4 < scan.intensity[0, 0] < 0.5
+    # The axis misses: the truth is that of the sub-ray nearest to it.
+    assert scan.true_range[0, 0] == pytest.approx(20.0, abs=1e-4)
+
+
+def test_a_beam_of_no_divergence_is_a_line() -> None:
+    ranges = np.linspace(1.0, 200.0, 100)
+    line = measured(before_wall(ranges), wall(0.3), extinction=1e-3)
+    beam = measured(before_wall(ranges), wall(0.3), extinction=1e-3, beam=ls.Beam(0.0))
+    assert np.array_equal(line.range, beam.range)
+    assert np.allclose(line.intensity, beam.intensity, rtol=2.0**-23)
+
+
+def test_divergence_is_the_full_angle_and_elliptical() -> None:
+    """A slit is seen as long as it is inside of the footprint."""
+    for name, axis in (("divergence_azimuth", 1), ("divergence_elevation", 2)):
+        angles = np.linspace(0.0, 6e-3, 601)
+        directions = np.zeros((601, 3))
+        directions[:, 0] = 1.0
+        directions[:, axis] = angles
+        scene = ls.Scene()
+        corners = np.array([[10, -1e-4, -1.0], [10, 1e-4, -1.0], [10, 1e-4, 1.0], [10, -1e-4, 1.0]])
+        scene.add(ls.Polygon(corners if axis == 1 else corners[:, [0, 2, 1]]))
+        widths = {"divergence_azimuth": 1e-4, "divergence_elevation": 1e-4, name: 8e-3}
+        scan = measured(beams(directions), scene, beam=ls.Beam(**widths, rays=91))  # type: ignore[arg-type]
+        seen = angles[scan.status == ls.Status.hit].max()
+        # The outermost sub-rays stand at 10/11 of the half angle.
+        assert seen == pytest.approx(4e-3 * 10 / 11, abs=3e-5)
+
+
+def test_black_surfaces_have_echoes_of_no_light() -> None:
+    scan = measured(before_wall([10.0]), wall(0.0), beam=ls.Beam(1e-3))
+    assert scan.range[0, 0] == 10.0
+    assert scan.intensity.tolist() == [[0.0]]
+
+
+def test_a_surface_at_distance_zero() -> None:
+    for parameters in ({}, {"beam": ls.Beam(1e-3)}, {"detection": ls.Detection(0.1, 10.0)}):
+        scan = measured(before_wall([0.0]), wall(0.5), **parameters)
+        assert scan.status.tolist() == [ls.Status.hit]
+        assert scan.range.tolist() == [[0.0]]
+
+
+# Draws
+
+
+def uniform(seed: int, name: str, frame: int, pulse: int, effect: int, draw: int) -> float:
+    """The draw as it is documented."""
+
+    def philox(counter: list[int], key: list[int]) -> list[int]:
+        return [int(word) for word in _native.philox(np.array([counter], dtype=np.uint32), key)[0]]
+
+    key = philox([seed % 2**32, seed >> 32, zlib.crc32(name.encode()), 0], [0, 0])[:2]
+    words = philox([pulse % 2**32, pulse >> 32, frame, effect << 16 | draw], key)
+    return ((words[1] << 32 | words[0]) >> 12) * 2.0**-52 + 2.0**-53
+
+
+def test_draws_are_the_documented_ones() -> None:
+    seed, frame, name = 0x0123456789ABCDEF, 5, "vorne ä"
+    everything = ls.Measurement(range_sigma=1.0, dropout=0.5, elevation_sigma=0.01, azimuth_sigma=0.01)
+    pattern = beams([1.0, 1.0, 0.0], count=100)
+    scene = ls.Scene()
+    scene.add(ls.Sphere((0, 0, 0), 50.0))
+    scan = ls.Lidar(pattern, measurement=everything, name=name).scan(scene, seed=seed, frame=frame)
+    dropped = [uniform(seed, name, frame, i, 2, 0) < 0.5 for i in range(100)]
+    assert (scan.status == ls.Status.dropped).tolist() == dropped
+    normal = statistics.NormalDist().inv_cdf
+    noise = np.array([normal(uniform(seed, name, frame, i, 3, 0)) for i in range(100)])
+    left = np.where(dropped, np.nan, noise)
+    assert np.allclose(scan.range_error[:, 0], left, rtol=0, atol=1e-13, equal_nan=True)
+    # The direction that a pulse took is that of the hit, seen from the sphere's centre.
+    took = scan.normal[:, 0].astype(float)
+    azimuth = np.array([normal(uniform(seed, name, frame, i, 1, 0)) for i in range(100)]) * 0.01
+    elevation = np.array([normal(uniform(seed, name, frame, i, 1, 1)) for i in range(100)]) * 0.01
+    assert np.allclose(np.arctan2(took[:, 1], took[:, 0]), np.pi / 4 + azimuth, rtol=0, atol=2e-7)
+    assert np.allclose(np.arcsin(took[:, 2]), elevation, rtol=0, atol=2e-7)
+
+
+def test_each_echo_has_its_own_draw() -> None:
+    pattern, scene = beams([1.0, 1e-5, 0.0], count=20_000), edge(3.0)
+    beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    clean = measured(pattern, scene, beam=beam, returns=2)
+    noisy = measured(pattern, scene, beam=beam, returns=2, range_sigma=0.1)
+    errors = noisy.range - clean.range
+    assert np.allclose(errors.std(axis=0), 0.1, rtol=SIGMAS / math.sqrt(2 * 20_000))
+    assert abs(np.corrcoef(errors.T)[0, 1]) < SIGMAS / math.sqrt(20_000)
+    # The same echo draws the same, whether the other one is reported, or lost, or not.
+    last = measured(pattern, scene, beam=beam, returns="last", range_sigma=0.1)
+    alone = measured(pattern, scene, beam=beam, returns=2, range_sigma=0.1, min_range=21.5)
+    assert np.array_equal(last.range[:, 0], noisy.range[:, 1])
+    assert np.array_equal(alone.range[:, 0], noisy.range[:, 1])
+
+
+EFFECTS: dict[str, dict[str, Any]] = {
+    "azimuth": {"azimuth_sigma": 1e-9},
+    "elevation": {"elevation_sigma": 1e-9},
+    "dropout": {"dropout": 0.3},
+    "noise": {"range_sigma": 0.1},
+    "bias": {"range_bias": 0.5},
+    "quantisation": {"range_resolution": 1e-9},
+    "detection": {"detection": ls.Detection(0.1, 1000.0)},
+    "extinction": {"extinction": 1e-3},
+    "beam": {"beam": ls.Beam(1e-9)},
+}
+"""Each effect so small that it changes nothing but by its draws, if it has any."""
+
+
+@pytest.mark.parametrize("toggled", EFFECTS)
+def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
+    def errors(effects: list[str]) -> tuple[Floats, list[bool]]:
+        parameters = {key: value for name in effects for key, value in EFFECTS[name].items()}
+        scan = measured(before_wall(np.full(5000, 20.0)), wall(), **parameters)
+        dropped = scan.status == ls.Status.dropped
+        return scan.range[:, 0], dropped.tolist()
+
+    rest = [name for name in EFFECTS if name != toggled]
+    with_it, without = errors([*rest, toggled]), errors(rest)
+    shift = 0.5 if toggled == "bias" else 0.0
+    if toggled == "dropout":
+        kept = np.isfinite(with_it[0])
+        assert 0 < kept.sum() < 5000
+        assert not any(without[1])
+        assert np.allclose(with_it[0][kept], without[0][kept], rtol=0, atol=1e-7)
+        return
+    assert with_it[1] == without[1]
+    if toggled == "noise":
+        assert np.nanstd(without[0]) < 1e-7 < np.nanstd(with_it[0])
+        return
+    assert np.allclose(with_it[0] - shift, without[0], rtol=0, atol=1e-7, equal_nan=True)
+
+
+# Bad input
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"range_sigma": -0.1}, "range_sigma: expected a finite number >= 0, got -0.1"),
+        ({"range_sigma": math.nan}, "range_sigma: expected a finite number >= 0, got nan"),
+        ({"range_sigma_slope": -1e-3}, "range_sigma_slope: expected a finite number >= 0, got -0.001"),
+        ({"range_bias": math.inf}, "range_bias: expected a finite number, got inf"),
+        ({"range_resolution": -0.1}, "range_resolution: expected a finite number >= 0, got -0.1"),
+        ({"azimuth_sigma": -0.1}, "azimuth_sigma: expected a finite number >= 0 <= 1, got -0.1"),
+        ({"elevation_sigma": 2}, "elevation_sigma: expected a finite number >= 0 <= 1, got 2.0"),
+        ({"dropout": 1.5}, "dropout: expected a finite number >= 0 <= 1, got 1.5"),
+        ({"dropout": -0.5}, "dropout: expected a finite number >= 0 <= 1, got -0.5"),
+        ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
+        ({"range_sigma": []}, "range_sigma: expected shape (n, 2), got (0,)"),
+        ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected at least one row (range, sigma), got none"),
+        ({"range_sigma": [1.0, 2.0]}, "range_sigma: expected shape (n, 2), got (2,)"),
+        ({"range_sigma": [(1.0, 0.1), (1.0, 0.2)]}, "range_sigma: expected rising ranges, got 1.0 after 1.0 in row 1"),
+        ({"range_sigma": [(2.0, 0.1), (1.0, 0.2)]}, "range_sigma: expected rising ranges, got 1.0 after 2.0 in row 1"),
+        (
+            {"range_sigma": [(1.0, 0.1), (2.0, -0.2)]},
+            "range_sigma: expected numbers >= 0, got range_sigma[1][1] = -0.2",
+        ),
+        (
+            {"range_sigma": [(1.0, math.nan)]},
+            "range_sigma: expected finite numbers, got range_sigma[0][1] = nan",
+        ),
+        (
+            {"range_sigma": [(1.0, 0.1)], "range_sigma_slope": 0.1},
+            "range_sigma_slope: expected 0 beside a table of range_sigma, got 0.1",
+        ),
+        (
+            {"returns": "best"},
+            "returns: expected 'strongest', 'first', 'last', 'dual' or a number, got 'best'",
+        ),
+        ({"returns": 0}, "returns: expected an integer >= 1, got 0"),
+        ({"returns": 2}, "returns: expected at most 1, since a pulse has one echo without a beam, got 2"),
+        ({"returns": "dual"}, "returns: expected at most 1, since a pulse has one echo without a beam, got 'dual'"),
+        (
+            {"returns": 8, "beam": ls.Beam(1e-3, rays=7)},
+            "returns: expected at most 7, since the beam has 7 rays, got 8",
+        ),
+    ],
+)
+def test_values_that_cannot_be_are_refused(parameters: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Measurement(**parameters)
+
+
+@pytest.mark.parametrize(
+    ("parameters", "message"),
+    [
+        ({"range_sigma": "2 cm"}, "range_sigma: expected a finite number >= 0, got '2 cm'"),
+        ({"dropout": None}, "dropout: expected a finite number >= 0 <= 1, got None"),
+        ({"detection": 0.1}, "detection: expected a Detection or None, got 0.1"),
+        ({"beam": 0.003}, "beam: expected a Beam or None, got 0.003"),
+        ({"returns": 1.5}, "returns: expected an integer >= 1, got 1.5"),
+        ({"returns": True}, "returns: expected an integer >= 1, got True"),
+    ],
+)
+def test_wrong_types_are_refused(parameters: dict[str, Any], message: str) -> None:
+    with pytest.raises(TypeError, match=f"^{re.escape(message)}$"):
+        ls.Measurement(**parameters)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: ls.Detection(0.0, 10.0), "reflectivity: expected a finite number > 0, got 0.0"),
+        (lambda: ls.Detection(0.1, -1.0), "range: expected a finite number > 0, got -1.0"),
+        (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number >= 0 <= 1, got -0.001"),
+        (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number >= 0 <= 1, got inf"),
+        (lambda: ls.Beam(1e-3, pulse_length=0.0), "pulse_length: expected a finite number > 0, got 0.0"),
+        (lambda: ls.Beam(1e-3, rays=10), "rays: expected 7, 19, 37, 61 or 91, got 10"),
+    ],
+)
+def test_parts_refuse_what_cannot_be(make: Callable[[], object], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        make()
+
+
+def test_a_measurement_is_a_value() -> None:
+    one = ls.Measurement(range_sigma=[(1, 0.1), (2, 0.2)], beam=ls.Beam(1e-3), returns=2)
+    other = ls.Measurement(range_sigma=np.array([[1, 0.1], [2, 0.2]]), beam=ls.Beam(1e-3, 1e-3), returns=2)
+    assert one == other
+    assert hash(one) == hash(other)
+    assert one.max_returns == 2
+    assert dataclasses.replace(one, returns="first").max_returns == 1
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        one.dropout = 0.5  # type: ignore[misc]
