@@ -1,4 +1,4 @@
-"""Each effect of a measurement, recovered from scans as a user would, and its parameters refused where they cannot be."""
+"""Each effect of a measurement, recovered from scans as a user would, and parameters that cannot be."""
 
 from __future__ import annotations
 
@@ -87,7 +87,8 @@ def test_range_noise_gives_back_its_constants() -> None:
     scan = measured(before_wall(np.repeat(distances, count)), wall(), range_sigma=a, range_sigma_slope=b)
     cloud = scan.point_cloud()
     variances = cloud.range_error.reshape(-1, count).var(axis=1, ddof=1)
-    # σ² = a² + b²R² is linear in R²; the variance of a sample variance is 2σ⁴/(n−1). Weights from a first fit, then from that.
+    # σ² = a² + b²R² is linear in R²; the variance of a sample variance is 2σ⁴/(n−1). Weights from a first fit, then
+    # from that.
     design = np.column_stack([np.ones_like(distances), distances**2])
     fit = np.array([a**2, b**2])
     for _ in range(3):
@@ -293,7 +294,7 @@ SLOW_PULSE = 2 * 0.75 / 299_792_458.0
 
 
 def footprint_mean(range_of: Callable[[float, float], tuple[float, float]], divergence: float) -> float:
-    """Mean range over a Gaussian footprint out to 1/e², by the power that is received; range and cos θ of each direction."""
+    """Mean range over a Gaussian footprint out to 1/e², by received power; `range_of` gives range and cos θ."""
 
     def integral(with_range: bool) -> float:
         def integrand(phi: float, r: float) -> float:
@@ -327,7 +328,8 @@ def test_a_slanted_plane_gives_one_return_with_the_right_mean(slant: float) -> N
         assert scan.return_count.tolist() == [1]
         assert scan.true_range[0, 0] == distance
         errors.append(abs(scan.range[0, 0] - expected))
-    # The mean is off the axis by the second moments of the profile, which the layouts keep to 1 %, and by far smaller ones of higher order.
+    # The mean is off the axis by the second moments of the profile, which the layouts keep to 1 %, and by far smaller
+    # ones of higher order.
     assert (np.array(errors) < 0.01 * abs(expected - distance)).all()
     if slant >= 1.4:
         assert distance * (math.tan(slant + divergence / 2) - math.tan(slant - divergence / 2)) > 0.75
@@ -363,8 +365,8 @@ def test_an_edge_gives_mixed_pixels_whose_share_falls_with_divergence() -> None:
         mixed = (x > 20.01) & (x < 20.49)
         assert ((x > 19.99) & (x < 20.51)).all()
         shares.append(mixed.mean())
-    # A pulse is mixed if the edge is inside of its footprint: the share is the divergence over the 0.02 rad that are scanned, less
-    # the outermost cells of 1/11 of the radius.
+    # A pulse is mixed if the edge is inside of its footprint: the share is the divergence over the 0.02 rad that are
+    # scanned, less the outermost cells of 1/11 of the radius.
     expected = np.array([8e-3, 4e-3, 2e-3, 1e-3, 0.0]) / 0.02
     assert (shares <= expected + 1 / 4001).all()
     assert (shares >= expected * (1 - 2 / 11) - 1 / 4001).all()
@@ -484,7 +486,7 @@ def test_a_surface_at_distance_zero() -> None:
 # Draws
 
 
-def uniform(seed: int, name: str, frame: int, pulse: int, effect: int, draw: int) -> float:
+def uniform(seed: int, name: str, *, frame: int, pulse: int, effect: int, draw: int = 0) -> float:
     """The draw as it is documented."""
 
     def philox(counter: list[int], key: list[int]) -> list[int]:
@@ -502,16 +504,18 @@ def test_draws_are_the_documented_ones() -> None:
     scene = ls.Scene()
     scene.add(ls.Sphere((0, 0, 0), 50.0))
     scan = ls.Lidar(pattern, measurement=everything, name=name).scan(scene, seed=seed, frame=frame)
-    dropped = [uniform(seed, name, frame, i, 2, 0) < 0.5 for i in range(100)]
+    dropped = [uniform(seed, name, frame=frame, pulse=i, effect=2) < 0.5 for i in range(100)]
     assert (scan.status == ls.Status.dropped).tolist() == dropped
     normal = statistics.NormalDist().inv_cdf
-    noise = np.array([normal(uniform(seed, name, frame, i, 3, 0)) for i in range(100)])
+    noise = np.array([normal(uniform(seed, name, frame=frame, pulse=i, effect=3)) for i in range(100)])
     left = np.where(dropped, np.nan, noise)
     assert np.allclose(scan.range_error[:, 0], left, rtol=0, atol=1e-13, equal_nan=True)
     # The direction that a pulse took is that of the hit, seen from the sphere's centre.
     took = scan.normal[:, 0].astype(float)
-    azimuth = np.array([normal(uniform(seed, name, frame, i, 1, 0)) for i in range(100)]) * 0.01
-    elevation = np.array([normal(uniform(seed, name, frame, i, 1, 1)) for i in range(100)]) * 0.01
+    azimuth = np.array([normal(uniform(seed, name, frame=frame, pulse=i, effect=1)) for i in range(100)]) * 0.01
+    elevation = (
+        np.array([normal(uniform(seed, name, frame=frame, pulse=i, effect=1, draw=1)) for i in range(100)]) * 0.01
+    )
     assert np.allclose(np.arctan2(took[:, 1], took[:, 0]), np.pi / 4 + azimuth, rtol=0, atol=2e-7)
     assert np.allclose(np.arcsin(took[:, 2]), elevation, rtol=0, atol=2e-7)
 

@@ -60,8 +60,9 @@ def test_philox_equals_the_reference() -> None:
 
 
 def test_the_normal_quantile_is_right_to_rounding() -> None:
-    # Wichura states the rational functions to 1e-16. Numerator and denominator are each 7 steps of Horner's rule over terms of one
-    # sign, 14 roundings of 2⁻⁵³ at most; the argument of the tails, √(−ln p), adds 2, on which the quotient hangs less than linearly.
+    # Wichura states the rational functions to 1e-16. Numerator and denominator are each 7 steps of Horner's rule over
+    # terms of one sign, 14 roundings of 2⁻⁵³ at most; the argument of the tails, √(−ln p), adds 2, on which the
+    # quotient hangs less than linearly.
     bound = 1e-16 + (14 + 14 + 4) * 2.0**-53
     generator = np.random.default_rng(2)
     p = np.concatenate(
