@@ -121,7 +121,8 @@ def render(
                 arrow = pv.Arrow(start=sensor[:3, 3] - middle, direction=sensor[:3, axis], scale=0.06 * size)
                 plotter.add_mesh(arrow, color=color, lighting=False)
         # VTK's nearest visible depth is a fraction of the farthest: one far point must not hide all near ones.
-        plotter.renderer.SetNearClippingPlaneTolerance(1e-6)
+        farthest = np.linalg.norm(cloud.xyz - eye, axis=1).max(initial=size)
+        plotter.renderer.SetNearClippingPlaneTolerance(0.01 * size / farthest)
         plotter.camera_position = (eye - middle, target - middle, up)
         plotter.enable_anti_aliasing("ssaa")
         if path is None:
