@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,15 +12,18 @@ from lidarsim._files import PathLike, atomic_writer
 from lidarsim.viewers._colors import BACKGROUND, SEQUENTIAL
 from lidarsim.viewers.pyvista import check_screenshot
 
+# Sine of the flattest angle to the plane whose marks are drawn: others lie far outside the picture.
+FLATTEST = 0.02
+
 if TYPE_CHECKING:
     from lidarsim.sensor import Lidar
 
 
 def draw(lidar: Lidar, path: PathLike) -> None:
-    """Draw the first frame of a sensor into a PNG file: azimuth and elevation of its pulses, and their marks on a plane.
+    """Draw the first frame of a sensor into a PNG file: its pulses by azimuth and elevation, and their marks on a plane.
 
-    The plane stands across the sensor's line of sight at a distance of 10 m; a sensor that looks all around has the ground
-    2 m below it.
+    The plane stands across the line of sight at a distance of 10 m; for a sensor that looks all around it is the ground
+    2 m below.
 
     Parameters
     ----------
@@ -45,14 +49,15 @@ def draw(lidar: Lidar, path: PathLike) -> None:
     azimuth = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
     elevation = np.degrees(np.arcsin(np.clip(directions[:, 2], -1.0, 1.0)))
 
-    middle = directions.mean(axis=0)
-    axis = int(np.argmax(np.abs(middle)))
-    around = abs(middle[axis]) < 0.5
-    axis, sign, distance = (2, -1.0, 2.0) if around else (axis, float(np.sign(middle[axis])), 10.0)
-    right, up = {0: (1, 2), 1: (0, 2), 2: (1, 0)}[axis]
-    towards = sign * directions[:, axis] > 0.05  # flatter than that ends far outside the picture
-    reach = (sign * distance - pulses.origins[towards, axis]) / directions[towards, axis]
-    marks = pulses.origins[towards] + reach[:, None] * directions[towards]
+    sight = directions.mean(axis=0)
+    below = -directions[:, 2] > FLATTEST
+    ground = np.abs(sight).max() < 0.5 and bool(below.any())
+    axis = 2 if ground else int(np.argmax(np.abs(sight)))
+    height = -2.0 if ground else math.copysign(10.0, sight[axis])
+    across, along = {0: (1, 2), 1: (0, 2), 2: (1, 0)}[axis]
+    towards = math.copysign(1.0, height) * directions[:, axis] > FLATTEST
+    reach = (height - pulses.origins[towards, axis]) / directions[towards, axis]
+    marks = (pulses.origins[towards] + reach[:, None] * directions[towards])[:, [across, along]]
 
     style = {
         "c": pulses.time * 1e3,
@@ -65,13 +70,19 @@ def draw(lidar: Lidar, path: PathLike) -> None:
     points = angles.scatter(azimuth, elevation, **style)
     angles.set(xlabel="azimuth [°]", ylabel="elevation [°]", title=f"{lidar.name}: {len(pulses):,} pulses")
     angles.invert_xaxis()  # left is left
-    plane.scatter(marks[:, right], marks[:, up], **{**style, "c": style["c"][towards]})
-    names = "xyz"
-    where = "ground, 2 m below" if around else f"plane {names[axis]} = {sign * distance:g} m"
-    plane.set(xlabel=f"{names[right]} [m]", ylabel=f"{names[up]} [m]", title=f"marks on the {where}", aspect="equal")
-    plane.invert_xaxis()
-    if around:
-        plane.set(xlim=(20, -20), ylim=(-20, 20))
+    plane.scatter(*marks.T, **{**style, "c": style["c"][towards]})
+    frame = "xyz"
+    plane.set(
+        xlabel=f"{frame[across]} [m]",
+        ylabel=f"{frame[along]} [m]",
+        aspect="equal",
+        adjustable="datalim",
+        title=f"marks on {frame[axis]} = {height:g} m",
+    )
+    if len(marks):
+        far = np.abs(marks).max(axis=0)
+        window = np.minimum(1.05 * far + 0.5, max(20.0, 3 * float(np.linalg.norm(marks, axis=1).min())))
+        plane.set(xlim=(window[0], -window[0]), ylim=(-window[1], window[1]))
     sheet.colorbar(points, ax=[angles, plane], label="time [ms]")
     for axes in sheet.axes:
         axes.set_facecolor(BACKGROUND)
