@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def draw(lidar: Lidar, path: PathLike) -> None:
-    """Draw the first frame of a sensor into a PNG file: its pulses by azimuth and elevation, and their marks on a plane.
+    """Draw the first frame of a sensor into a PNG: its pulses by azimuth and elevation, and their marks on a plane.
 
     The plane stands across the line of sight at a distance of 10 m; for a sensor that looks all around it is the ground
     2 m below.
@@ -76,13 +76,12 @@ def draw(lidar: Lidar, path: PathLike) -> None:
         xlabel=f"{frame[across]} [m]",
         ylabel=f"{frame[along]} [m]",
         aspect="equal",
-        adjustable="datalim",
         title=f"marks on {frame[axis]} = {height:g} m",
     )
     if len(marks):
-        far = np.abs(marks).max(axis=0)
-        window = np.minimum(1.05 * far + 0.5, max(20.0, 3 * float(np.linalg.norm(marks, axis=1).min())))
-        plane.set(xlim=(window[0], -window[0]), ylim=(-window[1], window[1]))
+        distances = np.linalg.norm(marks, axis=1)
+        window = min(1.05 * float(distances.max()), max(20.0, 3.0 * float(distances.min())))
+        plane.set(xlim=(window, -window), ylim=(-window, window))
     sheet.colorbar(points, ax=[angles, plane], label="time [ms]")
     for axes in sheet.axes:
         axes.set_facecolor(BACKGROUND)
