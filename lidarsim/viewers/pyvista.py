@@ -21,6 +21,8 @@ from lidarsim.viewers._display import require_display
 if TYPE_CHECKING:
     import pyvista
 
+__all__ = ["check_screenshot", "render"]
+
 
 def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
     """Convert as `PointCloud.to_pyvista` documents."""
@@ -36,7 +38,12 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
 
 
 def check_screenshot(path: PathLike) -> None:
-    """Check, before any work, that `render` can write `path`: a PNG in a folder that is there.
+    """Check, before any work, that `render` can write a file: a PNG, in a folder that is there.
+
+    Parameters
+    ----------
+    path : path-like
+        The picture to be written.
 
     Raises
     ------
