@@ -6,24 +6,31 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
+from lidarsim._validation import Floats, integer
+from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
 from lidarsim.viewers._colors import BACKGROUND, SEQUENTIAL
 from lidarsim.viewers.pyvista import check_screenshot
 
-# Sine of the flattest angle to the plane whose marks are drawn: others lie far outside the picture.
-FLATTEST = 0.02
-
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import PathCollection
+
     from lidarsim.sensor import Lidar
 
+MOST = 200_000
+"""Pulses that a picture shows at most, evenly chosen: more only fill the same pixels."""
 
-def draw(lidar: Lidar, path: PathLike) -> None:
-    """Draw the first frame of a sensor into a PNG: its pulses by azimuth and elevation, and their marks on a plane.
 
-    The plane stands across the line of sight at a distance of 10 m; for a sensor that looks all around it is the ground
-    2 m below.
+def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
+    """Draw the scan pattern of a sensor: azimuth and elevation, and its footprint on a plane, coloured by time.
+
+    The plane is a wall 10 m ahead; of a sensor that looks all around, the ground 2 m below; of an airborne scanner's
+    mirror, the ground under an aircraft at 100 m and 60 m/s. A sensor that looks all around and never down is drawn at a
+    range of 10 m instead, and one whose elevations are all the same with azimuth over time.
 
     Parameters
     ----------
@@ -31,6 +38,8 @@ def draw(lidar: Lidar, path: PathLike) -> None:
         The sensor.
     path : path-like
         The PNG file.
+    frames : int
+        Frames to draw, from frame 0 on.
 
     Raises
     ------
@@ -40,49 +49,29 @@ def draw(lidar: Lidar, path: PathLike) -> None:
         If Matplotlib, which PyVista brings along, is not installed.
     OSError
         If the file cannot be written.
+    TypeError, ValueError
+        If `frames` is not a whole number >= 1.
     """
     check_screenshot(path)
-    figure = import_extra("matplotlib.figure", "pyvista", "this picture")
-    colors = import_extra("matplotlib.colors", "pyvista", "this picture")
-    pulses = lidar.pattern.pulses()
-    directions = pulses.directions
-    azimuth = np.degrees(np.arctan2(directions[:, 1], directions[:, 0]))
-    elevation = np.degrees(np.arcsin(np.clip(directions[:, 2], -1.0, 1.0)))
+    parts = [lidar.pattern.pulses(frame) for frame in range(integer("frames", frames, at_least=1))]
+    figures = import_extra("matplotlib.figure", "pyvista", "this picture")
+    count = sum(map(len, parts))
+    every = max(1, math.ceil(count / MOST))
+    time = np.concatenate([pulses.time + frame / lidar.pattern.rate for frame, pulses in enumerate(parts)])[::every]
+    directions = np.concatenate([pulses.directions for pulses in parts])[::every]
+    origins = np.concatenate([pulses.origins for pulses in parts])[::every]
 
-    sight = directions.mean(axis=0)
-    below = -directions[:, 2] > FLATTEST
-    ground = np.abs(sight).max() < 0.5 and bool(below.any())
-    axis = 2 if ground else int(np.argmax(np.abs(sight)))
-    height = -2.0 if ground else math.copysign(10.0, sight[axis])
-    across, along = {0: (1, 2), 1: (0, 2), 2: (1, 0)}[axis]
-    towards = math.copysign(1.0, height) * directions[:, axis] > FLATTEST
-    reach = (height - pulses.origins[towards, axis]) / directions[towards, axis]
-    marks = (pulses.origins[towards] + reach[:, None] * directions[towards])[:, [across, along]]
-
-    style = {
-        "c": pulses.time * 1e3,
-        "cmap": colors.LinearSegmentedColormap.from_list("time", SEQUENTIAL),
-        "s": np.clip(40_000 / len(pulses), 0.2, 8.0),
-        "linewidths": 0,
-    }
-    sheet = figure.Figure(figsize=(16, 7), facecolor=BACKGROUND, layout="constrained")
+    sheet = figures.Figure(figsize=(14, 7), facecolor=BACKGROUND, layout="constrained")
     angles, plane = sheet.subplots(1, 2)
-    points = angles.scatter(azimuth, elevation, **style)
-    angles.set(xlabel="azimuth [°]", ylabel="elevation [°]", title=f"{lidar.name}: {len(pulses):,} pulses")
-    angles.invert_xaxis()  # left is left
-    plane.scatter(*marks.T, **{**style, "c": style["c"][towards]})
-    frame = "xyz"
-    plane.set(
-        xlabel=f"{frame[across]} [m]",
-        ylabel=f"{frame[along]} [m]",
-        aspect="equal",
-        title=f"marks on {frame[axis]} = {height:g} m",
+    _draw_angles(angles, directions, time)
+    points = _draw_footprint(plane, lidar, origins, directions, time)
+    for axes in (angles, plane):
+        axes.invert_xaxis()  # left is left
+    sheet.colorbar(points, ax=[angles, plane], label="time [ms]", shrink=0.8)
+    length = time[-1] - time[0]
+    sheet.suptitle(
+        f"{lidar.name or type(lidar.pattern).__name__}: {count:,} pulses in {1e3 * length:.1f} ms", color="white"
     )
-    if len(marks):
-        distances = np.linalg.norm(marks, axis=1)
-        window = min(1.05 * float(distances.max()), max(20.0, 3.0 * float(distances.min())))
-        plane.set(xlim=(window, -window), ylim=(-window, window))
-    sheet.colorbar(points, ax=[angles, plane], label="time [ms]")
     for axes in sheet.axes:
         axes.set_facecolor(BACKGROUND)
         axes.tick_params(colors="white")
@@ -91,4 +80,56 @@ def draw(lidar: Lidar, path: PathLike) -> None:
         for spine in axes.spines.values():
             spine.set_color("#555555")
     with atomic_writer(path) as file:
-        sheet.savefig(file, format="png", dpi=100)
+        sheet.savefig(file, format="png", dpi=120)
+
+
+def _draw_angles(axes: Axes, directions: Floats, time: Floats) -> None:
+    x, y, z = directions.T
+    azimuth, elevation = np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(np.clip(z, -1.0, 1.0)))
+    if np.ptp(elevation) > 0.0:
+        _scatter(axes, azimuth, elevation, time)
+        axes.set(title="directions", xlabel="azimuth [°]", ylabel="elevation [°]")
+    else:
+        _scatter(axes, azimuth, 1e3 * time, time)
+        axes.set(title=f"directions, elevation {elevation[0]:g}°", xlabel="azimuth [°]", ylabel="time [ms]")
+    if np.ptp(azimuth) > 180.0:
+        axes.set_xticks(np.arange(-180, 181, 45))
+
+
+def _draw_footprint(axes: Axes, lidar: Lidar, origins: Floats, directions: Floats, time: Floats) -> PathCollection:
+    x, y, z = directions.T
+    if isinstance(lidar.pattern, OscillatingMirror | Palmer | PolygonMirror) and lidar.pattern.shape[0] == 1:
+        hits, met = _on_plane(origins, directions, axis=0, at=100.0)
+        points = _scatter(axes, hits[met, 1], (hits[:, 2] + 60.0 * time)[met], time[met])
+        axes.set(title="on the ground from 100 m at 60 m/s", xlabel="across [m]", ylabel="along [m]")
+    elif np.ptp(np.arctan2(y, x)) < math.pi:
+        hits, met = _on_plane(origins, directions, axis=0, at=10.0)
+        points = _scatter(axes, hits[met, 1], hits[met, 2], time[met])
+        axes.set(title="on a wall 10 m ahead", xlabel="y [m]", ylabel="z [m]", aspect="equal")
+    elif (z < 0.0).any():
+        hits, met = _on_plane(origins, directions, axis=2, at=-2.0)
+        met &= np.hypot(hits[:, 0], hits[:, 1]) < 50.0
+        points = _scatter(axes, hits[met, 1], hits[met, 0], time[met])
+        axes.set(title="on the ground 2 m below, to 50 m", xlabel="y [m]", ylabel="x [m]", aspect="equal")
+    else:
+        hits = origins + 10.0 * directions
+        points = _scatter(axes, hits[:, 1], hits[:, 0], time)
+        axes.set(title="at a range of 10 m, from above", xlabel="y [m]", ylabel="x [m]", aspect="equal")
+    points.set_clim(1e3 * time[0], 1e3 * time[-1])
+    return points
+
+
+def _on_plane(origins: Floats, directions: Floats, *, axis: int, at: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return where the pulses meet the plane on which a coordinate is `at`, and which of them do."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (at - origins[:, axis]) / directions[:, axis]
+        met = np.isfinite(distance) & (distance > 0.0)
+        return origins + distance[:, None] * directions, met
+
+
+def _scatter(axes: Axes, across: Floats, up: Floats, time: Floats) -> PathCollection:
+    """Draw points, the more the smaller, coloured by time."""
+    colors = import_extra("matplotlib.colors", "pyvista", "this picture")
+    colormap = colors.LinearSegmentedColormap.from_list("time", SEQUENTIAL)
+    size = min(12.0, max(0.4, 3e4 / max(len(time), 1)))
+    return axes.scatter(across, up, c=1e3 * time, s=size, cmap=colormap, linewidths=0)
