@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import secrets
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import BinaryIO
@@ -14,7 +14,7 @@ from lidarsim.errors import FileFormatError
 PathLike = str | os.PathLike[str]
 
 
-def check_suffix(path: PathLike, known: Iterable[str]) -> str:
+def check_suffix(path: PathLike, known: Collection[str]) -> str:
     """Return the suffix of `path` in lower case, after checking that it is one of the `known`."""
     suffix = Path(path).suffix.lower()
     if suffix not in known:

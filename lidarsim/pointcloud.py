@@ -347,12 +347,25 @@ def register_format(
 
 
 def register_view(name: str, function: Callable[[PointCloud], Any]) -> None:
-    """Let the method ``to_<name>`` of `PointCloud` convert with `function`."""
+    """Let the method ``to_<name>`` of `PointCloud` convert with a function.
+
+    Parameters
+    ----------
+    name : str
+        Name of the library.
+    function : callable
+        Takes a cloud and returns what that library works on.
+    """
     _VIEWS[name] = function
 
 
 def check_output(path: PathLike) -> None:
-    """Check, before any work, that `PointCloud.save` can write `path`: a known suffix, a folder that is there.
+    """Check, before any work, that `PointCloud.save` can write a file: a known suffix, a folder that is there.
+
+    Parameters
+    ----------
+    path : path-like
+        The file to be written.
 
     Raises
     ------

@@ -14,6 +14,7 @@ from lidarsim.pointcloud import CANONICAL, PointCloud, check_output
 assert io, "the formats register themselves on import"
 
 XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
+HALF = np.zeros(2, np.float16)
 
 
 @pytest.fixture
@@ -125,7 +126,7 @@ def test_repr_of_odd_clouds() -> None:
         ({"xyz": XYZ, "ring": [np.nan, 0]}, ValueError, "ring: expected integers from 0 to 65535, got ring[0] = nan"),
         ({"xyz": XYZ, "ring": [True, False]}, TypeError, "ring: expected real numbers, got dtype bool"),
         ({"xyz": XYZ, "tag": ["a", "b"]}, TypeError, "tag: expected bool, integers, float32 or float64, got dtype <U1"),
-        ({"xyz": XYZ, "q": np.zeros(2, "f2")}, TypeError, "q: expected bool, integers, float32 or float64, got dtype float16"),
+        ({"xyz": XYZ, "q": HALF}, TypeError, "q: expected bool, integers, float32 or float64, got dtype float16"),
         ({"xyz": XYZ, "tag": 1}, ValueError, "tag: expected shape (n,) or (n, m), got ()"),
         ({"xyz": XYZ, "tag": np.zeros((2, 0))}, ValueError, "tag: expected shape (n,) or (n, m), got (2, 0)"),
         ({"xyz": XYZ, "save": [0, 1]}, ValueError, "PointCloud: 'save' cannot be the name of a field"),

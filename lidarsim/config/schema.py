@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 from collections.abc import Callable, Iterable
-from functools import reduce
+from functools import partial, reduce
 from operator import or_
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
@@ -437,7 +437,7 @@ class Risley(ScanPattern):
     type: Literal["risley"]
     prisms: list[Prism]
     refractive_index: float
-    pulse_rate_hz: float
+    pulse_rate_khz: float
     rate_hz: float
     beams: list[Vector] = [[1.0, 0.0, 0.0]]
 
@@ -449,7 +449,7 @@ class Risley(ScanPattern):
             if not prism.model_fields_set & {"rotation_rate_hz", "rotation_rate_rpm"}:
                 raise at.error("missing key 'rotation_rate_hz' or 'rotation_rate_rpm'")
             prisms.append(construct(patterns.Prism, prism, Prism.model_fields, at))
-        keys = ["refractive_index", "pulse_rate_hz", "rate_hz", "beams"]
+        keys = ["refractive_index", "pulse_rate_khz", "rate_hz", "beams"]
         return construct(patterns.Risley, self, keys, place, prisms=prisms)
 
 
@@ -504,30 +504,19 @@ class Mid360(ScanPattern):
 
 
 class Table(ScanPattern):
-    """Directions as listed here or in a CSV or NPY file."""
+    """Directions that a CSV or NPY file lists."""
 
     constructor = patterns.Table
 
     type: Literal["table"]
-    file: str | None = None
-    pulse_rate_hz: float | None = None
-    directions: list[Vector] | None = None
-    times_s: Numbers = 0.0
-    rings: int | list[int] = 0
-    columns: list[int] | None = None
-    origins_m: Vectors | None = None
+    file: str
     rate_hz: float
+    pulse_rate_khz: float | None = None
 
     def build(self, place: Place) -> Pattern:
         """Return the pattern."""
-        if (self.file is None) == (self.directions is None):
-            raise place.error("expected either file or directions")
-        if self.file is None:
-            keys = ["directions", "times_s", "rings", "columns", "origins_m", "rate_hz", "pulse_rate_hz"]
-            return construct(patterns.Table, self, keys, place)
         path = (place / "file").file(self.file)
-        keys = ["rate_hz", "pulse_rate_hz", "times_s", "rings", "columns", "origins_m"]
-        return construct(patterns.Table.from_file, self, keys, place / "file", path=path)
+        return construct(patterns.Table.from_file, self, ["rate_hz", "pulse_rate_khz"], place, path=path)
 
 
 PATTERNS: dict[str, type[ScanPattern]] = {
@@ -592,20 +581,29 @@ class Sensor(_Limits):
 
 
 class VendorSensor(_Limits):
-    """A lidar from a vendor's own file, and the differences from what that says."""
+    """A lidar from a vendor's own file: what that kind of file leaves open, and differences from what it says."""
 
     file: str
+    mode: str | None = None
+    model: str | None = None
+    noise: Literal["none", "datasheet"] = "none"
+    rate_hz: float | None = None
+    pulse_rate_khz: float | None = None
+    firing_times: str | None = None
 
     def build(self, place: Place) -> Lidar:
         """Return the lidar."""
-        lidar = (place / "file").load(self.file, Lidar.from_file)
-        parts = (
-            {"measurement": self.measurement.build(place / "measurement")}
-            if "measurement" in self.model_fields_set
-            else {}
-        )
-        change = lambda **differences: dataclasses.replace(lidar, **differences)  # noqa: E731
-        return construct(change, self, ["name", "min_range_m", "max_range_m"], place, **parts)
+        files: dict[str, object] = {"path": (place / "file").file(self.file)}
+        if self.firing_times is not None:
+            files["firing_times"] = (place / "firing_times").file(self.firing_times)
+        if self.noise == "datasheet":
+            files["noise"] = self.noise
+        lidar = construct(Lidar.from_file, self, ["mode", "model", "rate_hz", "pulse_rate_khz"], place, **files)
+        parts: dict[str, object] = {}
+        if "measurement" in self.model_fields_set:
+            parts["measurement"] = self.measurement.build(place / "measurement")
+        differ = partial(dataclasses.replace, lidar)
+        return construct(differ, self, ["name", "min_range_m", "max_range_m"], place, **parts)
 
 
 # Runs

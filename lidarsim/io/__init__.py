@@ -1,5 +1,3 @@
 """File formats: one module a format, which registers itself."""
 
-from lidarsim.io import npz, pcd, ply
-
-__all__ = ["npz", "pcd", "ply"]
+from lidarsim.io import npz, pcd, ply  # noqa: F401 - each registers itself

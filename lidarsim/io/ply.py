@@ -29,10 +29,12 @@ def save(fields: Fields, file: BinaryIO) -> None:
 def load(file: BinaryIO) -> Fields:
     """Read the element ``vertex``, lists left out; faces and other elements are passed over."""
     plyfile = import_extra("plyfile", "formats", "reading PLY files")
-    content = file.read()
-    if not content.startswith(b"ply"):
+    head = file.read(1000)
+    if not head.startswith(b"ply"):
         raise FileFormatError("it does not begin with 'ply'")
-    ply = plyfile.PlyData.read(BytesIO(content))
+    file.seek(0)
+    # A binary file is mapped into memory, which is fast; a text file would be left open.
+    ply = plyfile.PlyData.read(BytesIO(file.read()) if b"format ascii" in head else file)
     if "vertex" not in ply:
         elements = ", ".join(element.name for element in ply) or "(none)"
         raise FileFormatError(f"it has no element 'vertex' among its elements {elements}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lidarsim.patterns._pulses import Pattern, Pulses
+from lidarsim.patterns.description import Description, describe
 from lidarsim.patterns.grid import Grid
 from lidarsim.patterns.mid360 import Mid360
 from lidarsim.patterns.oscillating_mirror import OscillatingMirror
@@ -13,6 +14,7 @@ from lidarsim.patterns.spinning import Spinning
 from lidarsim.patterns.table import Table
 
 __all__ = [
+    "Description",
     "Grid",
     "Mid360",
     "OscillatingMirror",
@@ -24,4 +26,5 @@ __all__ = [
     "Risley",
     "Spinning",
     "Table",
+    "describe",
 ]

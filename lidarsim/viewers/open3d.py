@@ -17,12 +17,19 @@ from lidarsim.viewers._display import require_display
 if TYPE_CHECKING:
     import open3d
 
+__all__ = ["import_open3d", "show"]
+
 
 def import_open3d() -> ModuleType:
-    """Return the module `open3d`, also on a machine without libusb.
+    """Import Open3D, also on a machine without libusb.
 
     Open3D's wheel links to ``libusb-1.0.so.0`` for its camera drivers, which servers lack. The package `libusb-package`
     carries that library, and once it is loaded the dynamic linker looks no further.
+
+    Returns
+    -------
+    module
+        `open3d`.
 
     Raises
     ------

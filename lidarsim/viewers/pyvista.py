@@ -21,6 +21,8 @@ from lidarsim.viewers._display import require_display
 if TYPE_CHECKING:
     import pyvista
 
+__all__ = ["check_screenshot", "render"]
+
 
 def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
     """Convert as `PointCloud.to_pyvista` documents."""
@@ -36,7 +38,12 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
 
 
 def check_screenshot(path: PathLike) -> None:
-    """Check, before any work, that `render` can write `path`: a PNG in a folder that is there.
+    """Check, before any work, that `render` can write a file: a PNG, in a folder that is there.
+
+    Parameters
+    ----------
+    path : path-like
+        The picture to be written.
 
     Raises
     ------
@@ -121,7 +128,8 @@ def render(
                 arrow = pv.Arrow(start=sensor[:3, 3] - middle, direction=sensor[:3, axis], scale=0.06 * size)
                 plotter.add_mesh(arrow, color=color, lighting=False)
         # VTK's nearest visible depth is a fraction of the farthest: one far point must not hide all near ones.
-        plotter.renderer.SetNearClippingPlaneTolerance(1e-6)
+        farthest = np.linalg.norm(cloud.xyz - eye, axis=1).max(initial=size)
+        plotter.renderer.SetNearClippingPlaneTolerance(0.01 * size / farthest)
         plotter.camera_position = (eye - middle, target - middle, up)
         plotter.enable_anti_aliasing("ssaa")
         if path is None:

@@ -175,12 +175,12 @@ def test_no_points(data: str, tmp_path: Path) -> None:
 
 def test_names_that_are_no_identifiers(tmp_path: Path) -> None:
     path = tmp_path / "cloud.pcd"
-    path.write_text(
-        header("x y z gps-time 2nd", "4 4 4 8 4", "F F F F F", "1 1 1 1 1", width=1, data="ascii") + "0 0 0 7 8\n"
-    )
+    text = header("x y z gps-time 2nd v.5", "4 4 4 8 4 4", "F F F F F F", "1 1 1 1 1 1", width=1, data="ascii")
+    path.write_text(text + "0 0 0 7 8 9\n")
     cloud = PointCloud.load(path)
-    assert cloud.fields == ("xyz", "_2nd", "gps_time")
+    assert cloud.fields == ("xyz", "_2nd", "gps_time", "v_5")
     assert cloud.gps_time.tolist() == [7]
+    assert cloud.v_5.tolist() == [9]
 
 
 GOOD = header("x y z", "4 4 4", "F F F", "1 1 1", width=2, data="binary")

@@ -108,12 +108,16 @@ def test_far_outliers_do_not_shrink_the_picture(wall: PointCloud, tmp_path: Path
     assert counts[1] == pytest.approx(counts[0], rel=0.2)
 
 
-def test_meshes_are_shown(wall: PointCloud, tmp_path: Path) -> None:
+def test_meshes_are_shown_where_they_are(wall: PointCloud, tmp_path: Path) -> None:
+    cube = pyvista.Cube(center=(10, 0, 0), x_length=2, y_length=9, z_length=5)
     plain = picture(tmp_path / "a.png", wall)
-    boxed = picture(
-        tmp_path / "b.png", wall, meshes=[pyvista.Cube(center=(10, 0, 0), x_length=2, y_length=9, z_length=5)]
-    )
+    boxed = picture(tmp_path / "b.png", wall, meshes=[cube])
     assert (plain != boxed).any(axis=-1).mean() > 0.1
+    shift = np.array([256.0, 128.0, 0.0])  # which float32 adds to the cube's corners exactly
+    moved = PointCloud(xyz=wall.xyz + shift)
+    pose = RigidTransform.from_translation(shift)
+    again = picture(tmp_path / "c.png", moved, meshes=[cube.translate(shift)], pose=pose)
+    assert (boxed != again).any(axis=-1).mean() < 0.01
 
 
 @pytest.mark.parametrize("field", ["intensity", "height", "on", "constant", "empty"])

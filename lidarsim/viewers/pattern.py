@@ -1,0 +1,135 @@
+"""A picture of a scan pattern: where its pulses go, and what they leave on a plane."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._extras import import_extra
+from lidarsim._files import PathLike, atomic_writer
+from lidarsim._validation import Floats, integer
+from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
+from lidarsim.viewers._colors import BACKGROUND, SEQUENTIAL
+from lidarsim.viewers.pyvista import check_screenshot
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import PathCollection
+
+    from lidarsim.sensor import Lidar
+
+MOST = 200_000
+"""Pulses that a picture shows at most, evenly chosen: more only fill the same pixels."""
+
+
+def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
+    """Draw the scan pattern of a sensor: azimuth and elevation, and its footprint on a plane, coloured by time.
+
+    The plane is a wall 10 m ahead; of a sensor that looks all around, the ground 2 m below; of an airborne scanner's
+    mirror, the ground under an aircraft at 100 m and 60 m/s. A sensor that looks all around and never down is drawn at a
+    range of 10 m instead, and one whose elevations are all the same with azimuth over time.
+
+    Parameters
+    ----------
+    lidar : Lidar
+        The sensor.
+    path : path-like
+        The PNG file.
+    frames : int
+        Frames to draw, from frame 0 on.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix of `path` is not ``.png``.
+    MissingExtraError
+        If Matplotlib, which PyVista brings along, is not installed.
+    OSError
+        If the file cannot be written.
+    TypeError, ValueError
+        If `frames` is not a whole number >= 1.
+    """
+    check_screenshot(path)
+    parts = [lidar.pattern.pulses(frame) for frame in range(integer("frames", frames, at_least=1))]
+    figures = import_extra("matplotlib.figure", "pyvista", "this picture")
+    count = sum(map(len, parts))
+    every = max(1, math.ceil(count / MOST))
+    time = np.concatenate([pulses.time + frame / lidar.pattern.rate for frame, pulses in enumerate(parts)])[::every]
+    directions = np.concatenate([pulses.directions for pulses in parts])[::every]
+    origins = np.concatenate([pulses.origins for pulses in parts])[::every]
+
+    sheet = figures.Figure(figsize=(14, 7), facecolor=BACKGROUND, layout="constrained")
+    angles, plane = sheet.subplots(1, 2)
+    _draw_angles(angles, directions, time)
+    points = _draw_footprint(plane, lidar, origins, directions, time)
+    for axes in (angles, plane):
+        axes.invert_xaxis()  # left is left
+    sheet.colorbar(points, ax=[angles, plane], label="time [ms]", shrink=0.8)
+    length = time[-1] - time[0]
+    sheet.suptitle(
+        f"{lidar.name or type(lidar.pattern).__name__}: {count:,} pulses in {1e3 * length:.1f} ms", color="white"
+    )
+    for axes in sheet.axes:
+        axes.set_facecolor(BACKGROUND)
+        axes.tick_params(colors="white")
+        for text in (axes.title, axes.xaxis.label, axes.yaxis.label):
+            text.set_color("white")
+        for spine in axes.spines.values():
+            spine.set_color("#555555")
+    with atomic_writer(path) as file:
+        sheet.savefig(file, format="png", dpi=120)
+
+
+def _draw_angles(axes: Axes, directions: Floats, time: Floats) -> None:
+    x, y, z = directions.T
+    azimuth, elevation = np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(np.clip(z, -1.0, 1.0)))
+    if np.ptp(elevation) > 0.0:
+        _scatter(axes, azimuth, elevation, time)
+        axes.set(title="directions", xlabel="azimuth [°]", ylabel="elevation [°]")
+    else:
+        _scatter(axes, azimuth, 1e3 * time, time)
+        axes.set(title=f"directions, elevation {elevation[0]:g}°", xlabel="azimuth [°]", ylabel="time [ms]")
+    if np.ptp(azimuth) > 180.0:
+        axes.set_xticks(np.arange(-180, 181, 45))
+
+
+def _draw_footprint(axes: Axes, lidar: Lidar, origins: Floats, directions: Floats, time: Floats) -> PathCollection:
+    x, y, z = directions.T
+    if isinstance(lidar.pattern, OscillatingMirror | Palmer | PolygonMirror) and lidar.pattern.shape[0] == 1:
+        hits, met = _on_plane(origins, directions, axis=0, at=100.0)
+        points = _scatter(axes, hits[met, 1], (hits[:, 2] + 60.0 * time)[met], time[met])
+        axes.set(title="on the ground from 100 m at 60 m/s", xlabel="across [m]", ylabel="along [m]")
+    elif np.ptp(np.arctan2(y, x)) < math.pi:
+        hits, met = _on_plane(origins, directions, axis=0, at=10.0)
+        points = _scatter(axes, hits[met, 1], hits[met, 2], time[met])
+        axes.set(title="on a wall 10 m ahead", xlabel="y [m]", ylabel="z [m]", aspect="equal")
+    elif (z < 0.0).any():
+        hits, met = _on_plane(origins, directions, axis=2, at=-2.0)
+        met &= np.hypot(hits[:, 0], hits[:, 1]) < 50.0
+        points = _scatter(axes, hits[met, 1], hits[met, 0], time[met])
+        axes.set(title="on the ground 2 m below, to 50 m", xlabel="y [m]", ylabel="x [m]", aspect="equal")
+    else:
+        hits = origins + 10.0 * directions
+        points = _scatter(axes, hits[:, 1], hits[:, 0], time)
+        axes.set(title="at a range of 10 m, from above", xlabel="y [m]", ylabel="x [m]", aspect="equal")
+    points.set_clim(1e3 * time[0], 1e3 * time[-1])
+    return points
+
+
+def _on_plane(origins: Floats, directions: Floats, *, axis: int, at: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
+    """Return where the pulses meet the plane on which a coordinate is `at`, and which of them do."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        distance = (at - origins[:, axis]) / directions[:, axis]
+        met = np.isfinite(distance) & (distance > 0.0)
+        return origins + distance[:, None] * directions, met
+
+
+def _scatter(axes: Axes, across: Floats, up: Floats, time: Floats) -> PathCollection:
+    """Draw points, the more the smaller, coloured by time."""
+    colors = import_extra("matplotlib.colors", "pyvista", "this picture")
+    colormap = colors.LinearSegmentedColormap.from_list("time", SEQUENTIAL)
+    size = min(12.0, max(0.4, 3e4 / max(len(time), 1)))
+    return axes.scatter(across, up, c=1e3 * time, s=size, cmap=colormap, linewidths=0)

@@ -1,0 +1,137 @@
+"""The accuracy table and those who judge it."""
+
+from __future__ import annotations
+
+import json
+import math
+from decimal import Decimal
+
+import numpy as np
+import pytest
+
+from lidarsim.bench import accuracy, cases
+from lidarsim.bench.accuracy import judge_cast, judge_roots
+
+SPHERE = cases.Spec("Sphere", ((0.0, 0.0, 0.0), 1.0))
+ORIGINS = np.array([(-3.0, 0.0, 0.0), (-3.0, 2.0, 0.0), (-3.0, 1.0, 0.0), (-3.0, 0.5, 0.0)])
+DIRECTIONS = np.tile((1.0, 0.0, 0.0), (4, 1))
+EXACT = np.array([2.0, math.inf, 3.0, float(3 - Decimal("0.75").sqrt())])
+
+
+def test_a_right_answer_is_right():
+    verdict = judge_cast(SPHERE, ORIGINS, DIRECTIONS, EXACT)
+    assert (verdict.rays, verdict.hits, verdict.wrong, verdict.values, verdict.rounded) == (4, 3, 0, 3, 3)
+    assert (verdict.worst, verdict.first) == (0.5, "")
+
+
+@pytest.mark.parametrize(
+    ("index", "t", "field"),
+    [(0, math.inf, "missed"), (1, 3.0, "invented"), (0, 4.0, "other"), (2, math.inf, "missed")],
+)
+def test_a_wrong_decision_is_found(index, t, field):
+    given = EXACT.copy()
+    given[index] = t
+    verdict = judge_cast(SPHERE, ORIGINS, DIRECTIONS, given)
+    assert (verdict.wrong, getattr(verdict, field)) == (1, 1)
+    assert str(list(ORIGINS[index].tolist())) in verdict.first
+
+
+@pytest.mark.parametrize("ulps", [1, 2, 1000])
+def test_an_error_is_measured_in_ulps(ulps):
+    given = EXACT.copy()
+    given[2] += ulps * 2.0**-51
+    verdict = judge_cast(SPHERE, ORIGINS, DIRECTIONS, given)
+    assert (verdict.wrong, verdict.worst, verdict.rounded) == (0, ulps, 2)
+    assert bool(verdict.first) == (ulps > 1)
+
+
+def test_a_wrong_primitive_is_found():
+    vertices, faces = cases.fan(5)
+    spec = cases.Spec("TriangleMesh", (vertices, faces))
+    origins, directions = cases.leak_rays(vertices, faces, np.zeros(3), np.random.default_rng(0))
+    hits = spec.build().cast(origins, directions)
+    assert judge_cast(spec, origins, directions, hits.t, hits.primitive_id).wrong == 0
+    assert judge_cast(spec, origins, directions, hits.t, hits.primitive_id + 1).other == len(origins)
+
+
+@pytest.mark.parametrize(
+    ("rows", "wrong"),
+    [
+        ([[2, 4], [np.nan, np.nan], [3, np.nan]], 0),
+        ([[2, np.nan], [np.nan, np.nan], [3, np.nan]], 1),
+        ([[2, 4], [1, np.nan], [3, 3]], 2),
+        ([[2, 4], [np.nan, np.nan], [np.nan, 3]], 1),
+    ],
+)
+def test_roots_are_judged_as_a_whole(rows, wrong):
+    assert judge_roots(SPHERE, ORIGINS[:3], DIRECTIONS[:3], np.array(rows, dtype=float)).wrong == wrong
+
+
+def test_table_of_a_few_cases():
+    wanted = {
+        "triangle-at-5e6-from-50",
+        "sphere-r0.001-distance1e+06-b1-1e-12",
+        "polygon-8-at-0",
+        "box-cube-at-0-edges-corners",
+    }
+    few = [case for case in cases.hard_cases() if case.name in wanted]
+    assert len(few) == 4
+    report = accuracy.measure(few)
+    report.leaks = accuracy.measure_leaks({"5e6": 5e6})
+    figures = json.loads(report.to_json())
+    assert len(figures["cases"]) == 4
+    for group, row in figures["cases"].items():
+        assert row["lidarsim"]["wrong"] == 0
+        assert row["lidarsim"]["worst_ulp"] <= 0.5
+        assert row["lidarsim"]["rounded"] == row["lidarsim"]["values"] > 0
+        assert (row["textbook"] is None) == group.startswith("polygon")
+    assert figures["cases"]["triangle at 5e6 m"]["textbook"]["worst_ulp"] > 1e3
+    assert figures["leaks"]["5e6"]["lidarsim"]["leaks"] == 0
+    assert figures["leaks"]["5e6"]["textbook"]["leaks"] > 0
+    table = report.to_markdown()
+    assert table.count("\n| ") == 2 + 4 + 1
+    assert "| polygon, to vertices and edges |" in table
+
+
+def test_peers_agree_on_easy_rays():
+    # each engine, asked what it can answer, answers to its precision: the table compares like with like
+    engines = accuracy._installed()
+    assert {"textbook", "lidarsim"} <= set(engines)
+    rng = np.random.default_rng(1)
+    origins = rng.normal(size=(40, 3)) * 3
+    directions = rng.uniform(-0.3, 0.3, (40, 3)) - origins
+    asked = 0
+    for spec in cases._basic().values():
+        want = accuracy.ENGINES["lidarsim"](spec, origins, directions)
+        for name, engine in engines.items():
+            t = engine(spec, origins, directions)
+            if t is not None:
+                asked += 1
+                # float32 of Open3D, for a direction of about 1 and rays of some metres
+                np.testing.assert_allclose(t, want, rtol=1e-5 if name == "Open3D" else 1e-9)
+    assert asked >= 2 * 8
+    points = [cases.Spec("Plane.from_point", ((0.1, 0.2, 0.3), (1.0, 2.0, -1.0))), cases.Spec("Box", ((1, 2, 3),))]
+    for spec in points:
+        for engine in engines.values():
+            t = engine(spec, origins, directions)
+            assert t is None or np.allclose(t, accuracy.ENGINES["lidarsim"](spec, origins, directions), rtol=1e-9)
+
+
+def test_random_rays_are_judged():
+    lines = []
+    verdicts = accuracy.measure_random(80 * len(cases.KINDS), 3, lines.append)
+    assert list(verdicts) == list(cases.KINDS)
+    assert len(lines) == len(cases.KINDS)
+    for verdict in verdicts.values():
+        assert (verdict.rays, verdict.wrong) == (80, 0), verdict.first
+        assert verdict.worst <= 2, verdict.first
+
+
+def test_command_writes_the_report(tmp_path, capsys, monkeypatch):
+    few = cases.hard_cases()[:3]
+    monkeypatch.setattr(cases, "hard_cases", lambda: few)
+    assert accuracy.main(["--random", "80", "-o", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert (tmp_path / "out" / "accuracy.md").read_text(encoding="utf-8") in printed
+    assert "cases" in json.loads((tmp_path / "out" / "accuracy.json").read_text(encoding="utf-8"))
+    assert "TriangleMesh: 10 rays" in printed

@@ -1,0 +1,30 @@
+"""Options and profiles of the tests: fast by default, thorough with ``--slow``."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+sys.path.append(str(Path(__file__).parent))  # for helpers such as conformance.samples
+
+hypothesis.settings.register_profile("fast", max_examples=40, deadline=None, derandomize=True)
+hypothesis.settings.register_profile("slow", max_examples=5000, deadline=None, print_blob=True)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--slow", action="store_true", help="many more random cases (also LIDARSIM_SLOW=1)")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.slow = config.getoption("--slow") or os.environ.get("LIDARSIM_SLOW", "0") not in {"", "0"}
+    hypothesis.settings.load_profile("slow" if config.slow else "fast")
+
+
+@pytest.fixture(scope="session")
+def slow(request: pytest.FixtureRequest) -> bool:
+    """Whether the thorough run was asked for."""
+    return request.config.slow

@@ -1,0 +1,109 @@
+"""Every named hard case against the exact oracle: all roots, the nearest hit, its primitive, its normal."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from lidarsim.bench import cases, oracle
+from lidarsim.bench.accuracy import judge_cast, judge_roots
+
+CASES = cases.hard_cases()
+
+# Eight roundings of numbers up to 1: of a component, of the length (squares, sum, root), of their quotient.
+NORMAL_TOLERANCE = 2.0**-50
+
+
+def test_names_are_unique():
+    assert max(Counter(case.name for case in CASES).values()) == 1
+
+
+def test_groups_are_not_vacuous():
+    hits, misses = Counter(), Counter()
+    for case in CASES:
+        shape = case.spec.judge()
+        for o, d in zip(case.origins.tolist(), case.directions.tolist(), strict=True):
+            found = oracle.nearest(shape, oracle.Ray.of(o, d)) is not None
+            hits[case.group] += found
+            misses[case.group] += not found
+    assert len(hits) > 40
+    for group, count in hits.items():
+        barren = {"triangle, ray in its plane", "cylinder (open), along the axis and in the wall"}
+        assert count >= 10 or group in barren, group
+        assert count + misses[group] >= 6, group
+    assert sum(misses.values()) > 9_000
+
+
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_hard_case(case):
+    shape = case.spec.build()
+    # a transform whose inverse is not rounded costs an ulp more at most
+    allowed = 1 if case.spec.transform is None else 2
+
+    verdict = judge_roots(case.spec, case.origins, case.directions, shape.roots(case.origins, case.directions))
+    assert verdict.wrong == 0, verdict.first
+    assert verdict.worst <= allowed, verdict.first
+
+    hits = shape.cast(case.origins, case.directions)
+    verdict = judge_cast(case.spec, case.origins, case.directions, hits.t, hits.primitive_id)
+    assert verdict.wrong == 0, verdict.first
+    assert verdict.worst <= allowed, verdict.first
+    assert verdict.rounded == verdict.values, "t is not the exact value correctly rounded"
+    assert verdict.hits >= case.hits
+    assert verdict.rays - verdict.hits >= case.misses
+
+    np.testing.assert_array_equal(hits.hit, np.isfinite(hits.t))
+    np.testing.assert_array_equal(hits.object_id, np.where(hits.hit, 0, -1))
+    np.testing.assert_array_equal(hits.normal[~hits.hit], 0)
+    judge = case.spec.judge()
+    for i in np.flatnonzero(hits.hit)[:8]:
+        ray = oracle.Ray.of(case.origins[i].tolist(), case.directions[i].tolist())
+        normals = judge.normals(ray, oracle.nearest(judge, ray))
+        assert np.abs(normals - hits.normal[i]).max(axis=1).min() <= NORMAL_TOLERANCE, (normals, hits.normal[i])
+
+
+@pytest.mark.parametrize("kind", cases.KINDS)
+def test_random_adversarial(kind, slow):
+    rng = np.random.default_rng(2024)
+    hits = 0
+    for _ in range(1250 if slow else 20):
+        case = cases.random_case(rng, kind)
+        shape = case.spec.build()
+        found = shape.cast(case.origins, case.directions)
+        allowed = 1 if case.spec.transform is None else 2
+        for verdict in (
+            judge_cast(case.spec, case.origins, case.directions, found.t, found.primitive_id),
+            judge_roots(case.spec, case.origins, case.directions, shape.roots(case.origins, case.directions)),
+        ):
+            assert verdict.wrong == 0, verdict.first
+            assert verdict.worst <= allowed, verdict.first
+            hits += verdict.hits
+    assert hits > 1000
+
+
+RANGED = [case for case in CASES if case.name.endswith(("-direction-times-1", "transform-thirds"))]
+RANGED += [
+    case for case in CASES if "through-rim" in case.name or "edges-corners" in case.name or "at-5e6" in case.name
+]
+
+
+@pytest.mark.parametrize("case", RANGED, ids=lambda case: case.name)
+def test_range_is_closed_at_both_ends(case):
+    shape, judge = case.spec.build(), case.spec.judge()
+    first = shape.cast(case.origins, case.directions)
+    checked = 0
+    for i in np.flatnonzero(first.hit)[:12]:
+        o, d, t = case.origins[i : i + 1], case.directions[i : i + 1], float(first.t[i])
+        below, above = math.nextafter(t, 0), math.nextafter(t, math.inf)
+        assert shape.cast(o, d, t_max=t).t[0] == t
+        assert shape.cast(o, d, t_min=t, t_max=t).t[0] == t
+        assert shape.cast(o, d, t_min=below).t[0] == t
+        assert t == 0 or not shape.cast(o, d, t_max=below).hit[0]
+        ray = oracle.Ray.of(o[0].tolist(), d[0].tolist())
+        beyond = oracle.nearest(judge, ray, t_min=above)
+        assert shape.cast(o, d, t_min=above).t[0] == (math.inf if beyond is None else float(beyond.t))
+        checked += 1
+    assert checked or case.hits == 0

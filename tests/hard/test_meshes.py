@@ -1,0 +1,308 @@
+"""Meshes: closed ones never leak, ties go to the lowest index, a hierarchy answers as brute force in rationals does."""
+
+from __future__ import annotations
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+from lidarsim.bench import cases, oracle
+from lidarsim.bench.accuracy import judge_cast, judge_roots
+
+MESHES = cases.closed_meshes()
+
+
+def judged(vertices, faces, origins, directions):
+    """Assert that everything agrees with the oracle, and return the hits."""
+    spec = cases.Spec("TriangleMesh", (vertices, faces))
+    mesh = spec.build()
+    hits = mesh.cast(origins, directions)
+    for verdict in (
+        judge_cast(spec, origins, directions, hits.t, hits.primitive_id),
+        judge_roots(spec, origins, directions, mesh.roots(origins, directions)),
+    ):
+        assert verdict.wrong == 0, verdict.first
+        assert verdict.worst <= 1, verdict.first
+    return hits
+
+
+@pytest.mark.parametrize("offset", cases.OFFSETS)
+@pytest.mark.parametrize("name", MESHES)
+def test_closed_mesh_does_not_leak(name, offset):
+    vertices, faces, inside = MESHES[name]
+    vertices, inside = vertices + cases.OFFSETS[offset], inside + cases.OFFSETS[offset]
+    origins, directions = cases.leak_rays(vertices, faces, inside, np.random.default_rng(1))
+    assert len(origins) >= 30
+    mesh = ls.TriangleMesh(vertices, faces)
+    assert int((~mesh.cast(origins, directions).hit).sum()) == 0
+    assert int((~mesh.cast(origins, -directions).hit).sum()) == 0
+    moved = ls.TriangleMesh(vertices, faces, transform=cases.transforms()["turn-utm"])
+    matrix = cases.transforms()["turn-utm"]
+    o, d = origins @ matrix[:3, :3].T + matrix[:3, 3], directions @ matrix[:3, :3].T
+    if offset in {"0", "5e5"}:  # farther out, moving the origin in float64 may carry it out of the mesh
+        assert int((~moved.cast(o, d).hit).sum()) == 0
+
+
+@pytest.mark.parametrize("name", ["tetrahedron", "torus", "icosphere", "fan-100"])
+def test_crossings_of_a_closed_mesh_are_odd_from_inside(name):
+    vertices, faces, inside = MESHES[name]
+    rng = np.random.default_rng(2)
+    directions = rng.normal(size=(2000, 3))
+    origins = np.tile(inside, (2000, 1)).astype(float)
+    roots = ls.TriangleMesh(vertices, faces).roots(origins, directions)
+    np.testing.assert_array_equal((roots > 0).sum(axis=1) % 2, 1)
+    np.testing.assert_array_equal((roots < 0).sum(axis=1) % 2, 1)
+    if name == "torus":
+        assert (roots > 0).sum(axis=1).max() >= 3
+
+
+@pytest.mark.parametrize("valence", [3, 4, 5, 8, 20, 63, 64, 65, 100])
+@pytest.mark.parametrize("offset", ["0", "5e6"])
+def test_apex_of_a_fan_is_hit_once(valence, offset):
+    vertices, faces = cases.fan(valence)
+    vertices = vertices + cases.OFFSETS[offset]
+    apex = vertices[valence]
+    rng = np.random.default_rng(valence)
+    directions = rng.normal(size=(60, 3)) * 2.0 ** rng.integers(-30, 30, (60, 1))
+    origins = apex - directions * 2.0 ** rng.integers(-3, 3, (60, 1))
+    exact = (apex - origins) / directions  # keep the rays that pass through the apex exactly
+    exact = (exact == exact[:, :1]).all(axis=1) & (apex - exact[:, :1] * directions == origins).all(axis=1)
+    judged(vertices, faces, origins, directions)
+    if offset == "0":
+        assert exact.sum() >= 10
+
+
+def test_tie_of_coplanar_triangles_goes_to_the_lowest_index():
+    vertices = [(0, 0, 0), (4, 0, 0), (0, 4, 0), (4, 4, 0), (2, -1, 1), (2, 5, -1)]
+    faces = np.array([(3, 1, 2), (0, 1, 2), (0, 1, 3), (0, 3, 2), (0, 1, 2)])
+    half = np.arange(-1, 10) / 2
+    origins = np.array([(x, y, 3.0) for x in half for y in half])
+    directions = np.tile((0.0, 0.0, -2.0), (len(origins), 1))
+    hits = judged(vertices, faces, origins, directions)
+    assert set(hits.primitive_id[hits.hit].tolist()) == {0, 1}
+    shuffled = np.random.default_rng(3).permutation(len(faces))
+    judged(vertices, faces[shuffled], origins, directions)
+
+
+def test_no_area_no_hit_but_counted():
+    vertices = [(0, 0, 0), (1, 1, 1), (3, 3, 3), (0, 0, 5), (0.1, 0.1, 0.1), (0.3, 0.3, 0.3), (0.7, 0.7, 0.7)]
+    # a point, a segment, three points on a line exactly, and three that float64 products may not see on a line
+    faces = [(0, 0, 0), (0, 3, 0), (0, 1, 2), (4, 5, 6)]
+    mesh = ls.TriangleMesh(vertices, faces)
+    assert mesh.degenerate_count == 4
+    rng = np.random.default_rng(4)
+    targets = np.array(vertices)[rng.integers(0, 7, 200)]
+    origins = rng.normal(size=(200, 3))
+    assert not mesh.cast(origins, targets - origins).hit.any()
+    assert np.isnan(mesh.roots(origins, targets - origins)).all()
+    # a sliver of one ulp has an area
+    sliver = ls.TriangleMesh([(0, 0, 0), (1, 1, 1), (3, 3, math.nextafter(3, 4))], [(0, 1, 2)])
+    assert sliver.degenerate_count == 0
+
+
+def test_t_junction_that_is_exact_does_not_leak():
+    # the vertex (1/2, 1/2) lies exactly on the long edge of the other triangle
+    vertices = [(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0), (0.5, 0.5, 0)]
+    faces = [(0, 2, 1), (0, 4, 3), (4, 1, 3)]
+    rng = np.random.default_rng(5)
+    s = np.concatenate([[0.5], rng.integers(1, 1024, 200) / 1024])
+    origins = np.stack([s, s, np.ones_like(s)], axis=1)
+    assert judged(vertices, faces, origins, np.tile((0.0, 0.0, -1.0), (len(s), 1))).hit.all()
+
+
+def test_t_junction_that_is_rounded_leaks_as_documented():
+    # 0.1·(1, 3) is rounded off the edge from (0, 0) to (1, 3): between it and the vertex there is a gap
+    vertices = np.array([(0, 0, 0), (1, 3, 0), (2, 0, 0), (-1, 3, 0), (0.1, 0.3, 0), (0.7, 2.1, 0)])
+    faces = [(0, 2, 1), (0, 4, 3), (4, 5, 3), (5, 1, 3)]
+    rng = np.random.default_rng(6)
+    y = rng.uniform(0, 3, 4000)
+    x = y / 3
+    around = np.concatenate([x, np.nextafter(x, 9), np.nextafter(x, -9)])
+    origins = np.stack([around, np.tile(y, 3), np.ones_like(around)], axis=1)
+    hits = judged(vertices, faces, origins, np.tile((0.0, 0.0, -1.0), (len(around), 1)))
+    leaks = int((~hits.hit).sum())
+    assert 0 < leaks < 1000
+    assert "T-junction" in ls.TriangleMesh.__doc__
+
+
+def test_hierarchy_is_brute_force():
+    rng = np.random.default_rng(7)
+    for offset in (0.0, 5e6):
+        centers = rng.uniform(-10, 10, (3000, 1, 3))
+        corners = centers + rng.normal(size=(3000, 3, 3)) * rng.choice(
+            [1e-3, 0.3, 5], (3000, 1, 1), p=(0.3, 0.65, 0.05)
+        )
+        vertices, faces = corners.reshape(-1, 3) + offset, np.arange(9000).reshape(-1, 3)
+        origins = rng.uniform(-12, 12, (250, 3)) + offset
+        directions = np.where(
+            rng.random((250, 1)) < 0.7, vertices[rng.integers(0, 9000, 250)] - origins, rng.normal(size=(250, 3))
+        )
+        directions[:50] = np.eye(3)[rng.integers(0, 3, 50)] * rng.choice([-1, 1], (50, 1))
+        hits = judged(vertices, faces, origins, directions)
+        assert hits.hit.sum() > 150
+
+
+@pytest.mark.parametrize("offset", ["0", "5e6", "1e9"])
+def test_heightfield(offset):
+    rng = np.random.default_rng(8)
+    z = np.cumsum(rng.normal(size=(40, 50)), axis=0) * 0.2
+    shift = cases.OFFSETS[offset]
+    mesh = ls.TriangleMesh.from_heightfield(z, (0.5, 0.25), (shift, -shift))
+    assert (len(mesh), mesh.degenerate_count) == (2 * 39 * 49, 0)
+    grid = mesh.vertices.reshape(40, 50, 3)
+    np.testing.assert_array_equal(grid[..., 2], z)
+    np.testing.assert_array_equal(grid[..., 0], np.broadcast_to(shift + 0.5 * np.arange(50), (40, 50)))
+    np.testing.assert_array_equal(grid[..., 1], np.broadcast_to(-shift + 0.25 * np.arange(40)[:, None], (40, 50)))
+    # straight down through every vertex, and slanted ones
+    down = mesh.vertices + np.array((0, 0, 50.0))
+    hits = mesh.cast(down, np.tile((0.0, 0.0, -1.0), (len(down), 1)))
+    assert hits.hit.all()
+    np.testing.assert_array_equal(
+        hits.t,
+        np.array([float(oracle.Fraction(a) - oracle.Fraction(b)) for a, b in zip(down[:, 2], z.ravel(), strict=True)]),
+    )
+    assert (hits.normal[:, 2] > 0).all()
+    pick = rng.integers(0, len(down), 120)
+    origins = down[pick] + rng.normal(size=(120, 3)) * (3, 3, 0)
+    judged(mesh.vertices, mesh.faces, origins, mesh.vertices[rng.permutation(len(down))[:120]] - origins)
+
+
+def test_real_meshes():
+    pyvista = pytest.importorskip("pyvista")
+    from pyvista import examples
+
+    rng = np.random.default_rng(9)
+    for path in (examples.planefile, examples.antfile):
+        mesh = ls.TriangleMesh.from_file(path)
+        surface = pyvista.read(path)
+        vertices = mesh.vertices
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        origins = low + (high - low) * rng.uniform(-0.5, 1.5, (80, 3))
+        directions = vertices[rng.integers(0, len(vertices), 80)] - origins
+        hits = judged(vertices, mesh.faces, origins, directions)
+        assert hits.hit.sum() >= 70  # a vertex of the rim of an open mesh may be missed by an ulp
+        assert len(mesh) == surface.n_cells
+
+
+def soup():
+    vertices, faces, _ = MESHES["torus"]
+    return vertices.astype(np.float32).astype(float), faces
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "off", "glb"])
+def test_from_file(tmp_path, suffix):
+    import trimesh
+
+    vertices, faces = soup()
+    path = tmp_path / f"torus.{suffix}"
+    trimesh.Trimesh(vertices, faces, process=False).export(path)
+    mesh = ls.TriangleMesh.from_file(path)
+    assert len(mesh) == len(faces)
+    # text formats round the numbers: the triangles are those of the file, in order
+    np.testing.assert_allclose(mesh.vertices[mesh.faces], vertices[faces], atol=1e-6)
+
+
+@pytest.mark.parametrize("tensor", [True, False])
+def test_from_open3d(tensor):
+    from lidarsim.viewers.open3d import import_open3d
+
+    o3d = import_open3d()
+    vertices, faces = soup()
+    if tensor:
+        given = o3d.t.geometry.TriangleMesh(vertices.astype(np.float32), faces.astype(np.int32))
+    else:
+        given = o3d.geometry.TriangleMesh(o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(faces))
+    mesh = ls.TriangleMesh.from_open3d(given)
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+    np.testing.assert_array_equal(mesh.faces, faces)
+
+
+def test_from_pyvista():
+    pyvista = pytest.importorskip("pyvista")
+    vertices, faces = soup()
+    mesh = ls.TriangleMesh.from_pyvista(pyvista.PolyData.from_regular_faces(vertices, faces))
+    np.testing.assert_array_equal(mesh.vertices, vertices)
+    np.testing.assert_array_equal(mesh.faces, faces)
+    cube = ls.TriangleMesh.from_pyvista(pyvista.Cube())  # quadrilaterals
+    assert len(cube) == 12
+    solid = ls.TriangleMesh.from_pyvista(pyvista.ImageData(dimensions=(2, 2, 2)))  # a volume has a surface
+    assert len(solid) == 12
+    for box in (cube, solid):
+        center = box.vertices.mean(axis=0)
+        directions = np.random.default_rng(0).normal(size=(50, 3))
+        assert box.cast(np.tile(center, (50, 1)), directions).hit.all()
+
+
+BAD_MESHES = [
+    (([(0, 0, 0)], [(0, 0, 1)]), ValueError, "faces: expected indices from 0 to 0, got faces[0][2] = 1"),
+    (([(0, 0, 0)], [(0, -1, 0)]), ValueError, "faces: expected indices from 0 to 0, got faces[0][1] = -1"),
+    (([(0, 0, 0)], [(0.0, 0.0, 0.0)]), TypeError, "faces: expected integers of shape (m, 3), got dtype float64"),
+    (([(0, 0, 0)], [(0, 0)]), ValueError, "faces: expected shape (m, 3), got (1, 2)"),
+    (([(0, 0, 0)], [0, 0, 0]), ValueError, "faces: expected shape (m, 3), got (3,)"),
+    (([(0, 0)], [(0, 0, 0)]), ValueError, "vertices: expected shape (n, 3), got (1, 2)"),
+    (([(0, math.nan, 0)], [(0, 0, 0)]), ValueError, "vertices: expected finite numbers, got vertices[0][1] = nan"),
+    (
+        ([(0, 0, 0), (0, 0, math.inf)], [(0, 0, 0)]),
+        ValueError,
+        "vertices: expected finite numbers, got vertices[1][2] = inf",
+    ),
+    (([("a", "b", "c")], [(0, 0, 0)]), TypeError, "vertices: expected real numbers of shape (n, 3), got dtype <U1"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "error", "message"), BAD_MESHES, ids=[message for _, _, message in BAD_MESHES])
+def test_bad_meshes(arguments, error, message):
+    with pytest.raises(error, match=f"^{re.escape(message)}$"):
+        ls.TriangleMesh(*arguments)
+
+
+def test_empty_mesh_is_legal():
+    mesh = ls.TriangleMesh(np.empty((0, 3)), np.empty((0, 3), dtype=int))
+    assert not mesh.cast([[0, 0, 0]], [[1, 0, 0]]).hit.any()
+    assert np.isnan(mesh.roots([[0, 0, 0]], [[1, 0, 0]])).all()
+
+
+BAD_HEIGHTS = [
+    (([[0.0, 1.0]], 1.0), "z: expected at least 2 rows and 2 columns, got shape (1, 2)"),
+    (([0.0, 1.0], 1.0), "z: expected shape (rows, columns), got (2,)"),
+    ((np.full((2, 2), np.nan), 1.0), "z: expected finite numbers, got z[0][0] = nan"),
+    ((np.zeros((2, 2)), (1.0, 0.0)), "spacing: expected numbers > 0, got spacing[1] = 0.0"),
+    ((np.zeros((2, 2)), -1.0), "spacing: expected numbers > 0, got spacing[0] = -1.0"),
+    ((np.zeros((2, 2)), 1.0, (0.0, 0.0, 0.0)), "origin: expected shape (2,), got (3,)"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "message"), BAD_HEIGHTS, ids=[message for _, message in BAD_HEIGHTS])
+def test_bad_heightfields(arguments, message):
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.TriangleMesh.from_heightfield(*arguments)
+
+
+def test_bad_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=f"^{re.escape(str(tmp_path / 'none.ply'))}: no such mesh file$"):
+        ls.TriangleMesh.from_file(tmp_path / "none.ply")
+    for name, content in (
+        ("empty.ply", b""),
+        ("noise.stl", b"\x00\x01\x02" * 50),
+        ("text.obj", b"hello\n"),
+        ("what.xyzzy", b""),
+    ):
+        path = tmp_path / name
+        path.write_bytes(content)
+        with pytest.raises(ls.errors.FileFormatError, match=f"^{re.escape(str(path))}: cannot be read as a mesh: "):
+            ls.TriangleMesh.from_file(path)
+
+
+def test_degenerate_triangles_of_a_file_are_reported_once(tmp_path, caplog):
+    path = tmp_path / "flat.off"
+    path.write_text("OFF\n4 3 0\n0 0 0\n1 0 0\n0 1 0\n2 0 0\n3 0 1 2\n3 0 1 3\n3 0 0 1\n")
+    mesh = ls.TriangleMesh.from_file(path)
+    assert mesh.degenerate_count == 2
+    assert [record.getMessage() for record in caplog.records] == [
+        f"{path}: 2 of 3 triangles have no area; nothing hits them"
+    ]
+    mesh.cast([[0, 0, 1]], [[0, 0, -1]])
+    assert len(caplog.records) == 1
