@@ -18,7 +18,7 @@ pub trait Caster: Sync {
     fn cast(&self, origins: &[Point], directions: &[Point], hits: &mut [Hit]);
 
     /// The triangle of a mesh that was hit: its vertices, and where they are in the world.
-    fn triangle(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])>;
+    fn corners(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])>;
 }
 
 impl Caster for Scene {
@@ -26,8 +26,8 @@ impl Caster for Scene {
         Scene::cast(self, origins, directions, 0.0, f64::INFINITY, hits);
     }
 
-    fn triangle(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])> {
-        self.objects()[hit.object as usize].triangle(hit.primitive as u32)
+    fn corners(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])> {
+        self.objects()[hit.object as usize].corners(hit.primitive as u32)
     }
 }
 
@@ -190,7 +190,7 @@ impl Reflectivity {
             Reflectivity::Object(value) => *value,
             Reflectivity::Face(values) => values[hit.primitive as usize],
             Reflectivity::Vertex(values) => {
-                let Some((vertices, corners)) = caster.triangle(hit) else { return f64::NAN };
+                let Some((vertices, corners)) = caster.corners(hit) else { return f64::NAN };
                 // From the hit to the corners: a triangle far from the origin of coordinates keeps its digits.
                 let [a, b, c] = corners.map(|p| sub(sub(p, origin), direction.map(|d| hit.t * d)));
                 // Twice the areas opposite to the corners. A hit on the rim may be outside by rounding.

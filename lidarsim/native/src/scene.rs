@@ -42,7 +42,7 @@ impl Object {
     }
 
     /// A triangle of a mesh: its vertices, and where they are in the world, rounded.
-    pub fn triangle(&self, primitive: u32) -> Option<([u32; 3], [Point; 3])> {
+    pub fn corners(&self, primitive: u32) -> Option<([u32; 3], [Point; 3])> {
         let Geometry::Mesh(mesh) = &self.geometry else { return None };
         let vertices = *mesh.faces().get(primitive as usize)?;
         let place = |v: u32| self.maps.iter().fold(mesh.vertices()[v as usize], |p, map| map.place(p));
