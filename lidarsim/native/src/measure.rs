@@ -668,3 +668,82 @@ fn distance(t: f64, d: Point) -> f64 {
     let e = excess(d);
     t + t * (e * (0.5 - e * (0.125 - e * 0.0625)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn echo(range: f64, power: f64) -> Echo {
+        Echo { range, intensity: power, power, ray: 0, true_range: range }
+    }
+
+    fn chosen(returns: Returns, powers: &[f64]) -> Vec<f64> {
+        let mut found: Vec<Return> = (1..)
+            .zip(powers)
+            .map(|(i, &power)| Return { echo: echo(f64::from(i), power), measured: Ok(f64::from(i)) })
+            .collect();
+        returns.choose(&mut found);
+        found.iter().map(|r| r.echo.range).collect()
+    }
+
+    #[test]
+    fn returns_are_chosen_and_ordered() {
+        let powers = [1.0, 3.0, 2.0, 1.0];
+        assert_eq!(chosen(Returns::Strongest, &powers), [2.0]);
+        assert_eq!(chosen(Returns::First, &powers), [1.0]);
+        assert_eq!(chosen(Returns::Last, &powers), [4.0]);
+        assert_eq!(chosen(Returns::Dual, &powers), [2.0, 4.0]);
+        assert_eq!(chosen(Returns::Dual, &[1.0, 2.0, 3.0]), [3.0, 2.0]);
+        assert_eq!(chosen(Returns::Dual, &[1.0, 1.0]), [1.0, 2.0]);
+        assert_eq!(chosen(Returns::Dual, &[1.0]), [1.0]);
+        assert_eq!(chosen(Returns::Nearest(3), &powers), [1.0, 2.0, 3.0]);
+        assert_eq!(chosen(Returns::Nearest(9), &powers), [1.0, 2.0, 3.0, 4.0]);
+    }
+
+    #[test]
+    fn a_beam_has_all_of_its_energy_and_is_balanced() {
+        for (rays, rings) in [(7, 1), (19, 2), (37, 3), (61, 4), (91, 5)] {
+            let beam = Beam::new([2.0, 1.0], rays, 1.0);
+            assert_eq!(beam.rays.len(), rays);
+            assert_eq!(beam.rays[0].0, [0.0; 2]);
+            let sum = |of: fn([f64; 2]) -> f64| beam.rays.iter().map(|(at, share)| share * of(*at)).sum::<f64>();
+            assert!((sum(|_| 1.0) - 1.0).abs() < 1e-15);
+            assert!(
+                sum(|[x, _]| x).abs() < 1e-16 && sum(|[_, y]| y).abs() < 1e-16 && sum(|[x, y]| x * y).abs() < 1e-16
+            );
+            // ∫r²·exp(−2r²)·r dr over ∫exp(−2r²)·r dr, up to 1: half of it on each axis, of half angles 1 and 1/2.
+            let moment = (1.0 - 3.0 * (-2.0_f64).exp()) / (2.0 * (1.0 - (-2.0_f64).exp()));
+            assert!((sum(|[x, _]| x * x) / (moment / 2.0) - 1.0).abs() < 0.01);
+            assert!((sum(|[_, y]| y * y) / (moment / 8.0) - 1.0).abs() < 0.01);
+            let outermost = beam.rays.iter().map(|(at, _)| at[0]).fold(0.0, f64::max);
+            assert!((outermost - f64::from(rings) / (f64::from(rings) + 0.5)).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn beside_is_left_and_up() {
+        let [x, y, z] = beside([1.0, 0.0, 0.0], [0.1, 0.2]);
+        assert!((y / x - 0.1).abs() < 1e-15 && (z / x - 0.2).abs() < 1e-15);
+        let [x, y, z] = beside([0.0, 1.0, 0.0], [0.1, 0.2]);
+        assert!((x / y + 0.1).abs() < 1e-15 && (z / y - 0.2).abs() < 1e-15);
+        // Straight up, left and up are as after a turn from straight ahead.
+        let [x, y, z] = beside([0.0, 0.0, 1.0], [0.1, 0.2]);
+        assert!((y / z - 0.1).abs() < 1e-15 && (x / z + 0.2).abs() < 1e-15);
+    }
+
+    #[test]
+    fn turned_adds_to_azimuth_and_elevation() {
+        let at = |azimuth: f64, elevation: f64| {
+            [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), elevation.sin()]
+        };
+        let (got, expected) = (turned(at(2.0, -0.5), 0.3, 0.1), at(2.3, -0.4));
+        assert!((0..3).all(|i| (got[i] - expected[i]).abs() < 3e-16));
+    }
+
+    #[test]
+    fn sigma_comes_from_the_formula_or_the_table() {
+        assert_eq!(RangeSigma::Formula { a: 3.0, b: 0.4 }.at(10.0), 5.0);
+        let table = RangeSigma::Table(vec![[1.0, 0.1], [2.0, 0.2], [4.0, 0.1]]);
+        assert_eq!([0.5, 1.0, 2.0, 3.0, 4.0, 9.0].map(|r| table.at(r)), [0.1, 0.1, 0.2, 0.15000000000000002, 0.1, 0.1]);
+    }
+}

@@ -1,0 +1,83 @@
+"""Materials: values, colours, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+
+
+def test_a_material_is_a_value() -> None:
+    assert ls.Material() == ls.Material(reflectivity=1)
+    assert ls.Material(reflectivity=[0.5, 1.0], per="face") == ls.Material(reflectivity=np.array([0.5, 1]), per="face")
+    assert ls.Material(reflectivity=[0.5, 1.0], per="face") != ls.Material(reflectivity=[0.5, 1.0], per="vertex")
+    assert ls.Material(reflectivity=[0.5], per="face") != ls.Material(reflectivity=0.5)
+    assert ls.Material() != 1.0
+    assert len({ls.Material(), ls.Material(reflectivity=1.0), ls.Material(reflectivity=2.0)}) == 2
+
+
+def test_arrays_are_kept_as_read_only_copies() -> None:
+    values = np.array([0.5, 1.0])
+    material = ls.Material(reflectivity=values, per="vertex")
+    values[0] = 9.0
+    assert isinstance(material.reflectivity, np.ndarray)
+    assert material.reflectivity.tolist() == [0.5, 1.0]
+    assert not material.reflectivity.flags.writeable
+
+
+def test_colours_become_luminance() -> None:
+    colors = np.array([[0, 0, 0], [255, 255, 255], [255, 0, 0], [0, 255, 0], [0, 0, 255], [128, 128, 128]], np.uint8)
+    expected = [0.0, 1.0, 0.2126, 0.7152, 0.0722, 0.2158605]
+    by_integers, by_floats = ls.Material.from_colors(colors), ls.Material.from_colors(colors / 255.0)
+    assert by_integers.per == "vertex"
+    assert np.allclose(by_integers.reflectivity, expected, rtol=0, atol=1e-7)
+    assert by_integers == by_floats
+    opaque = np.column_stack([colors, np.full(6, 128, np.uint8)])
+    assert ls.Material.from_colors(opaque, per="face") == ls.Material(reflectivity=by_integers.reflectivity, per="face")
+
+
+@pytest.mark.parametrize(
+    ("parameters", "error", "message"),
+    [
+        ({"reflectivity": -0.5}, ValueError, "reflectivity: expected a finite number >= 0, got -0.5"),
+        ({"reflectivity": math.nan}, ValueError, "reflectivity: expected a finite number >= 0, got nan"),
+        (
+            {"reflectivity": [0.1, 0.2]},
+            TypeError,
+            "reflectivity: expected one number, or per='face' or per='vertex' beside an array",
+        ),
+        ({"reflectivity": 0.5, "per": "face"}, ValueError, "reflectivity: expected shape (n,), got ()"),
+        (
+            {"reflectivity": [0.1, -0.2], "per": "face"},
+            ValueError,
+            "reflectivity: expected numbers >= 0, got reflectivity[1] = -0.2",
+        ),
+        (
+            {"reflectivity": [0.1, math.inf], "per": "vertex"},
+            ValueError,
+            "reflectivity: expected finite numbers, got reflectivity[1] = inf",
+        ),
+        ({"per": "side"}, ValueError, "per: expected 'object', 'face' or 'vertex', got 'side'"),
+    ],
+)
+def test_materials_that_cannot_be_are_refused(parameters: dict[str, Any], error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=f"^{re.escape(message)}$"):
+        ls.Material(**parameters)
+
+
+@pytest.mark.parametrize(
+    ("colors", "message"),
+    [
+        ([0.1, 0.2, 0.3], "colors: expected shape (n, 3) or (n, 4), got (3,)"),
+        ([[0.1, 0.2, 1.3]], "colors: expected numbers from 0 to 1, got 0.1 to 1.3"),
+        ([[0, 20, 256]], "colors: expected numbers from 0 to 255, got 0 to 256"),
+    ],
+)
+def test_colours_that_cannot_be_are_refused(colors: list[Any], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Material.from_colors(colors)
