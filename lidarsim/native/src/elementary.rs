@@ -16,7 +16,7 @@ const LN_2_LOW: f64 = f64::from_bits(0x3dea_39ef_3579_3c76);
 /// Natural logarithm of a positive, normal number, to within 1 ulp.
 ///
 /// With x = 2ᵏ(1+f), 1+f between √½ and √2, and s = f/(2+f): ln(1+f) = 2 artanh s = f − s(f − 2s²(1/3 + s²/5 + s⁴/7 + …)).
-#[inline]
+#[inline(always)]
 pub fn ln(x: f64) -> f64 {
     let bits = x.to_bits();
     let above_root = (bits & 0x000f_ffff_ffff_ffff) > 0x0006_a09e_667f_3bcd;
@@ -54,7 +54,7 @@ pub const RECIPROCAL_FACTORIALS: [f64; 20] = {
 };
 
 /// eˣ, to within 1 ulp where it is normal.
-#[inline]
+#[inline(always)]
 pub fn exp(x: f64) -> f64 {
     // Past these, float64 holds nothing but 0 and ∞; NaN takes neither branch.
     if x < -746.0 {
@@ -85,7 +85,7 @@ pub fn exp(x: f64) -> f64 {
 /// Sine and cosine, for |x| up to 10⁶, to within 1 ulp of 1.
 ///
 /// x less the nearest multiple of π/2, which is subtracted in three parts of 33 bits and more.
-#[inline]
+#[inline(always)]
 pub fn sin_cos(x: f64) -> (f64, f64) {
     const PI_2: [f64; 3] = [
         f64::from_bits(0x3ff9_21fb_5440_0000),

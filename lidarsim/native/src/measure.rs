@@ -102,34 +102,39 @@ impl Returns {
         }
     }
 
-    /// Keep the chosen ones of `found`, which rise in range, in the order of their report.
-    fn choose(self, found: &mut Vec<Return>) {
-        let best = |found: &[Return]| strongest(found.iter().map(|r| r.echo.power));
-        let i = best(found);
+    /// Of the `echoes` of a pulse, which rise in range, those that are reported, in their order; if all are lost, the strongest.
+    fn choose(self, echoes: &[Echo], chosen: &mut Vec<Echo>) {
+        chosen.clear();
+        chosen.extend(echoes.iter().filter(|echo| echo.measured.is_ok()));
+        if chosen.is_empty() {
+            chosen.extend(echoes.get(strongest(echoes)));
+        }
+        if chosen.len() < 2 {
+            return;
+        }
+        let i = strongest(chosen);
         match self {
             Returns::First | Returns::Nearest(_) => {}
-            Returns::Last => found.reverse(),
-            Returns::Strongest => found.swap(0, i),
+            Returns::Last => chosen.reverse(),
+            Returns::Strongest => chosen.swap(0, i),
             Returns::Dual => {
-                let first = found.remove(i);
-                if !found.is_empty() {
-                    let last = found.len() - 1;
-                    let j = if i > last { best(found) } else { last };
-                    found.swap(0, j);
-                }
-                found.insert(0, first);
+                let first = chosen.remove(i);
+                let last = chosen.len() - 1;
+                let second = if i > last { strongest(chosen) } else { last };
+                chosen.swap(0, second);
+                chosen.insert(0, first);
             }
         }
-        found.truncate(self.most());
+        chosen.truncate(self.most());
     }
 }
 
-/// Index of the greatest; of equal ones, the first.
-fn strongest(powers: impl Iterator<Item = f64>) -> usize {
+/// Index of the strongest echo; of equal ones, the first.
+fn strongest(echoes: &[Echo]) -> usize {
     let mut best = (0, f64::NEG_INFINITY);
-    for (i, power) in powers.enumerate() {
-        if power > best.1 {
-            best = (i, power);
+    for (i, echo) in echoes.iter().enumerate() {
+        if echo.power > best.1 {
+            best = (i, echo.power);
         }
     }
     best.0
@@ -255,60 +260,25 @@ pub enum Fault {
     Time,
 }
 
-/// Measure some pulses of the frame, whose rows these are.
-pub fn measure(
-    frame: &Frame,
-    measurement: &Measurement,
-    appearances: &[Appearance],
-    caster: &impl Caster,
-    pulses: Range<usize>,
-    rows: &mut Rows,
-) -> Result<(), BadPulse> {
-    let rays = Rays::cast(frame, measurement, appearances, caster, pulses.clone())?;
-    let receiver = Receiver::new(measurement, &frame.stream);
-    let most = measurement.returns.most();
-    let mut returns = Vec::new();
-    for (i, pulse) in pulses.enumerate() {
-        let index = frame.index(pulse);
-        let first = i * most;
-        let mut written = 0;
-        let status = match &measurement.beam {
-            None => match rays.light(i, measurement) {
-                None => Status::Miss,
-                Some(light) => {
-                    let echo = light.alone();
-                    let measured = receiver.receive(&echo, receiver.drops(index), index, 0);
-                    rows.write(first, &echo, measured, &rays);
-                    written = 1;
-                    measured.err().unwrap_or(Status::Hit)
-                }
-            },
-            Some(beam) => {
-                let echoes = rays.group(i * beam.rays.len(), beam, measurement);
-                let status = receiver.choose(&echoes, index, &mut returns);
-                for Return { echo, measured } in &returns {
-                    rows.write(first + written, echo, *measured, &rays);
-                    written += 1;
-                }
-                status
-            }
-        };
-        rows.status[i] = status as u8;
-        rows.return_count[i] = if status == Status::Hit { written as u8 } else { 0 };
-        for row in first + written..first + most {
-            rows.clear(row);
-        }
-    }
-    Ok(())
+/// A frame fired at a scene.
+pub struct Scan<'a, C> {
+    frame: &'a Frame<'a>,
+    measurement: &'a Measurement,
+    appearances: &'a [Appearance],
+    caster: &'a C,
+    /// The least power that is detected.
+    threshold: Option<f64>,
 }
 
-/// The rays of some pulses in the world, and what they hit; with a beam, its sub-rays one pulse after the other.
-struct Rays<'a, C> {
-    caster: &'a C,
-    appearances: &'a [Appearance],
+/// Rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other. Kept from one batch of
+/// pulses to the next, so that its memory is used again.
+#[derive(Default)]
+pub struct Rays {
     origins: Vec<Point>,
     directions: Vec<Point>,
     hits: Vec<Hit>,
+    /// Of each pulse, the noise of its first echo, in units of σ; empty without noise.
+    noise: Vec<f64>,
 }
 
 /// What a ray brings back.
@@ -324,103 +294,160 @@ struct Light {
 /// Light that comes back from one surface or from some too close to be told apart.
 #[derive(Clone, Copy, Debug)]
 struct Echo {
-    /// The mean over its sub-rays, by power.
+    /// The truth: of the object with most of the power, the sub-ray nearest to the axis; and the range of that.
+    ray: usize,
+    true_range: f64,
+    /// The mean over the sub-rays, by power.
     range: f64,
     intensity: f64,
     power: f64,
-    /// The truth of the echo: of the object with most of its power, the sub-ray nearest to the axis; and the range of that.
-    ray: usize,
-    true_range: f64,
+    /// The range with all that befalls it, or why there is none.
+    measured: Result<f64, Status>,
 }
 
-impl Light {
-    fn alone(&self) -> Echo {
-        Echo { range: self.range, intensity: self.intensity, power: self.power, ray: self.ray, true_range: self.range }
+impl Echo {
+    fn of(light: Light) -> Self {
+        let Light { ray, range, intensity, power } = light;
+        Echo { ray, true_range: range, range, intensity, power, measured: Ok(range) }
     }
 }
 
-impl<'a, C: Caster> Rays<'a, C> {
-    fn cast(
-        frame: &Frame,
-        measurement: &Measurement,
+impl<'a, C: Caster> Scan<'a, C> {
+    pub fn new(
+        frame: &'a Frame<'a>,
+        measurement: &'a Measurement,
         appearances: &'a [Appearance],
         caster: &'a C,
-        pulses: Range<usize>,
-    ) -> Result<Self, BadPulse> {
+    ) -> Self {
+        let power = |d: Detection| measurement.intensity(d.reflectivity, 1.0, d.range) / (d.range * d.range);
+        Scan { frame, measurement, appearances, caster, threshold: measurement.detection.map(power) }
+    }
+
+    /// Measure some pulses, whose rows these are.
+    pub fn measure(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
+        self.cast(pulses.clone(), rays)?;
+        let most = self.measurement.returns.most();
+        // Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
+        let mut incidences = vec![[f64::NAN; 2]; pulses.len() * most];
+        let (mut echoes, mut chosen) = (Vec::new(), Vec::new());
+        for (i, pulse) in pulses.enumerate() {
+            let first = i * most;
+            let mut row = first;
+            let mut status = Status::Miss;
+            let mut report = |echo: Echo| {
+                if row == first {
+                    status = echo.measured.err().unwrap_or(Status::Hit);
+                }
+                let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
+                let label = self.appearance(rays, echo.ray).map_or(0, |appearance| appearance.label);
+                rows.write(row, &echo, hit, label);
+                let across = cross(hit.normal, direction);
+                incidences[row] = [dot(across, across), dot(hit.normal, direction).abs()];
+                row += 1;
+            };
+            match &self.measurement.beam {
+                None => {
+                    if let Some(light) = self.light(rays, i) {
+                        report(self.received(Echo::of(light), rays, i, pulse, 0));
+                    }
+                }
+                Some(beam) => {
+                    self.echoes(rays, i, beam, &mut echoes);
+                    for (echo, number) in echoes.iter_mut().zip(0..) {
+                        *echo = self.received(*echo, rays, i, pulse, number);
+                    }
+                    self.measurement.returns.choose(&echoes, &mut chosen);
+                    chosen.iter().for_each(|echo| report(*echo));
+                }
+            }
+            rows.status[i] = status as u8;
+            rows.return_count[i] = if status == Status::Hit { (row - first) as u8 } else { 0 };
+            for row in row..first + most {
+                rows.clear(row);
+            }
+        }
+        for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(incidences) {
+            *angle = first_quadrant_angle(squared_sin.sqrt(), cos) as f32;
+        }
+        Ok(())
+    }
+
+    fn cast(&self, pulses: Range<usize>, rays: &mut Rays) -> Result<(), BadPulse> {
+        let (frame, measurement) = (self.frame, self.measurement);
+        frame.check(pulses.clone())?;
+        rays.origins.clear();
+        rays.directions.clear();
+        rays.noise.clear();
+        if !measurement.range_sigma.is_zero() {
+            frame.stream.normals(pulses.clone().map(|i| frame.index(i)), Effect::RangeNoise, &mut rays.noise);
+        }
         let jitters = measurement.azimuth_sigma > 0.0 || measurement.elevation_sigma > 0.0;
-        let rays = measurement.rays() * pulses.len();
-        let (mut origins, mut directions) = (Vec::with_capacity(rays), Vec::with_capacity(rays));
-        let [first, last] = frame.path.span();
         let (mut now, mut pose) = (f64::NAN, Pose::IDENTITY);
         for i in pulses {
-            let (mut direction, origin, time) = (frame.directions[i], frame.origins[i], frame.times[i]);
-            let moment = frame.start + time;
-            let fault = if !is_unit(direction) {
-                Some(Fault::Direction)
-            } else if !origin.iter().all(|x| x.is_finite()) {
-                Some(Fault::Origin)
-            } else if !(moment.is_finite() && first <= moment && moment <= last) {
-                Some(Fault::Time)
-            } else {
-                None
-            };
-            if let Some(fault) = fault {
-                return Err(BadPulse { pulse: i, fault });
+            if frame.times[i] != now {
+                now = frame.times[i];
+                pose = frame.path.at(frame.start + now);
             }
-            if time != now {
-                (now, pose) = (time, frame.path.at(moment));
-            }
+            let mut direction = frame.directions[i];
             if jitters {
                 direction = measurement.jitter(direction, &frame.stream, frame.index(i));
             }
-            let origin = pose.place(origin);
+            let origin = pose.place(frame.origins[i]);
             match &measurement.beam {
                 None => {
-                    origins.push(origin);
-                    directions.push(pose.turn(direction));
+                    rays.origins.push(origin);
+                    rays.directions.push(pose.turn(direction));
                 }
                 Some(beam) => {
                     for (offset, _) in &beam.rays {
-                        origins.push(origin);
-                        directions.push(pose.turn(beside(direction, *offset)));
+                        rays.origins.push(origin);
+                        rays.directions.push(pose.turn(beside(direction, *offset)));
                     }
                 }
             }
         }
-        let mut hits = vec![Hit::MISS; rays];
-        caster.cast(&origins, &directions, &mut hits);
-        Ok(Rays { caster, appearances, origins, directions, hits })
+        rays.hits.resize(rays.origins.len(), Hit::MISS);
+        self.caster.cast(&rays.origins, &rays.directions, &mut rays.hits);
+        Ok(())
     }
 
     /// What was hit, if anything was.
-    fn appearance(&self, ray: usize) -> Option<&Appearance> {
-        self.appearances.get(usize::try_from(self.hits[ray].object).ok()?)
+    #[inline(always)]
+    fn appearance(&self, rays: &Rays, ray: usize) -> Option<&Appearance> {
+        self.appearances.get(usize::try_from(rays.hits[ray].object).ok()?)
     }
 
-    fn light(&self, ray: usize, measurement: &Measurement) -> Option<Light> {
-        let appearance = self.appearance(ray)?;
-        let (hit, direction) = (&self.hits[ray], self.directions[ray]);
+    #[inline(always)]
+    fn light(&self, rays: &Rays, ray: usize) -> Option<Light> {
+        let appearance = self.appearance(rays, ray)?;
+        let (hit, direction) = (&rays.hits[ray], rays.directions[ray]);
         let range = distance(hit.t, direction);
-        let reflectivity = appearance.reflectivity.at(hit, self.origins[ray], direction, self.caster);
-        let intensity = measurement.intensity(reflectivity, dot(hit.normal, direction).abs(), range);
+        let reflectivity = appearance.reflectivity.at(hit, rays.origins[ray], direction, self.caster);
+        let intensity = self.measurement.intensity(reflectivity, dot(hit.normal, direction).abs(), range);
         Some(Light { ray, range, intensity, power: intensity / (range * range) })
     }
 
-    /// The echoes of the pulse whose sub-rays start at `first`, by rising range.
+    /// The echoes of a pulse, by rising range.
     ///
     /// Two sub-rays are of one echo if their ranges differ by less than the resolution, or if each meets the tangent plane of
     /// the other's hit that close to its own hit: on a slanted plane the few sub-rays may lie further apart than that, where
     /// a real footprint has no gaps. An echo is all that hangs together so.
-    fn group(&self, first: usize, beam: &Beam, measurement: &Measurement) -> Vec<Echo> {
-        let mut lights: Vec<Light> = (first..)
+    fn echoes(&self, rays: &Rays, pulse: usize, beam: &Beam, echoes: &mut Vec<Echo>) {
+        let mut lights: Vec<Light> = (pulse * beam.rays.len()..)
             .zip(&beam.rays)
             .filter_map(|(ray, (_, share))| {
-                let light = self.light(ray, measurement)?;
+                let light = self.light(rays, ray)?;
                 Some(Light { intensity: share * light.intensity, power: share * light.power, ..light })
             })
             .collect();
-        lights.sort_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
+        echoes.clear();
         let close = |a: f64, b: f64| (a - b).abs() < beam.resolution;
+        let (least, most) = lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
+        if close(least, most) {
+            echoes.push(rays.merge(&lights));
+            return;
+        }
+        lights.sort_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
         // group[i] is the nearest light of the echo that light i belongs to.
         let mut group: Vec<usize> = Vec::with_capacity(lights.len());
         for i in 0..lights.len() {
@@ -431,127 +458,91 @@ impl<'a, C: Caster> Rays<'a, C> {
                 for j in 0..i {
                     let (low, high) = (group[i].min(group[j]), group[i].max(group[j]));
                     let (a, b) = (&lights[i], &lights[j]);
-                    if low < high && close(self.onto_plane(a, b), b.range) && close(self.onto_plane(b, a), a.range) {
+                    if low < high && close(rays.onto_plane(a, b), b.range) && close(rays.onto_plane(b, a), a.range) {
                         group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
                     }
                 }
             }
         }
-        let leaders = (0..lights.len()).filter(|&i| group[i] == i);
-        let mut echoes: Vec<Echo> = leaders
-            .map(|leader| {
-                self.merge(lights[leader], || (leader..lights.len()).filter(|&i| group[i] == leader).map(|i| lights[i]))
-            })
-            .collect();
+        for leader in (0..lights.len()).filter(|&i| group[i] == i) {
+            let members = (leader..lights.len()).filter(|&i| group[i] == leader).map(|i| lights[i]);
+            echoes.push(rays.merge(&members.collect::<Vec<_>>()));
+        }
         echoes.sort_by(|a, b| a.range.total_cmp(&b.range));
-        echoes
     }
 
+    /// An echo as it is measured: the `i`-th pulse of the batch, the `pulse`-th of those given, and its echo `number`.
+    #[inline(always)]
+    fn received(&self, echo: Echo, rays: &Rays, i: usize, pulse: usize, number: u16) -> Echo {
+        let (stream, index) = (&self.frame.stream, self.frame.index(pulse));
+        let noise = || match rays.noise.get(i) {
+            None => 0.0,
+            Some(&noise) if number == 0 => noise,
+            Some(_) => stream.normal(index, Effect::RangeNoise, number),
+        };
+        let m = self.measurement;
+        let measured = || {
+            m.gate(echo.range)?;
+            // Of 0/0, a black surface at distance zero, this is false.
+            let seen = self.threshold.is_none_or(|least| echo.power >= least);
+            if !seen {
+                return Err(Status::BelowThreshold);
+            }
+            if m.dropout > 0.0 && stream.uniform(index, Effect::Dropout, 0) < m.dropout {
+                return Err(Status::Dropped);
+            }
+            m.gate(m.quantised(echo.range + (m.range_bias + m.range_sigma.at(echo.range) * noise())))
+        };
+        Echo { measured: measured(), ..echo }
+    }
+}
+
+impl Rays {
     /// Where the ray of `other` meets the tangent plane of what `light` hit. Both start at the same point.
     fn onto_plane(&self, light: &Light, other: &Light) -> f64 {
         let normal = self.hits[light.ray].normal;
         light.range * dot(normal, self.directions[light.ray]) / dot(normal, self.directions[other.ray])
     }
 
-    /// The echo of `members`, of which `any` is one.
-    fn merge<I: Iterator<Item = Light>>(&self, any: Light, members: impl Fn() -> I) -> Echo {
+    /// The echo of one light or more.
+    fn merge(&self, lights: &[Light]) -> Echo {
         let object = |light: &Light| self.hits[light.ray].object;
-        let share = |light: &Light| members().filter(|m| object(m) == object(light)).map(|m| m.power).sum::<f64>();
-        let main = members().fold(any, |best, m| {
-            let better = if object(&m) == object(&best) { m.ray < best.ray } else { share(&m) > share(&best) };
-            if better { m } else { best }
+        let share = |of: i32| lights.iter().filter(|l| object(l) == of).map(|l| l.power).sum::<f64>();
+        let main = *lights.iter().fold(&lights[0], |best, light| {
+            let (a, b) = (object(light), object(best));
+            let better = if a == b { light.ray < best.ray } else { share(a) > share(b) };
+            if better { light } else { best }
         });
-        let power: f64 = members().map(|m| m.power).sum();
-        let moment: f64 = members().map(|m| m.power * (m.range - main.range)).sum();
+        let power: f64 = lights.iter().map(|l| l.power).sum();
+        let moment: f64 = lights.iter().map(|l| l.power * (l.range - main.range)).sum();
         // No mean where no power comes back, from a black surface, or infinite power, from distance zero.
         let mean = moment / power;
         Echo {
             range: main.range + if mean.is_finite() { mean } else { 0.0 },
-            intensity: members().map(|m| m.intensity).sum(),
+            intensity: lights.iter().map(|l| l.intensity).sum(),
             power,
-            ray: main.ray,
-            true_range: main.range,
+            ..Echo::of(main)
         }
     }
 }
 
-/// An echo with the range that is measured, or why it is lost.
-#[derive(Clone, Copy, Debug)]
-struct Return {
-    echo: Echo,
-    measured: Result<f64, Status>,
-}
-
-/// From an echo to a range.
-struct Receiver<'a> {
-    measurement: &'a Measurement,
-    stream: &'a Stream,
-    /// The least power that is detected.
-    threshold: Option<f64>,
-}
-
-impl<'a> Receiver<'a> {
-    fn new(measurement: &'a Measurement, stream: &'a Stream) -> Self {
-        let power = |d: Detection| measurement.intensity(d.reflectivity, 1.0, d.range) / (d.range * d.range);
-        Receiver { measurement, stream, threshold: measurement.detection.map(power) }
-    }
-
-    /// Whether the pulse is lost by chance.
-    fn drops(&self, pulse: u64) -> bool {
-        let p = self.measurement.dropout;
-        p > 0.0 && self.stream.uniform(pulse, Effect::Dropout, 0) < p
-    }
-
-    /// Measure one echo, the `draw`-th of its pulse.
-    fn receive(&self, echo: &Echo, dropped: bool, pulse: u64, draw: u16) -> Result<f64, Status> {
-        self.gate(echo.range)?;
-        // Of 0/0, a black surface at distance zero, this is false.
-        let seen = self.threshold.is_none_or(|least| echo.power >= least);
-        if !seen {
-            return Err(Status::BelowThreshold);
+impl Frame<'_> {
+    fn check(&self, pulses: Range<usize>) -> Result<(), BadPulse> {
+        let [first, last] = self.path.span();
+        for pulse in pulses {
+            let time = self.start + self.times[pulse];
+            let fault = if !is_unit(self.directions[pulse]) {
+                Fault::Direction
+            } else if !self.origins[pulse].iter().all(|x| x.is_finite()) {
+                Fault::Origin
+            } else if !(time.is_finite() && first <= time && time <= last) {
+                Fault::Time
+            } else {
+                continue;
+            };
+            return Err(BadPulse { pulse, fault });
         }
-        if dropped {
-            return Err(Status::Dropped);
-        }
-        self.gate(self.quantised(self.noisy(echo.range, pulse, draw)))
-    }
-
-    fn gate(&self, range: f64) -> Result<f64, Status> {
-        if range < self.measurement.min_range {
-            Err(Status::BelowMinRange)
-        } else if range > self.measurement.max_range {
-            Err(Status::BeyondMaxRange)
-        } else {
-            Ok(range)
-        }
-    }
-
-    fn noisy(&self, range: f64, pulse: u64, draw: u16) -> f64 {
-        let sigma = self.measurement.range_sigma.at(range);
-        let noise = if sigma > 0.0 { sigma * self.stream.normal(pulse, Effect::RangeNoise, draw) } else { 0.0 };
-        range + (self.measurement.range_bias + noise)
-    }
-
-    fn quantised(&self, range: f64) -> f64 {
-        let step = self.measurement.range_resolution;
-        if step > 0.0 { (range / step).round_ties_even() * step } else { range }
-    }
-
-    /// The returns of a pulse, from its echoes by rising range. Of a pulse that is lost, its strongest echo with the reason.
-    fn choose(&self, echoes: &[Echo], pulse: u64, returns: &mut Vec<Return>) -> Status {
-        let dropped = self.drops(pulse);
-        let all = echoes
-            .iter()
-            .zip(0..)
-            .map(|(echo, draw)| Return { echo: *echo, measured: self.receive(echo, dropped, pulse, draw) });
-        returns.clear();
-        returns.extend(all.clone().filter(|r| r.measured.is_ok()));
-        if !returns.is_empty() {
-            self.measurement.returns.choose(returns);
-            return Status::Hit;
-        }
-        returns.extend(all.skip(strongest(echoes.iter().map(|e| e.power))).take(1));
-        returns.first().map_or(Status::Miss, |lost| lost.measured.err().unwrap_or(Status::Hit))
+        Ok(())
     }
 }
 
@@ -574,9 +565,29 @@ impl Measurement {
         let light = reflectivity * cosine;
         if self.extinction > 0.0 { light * exp(-2.0 * self.extinction * range) } else { light }
     }
+
+    /// To the nearest multiple of the resolution, halves to even.
+    fn quantised(&self, range: f64) -> f64 {
+        let step = self.range_resolution;
+        if step > 0.0 { (range / step).round_ties_even() * step } else { range }
+    }
+
+    fn gate(&self, range: f64) -> Result<f64, Status> {
+        if range < self.min_range {
+            Err(Status::BelowMinRange)
+        } else if range > self.max_range {
+            Err(Status::BeyondMaxRange)
+        } else {
+            Ok(range)
+        }
+    }
 }
 
 impl RangeSigma {
+    fn is_zero(&self) -> bool {
+        matches!(self, RangeSigma::Formula { a: 0.0, b: 0.0 })
+    }
+
     fn at(&self, range: f64) -> f64 {
         match self {
             RangeSigma::Formula { a, b } => {
@@ -595,22 +606,22 @@ impl RangeSigma {
 }
 
 impl Rows<'_> {
-    fn write(&mut self, row: usize, echo: &Echo, measured: Result<f64, Status>, rays: &Rays<impl Caster>) {
-        let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
-        let across = cross(hit.normal, direction);
+    /// All but the incidence.
+    #[inline(always)]
+    fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, label: u32) {
         self.true_range[row] = echo.true_range;
-        self.incidence[row] = first_quadrant_angle(dot(across, across).sqrt(), dot(hit.normal, direction).abs()) as f32;
         self.normal[row] = hit.normal.map(|x| x as f32);
         self.object_id[row] = hit.object;
-        self.label[row] = rays.appearance(echo.ray).map_or(0, |appearance| appearance.label);
-        self.range[row] = measured.unwrap_or(f64::NAN);
-        self.range_error[row] = self.range[row] - echo.true_range;
-        self.intensity[row] = if measured.is_ok() { echo.intensity as f32 } else { f32::NAN };
+        self.label[row] = label;
+        let range = echo.measured.unwrap_or(f64::NAN);
+        self.range[row] = range;
+        self.range_error[row] = range - echo.true_range;
+        self.intensity[row] = if echo.measured.is_ok() { echo.intensity as f32 } else { f32::NAN };
     }
 
+    #[inline(always)]
     fn clear(&mut self, row: usize) {
         self.true_range[row] = f64::NAN;
-        self.incidence[row] = f32::NAN;
         self.normal[row] = [f32::NAN; 3];
         self.object_id[row] = -1;
         self.label[row] = 0;
@@ -673,17 +684,13 @@ fn distance(t: f64, d: Point) -> f64 {
 mod tests {
     use super::*;
 
-    fn echo(range: f64, power: f64) -> Echo {
-        Echo { range, intensity: power, power, ray: 0, true_range: range }
-    }
-
     fn chosen(returns: Returns, powers: &[f64]) -> Vec<f64> {
-        let mut found: Vec<Return> = (1..)
-            .zip(powers)
-            .map(|(i, &power)| Return { echo: echo(f64::from(i), power), measured: Ok(f64::from(i)) })
-            .collect();
-        returns.choose(&mut found);
-        found.iter().map(|r| r.echo.range).collect()
+        let echo =
+            |range: f64, power| Echo { ray: 0, true_range: range, range, intensity: power, power, measured: Ok(range) };
+        let echoes: Vec<Echo> = (1..).zip(powers).map(|(i, &power)| echo(f64::from(i), power)).collect();
+        let mut found = Vec::new();
+        returns.choose(&echoes, &mut found);
+        found.iter().map(|echo| echo.true_range).collect()
     }
 
     #[test]

@@ -69,6 +69,20 @@ impl Stream {
     pub fn normal(&self, pulse: u64, effect: Effect, draw: u16) -> f64 {
         normal_quantile(self.uniform(pulse, effect, draw))
     }
+
+    /// As `normal` for each pulse and draw 0, appended to `normals`: one kind of formula at a time, in loops over vectors.
+    #[inline(always)]
+    pub fn normals(&self, pulses: impl Iterator<Item = u64>, effect: Effect, normals: &mut Vec<f64>) {
+        let p: Vec<f64> = pulses.map(|pulse| self.uniform(pulse, effect, 0)).collect();
+        let first = normals.len();
+        normals.extend(p.iter().map(|p| central(p - 0.5)));
+        let tails: Vec<usize> = (0..p.len()).filter(|&i| is_tail(p[i])).collect();
+        let outer: Vec<f64> = tails.iter().map(|&i| p[i]).collect();
+        let values: Vec<f64> = outer.iter().map(|&p| tail(p)).collect();
+        for (&i, &value) in tails.iter().zip(&values) {
+            normals[first + i] = if is_far_tail(p[i]) { far_tail(p[i]) } else { value };
+        }
+    }
 }
 
 /// The number that a standard normal variable stays below with probability `p`, 0 < p < 1.
@@ -76,8 +90,24 @@ impl Stream {
 /// Algorithm AS 241, PPND16 (M. J. Wichura: The percentage points of the normal distribution. Applied Statistics 37, 1988).
 #[inline(always)]
 pub fn normal_quantile(p: f64) -> f64 {
-    let q = p - 0.5;
-    if q.abs() <= 0.425 { central(q) } else { tail(q, p.min(1.0 - p)) }
+    if !is_tail(p) {
+        central(p - 0.5)
+    } else if !is_far_tail(p) {
+        tail(p)
+    } else {
+        far_tail(p)
+    }
+}
+
+#[inline(always)]
+fn is_tail(p: f64) -> bool {
+    (p - 0.5).abs() > 0.425
+}
+
+/// Further out than √(−ln p) = 5.
+#[inline(always)]
+fn is_far_tail(p: f64) -> bool {
+    p.min(1.0 - p) < 1.388794386496402e-11
 }
 
 #[inline(always)]
@@ -86,15 +116,17 @@ fn central(q: f64) -> f64 {
     q * polynomial(CENTRAL.0, r) / polynomial(CENTRAL.1, r)
 }
 
+#[inline(always)]
+fn tail(p: f64) -> f64 {
+    let r = (-ln(p.min(1.0 - p))).sqrt() - 1.6;
+    (polynomial(TAIL.0, r) / polynomial(TAIL.1, r)).copysign(p - 0.5)
+}
+
+#[cold]
 #[inline(never)]
-fn tail(q: f64, p: f64) -> f64 {
-    let r = (-ln(p)).sqrt();
-    let z = if r <= 5.0 {
-        polynomial(TAIL.0, r - 1.6) / polynomial(TAIL.1, r - 1.6)
-    } else {
-        polynomial(FAR_TAIL.0, r - 5.0) / polynomial(FAR_TAIL.1, r - 5.0)
-    };
-    z.copysign(q)
+fn far_tail(p: f64) -> f64 {
+    let r = (-ln(p.min(1.0 - p))).sqrt() - 5.0;
+    (polynomial(FAR_TAIL.0, r) / polynomial(FAR_TAIL.1, r)).copysign(p - 0.5)
 }
 
 /// Numerator and denominator.

@@ -12,7 +12,8 @@ use rayon::prelude::*;
 
 use super::{CHUNK, Points, PyScene, points};
 use crate::measure::{
-    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, Returns, Rows, measure,
+    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Rays, Reflectivity, Returns, Rows,
+    Scan,
 };
 use crate::parallel;
 use crate::pose::{Path, Pose};
@@ -315,16 +316,17 @@ pub fn scan<'py>(
     let mut columns = Columns::new(directions.len(), most);
     let mut rows = columns.rows(size, most);
     py.detach(|| parallel::run(|| scene.scene.prepare()));
+    let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene);
     for (group, rows) in rows.chunks_mut(CHUNKS).enumerate() {
         let bad = py.detach(|| {
             parallel::run(|| {
                 rows.par_iter_mut()
                     .enumerate()
-                    .filter_map(|(i, rows)| {
+                    .map_init(Rays::default, |rays, (i, rows)| {
                         let first = (group * CHUNKS + i) * size;
-                        let pulses = first..first + rows.status.len();
-                        measure(&frame, &measurement, &appearances.appearances, &scene.scene, pulses, rows).err()
+                        scan.measure(first..first + rows.status.len(), rays, rows)
                     })
+                    .filter_map(Result::err)
                     .min_by_key(|bad| bad.pulse)
             })
         });
