@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim.bench import cases, oracle
+from lidarsim.bench import adversarial, cases, oracle
 
 __all__ = [
     "ENGINES",
@@ -97,21 +97,15 @@ def _where(spec: cases.Spec, origin: Sequence[float], direction: Sequence[float]
     return f"{spec!r}, origin {list(origin)!r}, direction {list(direction)!r}"
 
 
-def judge_cast(  # noqa: PLR0917
-    spec: cases.Spec,
-    origins: Floats,
-    directions: Floats,
-    t: Floats,
-    primitives: Any = None,
-    t_min: float = 0.0,
-    t_max: float = math.inf,
+def judge_cast(
+    spec: cases.Spec, origins: Floats, directions: Floats, t: Floats, *, primitives: npt.NDArray[np.int32] | None = None
 ) -> Verdict:
     """Judge nearest hits: t of each ray, inf for a miss, and its primitive if the engine tells it."""
     shape = spec.judge()
     verdict = Verdict(rays=len(t))
     for i, (o, d, got) in enumerate(zip(origins.tolist(), directions.tolist(), t.tolist(), strict=True)):
         ray = oracle.Ray.of(o, d)
-        want = oracle.nearest(shape, ray, t_min, t_max)
+        want = oracle.nearest(shape, ray)
         verdict.hits += want is not None
         hit = not math.isinf(got)
         if want is None or not hit:
@@ -411,15 +405,15 @@ def measure_random(rays: int, seed: int = 0, progress: Callable[[str], None] = l
     dict of str to Verdict
         A verdict a kind; `values` counts roots and nearest hits.
     """
-    verdicts = {kind: Verdict() for kind in cases.KINDS}
-    share = rays // len(cases.KINDS)
+    verdicts = {kind: Verdict() for kind in adversarial.KINDS}
+    share = rays // len(adversarial.KINDS)
     for number, (kind, verdict) in enumerate(verdicts.items()):
         rng = np.random.default_rng((seed, number))
         while verdict.rays < share:
-            case = cases.random_case(rng, kind, min(100, share - verdict.rays))
+            case = adversarial.random_case(rng, kind, min(100, share - verdict.rays))
             shape = case.spec.build()
             hits = shape.cast(case.origins, case.directions)
-            one = judge_cast(case.spec, case.origins, case.directions, hits.t, hits.primitive_id)
+            one = judge_cast(case.spec, case.origins, case.directions, hits.t, primitives=hits.primitive_id)
             roots = judge_roots(case.spec, case.origins, case.directions, shape.roots(case.origins, case.directions))
             roots.rays = roots.hits = 0
             one.add(roots)

@@ -9,7 +9,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from lidarsim.bench import accuracy, cases
+from lidarsim.bench import accuracy, adversarial, cases
 from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 SPHERE = cases.Spec("Sphere", ((0.0, 0.0, 0.0), 1.0))
@@ -50,8 +50,8 @@ def test_a_wrong_primitive_is_found():
     spec = cases.Spec("TriangleMesh", (vertices, faces))
     origins, directions = cases.leak_rays(vertices, faces, np.zeros(3), np.random.default_rng(0))
     hits = spec.build().cast(origins, directions)
-    assert judge_cast(spec, origins, directions, hits.t, hits.primitive_id).wrong == 0
-    assert judge_cast(spec, origins, directions, hits.t, hits.primitive_id + 1).other == len(origins)
+    assert judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id).wrong == 0
+    assert judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id + 1).other == len(origins)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_peers_agree_on_easy_rays():
     origins = rng.normal(size=(40, 3)) * 3
     directions = rng.uniform(-0.3, 0.3, (40, 3)) - origins
     asked = 0
-    for spec in cases._basic().values():
+    for spec in cases.basic_specs().values():
         want = accuracy.ENGINES["lidarsim"](spec, origins, directions)
         for name, engine in engines.items():
             t = engine(spec, origins, directions)
@@ -119,9 +119,9 @@ def test_peers_agree_on_easy_rays():
 
 def test_random_rays_are_judged():
     lines = []
-    verdicts = accuracy.measure_random(80 * len(cases.KINDS), 3, lines.append)
-    assert list(verdicts) == list(cases.KINDS)
-    assert len(lines) == len(cases.KINDS)
+    verdicts = accuracy.measure_random(80 * len(adversarial.KINDS), 3, lines.append)
+    assert list(verdicts) == list(adversarial.KINDS)
+    assert len(lines) == len(adversarial.KINDS)
     for verdict in verdicts.values():
         assert (verdict.rays, verdict.wrong) == (80, 0), verdict.first
         assert verdict.worst <= 2, verdict.first

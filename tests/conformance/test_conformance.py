@@ -65,7 +65,7 @@ def test_agrees_with_the_oracle(sample, rays):
     hits = shape.cast(origins, directions)
     assert_mixed(hits)
     for verdict in (
-        judge_cast(sample.spec(), origins, directions, hits.t, hits.primitive_id),
+        judge_cast(sample.spec(), origins, directions, hits.t, primitives=hits.primitive_id),
         judge_roots(sample.spec(), origins, directions, shape.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first
@@ -84,7 +84,7 @@ def test_transform_is_exact(sample, name):
     hits = shape.cast(origins, directions)
     assert hits.hit.sum() >= 15
     for verdict in (
-        judge_cast(spec, origins, directions, hits.t, hits.primitive_id),
+        judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id),
         judge_roots(spec, origins, directions, shape.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first

@@ -8,7 +8,7 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from lidarsim.bench import cases, oracle
+from lidarsim.bench import adversarial, cases, oracle
 from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 CASES = cases.hard_cases()
@@ -48,7 +48,7 @@ def test_hard_case(case):
     assert verdict.worst <= allowed, verdict.first
 
     hits = shape.cast(case.origins, case.directions)
-    verdict = judge_cast(case.spec, case.origins, case.directions, hits.t, hits.primitive_id)
+    verdict = judge_cast(case.spec, case.origins, case.directions, hits.t, primitives=hits.primitive_id)
     assert verdict.wrong == 0, verdict.first
     assert verdict.worst <= allowed, verdict.first
     assert verdict.rounded == verdict.values, "t is not the exact value correctly rounded"
@@ -65,17 +65,17 @@ def test_hard_case(case):
         assert np.abs(normals - hits.normal[i]).max(axis=1).min() <= NORMAL_TOLERANCE, (normals, hits.normal[i])
 
 
-@pytest.mark.parametrize("kind", cases.KINDS)
+@pytest.mark.parametrize("kind", adversarial.KINDS)
 def test_random_adversarial(kind, slow):
     rng = np.random.default_rng(2024)
     hits = 0
     for _ in range(1250 if slow else 20):
-        case = cases.random_case(rng, kind)
+        case = adversarial.random_case(rng, kind)
         shape = case.spec.build()
         found = shape.cast(case.origins, case.directions)
         allowed = 1 if case.spec.transform is None else 2
         for verdict in (
-            judge_cast(case.spec, case.origins, case.directions, found.t, found.primitive_id),
+            judge_cast(case.spec, case.origins, case.directions, found.t, primitives=found.primitive_id),
             judge_roots(case.spec, case.origins, case.directions, shape.roots(case.origins, case.directions)),
         ):
             assert verdict.wrong == 0, verdict.first

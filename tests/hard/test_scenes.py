@@ -37,10 +37,10 @@ def judged(specs, origins, directions, t_min=0.0, t_max=math.inf):
 
 def random_specs(rng, count, spread=8.0):
     """Shapes of every kind, overlapping, some of them moved."""
-    basic = list(cases._basic().values())[1:]
+    basic = list(cases.basic_specs().values())[1:]
     for _ in range(count):
         matrix = np.eye(4)
-        matrix[:3, :3] = cases._rotations(1, int(rng.integers(1 << 30)))[0] * rng.uniform(0.2, 2, 3)
+        matrix[:3, :3] = cases.rotations(1, int(rng.integers(1 << 30)))[0] * rng.uniform(0.2, 2, 3)
         matrix[:3, 3] = rng.uniform(-spread, spread, 3)
         yield basic[rng.integers(len(basic))], matrix
 
@@ -113,7 +113,7 @@ def test_tie_of_irrational_roots_goes_to_the_lowest_object():
     # the same ball four times over, by other arithmetic each time, and one that is larger by an ulp
     doubled = np.diag([2.0, 2.0, 2.0, 1.0])
     specs = [
-        (cases.Spec("Ellipsoid", ((0.5, 0.25, 0), (1.5, 1.5, 1.5), cases._rotations(1, 0)[0])), None),
+        (cases.Spec("Ellipsoid", ((0.5, 0.25, 0), (1.5, 1.5, 1.5), cases.rotations(1, 0)[0])), None),
         (cases.Spec("Sphere", ((0.25, 0.125, 0), 0.75)), doubled),
         (cases.Spec("Sphere", ((0.5, 0.25, 0), 1.5)), None),
         (cases.Spec("Ellipsoid", ((0.5, 0.25, 0), (1.5, 1.5, 1.5))), None),
@@ -212,7 +212,7 @@ rng = np.random.default_rng(0)
 scene = ls.Scene()
 vertices, faces, _ = cases.closed_meshes()["torus"]
 mesh = ls.TriangleMesh(vertices, faces)
-for spec in cases._basic().values():
+for spec in cases.basic_specs().values():
     scene.add(spec.build())
 for name, matrix in cases.transforms().items():
     scene.add(mesh, transform=matrix)
@@ -224,7 +224,7 @@ hits = scene.cast(origins, directions)
 assert 5000 < hits.hit.sum()
 for array in (hits.t, hits.object_id, hits.primitive_id, hits.normal):
     digest.update(array.tobytes())
-for spec in cases._basic().values():
+for spec in cases.basic_specs().values():
     digest.update(spec.build().roots(origins[:3000], directions[:3000]).tobytes())
 print(digest.hexdigest(), ls._native.threads())
 """
