@@ -1,7 +1,7 @@
 """How far each ray caster is from the exact answer, case by case.
 
-``python -m lidarsim.bench.accuracy`` prints the table of the hard cases; with ``--random N`` it also casts N random
-adversarial rays at every kind of shape and judges lidarsim alone.
+``lidarsim bench --accuracy`` prints the table of the hard cases; with ``--random N`` it also casts N random adversarial
+rays, shared by the kinds of shape, and judges lidarsim alone.
 """
 
 from __future__ import annotations
@@ -429,8 +429,8 @@ def _random_line(verdict: Verdict) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run from the command line; exit code 1 if lidarsim decided anything wrongly or was off by more than an ulp."""
-    parser = argparse.ArgumentParser(prog="python -m lidarsim.bench.accuracy", description=__doc__)
+    """Print how far each ray caster is from the exact answer; exit code 1 if lidarsim errs, leaks or is an ulp off."""
+    parser = argparse.ArgumentParser(prog="lidarsim bench --accuracy", description=main.__doc__)
     parser.add_argument("--random", type=int, default=0, metavar="N", help="also cast N random adversarial rays")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random rays")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="write accuracy.md and accuracy.json there")
@@ -445,7 +445,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verdicts = [row["lidarsim"] for row in report.rows.values()]
     if options.random:
         verdicts += measure_random(options.random, options.seed, lambda line: print(line, flush=True)).values()  # noqa: T201
-    return int(any(v is None or v.wrong or v.worst > 1 for v in verdicts))
+    leaks = sum(counts["lidarsim"][0] for counts in report.leaks.values())
+    return int(leaks > 0 or any(v is None or v.wrong or v.worst > 1 for v in verdicts))
 
 
 if __name__ == "__main__":

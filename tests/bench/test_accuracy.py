@@ -9,6 +9,7 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
+from lidarsim import bench
 from lidarsim.bench import accuracy, adversarial, cases
 from lidarsim.bench.accuracy import judge_cast, judge_roots
 
@@ -130,8 +131,16 @@ def test_random_rays_are_judged():
 def test_command_writes_the_report(tmp_path, capsys, monkeypatch):
     few = cases.hard_cases()[:3]
     monkeypatch.setattr(cases, "hard_cases", lambda: few)
-    assert accuracy.main(["--random", "80", "-o", str(tmp_path / "out")]) == 0
+    assert bench.main(["--accuracy", "--random", "80", "-o", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert (tmp_path / "out" / "accuracy.md").read_text(encoding="utf-8") in printed
     assert "cases" in json.loads((tmp_path / "out" / "accuracy.json").read_text(encoding="utf-8"))
     assert "TriangleMesh: 10 rays" in printed
+
+
+def test_command_fails_if_lidarsim_errs(capsys, monkeypatch):
+    few = cases.hard_cases()[:3]
+    monkeypatch.setattr(cases, "hard_cases", lambda: few)
+    monkeypatch.setitem(accuracy.ENGINES, "lidarsim", lambda _, origins, __: np.ones(len(origins)))
+    assert bench.main(["--accuracy"]) == 1
+    assert "| plane, grazing" in capsys.readouterr().out
