@@ -74,6 +74,11 @@ class Model(BaseModel):
         return value
 
 
+def _in_si(value: float | list[Any], unit: str) -> float | Floats:
+    converted = UNITS[unit][1](np.asarray(value, dtype=np.float64))
+    return converted if isinstance(value, list) else float(converted)
+
+
 def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], place: Place, **more: object) -> T:
     """Return what `constructor` makes of `more` and of those of `keys` that are given, in SI units and radians.
 
@@ -89,7 +94,7 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
         name, unit = key, next((unit for unit in UNITS if key.endswith(f"_{unit}")), None)
         if unit:
             name = key.removesuffix(f"_{unit}")
-            value = None if value is None else UNITS[unit][1](np.asarray(value, dtype=np.float64))[()]
+            value = None if value is None else _in_si(value, unit)
         if name in key_of:
             raise (place / key).error(f"given already as {key_of[name][0]}")
         arguments[name] = value
