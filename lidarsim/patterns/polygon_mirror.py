@@ -86,10 +86,12 @@ class PolygonMirror:
         set_ = object.__setattr__
         set_(self, "elevations", frozen(array("elevations", np.atleast_1d(elevations), ("channels",))))
         channels = len(self.elevations)
+        if not channels:
+            raise ValueError("elevations: expected at least one channel, got none")
         set_(self, "sweep", real("sweep", sweep, above=0.0))
         set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=self.sweep))
-        set_(self, "line_rate", real("line_rate", line_rate, above=0.0))
         set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
+        set_(self, "line_rate", real("line_rate", line_rate, above=0.0, at_most=self.pulse_rate))
         set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
         set_(self, "azimuth_offsets", per_channel("azimuth_offsets", azimuth_offsets, channels))
         set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
