@@ -4,11 +4,15 @@ mod affine;
 mod bind;
 mod bvh;
 mod number;
+mod order;
 mod parallel;
 mod ray;
+mod refine;
 mod root;
 mod scene;
 mod shapes;
+mod simd;
+mod trace;
 mod vector;
 
 use pyo3::prelude::*;

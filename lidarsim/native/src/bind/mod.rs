@@ -8,6 +8,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::parallel;
+use crate::simd::Level;
 use crate::vector::Point;
 
 pub use scene::PyScene;
@@ -15,8 +16,10 @@ pub use shape::PyShape;
 
 pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 
-/// Rays a thread takes at a time.
-pub const CHUNK: usize = 1024;
+/// Rays a thread takes at a time: enough that neighbours can be sorted together, few enough that all threads stay busy.
+pub fn chunk(rays: usize) -> usize {
+    rays.div_ceil(4 * parallel::threads()).clamp(1 << 10, 1 << 15)
+}
 
 /// Rays between two looks at pending signals, so that Ctrl-C ends a long cast.
 const SLICE: usize = 1 << 18;
@@ -26,6 +29,7 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyScene>()?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;
+    m.add_function(wrap_pyfunction!(isa, m)?)?;
     Ok(())
 }
 
@@ -35,9 +39,22 @@ fn threads() -> usize {
     parallel::threads()
 }
 
+/// The instruction set that casts use: scalar, avx2 or avx512.
+#[pyfunction]
+fn isa() -> PyResult<&'static str> {
+    level().map(Level::name)
+}
+
+/// The instruction set that was asked for, or the best.
+pub fn level() -> PyResult<Level> {
+    Level::asked().map_err(PyValueError::new_err)
+}
+
 /// The rows of a C-contiguous (n, 3) array.
 pub fn points<'a>(name: &str, array: &'a Points<'_>) -> PyResult<&'a [Point]> {
-    let wrong = || PyValueError::new_err(format!("{name}: expected a C-contiguous array of shape (n, 3), got {:?}", array.shape()));
+    let wrong = || {
+        PyValueError::new_err(format!("{name}: expected a C-contiguous array of shape (n, 3), got {:?}", array.shape()))
+    };
     let flat = array.as_slice().map_err(|_| wrong())?;
     if array.shape()[1] == 3 { Ok(flat.as_chunks().0) } else { Err(wrong()) }
 }
@@ -74,11 +91,7 @@ fn python_float(x: f64) -> String {
 }
 
 /// Runs `work` over slices of 0..n without the interpreter lock, and looks for Ctrl-C between them.
-pub fn interruptible(
-    py: Python<'_>,
-    n: usize,
-    mut work: impl FnMut(std::ops::Range<usize>) + Send,
-) -> PyResult<()> {
+pub fn interruptible(py: Python<'_>, n: usize, mut work: impl FnMut(std::ops::Range<usize>) + Send) -> PyResult<()> {
     for start in (0..n).step_by(SLICE) {
         py.detach(|| work(start..n.min(start + SLICE)));
         py.check_signals()?;

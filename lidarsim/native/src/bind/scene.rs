@@ -1,6 +1,6 @@
 //! Scenes, and casts at them.
 
-use super::{CHUNK, Points, PyShape, interruptible, rays};
+use super::{Points, PyShape, chunk, interruptible, level, rays};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
@@ -8,12 +8,8 @@ use rayon::prelude::*;
 use crate::parallel;
 use crate::scene::{Hit, Scene};
 
-type Columns<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<i32>>,
-    Bound<'py, PyArray1<i32>>,
-    Bound<'py, PyArray2<f64>>,
-);
+type Columns<'py> =
+    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
 
 /// Objects in the order of their ids.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
@@ -46,20 +42,22 @@ impl PyScene {
         let n = o.len();
         let (mut t, mut object, mut primitive) = (vec![0.0; n], vec![0; n], vec![0; n]);
         let mut normal = vec![[0.0; 3]; n];
+        let level = level()?;
+        let chunk = chunk(n);
         self.prepare(py);
         interruptible(py, n, |slice| {
             let columns = t[slice.clone()]
-                .par_chunks_mut(CHUNK)
-                .zip(object[slice.clone()].par_chunks_mut(CHUNK))
-                .zip(primitive[slice.clone()].par_chunks_mut(CHUNK))
-                .zip(normal[slice.clone()].par_chunks_mut(CHUNK))
-                .zip(o[slice.clone()].par_chunks(CHUNK).zip(d[slice].par_chunks(CHUNK)));
+                .par_chunks_mut(chunk)
+                .zip(object[slice.clone()].par_chunks_mut(chunk))
+                .zip(primitive[slice.clone()].par_chunks_mut(chunk))
+                .zip(normal[slice.clone()].par_chunks_mut(chunk))
+                .zip(o[slice.clone()].par_chunks(chunk).zip(d[slice].par_chunks(chunk)));
             parallel::run(|| {
                 columns.for_each_init(
-                    || vec![Hit::MISS; CHUNK],
+                    || vec![Hit::MISS; chunk],
                     |hits, ((((t, object), primitive), normal), (o, d))| {
                         let hits = &mut hits[..o.len()];
-                        self.scene.cast(o, d, t_min, t_max, hits);
+                        self.scene.cast(level, o, d, t_min, t_max, hits);
                         for (i, hit) in hits.iter().enumerate() {
                             (t[i], object[i], primitive[i], normal[i]) = (hit.t, hit.object, hit.primitive, hit.normal);
                         }
