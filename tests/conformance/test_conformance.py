@@ -25,6 +25,14 @@ TURNS = [
 NORMAL_TOLERANCE = 2.0**-50
 
 
+@pytest.fixture(autouse=True, params=["scalar", "avx2", "avx512"])
+def isa(request, instruction_sets, monkeypatch):
+    """Run everything here on every instruction set."""
+    if request.param not in instruction_sets:
+        pytest.skip(f"this machine has no {request.param}")
+    monkeypatch.setenv("LIDARSIM_ISA", request.param)
+
+
 def lattice_rays(seed=0, n=300):
     """Rays on multiples of 1/8, so that sums and products with the samples' numbers are exact and many rays touch."""
     rng = np.random.default_rng(seed)

@@ -226,7 +226,7 @@ for array in (hits.t, hits.object_id, hits.primitive_id, hits.normal):
     digest.update(array.tobytes())
 for spec in cases.basic_specs().values():
     digest.update(spec.build().roots(origins[:3000], directions[:3000]).tobytes())
-print(digest.hexdigest(), ls._native.threads())
+print(digest.hexdigest(), ls._native.threads(), ls._native.isa())
 """
 
 
@@ -235,14 +235,22 @@ def run(**variables):
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True, timeout=300
     )
-    digest, threads = done.stdout.split()
-    return digest, int(threads)
+    return done.stdout.split()
 
 
-def test_same_bits_on_any_number_of_threads():
-    runs = {n: run(LIDARSIM_THREADS=str(n)) for n in (1, 2, 7)}
-    assert {n: threads for n, (_, threads) in runs.items()} == {1: 1, 2: 2, 7: 7}
-    assert len({digest for digest, _ in runs.values()}) == 1
+def test_same_bits_on_any_number_of_threads_and_instruction_set(instruction_sets):
+    assert "scalar" in instruction_sets
+    wanted = [*(("2", isa) for isa in instruction_sets), ("1", instruction_sets[-1]), ("7", instruction_sets[-1])]
+    runs = [run(LIDARSIM_THREADS=threads, LIDARSIM_ISA=isa) for threads, isa in wanted]
+    assert [(threads, isa) for _, threads, isa in runs] == wanted
+    assert len({digest for digest, _, _ in runs}) == 1
+
+
+def test_unknown_instruction_set(monkeypatch):
+    monkeypatch.setenv("LIDARSIM_ISA", "mmx")
+    message = 'LIDARSIM_ISA: expected scalar, avx2 or avx512, got "mmx"'
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Sphere((0, 0, 0), 1.0).cast([[0, 0, 0]], [[1, 0, 0]])
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")
