@@ -18,6 +18,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 import lidarsim as ls
+from lidarsim._extras import import_extra
 from lidarsim.errors import LidarsimError
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output
@@ -65,8 +66,7 @@ def scan(
 ) -> None:
     """Scan the scene of CONFIG and write the point cloud."""
     check_output(output)
-    if screenshot:
-        pyvista.check_screenshot(screenshot)
+    _check_screenshot(screenshot)
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     table = _table(
@@ -103,10 +103,9 @@ def view(
     frame: Frame = None,
 ) -> None:
     """Show a point cloud in a window, or write a picture of it."""
-    if screenshot:
-        pyvista.check_screenshot(screenshot)
-        if viewer is Viewer.OPEN3D:
-            raise LidarsimError("--screenshot: expected --with pyvista, which draws the pictures, got --with open3d")
+    _check_screenshot(screenshot)
+    if screenshot and viewer is Viewer.OPEN3D:
+        raise LidarsimError("--screenshot: expected --with pyvista, which draws the pictures, got --with open3d")
     if path.suffix.lower() in (".yaml", ".yml"):
         run = _load(path, overrides, seed=seed, first_frame=frame)
         cloud, pose = run.scan().point_cloud(**run.cloud), _viewpoint(run, run.frames.start)
@@ -196,7 +195,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
         code = command.main(arguments or ["--help"], prog_name="lidarsim", standalone_mode=False)
     except KeyboardInterrupt:
         code = 130
-    except (LidarsimError, OSError, ValueError) as error:
+    except OSError as error:  # ours have a text alone, the system's a number and a file besides
+        code = _complain(f"{error.filename}: {error.strerror}" if error.filename else error)
+    except (LidarsimError, ValueError) as error:
         code = _complain(error)
     except Exception as error:
         if not hasattr(
@@ -215,6 +216,13 @@ def _complain(problem: object) -> int:
 def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> Run:
     given = [f"{key}={value}" for key, value in settings.items() if value is not None]
     return ls.config.load(config, [*(overrides or []), *given])
+
+
+def _check_screenshot(path: Path | None) -> None:
+    """Raise an error, before any work, if a picture cannot be written."""
+    if path:
+        pyvista.check_screenshot(path)
+        import_extra("pyvista", "pyvista", "--screenshot")
 
 
 def _viewpoint(run: Run, frame: int) -> Any:
@@ -264,7 +272,7 @@ def _print_sensor(lidar: ls.Lidar) -> None:
     effects = {name: value for name, value in effects.items() if value != getattr(exact, name)}
     lines = {
         "sensor": lidar.name or "(no name)",
-        "pattern": f"{type(lidar.pattern).__name__}, {'each frame alike' if facts.repeats else 'no frame like another'}",
+        "pattern": f"{type(lidar.pattern).__name__}, {'the same' if facts.repeats else 'another'} in each frame",
         "rings, columns": f"{facts.rings:,}, {facts.columns:,}",
         "pulses": f"{facts.pulses_per_second:,.0f} a second in {lidar.pattern.rate:g} frames",
         "azimuth": f"{_span(np.degrees(facts.azimuth))} °",
