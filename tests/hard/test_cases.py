@@ -113,3 +113,21 @@ def test_range_is_closed_at_both_ends(case):
         assert shape.cast(o, d, t_min=above).t[0] == (math.inf if beyond is None else float(beyond.t))
         checked += 1
     assert checked or case.hits == 0
+
+
+def test_open_and_capped_cylinder_share_their_side():
+    # a line that is not along the axis crosses the capped one where it crosses the open one, and the caps else
+    open_roots = caps = 0
+    for case in CASES:
+        if not case.name.startswith("cylinder-capped") or "along-axis" in case.name:
+            continue
+        start, end, radius, _ = case.spec.args
+        tube = cases.Spec("Cylinder", (start, end, radius, False)).build()
+        side = tube.roots(case.origins, case.directions)
+        full = case.spec.build().roots(case.origins, case.directions)
+        for rows in zip(side, full, strict=True):
+            some, every = (set(row[~np.isnan(row)].tolist()) for row in rows)
+            assert some <= every
+            open_roots += len(some)
+            caps += len(every - some)
+    assert min(open_roots, caps) > 300

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
@@ -10,6 +11,7 @@ import sys
 
 import numpy as np
 import pytest
+from conformance.samples import SAMPLES, Move
 
 import lidarsim as ls
 from lidarsim.bench import cases, oracle
@@ -172,6 +174,35 @@ def test_empty_scene_and_no_rays_are_legal():
     np.testing.assert_array_equal(hits.object_id, [-1])
     scene.add(ls.Sphere((0, 0, 0), 1.0))
     assert len(scene.cast(np.empty((0, 3)), np.empty((0, 3)))) == 0
+
+
+def test_whole_scene_moved_and_scaled_by_powers_of_two_keeps_every_bit():
+    rng = np.random.default_rng(16)
+    places = [Move(shift=np.array(shift)) for shift in itertools.product((-2.0, 0.0, 2.0), repeat=3)]
+    origins = rng.integers(-40, 41, (400, 3)) / 8
+    directions = rng.integers(-24, 25, (400, 3)) / 8 - origins
+    directions[~directions.any(axis=1)] = (1, 0, 0)
+
+    def cast(move):
+        scene = ls.Scene()
+        for number, place in enumerate(places):
+            sample = SAMPLES[number % len(SAMPLES)]
+            scene.add(sample.build(Move(scale=move.scale, shift=move.point(place.shift))))
+        return scene.cast(move.point(origins), move.vector(directions))
+
+    still = cast(Move())
+    assert still.hit.sum() > 200
+    assert len(set(still.object_id.tolist())) > 15
+    for move in (
+        Move(shift=np.array((2.0**20, 2.0**21, -(2.0**22)))),
+        Move(shift=np.full(3, 2.0**33)),
+        Move(scale=2.0**-30),
+        Move(scale=2.0**12, shift=np.full(3, 2.0**40)),
+    ):
+        moved = cast(move)
+        for name in ("t", "object_id", "primitive_id"):
+            np.testing.assert_array_equal(getattr(moved, name), getattr(still, name))
+        np.testing.assert_allclose(moved.normal, still.normal, rtol=0, atol=2.0**-50)
 
 
 def test_scene_grows_between_casts():
