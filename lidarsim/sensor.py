@@ -163,7 +163,7 @@ class Lidar:
         for recognise, read in _readers.values():
             if recognise(path, text):
                 return read(path, **options)
-        raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(_readers)}")
+        raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
 
 
 def preset_path(name: str) -> Path:
@@ -176,7 +176,8 @@ def preset_path(name: str) -> Path:
     """
     known = Lidar.presets()
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+        near = [preset for preset in known if name.lower() in preset][:3] if name else []
+        near = near or difflib.get_close_matches(name, known, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
         raise ValueError(f"preset: unknown sensor {name!r}; {hint}")
     return _presets() / f"{name}.yaml"
