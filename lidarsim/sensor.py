@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import importlib.resources
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
@@ -27,6 +26,9 @@ if TYPE_CHECKING:
 __all__ = ["Lidar", "preset_path", "register_lidar_reader"]
 
 HEAD = 1 << 16
+"""Bytes of a file by which its kind is recognised."""
+
+PRESETS = Path(__file__).parent / "presets"
 
 _readers: dict[str, tuple[Callable[[Path, str], bool], Callable[..., Lidar]]] = {}
 
@@ -97,15 +99,43 @@ class Lidar:
         frame: int = 0,
         seed: int = 0,
     ) -> Scan:
-        """Scan `scene` for one frame; see `lidarsim.scan.scan`."""
+        """Scan a scene for one frame.
+
+        Parameters
+        ----------
+        scene : Scene
+            What is scanned.
+        pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
+            Sensor to world. On a trajectory each pulse is fired from where the sensor is at its time. Default: identity.
+        time : float
+            Time of the start of the frame, s, on the clock of the trajectory and of moving objects.
+        frame : int
+            Number of the frame, from 0 on: non-repetitive patterns and noise go on from frame to frame.
+        seed : int
+            Seed of the noise.
+
+        Returns
+        -------
+        Scan
+            One entry for each pulse, in firing order, and return.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument has the wrong type or shape or is out of its range.
+        """
         return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed)
 
     @staticmethod
     def presets() -> list[str]:
-        """Return the names of the sensors that `preset` knows."""
-        return sorted(
-            entry.name.removesuffix(".yaml") for entry in _presets().iterdir() if entry.name.endswith(".yaml")
-        )
+        """Return the names of the sensors that `preset` knows.
+
+        Returns
+        -------
+        list of str
+            In alphabetical order.
+        """
+        return sorted(entry.name.removesuffix(".yaml") for entry in PRESETS.iterdir() if entry.name.endswith(".yaml"))
 
     @classmethod
     def preset(cls, name: str, *, mode: str | None = None, noise: str | None = None) -> Lidar:
@@ -169,6 +199,16 @@ class Lidar:
 def preset_path(name: str) -> Path:
     """Return the file of a preset.
 
+    Parameters
+    ----------
+    name : str
+        One of `Lidar.presets()`.
+
+    Returns
+    -------
+    Path
+        A YAML file of the package.
+
     Raises
     ------
     ValueError
@@ -180,8 +220,4 @@ def preset_path(name: str) -> Path:
         near = near or difflib.get_close_matches(name, known, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
         raise ValueError(f"preset: unknown sensor {name!r}; {hint}")
-    return _presets() / f"{name}.yaml"
-
-
-def _presets() -> Path:
-    return Path(str(importlib.resources.files("lidarsim"))) / "presets"
+    return PRESETS / f"{name}.yaml"

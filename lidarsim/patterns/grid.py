@@ -66,7 +66,18 @@ class Grid:
         return len(self.elevations), len(self.azimuths)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame, the same for each `frame` (>= 0): column by column, ring by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         integer("frame", frame, at_least=0)
         return self._pulses
 

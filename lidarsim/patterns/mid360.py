@@ -61,7 +61,18 @@ class Mid360:
         return 4, math.ceil(TICK_RATE / Fraction(self.rate))
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; beams that fire together by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         ticks = Ticks.of(frame, TICK_RATE, self.rate)
         fast = TURN * ticks.turns(FAST)
         slow = TURN * ticks.turns(SLOW)

@@ -105,7 +105,18 @@ class PolygonMirror:
         return len(self.elevations), int(lines) * self._used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; channels that fire together by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         now = Ticks.of(frame, self.pulse_rate, self.rate)
         end = now.first + now.count
         per_line = Fraction(self.pulse_rate) / Fraction(self.line_rate)

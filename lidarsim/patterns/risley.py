@@ -120,7 +120,18 @@ class Risley:
         return len(self.beams), math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; beams that fire together by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         direction = np.broadcast_to(joined(*self.beams.T), (ticks.count, len(self.beams), 3))
         for prism in self.prisms:

@@ -141,22 +141,17 @@ class Spinning:
         return len(self.elevations), self._used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of turn number `frame` (>= 0).
+        """Return the pulses of a turn.
 
         Parameters
         ----------
         frame : int
-            Turn number.
+            Its number, from 0 on.
 
         Returns
         -------
         Pulses
-            In firing order; pulses that fire together by ring.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not a whole number >= 0.
+            In firing order; those that fire together by ring.
         """
         wait = Ticks.of(frame, self.columns_per_turn, 1.0).wait
         return self._turn(wait) if wait else self._even_turn

@@ -149,7 +149,18 @@ class Table:
         return int(self.rings.max()) + 1, self._width
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; pulses that fire together by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         order, starts = self._frames
         part = integer("frame", frame, at_least=0) % (len(starts) - 1)
         chosen = order[starts[part] : starts[part + 1]]
