@@ -106,7 +106,7 @@ class Lidar:
         scene : Scene
             What is scanned.
         pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
-            Sensor to world. On a trajectory each pulse is fired from where the sensor is at its time. Default: identity.
+            Sensor to world; on a trajectory each pulse is fired from where the sensor then is. Default: identity.
         time : float
             Time of the start of the frame, s, on the clock of the trajectory and of moving objects.
         frame : int
