@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
+from lidarsim import _native
 from lidarsim._files import atomic_writer
 
 __all__ = ["machine", "plot_growth", "plot_speed", "readme_section", "summary", "to_markdown", "update_readme", "write"]
@@ -57,6 +58,7 @@ def machine() -> dict[str, str]:
         "cores": str(os.cpu_count()),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
+        "instructions": _native.isa(),
     }
 
 
@@ -207,7 +209,7 @@ def _machine(results: Results) -> str:
     m = results["machine"]
     threads = max(results["plan"]["threads"])
     place = f"{m['cpu']}, {m['cores']} cores, {m['system']}, Python {m['python']}"
-    return f"Measured on {place}, with {threads} threads where a method has them."
+    return f"Measured on {place}, with {threads} threads where a method has them; lidarsim with {m['instructions']}."
 
 
 def summary(results: Results) -> str:

@@ -222,8 +222,9 @@ def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> W
             top = foot + np.array([0.0, 0.0, 8.0])
             parts.append(_tessellate(Spec("Cylinder", (foot, top, 0.1)), 2))
     for k in range(36):
-        radius = rng.uniform(0.5, 2.0)
-        center = np.array([-44 + 16 * (k % 6) + rng.uniform(-1, 1), -44 + 16 * (k // 6) + rng.uniform(-1, 1), radius])
+        radius = rng.uniform(1.0, 2.5)
+        street, along = 32 * rng.integers(-1, 2) + rng.uniform(-3, 3), rng.uniform(6, 60) * rng.choice([-1, 1])
+        center = np.array([*([street, along] if k % 2 else [along, street]), radius])
         parts.append((center + radius * sphere, faces))
     return _mesh_world("city", _join(parts)[:2], [(0, 0, 2), (-120, -120, 0.5), (120, 120, 30)], offset)
 
@@ -270,7 +271,7 @@ def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> 
         bumps = np.sin(points @ frequency.T + rng.uniform(0, 2 * np.pi, 40)) @ (
             0.25 / np.linalg.norm(frequency, axis=1)
         )
-        body = points * (1 + 0.6 * bumps + rng.normal(scale=5e-4, size=len(points)))[:, None] * rng.uniform(0.7, 1.2, 3)
+        body = points * (1 + 0.6 * bumps + rng.normal(scale=5e-4, size=len(points)))[:, None] * rng.uniform(1.2, 1.8, 3)
         angle = 2 * np.pi * k / 10
         place = np.array([(5 + 4 * (k % 3)) * np.cos(angle), (5 + 3 * (k % 3)) * np.sin(angle), 0.1 - body[:, 2].min()])
         parts.append((body + place, faces))
