@@ -10,6 +10,7 @@ import importlib
 import importlib.metadata
 import math
 import os
+import warnings
 from abc import ABC, abstractmethod
 from typing import Any, ClassVar
 
@@ -358,7 +359,8 @@ def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
     casters, states = {}, {}
     for name, caster in CASTERS.items():
         try:
-            caster.load()
+            with warnings.catch_warnings(action="ignore"):  # those of other packages' imports
+                caster.load()
         except (ImportError, OSError) as error:
             missing = getattr(error, "name", None) or caster.package
             states[name] = f"not installed ({missing})"
