@@ -400,7 +400,15 @@ def test_bad_transforms() -> None:
     assert refusal(CONFIG, f"pose.matrix={matrix}") == (
         f"--set pose.matrix={matrix}: expected the matrix alone, got position_m beside it"
     )
-    assert refusal(CONFIG, "scene.1.scale=0").startswith("run.yaml:16: scene.1: transform: expected")
+    assert (
+        refusal(CONFIG, "scene.1.scale=0")
+        == "run.yaml:16: scene.1: transform: expected an invertible matrix, got determinant 0"
+    )
+    matrix = "[[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    assert refusal(CONFIG, f"pose={{matrix: {matrix}}}") == (
+        f"--set pose={{matrix: {matrix}}}: pose.matrix: expected a rigid transform (orthonormal rotation), "
+        "got one 3 away from it, determinant 2"
+    )
 
 
 def test_missing_configuration() -> None:
