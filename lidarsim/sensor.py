@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
@@ -44,7 +45,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
         ``recognise(path, text)`` says by its content whether a file is of this kind; `text` is its first 64 KiB,
         without a byte order mark and with bytes that are not UTF-8 replaced.
     read : callable
-        ``read(path, **options)`` returns the `Lidar`.
+        ``read(path, **options)`` returns the `Lidar`; its keyword arguments are the options that `from_file` takes.
     """
     _readers[name] = recognise, read
 
@@ -135,7 +136,7 @@ class Lidar:
         list of str
             In alphabetical order.
         """
-        return sorted(entry.name.removesuffix(".yaml") for entry in PRESETS.iterdir() if entry.name.endswith(".yaml"))
+        return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
     @classmethod
     def preset(cls, name: str, *, mode: str | None = None, noise: str | None = None) -> Lidar:
@@ -172,7 +173,9 @@ class Lidar:
         path : path-like
             The file.
         **options
-            What the kind of file needs or allows besides; its reader's keyword arguments.
+            What the file leaves open. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
+            `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV:
+            `firing_times` (the other CSV), `rate`, `noise`. Livox scan pattern CSV: `rate`, `pulse_rate`, `noise`.
 
         Returns
         -------
@@ -182,7 +185,10 @@ class Lidar:
         Raises
         ------
         FileFormatError
-            If the file cannot be read, or is of no kind that is known, or is not whole.
+            If the file cannot be read, is of no kind that is known, is not whole or describes a sensor that is not
+            covered.
+        TypeError
+            If a file of this kind has no such option.
         """
         path = Path(path)
         try:
@@ -190,8 +196,12 @@ class Lidar:
                 text = file.read(HEAD).decode("utf-8-sig", errors="replace")
         except OSError as error:
             raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
-        for recognise, read in _readers.values():
+        for kind, (recognise, read) in _readers.items():
             if recognise(path, text):
+                known = [name for name in inspect.signature(read).parameters if name != "path"]
+                for name in options:
+                    if name not in known:
+                        raise TypeError(f"{name}: not an option of {kind}; expected {', '.join(known) or 'none'}")
                 return read(path, **options)
         raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
 

@@ -10,7 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, real
-from lidarsim.patterns._parts import Ticks, fired_in_cycles, firing_times_within, frozen, per_channel, used_cycles
+from lidarsim.patterns._parts import (
+    Ticks,
+    fired_in_cycles,
+    firing_times_within,
+    frozen,
+    per_channel,
+    rings,
+    used_cycles,
+)
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -85,9 +93,7 @@ class PolygonMirror:
     ) -> None:
         set_ = object.__setattr__
         set_(self, "elevations", frozen(array("elevations", np.atleast_1d(elevations), ("channels",))))
-        channels = len(self.elevations)
-        if not channels:
-            raise ValueError("elevations: expected at least one channel, got none")
+        channels = rings("elevations", len(self.elevations))
         set_(self, "sweep", real("sweep", sweep, above=0.0))
         set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=self.sweep))
         set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))

@@ -10,7 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, real
-from lidarsim.patterns._parts import TURN, Ticks, fired_in_cycles, firing_times_within, frozen, per_channel, used_cycles
+from lidarsim.patterns._parts import (
+    TURN,
+    Ticks,
+    fired_in_cycles,
+    firing_times_within,
+    frozen,
+    per_channel,
+    rings,
+    used_cycles,
+)
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -97,9 +106,7 @@ class Spinning:
     ) -> None:
         set_ = object.__setattr__
         set_(self, "elevations", frozen(array("elevations", elevations, ("channels",))))
-        channels = len(self.elevations)
-        if not channels:
-            raise ValueError("elevations: expected at least one channel, got none")
+        channels = rings("elevations", len(self.elevations))
         set_(self, "azimuth_offsets", per_channel("azimuth_offsets", azimuth_offsets, channels))
         set_(self, "rate", real("rate", rate, above=0.0))
         if columns is not None and column_period is not None:

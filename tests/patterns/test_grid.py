@@ -37,6 +37,7 @@ def test_grid_without_beams_is_empty() -> None:
     [
         ({"azimuths": [[0.0]]}, "azimuths: expected shape (columns,), got (1, 1)"),
         ({"elevations": [np.inf]}, "elevations: expected finite numbers, got elevations[0] = inf"),
+        ({"elevations": np.zeros(65537)}, "elevations: expected 0 to 65536 of them, got 65537"),
         ({"rate": -1}, "rate: expected a finite number > 0, got -1.0"),
         ({"column_period": 0.06}, "column_period: expected a finite number >= 0 <= 0.05, got 0.06"),
     ],

@@ -49,7 +49,7 @@ def test_only_the_field_of_view_is_fired_into() -> None:
         ({"sweep": 0.0}, "sweep: expected a finite number > 0, got 0.0"),
         ({"line_rate": np.nan}, "line_rate: expected a finite number > 0 <= 15000, got nan"),
         ({"line_rate": 2e4}, "line_rate: expected a finite number > 0 <= 15000, got 20000.0"),
-        ({"elevations": []}, "elevations: expected at least one channel, got none"),
+        ({"elevations": []}, "elevations: expected 1 to 65536 of them, got 0"),
         ({"elevations": [0.0, 0.1], "azimuth_offsets": [0.0]}, "azimuth_offsets: expected shape (2,), got (1,)"),
         (
             {"firing_times": 1.0},

@@ -68,6 +68,7 @@ def test_total_reflection_is_refused() -> None:
         ({"pulse_rate": 0.0}, "pulse_rate: expected a finite number > 0, got 0.0"),
         ({"rate": 200.0}, "rate: expected a finite number > 0 <= 100, got 200.0"),
         ({"beams": [[0, 0, 0]]}, "beams: expected non-zero vectors, got beams[0] = (0, 0, 0)"),
+        ({"beams": np.empty((0, 3))}, "beams: expected 1 to 65536 of them, got 0"),
         ({"beams": [1, 0, 0]}, "beams: expected shape (beams, 3), got (3,)"),
     ],
 )

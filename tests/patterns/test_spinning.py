@@ -102,7 +102,7 @@ def test_counter_clockwise_is_the_mirror_image() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"elevations": []}, "elevations: expected at least one channel, got none"),
+        ({"elevations": []}, "elevations: expected 1 to 65536 of them, got 0"),
         ({"elevations": 0.1}, "elevations: expected shape (channels,), got ()"),
         ({"elevations": [0.0, np.nan]}, "elevations: expected finite numbers, got elevations[1] = nan"),
         ({"elevations": ["up"]}, "elevations: expected real numbers of shape (channels,), got dtype <U2"),

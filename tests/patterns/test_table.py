@@ -33,6 +33,18 @@ def test_pulses_come_in_firing_order_whatever_the_order_of_the_list() -> None:
     assert pattern.shape == (2, 10)
 
 
+@pytest.mark.parametrize("scale", [5e-324, 1e-200, 1e-150, 1e150, 1e200, 1e308])
+def test_directions_may_be_of_any_length(scale: float) -> None:
+    directions = Table([[scale, 0, 0], [scale, -scale, 0]], rate=1.0, rings=[0, 1]).pulses().directions
+    np.testing.assert_allclose(directions, [[1, 0, 0], [np.sqrt(0.5), -np.sqrt(0.5), 0]], rtol=2e-16)
+
+
+def test_list_may_be_long_and_sparse() -> None:
+    pattern = Table([[1, 0, 0], [0, 1, 0]], times=[0.0, 1e9], rate=1000.0)
+    assert pattern.shape == (1, 1)
+    assert [len(pattern.pulses(frame)) for frame in (0, 1, 10**12, 10**12 + 1)] == [1, 0, 1, 1]
+
+
 def test_columns_count_the_pulses_of_a_ring_by_default() -> None:
     pattern = Table(np.ones((5, 3)), times=np.arange(5) / 100, rings=[0, 2, 0, 0, 2], rate=10.0)
     np.testing.assert_array_equal(pattern.pulses().column, [0, 0, 1, 2, 1])

@@ -99,10 +99,11 @@ def read(
             raise ValueError(f"recognised a {model.name}, which is not covered: its firing times are missing")
     lidar = Lidar.preset(model.preset, noise=noise)
     pattern = cast("PolygonMirror | Spinning", lidar.pattern)
-    sense = 1.0 if isinstance(pattern, PolygonMirror) else -1.0
-    changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": sense * np.radians(azimuths)}
+    mirror = isinstance(pattern, PolygonMirror)
+    offsets = np.radians(azimuths if mirror else -azimuths)
+    changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": offsets}
     if rate is not None:
-        changes["rate"] = rate
+        changes |= {"rate": rate, "line_rate": rate} if mirror else {"rate": rate}
     if firing_times is not None:
         with refusals(Path(firing_times), FIRING_TIMES):
             (times,) = _by_channel(Path(firing_times), "fire")

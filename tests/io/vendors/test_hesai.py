@@ -3,7 +3,6 @@ from __future__ import annotations
 import math
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -50,6 +49,8 @@ def test_at128_keeps_the_sense_of_its_mirror() -> None:
     angles = np.radians(table(DATA / "nebula_PandarAT128.csv")[:, 1:])
     np.testing.assert_allclose(pattern.elevations, angles[:, 0])
     np.testing.assert_allclose(pattern.azimuth_offsets, angles[:, 1])
+    fast = ls.Lidar.from_file(DATA / "nebula_PandarAT128.csv", rate=20.0).pattern
+    assert fast.shape == (128, 600)
 
 
 def test_firing_times_count_from_the_first() -> None:
@@ -145,6 +146,6 @@ def test_bad_firing_times_are_named(name: str, message: str | None) -> None:
 
 
 def test_unknown_option_is_refused() -> None:
-    options: dict[str, Any] = {"mode": "1024x10"}
-    with pytest.raises(TypeError, match="'mode'"):
-        ls.Lidar.from_file(ANGLES, **options)
+    message = "mode: not an option of Hesai angle correction CSV; expected firing_times, rate, noise"
+    with pytest.raises(TypeError, match=f"^{message}$"):
+        ls.Lidar.from_file(ANGLES, mode="1024x10")
