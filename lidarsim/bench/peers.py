@@ -301,7 +301,7 @@ class MuJoCoLidarTaichi(MuJoCoLidar):
         os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
         importlib.import_module("mujoco_lidar.core_ti.mjlidar_ti")
         taichi: Any = importlib.import_module("taichi")
-        taichi.init(arch=taichi.cpu, cpu_max_num_threads=os.cpu_count() or 1, log_level=taichi.ERROR)
+        taichi.init(arch=taichi.cpu, cpu_max_num_threads=os.cpu_count() or 1, log_level=taichi.ERROR, verbose=False)
         taichi._is_initialized = True  # what the wrapper asks before it would start Taichi itself
 
 

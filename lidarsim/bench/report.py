@@ -14,7 +14,17 @@ from typing import Any
 from lidarsim import _native
 from lidarsim._files import atomic_writer
 
-__all__ = ["machine", "plot_growth", "plot_speed", "readme_section", "summary", "to_markdown", "update_readme", "write"]
+__all__ = [
+    "around_section",
+    "machine",
+    "plot_growth",
+    "plot_speed",
+    "readme_section",
+    "summary",
+    "to_markdown",
+    "update_readme",
+    "write",
+]
 
 Results = dict[str, Any]
 Row = dict[str, Any]
@@ -80,8 +90,8 @@ def write(results: Results, folder: Path) -> None:
     plot_growth(results, folder / "growth.png")
 
 
-def update_readme(results: Results, readme: Path) -> None:
-    """Write the section on speed, between its two comments, anew, and its plot.
+def around_section(readme: Path) -> tuple[str, str]:
+    """Return what stands before and after the section on speed of a Markdown file.
 
     Raises
     ------
@@ -92,11 +102,23 @@ def update_readme(results: Results, readme: Path) -> None:
     _, end, tail = rest.partition(END)
     if not begin or not end:
         raise ValueError(f"{readme}: expected a section between the lines {BEGIN} and {END}")
+    return head, tail
+
+
+def update_readme(results: Results, readme: Path) -> None:
+    """Write the section on speed of a Markdown file, between its two comments, anew, and its plot.
+
+    Raises
+    ------
+    ValueError
+        If the file has no such section.
+    """
+    head, tail = around_section(readme)
     picture = readme.parent / PICTURE
     picture.parent.mkdir(parents=True, exist_ok=True)
     plot_speed(results, picture)
     with atomic_writer(readme) as file:
-        file.write(f"{head}{begin}\n{readme_section(results)}\n{end}{tail}".encode())
+        file.write(f"{head}{BEGIN}\n{readme_section(results)}\n{END}{tail}".encode())
 
 
 def to_markdown(results: Results) -> str:

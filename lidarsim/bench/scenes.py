@@ -230,9 +230,10 @@ def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> W
 
 
 def terrain(triangles: int = 1_000_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
-    """Return a fractal height field, 700 m wide: random heights on ever finer lattices, each half as high as the last.
+    """Return a fractal height field, 700 m wide, seen from a mast of 20 m.
 
-    A terrain of more triangles is the same with finer lattices added.
+    It sums random heights on lattices, each twice as fine and 0.55 times as high as the last; a terrain of more
+    triangles is the same with finer lattices added.
     """
     n = round(math.sqrt(triangles / 2)) + 1
     rng = np.random.default_rng(2)
@@ -241,14 +242,14 @@ def terrain(triangles: int = 1_000_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0))
     for octave in range(2, math.ceil(math.log2(n)) + 1):
         nodes = np.arange(2**octave + 1)
         hats = np.maximum(0.0, 1.0 - np.abs(s[:, None] * 2**octave - nodes))
-        z += hats @ rng.normal(scale=40.0 / 2**octave, size=(len(nodes), len(nodes))) @ hats.T
+        z += hats @ rng.normal(scale=40.0 * 0.55**octave, size=(len(nodes), len(nodes))) @ hats.T
     z -= z[n // 2, n // 2]
     x, y = np.meshgrid(700 * s - 350, 700 * s - 350)
     corner = np.arange(n * n).reshape(n, n)
     a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
     faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
     vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
-    return _mesh_world("terrain", (vertices, faces), [(0, 0, 2), (-350, -350, 0), (350, 350, z.max())], offset)
+    return _mesh_world("terrain", (vertices, faces), [(0, 0, 20), (-350, -350, z.min()), (350, 350, z.max())], offset)
 
 
 def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:

@@ -495,11 +495,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--from", dest="known", type=Path, metavar="JSON", help="report an earlier run; measure nothing"
     )
     options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    if options.readme is not None:
+        report.around_section(options.readme)  # so that a file without one is known before minutes of work
     if options.known is None:
         results = measure(QUICK if options.quick else FULL, _show if sys.stderr.isatty() else lambda _: None)
     else:
         results = json.loads(options.known.read_text(encoding="utf-8"))
-    options.output.mkdir(parents=True, exist_ok=True)
     report.write(results, options.output)
     if options.readme is not None:
         report.update_readme(results, options.readme)
