@@ -3,6 +3,7 @@
 mod affine;
 mod bind;
 mod bvh;
+mod memory;
 mod number;
 mod order;
 mod parallel;

@@ -12,12 +12,13 @@ const ORIGIN: u32 = 4;
 
 /// Indices of the rays, sorted by octant, by the cell of the origin where origins differ, and by direction along a Z-curve, so that tiles of
 /// directions stay together.
+#[inline(always)]
 pub fn coherent_order(scene: &Scene, origins: &[Point], directions: &[Point]) -> Vec<u32> {
     let order: Vec<u32> = (0..directions.len() as u32).collect();
     if directions.len() < WORTHWHILE {
         return order;
     }
-    let keys: Vec<u32> = directions.iter().map(direction_key).collect();
+    let keys = direction_keys(directions);
     match cells(scene, origins) {
         None => radix_sort(order, &keys, 2 * DIRECTION + 3),
         Some(cell) => {
@@ -35,20 +36,42 @@ pub fn coherent_order(scene: &Scene, origins: &[Point], directions: &[Point]) ->
     }
 }
 
-/// The octant, and a place on its face of the octahedron |x| + |y| + |z| = 1.
+/// Of each direction the octant, and a place on its face of the octahedron |x| + |y| + |z| = 1.
 #[inline(always)]
-fn direction_key(d: &Point) -> u32 {
-    let [x, y, z] = d.map(f64::abs);
-    let scale = f64::from(1_u32 << DIRECTION) / (x + y + z);
-    let most = (1 << DIRECTION) - 1;
-    // A cast of what is no number gives 0: extreme directions only sort badly.
-    let (u, v) = (((x * scale) as u32).min(most), ((y * scale) as u32).min(most));
-    let octant = u32::from(d[0] < 0.0) | u32::from(d[1] < 0.0) << 1 | u32::from(d[2] < 0.0) << 2;
-    octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1
+fn direction_keys(directions: &[Point]) -> Vec<u32> {
+    const BLOCK: usize = 16;
+    /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
+    const WHOLE: f32 = 8_388_608.0;
+    let most = (1_u32 << DIRECTION) - 1;
+    let mut keys = Vec::with_capacity(directions.len() + BLOCK);
+    for block in directions.chunks(BLOCK) {
+        let mut d = [[1.0_f32; BLOCK]; 3];
+        for (k, v) in block.iter().enumerate() {
+            for i in 0..3 {
+                d[i][k] = v[i] as f32;
+            }
+        }
+        let mut key = [0; BLOCK];
+        for k in 0..BLOCK {
+            let [x, y, z] = [d[0][k], d[1][k], d[2][k]];
+            // What overflows or is no number gives some key: extreme directions only sort badly.
+            let scale = most as f32 / (x.abs() + y.abs() + z.abs());
+            let (u, v) = ((x.abs() * scale + WHOLE).to_bits() & most, (y.abs() * scale + WHOLE).to_bits() & most);
+            let octant = x.to_bits() >> 31 | y.to_bits() >> 31 << 1 | z.to_bits() >> 31 << 2;
+            key[k] = octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1;
+        }
+        keys.extend_from_slice(&key);
+    }
+    keys.truncate(directions.len());
+    keys
 }
 
 /// A function that numbers the cells of a grid over the origins; none if these are close together, against the size of the scene.
+#[inline(always)]
 fn cells(scene: &Scene, origins: &[Point]) -> Option<impl Fn(&Point) -> u32> {
+    if origins.iter().all(|o| *o == origins[0]) {
+        return None;
+    }
     let (mut low, mut high) = (origins[0], origins[0]);
     for o in origins {
         for i in 0..3 {
@@ -84,6 +107,7 @@ fn spread3(x: u32) -> u32 {
 }
 
 /// Sorts indices by their keys of so many bits; equal keys keep their order.
+#[inline(always)]
 fn radix_sort(mut order: Vec<u32>, keys: &[u32], bits: u32) -> Vec<u32> {
     const DIGIT: u32 = 11;
     let mut sorted = vec![0; order.len()];

@@ -1,70 +1,11 @@
-//! The float64 look at one triangle, and the double-double look at the nearest.
+//! The double-double look at the nearest triangle.
 
-use crate::number::{Interval, UNIT};
+use crate::number::UNIT;
 use crate::scene::{Hit, Place, Scene, Search};
 use crate::shapes::Triangle;
 use crate::simd::{Floats, Isa, lanes};
+use crate::trace::Sink;
 use crate::vector::Point;
-
-/// What float64 can say of a ray and a triangle.
-pub enum Approach {
-    Miss,
-    Hit(Interval),
-    Unsure,
-}
-
-/// A triangle as a ray sees it: vertices from its origin, and edges b − a, c − a. A coordinate of a vertex is off by `error` and the
-/// rounding of the difference.
-pub struct Seen {
-    pub vertices: [Point; 3],
-    pub edges: [Point; 2],
-    pub error: f64,
-}
-
-/// Decides by the signs of d·(c × b), d·(a × c), d·(b × a), where they are certain; the bound is that of `Block::candidates`. Then
-/// t = N·a/(N·d), with N = (b − a) × (c − a).
-///
-/// Bounds of t, with e ≥ all coordinates of the edges and ε the error of the vertices. Were there no rounding, the triangle seen would be met in
-/// a point that is a mean of its vertices, so at most ε·|N|₁ off the true plane, |N| times; that is ε·|N|₁/|N·d| in t. The rounding of N, 8u·e² a
-/// coordinate, turns the plane about a point of the triangle and moves t by 24u·e³/|N·d|; a is off by u·m, the sum N·a rounds by
-/// 4u·m·|N|₁, and N·d by |N|₁·(4u·|d|∞ + ε_d). N itself, seen or true, differs by 8u·e² + 9ε·e a coordinate. All are doubled, so that
-/// second-order terms are covered while N·d is at least twice its error.
-#[inline(always)]
-pub fn approach(seen: &Seen, d: Point, direction_error: f64) -> Approach {
-    let dot = |p: Point, q: Point| p[0] * q[0] + p[1] * q[1] + p[2] * q[2];
-    let cross = |p: Point, q: Point| [p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]];
-    let max = |x: f64, y: f64| if x > y { x } else { y };
-    let largest = |p: Point| max(p[0].abs(), max(p[1].abs(), p[2].abs()));
-    let sum = |p: Point| p[0].abs() + p[1].abs() + p[2].abs();
-
-    let ([a, b, c], [e1, e2], error) = (seen.vertices, seen.edges, seen.error);
-    let (u, v, w) = (dot(d, cross(c, b)), dot(d, cross(a, c)), dot(d, cross(b, a)));
-    let m = max(max(largest(a), largest(b)), max(largest(c), error));
-    let bound = m * (sum(d) * (32.0 * UNIT * m + 8.0 * error) + 8.0 * m * direction_error) + f64::MIN_POSITIVE;
-    let least = if u < v { u } else { v };
-    let least = if least < w { least } else { w };
-    let most = max(max(u, v), w);
-    if least < -bound && most > bound {
-        return Approach::Miss;
-    }
-    if !(least > bound || most < -bound) {
-        return Approach::Unsure;
-    }
-    let n = cross(e1, e2);
-    let (num, den) = (dot(n, a), dot(n, d));
-    let (e, speed) = (max(largest(e1), largest(e2)), largest(d));
-    let wobble = 3.0 * e * (8.0 * UNIT * e + 9.0 * error);
-    let size = sum(n) + wobble;
-    let den_error = 2.0 * (size * (4.0 * UNIT * speed + direction_error) + wobble * speed) + f64::MIN_POSITIVE;
-    if !(den.abs() > 2.0 * den_error) {
-        return Approach::Unsure;
-    }
-    let t = num / den;
-    let moved = size * (5.0 * UNIT * m + error + t.abs() * (4.0 * UNIT * speed + direction_error));
-    let turned = 24.0 * UNIT * e * e * e;
-    let error = 2.0 * (moved + turned) / (den.abs() - den_error) + 4.0 * UNIT * t.abs() + f64::MIN_POSITIVE;
-    if error < f64::INFINITY { Approach::Hit(Interval { low: t - error, high: t + error }) } else { Approach::Unsure }
-}
 
 /// Hits on triangles that were not moved, to be refined eight at a time.
 pub struct Batch {
@@ -80,7 +21,14 @@ impl Batch {
     }
 
     #[inline(always)]
-    pub fn push<I: Isa>(&mut self, scene: &Scene, at: u32, place: Place, search: &Search, hits: &mut [Hit]) {
+    pub fn push<I: Isa>(
+        &mut self,
+        scene: &Scene,
+        at: u32,
+        place: Place,
+        search: &Search,
+        hits: &mut (impl Sink + ?Sized),
+    ) {
         let lane = self.count;
         self.ray[lane] = (search.origin, search.direction);
         (self.at[lane], self.place[lane]) = (at, place);
@@ -96,7 +44,7 @@ impl Batch {
     /// and a sum of 3u² relative to it), so n·(a − o) by less than 20u²·ΣA_i|r_i|, and n·d likewise (see `number::dd` for the bounds of the
     /// operations). 32 covers the roundings of these bounds. The quotient adds 16u² of itself.
     #[inline(always)]
-    pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut [Hit]) {
+    pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
         if self.count == 0 {
             return;
         }
@@ -156,7 +104,7 @@ impl Batch {
             let place = &self.place[lane];
             let object = &scene.objects()[place.object as usize];
             let (origin, direction) = self.ray[lane];
-            hits[self.at[lane] as usize] = Hit {
+            let hit = Hit {
                 t: if certain & (1 << lane) != 0 { t[lane] } else { scene.t(place, origin, direction) },
                 normal: if fine & (1 << lane) != 0 {
                     [normal[0][lane], normal[1][lane], normal[2][lane]]
@@ -166,6 +114,7 @@ impl Batch {
                 object: place.object as i32,
                 primitive: object.reported(place),
             };
+            hits.put(self.at[lane] as usize, hit);
         }
         self.count = 0;
     }

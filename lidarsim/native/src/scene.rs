@@ -10,7 +10,7 @@ use crate::ray::Ray;
 use crate::root::{Root, Roots};
 use crate::shapes::{Simple, Surface, Triangle, TriangleMesh};
 use crate::simd::{self, Level};
-use crate::trace::Cast;
+use crate::trace::{Cast, Sink};
 use crate::vector::{self, Point};
 
 /// What an object looks like in its own coordinates.
@@ -162,6 +162,7 @@ pub struct Index {
     /// Objects without an end, asked by every ray.
     pub unbounded: Vec<u32>,
     pub bounded: Bvh<Box<[u32]>>,
+    pub only_meshes: bool,
     size: f64,
 }
 
@@ -199,22 +200,22 @@ impl Scene {
                 all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
             };
             let size = side(0).max(side(1)).max(side(2));
-            Index { unbounded, bounded: Bvh::new(&bounds, |ids| ids.into()), size }
+            let only_meshes = self.objects.iter().all(|object| matches!(object.geometry, Geometry::Mesh(_)));
+            Index { unbounded, bounded: Bvh::new(&bounds, |ids| ids.into()), only_meshes, size }
         })
     }
 
     /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes first, then the
-    /// lowest primitive.
+    /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
     pub fn cast(
         &self,
         level: Level,
         origins: &[Point],
         directions: &[Point],
-        t_min: f64,
-        t_max: f64,
-        hits: &mut [Hit],
-    ) {
-        simd::dispatch(level, Cast { scene: self, origins, directions, t_min, t_max, hits });
+        (t_min, t_max): (f64, f64),
+        hits: &mut (impl Sink + ?Sized),
+    ) -> bool {
+        simd::dispatch(level, Cast { scene: self, origins, directions, t_min, t_max, hits })
     }
 
     /// Every t, ascending and distinct, at which the line meets the object.

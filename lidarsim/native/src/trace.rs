@@ -6,27 +6,41 @@
 use crate::bvh::{LANES, Packet, Rays, Stack, Visitor};
 use crate::number::Interval;
 use crate::order::coherent_order;
-use crate::refine::{Approach, Batch, approach};
+use crate::refine::Batch;
 use crate::scene::{Geometry, Hit, Object, Place, Scene, Search};
 use crate::shapes::{Block, TriangleMesh};
 use crate::simd::{Isa, Task};
 use crate::vector::Point;
 
-/// The nearest hit of each ray with t_min ≤ t ≤ t_max.
-pub struct Cast<'a> {
+/// Where hits go: the hit of ray i, once for each ray, in any order.
+pub trait Sink {
+    fn put(&mut self, i: usize, hit: Hit);
+}
+
+impl Sink for [Hit] {
+    #[inline(always)]
+    fn put(&mut self, i: usize, hit: Hit) {
+        self[i] = hit;
+    }
+}
+
+/// The nearest hit of each ray with t_min ≤ t ≤ t_max. The outcome is false if there was a ray with a number that is not finite, or with a
+/// zero direction; such a ray is a miss.
+pub struct Cast<'a, S: Sink + ?Sized> {
     pub scene: &'a Scene,
     pub origins: &'a [Point],
     pub directions: &'a [Point],
     pub t_min: f64,
     pub t_max: f64,
-    pub hits: &'a mut [Hit],
+    pub hits: &'a mut S,
 }
 
-impl Task for Cast<'_> {
-    type Output = ();
+impl<S: Sink + ?Sized> Task for Cast<'_, S> {
+    type Output = bool;
 
     #[inline(always)]
-    fn run<I: Isa>(self) {
+    fn run<I: Isa>(self) -> bool {
+        let mut legal = true;
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
         let mut tracer = Tracer { scene, stack: Stack::new(), batch: Batch::new(), hits };
         let order = coherent_order(scene, origins, directions);
@@ -35,11 +49,19 @@ impl Task for Cast<'_> {
             std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
         let mut at = [0_u32; LANES];
         let mut octant = 0;
-        for &i in &order {
+        for (k, &i) in order.iter().enumerate() {
+            // The rays of the packet after next.
+            let later = order[(k + 2 * LANES).min(order.len() - 1)] as usize;
+            I::prefetch(&origins[later]);
+            I::prefetch(&directions[later]);
             let (o, d) = (origins[i as usize], directions[i as usize]);
             if !Rays::holds(o, d) {
                 let mut search = Search::new(scene, o, d, t_min, t_max);
-                search.run(&mut tracer.stack);
+                if o.iter().chain(&d).all(|x| x.is_finite()) && d != [0.0; 3] {
+                    search.run(&mut tracer.stack);
+                } else {
+                    legal = false;
+                }
                 tracer.finish::<I>(i, &search);
                 continue;
             }
@@ -58,17 +80,18 @@ impl Task for Cast<'_> {
             tracer.trace::<I>(&mut rays, octant, &mut searches, &at);
         }
         tracer.batch.flush::<I>(scene, tracer.hits);
+        legal
     }
 }
 
-struct Tracer<'a> {
+struct Tracer<'a, S: ?Sized> {
     scene: &'a Scene,
     stack: Stack,
     batch: Batch,
-    hits: &'a mut [Hit],
+    hits: &'a mut S,
 }
 
-impl<'a> Tracer<'a> {
+impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
     /// Traces the rays, writes their hits to places `at`, and empties the packet.
     #[inline(always)]
     fn trace<I: Isa>(&mut self, rays: &mut Rays, octant: u32, searches: &mut [Search<'a>; LANES], at: &[u32; LANES]) {
@@ -84,10 +107,16 @@ impl<'a> Tracer<'a> {
                 search.consider(object, 0);
             }
         }
-        let limits = limits(searches);
-        let mut packet = Packet::new(rays, octant, index.bounded.center(), searches[0].t_min, &limits);
+        let (t_min, limits) = (searches[0].t_min, limits(searches));
         let mut visitor = Objects { scene, rays, octant, searches };
-        index.bounded.traverse_packet::<I>(&mut packet, active, &mut self.stack, &mut visitor);
+        match index.bounded.only_leaf() {
+            // The hierarchy of each mesh begins with what that above it would ask.
+            Some(leaf) if index.only_meshes => visitor.visit_all::<I>(&mut self.stack, leaf, active),
+            _ => {
+                let mut packet = Packet::new(rays, octant, index.bounded.center(), t_min, &limits);
+                index.bounded.traverse_packet::<I>(&mut packet, active, &mut self.stack, &mut visitor);
+            }
+        }
         for lane in 0..count {
             self.finish::<I>(at[lane], &searches[lane]);
         }
@@ -97,11 +126,11 @@ impl<'a> Tracer<'a> {
     #[inline(always)]
     fn finish<I: Isa>(&mut self, at: u32, search: &Search) {
         match search.best() {
-            None => self.hits[at as usize] = Hit::MISS,
+            None => self.hits.put(at as usize, Hit::MISS),
             Some(place) if self.scene.objects()[place.object as usize].is_plain_triangle() => {
                 self.batch.push::<I>(self.scene, at, place, search, self.hits);
             }
-            Some(place) => self.hits[at as usize] = self.scene.hit(&place, search.origin, search.direction),
+            Some(place) => self.hits.put(at as usize, self.scene.hit(&place, search.origin, search.direction)),
         }
     }
 }
@@ -134,10 +163,10 @@ struct Objects<'a, 's> {
     searches: &'a mut [Search<'s>; LANES],
 }
 
-impl Visitor<Box<[u32]>> for Objects<'_, '_> {
+impl Objects<'_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, packet: &mut Packet, leaf: &Box<[u32]>, mask: u32) {
-        for &id in leaf.iter() {
+    fn visit_all<I: Isa>(&mut self, stack: &mut Stack, ids: &[u32], mask: u32) {
+        for &id in ids {
             let object = &self.scene.objects()[id as usize];
             match &object.geometry {
                 Geometry::Mesh(mesh) if object.is_placed_as_made() => {
@@ -152,6 +181,13 @@ impl Visitor<Box<[u32]>> for Objects<'_, '_> {
                 }
             }
         }
+    }
+}
+
+impl Visitor<Box<[u32]>> for Objects<'_, '_> {
+    #[inline(always)]
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, packet: &mut Packet, leaf: &Box<[u32]>, mask: u32) {
+        self.visit_all::<I>(stack, leaf, mask);
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
             packet.set_limit(lane, self.searches[lane].limit());
@@ -180,28 +216,36 @@ impl Blocks<'_, '_> {
 impl Visitor<Block> for Blocks<'_, '_> {
     #[inline(always)]
     fn visit<I: Isa>(&mut self, _: &mut Stack, packet: &mut Packet, block: &Block, mask: u32) {
-        let mut seen_from = self.rays.origin(mask.trailing_zeros() as usize);
-        let mut edges = block.edges::<I>(seen_from);
+        let mut seen_by = mask.trailing_zeros() as usize;
+        let mut edges = block.edges::<I>(self.rays.origin(seen_by), self.rays.origin_error[seen_by]);
+        let mut planes = None;
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
-            let (origin, direction) = (self.rays.origin(lane), self.rays.direction(lane));
-            if origin != seen_from {
-                seen_from = origin;
-                edges = block.edges::<I>(origin);
+            if !self.rays.same_origin(lane, seen_by) {
+                seen_by = lane;
+                edges = block.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
+                planes = None;
             }
-            let (origin_error, direction_error) = (self.rays.origin_error[lane], self.rays.direction_error[lane]);
-            let mut candidates = block.candidates::<I>(&edges, direction, origin_error, direction_error);
-            if candidates == 0 {
+            let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
+            let candidates = block.candidates::<I>(&edges, direction, direction_error);
+            if candidates.0 == 0 {
                 continue;
             }
+            if planes.is_none() {
+                planes = Some(block.planes::<I>(&edges));
+            }
+            let Some(planes) = &planes else { continue };
             let search = &mut self.searches[lane];
-            while let Some(i) = take(&mut candidates) {
-                let primitive = block.ids()[i];
-                match approach(&block.seen(i, origin, origin_error), direction, direction_error) {
-                    Approach::Miss => {}
-                    Approach::Hit(t) => search.offer(Place::of_triangle(self.id, primitive), t),
-                    Approach::Unsure => search.consider(self.id, primitive),
-                }
+            let mut met = block.meet::<I>(&edges, planes, candidates, direction, direction_error, search.limit());
+            while let Some(i) = take(&mut met.hit) {
+                block.prefetch::<I>(i, self.mesh);
+                search.offer(
+                    Place::of_triangle(self.id, block.ids()[i]),
+                    Interval { low: met.low[i], high: met.high[i] },
+                );
+            }
+            while let Some(i) = take(&mut met.unsure) {
+                search.consider(self.id, block.ids()[i]);
             }
             packet.set_limit(lane, search.limit());
         }

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{Points, interruptible, points, rays};
 use crate::affine::Affine;
+use crate::memory;
 use crate::parallel;
 use crate::scene::{Geometry, Object, Scene};
 use crate::shapes::{self, Simple, TriangleMesh};
@@ -85,8 +86,8 @@ impl PyShape {
     fn triangle_mesh(vertices: Points<'_>, faces: PyReadonlyArray2<'_, u32>, whole: bool) -> PyResult<Self> {
         let wrong =
             || PyValueError::new_err("faces: expected a C-contiguous array of shape (m, 3) that names vertices only");
-        let faces = faces.as_slice().map_err(|_| wrong())?.as_chunks().0.to_vec();
-        let mesh = TriangleMesh::new(points("vertices", &vertices)?.to_vec(), faces).ok_or_else(wrong)?;
+        let faces = memory::copy(faces.as_slice().map_err(|_| wrong())?.as_chunks().0);
+        let mesh = TriangleMesh::new(memory::copy(points("vertices", &vertices)?), faces).ok_or_else(wrong)?;
         Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole) })
     }
 

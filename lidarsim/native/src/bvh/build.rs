@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::span::{down, up};
 use super::{Bvh, Child, LEAF, Node, WIDTH};
+use crate::memory;
 use crate::number::Interval;
 use crate::vector::Point;
 
@@ -90,7 +91,8 @@ pub fn build<L: Send>(bounds: &[Option<[Interval; 3]>], leaf: impl Fn(&[u32]) ->
             start - len
         })
         .collect();
-    let leaves = starts
+    let mut made = memory::with_capacity(leaves.len());
+    starts
         .into_par_iter()
         .zip(&leaves)
         .map(|(start, &len)| {
@@ -100,8 +102,8 @@ pub fn build<L: Send>(bounds: &[Option<[Interval; 3]>], leaf: impl Fn(&[u32]) ->
             }
             leaf(&ids[..len])
         })
-        .collect();
-    Bvh { center, nodes, leaves }
+        .collect_into_vec(&mut made);
+    Bvh { center, nodes: memory::copy(&nodes), leaves: made }
 }
 
 /// Nodes, the root first, and the lengths of the leaves below them, in the order of the items.

@@ -20,7 +20,7 @@ pub const WIDTH: usize = 8;
 pub const LEAF: usize = 8;
 
 /// Eight boxes, an axis after the other, and what they hold. An absent child has a box that nothing meets.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct Node {
     low: [[f32; WIDTH]; 3],
@@ -81,6 +81,11 @@ impl<L: Send> Bvh<L> {
 
     pub fn center(&self) -> Point {
         self.center
+    }
+
+    /// The leaf, if there is but one.
+    pub fn only_leaf(&self) -> Option<&L> {
+        if self.leaves.len() == 1 { self.leaves.first() } else { None }
     }
 
     pub fn bytes(&self) -> usize {

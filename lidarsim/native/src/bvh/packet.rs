@@ -46,6 +46,11 @@ impl Rays {
     }
 
     #[inline(always)]
+    pub fn same_origin(&self, lane: usize, other: usize) -> bool {
+        self.origin(lane) == self.origin(other) && self.origin_error[lane] == self.origin_error[other]
+    }
+
+    #[inline(always)]
     pub fn direction(&self, lane: usize) -> Point {
         [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]]
     }
