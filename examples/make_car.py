@@ -1,7 +1,7 @@
 """Make a mesh from a few curves: the car of configs/scenes/car.ply.
 
-The body is a stack of rounded cross-sections along x, whose top, bottom and half width follow the curves below; the wheels
-are cylinders. Usage: python make_car.py [FILE]; then look at the mesh with a scan of it.
+The body is a stack of rounded cross-sections along x, whose top, bottom and half width follow the curves below; the
+wheels are cylinders. Usage: python make_car.py [FILE]
 """
 
 from __future__ import annotations
@@ -49,8 +49,8 @@ def wheel(x: float, y: float) -> trimesh.Trimesh:
 
 
 car = trimesh.util.concatenate([body(), *(wheel(x, y) for x in (-1.3, 1.35) for y in (-0.82, 0.82))])
-assert all(part.is_watertight for part in car.split())
 path = Path(sys.argv[1] if len(sys.argv) > 1 else "car.ply")
 car.vertices = car.vertices.astype(np.float32)
 path.write_bytes(trimesh.exchange.ply.export_ply(car, vertex_normal=False))
-print(f"{path}: {len(car.faces)} triangles, {path.stat().st_size / 1e3:.0f} kB")
+closed = all(part.is_volume for part in car.split())  # watertight, normals outward
+print(f"{path}: {len(car.faces)} triangles, closed: {closed}, {path.stat().st_size / 1e3:.0f} kB")

@@ -16,7 +16,13 @@ Floats = npt.NDArray[np.float64]
 
 
 def real(
-    name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf, infinite: bool = False
+    name: str,
+    value: object,
+    *,
+    at_least: float = -math.inf,
+    above: float = -math.inf,
+    at_most: float = math.inf,
+    infinite: bool = False,
 ) -> float:
     """Return `value` as a float inside the bounds; NaN never passes, ±inf only with `infinite`."""
     expected = "a real number" if infinite else "a finite number"
@@ -32,7 +38,12 @@ def real(
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
         raise TypeError(f"{name}: expected {expected}, got {value!r}") from None
-    if math.isnan(number) or (math.isinf(number) and not infinite) or not (number > above or above == -math.inf) or not at_least <= number <= at_most:
+    if (
+        math.isnan(number)
+        or (math.isinf(number) and not infinite)
+        or not (number > above or above == -math.inf)
+        or not at_least <= number <= at_most
+    ):
         raise ValueError(f"{name}: expected {expected}, got {number!r}")
     return number
 
@@ -61,7 +72,9 @@ def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = T
         raise ValueError(f"{name}: expected numbers of {expected}, got a ragged sequence") from None
     if given.dtype.kind not in "fiu" and given.size:
         raise TypeError(f"{name}: expected real numbers of {expected}, got dtype {given.dtype}")
-    if given.ndim != len(shape) or any(isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=False)):
+    if given.ndim != len(shape) or any(
+        isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=False)
+    ):
         raise ValueError(f"{name}: expected {expected}, got {given.shape}")
     result: Floats = np.ascontiguousarray(given, dtype=np.float64).reshape(given.shape)
     if finite and not np.isfinite(result).all():
@@ -114,7 +127,9 @@ def pose(name: str, value: Any) -> Floats:
     rotation = matrix[:3, :3]
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if error > 1e-6 or np.linalg.det(rotation) < 0:
-        raise ValueError(f"{name}: expected a rigid transform (orthonormal rotation), got one {error:.3g} away from it, determinant {np.linalg.det(rotation):.6g}")
+        raise ValueError(
+            f"{name}: expected a rigid transform (orthonormal rotation), got one {error:.3g} away from it, determinant {np.linalg.det(rotation):.6g}"
+        )
     return matrix
 
 

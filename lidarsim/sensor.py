@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-import importlib.resources
+import inspect
 import math
 from collections.abc import Callable
 from dataclasses import KW_ONLY, dataclass, field
@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["Lidar", "preset_path", "register_lidar_reader"]
 
 HEAD = 1 << 16
+"""Bytes of a file by which its kind is recognised."""
+
+PRESETS = Path(__file__).parent / "presets"
 
 _readers: dict[str, tuple[Callable[[Path, str], bool], Callable[..., Lidar]]] = {}
 
@@ -42,7 +45,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
         ``recognise(path, text)`` says by its content whether a file is of this kind; `text` is its first 64 KiB,
         without a byte order mark and with bytes that are not UTF-8 replaced.
     read : callable
-        ``read(path, **options)`` returns the `Lidar`.
+        ``read(path, **options)`` returns the `Lidar`; its keyword arguments are the options that `from_file` takes.
     """
     _readers[name] = recognise, read
 
@@ -97,15 +100,43 @@ class Lidar:
         frame: int = 0,
         seed: int = 0,
     ) -> Scan:
-        """Scan `scene` for one frame; see `lidarsim.scan.scan`."""
+        """Scan a scene for one frame.
+
+        Parameters
+        ----------
+        scene : Scene
+            What is scanned.
+        pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
+            Sensor to world; on a trajectory each pulse is fired from where the sensor then is. Default: identity.
+        time : float
+            Time of the start of the frame, s, on the clock of the trajectory and of moving objects.
+        frame : int
+            Number of the frame, from 0 on: non-repetitive patterns and noise go on from frame to frame.
+        seed : int
+            Seed of the noise.
+
+        Returns
+        -------
+        Scan
+            One entry for each pulse, in firing order, and return.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument has the wrong type or shape or is out of its range.
+        """
         return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed)
 
     @staticmethod
     def presets() -> list[str]:
-        """Return the names of the sensors that `preset` knows."""
-        return sorted(
-            entry.name.removesuffix(".yaml") for entry in _presets().iterdir() if entry.name.endswith(".yaml")
-        )
+        """Return the names of the sensors that `preset` knows.
+
+        Returns
+        -------
+        list of str
+            In alphabetical order.
+        """
+        return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
     @classmethod
     def preset(cls, name: str, *, mode: str | None = None, noise: str | None = None) -> Lidar:
@@ -142,7 +173,9 @@ class Lidar:
         path : path-like
             The file.
         **options
-            What the kind of file needs or allows besides; its reader's keyword arguments.
+            What the file leaves open. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
+            `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV:
+            `firing_times` (the other CSV), `rate`, `noise`. Livox scan pattern CSV: `rate`, `pulse_rate`, `noise`.
 
         Returns
         -------
@@ -152,7 +185,10 @@ class Lidar:
         Raises
         ------
         FileFormatError
-            If the file cannot be read, or is of no kind that is known, or is not whole.
+            If the file cannot be read, is of no kind that is known, is not whole or describes a sensor that is not
+            covered.
+        TypeError
+            If a file of this kind has no such option.
         """
         path = Path(path)
         try:
@@ -160,14 +196,28 @@ class Lidar:
                 text = file.read(HEAD).decode("utf-8-sig", errors="replace")
         except OSError as error:
             raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
-        for recognise, read in _readers.values():
+        for kind, (recognise, read) in _readers.items():
             if recognise(path, text):
+                known = [name for name in inspect.signature(read).parameters if name != "path"]
+                for name in options:
+                    if name not in known:
+                        raise TypeError(f"{name}: not an option of {kind}; expected {', '.join(known) or 'none'}")
                 return read(path, **options)
-        raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(_readers)}")
+        raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
 
 
 def preset_path(name: str) -> Path:
     """Return the file of a preset.
+
+    Parameters
+    ----------
+    name : str
+        One of `Lidar.presets()`.
+
+    Returns
+    -------
+    Path
+        A YAML file of the package.
 
     Raises
     ------
@@ -176,11 +226,8 @@ def preset_path(name: str) -> Path:
     """
     known = Lidar.presets()
     if name not in known:
-        near = difflib.get_close_matches(name, known, n=3, cutoff=0.4)
+        near = [preset for preset in known if name.lower() in preset][:3] if name else []
+        near = near or difflib.get_close_matches(name, known, n=3, cutoff=0.4)
         hint = f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
         raise ValueError(f"preset: unknown sensor {name!r}; {hint}")
-    return _presets() / f"{name}.yaml"
-
-
-def _presets() -> Path:
-    return Path(str(importlib.resources.files("lidarsim"))) / "presets"
+    return PRESETS / f"{name}.yaml"

@@ -24,6 +24,24 @@ def pytest_configure(config: pytest.Config) -> None:
     hypothesis.settings.load_profile("slow" if config.slow else "fast")
 
 
+def available(isa: str) -> bool:
+    """Whether this machine has an instruction set."""
+    from lidarsim import _native
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LIDARSIM_ISA", isa)
+        try:
+            return _native.isa() == isa
+        except ValueError:
+            return False
+
+
+@pytest.fixture(scope="session")
+def instruction_sets() -> list[str]:
+    """Those that the core has code for and this machine has."""
+    return [isa for isa in ("scalar", "avx2", "avx512") if available(isa)]
+
+
 @pytest.fixture(scope="session")
 def slow(request: pytest.FixtureRequest) -> bool:
     """Whether the thorough run was asked for."""

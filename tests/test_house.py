@@ -95,7 +95,7 @@ def test_versions_agree() -> None:
 
 
 def test_top_level_holds_the_four_folders_alone() -> None:
-    ignored = {line.strip("/\n") for line in (ROOT / ".gitignore").open(encoding="utf-8")}
+    ignored = {line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").splitlines()}
     folders = {path.name for path in ROOT.iterdir() if path.is_dir() and not path.name.startswith(".")}
     assert folders - ignored - {"__pycache__"} == {"lidarsim", "tests", "configs", "examples"}
 

@@ -1,7 +1,7 @@
 """How far each ray caster is from the exact answer, case by case.
 
-``python -m lidarsim.bench.accuracy`` prints the table of the hard cases; with ``--random N`` it also casts N random
-adversarial rays at every kind of shape and judges lidarsim alone.
+``lidarsim bench --accuracy`` prints the table of the hard cases; with ``--random N`` it also casts N random adversarial
+rays, shared by the kinds of shape, and judges lidarsim alone.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim.bench import cases, oracle
+from lidarsim.bench import adversarial, cases, oracle
 
 __all__ = [
     "ENGINES",
@@ -97,21 +97,15 @@ def _where(spec: cases.Spec, origin: Sequence[float], direction: Sequence[float]
     return f"{spec!r}, origin {list(origin)!r}, direction {list(direction)!r}"
 
 
-def judge_cast(  # noqa: PLR0917
-    spec: cases.Spec,
-    origins: Floats,
-    directions: Floats,
-    t: Floats,
-    primitives: Any = None,
-    t_min: float = 0.0,
-    t_max: float = math.inf,
+def judge_cast(
+    spec: cases.Spec, origins: Floats, directions: Floats, t: Floats, *, primitives: npt.NDArray[np.int32] | None = None
 ) -> Verdict:
     """Judge nearest hits: t of each ray, inf for a miss, and its primitive if the engine tells it."""
     shape = spec.judge()
     verdict = Verdict(rays=len(t))
     for i, (o, d, got) in enumerate(zip(origins.tolist(), directions.tolist(), t.tolist(), strict=True)):
         ray = oracle.Ray.of(o, d)
-        want = oracle.nearest(shape, ray, t_min, t_max)
+        want = oracle.nearest(shape, ray)
         verdict.hits += want is not None
         hit = not math.isinf(got)
         if want is None or not hit:
@@ -411,15 +405,15 @@ def measure_random(rays: int, seed: int = 0, progress: Callable[[str], None] = l
     dict of str to Verdict
         A verdict a kind; `values` counts roots and nearest hits.
     """
-    verdicts = {kind: Verdict() for kind in cases.KINDS}
-    share = rays // len(cases.KINDS)
+    verdicts = {kind: Verdict() for kind in adversarial.KINDS}
+    share = rays // len(adversarial.KINDS)
     for number, (kind, verdict) in enumerate(verdicts.items()):
         rng = np.random.default_rng((seed, number))
         while verdict.rays < share:
-            case = cases.random_case(rng, kind, min(100, share - verdict.rays))
+            case = adversarial.random_case(rng, kind, min(100, share - verdict.rays))
             shape = case.spec.build()
             hits = shape.cast(case.origins, case.directions)
-            one = judge_cast(case.spec, case.origins, case.directions, hits.t, hits.primitive_id)
+            one = judge_cast(case.spec, case.origins, case.directions, hits.t, primitives=hits.primitive_id)
             roots = judge_roots(case.spec, case.origins, case.directions, shape.roots(case.origins, case.directions))
             roots.rays = roots.hits = 0
             one.add(roots)
@@ -435,8 +429,8 @@ def _random_line(verdict: Verdict) -> str:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run from the command line; exit code 1 if lidarsim decided anything wrongly or was off by more than an ulp."""
-    parser = argparse.ArgumentParser(prog="python -m lidarsim.bench.accuracy", description=__doc__)
+    """Print how far each ray caster is from the exact answer; exit code 1 if lidarsim errs, leaks or is an ulp off."""
+    parser = argparse.ArgumentParser(prog="lidarsim bench --accuracy", description=main.__doc__)
     parser.add_argument("--random", type=int, default=0, metavar="N", help="also cast N random adversarial rays")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random rays")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="write accuracy.md and accuracy.json there")
@@ -451,7 +445,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     verdicts = [row["lidarsim"] for row in report.rows.values()]
     if options.random:
         verdicts += measure_random(options.random, options.seed, lambda line: print(line, flush=True)).values()  # noqa: T201
-    return int(any(v is None or v.wrong or v.worst > 1 for v in verdicts))
+    leaks = sum(counts["lidarsim"][0] for counts in report.leaks.values())
+    return int(leaks > 0 or any(v is None or v.wrong or v.worst > 1 for v in verdicts))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Hard inputs: rays and shapes on which floating point goes wrong, each named, and an endless supply of random ones.
+"""Hard inputs: rays and shapes on which floating point goes wrong, each named.
 
 A `Spec` says how to build a shape, so that one case serves lidarsim, the oracle, the textbook and the peers alike.
 """
@@ -16,7 +16,19 @@ from scipy.spatial.transform import Rotation
 
 from lidarsim.bench import oracle, textbook
 
-__all__ = ["KINDS", "OFFSETS", "Case", "Spec", "closed_meshes", "hard_cases", "leak_rays", "random_case"]
+__all__ = [
+    "OFFSETS",
+    "Case",
+    "Spec",
+    "basic_specs",
+    "closed_meshes",
+    "fan",
+    "hard_cases",
+    "leak_rays",
+    "rotations",
+    "star",
+    "transforms",
+]
 
 Floats = npt.NDArray[np.float64]
 
@@ -104,7 +116,8 @@ def _rays(pairs: Sequence[tuple[Any, Any]]) -> tuple[Floats, Floats]:
     return np.ascontiguousarray(array[:, 0]), np.ascontiguousarray(array[:, 1])
 
 
-def _rotations(count: int, seed: int) -> Floats:
+def rotations(count: int, seed: int) -> Floats:
+    """Return random rotation matrices, (count, 3, 3)."""
     matrices: Floats = Rotation.random(count, rng=np.random.default_rng(seed)).as_matrix()
     return matrices
 
@@ -182,7 +195,7 @@ def _spheres() -> Iterator[Case]:
             hits, misses = (0, len(pairs)) if label == "1+2^-52" else (len(pairs) // 2, 0)
             name = f"sphere-r{r:g}-distance{distance:g}-b{label}"
             yield Case(name, group, Spec("Sphere", ((0, 0, 0), r)), origins, directions, hits, misses)
-            turned = _rotations(12, 2)
+            turned = rotations(12, 2)
             for where, center in (("turned", np.zeros(3)), ("turned-utm", UTM)):
                 spec = Spec("Sphere", (center, r))
                 o, d = (
@@ -191,9 +204,9 @@ def _spheres() -> Iterator[Case]:
                 )
                 yield Case(f"{name}-{where}", group, spec, o, d, 0)
     for scale in (1e-3, 1.0, 1.0e6):
-        pairs = []
-        # 3² + 4² = 5² and 2² + 3² + 6² = 7² put the origin on the sphere exactly when the scale is a power of two
+        # 3² + 4² = 5² and 2² + 3² + 6² = 7² put the origin on the sphere exactly, while the scale is an integer
         for radius, point in ((5.0, (3.0, 4.0, 0.0)), (7.0, (-2.0, 3.0, 6.0))):
+            pairs = []
             p = np.array(point)
             tangent = np.array((-p[1], p[0], 0.0))
             for d in (p, -p, tangent, -tangent, tangent + 1e-9 * p, tangent - 1e-9 * p, (1.0, 0.5, -0.25)):
@@ -215,7 +228,7 @@ def _spheres() -> Iterator[Case]:
     rng = np.random.default_rng(3)
     directions = rng.normal(size=(24, 3))
     unit = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-    for where, depth in (("centre", 100.0), ("half-way", 50.0), ("1e-9-inside", 1e-9), ("1e-9-outside", -1e-9)):
+    for where, depth in (("center", 100.0), ("half-way", 50.0), ("1e-9-inside", 1e-9), ("1e-9-outside", -1e-9)):
         spec = Spec("Sphere", ((1.0, -2.0, 3.0), 100.0))
         origins = np.array((1.0, -2.0, 3.0)) + unit * (100.0 - depth)
         for way, d in (("out", directions), ("in", -directions), ("along", np.cross(directions, (1.0, 2.0, 3.0)))):
@@ -241,7 +254,7 @@ def _spheres() -> Iterator[Case]:
 
 
 def _ellipsoids() -> Iterator[Case]:
-    turns = _rotations(3, 4)
+    turns = rotations(3, 4)
     for aspect, (label, impact) in itertools.product((1.0, 1e3, 1e6, 1e-6), IMPACTS.items()):
         radii = np.array((1.0, aspect, 2.0))
         pairs = []
@@ -605,9 +618,9 @@ def _polygons() -> Iterator[Case]:
     )
 
 
-def _basic() -> dict[str, Spec]:
+def basic_specs() -> dict[str, Spec]:
     """Return one plain sample of each kind, about a metre in size, near the origin."""
-    turn = _rotations(1, 12)[0]
+    turn = rotations(1, 12)[0]
     vertices, faces = fan(5)
     return {
         "plane": Spec("Plane", ((1.0, 2.0, 3.0), 0.5)),
@@ -624,7 +637,7 @@ def _basic() -> dict[str, Spec]:
 
 def _scaled() -> Iterator[Case]:
     rng = np.random.default_rng(13)
-    for name, spec in _basic().items():
+    for name, spec in basic_specs().items():
         origins = rng.normal(size=(20, 3)) * 3
         towards = rng.uniform(-0.5, 0.5, (20, 3)) - origins
         axis_parallel = np.eye(3)[rng.integers(0, 3, 20)] * rng.choice([-1, 1], (20, 1))
@@ -644,7 +657,7 @@ def _scaled() -> Iterator[Case]:
 
 def transforms() -> dict[str, Floats]:
     """Return affine maps: each kind that a user may give."""
-    turn = _rotations(2, 14)
+    turn = rotations(2, 14)
     return {
         "turn-utm": _affine(turn[0], UTM),
         "uneven": _affine(turn[0] @ np.diag((1e3, 1.0, 1e-3)) @ turn[1]),
@@ -658,174 +671,10 @@ def transforms() -> dict[str, Floats]:
 
 def _transformed() -> Iterator[Case]:
     rng = np.random.default_rng(15)
-    for (shape, spec), (name, matrix) in itertools.product(_basic().items(), transforms().items()):
+    for (shape, spec), (name, matrix) in itertools.product(basic_specs().items(), transforms().items()):
         origins = rng.normal(size=(40, 3)) * 3
         directions = rng.uniform(-0.6, 0.6, (40, 3)) - origins
         linear = matrix[:3, :3]
         moved = Spec(spec.kind, spec.args, matrix)
         o, d = origins @ linear.T + matrix[:3, 3], directions @ linear.T
         yield Case(f"{shape}-transform-{name}", "through a transform", moved, o, d, 5)
-
-
-# The random supply.
-
-KINDS = ("Plane", "Sphere", "Ellipsoid", "Box", "Cylinder", "Triangle", "Polygon", "TriangleMesh")
-
-
-@dataclass(frozen=True)
-class _Aim:
-    """Points to aim at and ways to go through them, before an origin is chosen; `unit` is the lattice's step."""
-
-    spec: Spec
-    targets: Floats
-    directions: Floats
-    unit: float
-
-
-def random_case(rng: np.random.Generator, kind: str, rays: int = 100) -> Case:
-    """Return a random case of `kind`: adversarial targets, any offset and scale; every third on a lattice."""
-    lattice = bool(rng.random() < 0.3)
-    size = float(2.0 ** rng.integers(-12, 12)) if lattice else float(10 ** rng.uniform(-4, 4))
-    offset = np.zeros(3) if rng.random() < 0.4 else rng.normal(size=3) * 10 ** rng.uniform(0, 9) * size
-    center = np.rint(rng.uniform(-4, 4, 3)) * size if lattice else offset
-    make = {
-        "Plane": _random_plane,
-        "Triangle": _random_facets,
-        "Polygon": _random_facets,
-        "TriangleMesh": _random_facets,
-    }
-    aim = make.get(kind, _random_solid)(rng, kind, rays, size, center, lattice=lattice)
-    if lattice:
-        target = np.rint(aim.targets / aim.unit) * aim.unit
-        d = np.rint(rng.uniform(-3, 3, (rays, 3))) if rng.random() < 0.7 else np.eye(3)[rng.integers(0, 3, rays)]
-        d = np.where(d.any(axis=1, keepdims=True), d, (1.0, 0.0, 0.0)) * aim.unit
-        origins = target - d * rng.integers(-4, 9, (rays, 1))
-    else:
-        reach = 10 ** rng.uniform(-6, 6, (rays, 1)) * rng.choice(
-            [1.0, 1.0, -1.0, 0.0], (rays, 1), p=(0.4, 0.4, 0.1, 0.1)
-        )
-        origins = aim.targets - aim.directions * reach
-        aimed = aim.targets - origins
-        d = np.where((rng.random((rays, 1)) < 0.5) & aimed.any(axis=1, keepdims=True), aimed, aim.directions)
-    spec = aim.spec
-    if rng.random() < 0.25:
-        matrix = transforms()["mirror"] if lattice else list(transforms().values())[rng.integers(7)]
-        linear = matrix[:3, :3]
-        spec = Spec(spec.kind, spec.args, matrix)
-        origins, d = origins @ linear.T + matrix[:3, 3], d @ linear.T
-    d = np.where(d.any(axis=1, keepdims=True), d, (1.0, 0.0, 0.0))
-    if rng.random() < 0.2:
-        d = d / np.abs(d).max(axis=1, keepdims=True) * 2.0 ** rng.integers(-500, 500)
-    return Case(f"random {kind}", f"random, {kind}", spec, np.ascontiguousarray(origins), np.ascontiguousarray(d), 0)
-
-
-def _units(rng: np.random.Generator, n: int) -> Floats:
-    v = rng.normal(size=(n, 3))
-    unit: Floats = v / np.linalg.norm(v, axis=1, keepdims=True)
-    return unit
-
-
-def _near_one(rng: np.random.Generator, n: int) -> Floats:
-    """Return (n, 1) factors, most of which crowd around 1: 1 ± 2^−k."""
-    one = 1 + rng.choice([-1.0, 1.0], (n, 1)) * 2.0 ** -rng.integers(1, 56, (n, 1))
-    return np.where(rng.random((n, 1)) < 0.3, rng.uniform(0, 1.1, (n, 1)), one)
-
-
-def _random_plane(rng: np.random.Generator, _kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
-    normal = np.rint(rng.uniform(-4, 4, 3)) if lattice else rng.normal(size=3) * 10.0 ** rng.integers(-6, 6)
-    normal = normal if normal.any() else np.array((0.0, 0.0, 1.0))
-    along = np.cross(normal, rng.normal(size=(n, 3)))
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    d = along + normal * 10.0 ** rng.uniform(-18, 0, (n, 1)) * rng.choice([-1.0, 1.0], (n, 1))
-    legs = np.array(((1.0, 0.0, 2.0), (0.0, 3.0, -1.0))) if lattice else along[:2]
-    spec = (
-        Spec("Plane", (normal, float(normal @ center))),
-        Spec("Plane.from_point", (center, normal)),
-        Spec("Plane.from_points", (center, center + legs[0] * size, center + legs[1] * size)),
-    )[rng.integers(3)]
-    return _Aim(spec, center + along * size, d, size / 2)
-
-
-def _random_solid(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
-    def lengths(count: int) -> Floats:
-        return size * np.asarray(2.0 ** rng.integers(-3, 4, count) if lattice else 10 ** rng.uniform(-3, 3, count))
-
-    turn = np.eye(3) if lattice else _rotations(1, int(rng.integers(1 << 30)))[0]
-    match kind:
-        case "Sphere":
-            linear = np.eye(3) * size * 5
-            spec = Spec(kind, (center, size * 5))
-        case "Ellipsoid":
-            radii = lengths(3)
-            linear = turn * radii
-            spec = Spec(kind, (center, radii, turn))
-        case "Box":
-            half = lengths(3)
-            linear = np.diag(half)
-            spec = Spec(kind, (2 * half, center))
-        case _:
-            radius, half_height = (5 * size, 4 * size) if lattice else lengths(2)
-            linear = turn * np.array((radius, radius, half_height))
-            axis = linear[:, 2]
-            spec = Spec(kind, (center - axis, center + axis, float(radius), bool(rng.integers(2))))
-    target, d = _solid_targets(rng, kind, n)
-    return _Aim(spec, target @ linear.T + center, d @ linear.T, size / 2)
-
-
-def _solid_targets(rng: np.random.Generator, kind: str, n: int) -> tuple[Floats, Floats]:
-    """Return points of, and directions nearly tangent to or through, the unit ball, [−1, 1]³ or the cylinder in it."""
-    u = _units(rng, n)
-    if kind in {"Sphere", "Ellipsoid"}:
-        v = np.cross(u, _units(rng, n))
-        return _near_one(rng, n) * v / np.linalg.norm(v, axis=1, keepdims=True), u
-    if kind == "Box":
-        target = rng.choice([-1.0, 1.0, 0.0], (n, 3))
-        target = np.where(rng.random((n, 3)) < 0.25, rng.uniform(-1, 1, (n, 3)), target)
-        return target, np.where(rng.random((n, 1)) < 0.3, np.eye(3)[rng.integers(0, 3, n)], u)
-    around, zero = rng.uniform(0, 2 * np.pi, (n, 1)), np.zeros((n, 1))
-    radial = np.concatenate([np.cos(around), np.sin(around), zero], axis=1)
-    tangent = np.concatenate([-np.sin(around), np.cos(around), zero], axis=1)
-    axis = np.array((0.0, 0.0, 1.0))
-    rim = rng.choice([-1.0, 1.0], (n, 1)) * _near_one(rng, n)
-    z = np.where(rng.random((n, 1)) < 0.5, rim, rng.uniform(-1, 1, (n, 1)))
-    parts = ((radial, (0.0, 1.0, 1e-9)), (tangent, (0.0, 1.0)), (axis, (0.0, 1.0, 1e-7)))
-    d = sum(rng.choice(weights, (n, 1)) * part for part, weights in parts)
-    return radial * _near_one(rng, n) + z * axis, np.where(np.any(d, axis=1, keepdims=True), d, axis)
-
-
-def _random_facets(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
-    unit = size / 2
-    if kind == "Triangle":
-        corners = np.rint(rng.uniform(-4, 4, (3, 3))) * size if lattice else rng.normal(size=(3, 3)) * size
-        if not lattice and rng.random() < 0.4:  # a sliver
-            side = rng.random() * (corners[1] - corners[0])
-            corners[2] = corners[0] + side + rng.normal(size=3) * size * 10 ** rng.uniform(-12, 0)
-        corners = corners + center
-        if not np.cross(corners[1] - corners[0], corners[2] - corners[0]).any():
-            corners = center + np.array([(0, 0, 0), (4, 0, 1), (0, 2, 0)]) * size
-        spec = Spec(kind, tuple(corners))
-    elif kind == "Polygon":  # exactly planar, so of integers times a power of two
-        unit = 2.0 ** float(np.rint(np.log2(size)))
-        points = 6 if lattice else int(rng.integers(3, 12))
-        corners = star(
-            points,
-            np.random.default_rng(3) if lattice else rng,
-            rng.integers(-3, 4, 2).tolist(),
-            16 if lattice else 1000,
-        )
-        corners = corners * unit
-        spec = Spec(kind, (corners,))
-    else:
-        corners, faces = fan(int(rng.integers(3, 12)))
-        corners = corners + rng.normal(size=corners.shape) * 0.1
-        corners = (np.rint(corners * 4) if lattice else corners) * size + center
-        spec = Spec(kind, (corners, faces))
-    i, j, k = rng.integers(0, len(corners), (3, n))
-    s = np.where(rng.random((n, 1)) < 0.4, rng.uniform(0, 1, (n, 1)), rng.choice([0.0, 0.5, 1.0], (n, 1)))
-    inward = np.where(rng.random((n, 1)) < 0.6, 0.0, rng.uniform(0, 0.5, (n, 1)))
-    target = corners[i] + s * (corners[(i + 1) % len(corners)] - corners[i])
-    target = target + inward * (corners[k] - target)
-    extent = np.ptp(corners)
-    across = corners[j] - corners[i] + 10.0 ** rng.uniform(-15, 0, (n, 1)) * _units(rng, n) * extent
-    d = np.where(rng.random((n, 1)) < 0.4, across, _units(rng, n) * extent)
-    return _Aim(spec, target, d, unit)

@@ -215,7 +215,7 @@ class Place:
     def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
         """Turn an error from within the block into one at this place.
 
-        Our errors begin with the argument: if `keys` has it, the key and what to add to the text stand there instead.
+        Our errors begin with the argument: if `keys` has it, its key stands there instead, and what to add to numbers.
         """
         try:
             yield
@@ -225,7 +225,7 @@ class Place:
             argument, _, problem = str(error).partition(": ")
             if keys and argument in keys:
                 key, addition = keys[argument]
-                raise (self / key).error(problem + addition) from error
+                raise (self / key).error(problem + (addition if re.search(r"\d", problem) else "")) from error
             raise self.error(error) from error
 
     def file(self, name: str) -> Path:

@@ -69,8 +69,22 @@ class Run:
             What the sensor measured; ``scan.point_cloud(**run.cloud)`` are its points as the configuration wants them.
         """
         frame = self.frames.start if frame is None else frame
-        time = frame / self.lidar.pattern.rate
-        return self.lidar.scan(self.scene, self.pose, time=time, frame=frame, seed=self.seed)
+        return self.lidar.scan(self.scene, self.pose, time=self.time(frame), frame=frame, seed=self.seed)
+
+    def time(self, frame: int) -> float:
+        """Return the time at which a frame starts.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+
+        Returns
+        -------
+        float
+            Time since frame 0 started, s.
+        """
+        return frame / self.lidar.pattern.rate
 
 
 def load(path: Path, overrides: Sequence[str]) -> Run:

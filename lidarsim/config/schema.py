@@ -21,6 +21,7 @@ from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
 from lidarsim import patterns, shapes
+from lidarsim._validation import pose as rigid
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
 from lidarsim.measurement import Measurement
@@ -66,12 +67,17 @@ class Model(BaseModel):
     def _suggest(cls, value: object) -> object:
         for key in value if isinstance(value, dict) else ():
             if key not in cls.model_fields:
-                near = difflib.get_close_matches(key, cls.model_fields, n=3)
+                near = difflib.get_close_matches(key, cls.model_fields)
                 hint = (
                     f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(cls.model_fields)}"
                 )
                 raise PydanticCustomError("unknown_key", "unknown key; {hint}", {"key": key, "hint": hint})
         return value
+
+
+def _in_si(value: float | list[Any], unit: str) -> float | Floats:
+    converted = UNITS[unit][1](np.asarray(value, dtype=np.float64))
+    return converted if isinstance(value, list) else float(converted)
 
 
 def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], place: Place, **more: object) -> T:
@@ -89,7 +95,7 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
         name, unit = key, next((unit for unit in UNITS if key.endswith(f"_{unit}")), None)
         if unit:
             name = key.removesuffix(f"_{unit}")
-            value = None if value is None else UNITS[unit][1](np.asarray(value, dtype=np.float64))[()]
+            value = None if value is None else _in_si(value, unit)
         if name in key_of:
             raise (place / key).error(f"given already as {key_of[name][0]}")
         arguments[name] = value
@@ -166,21 +172,26 @@ class Waypoint(Placement):
 class Pose(Placement):
     """A placement, which may go on at a constant twist from time 0."""
 
-    linear_m_per_s: Vector | None = None
-    angular_deg_per_s: Vector | None = None
+    linear_m_per_s: Vector = [0.0, 0.0, 0.0]
+    angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
 
 
 def build_pose(value: Pose | list[Waypoint], place: Place) -> Floats | Trajectory:
     """Return the pose, or the trajectory if it moves."""
     if isinstance(value, list):
-        poses = [waypoint.to_matrix(place / index) for index, waypoint in enumerate(value)]
+        poses = [_rigid(waypoint, place / index) for index, waypoint in enumerate(value)]
         with place.refusals():
             return Trajectory([waypoint.time_s for waypoint in value], poses)
-    matrix = value.to_matrix(place)
-    if value.linear_m_per_s is None and value.angular_deg_per_s is None:
-        return matrix
-    still = {"linear": np.zeros(3), "angular": np.zeros(3)}
-    return construct(Trajectory.from_twist, value, ["linear_m_per_s", "angular_deg_per_s"], place, pose=matrix, **still)
+    matrix = _rigid(value, place)
+    if any(value.linear_m_per_s) or any(value.angular_deg_per_s):
+        with place.refusals():
+            return Trajectory.from_twist(matrix, value.linear_m_per_s, np.radians(value.angular_deg_per_s))
+    return matrix
+
+
+def _rigid(placement: Placement, place: Place) -> Floats:
+    with place.refusals({"matrix": ("matrix", "")}):
+        return rigid("matrix", placement.to_matrix(place))
 
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from typing import BinaryIO
+from zipfile import ZipFile
 
 import numpy as np
 
@@ -11,8 +12,11 @@ from lidarsim.pointcloud import Fields, register_format
 
 
 def save(fields: Fields, file: BinaryIO) -> None:
-    """Write the fields, uncompressed."""
-    np.savez(file, allow_pickle=False, **fields)
+    """Write the fields, uncompressed; unlike `numpy.savez`, whatever their names are."""
+    with ZipFile(file, "w") as archive:
+        for name, array in fields.items():
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                np.lib.format.write_array(entry, array, allow_pickle=False)
 
 
 def load(file: BinaryIO) -> Fields:

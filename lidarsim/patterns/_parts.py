@@ -33,6 +33,19 @@ def frozen(values: Floats) -> Floats:
     return copy
 
 
+def rings(name: str, count: int, *, at_least: int = 1) -> int:
+    """Return the number of rings that the argument `name` gives, after checking that each can have its uint16."""
+    if not at_least <= count <= 1 << 16:
+        raise ValueError(f"{name}: expected {at_least} to 65536 of them, got {count}")
+    return count
+
+
+def unit(vectors: Floats) -> Floats:
+    """Return non-zero vectors, of shape (n, 3), divided by their lengths, which may be beyond the range of a square."""
+    largest = np.abs(vectors).max(axis=-1, keepdims=True, initial=0.0)
+    return joined(*(vectors / largest).T)
+
+
 def joined(x: Floats, y: Floats, z: Floats, *, unit: bool = True) -> Floats:
     """Return the vectors, of shape (..., 3), with the given components, divided by their lengths if `unit` is set."""
     length = np.sqrt(x * x + y * y + z * z) if unit else 1.0

@@ -67,5 +67,16 @@ class Pattern(Protocol):
         ...
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0)."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order.
+        """
         ...

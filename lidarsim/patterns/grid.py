@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, integer, real
-from lidarsim.patterns._parts import directions_of, frozen
+from lidarsim.patterns._parts import directions_of, frozen, rings
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -56,6 +56,7 @@ class Grid:
         set_ = object.__setattr__
         set_(self, "azimuths", frozen(array("azimuths", azimuths, ("columns",))))
         set_(self, "elevations", frozen(array("elevations", elevations, ("rings",))))
+        rings("elevations", len(self.elevations), at_least=0)
         set_(self, "rate", real("rate", rate, above=0.0))
         longest = 1.0 / self.rate / max(len(self.azimuths), 1)
         set_(self, "column_period", real("column_period", column_period, at_least=0.0, at_most=longest))
@@ -66,18 +67,29 @@ class Grid:
         return len(self.elevations), len(self.azimuths)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a frame, the same for each `frame` (>= 0): column by column, ring by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         integer("frame", frame, at_least=0)
         return self._pulses
 
     @cached_property
     def _pulses(self) -> Pulses:
-        rings, columns = self.shape
-        column = np.repeat(np.arange(columns, dtype=np.uint32), rings)
+        rows, columns = self.shape
+        column = np.repeat(np.arange(columns, dtype=np.uint32), rows)
         return Pulses(
             directions=directions_of(self.azimuths[:, None], self.elevations).reshape(-1, 3),
-            origins=np.zeros((rings * columns, 3)),
+            origins=np.zeros((rows * columns, 3)),
             time=column.astype(np.float64) * self.column_period,
-            ring=np.tile(np.arange(rings, dtype=np.uint16), columns),
+            ring=np.tile(np.arange(rows, dtype=np.uint16), columns),
             column=column,
         )

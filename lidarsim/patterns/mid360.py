@@ -61,17 +61,29 @@ class Mid360:
         return 4, math.ceil(TICK_RATE / Fraction(self.rate))
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; beams that fire together by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         ticks = Ticks.of(frame, TICK_RATE, self.rate)
-        fast = TURN * ticks.turns(FAST)
-        slow = TURN * ticks.turns(SLOW)
+        psi = TURN * ticks.turns(FAST)
+        phi = np.exp(1j * TURN * ticks.turns(SLOW))
+        rising = np.cumprod(np.broadcast_to(phi[:, None], (ticks.count, 10)), axis=1)
+        harmonics = np.hstack([rising[:, 7::-1].conj(), np.ones((ticks.count, 1)), rising])
         beam = np.array([-1.5, -0.5, 0.5, 1.5])[:, None]
-        harmonics = np.exp(1j * np.outer(slow, np.arange(-8, 11)))
         vectors = np.zeros((ticks.count, 4, 3))
         for (power, multiple), coefficients in _COEFFICIENTS.items():
-            term = np.exp(1j * multiple * fast)[:, None] * (harmonics @ coefficients)
+            term = np.exp(1j * multiple * psi)[:, None] * (harmonics @ coefficients)
             vectors += term.real[:, None, :] * beam**power
-        return fired_together(turned(vectors, -fast[:, None]), ticks.time)
+        return fired_together(turned(vectors, -psi[:, None]), ticks.time)
 
 
 def _table() -> dict[tuple[int, int], np.ndarray[tuple[int, int], np.dtype[np.complex128]]]:

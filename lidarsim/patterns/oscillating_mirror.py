@@ -71,7 +71,18 @@ class OscillatingMirror:
         return 1, math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order.
+        """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         azimuth = 0.5 * self.field_of_view * self._swing(ticks.turns(self.scan_rate))
         return fired_together(directions_of(azimuth[:, None], np.zeros(1)), ticks.time)

@@ -64,7 +64,18 @@ class Palmer:
         return 1, math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order.
+        """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         angle = TURN * ticks.turns(self.scan_rate)[:, None]
         across = math.sin(self.half_angle)

@@ -10,7 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, real
-from lidarsim.patterns._parts import Ticks, fired_in_cycles, firing_times_within, frozen, per_channel, used_cycles
+from lidarsim.patterns._parts import (
+    Ticks,
+    fired_in_cycles,
+    firing_times_within,
+    frozen,
+    per_channel,
+    rings,
+    used_cycles,
+)
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -85,11 +93,11 @@ class PolygonMirror:
     ) -> None:
         set_ = object.__setattr__
         set_(self, "elevations", frozen(array("elevations", np.atleast_1d(elevations), ("channels",))))
-        channels = len(self.elevations)
+        channels = rings("elevations", len(self.elevations))
         set_(self, "sweep", real("sweep", sweep, above=0.0))
         set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=self.sweep))
-        set_(self, "line_rate", real("line_rate", line_rate, above=0.0))
         set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
+        set_(self, "line_rate", real("line_rate", line_rate, above=0.0, at_most=self.pulse_rate))
         set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
         set_(self, "azimuth_offsets", per_channel("azimuth_offsets", azimuth_offsets, channels))
         set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
@@ -103,7 +111,18 @@ class PolygonMirror:
         return len(self.elevations), int(lines) * self._used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; channels that fire together by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         now = Ticks.of(frame, self.pulse_rate, self.rate)
         end = now.first + now.count
         per_line = Fraction(self.pulse_rate) / Fraction(self.line_rate)

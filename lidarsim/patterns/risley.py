@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, nonzero_vectors, real
-from lidarsim.patterns._parts import TURN, Ticks, fired_together, frozen, joined
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, frozen, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -71,7 +71,8 @@ class Risley:
     rate : float
         Frames per second, Hz.
     beams : array_like, shape (b, 3), optional
-        Directions of the beams before the first prism. A beam's index here is its ring. Default: one along x.
+        Directions of the beams before the first prism, of any length but 0. A beam's index here is its ring. Default:
+        one along x.
 
     Raises
     ------
@@ -111,7 +112,8 @@ class Risley:
         set_(self, "refractive_index", real("refractive_index", refractive_index, at_least=1.0))
         set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
         set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
-        set_(self, "beams", frozen(nonzero_vectors("beams", array("beams", beams, ("beams", 3)))))
+        set_(self, "beams", frozen(unit(nonzero_vectors("beams", array("beams", beams, ("beams", 3))))))
+        rings("beams", len(self.beams))
         self.pulses()
 
     @property
@@ -120,9 +122,20 @@ class Risley:
         return len(self.beams), math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; beams that fire together by ring."""
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
-        direction = np.broadcast_to(joined(*self.beams.T), (ticks.count, len(self.beams), 3))
+        direction = np.broadcast_to(self.beams, (ticks.count, len(self.beams), 3))
         for prism in self.prisms:
             angle = (TURN * ticks.turns(prism.rotation_rate) + prism.phase)[:, None]
             for tilt, ratio in (

@@ -4,12 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import cast
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, real
-from lidarsim.patterns._parts import TURN, Ticks, fired_in_cycles, firing_times_within, frozen, per_channel, used_cycles
+from lidarsim.patterns._parts import (
+    TURN,
+    Ticks,
+    fired_in_cycles,
+    firing_times_within,
+    frozen,
+    per_channel,
+    rings,
+    used_cycles,
+)
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -96,9 +106,7 @@ class Spinning:
     ) -> None:
         set_ = object.__setattr__
         set_(self, "elevations", frozen(array("elevations", elevations, ("channels",))))
-        channels = len(self.elevations)
-        if not channels:
-            raise ValueError("elevations: expected at least one channel, got none")
+        channels = rings("elevations", len(self.elevations))
         set_(self, "azimuth_offsets", per_channel("azimuth_offsets", azimuth_offsets, channels))
         set_(self, "rate", real("rate", rate, above=0.0))
         if columns is not None and column_period is not None:
@@ -106,33 +114,33 @@ class Spinning:
         if columns is None and column_period is None:
             columns = 1024
         set_(self, "columns", None if columns is None else real("columns", columns, at_least=1.0))
-        set_(
-            self,
-            "column_period",
-            None if column_period is None else real("column_period", column_period, above=0.0, at_most=1.0 / self.rate),
-        )
+        if column_period is not None:
+            column_period = real("column_period", column_period, above=0.0, at_most=1.0 / self.rate)
+        set_(self, "column_period", column_period)
         cycle = 1.0 / (self.columns_per_turn * self.rate)
         set_(self, "firing_times", firing_times_within(cycle, firing_times, channels))
-        set_(
-            self,
-            "beam_origins",
-            per_channel("beam_origins", (0.0, 0.0, 0.0) if beam_origins is None else beam_origins, channels, width=3),
-        )
+        origins = np.zeros(3) if beam_origins is None else beam_origins
+        set_(self, "beam_origins", per_channel("beam_origins", origins, channels, width=3))
         if not isinstance(clockwise, bool | np.bool_):
             raise TypeError(f"clockwise: expected True or False, got {clockwise!r}")
         set_(self, "clockwise", bool(clockwise))
         set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=TURN))
-        ahead = 0.5 if self.clockwise else -0.5
-        set_(
-            self,
-            "start_azimuth",
-            ahead * self.field_of_view if start_azimuth is None else real("start_azimuth", start_azimuth),
-        )
+        if start_azimuth is None:
+            start_azimuth = (0.5 if self.clockwise else -0.5) * self.field_of_view
+        set_(self, "start_azimuth", real("start_azimuth", start_azimuth))
 
     @property
     def columns_per_turn(self) -> float:
-        """Firing cycles a turn, by `columns` or `column_period`."""
-        return self.columns if self.columns is not None else 1.0 / (self.rate * (self.column_period or 1.0))
+        """Firing cycles a turn, by `columns` or `column_period`.
+
+        A whole number where the rounding of `rate` and `column_period` and of their product and quotient, half an ulp
+        each, can have come between.
+        """
+        if self.column_period is None:
+            return cast("float", self.columns)
+        columns = 1.0 / (self.rate * self.column_period)
+        whole = round(columns)
+        return float(whole) if abs(columns - whole) <= 2.0**-51 * columns else columns
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -140,22 +148,17 @@ class Spinning:
         return len(self.elevations), self._used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of turn number `frame` (>= 0).
+        """Return the pulses of a turn.
 
         Parameters
         ----------
         frame : int
-            Turn number.
+            Its number, from 0 on.
 
         Returns
         -------
         Pulses
-            In firing order; pulses that fire together by ring.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `frame` is not a whole number >= 0.
+            In firing order; those that fire together by ring.
         """
         wait = Ticks.of(frame, self.columns_per_turn, 1.0).wait
         return self._turn(wait) if wait else self._even_turn

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, integer, nonzero_vectors, real
 from lidarsim.errors import FileFormatError
-from lidarsim.patterns._parts import directions_of, frozen, joined, per_channel
+from lidarsim.patterns._parts import directions_of, frozen, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -76,7 +76,7 @@ class Table:
         count = len(vectors)
         if not count:
             raise ValueError("directions: expected at least one pulse, got none")
-        set_(self, "directions", frozen(joined(*vectors.T)))
+        set_(self, "directions", frozen(unit(vectors)))
         set_(self, "times", per_channel("times", times, count))
         if (self.times < 0.0).any():
             first = int(np.argmax(self.times < 0.0))
@@ -149,10 +149,21 @@ class Table:
         return int(self.rings.max()) + 1, self._width
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of frame number `frame` (>= 0), in firing order; pulses that fire together by ring."""
-        order, starts = self._frames
-        part = integer("frame", frame, at_least=0) % (len(starts) - 1)
-        chosen = order[starts[part] : starts[part + 1]]
+        """Return the pulses of a frame.
+
+        Parameters
+        ----------
+        frame : int
+            Its number, from 0 on.
+
+        Returns
+        -------
+        Pulses
+            In firing order; those that fire together by ring.
+        """
+        order, frames = self._order
+        part = integer("frame", frame, at_least=0) % (int(frames[-1]) + 1)
+        chosen = order[slice(*np.searchsorted(frames, (part, part + 1)))]
         rings = self.rings[chosen]
         return Pulses(
             directions=self.directions[chosen],
@@ -163,16 +174,19 @@ class Table:
         )
 
     @cached_property
-    def _frames(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """The pulses in firing order, and where each frame starts among them; one start more than there are frames."""
+    def _order(self) -> tuple[npt.NDArray[np.intp], Floats]:
+        """The pulses in firing order, and the frame of each."""
         order = np.lexsort((self.rings, self.times))
-        frame = np.floor(self.times[order] * self.rate)
-        return order, np.searchsorted(frame, np.arange(frame[-1] + 2))
+        return order, np.floor(self.times[order] * self.rate)
 
     @cached_property
     def _width(self) -> int:
         """Most columns of a frame."""
-        return max(int(self.pulses(frame).column.max(initial=0)) for frame in range(len(self._frames[1]) - 1)) + 1
+        if self.columns is not None:
+            return int(self.columns.max()) + 1
+        order, frames = self._order
+        _, counts = np.unique(np.stack([frames, self.rings[order]]), axis=1, return_counts=True)
+        return int(counts.max())
 
 
 def _ranks(rings: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint32]:
@@ -191,7 +205,9 @@ def _indices(name: str, value: npt.ArrayLike, count: int, dtype: type[np.unsigne
     if wrong.any():
         first = int(np.argmax(wrong))
         raise ValueError(f"{name}: expected whole numbers from 0 to {largest}, got {name}[{first}] = {values[first]:g}")
-    return frozen(values).astype(dtype)
+    indices = values.astype(dtype)
+    indices.setflags(write=False)
+    return indices
 
 
 def columns_of(lines: Sequence[str]) -> dict[str, Floats]:

@@ -67,8 +67,10 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
         raise ValueError(
             f"vertices: expected neighbours to differ, got {tuple(points[i].tolist())} for vertices {i} and {(i + 1) % len(points)}"
         )
-    middle = points.mean(axis=0)
-    local = points - middle
+    # A power of two as the unit of length, so that no product overflows or underflows.
+    exponent = int(np.frexp(np.abs(points).max())[1])
+    points = np.ldexp(points, -exponent)
+    local = points - points.mean(axis=0)
     # Newell's normal: the sum of the cross products along the outline, twice the area.
     normal = np.cross(local, np.roll(local, -1, axis=0)).sum(axis=0)
     length = float(np.linalg.norm(normal))
@@ -78,7 +80,8 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
     allowed = _ROUNDINGS * (np.finfo(np.float64).eps / 2) * float(np.abs(points).max())
     if deviation > allowed:
         raise ValueError(
-            f"vertices: expected points of one plane to within rounding ({allowed:.3g} m), got a deviation of {deviation:.3g} m"
+            f"vertices: expected points of one plane to within rounding ({np.ldexp(allowed, exponent):.3g} m),"
+            f" got a deviation of {np.ldexp(deviation, exponent):.3g} m"
         )
     # Seen along the axis nearest to the normal, from the side that keeps left turns left.
     drop = int(np.argmax(np.abs(normal)))

@@ -174,7 +174,12 @@ class TriangleMesh(Shape):
         ValueError
             If its numbers are not those of a mesh.
         """
-        surface = mesh if hasattr(mesh, "regular_faces") else mesh.extract_surface()
+        surface = mesh
+        if not hasattr(mesh, "regular_faces"):
+            try:
+                surface = mesh.extract_surface(algorithm=None)
+            except TypeError:  # before PyVista 0.47 there was only this algorithm, and no argument
+                surface = mesh.extract_surface()
         if not surface.is_all_triangles:
             surface = surface.triangulate()
         return cls(np.asarray(surface.points), surface.regular_faces, transform=transform)

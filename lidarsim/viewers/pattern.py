@@ -29,8 +29,8 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     """Draw the scan pattern of a sensor: azimuth and elevation, and its footprint on a plane, coloured by time.
 
     The plane is a wall 10 m ahead; of a sensor that looks all around, the ground 2 m below; of an airborne scanner's
-    mirror, the ground under an aircraft at 100 m and 60 m/s. A sensor that looks all around and never down is drawn at a
-    range of 10 m instead, and one whose elevations are all the same with azimuth over time.
+    mirror, the ground under an aircraft at 100 m and 60 m/s. A sensor that looks all around and never down is drawn at
+    a range of 10 m instead, and one whose elevations are all the same with azimuth over time.
 
     Parameters
     ----------

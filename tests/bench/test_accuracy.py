@@ -9,7 +9,8 @@ from decimal import Decimal
 import numpy as np
 import pytest
 
-from lidarsim.bench import accuracy, cases
+from lidarsim import bench
+from lidarsim.bench import accuracy, adversarial, cases
 from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 SPHERE = cases.Spec("Sphere", ((0.0, 0.0, 0.0), 1.0))
@@ -50,8 +51,8 @@ def test_a_wrong_primitive_is_found():
     spec = cases.Spec("TriangleMesh", (vertices, faces))
     origins, directions = cases.leak_rays(vertices, faces, np.zeros(3), np.random.default_rng(0))
     hits = spec.build().cast(origins, directions)
-    assert judge_cast(spec, origins, directions, hits.t, hits.primitive_id).wrong == 0
-    assert judge_cast(spec, origins, directions, hits.t, hits.primitive_id + 1).other == len(origins)
+    assert judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id).wrong == 0
+    assert judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id + 1).other == len(origins)
 
 
 @pytest.mark.parametrize(
@@ -101,7 +102,7 @@ def test_peers_agree_on_easy_rays():
     origins = rng.normal(size=(40, 3)) * 3
     directions = rng.uniform(-0.3, 0.3, (40, 3)) - origins
     asked = 0
-    for spec in cases._basic().values():
+    for spec in cases.basic_specs().values():
         want = accuracy.ENGINES["lidarsim"](spec, origins, directions)
         for name, engine in engines.items():
             t = engine(spec, origins, directions)
@@ -119,9 +120,9 @@ def test_peers_agree_on_easy_rays():
 
 def test_random_rays_are_judged():
     lines = []
-    verdicts = accuracy.measure_random(80 * len(cases.KINDS), 3, lines.append)
-    assert list(verdicts) == list(cases.KINDS)
-    assert len(lines) == len(cases.KINDS)
+    verdicts = accuracy.measure_random(80 * len(adversarial.KINDS), 3, lines.append)
+    assert list(verdicts) == list(adversarial.KINDS)
+    assert len(lines) == len(adversarial.KINDS)
     for verdict in verdicts.values():
         assert (verdict.rays, verdict.wrong) == (80, 0), verdict.first
         assert verdict.worst <= 2, verdict.first
@@ -130,8 +131,16 @@ def test_random_rays_are_judged():
 def test_command_writes_the_report(tmp_path, capsys, monkeypatch):
     few = cases.hard_cases()[:3]
     monkeypatch.setattr(cases, "hard_cases", lambda: few)
-    assert accuracy.main(["--random", "80", "-o", str(tmp_path / "out")]) == 0
+    assert bench.main(["--accuracy", "--random", "80", "-o", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert (tmp_path / "out" / "accuracy.md").read_text(encoding="utf-8") in printed
     assert "cases" in json.loads((tmp_path / "out" / "accuracy.json").read_text(encoding="utf-8"))
     assert "TriangleMesh: 10 rays" in printed
+
+
+def test_command_fails_if_lidarsim_errs(capsys, monkeypatch):
+    few = cases.hard_cases()[:3]
+    monkeypatch.setattr(cases, "hard_cases", lambda: few)
+    monkeypatch.setitem(accuracy.ENGINES, "lidarsim", lambda _, origins, __: np.ones(len(origins)))
+    assert bench.main(["--accuracy"]) == 1
+    assert "| plane, grazing" in capsys.readouterr().out

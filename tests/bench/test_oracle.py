@@ -12,7 +12,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from lidarsim.bench import cases, oracle
+from lidarsim.bench import adversarial, cases, oracle
 from lidarsim.bench.oracle import Ray, Surd
 
 
@@ -113,7 +113,7 @@ def test_quadrics_against_mpmath(kind):
     rng = np.random.default_rng(3)
     checked = 0
     for _ in range(12):
-        case = cases.random_case(rng, kind, 25)
+        case = adversarial.random_case(rng, kind, 25)
         if case.spec.transform is not None:
             continue
         center, radii, *turn = case.spec.args
@@ -159,7 +159,7 @@ def test_triangles_against_rationals():
     rng = np.random.default_rng(4)
     hits = misses = 0
     for _ in range(20):
-        case = cases.random_case(rng, "Triangle", 40)
+        case = adversarial.random_case(rng, "Triangle", 40)
         if case.spec.transform is None:
             got = oracle.roots(case.spec.judge(), case.origins, case.directions)
             for o, d, surds in zip(case.origins, case.directions, got, strict=True):
@@ -208,7 +208,7 @@ def test_cylinder_against_its_definition(capped):
     rng = np.random.default_rng(7)
     checked = 0
     for _ in range(10):
-        case = cases.random_case(rng, "Cylinder", 30)
+        case = adversarial.random_case(rng, "Cylinder", 30)
         start, end, radius, _ = case.spec.args
         shape = oracle.Cylinder(start, end, radius, capped)
         for o, d in zip(case.origins.tolist(), case.directions.tolist(), strict=True):

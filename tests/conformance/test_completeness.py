@@ -12,7 +12,7 @@ from numpydoc.docscrape import NumpyDocString
 
 import lidarsim as ls
 from lidarsim import shapes
-from lidarsim.bench import cases, oracle
+from lidarsim.bench import adversarial, cases, oracle
 
 SHAPES = [
     thing for name in shapes.__all__ if issubclass(thing := getattr(shapes, name), ls.Shape) and thing is not ls.Shape
@@ -84,7 +84,7 @@ def test_takes_a_transform_everywhere(shape):
 def test_has_a_sample_an_oracle_and_hard_cases(shape):
     assert shape.__name__ in {sample.shape for sample in SAMPLES}
     assert issubclass(getattr(oracle, shape.__name__), oracle.Shape)
-    assert shape.__name__ in cases.KINDS
+    assert shape.__name__ in adversarial.KINDS
     assert sum(case.spec.kind.partition(".")[0] == shape.__name__ for case in cases.hard_cases()) >= 5
 
 

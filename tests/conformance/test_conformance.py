@@ -25,6 +25,14 @@ TURNS = [
 NORMAL_TOLERANCE = 2.0**-50
 
 
+@pytest.fixture(autouse=True, params=["scalar", "avx2", "avx512"])
+def isa(request, instruction_sets, monkeypatch):
+    """Run everything here on every instruction set."""
+    if request.param not in instruction_sets:
+        pytest.skip(f"this machine has no {request.param}")
+    monkeypatch.setenv("LIDARSIM_ISA", request.param)
+
+
 def lattice_rays(seed=0, n=300):
     """Rays on multiples of 1/8, so that sums and products with the samples' numbers are exact and many rays touch."""
     rng = np.random.default_rng(seed)
@@ -65,7 +73,7 @@ def test_agrees_with_the_oracle(sample, rays):
     hits = shape.cast(origins, directions)
     assert_mixed(hits)
     for verdict in (
-        judge_cast(sample.spec(), origins, directions, hits.t, hits.primitive_id),
+        judge_cast(sample.spec(), origins, directions, hits.t, primitives=hits.primitive_id),
         judge_roots(sample.spec(), origins, directions, shape.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first
@@ -84,7 +92,7 @@ def test_transform_is_exact(sample, name):
     hits = shape.cast(origins, directions)
     assert hits.hit.sum() >= 15
     for verdict in (
-        judge_cast(spec, origins, directions, hits.t, hits.primitive_id),
+        judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id),
         judge_roots(spec, origins, directions, shape.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first

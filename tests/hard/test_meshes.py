@@ -21,7 +21,7 @@ def judged(vertices, faces, origins, directions):
     mesh = spec.build()
     hits = mesh.cast(origins, directions)
     for verdict in (
-        judge_cast(spec, origins, directions, hits.t, hits.primitive_id),
+        judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id),
         judge_roots(spec, origins, directions, mesh.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first

@@ -77,7 +77,7 @@ def test_any_shape_any_ray(kind):
         shape = spec.build()
         hits = shape.cast(origins, directions)
         for verdict in (
-            judge_cast(spec, origins, directions, hits.t, hits.primitive_id),
+            judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id),
             judge_roots(spec, origins, directions, shape.roots(origins, directions)),
         ):
             assert verdict.wrong == 0, verdict.first
@@ -123,5 +123,5 @@ def test_any_star_shaped_polygon(points, seed):
     directions = targets - origins
     assume(directions.any(axis=1).all())
     hits = spec.build().cast(origins, directions)
-    verdict = judge_cast(spec, origins, directions, hits.t, hits.primitive_id)
+    verdict = judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id)
     assert (verdict.wrong, verdict.worst <= 1) == (0, True), verdict.first

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 import re
@@ -10,6 +11,7 @@ import sys
 
 import numpy as np
 import pytest
+from conformance.samples import SAMPLES, Move
 
 import lidarsim as ls
 from lidarsim.bench import cases, oracle
@@ -37,10 +39,10 @@ def judged(specs, origins, directions, t_min=0.0, t_max=math.inf):
 
 def random_specs(rng, count, spread=8.0):
     """Shapes of every kind, overlapping, some of them moved."""
-    basic = list(cases._basic().values())[1:]
+    basic = list(cases.basic_specs().values())[1:]
     for _ in range(count):
         matrix = np.eye(4)
-        matrix[:3, :3] = cases._rotations(1, int(rng.integers(1 << 30)))[0] * rng.uniform(0.2, 2, 3)
+        matrix[:3, :3] = cases.rotations(1, int(rng.integers(1 << 30)))[0] * rng.uniform(0.2, 2, 3)
         matrix[:3, 3] = rng.uniform(-spread, spread, 3)
         yield basic[rng.integers(len(basic))], matrix
 
@@ -113,7 +115,7 @@ def test_tie_of_irrational_roots_goes_to_the_lowest_object():
     # the same ball four times over, by other arithmetic each time, and one that is larger by an ulp
     doubled = np.diag([2.0, 2.0, 2.0, 1.0])
     specs = [
-        (cases.Spec("Ellipsoid", ((0.5, 0.25, 0), (1.5, 1.5, 1.5), cases._rotations(1, 0)[0])), None),
+        (cases.Spec("Ellipsoid", ((0.5, 0.25, 0), (1.5, 1.5, 1.5), cases.rotations(1, 0)[0])), None),
         (cases.Spec("Sphere", ((0.25, 0.125, 0), 0.75)), doubled),
         (cases.Spec("Sphere", ((0.5, 0.25, 0), 1.5)), None),
         (cases.Spec("Ellipsoid", ((0.5, 0.25, 0), (1.5, 1.5, 1.5))), None),
@@ -174,6 +176,35 @@ def test_empty_scene_and_no_rays_are_legal():
     assert len(scene.cast(np.empty((0, 3)), np.empty((0, 3)))) == 0
 
 
+def test_whole_scene_moved_and_scaled_by_powers_of_two_keeps_every_bit():
+    rng = np.random.default_rng(16)
+    places = [Move(shift=np.array(shift)) for shift in itertools.product((-2.0, 0.0, 2.0), repeat=3)]
+    origins = rng.integers(-40, 41, (400, 3)) / 8
+    directions = rng.integers(-24, 25, (400, 3)) / 8 - origins
+    directions[~directions.any(axis=1)] = (1, 0, 0)
+
+    def cast(move):
+        scene = ls.Scene()
+        for number, place in enumerate(places):
+            sample = SAMPLES[number % len(SAMPLES)]
+            scene.add(sample.build(Move(scale=move.scale, shift=move.point(place.shift))))
+        return scene.cast(move.point(origins), move.vector(directions))
+
+    still = cast(Move())
+    assert still.hit.sum() > 200
+    assert len(set(still.object_id.tolist())) > 15
+    for move in (
+        Move(shift=np.array((2.0**20, 2.0**21, -(2.0**22)))),
+        Move(shift=np.full(3, 2.0**33)),
+        Move(scale=2.0**-30),
+        Move(scale=2.0**12, shift=np.full(3, 2.0**40)),
+    ):
+        moved = cast(move)
+        for name in ("t", "object_id", "primitive_id"):
+            np.testing.assert_array_equal(getattr(moved, name), getattr(still, name))
+        np.testing.assert_allclose(moved.normal, still.normal, rtol=0, atol=2.0**-50)
+
+
 def test_scene_grows_between_casts():
     scene = ls.Scene()
     ray = ([[0, 0, 0]], [[1, 0, 0]])
@@ -212,7 +243,7 @@ rng = np.random.default_rng(0)
 scene = ls.Scene()
 vertices, faces, _ = cases.closed_meshes()["torus"]
 mesh = ls.TriangleMesh(vertices, faces)
-for spec in cases._basic().values():
+for spec in cases.basic_specs().values():
     scene.add(spec.build())
 for name, matrix in cases.transforms().items():
     scene.add(mesh, transform=matrix)
@@ -224,9 +255,9 @@ hits = scene.cast(origins, directions)
 assert 5000 < hits.hit.sum()
 for array in (hits.t, hits.object_id, hits.primitive_id, hits.normal):
     digest.update(array.tobytes())
-for spec in cases._basic().values():
+for spec in cases.basic_specs().values():
     digest.update(spec.build().roots(origins[:3000], directions[:3000]).tobytes())
-print(digest.hexdigest(), ls._native.threads())
+print(digest.hexdigest(), ls._native.threads(), ls._native.isa())
 """
 
 
@@ -235,14 +266,22 @@ def run(**variables):
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM], env=environment, capture_output=True, text=True, check=True, timeout=300
     )
-    digest, threads = done.stdout.split()
-    return digest, int(threads)
+    return done.stdout.split()
 
 
-def test_same_bits_on_any_number_of_threads():
-    runs = {n: run(LIDARSIM_THREADS=str(n)) for n in (1, 2, 7)}
-    assert {n: threads for n, (_, threads) in runs.items()} == {1: 1, 2: 2, 7: 7}
-    assert len({digest for digest, _ in runs.values()}) == 1
+def test_same_bits_on_any_number_of_threads_and_instruction_set(instruction_sets):
+    assert "scalar" in instruction_sets
+    wanted = [*(("2", isa) for isa in instruction_sets), ("1", instruction_sets[-1]), ("7", instruction_sets[-1])]
+    runs = [run(LIDARSIM_THREADS=threads, LIDARSIM_ISA=isa) for threads, isa in wanted]
+    assert [(threads, isa) for _, threads, isa in runs] == wanted
+    assert len({digest for digest, _, _ in runs}) == 1
+
+
+def test_unknown_instruction_set(monkeypatch):
+    monkeypatch.setenv("LIDARSIM_ISA", "mmx")
+    message = 'LIDARSIM_ISA: expected scalar, avx2 or avx512, got "mmx"'
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Sphere((0, 0, 0), 1.0).cast([[0, 0, 0]], [[1, 0, 0]])
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork on this system")

@@ -39,7 +39,7 @@ def clouds(draw: st.DrawFn, dtypes: list[str]) -> PointCloud:
     for name in draw(st.sets(st.sampled_from(sorted(CANONICAL)[:-1]))):
         shape, dtype = CANONICAL[name]
         fields[name] = draw(hnp.arrays(dtype, (n, *shape)))
-    for name in draw(st.sets(st.sampled_from(["a", "b_0", "b_1", "rgb", "class_", "Z9"]))):
+    for name in draw(st.sets(st.sampled_from(["a", "b_0", "b_1", "rgb", "class", "file", "allow_pickle"]))):
         shape = draw(st.sampled_from([(), (1,), (2,), (3,), (12,)]))
         fields[name] = draw(hnp.arrays(draw(st.sampled_from(dtypes)), (n, *shape)))
     return PointCloud(fields)

@@ -43,7 +43,7 @@ MODELS = (
     Model("Pandar64", 64, 15.0, -25.0, "hesai-pandar64"),
     Model("PandarQT64", 64, 52.1, -52.1, "hesai-qt64"),
     Model("PandarXT32", 32, 15.0, -16.0, "hesai-xt32"),
-    Model("PandarXT32M", 32, 19.5, -20.8),
+    Model("XT32M2X", 32, 19.5, -20.8, "hesai-xt32m2x"),
     Model("PandarQT128", 128, 52.6, -52.6),
     Model("Pandar128 or OT128", 128, 15.0, -25.0),
     Model("AT128", 128, 12.9, -12.5, "hesai-at128"),
@@ -99,10 +99,11 @@ def read(
             raise ValueError(f"recognised a {model.name}, which is not covered: its firing times are missing")
     lidar = Lidar.preset(model.preset, noise=noise)
     pattern = cast("PolygonMirror | Spinning", lidar.pattern)
-    sense = 1.0 if isinstance(pattern, PolygonMirror) else -1.0
-    changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": sense * np.radians(azimuths)}
+    mirror = isinstance(pattern, PolygonMirror)
+    offsets = np.radians(azimuths if mirror else -azimuths)
+    changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": offsets}
     if rate is not None:
-        changes["rate"] = rate
+        changes |= {"rate": rate, "line_rate": rate} if mirror else {"rate": rate}
     if firing_times is not None:
         with refusals(Path(firing_times), FIRING_TIMES):
             (times,) = _by_channel(Path(firing_times), "fire")
@@ -121,7 +122,7 @@ def refuse_firing_times(path: Path) -> Lidar:
 
 
 def _by_channel(path: Path, *names: str) -> list[Floats]:
-    """Return the columns whose names start with `names`, ordered by the column of channel numbers, which is the first."""
+    """Return the columns whose names start with `names`, ordered by the channel numbers in the first column."""
     lines = path.read_text(encoding="utf-8-sig").splitlines()
     if lines and lines[0].upper().startswith("EEFF"):
         del lines[0]
@@ -133,6 +134,9 @@ def _by_channel(path: Path, *names: str) -> list[Floats]:
         raise ValueError(f"expected each of the channels 1 to {count} once")
     order = np.argsort(channel)
     named = {start: values for start in names for name, values in others if name.startswith(start)}
+    missing = [name for name in names if name not in named]
+    if missing:
+        raise ValueError(f"expected a column that starts with {missing[0]}")
     return [array(name, named[name], (count,))[order] for name in names]
 
 

@@ -78,7 +78,7 @@ def read(path: Path, *, rate: float = 10.0, pulse_rate: float | None = None, noi
     """
     with refusals(path, KIND):
         azimuth, zenith = list(columns_of(path.read_text(encoding="utf-8-sig").splitlines()).values())[1:]
-        azimuth = array("Azimuth/deg", (azimuth + 180.0) % 360.0 - 180.0, ("n",))
+        azimuth = (array("Azimuth/deg", azimuth, ("n",)) + 180.0) % 360.0 - 180.0
         elevation = array("Zenith/deg", 90.0 - zenith, ("n",))
         if pulse_rate is not None:
             name, model = "", Model(0.0, 0.0, 1, real("pulse_rate", pulse_rate, above=0.0))

@@ -85,7 +85,8 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
         if product[:4] not in PRESETS:
             raise ValueError(f"prod_line: expected a product that starts with {', '.join(PRESETS)}, got {product!r}")
         pattern = _pattern(keys, product, mode)
-    return dataclasses.replace(Lidar.preset(PRESETS[product[:4]], noise=noise), pattern=pattern)
+    preset = Lidar.preset(PRESETS[product[:4]], noise=noise)
+    return dataclasses.replace(preset, pattern=pattern, name=f"ouster-{product.lower()}")
 
 
 def _pattern(keys: dict[str, Any], product: str, mode: str | None) -> Spinning:

@@ -9,9 +9,8 @@ vert_offset_correction, Ho = horiz_offset_correction, X to the right and Y to th
     Z = d sin(delta) + Vo cos(delta)
 
 Here x = Y and y = -X. So a laser at rho = 0 leaves (-Vo sin(delta), Ho, Vo cos(delta)), the point of d = 0, and since
-its azimuth is
--rho, rot_correction is its azimuth offset. The corrections of the range (dist_correction, focal_distance and their
-like) turn raw readings into d; they move no point.
+its azimuth is -rho, rot_correction is its azimuth offset. The corrections of the range (dist_correction, focal_distance
+and their like) turn raw readings into d; they move no point.
 
 Source: ros-drivers/velodyne, velodyne_pointcloud/src/lib/rawdata.cc.
 """

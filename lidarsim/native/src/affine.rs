@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use crate::number::{Dyadic, Interval, Number, Uncertain};
+use crate::number::{Ball, DdBall, Dyadic, Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::vector::{self, Point, Vector};
 
@@ -14,23 +14,17 @@ pub struct Affine {
 }
 
 impl Affine {
-    /// None if the map cannot be inverted: the determinant is zero, exactly.
-    pub fn new(linear: [[f64; 3]; 3], offset: Point) -> Option<Self> {
-        let map = Affine { linear, offset };
-        let determinant: Dyadic = Adjugate::of(&map).determinant;
-        match determinant.sign() {
-            Ok(Ordering::Equal) | Err(Uncertain) => None,
-            Ok(_) => Some(map),
-        }
+    /// From the upper rows of a 4×4 homogeneous matrix.
+    pub fn from_rows(m: [[f64; 4]; 3]) -> Self {
+        Affine { linear: m.map(|r| [r[0], r[1], r[2]]), offset: [m[0][3], m[1][3], m[2][3]] }
     }
 
-    /// The rows of `matrix` are those of a 4×4 homogeneous matrix, the last of which is (0, 0, 0, 1).
-    pub fn from_rows(m: [[f64; 4]; 3]) -> Option<Self> {
-        Affine::new(m.map(|r| [r[0], r[1], r[2]]), [m[0][3], m[1][3], m[2][3]])
+    pub fn new(linear: [[f64; 3]; 3], offset: Point) -> Self {
+        Affine { linear, offset }
     }
 
     pub fn is_identity(&self) -> bool {
-        *self == Affine { linear: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], offset: [0.0; 3] }
+        *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
     /// The image of a point, rounded.
@@ -57,34 +51,54 @@ impl Affine {
     }
 }
 
-/// The inverse of an affine map without its division: linear⁻¹ = adjugate/determinant.
+/// The inverse of an affine map, in each kind of [`Number`].
+#[derive(Clone, Debug)]
+pub struct Inverse {
+    pub ball: Adjugate<Ball>,
+    pub dd: Adjugate<DdBall>,
+    pub dyadic: Adjugate<Dyadic>,
+}
+
+impl Inverse {
+    /// None if there is none: the determinant is zero, exactly.
+    pub fn of(map: &Affine) -> Option<Self> {
+        let dyadic = Adjugate::<Dyadic>::of(map, false);
+        let reflects = match dyadic.determinant.sign() {
+            Ok(Ordering::Less) => true,
+            Ok(Ordering::Greater) => false,
+            Ok(Ordering::Equal) | Err(Uncertain) => return None,
+        };
+        Some(Inverse {
+            ball: Adjugate::of(map, reflects),
+            dd: Adjugate::of(map, reflects),
+            dyadic: Adjugate::of(map, reflects),
+        })
+    }
+}
+
+/// The inverse of an affine map without its division: linear⁻¹ = adjugate/determinant. The signs of both are changed where the
+/// determinant is negative.
 #[derive(Clone, Debug)]
 pub struct Adjugate<N> {
     rows: [Vector<N>; 3],
     offset: Vector<N>,
-    /// Positive, after a change of all signs if need be.
     determinant: N,
-    reflects: bool,
 }
 
 impl<N: Number> Adjugate<N> {
-    fn of(map: &Affine) -> Self {
+    fn of(map: &Affine, negate: bool) -> Self {
         let [r0, r1, r2]: [Vector<N>; 3] = map.linear.map(vector::exact);
         // The columns of the adjugate are the cross products of the rows.
         let [c0, c1, c2] = [vector::cross(&r1, &r2), vector::cross(&r2, &r0), vector::cross(&r0, &r1)];
         let determinant = vector::dot(&r0, &c0);
-        let rows = std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]);
-        Adjugate { rows, offset: vector::exact(map.offset), determinant, reflects: false }
-    }
-
-    pub fn new(map: &Affine) -> Result<Self, Uncertain> {
-        let mut inverse = Self::of(map);
-        if inverse.determinant.sign()? == Ordering::Less {
-            inverse.rows = inverse.rows.each_ref().map(vector::negated);
-            inverse.determinant = inverse.determinant.negated();
-            inverse.reflects = true;
+        let rows: [Vector<N>; 3] = std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]);
+        let offset = vector::exact(map.offset);
+        if negate {
+            let rows = rows.each_ref().map(vector::negated);
+            Adjugate { rows, offset, determinant: determinant.negated() }
+        } else {
+            Adjugate { rows, offset, determinant }
         }
-        Ok(inverse)
     }
 
     /// A world ray in the coordinates of the object.
@@ -101,8 +115,8 @@ impl<N: Number> Adjugate<N> {
         }
     }
 
-    /// A normal of the object in world coordinates, times a positive number: linear⁻ᵀ·normal. With the signs of the rows
-    /// changed for a reflection, they are the inverse times |determinant|, and outward stays outward.
+    /// A normal of the object in world coordinates, times a positive number: linear⁻ᵀ·normal. The rows are those of the inverse
+    /// times |determinant|, so that outward stays outward through a reflection.
     pub fn normal(&self, n: &Vector<N>) -> Vector<N> {
         std::array::from_fn(|i| {
             self.rows[0][i].times(&n[0]).plus(&self.rows[1][i].times(&n[1])).plus(&self.rows[2][i].times(&n[2]))

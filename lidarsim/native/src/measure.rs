@@ -10,20 +10,22 @@ use crate::elementary::{exp, first_quadrant_angle, sin_cos};
 use crate::pose::{Path, Pose, cross, dot, sub};
 use crate::rng::{Effect, Stream};
 use crate::scene::{Hit, Scene};
+use crate::simd::{self, Isa, Level, Task};
 use crate::vector::Point;
 
 /// What finds the surfaces.
 pub trait Caster: Sync {
     /// The nearest hit of each ray with t ≥ 0.
-    fn cast(&self, origins: &[Point], directions: &[Point], hits: &mut [Hit]);
+    fn cast(&self, level: Level, origins: &[Point], directions: &[Point], hits: &mut [Hit]);
 
     /// The triangle of a mesh that was hit: its vertices, and where they are in the world.
     fn corners(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])>;
 }
 
 impl Caster for Scene {
-    fn cast(&self, origins: &[Point], directions: &[Point], hits: &mut [Hit]) {
-        Scene::cast(self, origins, directions, 0.0, f64::INFINITY, hits);
+    fn cast(&self, level: Level, origins: &[Point], directions: &[Point], hits: &mut [Hit]) {
+        // The rays are legal: `Frame::check` has seen them.
+        Scene::cast(self, level, origins, directions, (0.0, f64::INFINITY), hits);
     }
 
     fn corners(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])> {
@@ -266,6 +268,7 @@ pub struct Scan<'a, C> {
     measurement: &'a Measurement,
     appearances: &'a [Appearance],
     caster: &'a C,
+    level: Level,
     /// The least power that is detected.
     threshold: Option<f64>,
 }
@@ -312,19 +315,42 @@ impl Echo {
     }
 }
 
+/// The work on some pulses, compiled for each instruction set.
+struct Batch<'a, 'b, 'c, C> {
+    scan: &'b Scan<'a, C>,
+    pulses: Range<usize>,
+    rays: &'b mut Rays,
+    rows: &'b mut Rows<'c>,
+}
+
+impl<C: Caster> Task for Batch<'_, '_, '_, C> {
+    type Output = Result<(), BadPulse>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Self::Output {
+        self.scan.measure_batch(self.pulses, self.rays, self.rows)
+    }
+}
+
 impl<'a, C: Caster> Scan<'a, C> {
     pub fn new(
         frame: &'a Frame<'a>,
         measurement: &'a Measurement,
         appearances: &'a [Appearance],
         caster: &'a C,
+        level: Level,
     ) -> Self {
         let power = |d: Detection| measurement.intensity(d.reflectivity, 1.0, d.range) / (d.range * d.range);
-        Scan { frame, measurement, appearances, caster, threshold: measurement.detection.map(power) }
+        Scan { frame, measurement, appearances, caster, level, threshold: measurement.detection.map(power) }
     }
 
     /// Measure some pulses, whose rows these are.
     pub fn measure(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
+        simd::dispatch(self.level, Batch { scan: self, pulses, rays, rows })
+    }
+
+    #[inline(always)]
+    fn measure_batch(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
         self.cast(pulses.clone(), rays)?;
         let most = self.measurement.returns.most();
         // Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
@@ -372,6 +398,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         Ok(())
     }
 
+    #[inline(always)]
     fn cast(&self, pulses: Range<usize>, rays: &mut Rays) -> Result<(), BadPulse> {
         let (frame, measurement) = (self.frame, self.measurement);
         frame.check(pulses.clone())?;
@@ -407,7 +434,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             }
         }
         rays.hits.resize(rays.origins.len(), Hit::MISS);
-        self.caster.cast(&rays.origins, &rays.directions, &mut rays.hits);
+        self.caster.cast(self.level, &rays.origins, &rays.directions, &mut rays.hits);
         Ok(())
     }
 

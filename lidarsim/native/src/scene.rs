@@ -3,12 +3,14 @@
 use std::cmp::Ordering;
 use std::sync::{Arc, OnceLock};
 
-use crate::affine::{Adjugate, Affine};
+use crate::affine::{Affine, Inverse};
 use crate::bvh::{Bvh, Span, Stack};
-use crate::number::{self, DdBall, Interval, Number, Question, Uncertain};
+use crate::number::{self, Interval, Number, Question, Uncertain};
 use crate::ray::Ray;
 use crate::root::{Root, Roots};
 use crate::shapes::{Simple, Surface, Triangle, TriangleMesh};
+use crate::simd::{self, Level};
+use crate::trace::{Cast, Sink};
 use crate::vector::{self, Point};
 
 /// What an object looks like in its own coordinates.
@@ -22,7 +24,7 @@ pub enum Geometry {
 #[derive(Clone, Debug)]
 pub struct Object {
     pub geometry: Geometry,
-    maps: Vec<Affine>,
+    maps: Vec<(Affine, Arc<Inverse>)>,
     /// A mesh whose triangles are parts of one primitive, as those of a polygon are.
     whole: bool,
 }
@@ -32,26 +34,62 @@ impl Object {
         Object { geometry, maps: Vec::new(), whole }
     }
 
-    /// The object moved by one more map.
-    pub fn moved(&self, map: Affine) -> Self {
+    /// The object moved by one more map; none if that cannot be inverted.
+    pub fn moved(&self, map: Affine) -> Option<Self> {
         let mut object = self.clone();
         if !map.is_identity() {
-            object.maps.push(map);
+            object.maps.push((map, Arc::new(Inverse::of(&map)?)));
         }
-        object
+        Some(object)
     }
 
     /// A triangle of a mesh: its vertices, and where they are in the world, rounded.
     pub fn corners(&self, primitive: u32) -> Option<([u32; 3], [Point; 3])> {
         let Geometry::Mesh(mesh) = &self.geometry else { return None };
         let vertices = *mesh.faces().get(primitive as usize)?;
-        let place = |v: u32| self.maps.iter().fold(mesh.vertices()[v as usize], |p, map| map.place(p));
+        let place = |v: u32| self.maps.iter().fold(mesh.vertices()[v as usize], |p, (map, _)| map.place(p));
         Some((vertices, vertices.map(place)))
     }
 
-    fn local<N: Number>(&self, origin: Point, direction: Point) -> Result<Ray<N>, Uncertain> {
+    #[inline(always)]
+    pub fn is_placed_as_made(&self) -> bool {
+        self.maps.is_empty()
+    }
+
+    /// Whether hits are on triangles in the coordinates of the world.
+    #[inline(always)]
+    pub fn is_plain_triangle(&self) -> bool {
+        self.maps.is_empty() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Simple(Simple::Triangle(_)))
+    }
+
+    /// A triangle of an object that is one or has some.
+    #[inline(always)]
+    pub fn triangle(&self, primitive: u32) -> Triangle {
+        match &self.geometry {
+            Geometry::Mesh(mesh) => mesh.triangle(primitive),
+            Geometry::Simple(Simple::Triangle(triangle)) => *triangle,
+            Geometry::Simple(_) => Triangle([0.0; 3], [0.0; 3], [0.0; 3]),
+        }
+    }
+
+    /// The primitive id that hits report.
+    #[inline(always)]
+    pub fn reported(&self, at: &Place) -> i32 {
+        if self.whole { 0 } else { at.primitive as i32 }
+    }
+
+    #[inline]
+    fn local<N: Number>(&self, origin: Point, direction: Point) -> Ray<N> {
         let ray = Ray::new(origin, direction);
-        self.maps.iter().rev().try_fold(ray, |ray, map| Ok(Adjugate::new(map)?.apply(&ray)))
+        self.maps.iter().rev().fold(ray, |ray, (_, inverse)| N::of_inverse(inverse).apply(&ray))
+    }
+
+    /// Bounds of the ray in the coordinates of the object.
+    pub fn enclose(&self, origin: Point, direction: Point) -> ([Interval; 3], [Interval; 3]) {
+        if self.maps.is_empty() {
+            return (origin.map(Interval::point), direction.map(Interval::point));
+        }
+        number::certify(&Enclose { object: self, origin, direction })
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
@@ -59,7 +97,7 @@ impl Object {
             Geometry::Simple(shape) => shape.bounds()?,
             Geometry::Mesh(mesh) => mesh.bounds()?,
         };
-        let bounds = self.maps.iter().fold(local, |bounds, map| map.image(bounds));
+        let bounds = self.maps.iter().fold(local, |bounds, (map, _)| map.image(bounds));
         Some(bounds.map(|b| Interval {
             low: if b.low.is_nan() { f64::NEG_INFINITY } else { b.low },
             high: if b.high.is_nan() { f64::INFINITY } else { b.high },
@@ -70,6 +108,7 @@ impl Object {
         matches!(&self.geometry, Geometry::Mesh(mesh) if mesh.is_empty())
     }
 
+    #[inline]
     fn roots<N: Number>(&self, primitive: u32, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         match &self.geometry {
             Geometry::Simple(shape) => shape.roots(ray),
@@ -77,40 +116,30 @@ impl Object {
         }
     }
 
-    fn root<N: Number>(&self, at: &Place, origin: Point, direction: Point) -> Result<Root<N>, Uncertain> {
-        let roots = self.roots(at.primitive, &self.local(origin, direction)?)?;
-        let [first, second] = roots;
+    fn root<N: Number>(&self, at: &Place, ray: &Ray<N>) -> Result<Root<N>, Uncertain> {
+        let [first, second] = self.roots(at.primitive, ray)?;
         (if at.index == 0 { first } else { second }).ok_or(Uncertain)
     }
 
     /// The unit normal in the world.
-    fn normal(&self, at: &Place, origin: Point, direction: Point, t: f64) -> Point {
-        let normal = || -> Result<Point, Uncertain> {
-            let ray = self.local::<DdBall>(origin, direction)?;
-            let t = self
-                .root::<DdBall>(at, origin, direction)
-                .and_then(|root| DdBall::of_root(&root))
-                .unwrap_or(DdBall::exact(t));
-            let mut normal = match &self.geometry {
-                Geometry::Simple(shape) => shape.normal(&ray, t, at.feature),
-                Geometry::Mesh(mesh) => mesh.triangle(at.primitive).normal(&ray, t, at.feature),
-            };
-            for map in &self.maps {
-                normal = Adjugate::new(map)?.normal(&normal);
-            }
-            Ok(vector::unit(normal.map(DdBall::value)))
-        };
-        normal().unwrap_or([0.0; 3])
+    pub fn normal(&self, at: &Place, origin: Point, direction: Point) -> Point {
+        vector::unit(number::certify_finely(&Normal { object: self, at, origin, direction }))
     }
 }
 
 /// Which root of which primitive.
 #[derive(Clone, Copy, Debug)]
-struct Place {
-    object: u32,
-    primitive: u32,
+pub struct Place {
+    pub object: u32,
+    pub primitive: u32,
     index: u8,
     feature: u8,
+}
+
+impl Place {
+    pub fn of_triangle(object: u32, primitive: u32) -> Self {
+        Place { object, primitive, index: 0, feature: 0 }
+    }
 }
 
 /// Where a ray first meets the scene.
@@ -137,10 +166,12 @@ pub struct Scene {
 }
 
 #[derive(Clone, Debug)]
-struct Index {
+pub struct Index {
     /// Objects without an end, asked by every ray.
-    unbounded: Vec<u32>,
-    bounded: Bvh,
+    pub unbounded: Vec<u32>,
+    pub bounded: Bvh<Box<[u32]>>,
+    pub only_meshes: bool,
+    size: f64,
 }
 
 impl Scene {
@@ -162,22 +193,37 @@ impl Scene {
         self.index();
     }
 
-    fn index(&self) -> &Index {
+    /// The longest side of the box around all bounded objects.
+    pub fn size(&self) -> f64 {
+        self.index().size
+    }
+
+    pub fn index(&self) -> &Index {
         self.index.get_or_init(|| {
             let bounds: Vec<_> = self.objects.iter().map(Object::bounds).collect();
             let endless = |&i: &usize| bounds[i].is_none() && !self.objects[i].is_empty();
             let unbounded = (0..bounds.len()).filter(endless).map(|i| i as u32).collect();
-            Index { unbounded, bounded: Bvh::new(&bounds) }
+            let side = |i: usize| {
+                let all = bounds.iter().flatten().map(|b| b[i]);
+                all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
+            };
+            let size = side(0).max(side(1)).max(side(2));
+            let only_meshes = self.objects.iter().all(|object| matches!(object.geometry, Geometry::Mesh(_)));
+            Index { unbounded, bounded: Bvh::new(&bounds, |ids| ids.into()), only_meshes, size }
         })
     }
 
     /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes first, then the
-    /// lowest primitive.
-    pub fn cast(&self, origins: &[Point], directions: &[Point], t_min: f64, t_max: f64, hits: &mut [Hit]) {
-        let mut stack = Stack::new();
-        for ((&origin, &direction), hit) in origins.iter().zip(directions).zip(hits) {
-            *hit = Search { scene: self, origin, direction, t_min, t_max, best: None }.run(&mut stack);
-        }
+    /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
+    pub fn cast(
+        &self,
+        level: Level,
+        origins: &[Point],
+        directions: &[Point],
+        (t_min, t_max): (f64, f64),
+        hits: &mut (impl Sink + ?Sized),
+    ) -> bool {
+        simd::dispatch(level, Cast { scene: self, origins, directions, t_min, t_max, hits })
     }
 
     /// Every t, ascending and distinct, at which the line meets the object.
@@ -185,7 +231,8 @@ impl Scene {
         let primitives = self.primitives_on_line(object, origin, direction);
         let mut places: Vec<Place> = Vec::new();
         for primitive in primitives {
-            let found = number::certify(&Candidates { object: &self.objects[object as usize], primitive, origin, direction });
+            let found =
+                number::certify(&Candidates { object: &self.objects[object as usize], primitive, origin, direction });
             for (index, (_, feature)) in found.iter().flatten().enumerate() {
                 places.push(Place { object, primitive, index: index as u8, feature: *feature });
             }
@@ -202,11 +249,11 @@ impl Scene {
         let mut found = Vec::new();
         let mut stack = Stack::new();
         for direction in [direction, direction.map(|x| -x)] {
-            let (o, d) = number::certify(&Enclose { object, origin, direction });
+            let (o, d) = object.enclose(origin, direction);
             let hierarchy = mesh.hierarchy();
             let mut span = Span::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
-            hierarchy.traverse(&mut span, &mut stack, |_, leaf| {
-                found.extend_from_slice(&hierarchy.order[leaf]);
+            hierarchy.traverse(&mut span, &mut stack, |_, block| {
+                found.extend_from_slice(block.ids());
                 f64::INFINITY
             });
         }
@@ -215,23 +262,56 @@ impl Scene {
         found
     }
 
-    fn t(&self, at: &Place, origin: Point, direction: Point) -> f64 {
+    /// t, correctly rounded.
+    pub fn t(&self, at: &Place, origin: Point, direction: Point) -> f64 {
         number::certify_finely(&Rounded { object: &self.objects[at.object as usize], at, origin, direction })
+    }
+
+    pub fn hit(&self, at: &Place, origin: Point, direction: Point) -> Hit {
+        let object = &self.objects[at.object as usize];
+        Hit {
+            t: self.t(at, origin, direction),
+            normal: object.normal(at, origin, direction),
+            object: at.object as i32,
+            primitive: object.reported(at),
+        }
     }
 }
 
 /// The search for the nearest hit of one ray.
-struct Search<'a> {
+#[derive(Clone)]
+pub struct Search<'a> {
     scene: &'a Scene,
-    origin: Point,
-    direction: Point,
-    t_min: f64,
+    pub origin: Point,
+    pub direction: Point,
+    pub t_min: f64,
     t_max: f64,
     best: Option<(Place, Interval)>,
 }
 
-impl Search<'_> {
-    fn run(mut self, stack: &mut Stack) -> Hit {
+impl<'a> Search<'a> {
+    /// A t beyond what float64 holds is a miss.
+    #[inline(always)]
+    pub fn new(scene: &'a Scene, origin: Point, direction: Point, t_min: f64, t_max: f64) -> Self {
+        Search { scene, origin, direction, t_min, t_max: t_max.min(f64::MAX), best: None }
+    }
+
+    #[inline(always)]
+    pub fn best(&self) -> Option<Place> {
+        self.best.map(|(place, _)| place)
+    }
+
+    /// Nothing beyond this t is nearer.
+    #[inline(always)]
+    pub fn limit(&self) -> f64 {
+        match &self.best {
+            Some((_, t)) if t.high < self.t_max => t.high,
+            _ => self.t_max,
+        }
+    }
+
+    /// Searches the whole scene.
+    pub fn run(&mut self, stack: &mut Stack) {
         let index = self.scene.index();
         for &object in &index.unbounded {
             self.consider(object, 0);
@@ -239,7 +319,7 @@ impl Search<'_> {
         let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
         let mut span = Span::new(o, d, index.bounded.center(), self.t_min, self.limit());
         index.bounded.traverse(&mut span, stack, |stack, leaf| {
-            for &object in &index.bounded.order[leaf] {
+            for &object in leaf.iter() {
                 match &self.scene.objects[object as usize].geometry {
                     Geometry::Simple(_) => self.consider(object, 0),
                     Geometry::Mesh(mesh) => self.enter(object, mesh, stack),
@@ -247,69 +327,65 @@ impl Search<'_> {
             }
             self.limit()
         });
-        let Some((at, _)) = self.best else { return Hit::MISS };
-        let object = &self.scene.objects[at.object as usize];
-        let t = self.scene.t(&at, self.origin, self.direction);
-        Hit {
-            t,
-            normal: object.normal(&at, self.origin, self.direction, t),
-            object: at.object as i32,
-            primitive: if object.whole { 0 } else { at.primitive as i32 },
-        }
     }
 
-    /// Nothing beyond this t is nearer.
-    fn limit(&self) -> f64 {
-        self.best.map_or(self.t_max, |(_, t)| t.high.min(self.t_max))
-    }
-
-    fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let object = &self.scene.objects[id as usize];
-        let (o, d) = if object.maps.is_empty() {
-            (self.origin.map(Interval::point), self.direction.map(Interval::point))
-        } else {
-            number::certify(&Enclose { object, origin: self.origin, direction: self.direction })
-        };
+    /// Searches one mesh.
+    pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
+        let (o, d) = self.scene.objects[id as usize].enclose(self.origin, self.direction);
         let hierarchy = mesh.hierarchy();
-        let filter = Filter::new(o, d);
         let mut span = Span::new(o, d, hierarchy.center(), self.t_min, self.limit());
-        hierarchy.traverse(&mut span, stack, |_, leaf| {
-            for &primitive in &hierarchy.order[leaf] {
-                if !filter.surely_misses(&mesh.triangle(primitive)) {
-                    self.consider(id, primitive);
-                }
+        hierarchy.traverse(&mut span, stack, |_, block| {
+            for &primitive in block.ids() {
+                self.consider(id, primitive);
             }
             self.limit()
         });
     }
 
     /// Keeps the primitive's first hit in range if it is the nearest so far.
-    fn consider(&mut self, id: u32, primitive: u32) {
+    pub fn consider(&mut self, id: u32, primitive: u32) {
         let (origin, direction) = (self.origin, self.direction);
         let object = &self.scene.objects[id as usize];
         let found = number::certify(&Candidates { object, primitive, origin, direction });
         for (index, &(t, feature)) in found.iter().flatten().enumerate() {
-            let at = Place { object: id, primitive, index: index as u8, feature };
-            // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
-            let rounded = || self.scene.t(&at, origin, direction);
-            if t.high < self.t_min || (t.low < self.t_min && rounded() < self.t_min) {
-                continue;
-            }
-            if t.low > self.limit() || (t.high > self.t_max && rounded() > self.t_max) {
+            if self.takes(Place { object: id, primitive, index: index as u8, feature }, t) {
                 return;
             }
-            if self.best.as_ref().is_none_or(|(best, bounds)| {
-                t.high < bounds.low
-                    || match number::certify(&Compare { scene: self.scene, a: &at, b: best, origin, direction }) {
-                        Ordering::Less => true,
-                        Ordering::Equal => (id, primitive) < (best.object, best.primitive),
-                        Ordering::Greater => false,
-                    }
-            }) {
-                self.best = Some((at, t));
-            }
+        }
+    }
+
+    /// Keeps the only hit of a primitive, within bounds of t, if it is in range and the nearest so far.
+    #[inline(always)]
+    pub fn offer(&mut self, at: Place, t: Interval) {
+        if t.low > self.limit() || t.high < self.t_min {
             return;
         }
+        self.takes(at, t);
+    }
+
+    /// As `offer`; tells whether t ≥ t_min, so that later hits of the same primitive are of no interest.
+    fn takes(&mut self, at: Place, t: Interval) -> bool {
+        let (origin, direction) = (self.origin, self.direction);
+        // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
+        let rounded = || self.scene.t(&at, origin, direction);
+        if t.high < self.t_min || (t.low < self.t_min && rounded() < self.t_min) {
+            return false;
+        }
+        if t.low > self.limit() || (t.high > self.t_max && rounded() > self.t_max) {
+            return true;
+        }
+        let nearer = self.best.as_ref().is_none_or(|(best, bounds)| {
+            t.high < bounds.low
+                || match number::certify(&Compare { scene: self.scene, a: &at, b: best, origin, direction }) {
+                    Ordering::Less => true,
+                    Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
+                    Ordering::Greater => false,
+                }
+        });
+        if nearer {
+            self.best = Some((at, t));
+        }
+        true
     }
 }
 
@@ -326,7 +402,7 @@ impl Question for Candidates<'_> {
 
     #[inline]
     fn ask<N: Number>(&self) -> Result<Self::Answer, Uncertain> {
-        let roots = self.object.roots::<N>(self.primitive, &self.object.local(self.origin, self.direction)?)?;
+        let roots = self.object.roots::<N>(self.primitive, &self.object.local(self.origin, self.direction))?;
         let mut found = [None; 2];
         for (found, root) in found.iter_mut().zip(roots.iter().flatten()) {
             *found = Some((N::enclose(root)?, root.feature));
@@ -347,7 +423,10 @@ impl Question for Compare<'_> {
     type Answer = Ordering;
 
     fn ask<N: Number>(&self) -> Result<Ordering, Uncertain> {
-        let root = |at: &Place| self.scene.objects[at.object as usize].root::<N>(at, self.origin, self.direction);
+        let root = |at: &Place| {
+            let object = &self.scene.objects[at.object as usize];
+            object.root::<N>(at, &object.local(self.origin, self.direction))
+        };
         N::compare(&root(self.a)?, &root(self.b)?)
     }
 }
@@ -363,7 +442,30 @@ impl Question for Rounded<'_> {
     type Answer = f64;
 
     fn ask<N: Number>(&self) -> Result<f64, Uncertain> {
-        N::round(&self.object.root::<N>(self.at, self.origin, self.direction)?)
+        N::round(&self.object.root::<N>(self.at, &self.object.local(self.origin, self.direction))?)
+    }
+}
+
+/// A normal at a hit, of ordinary length.
+struct Normal<'a> {
+    object: &'a Object,
+    at: &'a Place,
+    origin: Point,
+    direction: Point,
+}
+
+impl Question for Normal<'_> {
+    type Answer = Point;
+
+    fn ask<N: Number>(&self) -> Result<Point, Uncertain> {
+        let Object { geometry, maps, .. } = self.object;
+        let ray = self.object.local::<N>(self.origin, self.direction);
+        let t = N::value(&self.object.root(self.at, &ray)?)?;
+        let local = match geometry {
+            Geometry::Simple(shape) => shape.normal(&ray, &t, self.at.feature),
+            Geometry::Mesh(mesh) => mesh.triangle(self.at.primitive).normal(&ray, &t, self.at.feature),
+        };
+        N::proportions(&maps.iter().fold(local, |normal, (_, inverse)| N::of_inverse(inverse).normal(&normal)))
     }
 }
 
@@ -378,54 +480,6 @@ impl Question for Enclose<'_> {
     type Answer = ([Interval; 3], [Interval; 3]);
 
     fn ask<N: Number>(&self) -> Result<Self::Answer, Uncertain> {
-        self.object.local::<N>(self.origin, self.direction)?.enclose()
-    }
-}
-
-/// A quick float64 test that rules out most triangles of a leaf.
-struct Filter {
-    origin: Point,
-    direction: Point,
-    /// Bounds of the errors of origin and direction, and 1-norm of the direction.
-    origin_error: f64,
-    direction_error: f64,
-    length: f64,
-}
-
-impl Filter {
-    fn new(origin: [Interval; 3], direction: [Interval; 3]) -> Self {
-        let middle = |x: Interval| if x.low == x.high { x.low } else { 0.5 * x.low + 0.5 * x.high };
-        let error = |v: [Interval; 3]| v.iter().fold(0.0_f64, |e, x| e.max(x.high - x.low));
-        let d = direction.map(middle);
-        Filter {
-            origin: origin.map(middle),
-            direction: d,
-            origin_error: error(origin),
-            direction_error: error(direction),
-            length: d[0].abs() + d[1].abs() + d[2].abs(),
-        }
-    }
-
-    /// Whether two of the signs of `Triangle` differ beyond all rounding.
-    ///
-    /// With m the largest coordinate of a, b, c, each off by at most δ = u·m + ε, a minor of two of them is off by at most
-    /// 4mδ + 2δ² + 3u·m² + …, so by less than 8m(u·m + ε) while ε ≤ m; the sum of three products with d adds 4u·2m² a unit of |d|₁, and
-    /// the error of d 2m² times 3 of it. All in all less than m·(|d|₁·(16u·m + 8ε) + 6m·ε_d), doubled here for the roundings of the
-    /// bound and ε > m (then the bound exceeds every sign).
-    #[inline(always)]
-    fn surely_misses(&self, triangle: &Triangle) -> bool {
-        let relative = |v: Point| [v[0] - self.origin[0], v[1] - self.origin[1], v[2] - self.origin[2]];
-        let (a, b, c) = (relative(triangle.0), relative(triangle.1), relative(triangle.2));
-        let d = self.direction;
-        let volume = |p: Point, q: Point| {
-            d[0] * (p[1] * q[2] - p[2] * q[1]) + d[1] * (p[2] * q[0] - p[0] * q[2]) + d[2] * (p[0] * q[1] - p[1] * q[0])
-        };
-        let (u, v, w) = (volume(c, b), volume(a, c), volume(b, a));
-        let m = [a, b, c].iter().flatten().fold(self.origin_error, |m, x| m.max(x.abs()));
-        let bound = 2.0
-            * m
-            * (self.length * (16.0 * number::UNIT * m + 8.0 * self.origin_error) + 6.0 * m * self.direction_error)
-            + f64::MIN_POSITIVE;
-        u.min(v).min(w) < -bound && u.max(v).max(w) > bound
+        self.object.local::<N>(self.origin, self.direction).enclose()
     }
 }

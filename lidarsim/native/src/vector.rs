@@ -48,17 +48,9 @@ pub fn negated<N: Number>(a: &Vector<N>) -> Vector<N> {
     [a[0].negated(), a[1].negated(), a[2].negated()]
 }
 
-/// The unit vector along `v`, which may be of any length that float64 holds; zero for zero.
+/// The unit vector along `v`, whose squares neither overflow nor underflow.
+#[inline(always)]
 pub fn unit(v: Point) -> Point {
-    let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
-    if largest == 0.0 || !largest.is_finite() {
-        return [0.0; 3];
-    }
-    // Scaled by a power of two, so that no square overflows or vanishes. The exponent is halved: its negation may not be a float64.
-    let exponent = (largest.to_bits() >> 52) as i64 - 1023;
-    let power = |k: i64| f64::from_bits(((k + 1023) as u64) << 52);
-    let (first, second) = (power(-exponent / 2), power(-exponent - -exponent / 2));
-    let v = v.map(|x| x * first * second);
     let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
     v.map(|x| x / length)
 }

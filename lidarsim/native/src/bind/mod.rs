@@ -9,6 +9,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::parallel;
+use crate::simd::Level;
 use crate::vector::Point;
 
 pub use scene::PyScene;
@@ -16,8 +17,21 @@ pub use shape::PyShape;
 
 pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 
-/// Rays a thread takes at a time.
-pub const CHUNK: usize = 1024;
+/// Rays a thread takes at a time: enough that neighbours can be sorted together, few enough that all threads stay busy and that the
+/// rays and their hits stay in the second cache. Rays whose neighbours point elsewhere are worth sorting in larger numbers.
+pub fn chunk(directions: &[Point]) -> usize {
+    const SAMPLES: usize = 64;
+    let n = directions.len();
+    let apart = |i: usize| {
+        let (a, b) = (directions[i], directions[i + 1]);
+        let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        // More than 30°.
+        dot(a, b) < 0.866 * (dot(a, a) * dot(b, b)).sqrt()
+    };
+    let scattered = n > 1 && (0..SAMPLES).filter(|k| apart(k * (n - 1) / SAMPLES)).count() > SAMPLES / 2;
+    let share = n.div_ceil(if scattered { 1 } else { 4 } * parallel::threads());
+    share.clamp(1 << 10, if scattered { 1 << 16 } else { 1 << 13 })
+}
 
 /// Rays between two looks at pending signals, so that Ctrl-C ends a long cast.
 const SLICE: usize = 1 << 18;
@@ -33,6 +47,7 @@ pub fn register(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;
+    m.add_function(wrap_pyfunction!(isa, m)?)?;
     Ok(())
 }
 
@@ -42,23 +57,45 @@ fn threads() -> usize {
     parallel::threads()
 }
 
+/// The instruction set that casts use: scalar, avx2 or avx512.
+#[pyfunction]
+fn isa() -> PyResult<&'static str> {
+    level().map(Level::name)
+}
+
+/// The instruction set that was asked for, or the best.
+pub fn level() -> PyResult<Level> {
+    Level::asked().map_err(PyValueError::new_err)
+}
+
 /// The rows of a C-contiguous (n, 3) array.
 pub fn points<'a>(name: &str, array: &'a Points<'_>) -> PyResult<&'a [Point]> {
-    let wrong = || PyValueError::new_err(format!("{name}: expected a C-contiguous array of shape (n, 3), got {:?}", array.shape()));
+    let wrong = || {
+        PyValueError::new_err(format!("{name}: expected a C-contiguous array of shape (n, 3), got {:?}", array.shape()))
+    };
     let flat = array.as_slice().map_err(|_| wrong())?;
     if array.shape()[1] == 3 { Ok(flat.as_chunks().0) } else { Err(wrong()) }
 }
 
-/// The rays of two arrays of equal length; names the first that is not finite or has a zero direction.
+/// The rays of two arrays, legal ones.
 pub fn rays<'a>(origins: &'a Points<'_>, directions: &'a Points<'_>) -> PyResult<(&'a [Point], &'a [Point])> {
+    let (o, d) = equal_points(origins, directions)?;
+    legal_rays(o, d)?;
+    Ok((o, d))
+}
+
+/// The rays of two arrays of equal length.
+pub fn equal_points<'a>(origins: &'a Points<'_>, directions: &'a Points<'_>) -> PyResult<(&'a [Point], &'a [Point])> {
     let (o, d) = (points("origins", origins)?, points("directions", directions)?);
-    if o.len() != d.len() {
-        return Err(PyValueError::new_err(format!(
-            "origins, directions: expected arrays of equal length, got {} and {}",
-            o.len(),
-            d.len()
-        )));
+    if o.len() == d.len() {
+        return Ok((o, d));
     }
+    let message = "origins, directions: expected arrays of equal length, got";
+    Err(PyValueError::new_err(format!("{message} {} and {}", o.len(), d.len())))
+}
+
+/// Names the first ray that is not finite or has a zero direction.
+pub fn legal_rays(o: &[Point], d: &[Point]) -> PyResult<()> {
     for (name, vectors) in [("origins", o), ("directions", d)] {
         if let Some(i) = vectors.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
             let j = vectors[i].iter().position(|x| !x.is_finite()).unwrap_or(0);
@@ -69,7 +106,7 @@ pub fn rays<'a>(origins: &'a Points<'_>, directions: &'a Points<'_>) -> PyResult
         }
     }
     match d.iter().position(|v| *v == [0.0; 3]) {
-        None => Ok((o, d)),
+        None => Ok(()),
         Some(i) => Err(PyValueError::new_err(format!(
             "directions: expected non-zero vectors, got directions[{i}] = (0, 0, 0)"
         ))),
@@ -81,11 +118,7 @@ fn python_float(x: f64) -> String {
 }
 
 /// Runs `work` over slices of 0..n without the interpreter lock, and looks for Ctrl-C between them.
-pub fn interruptible(
-    py: Python<'_>,
-    n: usize,
-    mut work: impl FnMut(std::ops::Range<usize>) + Send,
-) -> PyResult<()> {
+pub fn interruptible(py: Python<'_>, n: usize, mut work: impl FnMut(std::ops::Range<usize>) + Send) -> PyResult<()> {
     for start in (0..n).step_by(SLICE) {
         py.detach(|| work(start..n.min(start + SLICE)));
         py.check_signals()?;

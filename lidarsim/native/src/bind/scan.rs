@@ -10,7 +10,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 
-use super::{CHUNK, Points, PyScene, points};
+use super::{Points, PyScene, SLICE, chunk, level, points};
 use crate::measure::{
     Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Rays, Reflectivity, Returns, Rows,
     Scan,
@@ -284,9 +284,6 @@ impl Columns {
     }
 }
 
-/// Chunks between two looks at pending signals.
-const CHUNKS: usize = 256;
-
 /// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n, most).
 ///
 /// `indices`: which pulses of the whole frame these are, if they are not all in order. `gate`: min_range, max_range.
@@ -312,18 +309,19 @@ pub fn scan<'py>(
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, indices, start, path: &path.path, stream };
     let most = measurement.returns.most();
-    let size = (CHUNK / measurement.rays()).max(1);
+    let size = (chunk(directions) / measurement.rays()).max(1);
     let mut columns = Columns::new(directions.len(), most);
     let mut rows = columns.rows(size, most);
     py.detach(|| parallel::run(|| scene.scene.prepare()));
-    let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene);
-    for (group, rows) in rows.chunks_mut(CHUNKS).enumerate() {
+    let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);
+    let chunks = (SLICE / (size * measurement.rays())).max(1);
+    for (group, rows) in rows.chunks_mut(chunks).enumerate() {
         let bad = py.detach(|| {
             parallel::run(|| {
                 rows.par_iter_mut()
                     .enumerate()
                     .map_init(Rays::default, |rays, (i, rows)| {
-                        let first = (group * CHUNKS + i) * size;
+                        let first = (group * chunks + i) * size;
                         scan.measure(first..first + rows.status.len(), rays, rows)
                     })
                     .filter_map(Result::err)
@@ -473,7 +471,7 @@ fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
 }
 
 fn gather<T: Send>(py: Python<'_>, rows: &[usize], value: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let all = || rows.par_iter().with_min_len(CHUNK).map(|&row| value(row)).collect();
+    let all = || rows.par_iter().with_min_len(1 << 12).map(|&row| value(row)).collect();
     py.detach(|| parallel::run(all))
 }
 

@@ -1,19 +1,34 @@
 //! Scenes, and casts at them.
 
-use super::{CHUNK, Points, PyShape, interruptible, rays};
+use super::{Points, PyShape, chunk, equal_points, interruptible, legal_rays, level};
+use std::sync::atomic::{AtomicBool, Ordering};
+
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 use rayon::prelude::*;
 
 use crate::parallel;
 use crate::scene::{Hit, Scene};
+use crate::trace::Sink;
+use crate::vector::Point;
 
-type Columns<'py> = (
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<i32>>,
-    Bound<'py, PyArray1<i32>>,
-    Bound<'py, PyArray2<f64>>,
-);
+type Arrays<'py> =
+    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
+
+/// A chunk of the arrays that a cast returns.
+struct Columns<'a> {
+    t: &'a mut [f64],
+    object: &'a mut [i32],
+    primitive: &'a mut [i32],
+    normal: &'a mut [Point],
+}
+
+impl Sink for Columns<'_> {
+    #[inline(always)]
+    fn put(&mut self, i: usize, hit: Hit) {
+        (self.t[i], self.object[i], self.primitive[i], self.normal[i]) = (hit.t, hit.object, hit.primitive, hit.normal);
+    }
+}
 
 /// Objects in the order of their ids.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
@@ -41,32 +56,34 @@ impl PyScene {
         directions: Points<'py>,
         t_min: f64,
         t_max: f64,
-    ) -> PyResult<Columns<'py>> {
-        let (o, d) = rays(&origins, &directions)?;
+    ) -> PyResult<Arrays<'py>> {
+        let (o, d) = equal_points(&origins, &directions)?;
         let n = o.len();
         let (mut t, mut object, mut primitive) = (vec![0.0; n], vec![0; n], vec![0; n]);
         let mut normal = vec![[0.0; 3]; n];
+        let level = level()?;
+        let chunk = chunk(d);
+        let legal = AtomicBool::new(true);
         self.prepare(py);
         interruptible(py, n, |slice| {
             let columns = t[slice.clone()]
-                .par_chunks_mut(CHUNK)
-                .zip(object[slice.clone()].par_chunks_mut(CHUNK))
-                .zip(primitive[slice.clone()].par_chunks_mut(CHUNK))
-                .zip(normal[slice.clone()].par_chunks_mut(CHUNK))
-                .zip(o[slice.clone()].par_chunks(CHUNK).zip(d[slice].par_chunks(CHUNK)));
+                .par_chunks_mut(chunk)
+                .zip(object[slice.clone()].par_chunks_mut(chunk))
+                .zip(primitive[slice.clone()].par_chunks_mut(chunk))
+                .zip(normal[slice.clone()].par_chunks_mut(chunk))
+                .zip(o[slice.clone()].par_chunks(chunk).zip(d[slice].par_chunks(chunk)));
             parallel::run(|| {
-                columns.for_each_init(
-                    || vec![Hit::MISS; CHUNK],
-                    |hits, ((((t, object), primitive), normal), (o, d))| {
-                        let hits = &mut hits[..o.len()];
-                        self.scene.cast(o, d, t_min, t_max, hits);
-                        for (i, hit) in hits.iter().enumerate() {
-                            (t[i], object[i], primitive[i], normal[i]) = (hit.t, hit.object, hit.primitive, hit.normal);
-                        }
-                    },
-                );
+                columns.for_each(|((((t, object), primitive), normal), (o, d))| {
+                    let mut columns = Columns { t, object, primitive, normal };
+                    if !self.scene.cast(level, o, d, (t_min, t_max), &mut columns) {
+                        legal.store(false, Ordering::Relaxed);
+                    }
+                });
             });
         })?;
+        if !legal.into_inner() {
+            legal_rays(o, d)?;
+        }
         Ok((
             PyArray1::from_vec(py, t),
             PyArray1::from_vec(py, object),

@@ -9,6 +9,7 @@ use rayon::prelude::*;
 
 use super::{Points, interruptible, points, rays};
 use crate::affine::Affine;
+use crate::memory;
 use crate::parallel;
 use crate::scene::{Geometry, Object, Scene};
 use crate::shapes::{self, Simple, TriangleMesh};
@@ -59,7 +60,9 @@ impl PyShape {
     #[staticmethod]
     fn ellipsoid(center: Point, radii: Point, rotation: [[f64; 3]; 3]) -> PyResult<Self> {
         let shape = shapes::Ellipsoid::new(center, radii, rotation);
-        shape.map(Self::simple).ok_or_else(|| PyValueError::new_err("rotation: expected an invertible matrix, got determinant 0"))
+        shape
+            .map(Self::simple)
+            .ok_or_else(|| PyValueError::new_err("rotation: expected an invertible matrix, got determinant 0"))
     }
 
     #[staticmethod]
@@ -81,17 +84,18 @@ impl PyShape {
     /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
     #[staticmethod]
     fn triangle_mesh(vertices: Points<'_>, faces: PyReadonlyArray2<'_, u32>, whole: bool) -> PyResult<Self> {
-        let wrong = || PyValueError::new_err("faces: expected a C-contiguous array of shape (m, 3) that names vertices only");
-        let faces = faces.as_slice().map_err(|_| wrong())?.as_chunks().0.to_vec();
-        let mesh = TriangleMesh::new(points("vertices", &vertices)?.to_vec(), faces).ok_or_else(wrong)?;
+        let wrong =
+            || PyValueError::new_err("faces: expected a C-contiguous array of shape (m, 3) that names vertices only");
+        let faces = memory::copy(faces.as_slice().map_err(|_| wrong())?.as_chunks().0);
+        let mesh = TriangleMesh::new(memory::copy(points("vertices", &vertices)?), faces).ok_or_else(wrong)?;
         Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole) })
     }
 
     /// The image under a 4×4 affine matrix.
     fn transformed(&self, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
         let [x, y, z, _] = matrix;
-        match Affine::from_rows([x, y, z]) {
-            Some(map) => Ok(PyShape { object: self.object.moved(map) }),
+        match self.object.moved(Affine::from_rows([x, y, z])) {
+            Some(object) => Ok(PyShape { object }),
             None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),
         }
     }
@@ -139,9 +143,7 @@ impl PyShape {
         };
         let mut roots: Vec<Vec<f64>> = Vec::with_capacity(o.len());
         interruptible(py, o.len(), |slice| {
-            let found = parallel::run(|| {
-                slice.into_par_iter().map(|i| scene.roots(0, o[i], d[i])).collect::<Vec<_>>()
-            });
+            let found = parallel::run(|| slice.into_par_iter().map(|i| scene.roots(0, o[i], d[i])).collect::<Vec<_>>());
             roots.extend(found);
         })?;
         let width = roots.iter().map(Vec::len).max().unwrap_or(0).max(least);
@@ -163,6 +165,8 @@ fn not_on_a_line(names: &str, a: Point, b: Point, c: Point) -> PyResult<()> {
 /// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex i.
 #[pyfunction]
 pub fn self_crossing(outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
-    let flat = outline.as_slice().map_err(|_| PyValueError::new_err("outline: expected a C-contiguous array of shape (n, 2)"))?;
+    let flat = outline
+        .as_slice()
+        .map_err(|_| PyValueError::new_err("outline: expected a C-contiguous array of shape (n, 2)"))?;
     Ok(shapes::self_crossing(flat.as_chunks().0))
 }

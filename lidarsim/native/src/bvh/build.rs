@@ -6,6 +6,7 @@ use rayon::prelude::*;
 
 use super::span::{down, up};
 use super::{Bvh, Child, LEAF, Node, WIDTH};
+use crate::memory;
 use crate::number::Interval;
 use crate::vector::Point;
 
@@ -56,7 +57,7 @@ impl Item {
     }
 }
 
-pub fn build(bounds: &[Option<[Interval; 3]>]) -> Bvh {
+pub fn build<L: Send>(bounds: &[Option<[Interval; 3]>], leaf: impl Fn(&[u32]) -> L + Sync) -> Bvh<L> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for b in bounds.iter().flatten() {
@@ -81,50 +82,76 @@ pub fn build(bounds: &[Option<[Interval; 3]>]) -> Bvh {
             Some(Item { bounds, id: id as u32 })
         })
         .collect();
-    let nodes = if items.is_empty() { Vec::new() } else { subtree(&mut items, 0, 0) };
-    Bvh { center, nodes, order: items.iter().map(|item| item.id).collect() }
+    let Part { nodes, leaves } = if items.is_empty() { Part::default() } else { subtree(&mut items, 0) };
+    let mut start = 0;
+    let starts: Vec<usize> = leaves
+        .iter()
+        .map(|len| {
+            start += len;
+            start - len
+        })
+        .collect();
+    let mut made = memory::with_capacity(leaves.len());
+    starts
+        .into_par_iter()
+        .zip(&leaves)
+        .map(|(start, &len)| {
+            let mut ids = [0; LEAF];
+            for (id, item) in ids.iter_mut().zip(&items[start..start + len]) {
+                *id = item.id;
+            }
+            leaf(&ids[..len])
+        })
+        .collect_into_vec(&mut made);
+    Bvh { center, nodes: memory::copy(&nodes), leaves: made }
 }
 
-/// The nodes over `items`, whose first has index `start` in the whole order; the root comes first.
-fn subtree(items: &mut [Item], start: usize, depth: usize) -> Vec<Node> {
+/// Nodes, the root first, and the lengths of the leaves below them, in the order of the items.
+#[derive(Default)]
+struct Part {
+    nodes: Vec<Node>,
+    leaves: Vec<usize>,
+}
+
+fn subtree(items: &mut [Item], depth: usize) -> Part {
     let ranges = split_wide(items, depth);
     let mut node = Node {
         low: [[f32::INFINITY; WIDTH]; 3],
         high: [[f32::NEG_INFINITY; WIDTH]; 3],
-        child: [Child::leaf(0, 1); WIDTH],
+        child: [Child::leaf(0); WIDTH],
     };
-    let parallel = items.len() > PARALLEL;
-    let mut parts = Vec::with_capacity(ranges.len());
-    let mut rest = items;
-    let mut offset = start;
     for (i, range) in ranges.iter().enumerate() {
         for axis in 0..3 {
             node.low[axis][i] = range.bounds.low[axis];
             node.high[axis][i] = range.bounds.high[axis];
         }
-        let (part, tail) = rest.split_at_mut(range.len);
-        rest = tail;
-        if range.leaf {
-            node.child[i] = Child::leaf(offset, range.len);
-        } else {
-            parts.push((i, part, offset));
-        }
-        offset += range.len;
     }
-    let grow = |(i, part, offset): (usize, &mut [Item], usize)| (i, subtree(part, offset, depth + 1));
-    let children: Vec<_> =
-        if parallel { parts.into_par_iter().map(grow).collect() } else { parts.into_iter().map(grow).collect() };
-    let mut nodes = Vec::with_capacity(1 + children.iter().map(|(_, c)| c.len()).sum::<usize>());
-    nodes.push(node);
-    for (i, child) in children {
-        let base = nodes.len();
-        nodes[0].child[i] = Child::node(base);
-        nodes.extend(child.into_iter().map(|mut node| {
-            node.child = node.child.map(|c| c.moved(base));
+    let parallel = items.len() > PARALLEL;
+    let mut rest = items;
+    let children: Vec<_> = ranges
+        .iter()
+        .map(|range| {
+            let (part, tail) = std::mem::take(&mut rest).split_at_mut(range.len);
+            rest = tail;
+            (range.leaf, part)
+        })
+        .collect();
+    let grow = |(leaf, part): (bool, &mut [Item])| {
+        if leaf { Part { nodes: Vec::new(), leaves: vec![part.len()] } } else { subtree(part, depth + 1) }
+    };
+    let children: Vec<Part> =
+        if parallel { children.into_par_iter().map(grow).collect() } else { children.into_iter().map(grow).collect() };
+    let mut all = Part { nodes: vec![node], leaves: Vec::new() };
+    for (i, part) in children.into_iter().enumerate() {
+        let (nodes, leaves) = (all.nodes.len(), all.leaves.len());
+        all.nodes[0].child[i] = if part.nodes.is_empty() { Child::leaf(leaves) } else { Child::node(nodes) };
+        all.nodes.extend(part.nodes.into_iter().map(|mut node| {
+            node.child = node.child.map(|child| child.moved(nodes, leaves));
             node
         }));
+        all.leaves.extend(part.leaves);
     }
-    nodes
+    all
 }
 
 struct Range {
@@ -138,39 +165,26 @@ fn split_wide(items: &mut [Item], depth: usize) -> Vec<Range> {
     let range = |items: &[Item]| {
         let mut bounds = Bounds::EMPTY;
         items.iter().for_each(|item| bounds.include(&item.bounds));
-        Range { len: items.len(), bounds, leaf: items.len() == 1 }
+        Range { len: items.len(), bounds, leaf: items.len() <= LEAF }
     };
     let mut ranges = vec![range(items)];
     while ranges.len() < WIDTH {
-        // Ranges that must be split come before those that may be; among them, the largest surface.
-        let key = |r: &Range| (r.len > LEAF, if depth < BY_SURFACE { r.bounds.surface() } else { r.len as f32 });
-        let Some(widest) = (0..ranges.len()).filter(|&i| !ranges[i].leaf).max_by(|&i, &j| {
-            key(&ranges[i]).partial_cmp(&key(&ranges[j])).unwrap_or(std::cmp::Ordering::Equal)
-        }) else {
+        let key = |r: &Range| if depth < BY_SURFACE { r.bounds.surface() } else { r.len as f32 };
+        let splits = (0..ranges.len()).filter(|&i| !ranges[i].leaf);
+        let Some(widest) = splits.max_by(|&i, &j| key(&ranges[i]).total_cmp(&key(&ranges[j]))) else {
             break;
         };
         let start: usize = ranges[..widest].iter().map(|r| r.len).sum();
-        let len = ranges[widest].len;
-        let part = &mut items[start..start + len];
-        match split(part, &ranges[widest].bounds, depth < BY_SURFACE) {
-            None => ranges[widest].leaf = true,
-            Some(at) => {
-                let (left, right) = (range(&part[..at]), range(&part[at..]));
-                ranges.splice(widest..=widest, [left, right]);
-            }
-        }
-    }
-    for range in &mut ranges {
-        range.leaf |= range.len <= LEAF;
+        let part = &mut items[start..start + ranges[widest].len];
+        let at = split(part, depth < BY_SURFACE);
+        let (left, right) = (range(&part[..at]), range(&part[at..]));
+        ranges.splice(widest..=widest, [left, right]);
     }
     ranges
 }
 
-/// Cost of a node against that of one primitive.
-const NODE_COST: f32 = 1.0;
-
-/// Orders `items` into two parts and returns the length of the first; none where a leaf is as good.
-fn split(items: &mut [Item], bounds: &Bounds, by_surface: bool) -> Option<usize> {
+/// Orders `items`, two or more, into two parts that are not empty, and returns the length of the first.
+fn split(items: &mut [Item], by_surface: bool) -> usize {
     let mut middles = Bounds::EMPTY;
     for item in items.iter() {
         let m = std::array::from_fn(|i| item.middle(i));
@@ -203,35 +217,27 @@ fn split(items: &mut [Item], bounds: &Bounds, by_surface: bool) -> Option<usize>
                 if count == 0 || right[i].1 == 0 {
                     continue;
                 }
-                let cost = side.surface() * count as f32 + right[i].0 * right[i].1 as f32;
+                let cost = side.surface() * leaves(count) + right[i].0 * leaves(right[i].1);
                 if best.is_none_or(|(least, ..)| cost < least) {
                     best = Some((cost, axis, i));
                 }
             }
         }
     }
-    let surface = bounds.surface();
-    match best {
-        Some((cost, axis, bin)) => {
-            if items.len() <= LEAF && cost + NODE_COST * surface >= items.len() as f32 * surface {
-                return None;
-            }
-            let extent = middles.high[axis] - middles.low[axis];
-            let middle = partition(items, |item| bin_of(item.middle(axis), middles.low[axis], extent) < bin);
-            Some(middle)
-        }
-        None if items.len() <= LEAF => None,
-        None => {
-            let axis = (0..3).max_by(|&i, &j| {
-                (middles.high[i] - middles.low[i]).total_cmp(&(middles.high[j] - middles.low[j]))
-            });
-            let half = items.len() / 2;
-            if let Some(axis) = axis {
-                items.select_nth_unstable_by(half, |a, b| a.middle(axis).total_cmp(&b.middle(axis)));
-            }
-            Some(half)
-        }
+    if let Some((_, axis, bin)) = best {
+        let extent = middles.high[axis] - middles.low[axis];
+        return partition(items, |item| bin_of(item.middle(axis), middles.low[axis], extent) < bin);
     }
+    let extent = |i: usize| middles.high[i] - middles.low[i];
+    let axis = (1..3).fold(0, |widest, i| if extent(i) > extent(widest) { i } else { widest });
+    let half = items.len() / 2;
+    items.select_nth_unstable_by(half, |a, b| a.middle(axis).total_cmp(&b.middle(axis)));
+    half
+}
+
+/// A leaf costs the same whether it is full or not.
+fn leaves(count: usize) -> f32 {
+    count.div_ceil(LEAF) as f32
 }
 
 fn bin_of(middle: f32, low: f32, extent: f32) -> usize {

@@ -4,11 +4,14 @@
 //! choose which primitives are asked; every decision is made elsewhere, in the numbers that were given.
 
 mod build;
+mod packet;
 mod span;
 
+pub use packet::{LANES, Packet, Rays};
 pub use span::Span;
 
 use crate::number::Interval;
+use crate::simd::Isa;
 use crate::vector::Point;
 
 pub const WIDTH: usize = 8;
@@ -17,104 +20,168 @@ pub const WIDTH: usize = 8;
 pub const LEAF: usize = 8;
 
 /// Eight boxes, an axis after the other, and what they hold. An absent child has a box that nothing meets.
-#[derive(Clone, Debug)]
-#[repr(C, align(32))]
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
 struct Node {
     low: [[f32; WIDTH]; 3],
     high: [[f32; WIDTH]; 3],
     child: [Child; WIDTH],
 }
 
-/// The index of a node, or a range of `Bvh::order`.
+/// The index of a node or of a leaf.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Child(u32);
 
 impl Child {
     const LEAF_BIT: u32 = 1 << 31;
-    const COUNT_SHIFT: u32 = 28;
-    /// Starts of leaves have 28 bits.
-    const MOST: usize = 1 << Self::COUNT_SHIFT;
 
     fn node(index: usize) -> Self {
         Child(index as u32)
     }
 
-    fn leaf(start: usize, count: usize) -> Self {
-        Child(Self::LEAF_BIT | ((count as u32 - 1) << Self::COUNT_SHIFT) | start as u32)
+    fn leaf(index: usize) -> Self {
+        Child(Self::LEAF_BIT | index as u32)
     }
 
-    fn as_leaf(self) -> Option<std::ops::Range<usize>> {
-        if self.0 & Self::LEAF_BIT == 0 {
-            return None;
-        }
-        let start = self.0 as usize & (Self::MOST - 1);
-        let count = ((self.0 & !Self::LEAF_BIT) >> Self::COUNT_SHIFT) as usize + 1;
-        Some(start..start + count)
+    #[inline(always)]
+    fn is_leaf(self) -> bool {
+        self.0 & Self::LEAF_BIT != 0
     }
 
-    fn moved(self, nodes: usize) -> Self {
-        if self.0 & Self::LEAF_BIT == 0 { Child(self.0 + nodes as u32) } else { self }
+    #[inline(always)]
+    fn index(self) -> usize {
+        (self.0 & !Self::LEAF_BIT) as usize
+    }
+
+    /// The same child, of a part that is put behind so many nodes and leaves.
+    fn moved(self, nodes: usize, leaves: usize) -> Self {
+        Child(self.0 + if self.is_leaf() { leaves } else { nodes } as u32)
     }
 }
 
+/// What a packet does at the leaves. A trait and no closure, which would not be compiled for the instruction set.
+pub trait Visitor<L> {
+    /// Gets the rays that may meet the leaf, a bit each, and shortens their limits.
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, packet: &mut Packet, leaf: &L, mask: u32);
+}
+
+/// A hierarchy over leaves of whatever kind.
 #[derive(Clone, Debug)]
-pub struct Bvh {
+pub struct Bvh<L> {
     center: Point,
     nodes: Vec<Node>,
-    /// Primitive ids, leaf by leaf.
-    pub order: Vec<u32>,
+    leaves: Vec<L>,
 }
 
-impl Bvh {
-    /// Primitives without a box (none) are left out.
-    pub fn new(bounds: &[Option<[Interval; 3]>]) -> Self {
-        build::build(bounds)
+impl<L: Send> Bvh<L> {
+    /// Primitives without a box (none) are left out; `leaf` makes a leaf of up to `LEAF` primitives.
+    pub fn new(bounds: &[Option<[Interval; 3]>], leaf: impl Fn(&[u32]) -> L + Sync) -> Self {
+        build::build(bounds, leaf)
     }
 
     pub fn center(&self) -> Point {
         self.center
     }
 
-    pub fn bytes(&self) -> usize {
-        self.nodes.len() * size_of::<Node>() + self.order.len() * size_of::<u32>()
+    /// The leaf, if there is but one.
+    pub fn only_leaf(&self) -> Option<&L> {
+        if self.leaves.len() == 1 { self.leaves.first() } else { None }
     }
 
-    /// Offers the leaves that the ray may meet, nearest box first: `visit` gets a range of `order` and answers with the
-    /// t beyond which nothing is wanted any more. It may traverse another hierarchy on the same stack.
-    #[inline]
-    pub fn traverse(
+    pub fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<Node>() + self.leaves.len() * size_of::<L>()
+    }
+
+    /// Offers the leaves that the ray may meet, nearest box first: `visit` answers with the t beyond which nothing is wanted
+    /// any more. It may traverse another hierarchy on the same stack.
+    pub fn traverse(&self, span: &mut Span, stack: &mut Stack, mut visit: impl FnMut(&mut Stack, &L) -> f64) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        let base = stack.len;
+        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
+        while let Some(entry) = stack.pop(base) {
+            if entry.near > span.limit() {
+                continue;
+            }
+            if entry.child.is_leaf() {
+                span.shorten(visit(stack, &self.leaves[entry.child.index()]));
+                continue;
+            }
+            let node = &self.nodes[entry.child.index()];
+            let (near, far) = span.meet(&node.low, &node.high);
+            let first = stack.len;
+            for i in 0..WIDTH {
+                if near[i] <= far[i] {
+                    stack.push_sorted(first, Entry { near: near[i], child: node.child[i], mask: 0 });
+                }
+            }
+        }
+    }
+
+    /// As `traverse`, for the rays of a packet together.
+    #[inline(always)]
+    pub fn traverse_packet<I: Isa>(
         &self,
-        span: &mut Span,
+        packet: &mut Packet,
+        active: u32,
         stack: &mut Stack,
-        mut visit: impl FnMut(&mut Stack, std::ops::Range<usize>) -> f64,
+        visitor: &mut impl Visitor<L>,
     ) {
         if self.nodes.is_empty() {
             return;
         }
         let base = stack.len;
-        stack.push_sorted(base, 0.0, Child::node(0));
-        while let Some(child) = stack.pop(base, span.limit()) {
-            if let Some(leaf) = child.as_leaf() {
-                span.shorten(visit(stack, leaf));
+        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: active });
+        while let Some(entry) = stack.pop(base) {
+            let mask = entry.mask & packet.within::<I>(entry.near);
+            if mask == 0 {
                 continue;
             }
-            let node = &self.nodes[child.0 as usize];
-            let (near, far) = span.meet(&node.low, &node.high);
+            if entry.child.is_leaf() {
+                visitor.visit::<I>(stack, packet, &self.leaves[entry.child.index()], mask);
+                continue;
+            }
+            let node = &self.nodes[entry.child.index()];
+            let (near, mut met) = packet.meet_any::<I>(mask, &node.low, &node.high);
             let first = stack.len;
-            for i in 0..WIDTH {
-                if near[i] <= far[i] {
-                    stack.push_sorted(first, near[i], node.child[i]);
+            while met != 0 {
+                let i = met.trailing_zeros() as usize;
+                met &= met - 1;
+                let mask = packet.meet_one::<I>(mask, &node.low, &node.high, i);
+                if mask != 0 {
+                    let child = node.child[i];
+                    if child.is_leaf() {
+                        let leaf: *const L = &self.leaves[child.index()];
+                        for line in 0..size_of::<L>().div_ceil(64) {
+                            I::prefetch(leaf.cast::<[u8; 64]>().wrapping_add(line));
+                        }
+                    } else {
+                        let node: *const Node = &self.nodes[child.index()];
+                        for line in 0..size_of::<Node>().div_ceil(64) {
+                            I::prefetch(node.cast::<[u8; 64]>().wrapping_add(line));
+                        }
+                    }
+                    stack.push_sorted(first, Entry { near: near[i], child, mask });
                 }
             }
         }
     }
 }
 
+/// A subtree still to be visited, and how near it may be.
+#[derive(Clone, Copy)]
+struct Entry {
+    near: f32,
+    child: Child,
+    /// The rays of a packet that may meet it.
+    mask: u32,
+}
+
 /// A traversal stack, to be used again and again, and deep enough for a hierarchy within a hierarchy: each level pops one entry
 /// and pushes at most `WIDTH`.
 pub struct Stack {
-    near: [f32; Stack::SIZE],
-    child: [Child; Stack::SIZE],
+    entries: [Entry; Stack::SIZE],
     len: usize,
 }
 
@@ -122,31 +189,27 @@ impl Stack {
     const SIZE: usize = 2 * ((WIDTH - 1) * build::DEPTH + 1);
 
     pub fn new() -> Self {
-        Stack { near: [0.0; Stack::SIZE], child: [Child(0); Stack::SIZE], len: 0 }
+        Stack { entries: [Entry { near: 0.0, child: Child(0), mask: 0 }; Stack::SIZE], len: 0 }
     }
 
-    #[inline]
-    fn pop(&mut self, base: usize, limit: f32) -> Option<Child> {
-        while self.len > base {
-            self.len -= 1;
-            if self.near[self.len] <= limit {
-                return Some(self.child[self.len]);
-            }
+    #[inline(always)]
+    fn pop(&mut self, base: usize) -> Option<Entry> {
+        if self.len <= base {
+            return None;
         }
-        None
+        self.len -= 1;
+        Some(self.entries[self.len])
     }
 
     /// Keeps the entries from `first` on in descending order of `near`, so that the nearest is popped first.
-    #[inline]
-    fn push_sorted(&mut self, first: usize, near: f32, child: Child) {
+    #[inline(always)]
+    fn push_sorted(&mut self, first: usize, entry: Entry) {
         let mut i = self.len;
-        while i > first && self.near[i - 1] < near {
-            self.near[i] = self.near[i - 1];
-            self.child[i] = self.child[i - 1];
+        while i > first && self.entries[i - 1].near < entry.near {
+            self.entries[i] = self.entries[i - 1];
             i -= 1;
         }
-        self.near[i] = near;
-        self.child[i] = child;
+        self.entries[i] = entry;
         self.len += 1;
     }
 }

@@ -3,7 +3,9 @@
 use std::cmp::Ordering;
 
 use super::{Interval, Number, PAD, UNDERFLOW, UNIT, Uncertain, sign_of};
+use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
+use crate::vector::{Point, Vector};
 
 /// A real number within `error` of `value`. An infinite or NaN bound means: unknown.
 #[derive(Clone, Copy, Debug)]
@@ -54,10 +56,8 @@ impl Ball {
     }
 
     fn interval(self) -> Result<Interval, Uncertain> {
-        let interval = Interval {
-            low: (self.value - self.error).next_down(),
-            high: (self.value + self.error).next_up(),
-        };
+        let interval =
+            Interval { low: (self.value - self.error).next_down(), high: (self.value + self.error).next_up() };
         if interval.low.is_finite() && interval.high.is_finite() { Ok(interval) } else { Err(Uncertain) }
     }
 }
@@ -110,6 +110,18 @@ impl Number for Ball {
     }
 
     fn round(_: &Root<Self>) -> Result<f64, Uncertain> {
+        Err(Uncertain)
+    }
+
+    fn of_inverse(inverse: &Inverse) -> &Adjugate<Self> {
+        &inverse.ball
+    }
+
+    fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
+        Ball::of_root(root)
+    }
+
+    fn proportions(_: &Vector<Self>) -> Result<Point, Uncertain> {
         Err(Uncertain)
     }
 

@@ -10,7 +10,9 @@
 use std::cmp::Ordering;
 
 use super::{Interval, Number, PAD, UNDERFLOW, UNIT, Uncertain, sign_of};
+use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
+use crate::vector::{Point, Vector};
 
 const PLUS: f64 = 4.0 * UNIT * UNIT;
 const TIMES: f64 = 5.0 * UNIT * UNIT;
@@ -51,17 +53,12 @@ fn two_prod(a: f64, b: f64) -> (f64, f64) {
 }
 
 impl DdBall {
-    /// `high + low`, rounded.
-    pub fn value(self) -> f64 {
-        self.high
-    }
-
     fn is_exact_zero(self) -> bool {
         self.high == 0.0 && self.error == 0.0
     }
 
     /// The error of the operands is propagated as in `Ball::over`.
-    pub fn over(self, b: DdBall) -> Result<DdBall, Uncertain> {
+    fn over(self, b: DdBall) -> Result<DdBall, Uncertain> {
         let room = b.high.abs() * (1.0 - 2.0 * UNIT) - b.error * PAD;
         if !(room > SMALL) || (self.high.abs() < SMALL && self.high != 0.0) {
             return Err(Uncertain);
@@ -77,7 +74,7 @@ impl DdBall {
     }
 
     /// For a true x ≥ 0.
-    pub fn sqrt(self) -> Result<DdBall, Uncertain> {
+    fn sqrt(self) -> Result<DdBall, Uncertain> {
         if self.high > self.error * PAD && self.high > SMALL {
             let s = self.high.sqrt();
             let rho = (-s).mul_add(s, self.high);
@@ -91,7 +88,7 @@ impl DdBall {
     }
 
     /// Stable forms of (b ± √disc)/a, as for `Ball`.
-    pub fn of_root(root: &Root<DdBall>) -> Result<DdBall, Uncertain> {
+    fn of_root(root: &Root<DdBall>) -> Result<DdBall, Uncertain> {
         if root.branch == 0 {
             return root.b.over(root.a);
         }
@@ -167,6 +164,26 @@ impl Number for DdBall {
         let certain = t.high + (t.low + error) == t.high && t.high + (t.low - error) == t.high;
         // A subnormal result would be rounded twice.
         if certain && t.high.is_normal() { Ok(t.high) } else { Err(Uncertain) }
+    }
+
+    fn of_inverse(inverse: &Inverse) -> &Adjugate<Self> {
+        &inverse.dd
+    }
+
+    fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
+        DdBall::of_root(root)
+    }
+
+    fn proportions(v: &Vector<Self>) -> Result<Point, Uncertain> {
+        let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.high.abs()));
+        let error = v.iter().fold(0.0_f64, |m, x| m.max(x.error));
+        let small = largest * (UNIT / 128.0);
+        // Squares of what passes neither overflow nor underflow.
+        if error <= small && largest > SMALL.sqrt() && largest < 1.0 / SMALL.sqrt() {
+            Ok(v.map(|x| x.high))
+        } else {
+            Err(Uncertain)
+        }
     }
 
     fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain> {

@@ -5,7 +5,9 @@ use std::cmp::Ordering;
 use num_bigint::{BigInt, BigUint, Sign};
 
 use super::{Interval, Number, Uncertain};
+use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
+use crate::vector::{Point, Vector};
 
 /// The number `mantissa · 2^exponent`.
 #[derive(Clone, Debug)]
@@ -61,6 +63,21 @@ impl Dyadic {
         let quotient = (quotient << 1u32) + BigUint::from(u8::from(sticky));
         let magnitude = round(&quotient, self.exponent - den.exponent - shift - 1);
         if self.mantissa.sign() == den.mantissa.sign() { magnitude } else { -magnitude }
+    }
+
+    /// The root as a quotient of sums in which nothing cancels, as in `Ball::of_root`.
+    fn fraction(root: &Root<Self>) -> (Self, Self) {
+        if root.branch == 0 {
+            return (root.b.clone(), root.a.clone());
+        }
+        let s = root.disc.sqrt();
+        let s = if root.branch < 0 { s.negated() } else { s };
+        let sign = root.b.ordering();
+        if sign != Ordering::Equal && (sign == Ordering::Greater) != (root.branch > 0) {
+            (root.c.clone(), root.b.minus(&s))
+        } else {
+            (root.b.plus(&s), root.a.clone())
+        }
     }
 
     /// Sign of p + x·√d + y·√e, for d, e ≥ 0: once both sides of a comparison have the same sign, they may be squared.
@@ -124,8 +141,7 @@ impl Number for Dyadic {
         let bits = x.to_bits();
         let biased = ((bits >> 52) & 0x7ff) as i64;
         let fraction = bits & ((1 << 52) - 1);
-        let (mantissa, exponent) =
-            if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
+        let (mantissa, exponent) = if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
         if mantissa == 0 {
             return Dyadic::zero();
         }
@@ -178,14 +194,26 @@ impl Number for Dyadic {
     }
 
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
-        if root.branch == 0 {
-            return Ok(root.b.ratio(&root.a));
-        }
-        let s = root.disc.sqrt();
-        let s = if root.branch < 0 { s.negated() } else { s };
-        // As in `Ball::of_root`: the exact coefficients leave nothing to cancel.
-        let cancels = root.b.ordering() != Ordering::Equal && (root.b.ordering() == Ordering::Greater) != (root.branch > 0);
-        Ok(if cancels { root.c.ratio(&root.b.minus(&s)) } else { root.b.plus(&s).ratio(&root.a) })
+        let (num, den) = Self::fraction(root);
+        Ok(num.ratio(&den))
+    }
+
+    fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
+        let (num, den) = Self::fraction(root);
+        let (n, d) = (&num.mantissa, &den.mantissa);
+        let shift = (d.bits() as i64 - n.bits() as i64 + ROOT_BITS).max(0);
+        Ok(Dyadic { mantissa: (n << shift as u64) / d, exponent: num.exponent - den.exponent - shift })
+    }
+
+    fn of_inverse(inverse: &Inverse) -> &Adjugate<Self> {
+        &inverse.dyadic
+    }
+
+    fn proportions(v: &Vector<Self>) -> Result<Point, Uncertain> {
+        let top = |x: &Dyadic| x.exponent + x.mantissa.bits() as i64;
+        let exponent = v.iter().filter(|x| x.mantissa.sign() != Sign::NoSign).map(top).max().unwrap_or(0);
+        let unit = Dyadic { mantissa: BigInt::from(1), exponent };
+        Ok(v.each_ref().map(|x| x.ratio(&unit)))
     }
 
     fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain> {

@@ -16,7 +16,9 @@ pub use ball::Ball;
 pub use dd::DdBall;
 pub use dyadic::Dyadic;
 
+use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
+use crate::vector::{Point, Vector};
 
 /// This kind of arithmetic cannot tell; the next one may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,8 +37,15 @@ pub trait Number: Clone {
     fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain>;
     /// The root rounded to the nearest float64.
     fn round(root: &Root<Self>) -> Result<f64, Uncertain>;
+    /// The root as a number of this kind; the exact kind cuts it at 2⁻²⁵⁰ of itself.
+    fn value(root: &Root<Self>) -> Result<Self, Uncertain>;
+    /// Float64 numbers in the proportions of `v`, to within 2⁻⁶⁰ of the largest and a rounding; the largest is neither huge nor tiny.
+    fn proportions(v: &Vector<Self>) -> Result<Point, Uncertain>;
     /// Float64 numbers that hold the root between them.
     fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain>;
+
+    /// An inverse map in this kind of number.
+    fn of_inverse(inverse: &Inverse) -> &Adjugate<Self>;
 
     fn squared(&self) -> Self {
         self.times(self)
@@ -69,9 +78,7 @@ pub trait Question {
 /// Answers a question with the cheapest arithmetic that is certain of it.
 #[inline]
 pub fn certify<Q: Question>(question: &Q) -> Q::Answer {
-    question
-        .ask::<Ball>()
-        .unwrap_or_else(|Uncertain| certify_finely(question))
+    question.ask::<Ball>().unwrap_or_else(|Uncertain| certify_finely(question))
 }
 
 /// As [`certify`], for questions that float64 can hardly ever answer.

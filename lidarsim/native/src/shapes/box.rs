@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use super::Surface;
-use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::root::{Chord, Root, Roots};
 use crate::vector::{self, Point, Vector};
@@ -25,9 +25,14 @@ impl Surface for Box {
             let (low, high) = (middle.minus(&half), middle.plus(&half));
             let slope = two.times(&ray.direction[axis]);
             let face = 2 * axis as u8;
-            match (Root::ratio(low.clone(), slope.clone(), face)?, Root::ratio(high.clone(), slope.clone(), face + 1)?) {
+            match (Root::ratio(low.clone(), slope.clone(), face)?, Root::ratio(high.clone(), slope.clone(), face + 1)?)
+            {
                 (Some(low), Some(high)) => {
-                    if slope.sign()? == Ordering::Greater { chord.cut(low, high)? } else { chord.cut(high, low)? }
+                    if slope.sign()? == Ordering::Greater {
+                        chord.cut(low, high)?
+                    } else {
+                        chord.cut(high, low)?
+                    }
                 }
                 _ => {
                     if low.sign()? == Ordering::Greater || high.sign()? == Ordering::Less {
@@ -39,7 +44,7 @@ impl Surface for Box {
         chord.roots()
     }
 
-    fn normal(&self, _: &Ray<DdBall>, _: DdBall, feature: u8) -> Vector<DdBall> {
+    fn normal<N: Number>(&self, _: &Ray<N>, _: &N, feature: u8) -> Vector<N> {
         let mut normal = [0.0; 3];
         normal[usize::from(feature / 2)] = if feature % 2 == 0 { -1.0 } else { 1.0 };
         vector::exact(normal)

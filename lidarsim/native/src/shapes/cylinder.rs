@@ -6,7 +6,7 @@
 use std::cmp::Ordering;
 
 use super::Surface;
-use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::root::{Chord, Root, Roots};
 use crate::vector::{self, Point, Vector};
@@ -86,7 +86,7 @@ impl Surface for Cylinder {
         chord.roots()
     }
 
-    fn normal(&self, ray: &Ray<DdBall>, t: DdBall, feature: u8) -> Vector<DdBall> {
+    fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, feature: u8) -> Vector<N> {
         let axis = self.axis();
         match feature {
             START => vector::negated(&axis),
@@ -94,7 +94,7 @@ impl Surface for Cylinder {
             _ => {
                 // A × ((f + t·d) × A): the part of f + t·d across the axis, times |A|².
                 let f = ray.origin_from(vector::exact(self.start));
-                let p = vector::add(&f, &vector::scaled(&ray.direction, &t));
+                let p = vector::add(&f, &vector::scaled(&ray.direction, t));
                 vector::cross(&axis, &vector::cross(&p, &axis))
             }
         }

@@ -5,22 +5,22 @@
 mod r#box;
 mod cylinder;
 mod ellipsoid;
-mod triangle_mesh;
 mod plane;
 mod polygon;
 mod sphere;
 mod triangle;
+mod triangle_mesh;
 
 pub use r#box::Box;
 pub use cylinder::Cylinder;
 pub use ellipsoid::Ellipsoid;
-pub use triangle_mesh::TriangleMesh;
 pub use plane::Plane;
 pub use polygon::self_crossing;
 pub use sphere::Sphere;
 pub use triangle::Triangle;
+pub use triangle_mesh::{Block, TriangleMesh};
 
-use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::root::Roots;
 use crate::vector::Vector;
@@ -31,7 +31,7 @@ pub trait Surface {
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
     /// An outward normal, of any length, where the line meets the surface at `t`, in part `feature` of it.
-    fn normal(&self, ray: &Ray<DdBall>, t: DdBall, feature: u8) -> Vector<DdBall>;
+    fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, feature: u8) -> Vector<N>;
 
     /// An axis-aligned box around the surface; none if the surface has no end.
     fn bounds(&self) -> Option<[Interval; 3]>;
@@ -57,7 +57,7 @@ macro_rules! surfaces {
                 match self { $(Simple::$name(shape) => shape.roots(ray)),+ }
             }
 
-            fn normal(&self, ray: &Ray<DdBall>, t: DdBall, feature: u8) -> Vector<DdBall> {
+            fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, feature: u8) -> Vector<N> {
                 match self { $(Simple::$name(shape) => shape.normal(ray, t, feature)),+ }
             }
 

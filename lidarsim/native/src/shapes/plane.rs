@@ -4,7 +4,7 @@
 //! n·p rounded once has already moved the plane.
 
 use super::Surface;
-use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::root::{Root, Roots};
 use crate::vector::{self, Point, Vector};
@@ -48,7 +48,7 @@ impl Surface for Plane {
         Ok([Root::ratio(offset, vector::dot(&normal, &ray.direction), 0)?, None])
     }
 
-    fn normal(&self, _: &Ray<DdBall>, _: DdBall, _: u8) -> Vector<DdBall> {
+    fn normal<N: Number>(&self, _: &Ray<N>, _: &N, _: u8) -> Vector<N> {
         self.normal_of()
     }
 

@@ -1,7 +1,7 @@
 //! Sphere: |f + t·d|² = r², with f = o − c.
 
 use super::Surface;
-use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::root::{Root, Roots};
 use crate::vector::{self, Point, Vector};
@@ -31,15 +31,12 @@ impl Surface for Sphere {
         roots_of_ball(&f, &ray.direction, &ray.weighted(N::exact(self.radius)))
     }
 
-    fn normal(&self, ray: &Ray<DdBall>, t: DdBall, _: u8) -> Vector<DdBall> {
+    fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, _: u8) -> Vector<N> {
         let f = ray.origin_from(vector::exact(self.center));
-        vector::add(&f, &vector::scaled(&ray.direction, &t))
+        vector::add(&f, &vector::scaled(&ray.direction, t))
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
-        Some(self.center.map(|c| Interval {
-            low: (c - self.radius).next_down(),
-            high: (c + self.radius).next_up(),
-        }))
+        Some(self.center.map(|c| Interval { low: (c - self.radius).next_down(), high: (c + self.radius).next_up() }))
     }
 }

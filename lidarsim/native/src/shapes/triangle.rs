@@ -8,7 +8,7 @@ use std::cmp::Ordering;
 
 use super::Surface;
 use super::plane::triangle_normal;
-use crate::number::{DdBall, Interval, Number, Uncertain};
+use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::root::{Root, Roots};
 use crate::vector::{self, Point, Vector};
@@ -60,7 +60,7 @@ impl Surface for Triangle {
         Ok([Root::ratio(vector::dot(&normal, &a), vector::dot(&normal, d), 0)?, None])
     }
 
-    fn normal(&self, _: &Ray<DdBall>, _: DdBall, _: u8) -> Vector<DdBall> {
+    fn normal<N: Number>(&self, _: &Ray<N>, _: &N, _: u8) -> Vector<N> {
         triangle_normal(self.0, self.1, self.2)
     }
 

@@ -1,0 +1,27 @@
+"""How many points does each sensor put on a pedestrian, and how far away? One scene, every spinning preset."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import lidarsim as ls
+
+DISTANCES = [10, 20, 40, 80]
+
+scene = ls.Scene()
+scene.add(ls.Plane((0, 0, 1), 0.0), name="ground")
+for number, distance in enumerate(DISTANCES):  # in a row, but none behind another
+    azimuth = np.radians(20 * number)
+    x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
+    scene.add(ls.Ellipsoid((x, y, 0.85), (0.2, 0.25, 0.85)), name=f"pedestrian at {distance} m", label=30)
+
+roof = np.eye(4)
+roof[2, 3] = 1.8
+
+print(f"{'sensor':20}" + "".join(f"{distance:>8} m" for distance in DISTANCES))
+for name in ls.Lidar.presets():
+    lidar = ls.Lidar.preset(name)
+    if isinstance(lidar.pattern, ls.patterns.Spinning):
+        cloud = lidar.scan(scene, roof).point_cloud()
+        counts = np.bincount(cloud.object_id, minlength=len(scene))[1:]
+        print(f"{name:20}" + "".join(f"{count:10}" for count in counts))

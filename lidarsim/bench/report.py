@@ -1,0 +1,452 @@
+"""The figures of `lidarsim.bench.speed` as JSON, as tables in Markdown, and as plots."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import platform
+import re
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+from lidarsim import _native
+from lidarsim._files import atomic_writer
+
+__all__ = [
+    "around_section",
+    "machine",
+    "plot_growth",
+    "plot_speed",
+    "readme_section",
+    "summary",
+    "to_markdown",
+    "update_readme",
+    "write",
+]
+
+Results = dict[str, Any]
+Row = dict[str, Any]
+
+BEGIN, END = "<!-- bench: begin, written by `lidarsim bench --readme` -->", "<!-- bench: end -->"
+PICTURE = Path("examples/images/speed.png")  # from the folder of the README
+
+COLORS = {
+    "lidarsim": "#c2410c",
+    "Open3D": "#1d4ed8",
+    "embreex": "#0e7490",
+    "MuJoCo-LiDAR": "#7e22ce",
+    "MuJoCo": "#4d7c0f",
+    "textbook": "#4b5563",
+}
+INK, FAINT = "#1f2937", "#e5e7eb"
+
+CASTING = """\
+The median of a cast, all methods in turns, round after round, in one process. The ratio is to Open3D on the same rays
+with as many threads; for the analytic shapes to its coarsest tessellation with a median error of 1 mm or less. Errors
+of the range are against the exact hit, on a sample of the rays; for the analytic shapes those in mm are of hits on
+round ones. Wrong: hits lost + invented + on another triangle or object than the nearest. All methods get the same
+coordinates, also where those of some, in float32, cannot hold them."""
+
+BUILDING = """\
+From arrays to the first answered ray, with as many threads as there are. Memory is what a fresh process grows by when
+it builds the scene (resident pages, once those not in use were given back); for lidarsim also what its core counts."""
+
+MESHES = """\
+Triangle meshes, million rays a second on the same rays, in turns; wrong hits (lost + invented + on another triangle) of
+{rays:,} rays judged by exact arithmetic; the worst range, mm."""
+
+SHAPES = """\
+{shapes} spheres, boxes, cylinders and ellipsoids over a plane, for Open3D in triangles; 128 channels."""
+
+
+def machine() -> dict[str, str]:
+    """Return what the figures were measured on."""
+    return {
+        "cpu": _cpu(),
+        "cores": str(os.cpu_count()),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "instructions": _native.isa(),
+    }
+
+
+def _cpu() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor() or platform.machine()
+    name = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
+    return name[1] if name else platform.machine()
+
+
+def write(results: Results, folder: Path) -> None:
+    """Write ``speed.json``, ``speed.md``, ``speed.png`` and ``growth.png``."""
+    for name, text in (("speed.json", json.dumps(results, indent=1)), ("speed.md", to_markdown(results))):
+        with atomic_writer(folder / name) as file:
+            file.write(text.encode())
+    plot_speed(results, folder / "speed.png")
+    plot_growth(results, folder / "growth.png")
+
+
+def around_section(readme: Path) -> tuple[str, str]:
+    """Return what stands before and after the section on speed of a Markdown file.
+
+    Raises
+    ------
+    ValueError
+        If the file has no such section.
+    """
+    head, begin, rest = readme.read_text(encoding="utf-8").partition(BEGIN)
+    _, end, tail = rest.partition(END)
+    if not begin or not end:
+        raise ValueError(f"{readme}: expected a section between the lines {BEGIN} and {END}")
+    return head, tail
+
+
+def update_readme(results: Results, readme: Path) -> None:
+    """Write the section on speed of a Markdown file, between its two comments, anew, and its plot.
+
+    Raises
+    ------
+    ValueError
+        If the file has no such section.
+    """
+    head, tail = around_section(readme)
+    picture = readme.parent / PICTURE
+    picture.parent.mkdir(parents=True, exist_ok=True)
+    plot_speed(results, picture)
+    with atomic_writer(readme) as file:
+        file.write(f"{head}{BEGIN}\n{readme_section(results)}\n{END}{tail}".encode())
+
+
+def to_markdown(results: Results) -> str:
+    """Return the full report."""
+    parts = [
+        "# Speed against error",
+        _machine(results),
+        "![Speed against error](speed.png)",
+        summary(results),
+        "## Casting",
+        CASTING,
+        _table(
+            "scene, rays | threads | method | Mray/s | × Open3D | median, mm | p99, mm | max, mm | max, ulp | wrong",
+            (
+                [
+                    f"{row['scene']}, {row['rays']}",
+                    _threads(row),
+                    _method(row),
+                    _short(row["mrays"]),
+                    _short(row["ratio"]),
+                    *_errors(row["error"]),
+                ]
+                for row in _once(results["speed"])
+            ),
+        ),
+        "## Building",
+        BUILDING,
+        _table(
+            "scene | triangles | method | s | × Open3D | bytes a triangle | counted",
+            (
+                [
+                    row["scene"],
+                    _count(row["triangles"]),
+                    _method(row),
+                    _short(row["seconds"]),
+                    _short(row["ratio"]),
+                    _count(row["resident"]),
+                    _count(row["counted"]),
+                ]
+                for row in results["builds"]
+            ),
+        ),
+        "## More triangles",
+        "A terrain of one size in ever finer triangles, 128 channels.",
+        "![Time a ray against the number of triangles](growth.png)",
+        _table(
+            "triangles | threads | method | ns a ray | × Open3D",
+            (
+                [
+                    _count(row["triangles"]),
+                    _threads(row),
+                    _method(row),
+                    _short(1e3 / row["mrays"]),
+                    _short(row["ratio"]),
+                ]
+                for row in results["growth"]
+            ),
+        ),
+        "## A whole scan",
+        "In the city, 128 channels, over the bare cast of the same rays.",
+        _table(
+            "what | ms | × cast",
+            ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["scan"]),
+        ),
+        "## Methods",
+        _table("method | version", ([name, state] for name, state in results["casters"].items())),
+    ]
+    return "\n\n".join(parts) + "\n"
+
+
+def readme_section(results: Results) -> str:
+    """Return the section on speed of the README."""
+    cells: dict[tuple[str, str], dict[str, Row]] = {}
+    for row in _most_threads(results):
+        if not row["scene"].startswith("analytic"):
+            cells.setdefault((row["scene"], row["rays"]), {})[row["method"]] = row
+    meshes = []
+    for (scene, rays), methods in cells.items():
+        own, peer = methods["lidarsim"], methods.get("Open3D")
+        meshes.append(
+            [
+                scene,
+                rays,
+                _short(own["mrays"]),
+                _short(peer["mrays"]) if peer else "—",
+                f"**{_short(own['ratio'])}**",
+                f"{_wrong(own['error'])}; {_short(own['error']['max_mm'])}",
+                f"{_wrong(peer['error'])}; {_short(peer['error']['max_mm'])}" if peer else "—",
+            ]
+        )
+    shapes = [
+        [_method(row), _threads(row), _short(row["mrays"]), _short(row["ratio"]), *_errors(row["error"])]
+        for row in _analytic(results)
+    ]
+    sample = max(row["error"]["rays"] for row in results["speed"])
+    missing = [name for name, state in results["casters"].items() if state.startswith("not installed")]
+    parts = [
+        f"![Speed against error]({PICTURE})",
+        _machine(results) + (f" Not installed there: {'; '.join(missing)}." if missing else ""),
+        MESHES.format(rays=sample),
+        _table("scene | rays | lidarsim | Open3D | ratio | lidarsim: wrong; worst | Open3D: wrong; worst", meshes),
+        SHAPES.format(shapes=results["plan"]["shapes"]),
+        _table("method | threads | Mray/s | × Open3D | median, mm | p99, mm | max, mm | max, ulp | wrong", shapes),
+        summary(results),
+    ]
+    return "\n\n".join(parts)
+
+
+def _machine(results: Results) -> str:
+    m = results["machine"]
+    threads = max(results["plan"]["threads"])
+    place = f"{m['cpu']}, {m['cores']} cores, {m['system']}, Python {m['python']}"
+    return f"Measured on {place}, with {threads} threads where a method has them; lidarsim with {m['instructions']}."
+
+
+def summary(results: Results) -> str:
+    """Return what many rows of the tables amount to."""
+    own = [row for row in _most_threads(results) if row["method"] == "lidarsim"]
+    lines = []
+    for name, first in (("128 channels", "128"), ("16 channels", "16"), ("random rays", "random")):
+        ratios = [
+            row["ratio"]
+            for row in own
+            if row["rays"].startswith(first) and row["scene"] in {"city", "terrain", "scans"} and row["ratio"]
+        ]
+        if ratios:
+            mean = math.exp(sum(map(math.log, ratios)) / len(ratios))
+            lines.append(f"meshes, {name}: {_short(mean)} × Open3D (geometric mean; least {_short(min(ratios))} ×)")
+    analytic = {row["method"]: row for row in _analytic(results)}
+    lines += [
+        f"analytic shapes: {_short(analytic['lidarsim']['ratio'])} × {row['method']}"
+        for row in analytic.values()
+        if row["reference"]
+    ]
+    lidars = [row["mrays"] for name, row in analytic.items() if name.startswith("MuJoCo-LiDAR")]
+    if lidars:
+        ratio = analytic["lidarsim"]["mrays"] / max(lidars)
+        lines.append(f"analytic shapes: {_short(ratio)} × the fastest back end of MuJoCo-LiDAR")
+    builds = {(row["scene"], row["method"]): row for row in results["builds"]}
+    for (scene, method), row in builds.items():
+        peer = builds.get((scene, "Open3D"))
+        if method == "lidarsim" and peer is not None:
+            lines.append(
+                f"{scene}: built in {_short(row['seconds'])} s, Open3D {_short(peer['seconds'])} s; "
+                f"{_count(row['resident'])} bytes a triangle, Open3D {_count(peer['resident'])}"
+            )
+    lines += [f"{row['what']}: {_short(row['ratio'])} × the bare cast" for row in results["scan"][1:]]
+    errors = [row["error"] for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
+    wrong = sum(error["lost"] + error["invented"] + error["other"] for error in errors)
+    worst = max((error["max_ulp"] for error in errors if error["max_ulp"] is not None), default=0.0)
+    lines.append(
+        f"lidarsim against exact arithmetic: {wrong} wrong of {sum(error['rays'] for error in errors):,} rays, "
+        f"ranges within {_short(worst)} ulp"
+    )
+    return "\n".join(f"- {line}" for line in lines)
+
+
+def _most_threads(results: Results) -> list[Row]:
+    threads = max(results["plan"]["threads"])
+    return [row for row in results["speed"] if row["threads"] == threads]
+
+
+def _analytic(results: Results) -> list[Row]:
+    return [row for row in _most_threads(results) if row["scene"] == "analytic" and row["rays"].startswith("128")]
+
+
+def _once(rows: Iterable[Row]) -> list[Row]:
+    """Return the rows; of a method of one thread only the first of those that differ in the threads of the others."""
+    seen: dict[tuple[str, ...], Row] = {}
+    for row in rows:
+        seen.setdefault((row["scene"], row["rays"], row["method"], _threads(row)), row)
+    return list(seen.values())
+
+
+def _table(header: str, rows: Iterable[Sequence[str]]) -> str:
+    head = [f"| {header} |", "|---" * len(header.split(" | ")) + "|"]
+    return "\n".join([*head, *(f"| {' | '.join(row)} |" for row in rows)])
+
+
+def _method(row: Row) -> str:
+    name: str = row["method"]
+    return f"**{name}**" if name == "lidarsim" else name
+
+
+def _threads(row: Row) -> str:
+    return "1" if row.get("one_thread") else str(row["threads"])
+
+
+def _errors(error: Row) -> list[str]:
+    figures = [_short(error[key]) for key in ("median_mm", "p99_mm", "max_mm", "max_ulp")]
+    return [*figures, f"{_wrong(error)} of {error['rays']:,}"]
+
+
+def _wrong(error: Row) -> str:
+    counts = [error["lost"], error["invented"], error["other"]]
+    return " + ".join("?" if count is None else str(count) for count in counts) if any(counts) else "0"
+
+
+def _short(value: float | None) -> str:
+    if value is None:
+        return "—"
+    if value == 0 or 0.01 <= value < 1e4:
+        return f"{value:.3g}" if value < 1000 else f"{value:.0f}"
+    mantissa, exponent = f"{value:.1e}".split("e")
+    return f"{mantissa}e{int(exponent)}"
+
+
+def _count(value: float | None) -> str:
+    return f"{value:,.0f}" if value else "—"
+
+
+def plot_speed(results: Results, path: Path) -> None:
+    """Draw speed against error among the analytic shapes: a mark a method at its median, a line up to its maximum."""
+    rows = [row for row in _analytic(results) if row["error"]["median_mm"] is not None]
+
+    def draw(axes: Any) -> None:
+        meshed = [row for row in rows if row["method"].startswith("Open3D")]
+        x, y = [row["error"]["median_mm"] for row in meshed], [row["mrays"] for row in meshed]
+        axes.plot(x, y, color=_color("Open3D"), alpha=0.4, linewidth=1.2, linestyle=(0, (4, 3)))
+        labels = []
+        for row in sorted(rows, key=lambda row: -row["mrays"]):
+            own, color = row["method"] == "lidarsim", _color(row["method"])
+            median, largest, speed = row["error"]["median_mm"], row["error"]["max_mm"], row["mrays"]
+            axes.plot([median, largest], [speed, speed], color=color, alpha=0.35, linewidth=1.5)
+            axes.plot(median, speed, marker="D" if own else "o", markersize=10 if own else 7, color=color, mec="white")
+            if row not in meshed[1:-1]:
+                name = f"Open3D, {row['triangles'] / 1e6:.2g} million triangles" if row in meshed else row["method"]
+                labels.append((name, median, speed, color, "bold" if own else "normal"))
+        axes.set_yscale("log")
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter("")
+        axes.margins(x=0.08, y=0.15)
+        _label(axes, labels)
+        axes.set_xlabel("error of the range, mm: its median, and a line up to its maximum", color=INK)
+        axes.set_ylabel("million rays a second", color=INK)
+        axes.set_title(
+            f"{results['plan']['shapes']} analytic shapes, 128 channels, {results['machine']['cpu']}, "
+            f"{max(results['plan']['threads'])} threads",
+            fontsize=10,
+            color=INK,
+            loc="left",
+        )
+
+    _figure(draw, path)
+
+
+def plot_growth(results: Results, path: Path) -> None:
+    """Draw the time a ray against the number of triangles."""
+
+    def draw(axes: Any) -> None:
+        for method in dict.fromkeys(row["method"] for row in results["growth"]):
+            rows = [row for row in results["growth"] if row["method"] == method]
+            x, y = [row["triangles"] for row in rows], [1e3 / row["mrays"] for row in rows]
+            axes.plot(x, y, marker="o", markersize=6, linewidth=2, color=_color(method), mec="white")
+            name = method + (", 1 thread" if rows[-1]["one_thread"] else "")
+            offset = {"xytext": (9, 0), "textcoords": "offset points", "va": "center"}
+            axes.annotate(name, (x[-1], y[-1]), fontsize=9, color=_color(method), **offset)
+        axes.margins(x=0.16)
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("triangles", color=INK)
+        axes.set_ylabel("ns a ray", color=INK)
+
+    _figure(draw, path)
+
+
+def _label(axes: Any, labels: Sequence[tuple[str, float, float, str, str]]) -> None:
+    """Put each label beside its mark where it covers no mark and no label before it."""
+    renderer = axes.figure.canvas.get_renderer()
+    axes.figure.draw_without_rendering()
+    taken = axes.transData.transform([mark for line in axes.lines for mark in line.get_xydata()])
+    boxes: list[Any] = []
+    for text, x, y, color, weight in labels:
+        for offset, ha, va in (
+            ((0, 9), "center", "bottom"),
+            ((-4, 4), "right", "bottom"),
+            ((-9, 0), "right", "center"),
+            ((0, -9), "center", "top"),
+            ((-5, -5), "right", "top"),
+            ((5, -5), "left", "top"),
+            ((5, 5), "left", "bottom"),
+        ):
+            note = axes.annotate(
+                text,
+                (x, y),
+                xytext=offset,
+                textcoords="offset points",
+                ha=ha,
+                va=va,
+                fontsize=9,
+                color=color,
+                weight=weight,
+            )
+            box = note.get_window_extent(renderer).padded(2)
+            inside = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1
+            if inside and not any(box.contains(*mark) for mark in taken) and not box.count_overlaps(boxes):
+                break
+            note.remove()
+        else:
+            note = axes.annotate(
+                text,
+                (x, y),
+                xytext=(0, 8),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize=9,
+                color=color,
+            )
+        boxes.append(box)
+
+
+def _color(method: str) -> str:
+    return next(color for name, color in COLORS.items() if method.startswith(name))
+
+
+def _figure(draw: Callable[[Any], None], path: Path) -> None:
+    """Draw on axes with a logarithmic x, and write a PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(8.0, 4.8), dpi=160, layout="constrained", facecolor="white")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    axes.set_xscale("log")
+    axes.grid(color=FAINT, linewidth=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[:].set_visible(False)
+    axes.tick_params(which="both", length=0, colors=INK, labelsize=9)
+    draw(axes)
+    with atomic_writer(path) as file:
+        figure.savefig(file, format="png")

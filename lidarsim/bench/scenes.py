@@ -1,0 +1,358 @@
+"""Scenes to measure speed on, made by rule from a seed; their rays; and the exact hit of each ray.
+
+Three meshes stand for what lidar simulations hold: a city (a few large triangles beside finely meshed round things),
+terrain (a height field), scans (closed surfaces of uneven triangles). The analytic scene holds shapes that are no
+triangles; its tessellations are what a caster of triangles makes of it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim.bench import oracle
+from lidarsim.bench.cases import UTM, Spec
+from lidarsim.patterns import Spinning
+
+__all__ = ["UTM", "Rays", "Truth", "World", "analytic", "city", "lidar", "random_rays", "scans", "terrain"]
+
+Floats = npt.NDArray[np.float64]
+Integers = npt.NDArray[np.int64]
+Triangles = tuple[Floats, Integers]
+
+ROUND = {"Sphere", "Cylinder", "Ellipsoid"}
+GROUP = 256  # triangles that share a bounding box in the search for candidates
+
+
+@dataclass(frozen=True, eq=False)
+class Rays:
+    """Rays in the order of firing: origins and unit directions, (n, 3)."""
+
+    name: str
+    origins: Floats
+    directions: Floats
+    one_origin: bool
+
+    def __len__(self) -> int:
+        return len(self.directions)
+
+    def __getitem__(self, rows: Any) -> Rays:
+        return replace(self, origins=self.origins[rows].copy(), directions=self.directions[rows].copy())
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The exact nearest hit of each ray: its t, None for a miss; the triangle or, among shapes, the object it is on.
+
+    `telling` are the hits whose range tells casters apart: among shapes those on round ones, as triangles are flat too.
+    """
+
+    t: list[oracle.Surd | None]
+    surface: Integers
+    telling: npt.NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A scene, where its sensor stands, and the box that random rays start in.
+
+    A world of one mesh may be the tessellation of another world: `owner` then says which of its objects each triangle
+    stands for.
+    """
+
+    name: str
+    shapes: tuple[Spec, ...]
+    sensor: Floats
+    low: Floats
+    high: Floats
+    owner: Integers | None = field(default=None, repr=False)
+
+    @property
+    def mesh(self) -> Triangles | None:
+        """Vertices and faces of a world that is one mesh."""
+        first = self.shapes[0]
+        return first.args if first.kind == "TriangleMesh" else None
+
+    @property
+    def triangles(self) -> int:
+        """Number of triangles, 0 if the shapes are none."""
+        return 0 if self.mesh is None else len(self.mesh[1])
+
+    @property
+    def far(self) -> bool:
+        """Whether the world stands far from the origin of coordinates."""
+        return self.name.endswith(" at UTM")
+
+    def tessellated(self, level: int) -> World:
+        """Return this world in triangles, round shapes by icospheres of this level and prisms with edges as long."""
+        vertices, faces, owner = _join(_tessellate(spec, level) for spec in self.shapes)
+        return replace(self, shapes=(Spec("TriangleMesh", (vertices, faces)),), owner=owner)
+
+    def truth(self, rays: Rays) -> Truth:
+        """Return the exact hits, by brute force in integers over what float64 bounds cannot rule out."""
+        found = [
+            self._nearest(o, d, ray) for o, d, ray in zip(rays.origins, rays.directions, _exact(rays), strict=True)
+        ]
+        surface = np.array([surface for _, surface in found], dtype=np.int64)
+        telling = surface >= 0
+        if self.mesh is None:
+            telling &= np.array([spec.kind in ROUND for spec in self.shapes])[surface]
+        return Truth([t for t, _ in found], surface, telling)
+
+    def _nearest(self, origin: Floats, direction: Floats, ray: oracle.Ray) -> tuple[oracle.Surd | None, int]:
+        parts = np.flatnonzero(_slabs(*self._bounds, origin, direction))
+        if self.mesh is None:
+            best: tuple[oracle.Surd | None, int] = None, -1
+            for part in parts:
+                crossing = oracle.nearest(self._judges[part], ray)
+                if crossing is not None and (best[0] is None or crossing.t < best[0]):
+                    best = crossing.t, int(part)
+            return best
+        vertices, faces = self.mesh
+        candidates = np.sort(np.concatenate([self._groups[part] for part in parts])) if len(parts) else np.zeros(0, int)
+        corners = vertices[faces[candidates]]
+        kept = _pierced(corners - origin, direction)
+        if not kept.any():
+            return None, -1
+        crossing = oracle.nearest(
+            oracle.TriangleMesh(corners[kept].reshape(-1, 3), np.arange(3 * kept.sum()).reshape(-1, 3)), ray
+        )
+        return (None, -1) if crossing is None else (crossing.t, int(candidates[kept][min(crossing.faces)]))
+
+    @cached_property
+    def _judges(self) -> list[oracle.Shape]:
+        return [spec.judge() for spec in self.shapes]
+
+    @cached_property
+    def _groups(self) -> list[Integers]:
+        """Indices of triangles that lie close together, by the Morton order of their centres."""
+        vertices, faces = self.mesh or (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
+        centers = vertices[faces].mean(axis=1)
+        cells = (1023 * (centers - centers.min(axis=0)) / np.maximum(np.ptp(centers, axis=0), 1e-300)).astype(np.int64)
+        code = sum((cells[:, axis] >> bit & 1) << (3 * bit + axis) for bit in range(10) for axis in range(3))
+        return np.array_split(np.argsort(code, kind="stable"), math.ceil(len(faces) / GROUP))
+
+    @cached_property
+    def _bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper corners of boxes around the groups of triangles or around the shapes."""
+        if self.mesh is None:
+            return np.array([_box(spec)[0] for spec in self.shapes]), np.array([_box(spec)[1] for spec in self.shapes])
+        vertices, faces = self.mesh
+        groups = [vertices[faces[group]].reshape(-1, 3) for group in self._groups]
+        return np.array([g.min(axis=0) for g in groups]), np.array([g.max(axis=0) for g in groups])
+
+
+def _exact(rays: Rays) -> Iterable[oracle.Ray]:
+    return (oracle.Ray.of(o, d) for o, d in zip(rays.origins.tolist(), rays.directions.tolist(), strict=True))
+
+
+def _box(spec: Spec) -> tuple[Floats, Floats]:
+    """Return corners of a box around a shape."""
+    match spec.kind, spec.args:
+        case (("Sphere" | "Ellipsoid"), (center, radius, *_)):
+            reach = np.full(3, np.max(radius))
+            return center - reach, center + reach
+        case "Box", (size, center):
+            return center - size / 2, center + size / 2
+        case "Cylinder", (start, end, radius, *_):
+            return np.minimum(start, end) - radius, np.maximum(start, end) + radius
+    return np.full(3, -np.inf), np.full(3, np.inf)
+
+
+def _slabs(low: Floats, high: Floats, origin: Floats, direction: Floats) -> npt.NDArray[np.bool_]:
+    """Say which boxes the ray may meet: widened by far more than float64 errs here."""
+    slack = 1e-9 * (1 + np.abs(origin).max())
+    with np.errstate(all="ignore"):
+        t = np.stack([low - slack - origin, high + slack - origin]) / direction
+        near, far = np.fmin(t[0], t[1]), np.fmax(t[0], t[1])
+    entry, leave = np.fmax.reduce(near, axis=1), np.fmin.reduce(far, axis=1)
+    met: npt.NDArray[np.bool_] = (entry <= leave) & (leave >= 0)
+    return met
+
+
+def _pierced(corners: Floats, direction: Floats) -> npt.NDArray[np.bool_]:
+    """Say which triangles, corners (n, 3, 3) relative to the origin of the line, the line may pass through.
+
+    A sign d·(b × c) sums six products of three numbers, each with at most eight roundings on its way; |d| is about 1.
+    """
+    a, b, c = np.moveaxis(corners, 1, 0)
+    signs = np.stack([np.cross(b, c) @ direction, np.cross(c, a) @ direction, np.cross(a, b) @ direction])
+    doubt = 6 * 8 * 2.0**-52 * np.abs(corners).max(axis=(1, 2), initial=0.0) ** 2
+    kept: npt.NDArray[np.bool_] = ~((signs > doubt).any(axis=0) & (signs < -doubt).any(axis=0))
+    return kept
+
+
+def lidar(world: World, channels: int, columns: int, field_of_view: float) -> Rays:
+    """Return one turn of a spinning lidar at rest, column after column."""
+    pulses = spinning(channels, columns, field_of_view).pulses()
+    directions = np.ascontiguousarray(pulses.directions)
+    return Rays(f"{channels} × {columns}", np.tile(world.sensor, (len(directions), 1)), directions, one_origin=True)
+
+
+def spinning(channels: int, columns: int, field_of_view: float) -> Spinning:
+    """Return the pattern of `lidar`: channels at equal steps over a vertical field of view, rad, about the horizon."""
+    return Spinning(np.linspace(-field_of_view / 2, field_of_view / 2, channels), columns=columns)
+
+
+def random_rays(world: World, count: int, seed: int = 0) -> Rays:
+    """Return rays of every direction from everywhere in the world's box."""
+    rng = np.random.default_rng((seed, 7))
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    return Rays("random", rng.uniform(world.low, world.high, (count, 3)), directions, one_origin=False)
+
+
+def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
+    """Return streets of boxes and poles, with 36 finely meshed spheres that hold nearly all of the triangles."""
+    rng = np.random.default_rng(1)
+    level = max(0, round(math.log(triangles / (36 * 20), 4)))
+    sphere, faces = _icosphere(level)
+    parts = [_quad(300.0, 0.0)]
+    for x in range(-112, 113, 32):
+        for y in range(-112, 113, 32):
+            size = np.array([*rng.uniform(12, 20, 2), rng.uniform(6, 30)])
+            parts.append(_tessellate(Spec("Box", (size, np.array([x, y, size[2] / 2]))), 0))
+            foot = np.array([x + 11.5, y + 11.5, 0.0])
+            top = foot + np.array([0.0, 0.0, 8.0])
+            parts.append(_tessellate(Spec("Cylinder", (foot, top, 0.1)), 2))
+    for k in range(36):
+        radius = rng.uniform(1.0, 2.5)
+        street, along = 32 * rng.integers(-1, 2) + rng.uniform(-3, 3), rng.uniform(6, 60) * rng.choice([-1, 1])
+        center = np.array([*([street, along] if k % 2 else [along, street]), radius])
+        parts.append((center + radius * sphere, faces))
+    return _mesh_world("city", _join(parts)[:2], [(0, 0, 2), (-120, -120, 0.5), (120, 120, 30)], offset)
+
+
+def terrain(triangles: int = 1_000_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
+    """Return a fractal height field, 700 m wide, seen from a mast of 20 m.
+
+    It sums random heights on lattices, each twice as fine and 0.55 times as high as the last; a terrain of more
+    triangles is the same with finer lattices added.
+    """
+    n = round(math.sqrt(triangles / 2)) + 1
+    rng = np.random.default_rng(2)
+    s = np.linspace(0.0, 1.0, n)
+    z = np.zeros((n, n))
+    for octave in range(2, math.ceil(math.log2(n)) + 1):
+        nodes = np.arange(2**octave + 1)
+        hats = np.maximum(0.0, 1.0 - np.abs(s[:, None] * 2**octave - nodes))
+        z += hats @ rng.normal(scale=40.0 * 0.55**octave, size=(len(nodes), len(nodes))) @ hats.T
+    z -= z[n // 2, n // 2]
+    x, y = np.meshgrid(700 * s - 350, 700 * s - 350)
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    vertices = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    return _mesh_world("terrain", (vertices, faces), [(0, 0, 20), (-350, -350, z.min()), (350, 350, z.max())], offset)
+
+
+def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
+    """Return ten closed bumpy bodies in a hall, their triangles as uneven as a scanner's: dense in parts, all rough."""
+    from scipy.spatial import ConvexHull
+
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(triangles // 20, 3))  # a closed mesh has two triangles a vertex
+    dense = rng.normal(size=(5, 3))
+    points += dense[rng.integers(0, 5, len(points))] * rng.uniform(0, 1.2, (len(points), 1))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    hull = ConvexHull(points)
+    a, b, c = np.moveaxis(points[hull.simplices], 1, 0)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
+    hall = Spec("Box", (np.array([40.0, 30.0, 8.0]), np.array([0.0, 0.0, 4.0])))
+    parts = [_tessellate(hall, 0)]
+    for k in range(10):
+        frequency = rng.normal(size=(40, 3)) * np.geomspace(1, 30, 40)[:, None]
+        bumps = np.sin(points @ frequency.T + rng.uniform(0, 2 * np.pi, 40)) @ (
+            0.25 / np.linalg.norm(frequency, axis=1)
+        )
+        body = points * (1 + 0.6 * bumps + rng.normal(scale=5e-4, size=len(points)))[:, None] * rng.uniform(1.2, 1.8, 3)
+        angle = 2 * np.pi * k / 10
+        place = np.array([(5 + 4 * (k % 3)) * np.cos(angle), (5 + 3 * (k % 3)) * np.sin(angle), 0.1 - body[:, 2].min()])
+        parts.append((body + place, faces))
+    return _mesh_world("scans", _join(parts)[:2], [(0, 0, 1.5), (-19, -14, 0.5), (19, 14, 7.5)], offset)
+
+
+def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
+    """Return a quarter each of spheres, boxes, cylinders and ellipsoids, 0.3 m to 2 m in radius, over a plane."""
+    from scipy.spatial.transform import Rotation
+
+    rng = np.random.default_rng(4)
+    shift = np.asarray(offset, dtype=np.float64)
+    specs = [Spec("Plane.from_point", (shift.copy(), np.array([0.0, 0.0, 1.0])))]
+    for k in range(shapes):
+        distance, angle = np.sqrt(rng.uniform(6**2, 60**2)), rng.uniform(0, 2 * np.pi)
+        height = rng.uniform(0.3, 3 + 0.3 * distance)
+        center = shift + np.array([distance * np.cos(angle), distance * np.sin(angle), height])
+        radii = rng.uniform(0.3, 2.0, 3)
+        turn = Rotation.random(rng=rng)
+        specs.append(
+            (
+                Spec("Sphere", (center, float(radii[0]))),
+                Spec("Box", (2 * radii, center)),
+                Spec("Cylinder", (center, center + 2 * radii[1] * turn.as_matrix()[2], float(radii[0] / 2))),
+                Spec("Ellipsoid", (center, radii, turn.as_matrix())),
+            )[k % 4]
+        )
+    sensor, low, high = shift + np.array([(0.0, 0.0, 2.0), (-60.0, -60.0, 0.1), (60.0, 60.0, 20.0)])
+    return World(_place("analytic", shift), tuple(specs), sensor, low, high)
+
+
+def _mesh_world(name: str, mesh: Triangles, places: Any, offset: npt.ArrayLike) -> World:
+    """Return a world of one mesh, all of it moved; `places`: the sensor, and the corners of the box for random rays."""
+    shift = np.asarray(offset, dtype=np.float64)
+    vertices, faces = mesh
+    spec = Spec("TriangleMesh", (vertices + shift, faces.astype(np.uint32)))
+    sensor, low, high = shift + np.array(places, dtype=np.float64)
+    return World(_place(name, shift), (spec,), sensor, low, high)
+
+
+def _place(name: str, shift: Floats) -> str:
+    return f"{name} at UTM" if shift.any() else name
+
+
+def _join(parts: Iterable[Triangles]) -> tuple[Floats, Integers, Integers]:
+    """Return meshes as one: vertices, faces, and for each face the part it came from."""
+    vertices, faces = zip(*parts, strict=True)
+    starts = np.cumsum([0, *(len(v) for v in vertices[:-1])])
+    owner = np.repeat(np.arange(len(faces)), [len(f) for f in faces])
+    return np.concatenate(vertices), np.concatenate([f + s for f, s in zip(faces, starts, strict=True)]), owner
+
+
+def _quad(half: float, z: float) -> Triangles:
+    corners = half * np.array([(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)])
+    return np.column_stack([corners, np.full(4, z)]), np.array([(0, 1, 2), (0, 2, 3)])
+
+
+def _icosphere(level: int) -> Triangles:
+    import trimesh
+
+    sphere = trimesh.creation.icosphere(subdivisions=level)
+    return np.array(sphere.vertices), np.array(sphere.faces)
+
+
+def _tessellate(spec: Spec, level: int) -> Triangles:
+    import trimesh
+
+    match spec.kind, spec.args:
+        case "Sphere", (center, radius):
+            vertices, faces = _icosphere(level)
+            return center + radius * vertices, faces
+        case "Ellipsoid", (center, radii, rotation):
+            vertices, faces = _icosphere(level)
+            return center + (vertices * radii) @ rotation.T, faces
+        case "Box", (size, center):
+            box = trimesh.creation.box(extents=size)
+            return center + box.vertices, np.array(box.faces)
+        case "Cylinder", (start, end, radius):
+            prism = trimesh.creation.cylinder(radius, sections=6 * 2**level, segment=[np.zeros(3), end - start])
+            return start + prism.vertices, np.array(prism.faces)
+    point, _ = spec.args  # the ground; no ray of a lidar meets it farther off
+    vertices, faces = _quad(4000.0, 0.0)
+    return point + vertices, faces

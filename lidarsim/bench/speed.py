@@ -1,0 +1,518 @@
+"""Speed against error: lidarsim and its peers on the same rays, in one process, in turns.
+
+``lidarsim bench --quick -o DIR`` ends within two minutes on two cores; without ``--quick`` it measures longer, and
+up to ten million triangles.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import gc
+import json
+import math
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim.bench import report, scenes
+from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed
+from lidarsim.bench.scenes import Rays, Truth, World
+
+__all__ = ["FULL", "QUICK", "Build", "Error", "Plan", "Speed", "interleave", "judge", "main", "measure"]
+
+Progress = Callable[[str], None]
+
+MESHES: dict[str, Callable[..., World]] = {"city": scenes.city, "terrain": scenes.terrain, "scans": scenes.scans}
+FINE = 1.0  # mm: a tessellation whose median error is at most this stands for Open3D among the analytic shapes
+
+
+@dataclass(frozen=True)
+class Plan:
+    """How much to measure.
+
+    Attributes
+    ----------
+    triangles : int or None
+        Size of the three meshes; None for the size that each is meant to have.
+    shapes : int
+        Shapes of the analytic scene, its ground not counted.
+    columns : tuple of int
+        Columns of the lidar of 128 channels and of the one of 16.
+    random : int
+        Random rays.
+    levels : tuple of int
+        Icosphere levels of the tessellations.
+    sizes : tuple of int
+        Triangles of the terrains that show how the cost grows.
+    threads : tuple of int
+        Threads to cast with.
+    rounds : int
+        Turns that each method gets, the median of which counts.
+    seconds : float
+        A method that has used up this time in a comparison sits out its further turns.
+    builds : int
+        Builds of each mesh.
+    memory : tuple of str
+        Meshes that fresh processes build, to see by how much they grow.
+    sample : int
+        Most rays of a comparison that are judged.
+    """
+
+    triangles: int | None = None
+    shapes: int = 400
+    columns: tuple[int, int] = (1024, 1800)
+    random: int = 200_000
+    levels: tuple[int, ...] = (2, 3, 4, 5, 6)
+    sizes: tuple[int, ...] = (10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
+    threads: tuple[int, ...] = (1, 2)
+    rounds: int = 41
+    seconds: float = 8.0
+    builds: int = 7
+    memory: tuple[str, ...] = tuple(MESHES)
+    sample: int = 4000
+
+
+FULL = Plan()
+QUICK = Plan(
+    levels=(1, 2, 3, 4, 5),
+    sizes=(10_000, 100_000, 1_000_000),
+    rounds=9,
+    seconds=0.4,
+    builds=2,
+    memory=("city",),
+    sample=300,
+)
+
+
+@dataclass(frozen=True)
+class Error:
+    """What a method got wrong on the judged rays.
+
+    Attributes
+    ----------
+    rays, hits : int
+        Rays judged, and those that hit, exactly.
+    lost, invented : int
+        Hits not found, and hits found that are none.
+    other : int or None
+        Hits found on another triangle or object than the nearest; None if the method does not say what it hit.
+    median_mm, p99_mm, max_mm : float or None
+        Error of the range, mm, over the telling hits that were found; None if there are none.
+    max_ulp : float or None
+        Largest error of the range over all hits that were found, in units in the last place of its float64.
+    """
+
+    rays: int
+    hits: int
+    lost: int
+    invented: int
+    other: int | None
+    median_mm: float | None
+    p99_mm: float | None
+    max_mm: float | None
+    max_ulp: float | None
+
+
+@dataclass(frozen=True)
+class Speed:
+    """One method on one set of rays: million rays a second by its median cast, that over Open3D's, and its errors."""
+
+    scene: str
+    triangles: int
+    rays: str
+    threads: int
+    method: str
+    one_thread: bool
+    mrays: float
+    ratio: float | None
+    reference: bool
+    error: Error
+
+
+@dataclass(frozen=True)
+class Build:
+    """One method's time from arrays to the first answered ray, Open3D's over it, and the memory, bytes a triangle.
+
+    `resident` is what a fresh process grows by, `counted` what lidarsim's core says.
+    """
+
+    scene: str
+    triangles: int
+    method: str
+    seconds: float
+    ratio: float | None
+    resident: float | None
+    counted: float | None
+
+
+def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: float) -> dict[str, float]:
+    """Call each in turn, round after round, and return the median time of each.
+
+    Parameters
+    ----------
+    calls : dict of str to callable
+        What to time.
+    rounds : int
+        Turns of each.
+    seconds : float
+        One that has taken this long in all sits out its further turns.
+
+    Returns
+    -------
+    dict of str to float
+        Median time of a call, s.
+    """
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            if sum(times[name]) < seconds:
+                begin = time.perf_counter()
+                call()
+                times[name].append(time.perf_counter() - begin)
+    return {name: statistics.median(values) for name, values in times.items()}
+
+
+def judge(truth: Truth, found: Found) -> Error:
+    """Compare what a method found with the exact hits of the same rays."""
+    t, surface = found
+    exact = np.array([math.inf if s is None else float(s) for s in truth.t])
+    hit, said = np.isfinite(exact), np.isfinite(t)
+    both = hit & said
+    ulps = np.array([s.ulps(float(v)) for s, v, b in zip(truth.t, t, both, strict=True) if b and s is not None])
+    mm = (ulps * np.spacing(exact[both]) * 1e3)[truth.telling[both]]
+    return Error(
+        rays=len(t),
+        hits=int(hit.sum()),
+        lost=int((hit & ~said).sum()),
+        invented=int((said & ~hit).sum()),
+        other=None if surface is None else int((surface != truth.surface)[both].sum()),
+        median_mm=float(np.median(mm)) if len(mm) else None,
+        p99_mm=float(np.percentile(mm, 99)) if len(mm) else None,
+        max_mm=float(mm.max()) if len(mm) else None,
+        max_ulp=float(ulps.max()) if len(ulps) else None,
+    )
+
+
+class _Run:
+    """The measurements of one process."""
+
+    def __init__(self, plan: Plan, progress: Progress) -> None:
+        self.plan, self.progress = plan, progress
+        self.casters, self.states = installed()
+        self.speed: list[Speed] = []
+        self.growth: list[Speed] = []
+        self.builds: list[Build] = []
+        self.scan: list[dict[str, Any]] = []
+        self.stand_in: str | None = None  # the tessellation that stands for Open3D
+
+    def meshes(self) -> None:
+        """Measure the three meshes, near the origin of coordinates and far from it."""
+        for make in MESHES.values():
+            world = self._world(make)
+            methods = self._built(world, self.plan.builds)
+            for rays in self._rays(world):
+                self.speed += self._compare(world, rays, methods, self.plan.threads)
+            world = self._world(make, scenes.UTM)
+            methods = self._built(world, 0)
+            self.speed += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
+
+    def analytic(self) -> None:
+        """Measure shapes that are no triangles, and their tessellations."""
+        for offset in ((0.0, 0.0, 0.0), scenes.UTM):
+            world = scenes.analytic(self.plan.shapes, offset)
+            methods = self._built(world, int(not world.far))
+            for level in self.plan.levels if "Open3D" in self.casters else ():
+                if not world.far or _level(level) == self.stand_in:
+                    methods[_level(level)] = _Tessellation(world.tessellated(level), self.plan.threads[-1])
+            threads, sets = (self.plan.threads[-1:], 1) if world.far else (self.plan.threads, 3)
+            for rays in self._rays(world)[:sets]:
+                self.speed += self._compare(world, rays, methods, threads)
+
+    def sizes(self) -> None:
+        """Measure terrains of more and more triangles."""
+        for triangles in self.plan.sizes:
+            world = scenes.terrain(triangles)
+            methods = self._built(world, 0)
+            self.growth += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
+
+    def whole_scan(self) -> None:
+        """Measure whole scans over the bare cast of the same rays."""
+        import lidarsim as ls
+
+        world = self._world(scenes.city)
+        pattern = scenes.spinning(128, self.plan.columns[0], math.pi / 4)
+        rays = self._rays(world)[0]
+        caster = Lidarsim(world, self.plan.threads[-1])
+        pose = np.eye(4)
+        pose[:3, 3] = world.sensor
+        noise = ls.Lidar(pattern, measurement=ls.Measurement(range_sigma=0.02))
+        every = ls.Lidar(
+            pattern,
+            measurement=ls.Measurement(
+                range_sigma=0.02,
+                range_sigma_slope=1e-4,
+                range_bias=0.01,
+                range_resolution=0.004,
+                azimuth_sigma=1e-4,
+                elevation_sigma=1e-4,
+                dropout=0.01,
+                extinction=1e-4,
+            ),
+            max_range=200.0,
+        )
+        calls: dict[str, Callable[[], Any]] = {
+            "Scene.cast": lambda: caster.cast(rays, self.plan.threads[-1]),
+            "Lidar.scan, range noise": lambda: noise.scan(caster.scene, pose, seed=1),
+            "Lidar.scan, range noise, point_cloud": lambda: noise.scan(caster.scene, pose, seed=1).point_cloud(),
+            "Lidar.scan, every effect on one return": lambda: every.scan(caster.scene, pose, seed=1),
+        }
+        for call in calls.values():
+            call()
+        times = interleave(calls, self.plan.rounds, self.plan.seconds)
+        self.scan += [
+            {"what": name, "rays": len(rays), "seconds": s, "ratio": s / times["Scene.cast"]}
+            for name, s in times.items()
+        ]
+
+    def results(self) -> dict[str, Any]:
+        """Return everything as JSON would hold it."""
+        return {
+            "machine": report.machine(),
+            "plan": asdict(self.plan),
+            "casters": self.states,
+            "speed": [asdict(row) for row in self.speed],
+            "growth": [asdict(row) for row in self.growth],
+            "builds": [asdict(row) for row in self.builds],
+            "scan": self.scan,
+        }
+
+    def _world(self, make: Callable[..., World], offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
+        return make(offset=offset) if self.plan.triangles is None else make(self.plan.triangles, offset)
+
+    def _rays(self, world: World) -> list[Rays]:
+        many, few = self.plan.columns
+        return [
+            scenes.lidar(world, 128, many, math.pi / 4),
+            scenes.lidar(world, 16, few, math.pi / 6),
+            scenes.random_rays(world, self.plan.random),
+        ]
+
+    def _built(self, world: World, rounds: int) -> dict[str, Caster]:
+        """Build every caster that can hold the world, and note the time and the memory if `rounds` is above 0."""
+        self.progress(f"{world.name}, {world.triangles or len(world.shapes):,}: building")
+        threads, one = self.plan.threads[-1], scenes.lidar(world, 1, 1, 0.0)
+        built: list[tuple[str, Caster]] = []  # all of them, so that no time goes into freeing
+
+        def build(name: str) -> None:
+            caster = self.casters[name](world, threads)
+            caster.cast(caster.prepare(one), threads)
+            built.append((name, caster))
+
+        calls = {name: partial(build, name) for name, kind in self.casters.items() if kind.serves(world)}
+        times = interleave(calls, max(rounds, 1), math.inf)
+        methods = dict(built)
+        for name, seconds in times.items() if rounds else ():
+            caster = methods[name]
+            self.builds.append(
+                Build(
+                    scene=world.name,
+                    triangles=world.triangles,
+                    method=name,
+                    seconds=seconds,
+                    ratio=times["Open3D"] / seconds if "Open3D" in times else None,
+                    resident=_resident(name, world) if world.name in self.plan.memory else None,
+                    counted=caster.bytes() / world.triangles if isinstance(caster, Lidarsim) and world.mesh else None,
+                )
+            )
+        return methods
+
+    def _compare(self, world: World, rays: Rays, methods: dict[str, Caster], threads: Sequence[int]) -> list[Speed]:
+        """Cast the rays with every method that can, in turns, and judge what each found."""
+        self.progress(f"{world.name}, {world.triangles or len(world.shapes):,}: {rays.name} rays")
+        methods = {name: caster for name, caster in methods.items() if rays.one_origin or caster.any_origin}
+        stride = max(caster.stride for caster in methods.values())
+        groups = len(rays) // stride
+        judged = stride * np.random.default_rng(0).choice(groups, min(self.plan.sample, groups), replace=False)
+        truth = world.truth(rays[judged])
+        ready = {name: caster.prepare(rays[:: caster.stride]) for name, caster in methods.items()}
+        rows: list[Speed] = []
+        for n in threads:
+            calls = {name: partial(caster.cast, ready[name], n) for name, caster in methods.items()}
+            errors = {name: judge(truth, _at(judged, caster, calls[name]())) for name, caster in methods.items()}
+            times = interleave(calls, self.plan.rounds, self.plan.seconds)
+            mrays = {name: -(-len(rays) // methods[name].stride) / seconds / 1e6 for name, seconds in times.items()}
+            reference = self._reference(errors)
+            rows += [
+                Speed(
+                    scene=world.name,
+                    triangles=caster.triangles or world.triangles,
+                    rays=rays.name,
+                    threads=n,
+                    method=name,
+                    one_thread=caster.one_thread,
+                    mrays=mrays[name],
+                    ratio=mrays[name] / mrays[reference] if reference else None,
+                    reference=name == reference,
+                    error=errors[name],
+                )
+                for name, caster in methods.items()
+            ]
+        return rows
+
+    def _reference(self, errors: dict[str, Error]) -> str | None:
+        """Return what stands for Open3D: itself or, for shapes, its coarsest fine tessellation, or else the finest."""
+        if "Open3D" in errors:
+            return "Open3D"
+        if self.stand_in is None:
+            names = [name for name in errors if name.startswith("Open3D")]
+            fine = [name for name in names if (median := errors[name].median_mm) is not None and median <= FINE]
+            self.stand_in = next(iter(fine or names[-1:]), None)
+        return self.stand_in
+
+
+class _Tessellation(Open3D):
+    """Open3D on a world in triangles: says which object of the world a triangle stands for."""
+
+    def __init__(self, world: World, threads: int) -> None:
+        super().__init__(world, threads)
+        self.triangles = world.triangles
+        self.owner = world.owner
+
+    def found(self, answer: Any) -> Found:
+        """Return t and the object."""
+        t, triangle = super().found(answer)
+        hit = np.isfinite(t)
+        surface = np.full(len(t), -1)
+        surface[hit] = np.asarray(self.owner)[np.asarray(triangle)[hit]]
+        return t, surface
+
+
+def _level(level: int) -> str:
+    return f"Open3D, icosphere {level}"
+
+
+def _at(judged: Any, caster: Caster, answer: Any) -> Found:
+    """Return what was found on the judged rays, of which a caster with a stride has every one."""
+    t, surface = caster.found(answer)
+    rows = judged // caster.stride
+    return t[rows], None if surface is None else surface[rows]
+
+
+def _resident(method: str, world: World) -> float | None:
+    """Return by how many bytes a triangle a fresh process grows when the method builds the world; None off Linux."""
+    if not Path("/proc/self/statm").exists():
+        return None
+    code = f"from lidarsim.bench import speed; speed.print_growth({method!r}, {world.name!r}, {world.triangles})"
+    output = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603
+    return float(output.stdout.split()[-1])
+
+
+def print_growth(method: str, name: str, triangles: int) -> None:
+    """Print what `_resident` returns; to be called in a process of its own."""
+    kind = CASTERS[method]
+    kind.load()
+
+    def build(world: World) -> Caster:
+        caster = kind(world, 1)
+        caster.cast(caster.prepare(scenes.lidar(world, 1, 1, 0.0)), 1)
+        return caster
+
+    build(scenes.terrain(100))  # what the libraries set up once is not counted
+    world = MESHES[name](triangles)
+    before = _pages()
+    caster = build(world)
+    growth = _pages() - before
+    sys.stdout.write(f"\n{growth / world.triangles}\n")
+    del caster
+
+
+def _pages() -> int:
+    """Return the resident memory of this process, bytes, after it gave back what it does not use."""
+    gc.collect()
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)
+    return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
+
+
+@contextmanager
+def _threads_restored() -> Iterator[None]:
+    before = os.environ.get("LIDARSIM_THREADS")
+    try:
+        yield
+    finally:
+        os.environ.pop("LIDARSIM_THREADS", None)
+        if before is not None:
+            os.environ["LIDARSIM_THREADS"] = before
+
+
+def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
+    """Measure everything.
+
+    Parameters
+    ----------
+    plan : Plan
+        How much; `QUICK` or `FULL`.
+    progress : callable
+        Called with a line of text now and then.
+
+    Returns
+    -------
+    dict
+        The figures, as `lidarsim.bench.report` takes them.
+    """
+    with _threads_restored():
+        bench = _Run(plan, progress)
+        began = time.perf_counter()
+        bench.meshes()
+        bench.analytic()
+        bench.sizes()
+        bench.whole_scan()
+        progress("")
+        return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    parser = argparse.ArgumentParser(prog="lidarsim bench", description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="end within two minutes on two cores")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", default=Path("out/bench"), help="folder to write to"
+    )
+    parser.add_argument("--readme", type=Path, metavar="FILE", help="write the section on speed of this file anew")
+    parser.add_argument(
+        "--from", dest="known", type=Path, metavar="JSON", help="report an earlier run; measure nothing"
+    )
+    options = parser.parse_args(arguments)
+    options.output.mkdir(parents=True, exist_ok=True)
+    if options.readme is not None:
+        report.around_section(options.readme)  # so that a file without one is known before minutes of work
+    if options.known is None:
+        results = measure(QUICK if options.quick else FULL, _show if sys.stderr.isatty() else lambda _: None)
+    else:
+        results = json.loads(options.known.read_text(encoding="utf-8"))
+    report.write(results, options.output)
+    if options.readme is not None:
+        report.update_readme(results, options.readme)
+    sys.stdout.write(f"{report.summary(results)}\n\nThe tables are in {options.output / 'speed.md'}.\n")
+    return 0
+
+
+def _show(line: str) -> None:
+    sys.stderr.write(f"\r\033[K{line}" if line else "\r\033[K")
+    sys.stderr.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

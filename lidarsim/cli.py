@@ -1,0 +1,295 @@
+"""The command line: ``lidarsim scan | view | sensors | check | bench``."""
+
+from __future__ import annotations
+
+import dataclasses
+import sys
+import time
+from collections.abc import Sequence
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import typer
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+import lidarsim as ls
+from lidarsim._extras import import_extra
+from lidarsim.errors import LidarsimError
+from lidarsim.patterns import describe
+from lidarsim.pointcloud import check_output
+from lidarsim.sensor import preset_path
+from lidarsim.viewers import open3d, pattern, pyvista
+
+if TYPE_CHECKING:
+    from lidarsim.config.loader import Run
+
+app = typer.Typer(
+    help="Exact and fast lidar simulation.", add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
+)
+
+
+class Viewer(StrEnum):
+    """A library that shows point clouds."""
+
+    PYVISTA = "pyvista"
+    OPEN3D = "open3d"
+
+
+def _option(names: str, metavar: str, text: str) -> Any:
+    return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False)
+
+
+Configuration = Annotated[Path, typer.Argument(metavar="CONFIG", help="A configuration in YAML.")]
+Overrides = Annotated[list[str] | None, _option("--set", "KEY=VALUE", "Set a value of CONFIG: scene.0.radius_m=2")]
+Seed = Annotated[int | None, _option("--seed", "N", "Seed of the noise, in place of CONFIG's.")]
+Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame, in place of CONFIG's.")]
+Screenshot = Annotated[Path | None, _option("--screenshot", "PNG", "Write a picture, without a window.")]
+ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Field that colours the points, or height.")]
+
+
+@app.command()
+def scan(
+    config: Configuration,
+    *,
+    output: Annotated[Path, _option("--output -o", "OUT", "A .pcd, .ply or .npz; several frames get numbers.")],
+    overrides: Overrides = None,
+    seed: Seed = None,
+    frame: Frame = None,
+    frames: Annotated[int | None, _option("--frames", "N", "How many frames, in place of CONFIG's.")] = None,
+    screenshot: Screenshot = None,
+    color_by: ColorBy = None,
+) -> None:
+    """Scan the scene of CONFIG and write the point cloud."""
+    check_output(output)
+    _check_screenshot(screenshot)
+    start = time.perf_counter()
+    run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
+    table = _table(
+        "frame", "pulses", *(status.name.replace("_", " ") for status in ls.Status), "points", "ms", "points/s"
+    )
+    points = 0
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        for number in progress.track(run.frames, description="scanning"):
+            begin = time.perf_counter()
+            result = run.scan(number)
+            cloud = result.point_cloud(**run.cloud)
+            seconds = time.perf_counter() - begin
+            cloud.save(_numbered(output, number, run))
+            if screenshot:
+                picture = _numbered(screenshot, number, run)
+                pyvista.render(cloud, picture, color_by=color_by, pose=_viewpoint(run, number))
+            counts = np.bincount(result.status, minlength=len(ls.Status))
+            _row(table, number, len(result.status), *counts, len(cloud), 1e3 * seconds, len(cloud) / seconds)
+            points += len(cloud)
+    _print(table)
+    files = ", ".join(str(_numbered(path, "*", run)) for path in (output, screenshot) if path)
+    _print(f"{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+
+
+@app.command()
+def view(
+    path: Annotated[Path, typer.Argument(metavar="PATH|CONFIG", help="A point cloud, or a configuration to scan.")],
+    *,
+    viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Which library shows it.")] = Viewer.PYVISTA,
+    screenshot: Screenshot = None,
+    color_by: ColorBy = None,
+    overrides: Overrides = None,
+    seed: Seed = None,
+    frame: Frame = None,
+) -> None:
+    """Show a point cloud in a window, or write a picture of it."""
+    _check_screenshot(screenshot)
+    if screenshot and viewer is Viewer.OPEN3D:
+        raise LidarsimError("--screenshot: expected --with pyvista, which draws the pictures, got --with open3d")
+    if path.suffix.lower() in (".yaml", ".yml"):
+        run = _load(path, overrides, seed=seed, first_frame=frame)
+        cloud, pose = run.scan().point_cloud(**run.cloud), _viewpoint(run, run.frames.start)
+    else:
+        cloud, pose = ls.PointCloud.load(path), None
+    if viewer is Viewer.OPEN3D:
+        open3d.show(cloud, color_by=color_by)
+    else:
+        pyvista.render(cloud, screenshot, color_by=color_by, pose=pose)
+
+
+@app.command()
+def check(config: Configuration, overrides: Overrides = None) -> None:
+    """Check CONFIG, build what it describes, and say what that is."""
+    run = _load(config, overrides)
+    table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "without area")
+    for index, item in enumerate(run.scene.objects):
+        mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
+        triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
+        _row(table, index, type(item.shape).__name__, item.name, item.label, item.material.reflectivity, *triangles)
+    _print(table)
+    _print_sensor(run.lidar)
+    count = len(run.frames)
+    _print(f"{config}: ok, {len(run.scene):,} objects, {count:,} frame{'s' * (count > 1)}, seed {run.seed}")
+
+
+@app.command()
+def sensors(
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="A preset; without it, all are listed.")] = None,
+    yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, to start one's own from.")] = False,
+    screenshot: Screenshot = None,
+) -> None:
+    """List the sensors that lidarsim knows, or describe one."""
+    if name is None:
+        if yaml or screenshot:
+            raise LidarsimError("--yaml, --screenshot: expected the NAME of a sensor beside them, got none")
+        table = _table("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
+        for preset in ls.Lidar.presets():
+            lidar = ls.Lidar.preset(preset)
+            facts = describe(lidar.pattern)
+            angles = (_span(np.degrees(span)) for span in (facts.azimuth, facts.elevation))
+            rate = round(facts.pulses_per_second)
+            _row(
+                table, preset, facts.rings, rate, lidar.pattern.rate, *angles, _span((lidar.min_range, lidar.max_range))
+            )
+        _print(table)
+        return
+    path = preset_path(name)
+    if screenshot:
+        pattern.draw(ls.Lidar.preset(name), screenshot)
+    if yaml:
+        _print(path.read_text(encoding="utf-8").rstrip())
+    else:
+        from lidarsim.config.document import plain, read
+
+        preset = plain(read(path))
+        _print(preset.get("description", ""))
+        _print_sensor(ls.Lidar.preset(name))
+        for key in ("modes", "datasheet_noise"):
+            if key in preset:
+                _print(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
+        sources = Table("value", "source", box=SIMPLE_HEAD)
+        for key, source in preset.get("sources", {}).items():
+            sources.add_row(key, source)
+        _print(sources)
+
+
+@app.command(context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []})
+def bench(context: typer.Context) -> None:
+    """Measure speed and accuracy beside other ray casters; ``lidarsim bench --help`` says how."""
+    from lidarsim.bench import main as benchmark
+
+    raise typer.Exit(benchmark(context.args))
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; exit with 0, with 2 and one line on stderr for bad input, or with 130 after Ctrl-C.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Default: those of the process.
+    """
+    arguments = list(sys.argv[1:] if arguments is None else arguments)
+    command = typer.main.get_command(app)
+    try:
+        code = command.main(arguments or ["--help"], prog_name="lidarsim", standalone_mode=False)
+    except KeyboardInterrupt:
+        code = 130
+    except OSError as error:  # ours have a text alone, the system's a number and a file besides
+        code = _complain(f"{error.filename}: {error.strerror}" if error.filename else error)
+    except (LidarsimError, ValueError) as error:
+        code = _complain(error)
+    except Exception as error:
+        if not hasattr(
+            error, "format_message"
+        ):  # as typer's complaints about arguments have, wherever they are defined
+            raise
+        code = _complain(error.format_message())
+    sys.exit(code or 0)
+
+
+def _complain(problem: object) -> int:
+    sys.stderr.write(f"lidarsim: {' '.join(str(problem).split())}\n")
+    return 2
+
+
+def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> Run:
+    given = [f"{key}={value}" for key, value in settings.items() if value is not None]
+    return ls.config.load(config, [*(overrides or []), *given])
+
+
+def _check_screenshot(path: Path | None) -> None:
+    """Raise an error, before any work, if a picture cannot be written."""
+    if path:
+        pyvista.check_screenshot(path)
+        import_extra("pyvista", "pyvista", "--screenshot")
+
+
+def _viewpoint(run: Run, frame: int) -> Any:
+    """Return the pose of the sensor in the frame of its cloud, when a frame starts; None for the identity."""
+    if run.cloud["frame"] == "sensor":
+        return None
+    return run.pose if isinstance(run.pose, np.ndarray) else run.pose.at(run.time(frame))
+
+
+def _numbered(path: Path, number: int | str, run: Run) -> Path:
+    """Return the path of one frame's file: as it is for one frame, else with the frame's number before the suffix."""
+    return path if len(run.frames) == 1 else path.with_stem(f"{path.stem}_{number:0>4}")
+
+
+def _table(*columns: str) -> Table:
+    table = Table(box=SIMPLE_HEAD)
+    for column in columns:
+        table.add_column(column, justify="left" if column in ("shape", "name", "sensor") else "right")
+    return table
+
+
+def _row(table: Table, *cells: object) -> None:
+    texts = []
+    for cell in cells:
+        if cell is None:
+            texts.append("")
+        elif isinstance(cell, int | np.integer):
+            texts.append(f"{cell:,}")
+        elif isinstance(cell, float):
+            texts.append(f"{cell:,.0f}" if abs(cell) >= 100 else f"{cell:.3g}")
+        else:
+            texts.append(str(cell))
+    table.add_row(*texts)
+
+
+def _span(ends: Sequence[float]) -> str:
+    low, high = (f"{end:.4g}" for end in ends)
+    return low if low == high else f"{low} … {high}"
+
+
+def _print_sensor(lidar: ls.Lidar) -> None:
+    """Print what a sensor does, a fact a line."""
+    facts = describe(lidar.pattern)
+    seconds = facts.time[1] - facts.time[0]
+    exact = ls.Measurement()
+    effects = {field.name: getattr(lidar.measurement, field.name) for field in dataclasses.fields(exact)}
+    effects = {name: value for name, value in effects.items() if value != getattr(exact, name)}
+    lines = {
+        "sensor": lidar.name or "(no name)",
+        "pattern": f"{type(lidar.pattern).__name__}, {'the same' if facts.repeats else 'another'} in each frame",
+        "rings, columns": f"{facts.rings:,}, {facts.columns:,}",
+        "pulses": f"{facts.pulses_per_second:,.0f} a second in {lidar.pattern.rate:g} frames",
+        "azimuth": f"{_span(np.degrees(facts.azimuth))} °",
+        "elevation": f"{_span(np.degrees(facts.elevation))} °",
+        "ring to ring": f"{_span(np.degrees(facts.elevation_gap))} °",
+        "pulse to pulse": f"{_span(np.degrees(facts.pulse_gap))} °",
+        "time": f"{1e3 * seconds:.4g} ms from first to last pulse, longest pause {1e3 * facts.pause:.4g} ms",
+        "range": f"{_span((lidar.min_range, lidar.max_range))} m",
+        "measurement": ", ".join(f"{name} {value}" for name, value in effects.items()) or "exact",
+    }
+    table = Table(box=None, show_header=False)
+    for name, value in lines.items():
+        if "nan" not in value:
+            table.add_row(name, value)
+    _print(table)
+
+
+def _print(what: object) -> None:
+    """Print to stdout: as wide as the terminal, or as wide as it takes if that is none."""
+    Console(width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(what)

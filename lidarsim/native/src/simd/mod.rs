@@ -1,0 +1,162 @@
+//! Vectors of floats: one trait, one implementation an instruction set.
+//!
+//! Algorithms are written once, over [`Isa`], as functions that are always inlined; [`dispatch`] compiles them for each
+//! instruction set and picks one at run time. Only these files speak to the processor.
+
+mod portable;
+#[cfg(target_arch = "x86_64")]
+mod x86;
+
+use std::sync::atomic::{AtomicU8, Ordering};
+
+pub use portable::Portable;
+
+/// N floats, on which operations work one by one.
+pub trait Floats<T, const N: usize>: Copy {
+    fn splat(x: T) -> Self;
+    fn load(x: &[T; N]) -> Self;
+    fn store(self) -> [T; N];
+    fn add(self, other: Self) -> Self;
+    fn sub(self, other: Self) -> Self;
+    fn mul(self, other: Self) -> Self;
+    fn div(self, other: Self) -> Self;
+    fn sqrt(self) -> Self;
+    fn abs(self) -> Self;
+    /// self·b + c, rounded once.
+    fn mul_add(self, b: Self, c: Self) -> Self;
+    /// The larger; `other` where self is NaN.
+    fn max(self, other: Self) -> Self;
+    /// The smaller; `other` where self is NaN.
+    fn min(self, other: Self) -> Self;
+    /// A bit a lane: self ≤ other; 0 where one is NaN.
+    fn le(self, other: Self) -> u32;
+    /// A bit a lane: self < other; 0 where one is NaN.
+    fn lt(self, other: Self) -> u32;
+}
+
+/// An instruction set.
+pub trait Isa: Copy {
+    type F32x8: Floats<f32, 8>;
+    type F32x16: Floats<f32, 16>;
+    type F64x8: Floats<f64, 8>;
+
+    fn widen(x: &[f32; 8]) -> Self::F64x8;
+    /// Brings what is near `address` into the cache.
+    fn prefetch<T>(address: *const T);
+}
+
+/// What is to be done with an instruction set: an always inlined `run`.
+pub trait Task {
+    type Output;
+    fn run<I: Isa>(self) -> Self::Output;
+}
+
+/// The instruction sets, each holding the ones before it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[repr(u8)]
+pub enum Level {
+    Scalar = 1,
+    Avx2 = 2,
+    Avx512 = 3,
+}
+
+impl Level {
+    pub const ALL: [Level; 3] = [Level::Scalar, Level::Avx2, Level::Avx512];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Level::Scalar => "scalar",
+            Level::Avx2 => "avx2",
+            Level::Avx512 => "avx512",
+        }
+    }
+
+    /// The best that this machine has.
+    pub fn best() -> Level {
+        static BEST: AtomicU8 = AtomicU8::new(0);
+        let known = BEST.load(Ordering::Relaxed);
+        if let Some(level) = Level::ALL.into_iter().find(|l| *l as u8 == known) {
+            return level;
+        }
+        let level = detect();
+        BEST.store(level as u8, Ordering::Relaxed);
+        level
+    }
+
+    /// `LIDARSIM_ISA` if it is set, else the best.
+    pub fn asked() -> Result<Level, String> {
+        let Some(name) = std::env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
+        let level = Level::ALL.into_iter().find(|l| name == l.name()).ok_or_else(|| {
+            format!("LIDARSIM_ISA: expected scalar, avx2 or avx512, got {:?}", name.to_string_lossy())
+        })?;
+        if level <= Level::best() {
+            Ok(level)
+        } else {
+            Err(format!("LIDARSIM_ISA: this machine has no {}", level.name()))
+        }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+fn detect() -> Level {
+    if !(is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma")) {
+        Level::Scalar
+    } else if is_x86_feature_detected!("avx512f")
+        && is_x86_feature_detected!("avx512vl")
+        && is_x86_feature_detected!("avx512dq")
+        && is_x86_feature_detected!("avx512bw")
+    {
+        Level::Avx512
+    } else {
+        Level::Avx2
+    }
+}
+
+#[cfg(not(target_arch = "x86_64"))]
+fn detect() -> Level {
+    Level::Scalar
+}
+
+/// Runs the task, compiled for `level`, which must be one that this machine has: `Level::best()` or below.
+pub fn dispatch<T: Task>(level: Level, task: T) -> T::Output {
+    #[cfg(target_arch = "x86_64")]
+    match level.min(Level::best()) {
+        Level::Scalar => {}
+        // SAFETY: the level is at most the best that was detected on this machine.
+        Level::Avx2 => return unsafe { x86::run_avx2(task) },
+        // SAFETY: as above.
+        Level::Avx512 => return unsafe { x86::run_avx512(task) },
+    }
+    let _ = level;
+    task.run::<Portable>()
+}
+
+/// Vectors of lanes, without closures: these would not be compiled for the instruction set.
+pub mod lanes {
+    use super::Floats;
+
+    #[inline(always)]
+    pub fn splat<F: Floats<f64, 8>>(v: [f64; 3]) -> [F; 3] {
+        [F::splat(v[0]), F::splat(v[1]), F::splat(v[2])]
+    }
+
+    #[inline(always)]
+    pub fn load<F: Floats<f64, 8>>(v: &[[f64; 8]; 3]) -> [F; 3] {
+        [F::load(&v[0]), F::load(&v[1]), F::load(&v[2])]
+    }
+
+    #[inline(always)]
+    pub fn abs<F: Floats<f64, 8>>(v: [F; 3]) -> [F; 3] {
+        [v[0].abs(), v[1].abs(), v[2].abs()]
+    }
+
+    #[inline(always)]
+    pub fn dot<F: Floats<f64, 8>>(a: [F; 3], b: [F; 3]) -> F {
+        a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2]))
+    }
+
+    #[inline(always)]
+    pub fn cross<F: Floats<f64, 8>>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+        [a[1].mul(b[2]).sub(a[2].mul(b[1])), a[2].mul(b[0]).sub(a[0].mul(b[2])), a[0].mul(b[1]).sub(a[1].mul(b[0]))]
+    }
+}

@@ -1,0 +1,87 @@
+//! Arrays, for any processor.
+
+use super::{Floats, Isa};
+
+#[derive(Clone, Copy)]
+pub struct Portable;
+
+impl Isa for Portable {
+    type F32x8 = [f32; 8];
+    type F32x16 = [f32; 16];
+    type F64x8 = [f64; 8];
+
+    #[inline(always)]
+    fn widen(x: &[f32; 8]) -> [f64; 8] {
+        x.map(f64::from)
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(_: *const T) {}
+}
+
+macro_rules! arrays {
+    ($float:ty, $n:literal) => {
+        impl Floats<$float, $n> for [$float; $n] {
+            #[inline(always)]
+            fn splat(x: $float) -> Self {
+                [x; $n]
+            }
+            #[inline(always)]
+            fn load(x: &[$float; $n]) -> Self {
+                *x
+            }
+            #[inline(always)]
+            fn store(self) -> [$float; $n] {
+                self
+            }
+            #[inline(always)]
+            fn add(self, other: Self) -> Self {
+                std::array::from_fn(|i| self[i] + other[i])
+            }
+            #[inline(always)]
+            fn sub(self, other: Self) -> Self {
+                std::array::from_fn(|i| self[i] - other[i])
+            }
+            #[inline(always)]
+            fn mul(self, other: Self) -> Self {
+                std::array::from_fn(|i| self[i] * other[i])
+            }
+            #[inline(always)]
+            fn div(self, other: Self) -> Self {
+                std::array::from_fn(|i| self[i] / other[i])
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                self.map(<$float>::sqrt)
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                self.map(<$float>::abs)
+            }
+            #[inline(always)]
+            fn mul_add(self, b: Self, c: Self) -> Self {
+                std::array::from_fn(|i| self[i].mul_add(b[i], c[i]))
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                std::array::from_fn(|i| if self[i] > other[i] { self[i] } else { other[i] })
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                std::array::from_fn(|i| if self[i] < other[i] { self[i] } else { other[i] })
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> u32 {
+                (0..$n).fold(0, |mask, i| mask | u32::from(self[i] <= other[i]) << i)
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> u32 {
+                (0..$n).fold(0, |mask, i| mask | u32::from(self[i] < other[i]) << i)
+            }
+        }
+    };
+}
+
+arrays!(f32, 8);
+arrays!(f32, 16);
+arrays!(f64, 8);

@@ -1,0 +1,347 @@
+//! AVX2 with FMA, and AVX-512.
+//!
+//! SAFETY of all intrinsics here: the types below are only operated on by tasks that `run_avx2` and `run_avx512` run, and
+//! `dispatch` calls these on machines that have the features alone. Loads and stores go through references to arrays of the size
+//! of the register, and are unaligned ones.
+
+use core::arch::x86_64::*;
+
+use super::{Floats, Isa, Task};
+
+#[derive(Clone, Copy)]
+pub struct Avx2;
+
+#[derive(Clone, Copy)]
+pub struct Avx512;
+
+/// # Safety
+///
+/// The machine must have AVX2 and FMA.
+#[target_feature(enable = "avx2,fma")]
+pub unsafe fn run_avx2<T: Task>(task: T) -> T::Output {
+    task.run::<Avx2>()
+}
+
+/// # Safety
+///
+/// The machine must have AVX-512 F, VL, DQ and BW, AVX2 and FMA.
+#[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
+pub unsafe fn run_avx512<T: Task>(task: T) -> T::Output {
+    task.run::<Avx512>()
+}
+
+impl Isa for Avx2 {
+    type F32x8 = __m256;
+    type F32x16 = Two<__m256>;
+    type F64x8 = Two<__m256d>;
+
+    #[inline(always)]
+    fn widen(x: &[f32; 8]) -> Self::F64x8 {
+        // SAFETY: as above; both halves lie within the array.
+        unsafe { Two(_mm256_cvtps_pd(_mm_loadu_ps(x.as_ptr())), _mm256_cvtps_pd(_mm_loadu_ps(x.as_ptr().add(4)))) }
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(address: *const T) {
+        // SAFETY: a prefetch of any address is harmless.
+        unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
+    }
+}
+
+impl Isa for Avx512 {
+    type F32x8 = __m256;
+    type F32x16 = __m512;
+    type F64x8 = __m512d;
+
+    #[inline(always)]
+    fn widen(x: &[f32; 8]) -> Self::F64x8 {
+        // SAFETY: as above.
+        unsafe { _mm512_cvtps_pd(_mm256_loadu_ps(x.as_ptr())) }
+    }
+
+    #[inline(always)]
+    fn prefetch<T>(address: *const T) {
+        Avx2::prefetch(address);
+    }
+}
+
+macro_rules! register {
+    ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident,
+     $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident, $compare:ident) => {
+        impl Floats<$float, $n> for $register {
+            #[inline(always)]
+            fn splat(x: $float) -> Self {
+                // SAFETY: as above.
+                unsafe { $set1(x) }
+            }
+            #[inline(always)]
+            fn load(x: &[$float; $n]) -> Self {
+                // SAFETY: as above.
+                unsafe { $loadu(x.as_ptr()) }
+            }
+            #[inline(always)]
+            fn store(self) -> [$float; $n] {
+                let mut x = [0.0; $n];
+                // SAFETY: as above.
+                unsafe { $storeu(x.as_mut_ptr(), self) };
+                x
+            }
+            #[inline(always)]
+            fn add(self, other: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $add(self, other) }
+            }
+            #[inline(always)]
+            fn sub(self, other: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $sub(self, other) }
+            }
+            #[inline(always)]
+            fn mul(self, other: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $mul(self, other) }
+            }
+            #[inline(always)]
+            fn div(self, other: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $div(self, other) }
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                // SAFETY: as above.
+                unsafe { $sqrt(self) }
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                $abs!(self)
+            }
+            #[inline(always)]
+            fn mul_add(self, b: Self, c: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $fmadd(self, b, c) }
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $max(self, other) }
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                // SAFETY: as above.
+                unsafe { $min(self, other) }
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> u32 {
+                $compare!(self, other, _CMP_LE_OQ)
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> u32 {
+                $compare!(self, other, _CMP_LT_OQ)
+            }
+        }
+    };
+}
+
+macro_rules! abs_m256 {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm256_andnot_ps(_mm256_set1_ps(-0.0), $x) }
+    };
+}
+
+macro_rules! abs_m256d {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm256_andnot_pd(_mm256_set1_pd(-0.0), $x) }
+    };
+}
+
+macro_rules! abs_m512 {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_abs_ps($x) }
+    };
+}
+
+macro_rules! abs_m512d {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_abs_pd($x) }
+    };
+}
+
+macro_rules! compare_m256 {
+    ($a:expr, $b:expr, $how:ident) => {
+        // SAFETY: as above.
+        unsafe { _mm256_movemask_ps(_mm256_cmp_ps::<$how>($a, $b)) as u32 }
+    };
+}
+
+macro_rules! compare_m256d {
+    ($a:expr, $b:expr, $how:ident) => {
+        // SAFETY: as above.
+        unsafe { _mm256_movemask_pd(_mm256_cmp_pd::<$how>($a, $b)) as u32 }
+    };
+}
+
+macro_rules! compare_m512 {
+    ($a:expr, $b:expr, $how:ident) => {
+        // SAFETY: as above.
+        unsafe { u32::from(_mm512_cmp_ps_mask::<$how>($a, $b)) }
+    };
+}
+
+macro_rules! compare_m512d {
+    ($a:expr, $b:expr, $how:ident) => {
+        // SAFETY: as above.
+        unsafe { u32::from(_mm512_cmp_pd_mask::<$how>($a, $b)) }
+    };
+}
+
+register!(
+    __m256,
+    f32,
+    8,
+    _mm256_set1_ps,
+    _mm256_loadu_ps,
+    _mm256_storeu_ps,
+    _mm256_add_ps,
+    _mm256_sub_ps,
+    _mm256_mul_ps,
+    _mm256_div_ps,
+    _mm256_sqrt_ps,
+    _mm256_fmadd_ps,
+    _mm256_max_ps,
+    _mm256_min_ps,
+    abs_m256,
+    compare_m256
+);
+register!(
+    __m256d,
+    f64,
+    4,
+    _mm256_set1_pd,
+    _mm256_loadu_pd,
+    _mm256_storeu_pd,
+    _mm256_add_pd,
+    _mm256_sub_pd,
+    _mm256_mul_pd,
+    _mm256_div_pd,
+    _mm256_sqrt_pd,
+    _mm256_fmadd_pd,
+    _mm256_max_pd,
+    _mm256_min_pd,
+    abs_m256d,
+    compare_m256d
+);
+register!(
+    __m512,
+    f32,
+    16,
+    _mm512_set1_ps,
+    _mm512_loadu_ps,
+    _mm512_storeu_ps,
+    _mm512_add_ps,
+    _mm512_sub_ps,
+    _mm512_mul_ps,
+    _mm512_div_ps,
+    _mm512_sqrt_ps,
+    _mm512_fmadd_ps,
+    _mm512_max_ps,
+    _mm512_min_ps,
+    abs_m512,
+    compare_m512
+);
+register!(
+    __m512d,
+    f64,
+    8,
+    _mm512_set1_pd,
+    _mm512_loadu_pd,
+    _mm512_storeu_pd,
+    _mm512_add_pd,
+    _mm512_sub_pd,
+    _mm512_mul_pd,
+    _mm512_div_pd,
+    _mm512_sqrt_pd,
+    _mm512_fmadd_pd,
+    _mm512_max_pd,
+    _mm512_min_pd,
+    abs_m512d,
+    compare_m512d
+);
+
+/// Two registers as one of twice the lanes.
+#[derive(Clone, Copy)]
+pub struct Two<R>(R, R);
+
+macro_rules! two {
+    ($register:ty, $float:ty, $half:literal, $n:literal) => {
+        impl Floats<$float, $n> for Two<$register> {
+            #[inline(always)]
+            fn splat(x: $float) -> Self {
+                let half = <$register>::splat(x);
+                Two(half, half)
+            }
+            #[inline(always)]
+            fn load(x: &[$float; $n]) -> Self {
+                let [low, high]: &[[$float; $half]; 2] = x.as_chunks().0.try_into().unwrap_or(&[[0.0; $half]; 2]);
+                Two(<$register>::load(low), <$register>::load(high))
+            }
+            #[inline(always)]
+            fn store(self) -> [$float; $n] {
+                let mut x = [0.0; $n];
+                x[..$half].copy_from_slice(&self.0.store());
+                x[$half..].copy_from_slice(&self.1.store());
+                x
+            }
+            #[inline(always)]
+            fn add(self, other: Self) -> Self {
+                Two(self.0.add(other.0), self.1.add(other.1))
+            }
+            #[inline(always)]
+            fn sub(self, other: Self) -> Self {
+                Two(self.0.sub(other.0), self.1.sub(other.1))
+            }
+            #[inline(always)]
+            fn mul(self, other: Self) -> Self {
+                Two(self.0.mul(other.0), self.1.mul(other.1))
+            }
+            #[inline(always)]
+            fn div(self, other: Self) -> Self {
+                Two(self.0.div(other.0), self.1.div(other.1))
+            }
+            #[inline(always)]
+            fn sqrt(self) -> Self {
+                Two(self.0.sqrt(), self.1.sqrt())
+            }
+            #[inline(always)]
+            fn abs(self) -> Self {
+                Two(self.0.abs(), self.1.abs())
+            }
+            #[inline(always)]
+            fn mul_add(self, b: Self, c: Self) -> Self {
+                Two(self.0.mul_add(b.0, c.0), self.1.mul_add(b.1, c.1))
+            }
+            #[inline(always)]
+            fn max(self, other: Self) -> Self {
+                Two(Floats::max(self.0, other.0), Floats::max(self.1, other.1))
+            }
+            #[inline(always)]
+            fn min(self, other: Self) -> Self {
+                Two(Floats::min(self.0, other.0), Floats::min(self.1, other.1))
+            }
+            #[inline(always)]
+            fn le(self, other: Self) -> u32 {
+                self.0.le(other.0) | self.1.le(other.1) << $half
+            }
+            #[inline(always)]
+            fn lt(self, other: Self) -> u32 {
+                self.0.lt(other.0) | self.1.lt(other.1) << $half
+            }
+        }
+    };
+}
+
+two!(__m256, f32, 8, 16);
+two!(__m256d, f64, 4, 8);

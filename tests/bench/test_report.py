@@ -1,0 +1,216 @@
+from __future__ import annotations
+
+import json
+import struct
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidarsim.bench import report
+
+
+def error(**changes: Any) -> dict[str, Any]:
+    right = {"rays": 300, "hits": 200, "lost": 0, "invented": 0, "other": 0}
+    figures = {"median_mm": 4.2e-13, "p99_mm": 5e-12, "max_mm": 7e-12, "max_ulp": 0.5}
+    return {**right, **figures, **changes}
+
+
+def row(scene: str, threads: int, method: str, mrays: float, ratio: float | None, **changes: Any) -> dict[str, Any]:
+    fixed = {"scene": scene, "rays": "128 × 1024", "threads": threads, "method": method, "mrays": mrays, "ratio": ratio}
+    more = {"triangles": 0 if scene.startswith("analytic") else 740_000, "one_thread": False, "reference": ratio == 1.0}
+    return {**fixed, **more, "error": error(), **changes}
+
+
+@pytest.fixture
+def results() -> dict[str, Any]:
+    wrong = error(lost=3, invented=1, other=26, median_mm=0.5, p99_mm=3.0, max_mm=2.6e4, max_ulp=4.8e15)
+    blind = error(lost=1, other=None)
+    speeds = []
+    for threads in (1, 2):
+        for scene, own in (("city", 40.0), ("terrain", 10.0), ("scans", 20.0)):
+            speeds += [
+                row(scene, threads, "lidarsim", own, own / 10),
+                row(scene, threads, "Open3D", 10.0, 1.0, error=wrong),
+                row(scene, threads, "embreex", 6.0, 0.6, one_thread=True, error=wrong),
+            ]
+        speeds += [
+            row("analytic", threads, "lidarsim", 30.0, 3.0),
+            row("analytic", threads, "MuJoCo-LiDAR, Warp", 2.0, 0.2, one_thread=True, error=blind),
+            row("analytic", threads, "Open3D, icosphere 4", 12.0, 1.2, triangles=1_063_602, error=wrong),
+            row("analytic", threads, "Open3D, icosphere 5", 10.0, 1.0, triangles=4_174_002, error=wrong),
+        ]
+    build = {"scene": "city", "triangles": 740_000, "counted": None}
+    return {
+        "machine": {
+            "cpu": "Abacus 3",
+            "cores": "2",
+            "system": "Linux x86_64",
+            "python": "3.11.7",
+            "instructions": "avx512",
+        },
+        "plan": {"threads": [1, 2], "shapes": 400},
+        "casters": {"lidarsim": "0.1.0", "Open3D": "0.20.0", "MuJoCo-LiDAR, Taichi": "not installed (taichi)"},
+        "speed": speeds,
+        "growth": [
+            row("terrain", 2, name, 10.0, 1.0, triangles=n)
+            for n in (10_000, 100_000)
+            for name in ("lidarsim", "Open3D")
+        ],
+        "builds": [
+            {**build, "method": "lidarsim", "seconds": 0.25, "ratio": 1.2, "resident": 80.4, "counted": 79.6},
+            {**build, "method": "Open3D", "seconds": 0.3, "ratio": 1.0, "resident": 88.0},
+        ],
+        "scan": [
+            {"what": "Scene.cast", "rays": 131072, "seconds": 0.004, "ratio": 1.0},
+            {"what": "Lidar.scan, range noise", "rays": 131072, "seconds": 0.005, "ratio": 1.25},
+        ],
+    }
+
+
+def table(text: str, header: str) -> list[list[str]]:
+    """Cells of the table whose header line begins so."""
+    lines = text.split("\n")
+    start = next(i for i, line in enumerate(lines) if line.startswith(f"| {header}"))
+    columns = lines[start].count("|")
+    cells = []
+    for line in lines[start + 2 :]:
+        if not line.startswith("|"):
+            break
+        assert line.count("|") == columns
+        cells.append([cell.strip() for cell in line.strip("|").split("|")])
+    return cells
+
+
+def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
+    text = report.to_markdown(results)
+    casting = table(text, "scene, rays")
+    assert len(casting) == 2 * 13 - 4  # those of one thread stand once
+    assert casting[1] == [
+        "city, 128 × 1024",
+        "1",
+        "Open3D",
+        "10",
+        "1",
+        "0.5",
+        "3",
+        "2.6e4",
+        "4.8e15",
+        "3 + 1 + 26 of 300",
+    ]
+    assert casting[0][2] == "**lidarsim**"
+    assert casting[0][-1] == "0 of 300"
+    assert [cells[1:] for cells in casting if cells[2] == "embreex"] == [
+        ["1", "embreex", "6", "0.6", "0.5", "3", "2.6e4", "4.8e15", "3 + 1 + 26 of 300"]
+    ] * 3
+    assert [cells[-1] for cells in casting if "Warp" in cells[2]] == ["1 + 0 + ? of 300"]
+    assert table(text, "scene | triangles") == [
+        ["city", "740,000", "**lidarsim**", "0.25", "1.2", "80", "80"],
+        ["city", "740,000", "Open3D", "0.3", "1", "88", "—"],
+    ]
+    assert [cells[3] for cells in table(text, "triangles")] == ["100"] * 4
+    assert table(text, "what") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
+    assert table(text, "method | version")[-1] == ["MuJoCo-LiDAR, Taichi", "not installed (taichi)"]
+    assert "Measured on Abacus 3, 2 cores, Linux x86_64, Python 3.11.7, with 2 threads where a method has them" in text
+
+
+def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
+    assert report.summary(results).split("\n") == [
+        "- meshes, 128 channels: 2 × Open3D (geometric mean; least 1 ×)",
+        "- analytic shapes: 3 × Open3D, icosphere 5",
+        "- analytic shapes: 15 × the fastest back end of MuJoCo-LiDAR",
+        "- city: built in 0.25 s, Open3D 0.3 s; 80 bytes a triangle, Open3D 88",
+        "- Lidar.scan, range noise: 1.25 × the bare cast",
+        "- lidarsim against exact arithmetic: 0 wrong of 3,000 rays, ranges within 0.5 ulp",
+    ]
+    results["speed"][0]["error"].update(other=2, max_ulp=3.0)
+    assert report.summary(results).endswith("2 wrong of 3,000 rays, ranges within 3 ulp")
+
+
+def test_the_report_does_without_peers(results: dict[str, Any]) -> None:
+    for key in ("speed", "growth", "builds"):
+        results[key] = [{**r, "ratio": None, "reference": False} for r in results[key] if r["method"] == "lidarsim"]
+    assert len(table(report.to_markdown(results), "scene, rays")) == 8
+    assert table(report.readme_section(results), "scene | rays")[0] == [
+        "city",
+        "128 × 1024",
+        "40",
+        "—",
+        "**—**",
+        "0; 7.0e-12",
+        "—",
+    ]
+    assert "MuJoCo-LiDAR" not in report.summary(results)
+
+
+def test_the_readme_section_is_replaced(results: dict[str, Any], tmp_path: Path) -> None:
+    readme = tmp_path / "README.md"
+    readme.write_text(f"# Title\n\nBefore.\n\n{report.BEGIN}\nold figures\n{report.END}\n\nAfter.\n", encoding="utf-8")
+    report.update_readme(results, readme)
+    text = readme.read_text(encoding="utf-8")
+    assert text.startswith(f"# Title\n\nBefore.\n\n{report.BEGIN}\n![Speed against error](examples/images/speed.png)\n")
+    assert text.endswith(f"\n{report.END}\n\nAfter.\n")
+    assert "old figures" not in text
+    assert table(text, "scene | rays")[0] == [
+        "city",
+        "128 × 1024",
+        "40",
+        "10",
+        "**4**",
+        "0; 7.0e-12",
+        "3 + 1 + 26; 2.6e4",
+    ]
+    assert [cells[0] for cells in table(text, "method")] == [
+        "**lidarsim**",
+        "MuJoCo-LiDAR, Warp",
+        "Open3D, icosphere 4",
+        "Open3D, icosphere 5",
+    ]
+    assert "Not installed there: MuJoCo-LiDAR, Taichi." in text
+    assert (tmp_path / "examples/images/speed.png").is_file()
+    report.update_readme(results, readme)
+    assert readme.read_text(encoding="utf-8") == text
+
+
+def test_a_readme_without_the_section_is_left_alone(results: dict[str, Any], tmp_path: Path) -> None:
+    readme = tmp_path / "README.md"
+    readme.write_text("# Title\n", encoding="utf-8")
+    with pytest.raises(ValueError) as raised:  # noqa: PT011 - the message is compared whole
+        report.update_readme(results, readme)
+    assert str(raised.value) == f"{readme}: expected a section between the lines {report.BEGIN} and {report.END}"
+    assert readme.read_text(encoding="utf-8") == "# Title\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
+
+
+def test_files_are_written(results: dict[str, Any], tmp_path: Path) -> None:
+    report.write(results, tmp_path)
+    assert json.loads((tmp_path / "speed.json").read_text(encoding="utf-8")) == results
+    assert (tmp_path / "speed.md").read_text(encoding="utf-8") == report.to_markdown(results)
+    for name in ("speed.png", "growth.png"):
+        head = (tmp_path / name).read_bytes()[:24]
+        assert head[:8] == b"\x89PNG\r\n\x1a\n"
+        assert struct.unpack(">II", head[16:]) == (1280, 768)
+
+
+def test_the_machine_is_named() -> None:
+    machine = report.machine()
+    assert all(machine.values())
+    assert machine["instructions"] in {"scalar", "avx2", "avx512"}
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "—"),
+        (0.0, "0"),
+        (0.0123, "0.0123"),
+        (0.00999, "1.0e-2"),
+        (1.0, "1"),
+        (999.4, "999"),
+        (9999.0, "9999"),
+        (1e4, "1.0e4"),
+        (4.8e-13, "4.8e-13"),
+    ],
+)
+def test_numbers_are_short(value: float | None, text: str) -> None:
+    assert report._short(value) == text

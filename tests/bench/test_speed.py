@@ -1,0 +1,200 @@
+from __future__ import annotations
+
+import json
+import math
+import os
+import time
+from collections.abc import Callable
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarsim.bench import peers, scenes, speed
+from lidarsim.bench.oracle import Surd
+from lidarsim.bench.scenes import Truth
+from lidarsim.bench.speed import Plan, interleave, judge
+
+PLAN = Plan(
+    triangles=2000,
+    shapes=60,
+    columns=(32, 64),
+    random=1700,
+    levels=(1, 2),
+    sizes=(500, 2000),
+    threads=(1, 2),
+    rounds=2,
+    seconds=0.2,
+    builds=2,
+    memory=("city",),
+    sample=100,
+)
+SCENES = ("city", "terrain", "scans")
+
+
+@pytest.fixture(scope="module")
+def results() -> dict[str, Any]:
+    lines: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("LIDARSIM_THREADS", "1")
+        measured = speed.measure(PLAN, lines.append)
+        assert os.environ["LIDARSIM_THREADS"] == "1"
+    assert lines[0] == "city, 9,794: building"
+    read: dict[str, Any] = json.loads(json.dumps(measured))
+    return read
+
+
+def rows(results: dict[str, Any], **wanted: Any) -> list[dict[str, Any]]:
+    return [row for row in results["speed"] if all(row[key] == value for key, value in wanted.items())]
+
+
+def test_every_scene_has_its_rays_and_threads(results: dict[str, Any]) -> None:
+    cells = {(row["scene"], row["rays"], row["threads"]) for row in rows(results, method="lidarsim")}
+    expected = {
+        (scene, rays, n)
+        for scene in (*SCENES, "analytic")
+        for rays in ("128 × 32", "16 × 64", "random")
+        for n in (1, 2)
+    }
+    expected |= {(f"{scene} at UTM", "128 × 32", 2) for scene in (*SCENES, "analytic")}
+    assert cells == expected
+
+
+def test_every_installed_method_has_its_rows(results: dict[str, Any]) -> None:
+    casters, _ = peers.installed()
+    for name, kind in casters.items():
+        seen = {row["scene"] for row in rows(results, method=name)}
+        meshes = {f"{scene}{where}" for scene in SCENES for where in ("", " at UTM")} if kind.meshes else set()
+        assert seen == meshes | ({"analytic", "analytic at UTM"} if kind.shapes else set())
+    if "Open3D" in casters:
+        levels = {row["method"] for row in rows(results, scene="analytic")} - set(casters)
+        assert levels == {"Open3D, icosphere 1", "Open3D, icosphere 2"}
+    assert list(results["casters"]) == list(peers.CASTERS)
+
+
+def test_lidarsim_is_never_wrong(results: dict[str, Any]) -> None:
+    judged = [row for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
+    assert len(judged) == 30
+    for row in judged:
+        error = row["error"]
+        assert error["hits"] >= 15
+        assert (error["lost"], error["invented"], error["other"]) == (0, 0, 0)
+        assert error["max_ulp"] <= 1
+
+
+def test_ratios_are_to_open3d(results: dict[str, Any]) -> None:
+    if "Open3D" not in peers.installed()[0]:
+        assert all(row["ratio"] is None for row in results["speed"])
+        return
+    cells: dict[Any, list[dict[str, Any]]] = {}
+    for row in results["speed"]:
+        cells.setdefault((row["scene"], row["rays"], row["threads"]), []).append(row)
+    for cell in cells.values():
+        (reference,) = [row for row in cell if row["reference"]]
+        assert reference["method"].startswith("Open3D")
+        for row in cell:
+            assert row["ratio"] == pytest.approx(row["mrays"] / reference["mrays"])
+
+
+def test_growth_builds_and_memory(results: dict[str, Any]) -> None:
+    sizes = [row["triangles"] for row in results["growth"] if row["method"] == "lidarsim"]
+    assert sizes == [512, 2048]
+    built = {(row["scene"], row["method"]): row for row in results["builds"]}
+    assert {scene for scene, _ in built} == {*SCENES, "analytic"}
+    for (scene, method), row in built.items():
+        assert row["seconds"] > 0
+        assert (row["resident"] is not None) == (scene == "city" and Path("/proc/self/statm").exists())
+        assert (row["counted"] is not None) == (method == "lidarsim" and scene != "analytic")
+
+
+def test_whole_scans_are_over_the_bare_cast(results: dict[str, Any]) -> None:
+    scan = results["scan"]
+    assert [row["what"] for row in scan][:2] == ["Scene.cast", "Lidar.scan, range noise"]
+    assert all(row["rays"] == 128 * 32 for row in scan)
+    assert [row["ratio"] for row in scan] == pytest.approx([row["seconds"] / scan[0]["seconds"] for row in scan])
+
+
+def test_growth_of_a_process_is_of_the_order_of_the_core_count() -> None:
+    world = scenes.terrain(200_000)
+    resident = speed._resident("lidarsim", world)
+    if resident is None:
+        pytest.skip("no /proc on this system")
+    caster = peers.Lidarsim(world, 1)
+    caster.cast(caster.prepare(scenes.lidar(world, 1, 1, 0.0)), 1)
+    counted = caster.bytes() / world.triangles
+    assert 0.8 * counted < resident < 1.5 * counted
+
+
+def test_calls_take_turns() -> None:
+    order: list[str] = []
+    interleave({name: lambda name=name: order.append(name) for name in "abc"}, rounds=3, seconds=1.0)  # type: ignore[misc]
+    assert "".join(order) == "abcabcabc"
+
+
+def test_the_median_counts_and_the_slow_sit_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = [0.0]
+    monkeypatch.setattr(time, "perf_counter", lambda: clock[0])
+
+    def taking(*durations: float) -> Callable[[], None]:
+        left = list(durations)
+
+        def call() -> None:
+            clock[0] += left.pop(0)
+
+        return call
+
+    times = interleave({"a": taking(1, 9, 2), "b": taking(4, 7), "c": taking(1, 2, 1, 3, 1)}, rounds=5, seconds=10.5)
+    assert times == {"a": 2, "b": 5.5, "c": 1}
+
+
+def test_judge_counts_and_measures() -> None:
+    truth = Truth(
+        t=[Surd(2, 1), Surd(3, 1), None, Surd(1, 3), Surd(0, 1, 1, 2), None],
+        surface=np.array([0, 1, -1, 0, 5, -1]),
+        telling=np.array([True, True, False, False, True, False]),
+    )
+    t = np.array([2.0, math.inf, math.inf, 1 / 3 + 2**-50, math.sqrt(2), 7.0])
+    error = judge(truth, (t, np.array([0, -1, -1, 0, 4, 2])))
+    assert (error.rays, error.hits, error.lost, error.invented, error.other) == (6, 4, 1, 1, 1)
+    third = abs(Fraction(1 / 3 + 2**-50) - Fraction(1, 3)) / Fraction(math.ulp(1 / 3))
+    assert error.max_ulp == pytest.approx(float(third), rel=1e-12)
+    assert error.max_mm == pytest.approx(9.6673e-14, rel=1e-4)  # float(√2) is 1.41421356237309514547, √2 …504880
+    assert error.median_mm == pytest.approx(error.max_mm / 2)
+    assert judge(truth, (t, None)).other is None
+
+
+def test_judge_of_nothing_found() -> None:
+    truth = Truth([None, Surd(1, 1)], np.array([-1, 0]), np.array([False, True]))
+    error = judge(truth, (np.array([math.inf, math.inf]), None))
+    assert (error.lost, error.median_mm, error.p99_mm, error.max_mm, error.max_ulp) == (1, None, None, None, None)
+
+
+def test_quick_plan_has_all_that_the_full_one_has() -> None:
+    assert (speed.QUICK.triangles, speed.QUICK.shapes, speed.QUICK.columns) == (None, 400, (1024, 1800))
+    assert len(speed.QUICK.levels) == len(speed.FULL.levels) == 5
+    assert (min(speed.FULL.sizes), max(speed.FULL.sizes)) == (10_000, 10_000_000)
+    assert speed.QUICK.threads == speed.FULL.threads == (1, 2)
+
+
+def test_command_line_reports_an_earlier_run(
+    results: dict[str, Any], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    earlier = tmp_path / "earlier.json"
+    earlier.write_text(json.dumps(results), encoding="utf-8")
+    assert speed.main(["--from", str(earlier), "-o", str(tmp_path / "out")]) == 0
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {"speed.json", "speed.md", "speed.png", "growth.png"}
+    assert "lidarsim against exact arithmetic: 0 wrong of" in capsys.readouterr().out
+
+
+def test_command_line_measures(
+    results: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    plans: list[Plan] = []
+    monkeypatch.setattr(speed, "measure", lambda plan, _: plans.append(plan) or results)
+    assert speed.main(["--quick", "-o", str(tmp_path)]) == 0
+    assert speed.main(["-o", str(tmp_path)]) == 0
+    assert plans == [speed.QUICK, speed.FULL]
+    assert json.loads((tmp_path / "speed.json").read_text(encoding="utf-8")) == results
+    assert "speed.md" in capsys.readouterr().out

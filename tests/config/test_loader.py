@@ -1,0 +1,428 @@
+"""Configurations: what they build, and what each mistake in one is answered with."""
+
+from __future__ import annotations
+
+from math import radians
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import lidarsim as ls
+from lidarsim.errors import ConfigError
+
+CONFIG = """\
+seed: 3
+frames: 2
+sensor:
+  name: toy
+  pattern:
+    type: spinning
+    elevations_deg: [-10, 0, 10]
+    columns: 32
+    firing_times_us: 55.296
+  max_range_m: 50
+pose:
+  position_m: [1, 2, 3]
+  rotation_deg: {yaw: 90}
+scene:
+  - {shape: plane, name: road, normal: [0, 0, 1], label: 40, reflectivity: 0.2}
+  - shape: sphere
+    center_m: [1, 2, 3]
+    radius_m: 0.5
+"""
+
+
+@pytest.fixture(autouse=True)
+def _in_an_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+def load(text: str, *overrides: str) -> object:
+    Path("run.yaml").write_text(text, encoding="utf-8")
+    return ls.config.load("run.yaml", overrides)
+
+
+def refusal(text: str, *overrides: str) -> str:
+    with pytest.raises(ConfigError) as caught:
+        load(text, *overrides)
+    return str(caught.value)
+
+
+def test_a_configuration_is_built() -> None:
+    run = load(CONFIG)
+    road, ball = run.scene.objects
+    assert (road.name, road.label, road.material.reflectivity, road.transform) == ("road", 40, 0.2, None)
+    assert isinstance(road.shape, ls.Plane)
+    assert isinstance(ball.shape, ls.Sphere)
+    assert run.lidar.name == "toy"
+    assert (run.lidar.min_range, run.lidar.max_range) == (0.0, 50.0)
+    assert run.lidar.pattern.elevations == pytest.approx(np.radians([-10, 0, 10]), abs=0)
+    assert (run.seed, run.frames) == (3, range(2))
+    expected = [[0, -1, 0, 1], [1, 0, 0, 2], [0, 0, 1, 3], [0, 0, 0, 1]]
+    assert np.abs(run.pose - expected).max() <= np.finfo(float).eps  # cos 90° in float64
+
+
+def test_units_are_converted_without_a_second_rounding() -> None:
+    assert load(CONFIG).lidar.pattern.firing_times[0] == 55.296e-6
+
+
+def test_rotations_turn_about_fixed_axes_x_first() -> None:
+    pose = load(CONFIG, "pose.rotation_deg={roll: 90, yaw: 90}", "pose.position_m=[0, 0, 0]").pose
+    assert np.abs(pose @ [0, 1, 0, 1] - [0, 0, 1, 1]).max() < 1e-15  # y, rolled up to z, stays there under yaw
+    assert np.abs(pose @ [0, 0, 1, 1] - [1, 0, 0, 1]).max() < 1e-15  # z, rolled down to -y, yaws to x
+
+
+def test_objects_are_scaled_then_turned_then_moved() -> None:
+    run = load(CONFIG, "scene.1.scale=[2, 3, -4]", "scene.1.rotation_deg={yaw: 90}", "scene.1.position_m=[5, 6, 7]")
+    expected = [[0, -3, 0, 5], [2, 0, 0, 6], [0, 0, -4, 7], [0, 0, 0, 1]]
+    assert np.abs(run.scene.objects[1].transform - expected).max() < 1e-15
+
+
+def test_a_matrix_is_taken_as_it_is() -> None:
+    matrix = [[1, 2, 0, 3], [0, 1, 0, 0.1], [0, 0, 1, 1e9], [0, 0, 0, 1]]
+    run = load(CONFIG, f"scene.1.matrix={matrix}")
+    assert np.array_equal(run.scene.objects[1].transform, matrix)
+
+
+SHAPES = {
+    "plane": ("{normal: [0, 0, 1], distance_m: 2}", ls.Plane((0, 0, 1), 2)),
+    "plane through a point": ("{shape: plane, normal: [0, 1, 1], point_m: [0, 0, 2]}", ls.Plane((0, 1, 1), 2)),
+    "sphere": ("{center_m: [0, 0, 2], radius_m: 1}", ls.Sphere((0, 0, 2), 1)),
+    "ellipsoid": ("{center_m: [0, 0, 3], radii_m: [1, 2, 2]}", ls.Ellipsoid((0, 0, 3), (1, 2, 2))),
+    "box": ("{size_m: [2, 2, 4]}", ls.Box((2, 2, 4))),
+    "cylinder": ("{start_m: [0, 0, 1], end_m: [0, 0, 5], radius_m: 1}", ls.Cylinder((0, 0, 1), (0, 0, 5), 1)),
+    "open cylinder": (
+        "{shape: cylinder, start_m: [-9, 0, 1], end_m: [9, 0, 1], radius_m: 0.5, capped: false}",
+        ls.Cylinder((-9, 0, 1), (9, 0, 1), 0.5, capped=False),
+    ),
+    "triangle": (
+        "{a_m: [-1, -1, 2], b_m: [1, -1, 2], c_m: [0, 1, 3]}",
+        ls.Triangle((-1, -1, 2), (1, -1, 2), (0, 1, 3)),
+    ),
+    "polygon": (
+        "{vertices_m: [[-1, -1, 2], [1, -1, 2], [1, 1, 2], [-1, 1, 2]]}",
+        ls.Polygon([(-1, -1, 2), (1, -1, 2), (1, 1, 2), (-1, 1, 2)]),
+    ),
+    "mesh": ("{file: tetrahedron.ply}", None),
+    "heightfield": (
+        "{file: heights.npy, spacing_m: [1, 2], origin_m: [-1, -2]}",
+        ls.TriangleMesh.from_heightfield([[2, 2, 2], [3, 3, 3], [2, 2, 2]], (1, 2), (-1, -2)),
+    ),
+    "scene_file": ("{file: scene.glb}", None),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_each_shape_is_the_one_that_python_makes(name: str) -> None:
+    corners = np.array([(-1, -1, 1), (1, -1, 1), (0, 1, 1), (0, 0, 4.0)])
+    solid = trimesh.Trimesh(corners, [(0, 2, 1), (0, 1, 3), (1, 2, 3), (2, 0, 3)], process=False)
+    solid.export("tetrahedron.ply")
+    trimesh.Scene({"thing": solid}).export("scene.glb")
+    np.save("heights.npy", np.array([[2, 2, 2], [3, 3, 3], [2, 2, 2.0]]))
+    values, expected = SHAPES[name]
+    text = values if "shape:" in values else values.replace("{", f"{{shape: {name}, ", 1)
+    run = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{text}]")
+    if expected is None:
+        expected = ls.TriangleMesh(corners, solid.faces)
+    rng = np.random.default_rng(1)
+    origins = rng.uniform((-3, -3, 6), (3, 3, 9), (500, 3))
+    directions = rng.uniform((-1.5, -1.5, 0), (1.5, 1.5, 4), (500, 3)) - origins
+    got, want = run.scene.cast(origins, directions), expected.cast(origins, directions)
+    assert want.hit.sum() > 50
+    assert np.array_equal(got.t, want.t)
+    assert np.array_equal(got.normal, want.normal)
+
+
+def test_every_shape_and_pattern_has_a_test_or_a_preset() -> None:
+    from lidarsim.config.schema import PATTERNS
+    from lidarsim.config.schema import SHAPES as MODELS
+
+    assert MODELS.keys() <= SHAPES.keys()
+    used = {type(ls.Lidar.preset(name).pattern).__name__ for name in ls.Lidar.presets()}
+    assert {model.constructor.__name__ for model in PATTERNS.values()} - used <= {"Grid", "Table"}
+
+
+def test_objects_of_one_file_share_their_mesh() -> None:
+    trimesh.creation.box().export("box.ply")
+    first, second = load(
+        "sensor: {preset: velodyne-vlp16}\nscene: [&box {shape: mesh, file: box.ply}, *box]"
+    ).scene.objects
+    assert first.shape is second.shape
+
+
+def test_instances_of_a_scene_file_share_their_mesh() -> None:
+    moved = np.eye(4)
+    moved[:3, 3] = 4, 5, 6
+    scene = trimesh.Scene()
+    scene.add_geometry(trimesh.creation.box(), node_name="one", geom_name="box")
+    scene.graph.update(frame_to="two", frame_from=scene.graph.base_frame, matrix=moved, geometry="box")
+    scene.export("scene.glb")
+    run = load(
+        "sensor: {preset: velodyne-vlp16}\n"
+        "scene: [{shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0]}]"
+    )
+    objects = {item.name: item for item in run.scene.objects}
+    assert objects.keys() == {"hall/one", "hall/two"}
+    assert objects["hall/one"].shape is objects["hall/two"].shape
+    assert objects["hall/two"].label == 7
+    assert objects["hall/two"].transform[:3, 3].tolist() == [5, 5, 6]
+
+
+def test_patterns_without_a_preset() -> None:
+    Path("rows.csv").write_text("x,y,z\n1,0,0\n0,1,0\n", encoding="utf-8")
+    grid = "{pattern: {type: grid, azimuths_deg: [-1, 0, 1], elevations_deg: [0, 1], rate_hz: 5}}"
+    assert load(f"sensor: {grid}\nscene: []").lidar.pattern.shape == (2, 3)
+    table = "{pattern: {type: table, file: rows.csv, rate_hz: 5, pulse_rate_khz: 1}}"
+    pulses = load(f"sensor: {table}\nscene: []").lidar.pattern.pulses()
+    assert pulses.directions.tolist() == [[1, 0, 0], [0, 1, 0]]
+    assert pulses.time.tolist() == [0, 1e-3]
+
+
+def test_an_empty_scene_is_legal() -> None:
+    scan = load("sensor: {preset: velodyne-vlp16}\nscene: []").scan()
+    assert len(scan.status) > 1000
+    assert (scan.status == ls.Status.MISS).all()
+    assert len(scan.point_cloud()) == 0
+
+
+def test_a_sensor_without_pulses_is_legal() -> None:
+    grid = "{pattern: {type: grid, azimuths_deg: [], elevations_deg: [1], rate_hz: 5}}"
+    scan = load(f"sensor: {grid}\nscene: [{{shape: plane, normal: [0, 0, 1]}}]").scan()
+    assert len(scan.status) == len(scan.point_cloud()) == 0
+
+
+# Sensors
+
+
+def test_a_preset_and_the_difference() -> None:
+    sensor = "{preset: ouster-os1-64, name: mine, max_range_m: 60, pattern: {columns: 512}}"
+    run, preset = load(f"sensor: {sensor}\nscene: []"), ls.Lidar.preset("ouster-os1-64")
+    assert (run.lidar.name, run.lidar.max_range, run.lidar.min_range) == ("mine", 60, preset.min_range)
+    assert run.lidar.pattern.columns == 512
+    assert np.array_equal(run.lidar.pattern.elevations, preset.pattern.elevations)
+
+
+def test_modes_come_under_the_difference() -> None:
+    run = load("sensor: {preset: ouster-os1-64, mode: 512x20, pattern: {rate_hz: 5}}\nscene: []")
+    assert (run.lidar.pattern.columns, run.lidar.pattern.rate) == (512, 5)
+
+
+def test_noise_comes_under_the_difference() -> None:
+    sensor = "{preset: velodyne-vlp16, noise: datasheet, measurement: {range_sigma_m: 0.5}}"
+    measurement = load(f"sensor: {sensor}\nscene: []").lidar.measurement
+    preset = ls.Lidar.preset("velodyne-vlp16", noise="datasheet").measurement
+    assert measurement.range_sigma == 0.5
+    assert measurement.range_resolution == preset.range_resolution > 0
+    assert load("sensor: {preset: velodyne-vlp16, noise: none}\nscene: []").lidar.measurement == ls.Measurement()
+
+
+def test_sensors_of_sensors() -> None:
+    Path("sensors").mkdir()
+    Path("sensors/near.yaml").write_text("preset: velodyne-vlp16\nmax_range_m: 30\n", encoding="utf-8")
+    Path("sensors/nearer.yaml").write_text("file: near.yaml\nmin_range_m: 2\n", encoding="utf-8")
+    run = load("sensor: {file: sensors/nearer.yaml, name: mine}\nscene: []")
+    assert (run.lidar.name, run.lidar.min_range, run.lidar.max_range) == ("mine", 2, 30)
+    lidar = ls.Lidar.from_file("sensors/nearer.yaml", noise="datasheet")
+    assert (lidar.name, lidar.max_range) == ("velodyne-vlp16", 30)
+    assert lidar.measurement.range_sigma > 0
+
+
+def test_a_scene_of_its_own() -> None:
+    Path("scenes").mkdir()
+    trimesh.creation.box().export("scenes/box.ply")
+    Path("scenes/hall.yaml").write_text("- {shape: mesh, file: box.ply, name: box}\n", encoding="utf-8")
+    text = "sensor: {preset: velodyne-vlp16}\nscene: {file: scenes/hall.yaml}"
+    assert load(text).scene.objects[0].name == "box"
+    assert load(text, "scene.0.name=cube").scene.objects[0].name == "cube"
+    assert refusal(text, "scene.0.label=-1") == (
+        "--set scene.0.label=-1: expected an integer >= 0 <= 4294967295, got -1"
+    )
+
+
+def test_overrides_choose_what_is_included_first() -> None:
+    text = "sensor: {preset: velodyne-vlp16, max_range_m: 7}\nscene: []"
+    run = load(text, "sensor.pattern.columns=100", "sensor.preset=ouster-os1-64", "sensor.mode=512x20")
+    assert (run.lidar.name, run.lidar.pattern.columns, run.lidar.pattern.rate) == ("ouster-os1-64", 100, 20)
+    assert run.lidar.max_range == 7
+    assert load(text, "sensor.pattern.elevations_deg.3=1").lidar.pattern.elevations[3] == radians(1)
+
+
+# Bad input
+
+
+SENSOR_KEYS = (
+    "name, measurement, min_range_m, max_range_m, pattern, description, datasheet_noise, modes, datasheet, sources"
+)
+SHAPE_NAMES = (
+    "'plane', 'sphere', 'ellipsoid', 'box', 'cylinder', 'triangle', 'polygon', 'mesh', 'heightfield', 'scene_file'"
+)
+PATTERN_NAMES = "'spinning', 'grid', 'risley', 'oscillating_mirror', 'polygon_mirror', 'palmer', 'mid360', 'table'"
+VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        # keys
+        ("seed: 3", "sed: 3", "run.yaml:1: sed: unknown key; did you mean seed?"),
+        ("radius_m: 0.5", "radius: 0.5", "run.yaml:18: scene.1.radius: unknown key; did you mean radius_m?"),
+        ("  max_range_m: 50", "  color: red", f"run.yaml:10: sensor.color: unknown key; expected one of {SENSOR_KEYS}"),
+        ("    radius_m: 0.5\n", "", "run.yaml:16: scene.1: missing key 'radius_m'"),
+        ("scene:", "scene: []\nscene:", "run.yaml:15: scene: this key is already on line 14"),
+        ("name: road", "nme: road, sape: 3", "run.yaml:15: scene.0.nme: unknown key; did you mean name?"),
+        # wrong types
+        ("seed: 3", "seed: three", "run.yaml:1: seed: expected an integer, got 'three'"),
+        ("seed: 3", "seed: 3.5", "run.yaml:1: seed: expected an integer, got 3.5"),
+        ("seed: 3", "seed: true", "run.yaml:1: seed: expected an integer, got true"),
+        ("seed: 3", "seed: -3", "run.yaml:1: seed: expected a value >= 0, got -3"),
+        ("frames: 2", "frames: 0", "run.yaml:2: frames: expected a value >= 1, got 0"),
+        ("name: road", "name: 5", "run.yaml:15: scene.0.name: expected text, got 5"),
+        ("radius_m: 0.5", "radius_m: wide", "run.yaml:18: scene.1.radius_m: expected a number, got 'wide'"),
+        ("radius_m: 0.5", "radius_m:", "run.yaml:18: scene.1.radius_m: expected a number, got nothing"),
+        ("[1, 2, 3]\n    radius", "3\n    radius", "run.yaml:17: scene.1.center_m: expected a list, got 3"),
+        ("[0, 0, 1]", "[0, 1]", "run.yaml:15: scene.0.normal: expected at least 3 items, got a list of 2"),
+        ("[0, 0, 1]", "[0, 0, up]", "run.yaml:15: scene.0.normal.2: expected a number, got 'up'"),
+        ("{yaw: 90}", "90", "run.yaml:13: pose.rotation_deg: expected a mapping, got 90"),
+        ("  - {shape: plane", "  - 5\n  - {shape: plane", "run.yaml:15: scene.0: expected a mapping, got 5"),
+        # choices
+        ("shape: sphere", "shape: spheer", f"run.yaml:16: scene.1.shape: expected one of {SHAPE_NAMES}, got 'spheer'"),
+        ("shape: sphere", "name: ball", "run.yaml:16: scene.1: missing key 'shape'"),
+        ("type: spinning", "type: 5", f"run.yaml:6: sensor.pattern.type: expected one of {PATTERN_NAMES}, got 5"),
+        # what only the constructor knows, at the key of the argument
+        ("radius_m: 0.5", "radius_m: -0.5", "run.yaml:18: scene.1.radius_m: expected a finite number > 0, got -0.5"),
+        ("radius_m: 0.5", "radius_m: .nan", "run.yaml:18: scene.1.radius_m: expected a finite number > 0, got nan"),
+        ("[0, 0, 1]", "[0, 0, 0]", "run.yaml:15: scene.0.normal: expected non-zero vectors, got normal = (0, 0, 0)"),
+        ("label: 40", "label: -1", "run.yaml:15: scene.0.label: expected an integer >= 0 <= 4294967295, got -1"),
+        ("reflectivity: 0.2", "reflectivity: -1",
+         "run.yaml:15: scene.0.reflectivity: expected a finite number >= 0, got -1.0"),
+        ("max_range_m: 50", "max_range_m: -5",
+         "run.yaml:10: sensor.max_range_m: expected a real number >= 0, got -5.0"),
+        ("columns: 32", "columns: 0", "run.yaml:8: sensor.pattern.columns: expected a finite number >= 1, got 0.0"),
+        ("columns: 32", "field_of_view_deg: 400",
+         ("run.yaml:8: sensor.pattern.field_of_view_deg: expected a finite number > 0 <= 6.28319, "
+         f"got {radians(400)} (in rad)")),
+        ("columns: 32", "columns: 32\n    column_period_us: 9",
+         "run.yaml:5: sensor.pattern: columns, column_period: expected one of them, got 32.0 and 9e-06"),
+        # several at once
+        ("seed: 3\nframes: 2", "seed: x\nframes: y", "run.yaml:1: seed: expected an integer, got 'x' (and 1 more)"),
+    ],
+)  # fmt: skip
+def test_bad_value(old: str, new: str, message: str) -> None:
+    assert old in CONFIG
+    assert refusal(CONFIG.replace(old, new, 1)) == message
+
+
+@pytest.mark.parametrize(
+    ("sensor", "message"),
+    [
+        ("5", "run.yaml:1: sensor: expected a mapping, got 5"),
+        ("{}", "run.yaml:1: sensor: expected one of the keys preset, file, pattern, got none of them"),
+        ("{preset: 5}", "run.yaml:1: sensor.preset: expected text, got 5"),
+        ("{preset: velodyne-vlp17}", f"run.yaml:1: sensor.preset: unknown sensor 'velodyne-vlp17'; {VLP}"),
+        ("{preset: velodyne-vlp16, file: x}", "run.yaml:1: sensor.file: expected a preset or a file, got both"),
+        ("{preset: velodyne-vlp16, mode: 512x10}", "run.yaml:1: sensor.mode: the sensor has no modes, got '512x10'"),
+        ("{preset: ouster-os1-64, mode: 1x1}",
+         "run.yaml:1: sensor.mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, got '1x1'"),
+        ("{preset: velodyne-vlp16, noise: loud}", "run.yaml:1: sensor.noise: expected none or datasheet, got 'loud'"),
+        ("{pattern: {type: mid360}, noise: datasheet}",
+         "run.yaml:1: sensor.noise: the sensor has no datasheet_noise, got 'datasheet'"),
+        ("{file: gone.yaml}", "run.yaml:1: sensor.file: cannot read gone.yaml: No such file or directory"),
+        ("{file: self.yaml}", "self.yaml:1: file: expected another file, got one that includes this one"),
+        ("{pattern: {type: risley, prisms: [{phase_deg: 1}], refractive_index: 1.5, pulse_rate_khz: 1, rate_hz: 1}}",
+         "run.yaml:1: sensor.pattern.prisms.0: missing key 'rotation_rate_hz' or 'rotation_rate_rpm'"),
+    ],
+)  # fmt: skip
+def test_bad_sensor(sensor: str, message: str) -> None:
+    Path("self.yaml").write_text("file: self.yaml\n", encoding="utf-8")
+    assert refusal(f"sensor: {sensor}\nscene: []") == message
+
+
+def test_an_error_in_an_included_file_names_that_file() -> None:
+    Path("near.yaml").write_text("preset: velodyne-vlp16\n\nmax_range: 3\n", encoding="utf-8")
+    assert refusal("sensor: {file: near.yaml}\nscene: []") == (
+        "near.yaml:3: sensor.max_range: unknown key; did you mean max_range_m or min_range_m?"
+    )
+
+
+PLY = """\
+ply
+format ascii 1.0
+element vertex 3
+property float x
+property float y
+property float z
+element face 1
+property list uchar int vertex_indices
+end_header
+0 0 0
+1 0 0
+0 1 0
+3 0 1 7
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "message"),
+    [
+        ("gone.ply", None, "cannot read gone.ply: No such file or directory"),
+        ("points.obj", "v 0 0 0\n", "points.obj: cannot be read as a mesh: it holds no triangles"),
+        ("nan.obj", "v 0 0 0\nv 1 0 0\nv 0 nan 0\nf 1 2 3\n",
+         "nan.obj: vertices: expected finite numbers, got vertices[2][1] = nan"),
+        ("range.ply", PLY, "range.ply: faces: expected indices from 0 to 2, got faces[0][2] = 7"),
+    ],
+)  # fmt: skip
+def test_bad_mesh_file(name: str, content: str | None, message: str) -> None:
+    if content is not None:
+        Path(name).write_text(content, encoding="utf-8")
+    got = refusal(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{{shape: mesh, file: {name}}}]")
+    assert got == f"run.yaml:2: scene.0.file: {message}"
+
+
+@pytest.mark.parametrize(("shape", "what"), [("mesh", "mesh"), ("scene_file", "scene")])
+def test_a_file_that_trimesh_cannot_read(shape: str, what: str) -> None:
+    Path("text.glb").write_text("no mesh", encoding="utf-8")
+    got = refusal(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{{shape: {shape}, file: text.glb}}]")
+    assert got.startswith(f"run.yaml:2: scene.0.file: text.glb: cannot be read as a {what}: ")
+
+
+def test_bad_heights() -> None:
+    Path("z.npy").write_text("no array", encoding="utf-8")
+    text = "sensor: {preset: velodyne-vlp16}\nscene: [{shape: heightfield, file: z.npy, spacing_m: 1}]"
+    assert refusal(text).startswith("run.yaml:2: scene.0.file: the magic string is not correct")
+    np.save("z.npy", np.array([[1.0, np.nan], [0.0, 0.0]]))
+    assert refusal(text) == "run.yaml:2: scene.0: z: expected finite numbers, got z[0][1] = nan"
+
+
+def test_bad_transforms() -> None:
+    matrix = "[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    assert refusal(CONFIG, f"pose.matrix={matrix}") == (
+        f"--set pose.matrix={matrix}: expected the matrix alone, got position_m beside it"
+    )
+    assert (
+        refusal(CONFIG, "scene.1.scale=0")
+        == "run.yaml:16: scene.1: transform: expected an invertible matrix, got determinant 0"
+    )
+    matrix = "[[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]"
+    assert refusal(CONFIG, f"pose={{matrix: {matrix}}}") == (
+        f"--set pose={{matrix: {matrix}}}: pose.matrix: expected a rigid transform (orthonormal rotation), "
+        "got one 3 away from it, determinant 2"
+    )
+
+
+def test_missing_configuration() -> None:
+    with pytest.raises(ConfigError) as caught:
+        ls.config.load("gone.yaml")
+    assert str(caught.value) == "gone.yaml: cannot read the file: No such file or directory"
+
+
+def test_a_document_that_is_no_mapping() -> None:
+    assert refusal("- 1") == "run.yaml:1: expected a mapping, got a list of 1"
+
+
+def test_reading_a_sensor_says_what_is_wrong_with_its_options() -> None:
+    with pytest.raises(ValueError, match=r"^mode: the sensor has no modes, got 'fast'$"):
+        ls.Lidar.preset("velodyne-vlp16", mode="fast")
+    with pytest.raises(ValueError, match=r"^noise: expected none or datasheet, got 'loud'$"):
+        ls.Lidar.preset("velodyne-vlp16", noise="loud")

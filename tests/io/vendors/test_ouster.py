@@ -1,0 +1,184 @@
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+from lidarsim.errors import FileFormatError
+from lidarsim.patterns import Spinning
+
+DATA = Path(__file__).parents[2] / "data" / "sensors" / "ouster"
+FILES = sorted(DATA.glob("*.json"))
+RANGES_MM = (800.0, 12_345.0, 120_000.0)
+
+
+def flattened(path: Path) -> dict[str, Any]:
+    """Return the keys of all levels that the formula needs."""
+    keys: dict[str, Any] = {}
+
+    def walk(part: dict[str, Any]) -> None:
+        for key, value in part.items():
+            if isinstance(value, dict):
+                walk(value)
+            else:
+                keys.setdefault(key, value)
+
+    walk(json.loads(path.read_text()))
+    return keys
+
+
+def published_xyz(keys: dict[str, Any], column: int, channel: int, r: float) -> list[float]:
+    """Return a point in mm by Ouster's formula, step by step, and the distance n that its range begins with."""
+    columns = keys["columns_per_frame"]
+    default = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}[keys["prod_line"][:4]]
+    b03 = keys.get("lidar_origin_to_beam_origin_mm", default)
+    b23 = 0.0
+    if "beam_to_lidar_transform" in keys:
+        b03, b23 = keys["beam_to_lidar_transform"][3], keys["beam_to_lidar_transform"][11]
+    n = math.sqrt(b03**2 + b23**2)
+    encoder = 2.0 * math.pi * (1.0 - column / columns)
+    azimuth = -2.0 * math.pi * keys["beam_azimuth_angles"][channel] / 360.0
+    altitude = 2.0 * math.pi * keys["beam_altitude_angles"][channel] / 360.0
+    x = (r - n) * math.cos(encoder + azimuth) * math.cos(altitude) + b03 * math.cos(encoder)
+    y = (r - n) * math.sin(encoder + azimuth) * math.cos(altitude) + b03 * math.sin(encoder)
+    z = (r - n) * math.sin(altitude) + b23
+    m = keys["lidar_to_sensor_transform"]
+    return [m[4 * i] * x + m[4 * i + 1] * y + m[4 * i + 2] * z + m[4 * i + 3] for i in range(3)] + [n]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_points_are_where_the_published_formula_puts_them(path: Path) -> None:
+    keys = flattened(path)
+    pulses = ls.Lidar.from_file(path).pattern.pulses()
+    first = keys.get("column_window", [0])[0]
+    assert len(pulses) >= 23 * len(keys["beam_altitude_angles"])
+    for i in range(0, len(pulses), max(1, len(pulses) // 997)):
+        for r in RANGES_MM:
+            *xyz, n = published_xyz(keys, first + int(pulses.column[i]), int(pulses.ring[i]), r)
+            got = pulses.origins[i] + (r - n) / 1e3 * pulses.directions[i]
+            assert np.abs(got - np.array(xyz) / 1e3).max() < 1e-9
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_points_are_those_of_the_vendors_table(path: Path) -> None:
+    core = pytest.importorskip("ouster.sdk.core")  # the vendor's own package, which the tests do not ask for
+    info = core.SensorInfo(path.read_text())
+    pulses = ls.Lidar.from_file(path).pattern.pulses()
+    columns, channels = info.format.columns_per_frame, info.format.pixels_per_column
+    ranges = np.full((channels, columns), 12_345, np.uint32)
+    table = core.XYZLut(info, False)(ranges)
+    *_, n = published_xyz(flattened(path), 0, 0, 0.0)
+    got = pulses.origins + (12_345 - n) / 1e3 * pulses.directions
+    first = flattened(path).get("column_window", [0])[0]
+    expected = np.asarray(table).reshape(channels, columns, 3)[pulses.ring, first + pulses.column.astype(int)]
+    np.testing.assert_allclose(got, expected, rtol=0, atol=1e-9)
+
+
+def test_all_beams_of_a_column_fire_together() -> None:
+    pulses = ls.Lidar.from_file(DATA / "2_1_2_os1-991913000010-64.json").pattern.pulses()
+    np.testing.assert_allclose(pulses.time, pulses.column / 10_240, rtol=1e-14)
+
+
+def test_column_window_is_kept() -> None:
+    lidar = ls.Lidar.from_file(DATA / "2_0_0_os1-992008000494-128_col_win_legacy.json")
+    assert lidar.pattern.shape == (128, 2036 - 2014 + 1)
+
+
+def test_mode_replaces_that_of_the_file() -> None:
+    lidar = ls.Lidar.from_file(DATA / "2_0_0_os1-992008000494-128_col_win_legacy.json", mode="512x20")
+    assert isinstance(lidar.pattern, Spinning)
+    assert (lidar.pattern.shape, lidar.pattern.rate) == ((128, 512), 20.0)
+
+
+def test_limits_and_noise_are_those_of_the_family() -> None:
+    path = DATA / "OS-2-128-U1_v2.3.0_1024x10.json"
+    preset = ls.Lidar.preset("ouster-os2-128", noise="datasheet")
+    lidar = ls.Lidar.from_file(path, noise="datasheet")
+    assert (lidar.min_range, lidar.max_range, lidar.measurement) == (
+        preset.min_range,
+        preset.max_range,
+        preset.measurement,
+    )
+    assert ls.Lidar.from_file(path).measurement == ls.Measurement()
+    assert lidar.name == "ouster-os-2-128"
+
+
+def change(**changes: Any) -> Callable[[dict[str, Any]], None]:
+    return lambda document: document.update(changes)
+
+
+def remove(key: str) -> Callable[[dict[str, Any]], None]:
+    return lambda document: document.pop(key)
+
+
+@pytest.mark.parametrize(
+    ("edit", "message"),
+    [
+        (remove("beam_azimuth_angles"), "beam_azimuth_angles is missing"),
+        (remove("beam_altitude_angles"), "beam_altitude_angles is missing"),
+        (
+            change(beam_altitude_angles=[math.nan] * 32),
+            "beam_altitude_angles: expected finite numbers, got beam_altitude_angles[0] = nan",
+        ),
+        (change(beam_azimuth_angles=[0.0] * 31), "beam_azimuth_angles: expected shape (32,), got (31,)"),
+        (
+            change(beam_altitude_angles=[[0.0] * 4] * 8),
+            "beam_altitude_angles: expected shape (channels,), got (8, 4)",
+        ),
+        (
+            change(lidar_mode="1000x10"),
+            "lidar_mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, 4096x5, got '1000x10'",
+        ),
+        (
+            remove("lidar_mode"),
+            "lidar_mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, 4096x5, got None",
+        ),
+        (change(lidar_mode="512x10"), "columns_per_frame: expected 512, got 1024"),
+        (change(data_format={"pixels_per_column": 64}), "pixels_per_column: expected 32, got 64"),
+        (change(data_format=[]), "data_format: expected an object, got []"),
+        (
+            change(data_format={"column_window": [0, 1024]}),
+            "column_window: expected columns from 0 to 1023, got [0, 1024]",
+        ),
+        (change(prod_line="OX-9"), "prod_line: expected a product that starts with OS-0, OS-1, OS-2, got 'OX-9'"),
+        (
+            change(lidar_to_sensor_transform=[1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]),
+            "lidar_to_sensor_transform: expected a turn about z and a shift along it",
+        ),
+        (
+            change(beam_to_lidar_transform=[1, 0, 0, 15, 0, 1, 0, 1, 0, 0, 1, 0, 0, 0, 0, 1]),
+            "beam_to_lidar_transform: expected a shift along x and z alone",
+        ),
+        (
+            change(lidar_origin_to_beam_origin_mm="far"),
+            "lidar_origin_to_beam_origin_mm: expected real numbers of shape (3,), got dtype <U32",
+        ),
+    ],
+)
+def test_bad_metadata_is_named(tmp_path: Path, edit: Callable[[dict[str, Any]], None], message: str) -> None:
+    document = json.loads((DATA / "OS-0-32-U1_v2.2.0_1024x10.json").read_text())
+    edit(document)
+    path = tmp_path / "metadata.json"
+    path.write_text(json.dumps(document))
+    with pytest.raises(FileFormatError, match=f"^{re.escape(f'{path}: Ouster metadata JSON: {message}')}$"):
+        ls.Lidar.from_file(path)
+
+
+def test_truncated_file_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "metadata.json"
+    path.write_bytes((DATA / "2_1_2_os1-991913000010-64.json").read_bytes()[:2000])
+    with pytest.raises(FileFormatError, match=r"metadata\.json: Ouster metadata JSON: not valid JSON at line \d+: "):
+        ls.Lidar.from_file(path)
+
+
+def test_unknown_option_is_refused() -> None:
+    message = "rate: not an option of Ouster metadata JSON; expected mode, noise"
+    with pytest.raises(TypeError, match=f"^{message}$"):
+        ls.Lidar.from_file(FILES[0], rate=10.0)

@@ -1,0 +1,174 @@
+"""What holds for every family of scan patterns."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import pickle
+import re
+from fractions import Fraction
+
+import mpmath as mp
+import numpy as np
+import pytest
+from mpmath import mpf
+
+from lidarsim import patterns
+from lidarsim.patterns import Grid, Mid360, Pattern, PolygonMirror, Pulses, Spinning, Table
+from tests.patterns.families import FAMILIES, ORACLES
+
+LATE = 1_234_567
+"""A frame a day or more after the first."""
+
+CLOCKED = {name: pattern for name, pattern in FAMILIES.items() if type(pattern) in ORACLES}
+"""All but those that have their own oracle: tables of the vendor, lists, grids."""
+
+TIMED = {name: pattern for name, pattern in FAMILIES.items() if name != "flash"}
+"""All but the flash, which fires all its columns at once."""
+
+
+def for_each(families: dict[str, Pattern]) -> pytest.MarkDecorator:
+    return pytest.mark.parametrize("pattern", families.values(), ids=families.keys())
+
+
+def ticks_of(pattern: Pattern, frame: int, pulses: Pulses, clock: Fraction) -> list[int]:
+    """Return the ticks since time 0 at which the pulses' cycles start."""
+    firing = getattr(pattern, "firing_times", np.zeros(pattern.shape[0]))[pulses.ring]
+    since = [Fraction(float(time)) - Fraction(float(late)) for time, late in zip(pulses.time, firing, strict=True)]
+    return [round((frame / Fraction(pattern.rate) + time) * clock) for time in since]
+
+
+@pytest.mark.parametrize("frame", [0, 1, 2, LATE])
+@for_each(FAMILIES)
+def test_every_family_gives_whole_pulses(pattern: Pattern, frame: int) -> None:
+    pulses = pattern.pulses(frame)
+    count = len(pulses)
+    assert count >= 2
+    assert isinstance(pattern, Pattern)
+    for name, dtype, shape in (
+        ("directions", np.float64, (count, 3)),
+        ("origins", np.float64, (count, 3)),
+        ("time", np.float64, (count,)),
+        ("ring", np.uint16, (count,)),
+        ("column", np.uint32, (count,)),
+    ):
+        values = getattr(pulses, name)
+        assert (values.dtype, values.shape, values.flags.c_contiguous) == (dtype, shape, True), name
+        assert not values.flags.writeable, name
+        assert np.isfinite(values).all(), name
+    rings, columns = pattern.shape
+    assert pulses.ring.max() < rings
+    assert pulses.column.max() < columns
+    # A firing cycle that starts in a frame may end after it.
+    assert pulses.time.min() >= 0.0
+    assert pulses.time.max() < 1.0 / pattern.rate + np.max(getattr(pattern, "firing_times", 0.0))
+    assert len(np.unique(np.stack([pulses.ring, pulses.column]), axis=1).T) == count
+
+
+@pytest.mark.parametrize("frame", [0, 3, LATE])
+@for_each(FAMILIES)
+def test_directions_are_unit_to_two_ulp(pattern: Pattern, frame: int) -> None:
+    directions = pattern.pulses(frame).directions
+    for direction in directions[:: max(1, len(directions) // 300)]:
+        length = mp.sqrt(sum(mpf(float(component)) ** 2 for component in direction))
+        assert abs(length - 1) <= 2 * 2.0**-52
+
+
+@pytest.mark.parametrize("frame", [0, LATE])
+@for_each(TIMED)
+def test_pulses_are_in_firing_order_then_by_ring(pattern: Pattern, frame: int) -> None:
+    pulses = pattern.pulses(frame)
+    np.testing.assert_array_equal(np.lexsort((pulses.ring, pulses.time)), np.arange(len(pulses)))
+
+
+@pytest.mark.parametrize("frame", [0, 1, LATE])
+@for_each(TIMED)
+def test_no_ring_fires_twice_at_a_time(pattern: Pattern, frame: int) -> None:
+    pulses = pattern.pulses(frame)
+    assert len(np.unique(np.stack([pulses.time, pulses.ring]), axis=1).T) == len(pulses)
+
+
+@pytest.mark.parametrize("frame", [0, 1, 2, 36_000, LATE])
+@for_each(CLOCKED)
+def test_pulses_are_what_the_definition_says_in_50_digits(pattern: Pattern, frame: int) -> None:
+    oracle, clock = ORACLES[type(pattern)]
+    pulses = pattern.pulses(frame)
+    chosen = np.unique(np.r_[0, 1, len(pulses) - 1, np.random.default_rng(5).integers(0, len(pulses), 30)])
+    sample = Pulses(*(getattr(pulses, field.name)[chosen] for field in dataclasses.fields(Pulses)))
+    ticks = ticks_of(pattern, frame, sample, clock(pattern))
+    # The angle swept within the frame is rounded six times on its way: turns, phase, sum, sine, two products.
+    prisms = getattr(pattern, "prisms", ())
+    swept = 4.0 * np.pi + sum(abs(prism.rotation_rate) for prism in prisms) * 2.0 * np.pi / pattern.rate
+    swept += 2.0 * np.pi * getattr(pattern, "scan_rate", getattr(pattern, "line_rate", 0.0)) / pattern.rate
+    tolerance = 6 * swept * 2.0**-53
+    with mp.workdps(50):
+        for i, tick in enumerate(ticks):
+            direction, origin, time = oracle(pattern, frame, tick, int(sample.ring[i]))
+            for got, expected in zip((*sample.directions[i], *sample.origins[i]), (*direction, *origin), strict=True):
+                assert abs(mpf(float(got)) - expected) <= tolerance
+            assert abs(mpf(float(sample.time[i])) - (time - frame / mpf(pattern.rate))) <= 2.0**-51 / pattern.rate
+
+
+@for_each(CLOCKED)
+def test_frames_share_out_the_ticks_of_the_clock(pattern: Pattern) -> None:
+    clock = ORACLES[type(pattern)][1](pattern)
+    ticks: list[int] = []
+    for frame in range(7):
+        pulses = pattern.pulses(frame)
+        first = pulses.ring == pulses.ring[0]
+        one = Pulses(*(getattr(pulses, field.name)[first] for field in dataclasses.fields(Pulses)))
+        ticks += ticks_of(pattern, frame, one, clock)
+    end = 7 * clock / Fraction(pattern.rate)
+    if isinstance(pattern, PolygonMirror):
+        period, used = clock / Fraction(pattern.line_rate), Fraction(pattern.field_of_view) / Fraction(pattern.sweep)
+    elif isinstance(pattern, Spinning):
+        period, used = Fraction(pattern.columns_per_turn), Fraction(pattern.field_of_view) / Fraction(2.0 * np.pi)
+    else:
+        period, used = Fraction(1), Fraction(1)
+    # At the very edge the rounding of the angles decides.
+    inside = [tick for tick in range(-int(-end // 1)) if tick / period % 1 < used - Fraction(1, 10**12)]
+    assert len(inside) > 700
+    assert ticks == inside
+
+
+@for_each(FAMILIES)
+def test_frames_that_are_alike_are_made_once(pattern: Pattern) -> None:
+    if isinstance(pattern, Grid) or (isinstance(pattern, Spinning) and float(pattern.columns_per_turn).is_integer()):
+        assert pattern.pulses(3) is pattern.pulses(0)
+    elif not isinstance(pattern, Table):
+        assert pattern.pulses(1) is not pattern.pulses(0)
+
+
+@for_each(FAMILIES)
+def test_patterns_survive_pickling(pattern: Pattern) -> None:
+    copy = pickle.loads(pickle.dumps(pattern))  # noqa: S301
+    for field in dataclasses.fields(Pulses):
+        np.testing.assert_array_equal(getattr(copy.pulses(2), field.name), getattr(pattern.pulses(2), field.name))
+
+
+@for_each(FAMILIES)
+def test_replace_changes_one_thing(pattern: Pattern) -> None:
+    assert dataclasses.is_dataclass(pattern)
+    slower = dataclasses.replace(pattern, rate=pattern.rate / 2.0)
+    assert slower.rate == pattern.rate / 2.0
+    assert len(slower.pulses()) > 0
+
+
+@pytest.mark.parametrize(
+    ("frame", "message"),
+    [(-1, "frame: expected an integer >= 0, got -1"), (1.5, "frame: expected an integer >= 0, got 1.5")],
+)
+@for_each(FAMILIES)
+def test_frames_are_whole_numbers(pattern: Pattern, frame: float, message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=f"^{re.escape(message)}$"):
+        pattern.pulses(frame)  # type: ignore[arg-type]
+
+
+def test_no_family_is_forgotten() -> None:
+    families = {
+        value
+        for name, value in vars(patterns).items()
+        if name in patterns.__all__ and inspect.isclass(value) and hasattr(value, "pulses") and value is not Pattern
+    }
+    assert {type(sample) for sample in FAMILIES.values()} == families
+    assert families - ORACLES.keys() == {Grid, Mid360, Table}

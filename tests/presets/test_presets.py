@@ -1,0 +1,161 @@
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import lidarsim as ls
+from lidarsim.patterns import Description, describe
+from lidarsim.sensor import preset_path
+
+NAMES = ls.Lidar.presets()
+
+DOCUMENTS: dict[str, dict[str, Any]] = {name: yaml.safe_load(preset_path(name).read_text()) for name in NAMES}
+
+for_each = pytest.mark.parametrize("name", NAMES)
+
+# Channels, points a second, lowest and highest elevation in degrees, of the data sheets and the vendors' files.
+SHEETS = {
+    "velodyne-vlp16": (16, 289_352, -15, 15),
+    "velodyne-vlp32c": (32, 578_704, -25, 15),
+    "velodyne-hdl32e": (32, 694_444, -30.67, 10.67),
+    "velodyne-hdl64e-s2": (64, 1_333_333, -24.85, 4.97),
+    "velodyne-hdl64e-s3": (64, 1_111_111, -24.56, 1.96),
+    "velodyne-vls128": (128, 2_401_501, -25, 15),
+    "ouster-os0-128": (128, 1_310_720, -46.26, 45.75),
+    "ouster-os1-64": (64, 655_360, -16.679, 16.729),
+    "ouster-os1-128": (128, 1_310_720, -21.82, 20.95),
+    "ouster-os2-128": (128, 1_310_720, -11.09, 10.76),
+    "hesai-pandar40p": (40, 719_942, -24.569, 15.21),
+    "hesai-pandar64": (64, 1_151_908, -24.879, 14.9),
+    "hesai-xt32": (32, 640_000, -16, 15),
+    "hesai-xt32m2x": (32, 640_000, -20.747, 19.434),
+    "hesai-qt64": (64, 384_000, -52.121, 52.133),
+    "hesai-at128": (128, 1_536_000, -12.47, 12.93),
+    "robosense-rs16": (16, 288_288, -15, 15),
+    "robosense-rs32": (32, 576_369, -25, 15.017),
+    "livox-mid40": (1, 100_000, -19.18, 19.18),
+    "livox-mid70": (1, 100_000, -35.22, 35.22),
+    "livox-mid360": (4, 200_000, -7.18, 52.15),
+    "livox-avia": (6, 240_000, -38.6, 38.6),
+    "sick-lms111": (1, 27_050, 0, 0),
+    "hokuyo-utm30lx": (1, 43_240, 0, 0),
+    "rplidar-a1": (1, 1_980, 0, 0),
+    "riegl-vq780i": (1, 666_667, 0, 0),
+    "riegl-vq880g": (1, 200_000, -20, 20),
+    "leica-als50": (1, 150_000, 0, 0),
+}
+
+
+def numbers_of(name: str) -> Description:
+    return describe(ls.Lidar.preset(name).pattern)
+
+
+def test_every_sensor_has_its_sheet_here() -> None:
+    assert SHEETS.keys() == set(NAMES)
+
+
+@for_each
+def test_channels_and_point_rate_are_those_of_the_sheet(name: str) -> None:
+    channels, point_rate, *_ = SHEETS[name]
+    numbers = numbers_of(name)
+    assert numbers.rings == channels
+    # ten frames begin and end within a cycle: one in some ten thousand
+    assert numbers.pulses_per_second == pytest.approx(point_rate, rel=2e-4)
+
+
+@for_each
+def test_elevations_are_those_of_the_sheet(name: str) -> None:
+    *_, low, high = SHEETS[name]
+    pattern = ls.Lidar.preset(name).pattern
+    elevations = [np.degrees(describe_elevation(pattern.pulses(frame))) for frame in range(0, 200, 10)]
+    # those of non-repetitive patterns come within a quarter of a degree of their ends in so many frames
+    assert min(low for low, _ in elevations) == pytest.approx(low, abs=0.25)
+    assert max(high for _, high in elevations) == pytest.approx(high, abs=0.25)
+
+
+def describe_elevation(pulses: ls.patterns.Pulses) -> tuple[float, float]:
+    return float(np.arcsin(pulses.directions[:, 2].min())), float(np.arcsin(pulses.directions[:, 2].max()))
+
+
+@for_each
+def test_pattern_agrees_with_the_datasheet_in_the_file(name: str) -> None:
+    sheet = DOCUMENTS[name]["datasheet"]
+    numbers = numbers_of(name)
+    assert numbers.rings == sheet["channels"]
+    if "point_rate_hz" in sheet:
+        assert numbers.pulses_per_second == pytest.approx(
+            sheet["point_rate_hz"], rel=2e-3
+        )  # printed with three figures
+    azimuth = np.degrees(np.subtract(*numbers.azimuth[::-1]))
+    elevation = np.degrees(np.subtract(*numbers.elevation[::-1]))
+    # Units differ from the nominal angles; the offsets of an AT128's channels add 4.8 degrees to its 120.
+    assert azimuth == pytest.approx(sheet["horizontal_fov_deg"], rel=0.045)
+    if "vertical_fov_deg" in sheet:
+        assert elevation == pytest.approx(sheet["vertical_fov_deg"], rel=0.03)
+
+
+@for_each
+def test_each_number_has_its_source_and_mark(name: str) -> None:
+    document = DOCUMENTS[name]
+    given = {f"pattern.{key}" for key in document["pattern"] if key != "type"}
+    given |= {key for key in ("min_range_m", "max_range_m", "modes") if key in document}
+    given |= {f"{part}.{key}" for part in ("datasheet_noise", "datasheet") for key in document.get(part, {})}
+    assert document["sources"].keys() == given
+    for source in document["sources"].values():
+        assert re.match(r"(vendor|secondary|nominal): \S", source)
+    assert document["name"] == name
+    assert document["description"]
+
+
+@for_each
+def test_noise_is_off_unless_asked_for(name: str) -> None:
+    assert ls.Lidar.preset(name).measurement == ls.Measurement()
+    assert ls.Lidar.preset(name, noise="datasheet").measurement != ls.Measurement()
+
+
+@for_each
+def test_sensor_has_the_name_and_limits_of_its_file(name: str) -> None:
+    lidar, document = ls.Lidar.preset(name), DOCUMENTS[name]
+    assert lidar.name == name
+    assert lidar.min_range == document.get("min_range_m", 0.0)
+    assert lidar.max_range == document.get("max_range_m", np.inf)
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if "modes" in DOCUMENTS[name]])
+def test_modes_change_the_pattern(name: str) -> None:
+    rates = set()
+    for mode in DOCUMENTS[name]["modes"]:
+        pattern = ls.Lidar.preset(name, mode=mode).pattern
+        rates.add((pattern.shape, pattern.rate))
+    assert len(rates) == len(DOCUMENTS[name]["modes"]) >= 2
+
+
+@pytest.mark.parametrize(
+    ("mode", "columns", "rate"),
+    [("512x10", 512, 10), ("1024x10", 1024, 10), ("2048x10", 2048, 10), ("512x20", 512, 20), ("1024x20", 1024, 20)],
+)
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("ouster-")])
+def test_ouster_has_its_modes(name: str, mode: str, columns: int, rate: float) -> None:
+    pattern = ls.Lidar.preset(name, mode=mode).pattern
+    assert (pattern.shape[1], pattern.rate) == (columns, rate)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        (
+            "ouster-os1-128",
+            {"mode": "4096x10"},
+            "mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, got '4096x10'",
+        ),
+        ("velodyne-vlp16", {"mode": "512x10"}, "mode: the sensor has no modes, got '512x10'"),
+        ("velodyne-vlp16", {"noise": "loud"}, "noise: expected none or datasheet, got 'loud'"),
+    ],
+)
+def test_unknown_mode_and_noise_are_named(name: str, options: dict[str, str], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Lidar.preset(name, **options)

@@ -1,0 +1,243 @@
+"""The command line: what it writes, prints and returns, and its one line for each mistake."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+from lidarsim.cli import main
+
+ROOT = Path(__file__).parents[1]
+LONG = "x" * 300
+FIELDS = (
+    "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, label, incidence, "
+    "range_error"
+)
+CONFIG = """\
+seed: 3
+sensor: {preset: velodyne-vlp16, noise: datasheet}
+pose: {position_m: [0, 0, 2]}
+scene:
+  - {shape: plane, normal: [0, 0, 1], label: 40}
+  - {shape: sphere, center_m: [5, 0, 2], radius_m: 1, label: 7}
+"""
+
+
+@pytest.fixture(autouse=True)
+def _in_a_folder_with_a_configuration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("run.yaml").write_text(CONFIG, encoding="utf-8")
+
+
+def lidarsim(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as left:
+        main(arguments)
+    return int(left.value.code or 0)
+
+
+def test_scan_writes_what_python_scans(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "scan.npz") == 0
+    run = ls.config.load("run.yaml")
+    expected = run.scan().point_cloud()
+    cloud = ls.PointCloud.load("scan.npz")
+    assert len(cloud) > 10_000
+    assert cloud.fields == expected.fields
+    assert all(np.array_equal(getattr(cloud, field), getattr(expected, field)) for field in cloud.fields)
+    printed = capsys.readouterr()
+    assert f"{len(cloud):,} points in " in printed.out
+    assert printed.out.endswith(" s: scan.npz\n")
+    assert printed.err == ""  # no progress bar in a pipe
+
+
+@pytest.mark.parametrize("suffix", ["pcd", "ply", "npz"])
+def test_every_format(suffix: str) -> None:
+    assert lidarsim("scan", "run.yaml", "--output", f"scan.{suffix}") == 0
+    assert set(ls.PointCloud.load(f"scan.{suffix}").label) == {7, 40}
+
+
+def test_several_frames_are_numbered() -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "scan.npz", "--frames", "2", "--frame", "9") == 0
+    assert sorted(path.name for path in Path().glob("*.npz")) == ["scan_0009.npz", "scan_0010.npz"]
+    first, second = (ls.PointCloud.load(f"scan_{number:04}.npz") for number in (9, 10))
+    expected = ls.config.load("run.yaml").scan(10).point_cloud()
+    assert np.array_equal(second.range, expected.range)
+    assert not np.array_equal(first.range_error[:100], second.range_error[:100])
+
+
+def test_overrides_and_seed() -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a.npz", "--set", "scene.1.label=9", "--set", "sensor.noise=none") == 0
+    exact = ls.PointCloud.load("a.npz")
+    assert set(exact.label) == {9, 40}
+    assert not exact.range_error.any()
+    assert lidarsim("scan", "run.yaml", "-o", "b.npz", "--seed", "4") == 0
+    other = ls.PointCloud.load("b.npz")
+    assert np.array_equal(other.range, ls.config.load("run.yaml", ["seed=4"]).scan().point_cloud().range)
+    assert not np.array_equal(other.range, ls.config.load("run.yaml").scan().point_cloud().range)
+
+
+def test_pictures() -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "scan.pcd", "--screenshot", "scan.png", "--color-by", "label") == 0
+    assert lidarsim("view", "scan.pcd", "--screenshot", "view.png") == 0
+    assert lidarsim("view", "run.yaml", "--screenshot", "config.png", "--set", "cloud.frame=world") == 0
+    assert lidarsim("sensors", "livox-mid40", "--screenshot", "sensor.png") == 0
+    for name in ("scan", "view", "config", "sensor"):
+        assert Path(f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert Path(f"{name}.png").stat().st_size > 10_000
+
+
+def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 2 0 0\nf 1 2 3\nf 1 2 4\n", encoding="utf-8")
+    assert lidarsim("check", "run.yaml", "--set", "scene.1={shape: mesh, file: flat.obj, name: flat}") == 0
+    printed = capsys.readouterr().out
+    rows = [line.split() for line in printed.splitlines()]
+    assert ["1", "TriangleMesh", "flat", "0", "1", "2", "1"] in rows
+    assert ["sensor", "velodyne-vlp16"] in rows
+    assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
+
+
+def test_the_configurations_in_the_repository_are_right() -> None:
+    runs = sorted((ROOT / "configs").glob("*.yaml"))
+    assert len(runs) >= 3
+    for path in runs:
+        assert lidarsim("check", str(path)) == 0, path
+
+
+def test_sensors_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("sensors") == 0
+    first = [line.split()[0] for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert [name for name in first if name in ls.Lidar.presets()] == ls.Lidar.presets()
+
+
+def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("sensors", "ouster-os1-64") == 0
+    printed = capsys.readouterr().out
+    assert "655,360 a second in 10 frames" in printed
+    assert "modes: 512x10, 512x20, 1024x10, 1024x20, 2048x10" in printed
+    assert "pattern.elevations_deg" in printed
+
+
+def test_a_sensor_is_printed_to_start_from(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("sensors", "ouster-os1-64", "--yaml") == 0
+    Path("mine.yaml").write_text(capsys.readouterr().out, encoding="utf-8")
+    mine, preset = ls.Lidar.from_file("mine.yaml"), ls.Lidar.preset("ouster-os1-64")
+    assert np.array_equal(mine.pattern.pulses().directions, preset.pattern.pulses().directions)
+
+
+def test_without_a_command_it_says_what_there_is(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim() == 0
+    printed = capsys.readouterr().out
+    assert all(f"\n  {command} " in printed for command in ("scan", "view", "check", "sensors", "bench"))
+
+
+def test_bench_has_its_own_options(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as left:
+        main(["bench", "--help"])
+    assert not left.value.code
+    assert "--quick" in capsys.readouterr().out
+
+
+MISTAKES = {
+    # configurations
+    "scan gone.yaml -o a.pcd": "gone.yaml: cannot read the file: No such file or directory",
+    "scan . -o a.pcd": ".: cannot read the file: Is a directory",
+    "scan run.yaml -o a.pcd --set scene.1.radius_m=-1": (
+        "--set scene.1.radius_m=-1: expected a finite number > 0, got -1.0"
+    ),
+    "scan run.yaml -o a.pcd --frames 0": "--set frames=0: expected a value >= 1, got 0",
+    "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
+    # outputs
+    "scan run.yaml -o a.xyz": "a.xyz: unknown extension '.xyz', expected .npz or .pcd or .ply",
+    "scan run.yaml -o a": "a: no extension, expected .npz or .pcd or .ply",
+    "scan run.yaml -o gone/a.pcd": "gone/a.pcd: the folder gone does not exist",
+    "scan run.yaml -o run.yaml/a.pcd": "run.yaml/a.pcd: run.yaml is not a folder",
+    "scan run.yaml -o folder.pcd": "folder.pcd: expected a file to write, got a folder",
+    f"scan run.yaml -o {LONG}.pcd": f"{LONG}.pcd: File name too long",
+    "scan run.yaml -o a.pcd --screenshot a.jpg": "a.jpg: unknown extension '.jpg', expected .png",
+    "scan run.yaml -o a.pcd --screenshot gone/a.png": "gone/a.png: the folder gone does not exist",
+    # views
+    "view gone.pcd": "gone.pcd: no such file",
+    "view run.yaml --screenshot a.png --color-by smell": f"color_by: expected one of height, {FIELDS}, got 'smell'",
+    "view run.yaml --with open3d --screenshot a.png": (
+        "--screenshot: expected --with pyvista, which draws the pictures, got --with open3d"
+    ),
+    # sensors
+    "sensors velodyne-vlp17": (
+        "preset: unknown sensor 'velodyne-vlp17'; did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
+    ),
+    "sensors --yaml": "--yaml, --screenshot: expected the NAME of a sensor beside them, got none",
+}
+
+
+@pytest.mark.parametrize(("arguments", "message"), MISTAKES.items(), ids=[text[:50] for text in MISTAKES])
+def test_a_mistake_gets_one_line(arguments: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path("folder.pcd").mkdir()
+    Path("broken.yaml").write_text("sensor: {preset: velodyne-vlp16}\nscene: [{shape: sphere, radius: 1}]")
+    before = set(Path().iterdir())
+    assert lidarsim(*arguments.split()) == 2
+    assert capsys.readouterr().err == f"lidarsim: {message}\n"
+    assert set(Path().iterdir()) == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "begin"),
+    [
+        ("scan", "Missing argument 'CONFIG'"),
+        ("scan run.yaml", "Missing option '--output'"),
+        ("scan run.yaml -o a.pcd --seed x", "Invalid value for '--seed': "),
+        ("scan run.yaml -o a.pcd --sed 1", "No such option: --sed"),
+        ("view run.yaml --with paraview", "Invalid value for '--with': "),
+        ("scun", "No such command 'scun'"),
+    ],
+)
+def test_arguments_that_typer_refuses(arguments: str, begin: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim(*arguments.split()) == 2
+    printed = capsys.readouterr().err
+    assert printed.startswith(f"lidarsim: {begin}")
+    assert printed.count("\n") == 1
+
+
+def test_a_folder_that_lets_nobody_write(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "access", lambda _path, mode: not mode & os.W_OK)  # root may write wherever it likes
+    assert lidarsim("scan", "run.yaml", "-o", "a.pcd") == 2
+    assert capsys.readouterr().err == "lidarsim: a.pcd: no permission to write in the folder .\n"
+
+
+def test_several_lines_of_error_become_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("check", "run.yaml", "--set", "scene.0.name=[\n1]") == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def start(*arguments: str, **options: Any) -> subprocess.Popen[str]:
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    command = [sys.executable, "-c", "from lidarsim.cli import main; main()", *arguments]
+    streams = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, env={**os.environ, "PYTHONPATH": path}, **streams, **options)
+
+
+def test_interrupting_a_scan_leaves_no_half_written_file() -> None:
+    scan = start("scan", "run.yaml", "-o", "scan.npz", "--frames", "100000")
+    while not Path("scan_0000.npz").exists() and scan.poll() is None:
+        time.sleep(0.05)
+    scan.send_signal(signal.SIGINT)
+    assert scan.communicate(timeout=60) == ("", "")
+    assert scan.returncode == 130
+    for path in Path().iterdir():
+        assert path.name == "run.yaml" or len(ls.PointCloud.load(path))
+
+
+def test_a_pipe_that_closes_early_gets_no_complaint() -> None:
+    printing = start("sensors", "velodyne-vls128", "--yaml")
+    assert printing.stdout
+    assert printing.stderr
+    printing.stdout.close()
+    assert printing.stderr.read() == ""
+    printing.wait(timeout=60)

@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+from lidarsim import sensor
+from lidarsim.errors import FileFormatError
+
+PATTERN = ls.patterns.Spinning([0.0, 0.1], columns=8)
+
+
+def test_defaults_limit_and_add_nothing() -> None:
+    lidar = ls.Lidar(PATTERN)
+    assert lidar.pattern is PATTERN
+    assert (lidar.min_range, lidar.max_range, lidar.name, lidar.measurement) == (0.0, math.inf, "", ls.Measurement())
+
+
+def test_lidar_is_frozen_and_varied_by_replace() -> None:
+    lidar = ls.Lidar(PATTERN, max_range=50.0, name="front")
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        lidar.max_range = 60.0  # type: ignore[misc]
+    far = dataclasses.replace(lidar, max_range=60.0)
+    assert (far.max_range, far.name, lidar.max_range) == (60.0, "front", 50.0)
+
+
+def test_own_pattern_needs_no_base_class() -> None:
+    class Single:
+        rate = 5.0
+        shape = (1, 1)
+
+        def pulses(self, frame: int = 0) -> ls.patterns.Pulses:
+            del frame
+            return ls.patterns.Table([[1, 0, 0]], rate=self.rate).pulses()
+
+    assert len(ls.Lidar(Single()).pattern.pulses()) == 1
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"pattern": None}, "pattern: expected a scan pattern (rate, shape, pulses), got None"),
+        ({"measurement": 0.1}, "measurement: expected a Measurement, got 0.1"),
+        ({"min_range": -1.0}, "min_range: expected a finite number >= 0, got -1.0"),
+        ({"min_range": 2.0, "max_range": 1.0}, "max_range: expected a real number >= 2, got 1.0"),
+        ({"max_range": math.nan}, "max_range: expected a real number >= 0, got nan"),
+        ({"name": 3}, "name: expected a string, got 3"),
+    ],
+)
+def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=f"^{re.escape(message)}$"):
+        ls.Lidar(**{"pattern": PATTERN, **arguments})
+
+
+def test_scan_measures_the_distance_along_each_pulse() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Sphere((0.0, 0.0, 0.0), 5.0))
+    scan = ls.Lidar(PATTERN).scan(scene, frame=3, seed=7)
+    np.testing.assert_allclose(scan.range[:, 0], 5.0, rtol=1e-15)
+    assert (len(scan.range), scan.frame) == (16, 3)
+
+
+def test_presets_are_listed_by_name() -> None:
+    names = ls.Lidar.presets()
+    assert names == sorted(names)
+    assert len(names) >= 25
+    assert {"velodyne-vlp16", "ouster-os1-128", "livox-mid360"} <= set(names)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("vlp16", "preset: unknown sensor 'vlp16'; did you mean velodyne-vlp16?"),
+        ("os1", "preset: unknown sensor 'os1'; did you mean ouster-os1-128 or ouster-os1-64?"),
+        (
+            "velodine-hdl64",
+            (
+                "preset: unknown sensor 'velodine-hdl64'; "
+                "did you mean velodyne-hdl64e-s3 or velodyne-hdl64e-s2 or velodyne-hdl32e?"
+            ),
+        ),
+    ],
+)
+def test_unknown_preset_suggests_the_nearest(name: str, message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Lidar.preset(name)
+
+
+def test_unknown_preset_unlike_any_lists_all() -> None:
+    with pytest.raises(
+        ValueError, match=r"^preset: unknown sensor ''; expected one of hesai-at128, .*velodyne-vls128$"
+    ):
+        ls.Lidar.preset("")
+
+
+def test_own_yaml_is_a_sensor(tmp_path: Path) -> None:
+    path = tmp_path / "front.yaml"
+    path.write_text("preset: ouster-os1-128\nname: front\npattern: {columns: 512}\nmax_range_m: 60\n")
+    lidar = ls.Lidar.from_file(path)
+    assert (lidar.name, lidar.max_range, lidar.pattern.shape) == ("front", 60.0, (128, 512))
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot read the file: No such file or directory"),
+        (
+            b"{}",
+            (
+                "expected a file of one of these kinds: Hesai angle correction CSV, Hesai firetime correction CSV, "
+                "Livox scan pattern CSV, Ouster metadata JSON, Velodyne calibration YAML, lidarsim YAML"
+            ),
+        ),
+    ],
+)
+def test_foreign_file_is_named(tmp_path: Path, content: bytes | None, message: str) -> None:
+    path = tmp_path / "sensor.json"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(FileFormatError, match=f"^{re.escape(f'{path}: {message}')}$"):
+        ls.Lidar.from_file(path)
+
+
+def test_reader_is_one_registration(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sensor, "_readers", dict(sensor._readers))
+    given: list[object] = []
+
+    def read(path: Path, *, gain: float = 1.0) -> ls.Lidar:
+        given.extend([path, gain])
+        return ls.Lidar(PATTERN, name="mine")
+
+    sensor.register_lidar_reader("my format", lambda path, text: path.suffix == ".bin" and text == "MINE\ufffd", read)
+    path = tmp_path / "a.bin"
+    path.write_bytes(b"\xef\xbb\xbfMINE\xff")
+    assert ls.Lidar.from_file(str(path), gain=2.0).name == "mine"
+    assert given == [path, 2.0]
