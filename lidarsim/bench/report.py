@@ -261,10 +261,10 @@ def summary(results: Results) -> str:
     for (scene, method), row in builds.items():
         peer = builds.get((scene, "Open3D"))
         if method == "lidarsim" and peer is not None:
-            lines.append(
-                f"{scene}: built in {_short(row['seconds'])} s, Open3D {_short(peer['seconds'])} s; "
-                f"{_count(row['resident'])} bytes a triangle, Open3D {_count(peer['resident'])}"
-            )
+            line = f"{scene}: built in {_short(row['seconds'])} s, Open3D {_short(peer['seconds'])} s"
+            if row["resident"]:
+                line += f"; {_count(row['resident'])} bytes a triangle, Open3D {_count(peer['resident'])}"
+            lines.append(line)
     lines += [f"{row['what']}: {_short(row['ratio'])} × the bare cast" for row in results["scan"][1:]]
     errors = [row["error"] for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
     wrong = sum(error["lost"] + error["invented"] + error["other"] for error in errors)
