@@ -375,7 +375,8 @@ def plot_growth(results: Results, path: Path) -> None:
             axes.plot(x, y, marker="o", markersize=6, linewidth=2, color=_color(method), mec="white")
             name = method + (", 1 thread" if rows[-1]["one_thread"] else "")
             labels.append((name, x[-1], y[-1], _color(method), "bold" if method == "lidarsim" else "normal"))
-        axes.margins(x=0.22)
+        step = (x[-1] / x[0]) ** 0.1
+        axes.set_xlim(x[0] / step, x[-1] * step**3)  # room for the labels
         axes.set_ylim(bottom=0)
         _label(axes, sorted(labels, key=lambda label: -label[2]), RIGHT)
         axes.set_xlabel("triangles", color=INK)
@@ -416,6 +417,7 @@ def _label(axes: Any, labels: Iterable[tuple[str, float, float, str, str]], plac
                 fontsize=9,
                 color=color,
                 weight=weight,
+                in_layout=False,
             )
             box = note.get_window_extent(renderer).padded(2)
             inside = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1
