@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarsim import _native
 from lidarsim._files import atomic_writer
+from lidarsim.bench.peers import ABSENT, FAILING
 
 __all__ = [
     "around_section",
@@ -214,10 +215,10 @@ def readme_section(results: Results) -> str:
         for row in _analytic(results)
     ]
     sample = max(row["error"]["rays"] for row in results["speed"])
-    missing = [name for name, state in results["casters"].items() if state.startswith("not installed")]
+    missing = [name for name, state in results["casters"].items() if state.startswith((ABSENT, FAILING))]
     parts = [
         f"![Speed against error]({PICTURE})",
-        _machine(results) + (f" Not installed there: {'; '.join(missing)}." if missing else ""),
+        _machine(results) + (f" Not to be had there: {'; '.join(missing)}." if missing else ""),
         MESHES.format(rays=sample),
         _table("scene | rays | lidarsim | Open3D | ratio | lidarsim: wrong; worst | Open3D: wrong; worst", meshes),
         SHAPES.format(shapes=results["plan"]["shapes"]),
