@@ -1,4 +1,4 @@
-"""How many points does each sensor put on a pedestrian, and how far away? One scene, every spinning preset."""
+"""How many points do sensors put on a pedestrian, and how far away? One scene, every spinning preset."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ roof[2, 3] = 1.8
 print(f"{'sensor':20}" + "".join(f"{distance:>8} m" for distance in DISTANCES))
 for name in ls.Lidar.presets():
     lidar = ls.Lidar.preset(name)
-    if isinstance(lidar.pattern, ls.patterns.Spinning):
+    if isinstance(lidar.pattern, ls.patterns.Spinning) and lidar.pattern.shape[0] > 1:  # 2D lidars see over heads
         cloud = lidar.scan(scene, roof).point_cloud()
         counts = np.bincount(cloud.object_id, minlength=len(scene))[1:]
         print(f"{name:20}" + "".join(f"{count:10}" for count in counts))

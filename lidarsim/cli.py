@@ -70,7 +70,7 @@ def scan(
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     table = _table(
-        "frame", "pulses", *(status.name.replace("_", " ") for status in ls.Status), "points", "ms", "points/s"
+        "frame", "pulses", *(status.name.lower().replace("_", " ") for status in ls.Status), "points", "ms", "points/s"
     )
     points = 0
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
@@ -79,9 +79,9 @@ def scan(
             result = run.scan(number)
             cloud = result.point_cloud(**run.cloud)
             seconds = time.perf_counter() - begin
-            cloud.save(_numbered(output, number, run))
+            cloud.save(_numbered(output, f"{number:04}", run))
             if screenshot:
-                picture = _numbered(screenshot, number, run)
+                picture = _numbered(screenshot, f"{number:04}", run)
                 pyvista.render(cloud, picture, color_by=color_by, pose=_viewpoint(run, number))
             counts = np.bincount(result.status, minlength=len(ls.Status))
             _row(table, number, len(result.status), *counts, len(cloud), 1e3 * seconds, len(cloud) / seconds)
@@ -232,9 +232,9 @@ def _viewpoint(run: Run, frame: int) -> Any:
     return run.pose if isinstance(run.pose, np.ndarray) else run.pose.at(run.time(frame))
 
 
-def _numbered(path: Path, number: int | str, run: Run) -> Path:
-    """Return the path of one frame's file: as it is for one frame, else with the frame's number before the suffix."""
-    return path if len(run.frames) == 1 else path.with_stem(f"{path.stem}_{number:0>4}")
+def _numbered(path: Path, number: str, run: Run) -> Path:
+    """Return the path of a frame's file: `path` for a single frame, else with its number before the suffix."""
+    return path if len(run.frames) == 1 else path.with_stem(f"{path.stem}_{number}")
 
 
 def _table(*columns: str) -> Table:

@@ -12,15 +12,18 @@ import math
 import os
 import warnings
 from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim.bench import scenes
 from lidarsim.bench.cases import Spec
 from lidarsim.bench.scenes import Rays, World
 
-__all__ = ["CASTERS", "Caster", "installed"]
+__all__ = ["ABSENT", "CASTERS", "FAILING", "Caster", "Found", "installed", "threads_kept"]
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -341,6 +344,8 @@ class Textbook(Caster):
         return nearest, surface
 
 
+ABSENT, FAILING = "not installed", "fails here"  # how the states of casters begin that cannot run
+
 #: Every caster by its name in the report.
 CASTERS: dict[str, type[Caster]] = {
     "lidarsim": Lidarsim,
@@ -359,14 +364,34 @@ def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
     casters, states = {}, {}
     for name, caster in CASTERS.items():
         try:
-            with warnings.catch_warnings(action="ignore"):  # those of other packages' imports
+            with warnings.catch_warnings(action="ignore"), threads_kept():  # the warnings are of other packages
                 caster.load()
+                _try(caster)
         except (ImportError, OSError) as error:
-            missing = getattr(error, "name", None) or caster.package
-            states[name] = f"not installed ({missing})"
+            states[name] = f"{ABSENT} ({getattr(error, 'name', None) or caster.package})"
+        except Exception as error:  # noqa: BLE001 - whatever a package raises whose interface has changed
+            states[name] = f"{FAILING} ({type(error).__name__}: {error})"
         else:
             casters[name], states[name] = caster, version(caster.package)
     return casters, states
+
+
+@contextmanager
+def threads_kept() -> Iterator[None]:
+    """Leave ``LIDARSIM_THREADS``, which casting here sets, as it was."""
+    before = os.environ.get("LIDARSIM_THREADS")
+    try:
+        yield
+    finally:
+        os.environ.pop("LIDARSIM_THREADS", None)
+        if before is not None:
+            os.environ["LIDARSIM_THREADS"] = before
+
+
+def _try(caster: type[Caster]) -> None:
+    world = scenes.terrain(8) if caster.meshes else scenes.analytic(4)
+    ready = caster(world, 1)
+    ready.found(ready.cast(ready.prepare(scenes.lidar(world, 4, 4, 1.0)), 1))
 
 
 def version(package: str) -> str:

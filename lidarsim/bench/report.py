@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarsim import _native
 from lidarsim._files import atomic_writer
+from lidarsim.bench.peers import ABSENT, FAILING
 
 __all__ = [
     "around_section",
@@ -214,10 +215,10 @@ def readme_section(results: Results) -> str:
         for row in _analytic(results)
     ]
     sample = max(row["error"]["rays"] for row in results["speed"])
-    missing = [name for name, state in results["casters"].items() if state.startswith("not installed")]
+    missing = [name for name, state in results["casters"].items() if state.startswith((ABSENT, FAILING))]
     parts = [
         f"![Speed against error]({PICTURE})",
-        _machine(results) + (f" Not installed there: {'; '.join(missing)}." if missing else ""),
+        _machine(results) + (f" Not to be had there: {'; '.join(missing)}." if missing else ""),
         MESHES.format(rays=sample),
         _table("scene | rays | lidarsim | Open3D | ratio | lidarsim: wrong; worst | Open3D: wrong; worst", meshes),
         SHAPES.format(shapes=results["plan"]["shapes"]),
@@ -261,10 +262,10 @@ def summary(results: Results) -> str:
     for (scene, method), row in builds.items():
         peer = builds.get((scene, "Open3D"))
         if method == "lidarsim" and peer is not None:
-            lines.append(
-                f"{scene}: built in {_short(row['seconds'])} s, Open3D {_short(peer['seconds'])} s; "
-                f"{_count(row['resident'])} bytes a triangle, Open3D {_count(peer['resident'])}"
-            )
+            line = f"{scene}: built in {_short(row['seconds'])} s, Open3D {_short(peer['seconds'])} s"
+            if row["resident"]:
+                line += f"; {_count(row['resident'])} bytes a triangle, Open3D {_count(peer['resident'])}"
+            lines.append(line)
     lines += [f"{row['what']}: {_short(row['ratio'])} × the bare cast" for row in results["scan"][1:]]
     errors = [row["error"] for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
     wrong = sum(error["lost"] + error["invented"] + error["other"] for error in errors)
@@ -330,6 +331,11 @@ def _count(value: float | None) -> str:
     return f"{value:,.0f}" if value else "—"
 
 
+def _rounded(value: float) -> str:
+    """Return two digits and zeros."""
+    return f"{float(f'{value:.2g}'):,.0f}"
+
+
 def plot_speed(results: Results, path: Path) -> None:
     """Draw speed against error among the analytic shapes: a mark a method at its median, a line up to its maximum."""
     rows = [row for row in _analytic(results) if row["error"]["median_mm"] is not None]
@@ -345,7 +351,7 @@ def plot_speed(results: Results, path: Path) -> None:
             axes.plot([median, largest], [speed, speed], color=color, alpha=0.35, linewidth=1.5)
             axes.plot(median, speed, marker="D" if own else "o", markersize=10 if own else 7, color=color, mec="white")
             if row not in meshed[1:-1]:
-                name = f"Open3D, {row['triangles'] / 1e6:.2g} million triangles" if row in meshed else row["method"]
+                name = f"Open3D, {_rounded(row['triangles'])} triangles" if row in meshed else row["method"]
                 labels.append((name, median, speed, color, "bold" if own else "normal"))
         axes.set_yscale("log")
         axes.yaxis.set_major_formatter("{x:g}")
@@ -354,13 +360,7 @@ def plot_speed(results: Results, path: Path) -> None:
         _label(axes, labels)
         axes.set_xlabel("error of the range, mm: its median, and a line up to its maximum", color=INK)
         axes.set_ylabel("million rays a second", color=INK)
-        axes.set_title(
-            f"{results['plan']['shapes']} analytic shapes, 128 channels, {results['machine']['cpu']}, "
-            f"{max(results['plan']['threads'])} threads",
-            fontsize=10,
-            color=INK,
-            loc="left",
-        )
+        _title(axes, results, f"{results['plan']['shapes']} analytic shapes, 128 channels")
 
     _figure(draw, path)
 
@@ -369,37 +369,45 @@ def plot_growth(results: Results, path: Path) -> None:
     """Draw the time a ray against the number of triangles."""
 
     def draw(axes: Any) -> None:
+        labels = []
         for method in dict.fromkeys(row["method"] for row in results["growth"]):
             rows = [row for row in results["growth"] if row["method"] == method]
             x, y = [row["triangles"] for row in rows], [1e3 / row["mrays"] for row in rows]
             axes.plot(x, y, marker="o", markersize=6, linewidth=2, color=_color(method), mec="white")
             name = method + (", 1 thread" if rows[-1]["one_thread"] else "")
-            offset = {"xytext": (9, 0), "textcoords": "offset points", "va": "center"}
-            axes.annotate(name, (x[-1], y[-1]), fontsize=9, color=_color(method), **offset)
-        axes.margins(x=0.16)
+            labels.append((name, x[-1], y[-1], _color(method), "bold" if method == "lidarsim" else "normal"))
+        step = (x[-1] / x[0]) ** 0.1
+        axes.set_xlim(x[0] / step, x[-1] * step**3)  # room for the labels
         axes.set_ylim(bottom=0)
+        _label(axes, sorted(labels, key=lambda label: -label[2]), RIGHT)
         axes.set_xlabel("triangles", color=INK)
         axes.set_ylabel("ns a ray", color=INK)
+        _title(axes, results, "A terrain, 128 channels")
 
     _figure(draw, path)
 
 
-def _label(axes: Any, labels: Sequence[tuple[str, float, float, str, str]]) -> None:
-    """Put each label beside its mark where it covers no mark and no label before it."""
+# where a label may stand: offset from its mark, points, and its alignment; the first place that is free is taken
+AROUND = (
+    ((0, 9), "center", "bottom"),
+    ((-4, 4), "right", "bottom"),
+    ((-9, 0), "right", "center"),
+    ((0, -9), "center", "top"),
+    ((-5, -5), "right", "top"),
+    ((5, -5), "left", "top"),
+    ((5, 5), "left", "bottom"),
+)
+RIGHT = tuple(((9, 8 * rise), "left", "center") for rise in (0, -1, -2))
+
+
+def _label(axes: Any, labels: Iterable[tuple[str, float, float, str, str]], places: Iterable[Any] = AROUND) -> None:
+    """Put each label (text, x, y, color, weight) beside its mark where it covers no mark and no label before it."""
     renderer = axes.figure.canvas.get_renderer()
     axes.figure.draw_without_rendering()
-    taken = axes.transData.transform([mark for line in axes.lines for mark in line.get_xydata()])
+    marks = axes.transData.transform([mark for line in axes.lines for mark in line.get_xydata()])
     boxes: list[Any] = []
     for text, x, y, color, weight in labels:
-        for offset, ha, va in (
-            ((0, 9), "center", "bottom"),
-            ((-4, 4), "right", "bottom"),
-            ((-9, 0), "right", "center"),
-            ((0, -9), "center", "top"),
-            ((-5, -5), "right", "top"),
-            ((5, -5), "left", "top"),
-            ((5, 5), "left", "bottom"),
-        ):
+        for offset, ha, va in places:
             note = axes.annotate(
                 text,
                 (x, y),
@@ -410,24 +418,21 @@ def _label(axes: Any, labels: Sequence[tuple[str, float, float, str, str]]) -> N
                 fontsize=9,
                 color=color,
                 weight=weight,
+                in_layout=False,
             )
             box = note.get_window_extent(renderer).padded(2)
             inside = axes.bbox.x0 <= box.x0 and box.x1 <= axes.bbox.x1
-            if inside and not any(box.contains(*mark) for mark in taken) and not box.count_overlaps(boxes):
+            if inside and not any(box.contains(*mark) for mark in marks) and not box.count_overlaps(boxes):
                 break
-            note.remove()
-        else:
-            note = axes.annotate(
-                text,
-                (x, y),
-                xytext=(0, 8),
-                textcoords="offset points",
-                ha="center",
-                va="bottom",
-                fontsize=9,
-                color=color,
-            )
+            note.set_visible(False)
+        else:  # no place is free: rather a label over another than none
+            note.set_visible(True)
         boxes.append(box)
+
+
+def _title(axes: Any, results: Results, what: str) -> None:
+    place = f"{results['machine']['cpu']}, {max(results['plan']['threads'])} threads"
+    axes.set_title(f"{what}; {place}", fontsize=10, color=INK, loc="left")
 
 
 def _color(method: str) -> str:

@@ -16,8 +16,8 @@ import statistics
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
@@ -26,8 +26,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._extras import import_extra
 from lidarsim.bench import report, scenes
-from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed
+from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, Truth, World
 
 __all__ = ["FULL", "QUICK", "Build", "Error", "Plan", "Speed", "interleave", "judge", "main", "measure"]
@@ -446,17 +447,6 @@ def _pages() -> int:
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 
-@contextmanager
-def _threads_restored() -> Iterator[None]:
-    before = os.environ.get("LIDARSIM_THREADS")
-    try:
-        yield
-    finally:
-        os.environ.pop("LIDARSIM_THREADS", None)
-        if before is not None:
-            os.environ["LIDARSIM_THREADS"] = before
-
-
 def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
     """Measure everything.
 
@@ -472,7 +462,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
     dict
         The figures, as `lidarsim.bench.report` takes them.
     """
-    with _threads_restored():
+    with threads_kept():
         bench = _Run(plan, progress)
         began = time.perf_counter()
         bench.meshes()
@@ -495,9 +485,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--from", dest="known", type=Path, metavar="JSON", help="report an earlier run; measure nothing"
     )
     options = parser.parse_args(arguments)
+    import_extra("matplotlib", "bench", "the plot")  # what would fail after minutes of work fails before
     options.output.mkdir(parents=True, exist_ok=True)
     if options.readme is not None:
-        report.around_section(options.readme)  # so that a file without one is known before minutes of work
+        report.around_section(options.readme)
     if options.known is None:
         results = measure(QUICK if options.quick else FULL, _show if sys.stderr.isatty() else lambda _: None)
     else:

@@ -1,12 +1,13 @@
 from __future__ import annotations
 
 import math
+import os
 
 import numpy as np
 import pytest
 
 from lidarsim.bench import peers, scenes
-from lidarsim.bench.peers import CASTERS
+from lidarsim.bench.peers import ABSENT, CASTERS, FAILING
 from lidarsim.bench.scenes import Rays, World
 from lidarsim.bench.speed import judge
 
@@ -26,7 +27,7 @@ def worlds() -> list[tuple[World, Rays]]:
 
 def test_every_caster_has_a_state() -> None:
     assert list(STATES) == list(CASTERS)
-    assert set(INSTALLED) == {name for name, state in STATES.items() if not state.startswith("not installed")}
+    assert set(INSTALLED) == {name for name, state in STATES.items() if not state.startswith((ABSENT, FAILING))}
     assert {"lidarsim", "textbook NumPy"} <= set(INSTALLED)
 
 
@@ -73,13 +74,32 @@ def test_missing_casters_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(peers.Embreex, "load", load)
     monkeypatch.setattr(peers.Open3D, "load", broken)
+
+    def changed(*_: object) -> None:
+        raise TypeError("mj_multiRay(): incompatible function arguments")
+
+    monkeypatch.setattr(peers.MuJoCo, "load", lambda: None)
+    monkeypatch.setattr(peers.MuJoCo, "__init__", lambda *_: None)
+    monkeypatch.setattr(peers.MuJoCo, "prepare", lambda *_: None)
+    monkeypatch.setattr(peers.MuJoCo, "cast", changed)
     casters, states = peers.installed()
+    assert states["MuJoCo"] == "fails here (TypeError: mj_multiRay(): incompatible function arguments)"
     assert states["embreex"] == "not installed (embreex)"
     assert states["Open3D"] == "not installed (open3d)"
-    assert not {"embreex", "Open3D"} & set(casters)
+    assert not {"embreex", "Open3D", "MuJoCo"} & set(casters)
 
 
-def test_the_core_counts_its_bytes() -> None:
+def test_looking_for_casters_leaves_the_threads_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIDARSIM_THREADS", "5")
+    peers.installed()
+    assert os.environ["LIDARSIM_THREADS"] == "5"
+    monkeypatch.delenv("LIDARSIM_THREADS")
+    peers.installed()
+    assert "LIDARSIM_THREADS" not in os.environ
+
+
+def test_the_core_counts_its_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIDARSIM_THREADS", "1")
     small, large = (peers.Lidarsim(scenes.terrain(n), 1) for n in (1000, 4000))
     for caster in (small, large):
         caster.cast(caster.prepare(scenes.lidar(scenes.terrain(100), 1, 1, 0.0)), 1)

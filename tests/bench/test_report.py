@@ -166,7 +166,7 @@ def test_the_readme_section_is_replaced(results: dict[str, Any], tmp_path: Path)
         "Open3D, icosphere 4",
         "Open3D, icosphere 5",
     ]
-    assert "Not installed there: MuJoCo-LiDAR, Taichi." in text
+    assert "Not to be had there: MuJoCo-LiDAR, Taichi." in text
     assert (tmp_path / "examples/images/speed.png").is_file()
     report.update_readme(results, readme)
     assert readme.read_text(encoding="utf-8") == text

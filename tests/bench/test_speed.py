@@ -116,7 +116,8 @@ def test_whole_scans_are_over_the_bare_cast(results: dict[str, Any]) -> None:
     assert [row["ratio"] for row in scan] == pytest.approx([row["seconds"] / scan[0]["seconds"] for row in scan])
 
 
-def test_growth_of_a_process_is_of_the_order_of_the_core_count() -> None:
+def test_growth_of_a_process_is_of_the_order_of_the_core_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("LIDARSIM_THREADS", "1")
     world = scenes.terrain(200_000)
     resident = speed._resident("lidarsim", world)
     if resident is None:

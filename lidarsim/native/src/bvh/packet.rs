@@ -59,9 +59,16 @@ impl Rays {
     /// left to `Span`.
     #[inline(always)]
     pub fn holds(origin: Point, direction: Point) -> bool {
-        let largest = |v: Point| v[0].abs().max(v[1].abs()).max(v[2].abs());
-        let d = largest(direction);
-        largest(origin) < 1e30 && d > 1e-30 && d < 1e30
+        // Each comparison is false for NaN.
+        let within = |x: f64| x.abs() < 1e30;
+        let beyond = |x: f64| x.abs() > 1e-30;
+        within(origin[0])
+            && within(origin[1])
+            && within(origin[2])
+            && within(direction[0])
+            && within(direction[1])
+            && within(direction[2])
+            && (beyond(direction[0]) || beyond(direction[1]) || beyond(direction[2]))
     }
 
     /// The signs of the direction, a bit each; rays of one packet have the same.
