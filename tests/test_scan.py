@@ -18,6 +18,7 @@ import pytest
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
+from lidarsim import _native
 from lidarsim.patterns import Pulses
 from lidarsim.scan import scan as scan_pulses
 
@@ -86,7 +87,7 @@ def test_hits_are_those_of_the_scene() -> None:
     labels = np.array([thing.label for thing in scene.objects])
     assert np.array_equal(scan.label[hits.hit, 0], labels[hits.object_id[hits.hit]])
     assert not scan.label[~hits.hit].any()
-    # The rays above were turned by another multiplication of matrices. Its roundings, some 2⁻⁵³ of the direction and the
+    # The rays above were turned by another multiplication of matrices. Its roundings, some 2⁻⁵³ of direction and
     # position, move a hit by their ratio to the cosine of the incidence.
     bound = 1e-15 * (hits.t + 10.0)[hits.hit] / np.cos(scan.incidence[hits.hit, 0])
     assert (np.abs(scan.true_range[hits.hit, 0] - hits.t[hits.hit]) < bound).all()
@@ -423,6 +424,16 @@ def test_threads_change_nothing(threads: Callable[[int], None]) -> None:
     for name in clouds[0].fields:
         for other in clouds[1:]:
             assert np.array_equal(getattr(clouds[0], name), getattr(other, name)), name
+
+
+def test_instruction_sets_change_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    sensor, names = lidar(EVERYTHING), ("scalar", "avx2", "avx512")
+    best = _native.isa()
+    expected = sensor.scan(room(), TURNED)
+    for name in names[: names.index(best) + 1]:
+        monkeypatch.setenv("LIDARSIM_ISA", name)
+        assert _native.isa() == name
+        assert_same(expected, sensor.scan(room(), TURNED))
 
 
 @pytest.mark.parametrize("measurement", [EVERYTHING, dataclasses.replace(EVERYTHING, beam=None, returns=1)])

@@ -27,14 +27,6 @@ impl Affine {
         *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
-    /// The image of a point, rounded.
-    pub fn place(&self, p: Point) -> Point {
-        std::array::from_fn(|i| {
-            let [a, b, c] = self.linear[i];
-            a * p[0] + b * p[1] + c * p[2] + self.offset[i]
-        })
-    }
-
     /// The image of a box, rounded outward.
     pub fn image(&self, bounds: [Interval; 3]) -> [Interval; 3] {
         std::array::from_fn(|i| {

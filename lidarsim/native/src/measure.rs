@@ -7,9 +7,10 @@
 use std::ops::Range;
 
 use crate::elementary::{exp, first_quadrant_angle, sin_cos};
+use crate::number::Interval;
 use crate::pose::{Path, Pose, cross, dot, sub};
 use crate::rng::{Effect, Stream};
-use crate::scene::{Hit, Scene};
+use crate::scene::{Geometry, Hit, Scene};
 use crate::simd::{self, Isa, Level, Task};
 use crate::vector::Point;
 
@@ -18,8 +19,8 @@ pub trait Caster: Sync {
     /// The nearest hit of each ray with t ≥ 0.
     fn cast(&self, level: Level, origins: &[Point], directions: &[Point], hits: &mut [Hit]);
 
-    /// The triangle of a mesh that was hit: its vertices, and where they are in the world.
-    fn corners(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])>;
+    /// The vertices of the triangle of a mesh that was hit, and the share that each has of the hit.
+    fn shares(&self, hit: &Hit, origin: Point, direction: Point) -> Option<([u32; 3], [f64; 3])>;
 }
 
 impl Caster for Scene {
@@ -28,8 +29,20 @@ impl Caster for Scene {
         Scene::cast(self, level, origins, directions, (0.0, f64::INFINITY), hits);
     }
 
-    fn corners(&self, hit: &Hit) -> Option<([u32; 3], [Point; 3])> {
-        self.objects()[hit.object as usize].corners(hit.primitive as u32)
+    fn shares(&self, hit: &Hit, origin: Point, direction: Point) -> Option<([u32; 3], [f64; 3])> {
+        let object = &self.objects()[hit.object as usize];
+        let Geometry::Mesh(mesh) = &object.geometry else { return None };
+        let vertices = mesh.faces()[hit.primitive as usize];
+        let (o, d) = object.enclose(origin, direction);
+        let middle = |x: Interval| x.low + 0.5 * (x.high - x.low);
+        // From the hit to the corners: a triangle far from the origin of coordinates keeps its digits.
+        let way = d.map(|x| hit.t * middle(x));
+        let [a, b, c] = vertices.map(|v| sub(sub(mesh.vertices()[v as usize], o.map(middle)), way));
+        // Twice the areas opposite to the corners; a hit on the rim may be outside by rounding.
+        let normal = cross(sub(b, a), sub(c, a));
+        let areas = [cross(b, c), cross(c, a), cross(a, b)].map(|n| dot(n, normal).max(0.0));
+        let all = areas[0] + areas[1] + areas[2];
+        Some((vertices, areas.map(|area| area / all)))
     }
 }
 
@@ -196,17 +209,13 @@ impl Reflectivity {
         match self {
             Reflectivity::Object(value) => *value,
             Reflectivity::Face(values) => values[hit.primitive as usize],
-            Reflectivity::Vertex(values) => {
-                let Some((vertices, corners)) = caster.corners(hit) else { return f64::NAN };
-                // From the hit to the corners: a triangle far from the origin of coordinates keeps its digits.
-                let [a, b, c] = corners.map(|p| sub(sub(p, origin), direction.map(|d| hit.t * d)));
-                // Twice the areas opposite to the corners. A hit on the rim may be outside by rounding.
-                let areas = [cross(b, c), cross(c, a), cross(a, b)].map(|n| dot(n, hit.normal));
-                let sign = (areas[0] + areas[1] + areas[2]).signum();
-                let areas = areas.map(|x| (x * sign).max(0.0));
-                let [u, v, w] = vertices.map(|i| values[i as usize]);
-                (areas[0] * u + areas[1] * v + areas[2] * w) / (areas[0] + areas[1] + areas[2])
-            }
+            Reflectivity::Vertex(values) => match caster.shares(hit, origin, direction) {
+                Some((vertices, [u, v, w])) => {
+                    let [a, b, c] = vertices.map(|i| values[i as usize]);
+                    u * a + v * b + w * c
+                }
+                None => f64::NAN,
+            },
         }
     }
 }

@@ -43,14 +43,6 @@ impl Object {
         Some(object)
     }
 
-    /// A triangle of a mesh: its vertices, and where they are in the world, rounded.
-    pub fn corners(&self, primitive: u32) -> Option<([u32; 3], [Point; 3])> {
-        let Geometry::Mesh(mesh) = &self.geometry else { return None };
-        let vertices = *mesh.faces().get(primitive as usize)?;
-        let place = |v: u32| self.maps.iter().fold(mesh.vertices()[v as usize], |p, (map, _)| map.place(p));
-        Some((vertices, vertices.map(place)))
-    }
-
     #[inline(always)]
     pub fn is_placed_as_made(&self) -> bool {
         self.maps.is_empty()
