@@ -18,7 +18,7 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -258,26 +258,29 @@ class _Run:
         caster = Lidarsim(world, self.plan.threads[-1])
         pose = np.eye(4)
         pose[:3, 3] = world.sensor
-        noise = ls.Lidar(pattern, measurement=ls.Measurement(range_sigma=0.02))
-        every = ls.Lidar(
-            pattern,
-            measurement=ls.Measurement(
-                range_sigma=0.02,
-                range_sigma_slope=1e-4,
-                range_bias=0.01,
-                range_resolution=0.004,
-                azimuth_sigma=1e-4,
-                elevation_sigma=1e-4,
-                dropout=0.01,
-                extinction=1e-4,
-            ),
-            max_range=200.0,
+        noise = ls.Measurement(range_sigma=0.02)
+        effects = ls.Measurement(
+            range_sigma=0.02,
+            range_sigma_slope=1e-4,
+            range_bias=0.01,
+            range_resolution=0.004,
+            azimuth_sigma=1e-4,
+            elevation_sigma=1e-4,
+            dropout=0.01,
+            detection=ls.Detection(0.1, 100.0),
+            extinction=1e-4,
         )
+        beam = replace(effects, beam=ls.Beam(3e-3, rays=7), returns="dual")
+
+        def scan(measurement: ls.Measurement) -> ls.Scan:
+            return ls.Lidar(pattern, measurement=measurement).scan(caster.scene, pose, seed=1)
+
         calls: dict[str, Callable[[], Any]] = {
             "Scene.cast": lambda: caster.cast(rays, self.plan.threads[-1]),
-            "Lidar.scan, range noise": lambda: noise.scan(caster.scene, pose, seed=1),
-            "Lidar.scan, range noise, point_cloud": lambda: noise.scan(caster.scene, pose, seed=1).point_cloud(),
-            "Lidar.scan, every effect on one return": lambda: every.scan(caster.scene, pose, seed=1),
+            "Lidar.scan, range noise": lambda: scan(noise),
+            "Lidar.scan, range noise, point_cloud": lambda: scan(noise).point_cloud(),
+            "Lidar.scan, every effect but the beam": lambda: scan(effects),
+            "Lidar.scan, every effect, beam of 7 rays": lambda: scan(beam),
         }
         for call in calls.values():
             call()
