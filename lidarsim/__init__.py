@@ -3,7 +3,8 @@
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import errors, patterns
+from lidarsim import config, errors, io, patterns, viewers  # noqa: F401 (io and viewers register what they offer)
+from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud
@@ -46,6 +47,7 @@ __all__ = [
     "Trajectory",
     "Triangle",
     "TriangleMesh",
+    "config",
     "errors",
     "patterns",
 ]
