@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import enum
 import importlib.metadata
@@ -13,6 +14,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
+from typing import Protocol
 
 import pytest
 from numpydoc.validate import validate
@@ -55,7 +57,9 @@ def public(module: ModuleType) -> Iterator[tuple[str, object]]:
 def faults(dotted: str, thing: object) -> list[str]:
     """What numpydoc finds wrong in a docstring; a dataclass may document its fields as attributes."""
     checks = CHECKS
-    if inspect.isclass(thing) and (dataclasses.is_dataclass(thing) or issubclass(thing, enum.Enum | Exception)):
+    if inspect.isclass(thing) and (
+        dataclasses.is_dataclass(thing) or issubclass(thing, enum.Enum | Exception) or Protocol in thing.__bases__
+    ):
         checks = checks - {"PR01"}
     found = [f"{code} {text}" for code, text in validate(dotted)["errors"] if code in checks]
     if inspect.isclass(thing) and dataclasses.is_dataclass(thing):
@@ -86,6 +90,19 @@ def test_import_is_light() -> None:
     code = f"import sys, lidarsim; print(*sorted(set({heavy!r}.split()) & set(sys.modules)))"
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert result.stdout.split() == []
+
+
+def test_only_the_top_imports_the_package_as_a_whole() -> None:
+    package = ROOT / "lidarsim"
+    modules = {path.stem for path in package.iterdir()} | {"_native"}
+    users = set()
+    for path in package.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            whole = isinstance(node, ast.Import) and any(name.name == "lidarsim" for name in node.names)
+            part = isinstance(node, ast.ImportFrom) and node.module == "lidarsim"
+            if whole or (part and not {name.name for name in node.names} <= modules):
+                users.add(path.relative_to(package).parts[0])
+    assert users == {"bench", "cli.py"}
 
 
 def test_versions_agree() -> None:
