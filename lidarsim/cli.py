@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -69,9 +69,8 @@ def scan(
     _check_screenshot(screenshot)
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
-    table = _table(
-        "frame", "pulses", *(status.name.lower().replace("_", " ") for status in ls.Status), "points", "ms", "points/s"
-    )
+    reasons = [status.name.replace("_", " ") for status in ls.Status]
+    table = _table("frame", "pulses", *reasons, "points", "ms", "points/s")
     points = 0
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         for number in progress.track(run.frames, description="scanning"):
@@ -83,8 +82,8 @@ def scan(
             if screenshot:
                 picture = _numbered(screenshot, f"{number:04}", run)
                 pyvista.render(cloud, picture, color_by=color_by, pose=_viewpoint(run, number))
-            counts = np.bincount(result.status, minlength=len(ls.Status))
-            _row(table, number, len(result.status), *counts, len(cloud), 1e3 * seconds, len(cloud) / seconds)
+            counts = result.summary().values()
+            _row(table, number, len(result), *counts, len(cloud), 1e3 * seconds, len(cloud) / seconds)
             points += len(cloud)
     _print(table)
     files = ", ".join(str(_numbered(path, "*", run)) for path in (output, screenshot) if path)
@@ -258,7 +257,7 @@ def _row(table: Table, *cells: object) -> None:
     table.add_row(*texts)
 
 
-def _span(ends: Sequence[float]) -> str:
+def _span(ends: Iterable[float]) -> str:
     low, high = (f"{end:.4g}" for end in ends)
     return low if low == high else f"{low} … {high}"
 

@@ -24,7 +24,7 @@ from lidarsim import patterns, shapes
 from lidarsim._validation import pose as rigid
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
-from lidarsim.measurement import Measurement
+from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
 
@@ -90,7 +90,7 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
     """
     arguments: dict[str, object] = {}
     key_of: dict[str, tuple[str, str]] = {}
-    for key in [key for key in keys if key in model.model_fields_set]:
+    for key in sorted(model.model_fields_set.intersection(keys)):
         value = getattr(model, key)
         name, unit = key, next((unit for unit in UNITS if key.endswith(f"_{unit}")), None)
         if unit:
@@ -119,15 +119,22 @@ def _is_table(value: object) -> bool:
 
 
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
+Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Row = Annotated[list[float], Field(min_length=4, max_length=4)]
 Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
 
 if TYPE_CHECKING:
     Numbers = float | list[float]
     Vectors = Vector | list[Vector]
+    Scale = float | Vector
+    SigmaTable = float | list[Pair]
+    Returns = str | int
 else:
     Numbers = _either(float, list[float], _is_list)
     Vectors = _either(Vector, list[Vector], _is_table)
+    Scale = _either(float, Vector, _is_list)
+    SigmaTable = _either(float, list[Pair], _is_list)
+    Returns = _either(int, str, lambda value: isinstance(value, str))
 
 
 # Poses
@@ -210,20 +217,21 @@ class Object(Placement):
 
     name: str = ""
     label: int = 0
-    reflectivity: float = 1.0
-    scale: Numbers = 1.0
+    reflectivity: Numbers = 1.0
+    reflectivity_per: Literal["object", "face", "vertex"] = "object"
+    scale: Scale = 1.0
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
         keys = type(self).model_fields.keys() - Object.model_fields.keys() - {"shape"}
-        return construct(type(self).constructor, self, sorted(keys), place)
+        return construct(type(self).constructor, self, keys, place)
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the object to `scene`."""
         self._add(self.build(place), scene, place)
 
     def _add(self, shape: Shape, scene: Scene, place: Place, **more: object) -> None:
-        material = construct(Material, self, ["reflectivity"], place)
+        material = construct(Material, self, ["reflectivity"], place, per=self.reflectivity_per)
         placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
         transform = self.to_matrix(place, self.scale) if placed else None
         more = {"transform": transform, **more}
@@ -332,7 +340,7 @@ class Heightfield(Object):
     shape: Literal["heightfield"]
     file: str
     spacing_m: Numbers
-    origin_m: Annotated[list[float], Field(min_length=2, max_length=2)] = [0.0, 0.0]
+    origin_m: Pair = [0.0, 0.0]
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
@@ -397,7 +405,7 @@ class ScanPattern(Model):
 
     def build(self, place: Place) -> Pattern:
         """Return the pattern."""
-        return construct(type(self).constructor, self, sorted(type(self).model_fields.keys() - {"type"}), place)
+        return construct(type(self).constructor, self, type(self).model_fields.keys() - {"type"}, place)
 
 
 class Spinning(ScanPattern):
@@ -552,17 +560,45 @@ else:
 # Sensors
 
 
+class DetectionLimit(Model):
+    """The weakest echo that is seen, in the words of a datasheet."""
+
+    reflectivity: float
+    range_m: float
+
+
+class WideBeam(Model):
+    """A beam that widens."""
+
+    divergence_azimuth_mrad: float
+    divergence_elevation_mrad: float | None = None
+    pulse_length_ns: float = 5.0
+    rays: int = 19
+
+
 class Effects(Model):
     """Noise and other effects, each off unless it is given."""
 
-    range_sigma_m: float = 0.0
+    range_sigma_m: SigmaTable = 0.0
     range_sigma_slope: float = 0.0
     range_bias_m: float = 0.0
     range_resolution_m: float = 0.0
+    azimuth_sigma_deg: float = 0.0
+    elevation_sigma_deg: float = 0.0
+    dropout: float = 0.0
+    detection: DetectionLimit | None = None
+    extinction_per_m: float = 0.0
+    beam: WideBeam | None = None
+    returns: Returns = "strongest"
 
     def build(self, place: Place) -> Measurement:
         """Return the measurement model."""
-        return construct(Measurement, self, sorted(type(self).model_fields), place)
+        parts: dict[str, object] = {}
+        if self.detection is not None:
+            parts["detection"] = construct(Detection, self.detection, DetectionLimit.model_fields, place / "detection")
+        if self.beam is not None:
+            parts["beam"] = construct(Beam, self.beam, WideBeam.model_fields, place / "beam")
+        return construct(Measurement, self, type(self).model_fields.keys() - {"detection", "beam"}, place, **parts)
 
 
 class _Limits(Model):

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
 from math import radians
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+import yaml
 
 import lidarsim as ls
 from lidarsim.errors import ConfigError
@@ -180,10 +182,93 @@ def test_patterns_without_a_preset() -> None:
     assert pulses.time.tolist() == [0, 1e-3]
 
 
+MEASUREMENT = """
+    range_sigma_m: [[1, 0.01], [10, 0.02]]
+    range_bias_m: 0.1
+    range_resolution_m: 0.004
+    azimuth_sigma_deg: 0.01
+    elevation_sigma_deg: 0.02
+    dropout: 0.1
+    detection: {reflectivity: 0.1, range_m: 90}
+    extinction_per_m: 0.001
+    beam: {divergence_azimuth_mrad: 3, divergence_elevation_mrad: 1.5, pulse_length_ns: 6, rays: 7}
+    returns: 2
+"""
+
+
+def test_every_effect_of_the_measurement() -> None:
+    measurement = load(f"sensor:\n  preset: velodyne-vlp16\n  measurement:{MEASUREMENT}\nscene: []").lidar.measurement
+    assert measurement == ls.Measurement(
+        range_sigma=[(1, 0.01), (10, 0.02)],
+        range_bias=0.1,
+        range_resolution=0.004,
+        azimuth_sigma=radians(0.01),
+        elevation_sigma=radians(0.02),
+        dropout=0.1,
+        detection=ls.Detection(reflectivity=0.1, range=90),
+        extinction=0.001,
+        beam=ls.Beam(3e-3, 1.5e-3, pulse_length=6e-9, rays=7),
+        returns=2,
+    )
+    given = yaml.safe_load(MEASUREMENT).keys()
+    arguments = {field.name for field in dataclasses.fields(ls.Measurement)}
+    assert {next(name for name in arguments if key.startswith(name)) for key in given} | {
+        "range_sigma_slope"
+    } == arguments
+
+
+@pytest.mark.parametrize(
+    ("measurement", "message"),
+    [
+        ("dropout: 2", "dropout: expected a finite number >= 0 <= 1, got 2.0"),
+        ("range_sigma_m: -1", "range_sigma_m: expected a finite number >= 0, got -1.0"),
+        ("range_sigma_m: [[2, 1], [1, 1]]", "range_sigma_m: expected rising ranges, got 1.0 after 2.0 in row 1"),
+        ("detection: {range_m: 5}", "detection: missing key 'reflectivity'"),
+        ("detection: {reflectivity: 0, range_m: 5}", "detection.reflectivity: expected a finite number > 0, got 0.0"),
+        ("beam: {divergence_azimuth_mrad: -1}",
+         "beam.divergence_azimuth_mrad: expected a finite number >= 0 <= 1, got -0.001 (in rad)"),
+        ("beam: {divergence_azimuth_mrad: 1, rays: 8}", "beam.rays: expected 7, 19, 37, 61 or 91, got 8"),
+        ("returns: dual", "returns: expected at most 1, since a pulse has one echo without a beam, got 'dual'"),
+        ("returns: all", "returns: expected 'strongest', 'first', 'last', 'dual' or a number, got 'all'"),
+    ],
+)  # fmt: skip
+def test_bad_measurement(measurement: str, message: str) -> None:
+    got = refusal(f"sensor:\n  preset: velodyne-vlp16\n  measurement: {{{measurement}}}\nscene: []")
+    assert got == f"run.yaml:3: sensor.measurement.{message}"
+
+
+def test_reflectivity_for_each_face() -> None:
+    trimesh.creation.box().export("box.ply")
+    item = "{shape: mesh, file: box.ply, reflectivity: [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11], reflectivity_per: face}"
+    material = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{item}]").scene.objects[0].material
+    assert material.per == "face"
+    assert material.reflectivity.tolist() == list(range(12))
+
+
+def test_a_sensor_that_moves() -> None:
+    run = load(CONFIG, "pose.linear_m_per_s=[4, 0, 0]", "pose.angular_deg_per_s=[0, 0, 90]")
+    expected = ls.Trajectory.from_twist(load(CONFIG).pose, (4, 0, 0), (0, 0, radians(90)))
+    assert np.array_equal(run.pose.at(0.3).as_matrix(), expected.at(0.3).as_matrix())
+    scan = run.scan(1)
+    assert scan.time == 0.1
+    again = run.lidar.scan(run.scene, expected, time=0.1, frame=1, seed=3)
+    assert np.array_equal(scan.range, again.range, equal_nan=True)
+
+
+def test_a_sensor_on_a_trajectory() -> None:
+    run = load(CONFIG, "pose=[{time_s: 0}, {time_s: 2, position_m: [4, 0, 0], rotation_deg: {yaw: 90}}]")
+    assert run.pose.at(1).translation.tolist() == [2, 0, 0]
+    assert run.pose.at(1).rotation.as_euler("ZYX", degrees=True) == pytest.approx([45, 0, 0])
+    assert refusal(CONFIG, "pose=[{time_s: 1}, {time_s: 1}]") == (
+        "--set pose=[{time_s: 1}, {time_s: 1}]: times: expected rising times, got times[1] = 1.0 after 1.0"
+    )
+    assert refusal(CONFIG, "pose=[{position_m: [0, 0, 0]}]").endswith("pose.0: missing key 'time_s'")
+
+
 def test_an_empty_scene_is_legal() -> None:
     scan = load("sensor: {preset: velodyne-vlp16}\nscene: []").scan()
     assert len(scan.status) > 1000
-    assert (scan.status == ls.Status.MISS).all()
+    assert (scan.status == ls.Status.miss).all()
     assert len(scan.point_cloud()) == 0
 
 
