@@ -334,6 +334,36 @@ def test_overrides_choose_what_is_included_first() -> None:
     assert load(text, "sensor.pattern.elevations_deg.3=1").lidar.pattern.elevations[3] == radians(1)
 
 
+VENDORS = Path(__file__).parents[1] / "data" / "sensors"
+OUSTER = VENDORS / "ouster" / "2_1_2_os1-991913000010-64.json"
+
+
+def test_a_vendors_file_and_the_difference() -> None:
+    sensor = f"{{file: {OUSTER}, mode: 512x10, noise: datasheet, name: mine, max_range_m: 9}}"
+    lidar, expected = load(f"sensor: {sensor}\nscene: []").lidar, ls.Lidar.from_file(OUSTER, mode="512x10")
+    assert (lidar.name, lidar.max_range, lidar.min_range) == ("mine", 9, expected.min_range)
+    assert np.array_equal(lidar.pattern.pulses().directions, expected.pattern.pulses().directions)
+    assert lidar.measurement == ls.Lidar.from_file(OUSTER, noise="datasheet").measurement != ls.Measurement()
+    quiet = load(f"sensor: {{file: {OUSTER}, noise: datasheet, measurement: {{range_sigma_m: 0.5}}}}\nscene: []")
+    assert quiet.lidar.measurement == dataclasses.replace(lidar.measurement, range_sigma=0.5)
+
+
+def test_a_vendors_file_that_leaves_something_open() -> None:
+    angles, times = (VENDORS / "hesai" / f"Pandar40P_{what}_Correction_File.csv" for what in ("Angle", "Firetime"))
+    lidar = load(f"sensor: {{file: {angles}, firing_times: {times}, rate_hz: 20}}\nscene: []").lidar
+    expected = ls.Lidar.from_file(angles, firing_times=times, rate=20)
+    assert np.array_equal(lidar.pattern.pulses().time, expected.pattern.pulses().time)
+
+
+def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
+    assert refusal(f"sensor:\n  file: {OUSTER}\n  rate_hz: 5\nscene: []") == (
+        "run.yaml:3: sensor.rate_hz: not an option of Ouster metadata JSON; expected mode, noise"
+    )
+    assert refusal("sensor: {file: run.yaml}\nscene: []").startswith(
+        "run.yaml:1: sensor: run.yaml: expected a file of one of these kinds: "
+    )
+
+
 # Bad input
 
 
