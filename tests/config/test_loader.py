@@ -163,13 +163,13 @@ def test_instances_of_a_scene_file_share_their_mesh() -> None:
     scene.export("scene.glb")
     run = load(
         "sensor: {preset: velodyne-vlp16}\n"
-        "scene: [{shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0]}]"
+        "scene: [{shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0], rotation_deg: {yaw: 90}}]"
     )
     objects = {item.name: item for item in run.scene.objects}
     assert objects.keys() == {"hall/one", "hall/two"}
     assert objects["hall/one"].shape is objects["hall/two"].shape
     assert objects["hall/two"].label == 7
-    assert objects["hall/two"].transform[:3, 3].tolist() == [5, 5, 6]
+    assert objects["hall/two"].transform[:3, 3] == pytest.approx([-4, 4, 6])  # (4, 5, 6), turned, then moved
 
 
 def test_patterns_without_a_preset() -> None:
