@@ -163,7 +163,8 @@ def test_instances_of_a_scene_file_share_their_mesh() -> None:
     scene.export("scene.glb")
     run = load(
         "sensor: {preset: velodyne-vlp16}\n"
-        "scene: [{shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0], rotation_deg: {yaw: 90}}]"
+        "scene:\n"
+        "  - {shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0], rotation_deg: {yaw: 90}}"
     )
     objects = {item.name: item for item in run.scene.objects}
     assert objects.keys() == {"hall/one", "hall/two"}
@@ -420,6 +421,8 @@ VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
          f"got {radians(400)} (in rad)")),
         ("columns: 32", "columns: 32\n    column_period_us: 9",
          "run.yaml:5: sensor.pattern: columns, column_period: expected one of them, got 32.0 and 9e-06"),
+        ("normal: [0, 0, 1]", "normal: [0, 0, 1], point_m: [0, 0, 0], distance_m: 1",
+         "run.yaml:15: scene.0.distance_m: expected either distance_m or point_m, got both"),
         # several at once
         ("seed: 3\nframes: 2", "seed: x\nframes: y", "run.yaml:1: seed: expected an integer, got 'x' (and 1 more)"),
     ],
@@ -447,6 +450,8 @@ def test_bad_value(old: str, new: str, message: str) -> None:
         ("{file: self.yaml}", "self.yaml:1: file: expected another file, got one that includes this one"),
         ("{pattern: {type: risley, prisms: [{phase_deg: 1}], refractive_index: 1.5, pulse_rate_khz: 1, rate_hz: 1}}",
          "run.yaml:1: sensor.pattern.prisms.0: missing key 'rotation_rate_hz' or 'rotation_rate_rpm'"),
+        ("{preset: livox-mid40, pattern: {prisms: [{rotation_rate_hz: 1, rotation_rate_rpm: 60}]}}",
+         "run.yaml:1: sensor.pattern.prisms.0.rotation_rate_rpm: given already as rotation_rate_hz"),
     ],
 )  # fmt: skip
 def test_bad_sensor(sensor: str, message: str) -> None:
