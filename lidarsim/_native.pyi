@@ -6,6 +6,20 @@ from typing import Any, final
 import numpy as np
 import numpy.typing as npt
 
+__all__ = [
+    "Appearances",
+    "Path",
+    "Scene",
+    "Shape",
+    "isa",
+    "normal_quantile",
+    "philox",
+    "points_of",
+    "scan",
+    "self_crossing",
+    "threads",
+]
+
 _Point = Sequence[float]
 
 @final

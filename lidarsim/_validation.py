@@ -119,7 +119,8 @@ def t_range(t_min: object, t_max: object) -> tuple[float, float]:
 def pose(name: str, value: Any) -> Floats:
     """Return a (4, 4) float64 matrix from a `scipy.spatial.transform.RigidTransform` or a 4×4 rigid matrix.
 
-    Rigid means that the rotation part is orthonormal to within 1e-6, what a float32 pose file keeps, and not a reflection.
+    Rigid means that the rotation part is orthonormal to within 1e-6, what a float32 pose file keeps, and not a
+    reflection.
     """
     if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
         value = value.as_matrix()
@@ -128,13 +129,14 @@ def pose(name: str, value: Any) -> Floats:
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if error > 1e-6 or np.linalg.det(rotation) < 0:
         raise ValueError(
-            f"{name}: expected a rigid transform (orthonormal rotation), got one {error:.3g} away from it, determinant {np.linalg.det(rotation):.6g}"
+            f"{name}: expected a rigid transform (orthonormal rotation), got one {error:.3g} away from it,"
+            f" determinant {np.linalg.det(rotation):.6g}"
         )
     return matrix
 
 
 def affine(name: str, value: Any) -> Floats:
-    """Return a (4, 4) float64 matrix whose last row is (0, 0, 0, 1) and which can be inverted (decided by the native core)."""
+    """Return a (4, 4) float64 matrix with a last row of (0, 0, 0, 1); the core decides whether it can be inverted."""
     if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
         value = value.as_matrix()
     matrix = array(name, value, (4, 4))

@@ -82,7 +82,8 @@ class Scene:
         material : Material, optional
             How its surface returns light; by default a perfect diffuser.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map, object to world; it may shear and reflect. It comes after the transform that the shape may have of its own.
+            Affine map, object to world; it may shear and reflect. It comes after the transform that the shape may
+            have of its own.
 
         Returns
         -------
@@ -139,8 +140,8 @@ class Scene:
         Returns
         -------
         Hits
-            One entry a ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id comes first, then the
-            lowest primitive id.
+            One entry a ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id
+            comes first, then the lowest primitive id.
 
         Raises
         ------

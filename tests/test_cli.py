@@ -235,9 +235,8 @@ def test_interrupting_a_scan_leaves_no_half_written_file() -> None:
 
 
 def test_a_pipe_that_closes_early_gets_no_complaint() -> None:
-    printing = start("sensors", "velodyne-vls128", "--yaml")
-    assert printing.stdout
-    assert printing.stderr
-    printing.stdout.close()
-    assert printing.stderr.read() == ""
-    printing.wait(timeout=60)
+    with start("sensors", "velodyne-vls128", "--yaml") as printing:
+        assert printing.stdout
+        assert printing.stderr
+        printing.stdout.close()
+        assert printing.stderr.read() == ""

@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import io
 import math
 import os
 import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from typing import Any, ClassVar
 
 import numpy as np
@@ -301,10 +302,9 @@ class MuJoCoLidarTaichi(MuJoCoLidar):
     def load(cls) -> None:
         """Import Taichi as well, and start it on the CPU in place of a GPU."""
         super().load()
-        os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
         importlib.import_module("mujoco_lidar.core_ti.mjlidar_ti")
         taichi: Any = importlib.import_module("taichi")
-        taichi.init(arch=taichi.cpu, cpu_max_num_threads=os.cpu_count() or 1, log_level=taichi.ERROR, verbose=False)
+        taichi.init(arch=taichi.cpu, cpu_max_num_threads=os.cpu_count() or 1)
         taichi._is_initialized = True  # what the wrapper asks before it would start Taichi itself
 
 
@@ -364,7 +364,8 @@ def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
     casters, states = {}, {}
     for name, caster in CASTERS.items():
         try:
-            with warnings.catch_warnings(action="ignore"), threads_kept():  # the warnings are of other packages
+            # warnings and greetings are of other packages
+            with warnings.catch_warnings(action="ignore"), redirect_stdout(io.StringIO()), threads_kept():
                 caster.load()
                 _try(caster)
         except (ImportError, OSError) as error:

@@ -591,14 +591,15 @@ class Effects(Model):
     beam: WideBeam | None = None
     returns: Returns = "strongest"
 
-    def build(self, place: Place) -> Measurement:
-        """Return the measurement model."""
+    def build(self, place: Place, base: Measurement) -> Measurement:
+        """Return `base` with the effects that are given."""
         parts: dict[str, object] = {}
         if self.detection is not None:
             parts["detection"] = construct(Detection, self.detection, DetectionLimit.model_fields, place / "detection")
         if self.beam is not None:
             parts["beam"] = construct(Beam, self.beam, WideBeam.model_fields, place / "beam")
-        return construct(Measurement, self, type(self).model_fields.keys() - {"detection", "beam"}, place, **parts)
+        keys = type(self).model_fields.keys() - parts.keys()
+        return construct(partial(dataclasses.replace, base), self, keys, place, **parts)
 
 
 class _Limits(Model):
@@ -622,7 +623,7 @@ class Sensor(_Limits):
         """Return the lidar."""
         parts = {
             "pattern": self.pattern.build(place / "pattern"),
-            "measurement": self.measurement.build(place / "measurement"),
+            "measurement": self.measurement.build(place / "measurement", Measurement()),
         }
         return construct(Lidar, self, ["name", "min_range_m", "max_range_m"], place, **parts)
 
@@ -646,11 +647,9 @@ class VendorSensor(_Limits):
         if self.noise == "datasheet":
             files["noise"] = self.noise
         lidar = construct(Lidar.from_file, self, ["mode", "model", "rate_hz", "pulse_rate_khz"], place, **files)
-        parts: dict[str, object] = {}
-        if "measurement" in self.model_fields_set:
-            parts["measurement"] = self.measurement.build(place / "measurement")
+        measurement = self.measurement.build(place / "measurement", lidar.measurement)
         differ = partial(dataclasses.replace, lidar)
-        return construct(differ, self, ["name", "min_range_m", "max_range_m"], place, **parts)
+        return construct(differ, self, ["name", "min_range_m", "max_range_m"], place, measurement=measurement)
 
 
 # Runs

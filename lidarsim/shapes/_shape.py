@@ -9,7 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native
+from lidarsim import _native as core
 from lidarsim._validation import affine, rays, t_range
 
 
@@ -20,7 +20,8 @@ class Hits:
     Attributes
     ----------
     t : ndarray of float64, shape (n,)
-        Ray parameter of the hit, in units of the length of the direction: the exact value, correctly rounded. Infinite for a miss.
+        Ray parameter of the hit, in units of the length of the direction: the exact value, correctly rounded.
+        Infinite for a miss.
     object_id : ndarray of int32, shape (n,)
         Object in the scene, -1 for a miss; 0 where a single shape was cast at.
     primitive_id : ndarray of int32, shape (n,)
@@ -56,20 +57,20 @@ class Shape:
 
     __slots__ = ("_native", "_scene")
 
-    _native: _native.Shape
-    _scene: _native.Scene
+    _native: core.Shape
+    _scene: core.Scene
 
-    def __init__(self, native: _native.Shape, transform: Any = None) -> None:
+    def __init__(self, native: core.Shape, transform: Any = None) -> None:
         if transform is not None:
             native = native.transformed(affine("transform", transform).tolist())
         object.__setattr__(self, "_native", native)
-        object.__setattr__(self, "_scene", _native.Scene([native]))
+        object.__setattr__(self, "_scene", core.Scene([native]))
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
 
     @classmethod
-    def _of(cls, native: _native.Shape, transform: Any) -> Self:
+    def _of(cls, native: core.Shape, transform: Any) -> Self:
         """Make an instance of `cls` around a native shape, past its own constructor."""
         shape = cls.__new__(cls)
         Shape.__init__(shape, native, transform)
@@ -86,8 +87,9 @@ class Shape:
         Returns
         -------
         ndarray of float64, shape (n, k)
-            Every t, of either sign, at which the line meets the surface: ascending, distinct, padded with NaN. A line that touches the
-            surface in one point has one t there. k is the most that the shape can have, or that the lines given do have for a mesh.
+            Every t, of either sign, at which the line meets the surface: ascending, distinct, padded with NaN. A line
+            that touches the surface in one point has one t there. k is the most that the shape can have, or that the
+            lines given do have for a mesh.
 
         Raises
         ------

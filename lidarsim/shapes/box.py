@@ -30,9 +30,9 @@ class Box(Shape):
 
     Notes
     -----
-    The line's part inside is what three slabs leave of it: it begins at the latest entry and ends at the earliest exit, compared exactly.
-    Where both are the same point, at an edge or a corner, the box is touched, and hit there. A line within a face meets the surface where it
-    enters and leaves that face.
+    The line's part inside is what three slabs leave of it: it begins at the latest entry and ends at the earliest
+    exit, compared exactly. Where both are the same point, at an edge or a corner, the box is touched, and hit there.
+    A line within a face meets the surface where it enters and leaves that face.
 
     Examples
     --------

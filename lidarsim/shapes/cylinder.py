@@ -33,10 +33,11 @@ class Cylinder(Shape):
 
     Notes
     -----
-    With A = end − start, f = o − start, n = d × A and m = f × A, the side is ``|m + t n|² = r² |A|²``, cut by 0 <= A·(f + t d) <= |A|². The
-    discriminant is taken as ``|A|² (r² |n|² − (f·n)²)``. Nothing is moved to a canonical place and nothing is normalised, so that nothing
-    is rounded. One of the texts this follows prints the equation of the side as = 0; it is = r². A line along the axis meets the caps
-    only. A line that touches the rim of a capped cylinder meets it once.
+    With A = end − start, f = o − start, n = d × A and m = f × A, the side is ``|m + t n|² = r² |A|²``, cut by 0 <=
+    A·(f + t d) <= |A|². The discriminant is taken as ``|A|² (r² |n|² − (f·n)²)``. Nothing is moved to a canonical
+    place and nothing is normalised, so that nothing is rounded. One of the texts this follows prints the equation of
+    the side as = 0; it is = r². A line along the axis meets the caps only. A line that touches the rim of a capped
+    cylinder meets it once.
 
     Examples
     --------

@@ -14,8 +14,8 @@ from lidarsim.shapes._shape import Shape
 class Plane(Shape):
     """The plane of all points p with ``normal · p = distance``.
 
-    The normal is kept as it is given: so `distance` is a distance from the origin of coordinates if the normal is of unit length, and
-    |normal| times that if not.
+    The normal is kept as it is given: so `distance` is a distance from the origin of coordinates if the normal is of
+    unit length, and |normal| times that if not.
 
     Parameters
     ----------
@@ -33,8 +33,9 @@ class Plane(Shape):
 
     Notes
     -----
-    ``t = (distance − normal · origin) / (normal · direction)``; a ray with ``normal · direction = 0``, exactly, is a miss, also within
-    the plane. Far from the origin of coordinates prefer :meth:`from_point`, which keeps the plane's point: t = n·(p − o)/(n·d).
+    ``t = (distance − normal · origin) / (normal · direction)``; a ray with ``normal · direction = 0``, exactly, is a
+    miss, also within the plane. Far from the origin of coordinates prefer :meth:`from_point`, which keeps the plane's
+    point: t = n·(p − o)/(n·d).
 
     Examples
     --------

@@ -11,9 +11,9 @@ from lidarsim import _native
 from lidarsim._validation import Floats, array
 from lidarsim.shapes._shape import Shape
 
-# Vertices of a plane outline that went through one rigid map in float64 are each off by at most 4 roundings a coordinate, of numbers up
-# to three times the largest coordinate M: 12·u·M, or 12·√3·u·M in all directions. The plane they are held against, through their mean, is off by
-# as much: 2·12·√3 < 48.
+# Vertices of a plane outline that went through one rigid map in float64 are each off by at most 4 roundings a
+# coordinate, of numbers up to three times the largest coordinate M: 12·u·M, or 12·√3·u·M in all directions. The plane
+# they are held against, through their mean, is off by as much: 2·12·√3 < 48.
 _ROUNDINGS = 48
 
 
@@ -23,20 +23,21 @@ class Polygon(Shape):
     Parameters
     ----------
     vertices : array_like, shape (n, 3)
-        Outline in order, without repeating the first, m, n >= 3. The normal is on the side from which the outline turns left.
+        Outline in order, without repeating the first, m, n >= 3. The normal is on the side from which the outline
+        turns left.
     transform : array_like, shape (4, 4), or RigidTransform, optional
         Affine map that the polygon goes through.
 
     Raises
     ------
     ValueError
-        If there are fewer than three vertices, two neighbours coincide, the vertices do not lie in a plane to within rounding (the
-        message states by how much), the outline touches itself, or the transform cannot be inverted.
+        If there are fewer than three vertices, two neighbours coincide, the vertices do not lie in a plane to within
+        rounding (the message states by how much), the outline touches itself, or the transform cannot be inverted.
 
     Notes
     -----
-    The polygon is triangulated, and each triangle is met as :class:`Triangle` is: the triangles share their edges exactly, so the whole has
-    no gaps. ``primitive_id`` is 0 for all of them.
+    The polygon is triangulated, and each triangle is met as :class:`Triangle` is: the triangles share their edges
+    exactly, so the whole has no gaps. ``primitive_id`` is 0 for all of them.
 
     Examples
     --------
@@ -65,7 +66,8 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
     if equal.any():
         i = int(np.argmax(equal))
         raise ValueError(
-            f"vertices: expected neighbours to differ, got {tuple(points[i].tolist())} for vertices {i} and {(i + 1) % len(points)}"
+            f"vertices: expected neighbours to differ, got {tuple(points[i].tolist())}"
+            f" for vertices {i} and {(i + 1) % len(points)}"
         )
     # A power of two as the unit of length, so that no product overflows or underflows.
     exponent = int(np.frexp(np.abs(points).max())[1])

@@ -30,9 +30,10 @@ class Sphere(Shape):
 
     Notes
     -----
-    With f = o − c, the roots of ``|d|² t² + 2 (f·d) t + (|f|² − r²) = 0``. The discriminant (f·d)² − |d|² (|f|² − r²) is taken as
-    ``r² |d|² − |f × d|²``, which is the same number (Lagrange's identity) without the cancellation; a sphere that is touched in exactly
-    one point is hit. One of the texts this follows prints the constant term as 2(w − S) − r²; it is (w − S)·(w − S) − r².
+    With f = o − c, the roots of ``|d|² t² + 2 (f·d) t + (|f|² − r²) = 0``. The discriminant (f·d)² − |d|² (|f|² − r²)
+    is taken as ``r² |d|² − |f × d|²``, which is the same number (Lagrange's identity) without the cancellation; a
+    sphere that is touched in exactly one point is hit. One of the texts this follows prints the constant term as 2(w
+    − S) − r²; it is (w − S)·(w − S) − r².
 
     Examples
     --------

@@ -28,9 +28,10 @@ class Triangle(Shape):
 
     Notes
     -----
-    A line meets the triangle if the volumes d·(c × b), d·(a × c), d·(b × a), with vertices seen from its origin, have no two different
-    signs; the signs are exact. Then t = n·(a − o)/(n·d). A line within the plane of the triangle is a miss. Some texts solve for the
-    point as a combination of the three vertices, which breaks down where the triangle's plane passes through the origin of coordinates.
+    A line meets the triangle if the volumes d·(c × b), d·(a × c), d·(b × a), with vertices seen from its origin, have
+    no two different signs; the signs are exact. Then t = n·(a − o)/(n·d). A line within the plane of the triangle is
+    a miss. Some texts solve for the point as a combination of the three vertices, which breaks down where the
+    triangle's plane passes through the origin of coordinates.
 
     Examples
     --------

@@ -37,9 +37,10 @@ class TriangleMesh(Shape):
 
     Notes
     -----
-    Each triangle is met as :class:`Triangle` is, with exact signs: so no ray passes between two triangles that share an edge or a vertex,
-    anywhere in space. Triangles whose edges merely lie on each other (a T-junction) share nothing once their vertices are rounded, and a
-    ray may pass there. Triangles without area are legal; nothing hits them.
+    Each triangle is met as :class:`Triangle` is, with exact signs: so no ray passes between two triangles that share
+    an edge or a vertex, anywhere in space. Triangles whose edges merely lie on each other (a T-junction) share
+    nothing once their vertices are rounded, and a ray may pass there. Triangles without area are legal; nothing hits
+    them.
 
     Examples
     --------
@@ -70,7 +71,8 @@ class TriangleMesh(Shape):
         Returns
         -------
         TriangleMesh
-            The vertices and faces in the order of the file. Triangles without area are reported to the logger ``lidarsim``.
+            The vertices and faces in the order of the file. Triangles without area are reported to the logger
+            ``lidarsim``.
 
         Raises
         ------
@@ -91,8 +93,6 @@ class TriangleMesh(Shape):
         except Exception as error:  # trimesh's readers raise whatever their parsers do
             reason = str(error).strip().splitlines() or [type(error).__name__]
             raise FileFormatError(f"{path}: cannot be read as a mesh: {reason[0]}") from error
-        if isinstance(loaded, trimesh.Scene):
-            loaded = loaded.to_mesh()
         if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
             raise FileFormatError(f"{path}: cannot be read as a mesh: it holds no triangles")
         try:
@@ -198,7 +198,8 @@ class TriangleMesh(Shape):
         Parameters
         ----------
         z : array_like, shape (rows, columns)
-            Heights, m, at least two rows and two columns. ``z[i, j]`` stands at x = origin[0] + j·spacing, y = origin[1] + i·spacing.
+            Heights, m, at least two rows and two columns. ``z[i, j]`` stands at x = origin[0] + j·spacing, y =
+            origin[1] + i·spacing.
         spacing : float or array_like, shape (2,)
             Distance between columns (along x) and rows (along y), m, > 0.
         origin : array_like, shape (2,)

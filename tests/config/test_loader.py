@@ -163,13 +163,14 @@ def test_instances_of_a_scene_file_share_their_mesh() -> None:
     scene.export("scene.glb")
     run = load(
         "sensor: {preset: velodyne-vlp16}\n"
-        "scene: [{shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0]}]"
+        "scene:\n"
+        "  - {shape: scene_file, file: scene.glb, name: hall, label: 7, position_m: [1, 0, 0], rotation_deg: {yaw: 90}}"
     )
     objects = {item.name: item for item in run.scene.objects}
     assert objects.keys() == {"hall/one", "hall/two"}
     assert objects["hall/one"].shape is objects["hall/two"].shape
     assert objects["hall/two"].label == 7
-    assert objects["hall/two"].transform[:3, 3].tolist() == [5, 5, 6]
+    assert objects["hall/two"].transform[:3, 3] == pytest.approx([-4, 4, 6])  # (4, 5, 6), turned, then moved
 
 
 def test_patterns_without_a_preset() -> None:
@@ -334,6 +335,36 @@ def test_overrides_choose_what_is_included_first() -> None:
     assert load(text, "sensor.pattern.elevations_deg.3=1").lidar.pattern.elevations[3] == radians(1)
 
 
+VENDORS = Path(__file__).parents[1] / "data" / "sensors"
+OUSTER = VENDORS / "ouster" / "2_1_2_os1-991913000010-64.json"
+
+
+def test_a_vendors_file_and_the_difference() -> None:
+    sensor = f"{{file: {OUSTER}, mode: 512x10, noise: datasheet, name: mine, max_range_m: 9}}"
+    lidar, expected = load(f"sensor: {sensor}\nscene: []").lidar, ls.Lidar.from_file(OUSTER, mode="512x10")
+    assert (lidar.name, lidar.max_range, lidar.min_range) == ("mine", 9, expected.min_range)
+    assert np.array_equal(lidar.pattern.pulses().directions, expected.pattern.pulses().directions)
+    assert lidar.measurement == ls.Lidar.from_file(OUSTER, noise="datasheet").measurement != ls.Measurement()
+    quiet = load(f"sensor: {{file: {OUSTER}, noise: datasheet, measurement: {{range_sigma_m: 0.5}}}}\nscene: []")
+    assert quiet.lidar.measurement == dataclasses.replace(lidar.measurement, range_sigma=0.5)
+
+
+def test_a_vendors_file_that_leaves_something_open() -> None:
+    angles, times = (VENDORS / "hesai" / f"Pandar40P_{what}_Correction_File.csv" for what in ("Angle", "Firetime"))
+    lidar = load(f"sensor: {{file: {angles}, firing_times: {times}, rate_hz: 20}}\nscene: []").lidar
+    expected = ls.Lidar.from_file(angles, firing_times=times, rate=20)
+    assert np.array_equal(lidar.pattern.pulses().time, expected.pattern.pulses().time)
+
+
+def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
+    assert refusal(f"sensor:\n  file: {OUSTER}\n  rate_hz: 5\nscene: []") == (
+        "run.yaml:3: sensor.rate_hz: not an option of Ouster metadata JSON; expected mode, noise"
+    )
+    assert refusal("sensor: {file: run.yaml}\nscene: []").startswith(
+        "run.yaml:1: sensor: run.yaml: expected a file of one of these kinds: "
+    )
+
+
 # Bad input
 
 
@@ -390,6 +421,8 @@ VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
          f"got {radians(400)} (in rad)")),
         ("columns: 32", "columns: 32\n    column_period_us: 9",
          "run.yaml:5: sensor.pattern: columns, column_period: expected one of them, got 32.0 and 9e-06"),
+        ("normal: [0, 0, 1]", "normal: [0, 0, 1], point_m: [0, 0, 0], distance_m: 1",
+         "run.yaml:15: scene.0.distance_m: expected either distance_m or point_m, got both"),
         # several at once
         ("seed: 3\nframes: 2", "seed: x\nframes: y", "run.yaml:1: seed: expected an integer, got 'x' (and 1 more)"),
     ],
@@ -417,6 +450,8 @@ def test_bad_value(old: str, new: str, message: str) -> None:
         ("{file: self.yaml}", "self.yaml:1: file: expected another file, got one that includes this one"),
         ("{pattern: {type: risley, prisms: [{phase_deg: 1}], refractive_index: 1.5, pulse_rate_khz: 1, rate_hz: 1}}",
          "run.yaml:1: sensor.pattern.prisms.0: missing key 'rotation_rate_hz' or 'rotation_rate_rpm'"),
+        ("{preset: livox-mid40, pattern: {prisms: [{rotation_rate_hz: 1, rotation_rate_rpm: 60}]}}",
+         "run.yaml:1: sensor.pattern.prisms.0.rotation_rate_rpm: given already as rotation_rate_hz"),
     ],
 )  # fmt: skip
 def test_bad_sensor(sensor: str, message: str) -> None:

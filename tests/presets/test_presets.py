@@ -159,3 +159,25 @@ def test_ouster_has_its_modes(name: str, mode: str, columns: int, rate: float) -
 def test_unknown_mode_and_noise_are_named(name: str, options: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         ls.Lidar.preset(name, **options)
+
+
+def test_datasheet_detection_cuts_where_the_sheet_says() -> None:
+    lidar = ls.Lidar.preset("livox-mid40", noise="datasheet")
+    for distance, seen in ((89.5, True), (90.5, False)):
+        scene = ls.Scene()
+        scene.add(ls.Sphere((0.0, 0.0, 0.0), distance), material=ls.Material(reflectivity=0.1))
+        status = lidar.scan(scene).status
+        assert (status == (ls.Status.hit if seen else ls.Status.below_threshold)).all()
+
+
+@for_each
+def test_every_sensor_scans(name: str) -> None:
+    lidar = ls.Lidar.preset(name)
+    distance = max(10.0, 2.0 * lidar.min_range)
+    scene = ls.Scene()
+    scene.add(ls.Sphere((0.0, 0.0, 0.0), distance))
+    scan = lidar.scan(scene)
+    assert len(scan.status) > 300
+    assert (scan.status == ls.Status.hit).all()
+    # beams leave within a quarter of a metre of the middle of the sphere
+    assert np.abs(scan.range - distance).max() < 0.25

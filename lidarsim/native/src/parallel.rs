@@ -1,10 +1,8 @@
 //! Work shared among threads, in a pool that is rebuilt after a fork.
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use arc_swap::ArcSwapOption;
-use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 /// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is of.
@@ -47,16 +45,4 @@ pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
         Some(pool) => pool.pool.install(work),
         None => work(),
     }
-}
-
-/// Calls `work` with disjoint ranges of at most `size` that make up 0..n, on all threads.
-pub fn chunks(n: usize, size: usize, work: impl Fn(Range<usize>) + Sync) {
-    let range = |i: usize| i * size..n.min((i + 1) * size);
-    if n <= size {
-        if n > 0 {
-            work(0..n);
-        }
-        return;
-    }
-    run(|| (0..n.div_ceil(size)).into_par_iter().for_each(|i| work(range(i))));
 }

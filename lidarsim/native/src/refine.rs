@@ -104,15 +104,11 @@ impl Batch {
             let place = &self.place[lane];
             let object = &scene.objects()[place.object as usize];
             let (origin, direction) = self.ray[lane];
-            let hit = Hit {
-                t: if certain & (1 << lane) != 0 { t[lane] } else { scene.t(place, origin, direction) },
-                normal: if fine & (1 << lane) != 0 {
-                    [normal[0][lane], normal[1][lane], normal[2][lane]]
-                } else {
-                    object.normal(place, origin, direction)
-                },
-                object: place.object as i32,
-                primitive: object.reported(place),
+            let hit = if certain & fine & (1 << lane) != 0 {
+                let normal = [normal[0][lane], normal[1][lane], normal[2][lane]];
+                Hit { t: t[lane], normal, object: place.object as i32, primitive: object.reported(place) }
+            } else {
+                scene.hit(place, origin, direction)
             };
             hits.put(self.at[lane] as usize, hit);
         }

@@ -112,11 +112,6 @@ impl Object {
         let [first, second] = self.roots(at.primitive, ray)?;
         (if at.index == 0 { first } else { second }).ok_or(Uncertain)
     }
-
-    /// The unit normal in the world.
-    pub fn normal(&self, at: &Place, origin: Point, direction: Point) -> Point {
-        vector::unit(number::certify_finely(&Normal { object: self, at, origin, direction }))
-    }
 }
 
 /// Which root of which primitive.
@@ -125,12 +120,11 @@ pub struct Place {
     pub object: u32,
     pub primitive: u32,
     index: u8,
-    feature: u8,
 }
 
 impl Place {
     pub fn of_triangle(object: u32, primitive: u32) -> Self {
-        Place { object, primitive, index: 0, feature: 0 }
+        Place { object, primitive, index: 0 }
     }
 }
 
@@ -225,8 +219,8 @@ impl Scene {
         for primitive in primitives {
             let found =
                 number::certify(&Candidates { object: &self.objects[object as usize], primitive, origin, direction });
-            for (index, (_, feature)) in found.iter().flatten().enumerate() {
-                places.push(Place { object, primitive, index: index as u8, feature: *feature });
+            for index in 0..found.iter().flatten().count() {
+                places.push(Place { object, primitive, index: index as u8 });
             }
         }
         let order = |a: &Place, b: &Place| number::certify(&Compare { scene: self, a, b, origin, direction });
@@ -261,12 +255,8 @@ impl Scene {
 
     pub fn hit(&self, at: &Place, origin: Point, direction: Point) -> Hit {
         let object = &self.objects[at.object as usize];
-        Hit {
-            t: self.t(at, origin, direction),
-            normal: object.normal(at, origin, direction),
-            object: at.object as i32,
-            primitive: object.reported(at),
-        }
+        let (t, normal) = number::certify_finely(&Finished { object, at, origin, direction });
+        Hit { t, normal: vector::unit(normal), object: at.object as i32, primitive: object.reported(at) }
     }
 }
 
@@ -339,8 +329,8 @@ impl<'a> Search<'a> {
         let (origin, direction) = (self.origin, self.direction);
         let object = &self.scene.objects[id as usize];
         let found = number::certify(&Candidates { object, primitive, origin, direction });
-        for (index, &(t, feature)) in found.iter().flatten().enumerate() {
-            if self.takes(Place { object: id, primitive, index: index as u8, feature }, t) {
+        for (index, &t) in found.iter().flatten().enumerate() {
+            if self.takes(Place { object: id, primitive, index: index as u8 }, t) {
                 return;
             }
         }
@@ -381,7 +371,7 @@ impl<'a> Search<'a> {
     }
 }
 
-/// The roots of a primitive: bounds of each, and the part of the surface.
+/// Bounds of the roots of a primitive.
 struct Candidates<'a> {
     object: &'a Object,
     primitive: u32,
@@ -390,14 +380,14 @@ struct Candidates<'a> {
 }
 
 impl Question for Candidates<'_> {
-    type Answer = [Option<(Interval, u8)>; 2];
+    type Answer = [Option<Interval>; 2];
 
     #[inline]
     fn ask<N: Number>(&self) -> Result<Self::Answer, Uncertain> {
         let roots = self.object.roots::<N>(self.primitive, &self.object.local(self.origin, self.direction))?;
         let mut found = [None; 2];
         for (found, root) in found.iter_mut().zip(roots.iter().flatten()) {
-            *found = Some((N::enclose(root)?, root.feature));
+            *found = Some(N::enclose(root)?);
         }
         Ok(found)
     }
@@ -438,26 +428,28 @@ impl Question for Rounded<'_> {
     }
 }
 
-/// A normal at a hit, of ordinary length.
-struct Normal<'a> {
+/// A hit: t, correctly rounded, and a normal of ordinary length.
+struct Finished<'a> {
     object: &'a Object,
     at: &'a Place,
     origin: Point,
     direction: Point,
 }
 
-impl Question for Normal<'_> {
-    type Answer = Point;
+impl Question for Finished<'_> {
+    type Answer = (f64, Point);
 
-    fn ask<N: Number>(&self) -> Result<Point, Uncertain> {
+    fn ask<N: Number>(&self) -> Result<(f64, Point), Uncertain> {
         let Object { geometry, maps, .. } = self.object;
         let ray = self.object.local::<N>(self.origin, self.direction);
-        let t = N::value(&self.object.root(self.at, &ray)?)?;
+        let root = self.object.root(self.at, &ray)?;
+        let t = N::value(&root)?;
         let local = match geometry {
-            Geometry::Simple(shape) => shape.normal(&ray, &t, self.at.feature),
-            Geometry::Mesh(mesh) => mesh.triangle(self.at.primitive).normal(&ray, &t, self.at.feature),
+            Geometry::Simple(shape) => shape.normal(&ray, &t, root.feature),
+            Geometry::Mesh(mesh) => mesh.triangle(self.at.primitive).normal(&ray, &t, root.feature),
         };
-        N::proportions(&maps.iter().fold(local, |normal, (_, inverse)| N::of_inverse(inverse).normal(&normal)))
+        let normal = maps.iter().fold(local, |normal, (_, inverse)| N::of_inverse(inverse).normal(&normal));
+        Ok((N::round(&root)?, N::proportions(&normal)?))
     }
 }
 

@@ -46,7 +46,7 @@ impl Surface for Box {
 
     fn normal<N: Number>(&self, _: &Ray<N>, _: &N, feature: u8) -> Vector<N> {
         let mut normal = [0.0; 3];
-        normal[usize::from(feature / 2)] = if feature % 2 == 0 { -1.0 } else { 1.0 };
+        normal[usize::from(feature / 2)] = if feature.is_multiple_of(2) { -1.0 } else { 1.0 };
         vector::exact(normal)
     }
 
