@@ -70,17 +70,35 @@ impl Stream {
         normal_quantile(self.uniform(pulse, effect, draw))
     }
 
-    /// As `normal` for each pulse and draw 0, appended to `normals`: one kind of formula at a time, in loops over vectors.
+    /// As `normal` for each pulse: one kind of formula at a time, in loops that become vector instructions.
     #[inline(always)]
-    pub fn normals(&self, pulses: impl Iterator<Item = u64>, effect: Effect, normals: &mut Vec<f64>) {
-        let p: Vec<f64> = pulses.map(|pulse| self.uniform(pulse, effect, 0)).collect();
-        let first = normals.len();
-        normals.extend(p.iter().map(|p| central(p - 0.5)));
-        let tails: Vec<usize> = (0..p.len()).filter(|&i| is_tail(p[i])).collect();
-        let outer: Vec<f64> = tails.iter().map(|&i| p[i]).collect();
-        let values: Vec<f64> = outer.iter().map(|&p| tail(p)).collect();
-        for (&i, &value) in tails.iter().zip(&values) {
-            normals[first + i] = if is_far_tail(p[i]) { far_tail(p[i]) } else { value };
+    pub fn normals(
+        &self,
+        pulses: impl ExactSizeIterator<Item = u64>,
+        effect: Effect,
+        draw: u16,
+        normals: &mut Vec<f64>,
+    ) {
+        let mut uniforms = vec![0.0; pulses.len()];
+        for (p, pulse) in uniforms.iter_mut().zip(pulses) {
+            *p = self.uniform(pulse, effect, draw);
+        }
+        normals.resize(uniforms.len(), 0.0);
+        for (normal, p) in normals.iter_mut().zip(&uniforms) {
+            *normal = central(p - 0.5);
+        }
+        let (mut places, mut tails) = (Vec::new(), Vec::new());
+        for (i, &p) in uniforms.iter().enumerate() {
+            if is_tail(p) {
+                places.push(i);
+                tails.push(p);
+            }
+        }
+        for p in &mut tails {
+            *p = tail(*p);
+        }
+        for (&i, &normal) in places.iter().zip(&tails) {
+            normals[i] = if is_far_tail(uniforms[i]) { far_tail(uniforms[i]) } else { normal };
         }
     }
 }

@@ -19,7 +19,7 @@ use crate::rng::{Effect, Stream};
 use crate::scene::{Geometry, Hit, Scene};
 use crate::simd::{self, Isa, Level, Task};
 use crate::vector::Point;
-use direction::{beside, distance, is_unit};
+use direction::{beside, distance, is_unit, turned};
 use echo::{Echo, Light};
 
 pub use appearance::{Appearance, Reflectivity};
@@ -184,7 +184,9 @@ pub struct Rays {
     origins: Vec<Point>,
     directions: Vec<Point>,
     hits: Vec<Hit>,
-    /// Of each pulse, the noise of its first echo, in units of σ; empty without noise.
+    /// Gaussians, one a pulse; those of effects that are off are empty. Further echoes draw their noise as they come.
+    azimuth_jitter: Vec<f64>,
+    elevation_jitter: Vec<f64>,
     noise: Vec<f64>,
 }
 
@@ -278,20 +280,25 @@ impl<'a, C: Caster> Scan<'a, C> {
         frame.check(pulses.clone())?;
         rays.origins.clear();
         rays.directions.clear();
-        rays.noise.clear();
-        if !measurement.range_sigma.is_zero() {
-            frame.stream.normals(pulses.clone().map(|i| frame.index(i)), Effect::RangeNoise, &mut rays.noise);
-        }
+        let draw = |wanted: bool, effect, draw, normals: &mut Vec<f64>| {
+            let pulses = if wanted { pulses.clone() } else { 0..0 };
+            frame.stream.normals(pulses.map(|i| frame.index(i)), effect, draw, normals);
+        };
+        draw(measurement.azimuth_sigma > 0.0, Effect::AngularJitter, 0, &mut rays.azimuth_jitter);
+        draw(measurement.elevation_sigma > 0.0, Effect::AngularJitter, 1, &mut rays.elevation_jitter);
+        draw(!measurement.range_sigma.is_zero(), Effect::RangeNoise, 0, &mut rays.noise);
         let jitters = measurement.azimuth_sigma > 0.0 || measurement.elevation_sigma > 0.0;
         let (mut now, mut pose) = (f64::NAN, Pose::IDENTITY);
-        for i in pulses {
+        for (k, i) in pulses.enumerate() {
             if frame.times[i] != now {
                 now = frame.times[i];
                 pose = frame.path.at(frame.start + now);
             }
             let mut direction = frame.directions[i];
             if jitters {
-                direction = measurement.jitter(direction, &frame.stream, frame.index(i));
+                let angle = |sigma: f64, normals: &[f64]| normals.get(k).map_or(0.0, |normal| sigma * normal);
+                let azimuth = angle(measurement.azimuth_sigma, &rays.azimuth_jitter);
+                direction = turned(direction, azimuth, angle(measurement.elevation_sigma, &rays.elevation_jitter));
             }
             let origin = pose.place(frame.origins[i]);
             match &measurement.beam {

@@ -1,10 +1,7 @@
 //! The parameters of a measurement, and the formulas that hang on these alone.
 
-use super::direction::turned;
 use super::{Beam, Returns, Status};
 use crate::elementary::exp;
-use crate::rng::{Effect, Stream};
-use crate::vector::Point;
 
 /// The parameters, each neutral while its effect is off.
 #[derive(Clone, Debug)]
@@ -47,14 +44,6 @@ impl Measurement {
     /// Rays that a pulse takes.
     pub fn rays(&self) -> usize {
         self.beam.as_ref().map_or(1, |beam| beam.len())
-    }
-
-    /// The beam of a pulse, in the sensor frame: azimuth and elevation each off by a Gaussian.
-    pub(super) fn jitter(&self, direction: Point, stream: &Stream, pulse: u64) -> Point {
-        let angle = |sigma: f64, draw| {
-            if sigma > 0.0 { sigma * stream.normal(pulse, Effect::AngularJitter, draw) } else { 0.0 }
-        };
-        turned(direction, angle(self.azimuth_sigma, 0), angle(self.elevation_sigma, 1))
     }
 
     /// Lambert's law and the loss on the way there and back.
