@@ -73,8 +73,9 @@ def test_any_shape_any_ray(kind):
         spec = cases.Spec(kind, arguments, matrix)
         if kind == "Ellipsoid":
             assume(np.linalg.det(arguments[2]) != 0)
-        if kind == "Triangle":  # one ray that is aimed: of the others few hit
-            middle = np.mean(arguments, axis=0)
+        if kind in {"Triangle", "TriangleMesh"}:  # one ray that is aimed: of the others few hit
+            corners = arguments if kind == "Triangle" else [arguments[0][i] for i in arguments[1][0]]
+            middle = np.mean(corners, axis=0)
             middle = middle if matrix is None else matrix[:3, :3] @ middle + matrix[:3, 3]
             aim = tuple((middle - lines[0][0]).tolist())
             lines = [*lines, (lines[0][0], aim)] if any(aim) else lines
