@@ -47,7 +47,10 @@ __all__ = [
     "Trajectory",
     "Triangle",
     "TriangleMesh",
+    "__version__",
     "config",
     "errors",
     "patterns",
 ]
+
+__version__ = "0.1.0"

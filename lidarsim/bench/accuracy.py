@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim.bench import adversarial, cases, oracle
+from lidarsim.bench import adversarial, cases, oracle, sections
 
 __all__ = [
     "ENGINES",
@@ -33,6 +33,7 @@ __all__ = [
     "measure_random",
 ]
 
+SECTION = "<!-- accuracy: begin, written by `lidarsim bench --accuracy --readme` -->", "<!-- accuracy: end -->"
 Floats = npt.NDArray[np.float64]
 
 #: Returns t of the nearest hit with t ≥ 0 of each ray, inf for a miss; None if the engine has no such shape.
@@ -434,7 +435,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--random", type=int, default=0, metavar="N", help="also cast N random adversarial rays")
     parser.add_argument("--seed", type=int, default=0, help="seed of the random rays")
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="write accuracy.md and accuracy.json there")
+    parser.add_argument("--readme", type=Path, metavar="FILE", help="write the section on accuracy of this file anew")
     options = parser.parse_args(arguments)
+    if options.readme is not None:
+        sections.around(options.readme, *SECTION)
     report = measure()
     report.leaks = measure_leaks()
     sys.stdout.write(report.to_markdown())
@@ -442,6 +446,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         options.output.mkdir(parents=True, exist_ok=True)
         (options.output / "accuracy.md").write_text(report.to_markdown(), encoding="utf-8")
         (options.output / "accuracy.json").write_text(report.to_json(), encoding="utf-8")
+    if options.readme is not None:
+        sections.write(options.readme, *SECTION, report.to_markdown())
     verdicts = [row["lidarsim"] for row in report.rows.values()]
     if options.random:
         verdicts += measure_random(options.random, options.seed, lambda line: print(line, flush=True)).values()  # noqa: T201

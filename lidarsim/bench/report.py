@@ -13,6 +13,7 @@ from typing import Any
 
 from lidarsim import _native
 from lidarsim._files import atomic_writer
+from lidarsim.bench import sections
 from lidarsim.bench.peers import ABSENT, FAILING
 
 __all__ = [
@@ -99,11 +100,7 @@ def around_section(readme: Path) -> tuple[str, str]:
     ValueError
         If the file has no such section.
     """
-    head, begin, rest = readme.read_text(encoding="utf-8").partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"{readme}: expected a section between the lines {BEGIN} and {END}")
-    return head, tail
+    return sections.around(readme, BEGIN, END)
 
 
 def update_readme(results: Results, readme: Path) -> None:
@@ -114,12 +111,11 @@ def update_readme(results: Results, readme: Path) -> None:
     ValueError
         If the file has no such section.
     """
-    head, tail = around_section(readme)
+    around_section(readme)
     picture = readme.parent / PICTURE
     picture.parent.mkdir(parents=True, exist_ok=True)
     plot_speed(results, picture)
-    with atomic_writer(readme) as file:
-        file.write(f"{head}{BEGIN}\n{readme_section(results)}\n{END}{tail}".encode())
+    sections.write(readme, BEGIN, END, readme_section(results))
 
 
 def to_markdown(results: Results) -> str:

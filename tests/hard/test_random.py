@@ -73,6 +73,12 @@ def test_any_shape_any_ray(kind):
         spec = cases.Spec(kind, arguments, matrix)
         if kind == "Ellipsoid":
             assume(np.linalg.det(arguments[2]) != 0)
+        if kind in {"Triangle", "TriangleMesh"}:  # one ray that is aimed: of the others few hit
+            corners = arguments if kind == "Triangle" else [arguments[0][i] for i in arguments[1][0]]
+            middle = np.mean(corners, axis=0)
+            middle = middle if matrix is None else matrix[:3, :3] @ middle + matrix[:3, 3]
+            aim = tuple((middle - lines[0][0]).tolist())
+            lines = [*lines, (lines[0][0], aim)] if any(aim) else lines
         origins, directions = np.array([o for o, _ in lines]), np.array([d for _, d in lines])
         shape = spec.build()
         hits = shape.cast(origins, directions)
