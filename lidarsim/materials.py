@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -40,7 +41,7 @@ class Material:
     >>> sign = ls.Material(reflectivity=[0.1, 300.0], per="face")
     """
 
-    reflectivity: float | npt.NDArray[np.float64] = 1.0
+    reflectivity: float | Sequence[float] | npt.NDArray[np.float64] = 1.0
     per: Per = "object"
 
     def __post_init__(self) -> None:

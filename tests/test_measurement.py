@@ -464,7 +464,7 @@ def test_divergence_is_the_full_angle_and_elliptical() -> None:
         corners = np.array([[10, -1e-4, -1.0], [10, 1e-4, -1.0], [10, 1e-4, 1.0], [10, -1e-4, 1.0]])
         scene.add(ls.Polygon(corners if axis == 1 else corners[:, [0, 2, 1]]))
         widths = {"divergence_azimuth": 1e-4, "divergence_elevation": 1e-4, name: 8e-3}
-        scan = measured(beams(directions), scene, beam=ls.Beam(**widths, rays=91))  # type: ignore[arg-type]
+        scan = measured(beams(directions), scene, beam=ls.Beam(**widths, rays=91))
         seen = angles[scan.status == ls.Status.hit].max()
         # The outermost sub-rays stand at 10/11 of the half angle.
         assert seen == pytest.approx(4e-3 * 10 / 11, abs=3e-5)

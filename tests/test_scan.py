@@ -458,7 +458,7 @@ def test_a_pulse_is_the_same_in_any_company(measurement: ls.Measurement) -> None
 def test_seed_frame_and_name_each_give_other_noise() -> None:
     def ranges(*, name: str = "top", **keywords: int) -> Floats:
         sensor = lidar(ls.Measurement(range_sigma=0.01), name=name)
-        return sensor.scan(room(), **keywords).range[:, 0]  # type: ignore[arg-type]
+        return sensor.scan(room(), **keywords).range[:, 0]
 
     first = ranges()
     assert np.array_equal(first, ranges(), equal_nan=True)
