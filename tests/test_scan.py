@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import math
 import os
@@ -466,6 +467,14 @@ def test_seed_frame_and_name_each_give_other_noise() -> None:
         hit = np.isfinite(first)
         assert np.array_equal(hit, np.isfinite(other))
         assert (first[hit] != other[hit]).mean() > 0.999
+
+
+def test_scans_in_many_python_threads_at_once() -> None:
+    sensor, scene = lidar(EVERYTHING), room()
+    expected = [lidar(EVERYTHING).scan(room(), seed=seed) for seed in range(8)]
+    with concurrent.futures.ThreadPoolExecutor(8) as pool:
+        for one, other in zip(expected, pool.map(lambda seed: sensor.scan(scene, seed=seed), range(8)), strict=True):
+            assert_same(one, other)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="this platform does not fork")
