@@ -155,8 +155,7 @@ pub struct Scene {
 pub struct Index {
     /// Objects without an end, asked by every ray.
     pub unbounded: Vec<u32>,
-    pub bounded: Bvh<Box<[u32]>>,
-    pub only_meshes: bool,
+    pub bounded: Bvh<u32>,
     size: f64,
 }
 
@@ -194,8 +193,7 @@ impl Scene {
                 all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
             };
             let size = side(0).max(side(1)).max(side(2));
-            let only_meshes = self.objects.iter().all(|object| matches!(object.geometry, Geometry::Mesh(_)));
-            Index { unbounded, bounded: Bvh::new(&bounds, |ids| ids.into()), only_meshes, size }
+            Index { unbounded, bounded: Bvh::new(&bounds, 1, |ids| ids[0]), size }
         })
     }
 
@@ -301,11 +299,9 @@ impl<'a> Search<'a> {
         let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
         let mut span = Span::new(o, d, index.bounded.center(), self.t_min, self.limit());
         index.bounded.traverse(&mut span, stack, |stack, leaf| {
-            for &object in leaf.iter() {
-                match &self.scene.objects[object as usize].geometry {
-                    Geometry::Simple(_) => self.consider(object, 0),
-                    Geometry::Mesh(mesh) => self.enter(object, mesh, stack),
-                }
+            match &self.scene.objects[*leaf as usize].geometry {
+                Geometry::Simple(_) => self.consider(*leaf, 0),
+                Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
             }
             self.limit()
         });

@@ -110,8 +110,10 @@ impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
         let (t_min, limits) = (searches[0].t_min, limits(searches));
         let mut visitor = Objects { scene, rays, octant, searches };
         match index.bounded.only_leaf() {
-            // The hierarchy of each mesh begins with what that above it would ask.
-            Some(leaf) if index.only_meshes => visitor.visit_all::<I>(&mut self.stack, leaf, active),
+            // The hierarchy of the mesh begins with what that above it would ask.
+            Some(&id) if matches!(scene.objects()[id as usize].geometry, Geometry::Mesh(_)) => {
+                visitor.meet::<I>(&mut self.stack, id, active);
+            }
             _ => {
                 let mut packet = Packet::new(rays, octant, index.bounded.center(), t_min, &limits);
                 index.bounded.traverse_packet::<I>(&mut packet, active, &mut self.stack, &mut visitor);
@@ -165,29 +167,27 @@ struct Objects<'a, 's> {
 
 impl Objects<'_, '_> {
     #[inline(always)]
-    fn visit_all<I: Isa>(&mut self, stack: &mut Stack, ids: &[u32], mask: u32) {
-        for &id in ids {
-            let object = &self.scene.objects()[id as usize];
-            match &object.geometry {
-                Geometry::Mesh(mesh) if object.is_placed_as_made() => {
-                    Blocks { mesh, id, rays: self.rays, searches: self.searches }.trace::<I>(self.octant, mask, stack);
-                }
-                Geometry::Mesh(mesh) => enter_moved::<I>(mask, id, object, mesh, self.searches, stack),
-                Geometry::Simple(_) => {
-                    let mut left = mask;
-                    while let Some(lane) = take(&mut left) {
-                        self.searches[lane].consider(id, 0);
-                    }
+    fn meet<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: u32) {
+        let object = &self.scene.objects()[id as usize];
+        match &object.geometry {
+            Geometry::Mesh(mesh) if object.is_placed_as_made() => {
+                Blocks { mesh, id, rays: self.rays, searches: self.searches }.trace::<I>(self.octant, mask, stack);
+            }
+            Geometry::Mesh(mesh) => enter_moved::<I>(mask, id, object, mesh, self.searches, stack),
+            Geometry::Simple(_) => {
+                let mut left = mask;
+                while let Some(lane) = take(&mut left) {
+                    self.searches[lane].consider(id, 0);
                 }
             }
         }
     }
 }
 
-impl Visitor<Box<[u32]>> for Objects<'_, '_> {
+impl Visitor<u32> for Objects<'_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, packet: &mut Packet, leaf: &Box<[u32]>, mask: u32) {
-        self.visit_all::<I>(stack, leaf, mask);
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, packet: &mut Packet, leaf: &u32, mask: u32) {
+        self.meet::<I>(stack, *leaf, mask);
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
             packet.set_limit(lane, self.searches[lane].limit());

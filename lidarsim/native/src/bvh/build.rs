@@ -15,8 +15,8 @@ const BINS: usize = 16;
 /// Levels of nodes split by surface; below them ranges are halved, so that eight equal ones are left of each.
 const BY_SURFACE: usize = 16;
 
-/// Most levels of nodes: 2²⁸ primitives are down to leaves after 10 more.
-pub const DEPTH: usize = BY_SURFACE + 10;
+/// Most levels of nodes: 2³⁰ primitives are down to leaves of one after 10 more, and a level for what is uneven.
+pub const DEPTH: usize = BY_SURFACE + 11;
 
 /// Subtrees of more primitives than this are built in parallel.
 const PARALLEL: usize = 4096;
@@ -57,7 +57,7 @@ impl Item {
     }
 }
 
-pub fn build<L: Send>(bounds: &[Option<[Interval; 3]>], leaf: impl Fn(&[u32]) -> L + Sync) -> Bvh<L> {
+pub fn build<L: Send>(bounds: &[Option<[Interval; 3]>], most: usize, leaf: impl Fn(&[u32]) -> L + Sync) -> Bvh<L> {
     let mut low = [f64::INFINITY; 3];
     let mut high = [f64::NEG_INFINITY; 3];
     for b in bounds.iter().flatten() {
@@ -82,7 +82,7 @@ pub fn build<L: Send>(bounds: &[Option<[Interval; 3]>], leaf: impl Fn(&[u32]) ->
             Some(Item { bounds, id: id as u32 })
         })
         .collect();
-    let Part { nodes, leaves } = if items.is_empty() { Part::default() } else { subtree(&mut items, 0) };
+    let Part { nodes, leaves } = if items.is_empty() { Part::default() } else { subtree(&mut items, most, 0) };
     let mut start = 0;
     let starts: Vec<usize> = leaves
         .iter()
@@ -113,8 +113,8 @@ struct Part {
     leaves: Vec<usize>,
 }
 
-fn subtree(items: &mut [Item], depth: usize) -> Part {
-    let ranges = split_wide(items, depth);
+fn subtree(items: &mut [Item], most: usize, depth: usize) -> Part {
+    let ranges = split_wide(items, most, depth);
     let mut node = Node {
         low: [[f32::INFINITY; WIDTH]; 3],
         high: [[f32::NEG_INFINITY; WIDTH]; 3],
@@ -137,7 +137,7 @@ fn subtree(items: &mut [Item], depth: usize) -> Part {
         })
         .collect();
     let grow = |(leaf, part): (bool, &mut [Item])| {
-        if leaf { Part { nodes: Vec::new(), leaves: vec![part.len()] } } else { subtree(part, depth + 1) }
+        if leaf { Part { nodes: Vec::new(), leaves: vec![part.len()] } } else { subtree(part, most, depth + 1) }
     };
     let children: Vec<Part> =
         if parallel { children.into_par_iter().map(grow).collect() } else { children.into_iter().map(grow).collect() };
@@ -161,11 +161,11 @@ struct Range {
 }
 
 /// Orders `items` into at most eight ranges.
-fn split_wide(items: &mut [Item], depth: usize) -> Vec<Range> {
+fn split_wide(items: &mut [Item], most: usize, depth: usize) -> Vec<Range> {
     let range = |items: &[Item]| {
         let mut bounds = Bounds::EMPTY;
         items.iter().for_each(|item| bounds.include(&item.bounds));
-        Range { len: items.len(), bounds, leaf: items.len() <= LEAF }
+        Range { len: items.len(), bounds, leaf: items.len() <= most }
     };
     let mut ranges = vec![range(items)];
     while ranges.len() < WIDTH {
@@ -176,7 +176,7 @@ fn split_wide(items: &mut [Item], depth: usize) -> Vec<Range> {
         };
         let start: usize = ranges[..widest].iter().map(|r| r.len).sum();
         let part = &mut items[start..start + ranges[widest].len];
-        let at = split(part, depth < BY_SURFACE);
+        let at = split(part, most, depth < BY_SURFACE);
         let (left, right) = (range(&part[..at]), range(&part[at..]));
         ranges.splice(widest..=widest, [left, right]);
     }
@@ -184,7 +184,7 @@ fn split_wide(items: &mut [Item], depth: usize) -> Vec<Range> {
 }
 
 /// Orders `items`, two or more, into two parts that are not empty, and returns the length of the first.
-fn split(items: &mut [Item], by_surface: bool) -> usize {
+fn split(items: &mut [Item], most: usize, by_surface: bool) -> usize {
     let mut middles = Bounds::EMPTY;
     for item in items.iter() {
         let m = std::array::from_fn(|i| item.middle(i));
@@ -217,7 +217,7 @@ fn split(items: &mut [Item], by_surface: bool) -> usize {
                 if count == 0 || right[i].1 == 0 {
                     continue;
                 }
-                let cost = side.surface() * leaves(count) + right[i].0 * leaves(right[i].1);
+                let cost = side.surface() * leaves(count, most) + right[i].0 * leaves(right[i].1, most);
                 if best.is_none_or(|(least, ..)| cost < least) {
                     best = Some((cost, axis, i));
                 }
@@ -236,8 +236,8 @@ fn split(items: &mut [Item], by_surface: bool) -> usize {
 }
 
 /// A leaf costs the same whether it is full or not.
-fn leaves(count: usize) -> f32 {
-    count.div_ceil(LEAF) as f32
+fn leaves(count: usize, most: usize) -> f32 {
+    count.div_ceil(most) as f32
 }
 
 fn bin_of(middle: f32, low: f32, extent: f32) -> usize {

@@ -74,9 +74,9 @@ pub struct Bvh<L> {
 }
 
 impl<L: Send> Bvh<L> {
-    /// Primitives without a box (none) are left out; `leaf` makes a leaf of up to `LEAF` primitives.
-    pub fn new(bounds: &[Option<[Interval; 3]>], leaf: impl Fn(&[u32]) -> L + Sync) -> Self {
-        build::build(bounds, leaf)
+    /// Primitives without a box (none) are left out; `leaf` makes a leaf of up to `most` primitives, at most `LEAF`.
+    pub fn new(bounds: &[Option<[Interval; 3]>], most: usize, leaf: impl Fn(&[u32]) -> L + Sync) -> Self {
+        build::build(bounds, most.min(LEAF), leaf)
     }
 
     pub fn center(&self) -> Point {

@@ -52,7 +52,7 @@ impl TriangleMesh {
     pub fn hierarchy(&self) -> &Bvh<Block> {
         self.hierarchy.get_or_init(|| {
             let bounds: Vec<_> = (0..self.len() as u32).map(|id| self.triangle(id).bounds()).collect();
-            Bvh::new(&bounds, |ids| Block::new(ids, self))
+            Bvh::new(&bounds, LEAF, |ids| Block::new(ids, self))
         })
     }
 
