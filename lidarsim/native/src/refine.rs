@@ -1,4 +1,4 @@
-//! The double-double look at the nearest triangle.
+//! The last look at the nearest triangle, with twice the digits of float64.
 
 use crate::number::UNIT;
 use crate::scene::{Hit, Place, Scene, Search};
@@ -38,11 +38,15 @@ impl Batch {
         }
     }
 
-    /// t in double-double: t = n·(a − o)/(n·d), n = (b − a) × (c − a).
+    /// t = n·(a − o)/(n·d), n = (b − a) × (c − a), in pairs.
     ///
-    /// The differences are exact as double-doubles. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, a coordinate of n is off by 8.1u²·A_i (two products of 5u²
-    /// and a sum of 3u² relative to it), so n·(a − o) by less than 20u²·ΣA_i|r_i|, and n·d likewise (see `number::dd` for the bounds of the
-    /// operations). 32 covers the roundings of these bounds. The quotient adds 16u² of itself.
+    /// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of n is at most 5u·A_i, from fewer than 10 roundings,
+    /// and leaves out two products of u²·A_i in all: so the coordinate is off by less than 52u²·A_i. The low part of n·(a − o) is at most
+    /// 12u·ΣA_i|r_i|, from fewer than 16 roundings, and leaves out 5u²·ΣA_i|r_i|: with what n is off, less than 250u²·ΣA_i|r_i|. For n·d it is
+    /// less. 320 covers the roundings of these bounds.
+    ///
+    /// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d), of which N − T·D is exact by Sterbenz's lemma while T is within a factor of two
+    /// of N/D. The roundings of ρ, of the quotient and of 1/(n·d) are less than 16u of the larger parts, which are |ρ| and the low parts.
     #[inline(always)]
     pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
         if self.count == 0 {
@@ -63,42 +67,53 @@ impl Batch {
         let [a, b, c, o, d] = &points;
         let (a, b, c): (V<I>, V<I>, V<I>) = (lanes::load(a), lanes::load(b), lanes::load(c));
         let (o, d): (V<I>, V<I>) = (lanes::load(o), lanes::load(d));
-        let (e1, e2, r) = (Dd::<I>::differences(b, a), Dd::<I>::differences(c, a), Dd::<I>::differences(a, o));
-        let (n0, s0) = Dd::minor(e1[1], e2[2], e1[2], e2[1]);
-        let (n1, s1) = Dd::minor(e1[2], e2[0], e1[0], e2[2]);
-        let (n2, s2) = Dd::minor(e1[0], e2[1], e1[1], e2[0]);
-        let num = n0.times(r[0]).plus(n1.times(r[1])).plus(n2.times(r[2]));
-        let den = n0.scaled(d[0]).plus(n1.scaled(d[1])).plus(n2.scaled(d[2]));
-        let t = num.over(den);
+        let (e1, e2, r) = (Pair::<I>::differences(b, a), Pair::<I>::differences(c, a), Pair::<I>::differences(a, o));
+        let (n0, s0) = Pair::minor(e1[1], e2[2], e1[2], e2[1]);
+        let (n1, s1) = Pair::minor(e1[2], e2[0], e1[0], e2[2]);
+        let (n2, s2) = Pair::minor(e1[0], e2[1], e1[1], e2[0]);
+        let (n, size) = ([n0, n1, n2], [s0, s1, s2]);
+        let (num, den) = (Pair::dot(n, r), Pair::dot_plain(n, d));
 
-        let unit2 = UNIT * UNIT;
-        let size = [s0, s1, s2];
-        let num_error =
-            lanes::dot(size, [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()]).mul(I::F64x8::splat(32.0 * unit2));
-        let den_error = lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(32.0 * unit2));
-        let error = num_error.add(t.high.abs().mul(den_error)).div(den.high.abs());
-        let error = error.mul(I::F64x8::splat(1.0 + 1.0 / 64.0)).add(t.high.abs().mul(I::F64x8::splat(20.0 * unit2)));
+        let unit = I::F64x8::splat(UNIT);
+        let unit2 = I::F64x8::splat(320.0 * UNIT * UNIT);
+        let (num_high, den_high) = (num.high.add(num.low), den.high.add(den.low));
+        let inverse = I::F64x8::splat(1.0).div(den_high);
+        let first = num_high.mul(inverse);
+        let (p, q) = Pair::<I>::product(first, den.high);
+        let lows = num.low.sub(first.mul(den.low));
+        let correction = num.high.sub(p).sub(q).add(lows).mul(inverse);
+        let t = Pair::<I>::fast(first, correction);
+
+        let num_error = lanes::dot(size, [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()]).mul(unit2);
+        let den_error = lanes::dot(size, lanes::abs(d)).mul(unit2);
+        let parts = num.low.abs().add(first.mul(den.low).abs()).add(first.mul(den.high).abs().mul(unit));
+        let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(16.0 * UNIT));
+        let error = num_error.add(first.abs().mul(den_error)).mul(inverse).abs();
+        let error = error.add(roundings).mul(I::F64x8::splat(1.0 + 1.0 / 16.0));
         // Rounding is monotone: where both ends of the error round to the same number, so does the truth.
         let up = t.high.add(t.low.add(error));
         let down = t.high.add(t.low.sub(error));
-        // 2^±400: what underflow loses is far below the error while the numbers are ordinary; den is at least twice its error.
+        // 2^±400: what underflow loses is far below the error while the numbers are ordinary. den is at least 128 times its error and its low part,
+        // and num at least 8 times its low part, so that T is within 2 % of N/D and 20 % of the truth.
         let tiny = I::F64x8::splat(f64::from_bits((1023 - 400) << 52));
         let huge = I::F64x8::splat(f64::from_bits((1023 + 400) << 52));
-        let den_high = den.high.abs();
-        let ordinary = tiny.lt(den_high)
-            & den_high.lt(huge)
-            & tiny.lt(num.high.abs())
-            & num.high.abs().lt(huge)
-            & den_error.mul(I::F64x8::splat(128.0)).lt(den_high);
+        let (num_size, den_size) = (num_high.abs(), den_high.abs());
+        let ordinary = tiny.lt(den_size)
+            & den_size.lt(huge)
+            & tiny.lt(num_size)
+            & num_size.lt(huge)
+            & den_error.add(den.low.abs()).mul(I::F64x8::splat(128.0)).lt(den_size)
+            & num.low.abs().mul(I::F64x8::splat(8.0)).lt(num_size);
         let certain = ordinary & up.le(t.high) & t.high.le(down);
 
-        let n = [n0.high, n1.high, n2.high];
+        let n = [n0.high.add(n0.low), n1.high.add(n1.low), n2.high.add(n2.low)];
         let square = lanes::dot(n, n);
         let length = square.sqrt();
-        // The normal is right to 2⁻⁶⁰ of its length.
-        let total = s0.add(s1).add(s2).mul(I::F64x8::splat(16.0 * unit2 * 2_f64.powi(60)));
+        // The normal is right to 2⁻⁶⁰ of its length, and three roundings.
+        let total = s0.add(s1).add(s2).mul(unit2).mul(I::F64x8::splat(2_f64.powi(60)));
         let fine = tiny.lt(square) & square.lt(huge) & total.lt(length);
-        let normal = [n[0].div(length).store(), n[1].div(length).store(), n[2].div(length).store()];
+        let shrink = I::F64x8::splat(1.0).div(length);
+        let normal = [n[0].mul(shrink).store(), n[1].mul(shrink).store(), n[2].mul(shrink).store()];
         let t = t.high.store();
         for lane in 0..self.count {
             let place = &self.place[lane];
@@ -118,25 +133,19 @@ impl Batch {
 
 type V<I> = [<I as Isa>::F64x8; 3];
 
-/// Double-doubles side by side; the algorithms of `number::dd` without the running bound.
+/// Sums high + low side by side that are not brought into a normal form: low is small beside the terms that made high (M. Lange, S. Rump,
+/// Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
 #[derive(Clone, Copy)]
-struct Dd<I: Isa> {
+struct Pair<I: Isa> {
     high: I::F64x8,
     low: I::F64x8,
 }
 
-impl<I: Isa> Dd<I> {
+impl<I: Isa> Pair<I> {
     /// a − b, exactly, an axis each.
     #[inline(always)]
     fn differences(a: V<I>, b: V<I>) -> [Self; 3] {
         [Self::difference(a[0], b[0]), Self::difference(a[1], b[1]), Self::difference(a[2], b[2])]
-    }
-
-    /// p·q − r·s, and |p·q| + |r·s|.
-    #[inline(always)]
-    fn minor(p: Self, q: Self, r: Self, s: Self) -> (Self, I::F64x8) {
-        let (first, second) = (p.times(q), r.times(s));
-        (first.minus(second), first.high.abs().add(second.high.abs()))
     }
 
     /// a − b, exactly.
@@ -144,68 +153,71 @@ impl<I: Isa> Dd<I> {
     fn difference(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.sub(b);
         let z = high.sub(a);
-        Dd { high, low: a.sub(high.sub(z)).sub(b.add(z)) }
+        Pair { high, low: a.sub(high.sub(z)).sub(b.add(z)) }
+    }
+
+    /// a + b, exactly.
+    #[inline(always)]
+    fn sum(a: I::F64x8, b: I::F64x8) -> Self {
+        let high = a.add(b);
+        let z = high.sub(a);
+        Pair { high, low: a.sub(high.sub(z)).add(b.sub(z)) }
     }
 
     /// a + b, exactly, for |a| ≥ |b|.
     #[inline(always)]
     fn fast(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.add(b);
-        Dd { high, low: b.sub(high.sub(a)) }
+        Pair { high, low: b.sub(high.sub(a)) }
     }
 
-    #[inline(always)]
-    fn two_sum(a: I::F64x8, b: I::F64x8) -> Self {
-        let high = a.add(b);
-        let z = high.sub(a);
-        Dd { high, low: a.sub(high.sub(z)).add(b.sub(z)) }
-    }
-
-    #[inline(always)]
-    fn negated(self) -> Self {
-        let zero = I::F64x8::splat(0.0);
-        Dd { high: zero.sub(self.high), low: zero.sub(self.low) }
-    }
-
-    #[inline(always)]
-    fn plus(self, other: Self) -> Self {
-        let s = Self::two_sum(self.high, other.high);
-        let t = Self::two_sum(self.low, other.low);
-        let v = Self::fast(s.high, s.low.add(t.high));
-        Self::fast(v.high, t.low.add(v.low))
-    }
-
-    #[inline(always)]
-    fn minus(self, other: Self) -> Self {
-        self.plus(other.negated())
-    }
-
+    /// a·b, exactly.
     #[inline(always)]
     fn product(a: I::F64x8, b: I::F64x8) -> (I::F64x8, I::F64x8) {
         let p = a.mul(b);
         (p, a.mul_add(b, I::F64x8::splat(0.0).sub(p)))
     }
 
+    /// p·q − r·s, and |p·q| + |r·s|.
     #[inline(always)]
-    fn times(self, other: Self) -> Self {
-        let (p, e) = Self::product(self.high, other.high);
-        let cross = self.low.mul_add(other.high, self.high.mul_add(other.low, self.low.mul(other.low)));
-        Self::fast(p, e.add(cross))
-    }
-
-    /// DWTimesFP3 (Algorithm 9, 2u²).
-    #[inline(always)]
-    fn scaled(self, x: I::F64x8) -> Self {
-        let (p, e) = Self::product(self.high, x);
-        Self::fast(p, self.low.mul_add(x, e))
+    fn minor(p: Self, q: Self, r: Self, s: Self) -> (Self, I::F64x8) {
+        let (a, a_low) = Self::product(p.high, q.high);
+        let (b, b_low) = Self::product(r.high, s.high);
+        let Pair { high, low } = Self::difference(a, b);
+        let first = p.low.mul_add(q.high, p.high.mul_add(q.low, a_low));
+        let second = r.low.mul_add(s.high, r.high.mul_add(s.low, b_low));
+        (Pair { high, low: low.add(first.sub(second)) }, a.abs().add(b.abs()))
     }
 
     #[inline(always)]
-    fn over(self, b: Self) -> Self {
-        let t = self.high.div(b.high);
-        let (p, e) = Self::product(b.high, t);
-        let r = Self::fast(p, b.low.mul_add(t, e));
-        let delta = self.high.sub(r.high).add(self.low.sub(r.low));
-        Self::fast(t, delta.div(b.high))
+    fn dot(a: [Self; 3], b: [Self; 3]) -> Self {
+        let (x, x_low) = Self::product(a[0].high, b[0].high);
+        let (y, y_low) = Self::product(a[1].high, b[1].high);
+        let (z, z_low) = Self::product(a[2].high, b[2].high);
+        let x_low = a[0].low.mul_add(b[0].high, a[0].high.mul_add(b[0].low, x_low));
+        let y_low = a[1].low.mul_add(b[1].high, a[1].high.mul_add(b[1].low, y_low));
+        let z_low = a[2].low.mul_add(b[2].high, a[2].high.mul_add(b[2].low, z_low));
+        Self::sum_of_three((x, y, z), (x_low, y_low, z_low))
+    }
+
+    #[inline(always)]
+    fn dot_plain(a: [Self; 3], b: V<I>) -> Self {
+        let (x, x_low) = Self::product(a[0].high, b[0]);
+        let (y, y_low) = Self::product(a[1].high, b[1]);
+        let (z, z_low) = Self::product(a[2].high, b[2]);
+        let x_low = a[0].low.mul_add(b[0], x_low);
+        let y_low = a[1].low.mul_add(b[1], y_low);
+        let z_low = a[2].low.mul_add(b[2], z_low);
+        Self::sum_of_three((x, y, z), (x_low, y_low, z_low))
+    }
+
+    #[inline(always)]
+    fn sum_of_three(
+        (x, y, z): (I::F64x8, I::F64x8, I::F64x8),
+        (x_low, y_low, z_low): (I::F64x8, I::F64x8, I::F64x8),
+    ) -> Self {
+        let xy = Self::sum(x, y);
+        let all = Self::sum(xy.high, z);
+        Pair { high: all.high, low: xy.low.add(all.low).add(x_low.add(y_low).add(z_low)) }
     }
 }
