@@ -1,94 +1,177 @@
 //! An order of rays in which neighbours point the same way and start near each other.
 
-use crate::scene::Scene;
 use crate::vector::Point;
 
-/// Fewer rays than this stay in their order: there is little to gain from sorting them.
-const WORTHWHILE: usize = 64;
+/// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
+const NEAR: usize = 1024;
 
 /// Bits of a key for the direction within its octant, an axis, and for the origin, an axis.
-const DIRECTION: u32 = 9;
+const DIRECTION: u32 = 8;
 const ORIGIN: u32 = 4;
 
-/// Indices of the rays, sorted by octant, by the cell of the origin where origins differ, and by direction along a Z-curve, so that tiles of
-/// directions stay together.
-#[inline(always)]
-pub fn coherent_order(scene: &Scene, origins: &[Point], directions: &[Point]) -> Vec<u32> {
-    let order: Vec<u32> = (0..directions.len() as u32).collect();
-    if directions.len() < WORTHWHILE {
-        return order;
-    }
-    let keys = direction_keys(directions);
-    match cells(scene, origins) {
-        None => radix_sort(order, &keys, 2 * DIRECTION + 3),
-        Some(cell) => {
-            // Coarser directions, below the cell; the octant stays on top.
-            let keys: Vec<u32> = keys
-                .iter()
-                .zip(origins)
-                .map(|(key, o)| {
-                    let (octant, within) = (key >> (2 * DIRECTION), key & ((1 << (2 * DIRECTION)) - 1));
-                    (octant << (3 * ORIGIN) | cell(o)) << 12 | within >> (2 * DIRECTION - 12)
-                })
-                .collect();
-            radix_sort(order, &keys, 3 + 3 * ORIGIN + 12)
-        }
-    }
+/// Groups of rays, one after the other, each in a coherent order.
+pub struct Order<'a> {
+    origins: &'a [Point],
+    directions: &'a [Point],
+    /// The longest side of the scene.
+    size: f64,
+    group: usize,
+    start: usize,
+    keys: Vec<u32>,
+    order: Vec<u32>,
+    spare: Vec<u32>,
 }
 
-/// Of each direction the octant, and a place on its face of the octahedron |x| + |y| + |z| = 1.
-#[inline(always)]
-fn direction_keys(directions: &[Point]) -> Vec<u32> {
-    const BLOCK: usize = 16;
-    /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
-    const WHOLE: f32 = 8_388_608.0;
-    let most = (1_u32 << DIRECTION) - 1;
-    let mut keys = Vec::with_capacity(directions.len() + BLOCK);
-    for block in directions.chunks(BLOCK) {
-        let mut d = [[1.0_f32; BLOCK]; 3];
-        for (k, v) in block.iter().enumerate() {
+impl<'a> Order<'a> {
+    pub fn new(origins: &'a [Point], directions: &'a [Point], size: f64) -> Self {
+        let group = if are_scattered(directions) { directions.len().max(1) } else { NEAR };
+        Order { origins, directions, size, group, start: 0, keys: Vec::new(), order: Vec::new(), spare: Vec::new() }
+    }
+
+    /// Indices of the rays of the next group, sorted by octant, by the cell of the origin where origins differ, and by direction along a Z-curve,
+    /// so that tiles of directions stay together.
+    #[inline(always)]
+    pub fn next(&mut self) -> Option<&[u32]> {
+        let group = self.start..self.directions.len().min(self.start + self.group);
+        if group.is_empty() {
+            return None;
+        }
+        self.start = group.end;
+        self.order.clear();
+        self.order.extend(group.start as u32..group.end as u32);
+        let mut bits = self.direction_keys(&self.directions[group.clone()]);
+        if self.group > NEAR {
+            bits = self.add_cells(&self.origins[group.clone()], bits);
+        }
+        self.radix_sort(group.start as u32, bits);
+        Some(&self.order)
+    }
+
+    /// Of each direction the octant, and a place on its face of the octahedron |x| + |y| + |z| = 1, on a grid over what the group covers of it.
+    #[inline(always)]
+    fn direction_keys(&mut self, directions: &[Point]) -> u32 {
+        const BLOCK: usize = 16;
+        /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
+        const WHOLE: f32 = 8_388_608.0;
+        const MOST: u32 = (1 << DIRECTION) - 1;
+        self.keys.clear();
+        self.spare.clear();
+        // Places in 16 bits, and octants.
+        let (mut low, mut high) = ([u32::MAX; 2], [0; 2]);
+        for block in directions.chunks(BLOCK) {
+            let mut d = [[1.0_f32; BLOCK]; 3];
+            for (k, v) in block.iter().enumerate() {
+                for i in 0..3 {
+                    d[i][k] = v[i] as f32;
+                }
+            }
+            for k in block.len()..BLOCK {
+                for i in 0..3 {
+                    d[i][k] = d[i][0];
+                }
+            }
+            let (mut place, mut octant) = ([0; BLOCK], [0; BLOCK]);
+            let (mut least, mut most) = ([[0_u32; BLOCK]; 2], [[0_u32; BLOCK]; 2]);
+            for k in 0..BLOCK {
+                let [x, y, z] = [d[0][k], d[1][k], d[2][k]];
+                // What overflows or is no number gives some key: extreme directions only sort badly.
+                let scale = 65535.0 / (x.abs() + y.abs() + z.abs());
+                let u = (x.abs() * scale + WHOLE).to_bits() & 0xffff;
+                let v = (y.abs() * scale + WHOLE).to_bits() & 0xffff;
+                place[k] = u | v << 16;
+                octant[k] = x.to_bits() >> 31 | y.to_bits() >> 31 << 1 | z.to_bits() >> 31 << 2;
+                (least[0][k], least[1][k], most[0][k], most[1][k]) = (u, v, u, v);
+            }
+            for k in 0..BLOCK {
+                for i in 0..2 {
+                    low[i] = low[i].min(least[i][k]);
+                    high[i] = high[i].max(most[i][k]);
+                }
+            }
+            self.keys.extend_from_slice(&place);
+            self.spare.extend_from_slice(&octant);
+        }
+        let widest = (high[0] - low[0]).max(high[1] - low[1]).max(1);
+        // The same scale for both, so that tiles are square.
+        let scale = MOST as f32 / widest as f32;
+        let [u0, v0] = low;
+        for (key, octant) in self.keys.iter_mut().zip(&self.spare) {
+            let (u, v) = ((*key & 0xffff) - u0, (*key >> 16) - v0);
+            let u = (u as f32 * scale + WHOLE).to_bits() & MOST;
+            let v = (v as f32 * scale + WHOLE).to_bits() & MOST;
+            *key = octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1;
+        }
+        self.keys.truncate(directions.len());
+        2 * DIRECTION + 3
+    }
+
+    /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins are close together, against the size of
+    /// the scene.
+    #[inline(always)]
+    fn add_cells(&mut self, origins: &[Point], bits: u32) -> u32 {
+        const COARSE: u32 = 12;
+        const FINE: u32 = 2 * DIRECTION;
+        let (mut low, mut high) = (origins[0], origins[0]);
+        for o in origins {
             for i in 0..3 {
-                d[i][k] = v[i] as f32;
+                low[i] = low[i].min(o[i]);
+                high[i] = high[i].max(o[i]);
             }
         }
-        let mut key = [0; BLOCK];
-        for k in 0..BLOCK {
-            let [x, y, z] = [d[0][k], d[1][k], d[2][k]];
-            // What overflows or is no number gives some key: extreme directions only sort badly.
-            let scale = most as f32 / (x.abs() + y.abs() + z.abs());
-            let (u, v) = ((x.abs() * scale + WHOLE).to_bits() & most, (y.abs() * scale + WHOLE).to_bits() & most);
-            let octant = x.to_bits() >> 31 | y.to_bits() >> 31 << 1 | z.to_bits() >> 31 << 2;
-            key[k] = octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1;
+        let size = (0..3).fold(0.0_f64, |m, i| m.max(high[i] - low[i]));
+        if !(size > self.size / 64.0) {
+            return bits;
         }
-        keys.extend_from_slice(&key);
+        let scale = f64::from(1_u32 << ORIGIN) / size;
+        let most = (1 << ORIGIN) - 1;
+        for (key, o) in self.keys.iter_mut().zip(origins) {
+            let cell = |i: usize| (((o[i] - low[i]) * scale) as u32).min(most);
+            let cell = spread3(cell(0)) | spread3(cell(1)) << 1 | spread3(cell(2)) << 2;
+            let (octant, within) = (*key >> FINE, *key & ((1 << FINE) - 1));
+            *key = (octant << (3 * ORIGIN) | cell) << COARSE | within >> (FINE - COARSE);
+        }
+        3 + 3 * ORIGIN + COARSE
     }
-    keys.truncate(directions.len());
-    keys
+
+    /// Sorts the indices, from `first` on, by their keys of so many bits; equal keys keep their order.
+    #[inline(always)]
+    fn radix_sort(&mut self, first: u32, bits: u32) {
+        const DIGIT: u32 = 10;
+        self.spare.clear();
+        self.spare.resize(self.order.len(), 0);
+        for shift in (0..bits).step_by(DIGIT as usize) {
+            let digit = |i: u32| (self.keys[(i - first) as usize] >> shift) as usize & ((1 << DIGIT) - 1);
+            let mut ends = [0_u32; 1 << DIGIT];
+            for &i in &self.order {
+                ends[digit(i)] += 1;
+            }
+            let mut sum = 0;
+            for end in &mut ends {
+                (*end, sum) = (sum, sum + *end);
+            }
+            for &i in &self.order {
+                let place = &mut ends[digit(i)];
+                self.spare[*place as usize] = i;
+                *place += 1;
+            }
+            std::mem::swap(&mut self.order, &mut self.spare);
+        }
+    }
 }
 
-/// A function that numbers the cells of a grid over the origins; none if these are close together, against the size of the scene.
-#[inline(always)]
-fn cells(scene: &Scene, origins: &[Point]) -> Option<impl Fn(&Point) -> u32> {
-    if origins.iter().all(|o| *o == origins[0]) {
-        return None;
-    }
-    let (mut low, mut high) = (origins[0], origins[0]);
-    for o in origins {
-        for i in 0..3 {
-            low[i] = low[i].min(o[i]);
-            high[i] = high[i].max(o[i]);
-        }
-    }
-    let size = (0..3).fold(0.0_f64, |m, i| m.max(high[i] - low[i]));
-    if !(size > scene.size() / 64.0) {
-        return None;
-    }
-    let scale = f64::from(1_u32 << ORIGIN) / size;
-    let most = (1 << ORIGIN) - 1;
-    Some(move |o: &Point| {
-        let cell = |i: usize| (((o[i] - low[i]) * scale) as u32).min(most);
-        spread3(cell(0)) | spread3(cell(1)) << 1 | spread3(cell(2)) << 2
-    })
+/// Whether neighbours point elsewhere: then it is worth sorting rays in larger numbers.
+pub fn are_scattered(directions: &[Point]) -> bool {
+    const SAMPLES: usize = 64;
+    let n = directions.len();
+    let apart = |i: usize| {
+        let (a, b) = (directions[i], directions[i + 1]);
+        let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        // More than 30°.
+        dot(a, b) < 0.866 * (dot(a, a) * dot(b, b)).sqrt()
+    };
+    // Knuth's multiplicative hash: equal steps could fall on the ends of all columns.
+    let somewhere = |k: usize| (k as u32).wrapping_mul(2_654_435_769) as usize % (n - 1);
+    n > 1 && (0..SAMPLES).filter(|&k| apart(somewhere(k))).count() > SAMPLES / 2
 }
 
 /// A zero between any two of the lowest 16 bits.
@@ -104,43 +187,4 @@ fn spread2(x: u32) -> u32 {
 #[inline(always)]
 fn spread3(x: u32) -> u32 {
     (x & 1) | (x & 2) << 2 | (x & 4) << 4 | (x & 8) << 6
-}
-
-/// Sorts indices by their keys of so many bits; equal keys keep their order.
-#[inline(always)]
-fn radix_sort(mut order: Vec<u32>, keys: &[u32], bits: u32) -> Vec<u32> {
-    const DIGIT: u32 = 11;
-    let mut sorted = vec![0; order.len()];
-    for shift in (0..bits).step_by(DIGIT as usize) {
-        let digit = |i: u32| (keys[i as usize] >> shift) as usize & ((1 << DIGIT) - 1);
-        let mut ends = [0_u32; 1 << DIGIT];
-        for &i in &order {
-            ends[digit(i)] += 1;
-        }
-        let mut sum = 0;
-        for end in &mut ends {
-            (*end, sum) = (sum, sum + *end);
-        }
-        for &i in &order {
-            let place = &mut ends[digit(i)];
-            sorted[*place as usize] = i;
-            *place += 1;
-        }
-        std::mem::swap(&mut order, &mut sorted);
-    }
-    order
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn sorts_stably() {
-        let keys: Vec<u32> = (0..5000_u32).map(|i| i.wrapping_mul(2654435761) >> 12).collect();
-        let order = radix_sort((0..5000).collect(), &keys, 20);
-        let mut expected: Vec<u32> = (0..5000).collect();
-        expected.sort_by_key(|&i| keys[i as usize]);
-        assert_eq!(order, expected);
-    }
 }

@@ -5,19 +5,27 @@ use crate::scene::{Hit, Place, Scene, Search};
 use crate::shapes::Triangle;
 use crate::simd::{Floats, Isa, lanes};
 use crate::trace::Sink;
-use crate::vector::Point;
 
-/// Hits on triangles that were not moved, to be refined eight at a time.
+/// Hits on triangles that were not moved, to be refined eight at a time. They wait until as many others have come, while their vertices do.
 pub struct Batch {
+    coming: Pending,
+    waiting: Pending,
+}
+
+const PENDING: usize = 16;
+
+struct Pending {
     count: usize,
-    at: [u32; 8],
-    place: [Place; 8],
-    ray: [(Point, Point); 8],
+    at: [u32; PENDING],
+    place: [Place; PENDING],
+    /// By axis.
+    origin: [[f64; PENDING]; 3],
+    direction: [[f64; PENDING]; 3],
 }
 
 impl Batch {
     pub fn new() -> Self {
-        Batch { count: 0, at: [0; 8], place: [Place::of_triangle(0, 0); 8], ray: [([0.0; 3], [0.0; 3]); 8] }
+        Batch { coming: Pending::new(), waiting: Pending::new() }
     }
 
     #[inline(always)]
@@ -29,13 +37,45 @@ impl Batch {
         search: &Search,
         hits: &mut (impl Sink + ?Sized),
     ) {
-        let lane = self.count;
-        self.ray[lane] = (search.origin, search.direction);
-        (self.at[lane], self.place[lane]) = (at, place);
-        self.count += 1;
-        if self.count == 8 {
-            self.flush::<I>(scene, hits);
+        scene.objects()[place.object as usize].prefetch::<I>(place.primitive);
+        let Batch { coming, waiting } = self;
+        let k = coming.count;
+        (coming.at[k], coming.place[k]) = (at, place);
+        for axis in 0..3 {
+            coming.origin[axis][k] = search.origin[axis];
+            coming.direction[axis][k] = search.direction[axis];
         }
+        coming.count += 1;
+        if coming.count == PENDING {
+            waiting.flush::<I>(scene, hits);
+            std::mem::swap(coming, waiting);
+        }
+    }
+
+    #[inline(always)]
+    pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        self.waiting.flush::<I>(scene, hits);
+        self.coming.flush::<I>(scene, hits);
+    }
+}
+
+impl Pending {
+    fn new() -> Self {
+        Pending {
+            count: 0,
+            at: [0; PENDING],
+            place: [Place::of_triangle(0, 0); PENDING],
+            origin: [[0.0; PENDING]; 3],
+            direction: [[1.0; PENDING]; 3],
+        }
+    }
+
+    #[inline(always)]
+    fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        for start in (0..self.count).step_by(8) {
+            self.refine::<I>(start, scene, hits);
+        }
+        self.count = 0;
     }
 
     /// t = n·(a − o)/(n·d), n = (b − a) × (c − a), in pairs.
@@ -48,25 +88,22 @@ impl Batch {
     /// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d), of which N − T·D is exact by Sterbenz's lemma while T is within a factor of two
     /// of N/D. The roundings of ρ, of the quotient and of 1/(n·d) are less than 16u of the larger parts, which are |ρ| and the low parts.
     #[inline(always)]
-    pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
-        if self.count == 0 {
-            return;
-        }
-        // Vertices, origin and direction, by axis and lane.
-        let mut points = [[[1.0; 8]; 3]; 5];
-        for lane in 0..self.count {
-            let place = &self.place[lane];
+    fn refine<I: Isa>(&self, start: usize, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        let lanes = start..self.count.min(start + 8);
+        // Vertices by axis and lane.
+        let mut points = [[[1.0; 8]; 3]; 3];
+        for k in lanes.clone() {
+            let place = &self.place[k];
             let Triangle(a, b, c) = scene.objects()[place.object as usize].triangle(place.primitive);
-            let (o, d) = self.ray[lane];
-            for (points, p) in points.iter_mut().zip([a, b, c, o, d]) {
+            for (points, p) in points.iter_mut().zip([a, b, c]) {
                 for axis in 0..3 {
-                    points[axis][lane] = p[axis];
+                    points[axis][k - start] = p[axis];
                 }
             }
         }
-        let [a, b, c, o, d] = &points;
+        let [a, b, c] = &points;
         let (a, b, c): (V<I>, V<I>, V<I>) = (lanes::load(a), lanes::load(b), lanes::load(c));
-        let (o, d): (V<I>, V<I>) = (lanes::load(o), lanes::load(d));
+        let (o, d): (V<I>, V<I>) = (eight::<I>(&self.origin, start), eight::<I>(&self.direction, start));
         let (e1, e2, r) = (Pair::<I>::differences(b, a), Pair::<I>::differences(c, a), Pair::<I>::differences(a, o));
         let (n0, s0) = Pair::minor(e1[1], e2[2], e1[2], e2[1]);
         let (n1, s1) = Pair::minor(e1[2], e2[0], e1[0], e2[2]);
@@ -115,20 +152,30 @@ impl Batch {
         let shrink = I::F64x8::splat(1.0).div(length);
         let normal = [n[0].mul(shrink).store(), n[1].mul(shrink).store(), n[2].mul(shrink).store()];
         let t = t.high.store();
-        for lane in 0..self.count {
-            let place = &self.place[lane];
+        for k in lanes {
+            let (place, lane) = (&self.place[k], k - start);
             let object = &scene.objects()[place.object as usize];
-            let (origin, direction) = self.ray[lane];
             let hit = if certain & fine & (1 << lane) != 0 {
                 let normal = [normal[0][lane], normal[1][lane], normal[2][lane]];
                 Hit { t: t[lane], normal, object: place.object as i32, primitive: object.reported(place) }
             } else {
+                let origin = [self.origin[0][k], self.origin[1][k], self.origin[2][k]];
+                let direction = [self.direction[0][k], self.direction[1][k], self.direction[2][k]];
                 scene.hit(place, origin, direction)
             };
-            hits.put(self.at[lane] as usize, hit);
+            hits.put(self.at[k] as usize, hit);
         }
-        self.count = 0;
     }
+}
+
+/// Eight of the vectors from `start`, a multiple of eight, on.
+#[inline(always)]
+fn eight<I: Isa>(v: &[[f64; PENDING]; 3], start: usize) -> V<I> {
+    [
+        I::F64x8::load(&v[0].as_chunks().0[start / 8]),
+        I::F64x8::load(&v[1].as_chunks().0[start / 8]),
+        I::F64x8::load(&v[2].as_chunks().0[start / 8]),
+    ]
 }
 
 type V<I> = [<I as Isa>::F64x8; 3];

@@ -9,7 +9,7 @@ use crate::number::{self, Interval, Number, Question, Uncertain};
 use crate::ray::Ray;
 use crate::root::{Root, Roots};
 use crate::shapes::{Simple, Surface, Triangle, TriangleMesh};
-use crate::simd::{self, Level};
+use crate::simd::{self, Isa, Level};
 use crate::trace::{Cast, Sink};
 use crate::vector::{self, Point};
 
@@ -61,6 +61,14 @@ impl Object {
             Geometry::Mesh(mesh) => mesh.triangle(primitive),
             Geometry::Simple(Simple::Triangle(triangle)) => *triangle,
             Geometry::Simple(_) => Triangle([0.0; 3], [0.0; 3], [0.0; 3]),
+        }
+    }
+
+    /// Brings the vertices of a triangle into the cache.
+    #[inline(always)]
+    pub fn prefetch<I: Isa>(&self, primitive: u32) {
+        if let Geometry::Mesh(mesh) = &self.geometry {
+            mesh.prefetch_vertices::<I>(primitive);
         }
     }
 

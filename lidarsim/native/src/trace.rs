@@ -3,9 +3,9 @@
 //! What is found does not depend on how the rays are grouped, nor on the instruction set: all float32 and most float64 work here
 //! only rules out what is certainly not the nearest hit, and the rest is decided exactly.
 
-use crate::bvh::{LANES, Packet, Rays, Stack, Visitor};
+use crate::bvh::{LANES, Mask, Packet, Rays, Stack, Visitor, all};
 use crate::number::Interval;
-use crate::order::coherent_order;
+use crate::order::Order;
 use crate::refine::Batch;
 use crate::scene::{Geometry, Hit, Object, Place, Scene, Search};
 use crate::shapes::{Block, TriangleMesh};
@@ -42,87 +42,82 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
     fn run<I: Isa>(self) -> bool {
         let mut legal = true;
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
-        let mut tracer = Tracer { scene, stack: Stack::new(), batch: Batch::new(), hits };
-        let order = coherent_order(scene, origins, directions);
+        let size = scene.size();
+        let mut tracer = Tracer { scene, size, stack: Stack::new(), batch: Batch::new(), hits };
         let mut rays = Rays::empty();
         let mut searches: [Search; LANES] =
             std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
-        let mut at = [0_u32; LANES];
-        let mut octant = 0;
-        for (k, &i) in order.iter().enumerate() {
-            // The rays of the packet after next.
-            let later = order[(k + 2 * LANES).min(order.len() - 1)] as usize;
-            I::prefetch(&origins[later]);
-            I::prefetch(&directions[later]);
-            let (o, d) = (origins[i as usize], directions[i as usize]);
-            if !Rays::holds(o, d) {
-                let mut search = Search::new(scene, o, d, t_min, t_max);
-                if o.iter().chain(&d).all(|x| x.is_finite()) && d != [0.0; 3] {
-                    search.run(&mut tracer.stack);
+        let mut order = Order::new(origins, directions, size);
+        while let Some(order) = order.next() {
+            let mut start = 0;
+            while start < order.len() {
+                // The rays of the packet after next.
+                for &later in order[start..].iter().skip(2 * LANES).take(LANES) {
+                    I::prefetch(&origins[later as usize]);
+                    I::prefetch(&directions[later as usize]);
+                }
+                let count = rays.fill::<I>(origins, directions, &order[start..]);
+                for (search, &i) in searches[..count.max(1)].iter_mut().zip(&order[start..]) {
+                    *search = Search::new(scene, origins[i as usize], directions[i as usize], t_min, t_max);
+                }
+                if count > 0 {
+                    tracer.trace::<I>(&mut rays, &mut searches, &order[start..]);
+                } else if is_legal(&searches[0]) {
+                    searches[0].run(&mut tracer.stack);
+                    tracer.finish::<I>(order[start], &searches[0]);
                 } else {
                     legal = false;
+                    tracer.hits.put(order[start] as usize, Hit::MISS);
                 }
-                tracer.finish::<I>(i, &search);
-                continue;
+                start += count.max(1);
             }
-            let new = Rays::octant(d);
-            if rays.count == LANES || (rays.count > 0 && new != octant) {
-                tracer.trace::<I>(&mut rays, octant, &mut searches, &at);
-            }
-            octant = new;
-            let lane = rays.count;
-            rays.set(lane, o, d);
-            searches[lane] = Search::new(scene, o, d, t_min, t_max);
-            at[lane] = i;
-            rays.count += 1;
-        }
-        if rays.count > 0 {
-            tracer.trace::<I>(&mut rays, octant, &mut searches, &at);
         }
         tracer.batch.flush::<I>(scene, tracer.hits);
         legal
     }
 }
 
+fn is_legal(search: &Search) -> bool {
+    search.origin.iter().chain(&search.direction).all(|x| x.is_finite()) && search.direction != [0.0; 3]
+}
+
 struct Tracer<'a, S: ?Sized> {
     scene: &'a Scene,
+    size: f64,
     stack: Stack,
     batch: Batch,
     hits: &'a mut S,
 }
 
 impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
-    /// Traces the rays, writes their hits to places `at`, and empties the packet.
+    /// Traces the rays, and writes their hits to places `at`.
     #[inline(always)]
-    fn trace<I: Isa>(&mut self, rays: &mut Rays, octant: u32, searches: &mut [Search<'a>; LANES], at: &[u32; LANES]) {
+    fn trace<I: Isa>(&mut self, rays: &mut Rays, searches: &mut [Search<'a>; LANES], at: &[u32]) {
         let scene = self.scene;
-        let count = rays.count;
-        let active = (1_u32 << count) - 1;
-        for lane in count..LANES {
-            rays.set(lane, rays.origin(0), rays.direction(0));
-        }
+        let active = all(rays.count);
         let index = scene.index();
-        for search in &mut searches[..count] {
+        for search in &mut searches[..rays.count] {
             for &object in &index.unbounded {
                 search.consider(object, 0);
             }
         }
-        let (t_min, limits) = (searches[0].t_min, limits(searches));
-        let mut visitor = Objects { scene, rays, octant, searches };
+        let coherent = rays.are_coherent::<I>(self.size);
+        let mut visitor = Objects { scene, rays, coherent, searches };
         match index.bounded.only_leaf() {
             // The hierarchy of the mesh begins with what that above it would ask.
             Some(&id) if matches!(scene.objects()[id as usize].geometry, Geometry::Mesh(_)) => {
                 visitor.meet::<I>(&mut self.stack, id, active);
             }
             _ => {
-                let mut packet = Packet::new(rays, octant, index.bounded.center(), t_min, &limits);
-                index.bounded.traverse_packet::<I>(&mut packet, active, &mut self.stack, &mut visitor);
+                let (t_min, limits) = (visitor.searches[0].t_min, limits(visitor.searches));
+                let mut packet = Packet::new::<I>(rays, index.bounded.center(), t_min, &limits);
+                let stack = &mut self.stack;
+                index.bounded.traverse_packet::<I>(&mut packet, active, coherent, stack, &mut visitor);
             }
         }
-        for lane in 0..count {
+        for lane in 0..rays.count {
             self.finish::<I>(at[lane], &searches[lane]);
         }
-        rays.count = 0;
     }
 
     #[inline(always)]
@@ -148,7 +143,7 @@ fn limits(searches: &[Search; LANES]) -> [f64; LANES] {
 
 /// Takes the lowest lane out of a mask.
 #[inline(always)]
-fn take(mask: &mut u32) -> Option<usize> {
+fn take(mask: &mut Mask) -> Option<usize> {
     if *mask == 0 {
         return None;
     }
@@ -161,19 +156,19 @@ fn take(mask: &mut u32) -> Option<usize> {
 struct Objects<'a, 's> {
     scene: &'s Scene,
     rays: &'a Rays,
-    octant: u32,
+    coherent: bool,
     searches: &'a mut [Search<'s>; LANES],
 }
 
 impl Objects<'_, '_> {
     #[inline(always)]
-    fn meet<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: u32) {
+    fn meet<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: Mask) {
         let object = &self.scene.objects()[id as usize];
         match &object.geometry {
             Geometry::Mesh(mesh) if object.is_placed_as_made() => {
-                Blocks { mesh, id, rays: self.rays, searches: self.searches }.trace::<I>(self.octant, mask, stack);
+                Blocks { mesh, id, rays: self.rays, searches: self.searches }.trace::<I>(self.coherent, mask, stack);
             }
-            Geometry::Mesh(mesh) => enter_moved::<I>(mask, id, object, mesh, self.searches, stack),
+            Geometry::Mesh(mesh) => enter_moved::<I>(self.coherent, mask, id, object, mesh, self.searches, stack),
             Geometry::Simple(_) => {
                 let mut left = mask;
                 while let Some(lane) = take(&mut left) {
@@ -186,12 +181,14 @@ impl Objects<'_, '_> {
 
 impl Visitor<u32> for Objects<'_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, packet: &mut Packet, leaf: &u32, mask: u32) {
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, leaf: &u32, mask: Mask) -> Mask {
         self.meet::<I>(stack, *leaf, mask);
-        let mut left = mask;
-        while let Some(lane) = take(&mut left) {
-            packet.set_limit(lane, self.searches[lane].limit());
-        }
+        mask
+    }
+
+    #[inline(always)]
+    fn limit(&self, lane: usize) -> f64 {
+        self.searches[lane].limit()
     }
 }
 
@@ -205,17 +202,18 @@ struct Blocks<'a, 's> {
 
 impl Blocks<'_, '_> {
     #[inline(always)]
-    fn trace<I: Isa>(&mut self, octant: u32, mask: u32, stack: &mut Stack) {
+    fn trace<I: Isa>(&mut self, coherent: bool, mask: Mask, stack: &mut Stack) {
         let hierarchy = self.mesh.hierarchy();
         let limits = limits(self.searches);
-        let mut packet = Packet::new(self.rays, octant, hierarchy.center(), self.searches[0].t_min, &limits);
-        hierarchy.traverse_packet::<I>(&mut packet, mask, stack, self);
+        let mut packet = Packet::new::<I>(self.rays, hierarchy.center(), self.searches[0].t_min, &limits);
+        hierarchy.traverse_packet::<I>(&mut packet, mask, coherent, stack, self);
     }
 }
 
 impl Visitor<Block> for Blocks<'_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, _: &mut Stack, packet: &mut Packet, block: &Block, mask: u32) {
+    fn visit<I: Isa>(&mut self, _: &mut Stack, block: &Block, mask: Mask) -> Mask {
+        let mut nearer = 0;
         let mut seen_by = mask.trailing_zeros() as usize;
         let mut edges = block.edges::<I>(self.rays.origin(seen_by), self.rays.origin_error[seen_by]);
         let mut planes = None;
@@ -223,39 +221,45 @@ impl Visitor<Block> for Blocks<'_, '_> {
         while let Some(lane) = take(&mut left) {
             if !self.rays.same_origin(lane, seen_by) {
                 seen_by = lane;
-                edges = block.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
                 planes = None;
+                edges = block.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
             }
             let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
-            let candidates = block.candidates::<I>(&edges, direction, direction_error);
-            if candidates.0 == 0 {
+            let (mut candidates, sure) = block.candidates::<I>(&edges, direction, direction_error);
+            if candidates == 0 {
                 continue;
             }
-            if planes.is_none() {
-                planes = Some(block.planes::<I>(&edges));
+            let planes = match &planes {
+                Some(planes) => planes,
+                None => planes.insert(block.planes(&edges)),
+            };
+            while let Some(i) = take(&mut candidates) {
+                let (search, primitive) = (&mut self.searches[lane], block.ids()[i]);
+                let known =
+                    if sure & 1 << i != 0 { block.meet(i, &edges, planes, direction, direction_error) } else { None };
+                match known {
+                    Some(t) if t.low > search.limit() => continue,
+                    Some(t) => search.offer(Place::of_triangle(self.id, primitive), t),
+                    None => search.consider(self.id, primitive),
+                }
+                self.mesh.prefetch_face::<I>(primitive);
+                nearer |= 1 << lane;
             }
-            let Some(planes) = &planes else { continue };
-            let search = &mut self.searches[lane];
-            let mut met = block.meet::<I>(&edges, planes, candidates, direction, direction_error, search.limit());
-            while let Some(i) = take(&mut met.hit) {
-                block.prefetch::<I>(i, self.mesh);
-                search.offer(
-                    Place::of_triangle(self.id, block.ids()[i]),
-                    Interval { low: met.low[i], high: met.high[i] },
-                );
-            }
-            while let Some(i) = take(&mut met.unsure) {
-                search.consider(self.id, block.ids()[i]);
-            }
-            packet.set_limit(lane, search.limit());
         }
+        nearer
+    }
+
+    #[inline(always)]
+    fn limit(&self, lane: usize) -> f64 {
+        self.searches[lane].limit()
     }
 }
 
 /// Takes the rays into the coordinates of a mesh that was moved, where they may point into several octants.
 #[inline(always)]
 fn enter_moved<I: Isa>(
-    mask: u32,
+    coherent: bool,
+    mask: Mask,
     id: u32,
     object: &Object,
     mesh: &TriangleMesh,
@@ -263,7 +267,8 @@ fn enter_moved<I: Isa>(
     stack: &mut Stack,
 ) {
     let mut local = Rays::empty();
-    let mut ordinary = 0_u32;
+    let mut octants = [0_u32; LANES];
+    let mut ordinary: Mask = 0;
     let mut left = mask;
     while let Some(lane) = take(&mut left) {
         let (o, d) = object.enclose(searches[lane].origin, searches[lane].direction);
@@ -273,26 +278,22 @@ fn enter_moved<I: Isa>(
             local.set(lane, origin, direction);
             local.origin_error[lane] = origin_error;
             local.direction_error[lane] = direction_error;
+            octants[lane] = Rays::octant_of(direction);
             ordinary |= 1 << lane;
         } else {
             searches[lane].enter(id, mesh, stack);
         }
     }
     while ordinary != 0 {
-        let first = ordinary.trailing_zeros() as usize;
-        let octant = Rays::octant(local.direction(first));
-        let mut rays = local.clone();
+        let octant = octants[ordinary.trailing_zeros() as usize];
         let mut same = 0;
         for lane in 0..LANES {
-            if ordinary & (1 << lane) != 0 && Rays::octant(local.direction(lane)) == octant {
+            if ordinary & 1 << lane != 0 && octants[lane] == octant {
                 same |= 1 << lane;
-            } else {
-                rays.set(lane, local.origin(first), local.direction(first));
-                rays.origin_error[lane] = local.origin_error[first];
-                rays.direction_error[lane] = local.direction_error[first];
             }
         }
-        Blocks { mesh, id, rays: &rays, searches }.trace::<I>(octant, same, stack);
+        let rays = local.only(same, octant);
+        Blocks { mesh, id, rays: &rays, searches }.trace::<I>(coherent, same, stack);
         ordinary &= !same;
     }
 }

@@ -8,6 +8,7 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::order;
 use crate::parallel;
 use crate::simd::Level;
 use crate::vector::Point;
@@ -20,16 +21,8 @@ pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 /// Rays a thread takes at a time: enough that neighbours can be sorted together, few enough that all threads stay busy and that the
 /// rays and their hits stay in the second cache. Rays whose neighbours point elsewhere are worth sorting in larger numbers.
 pub fn chunk(directions: &[Point]) -> usize {
-    const SAMPLES: usize = 64;
-    let n = directions.len();
-    let apart = |i: usize| {
-        let (a, b) = (directions[i], directions[i + 1]);
-        let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        // More than 30°.
-        dot(a, b) < 0.866 * (dot(a, a) * dot(b, b)).sqrt()
-    };
-    let scattered = n > 1 && (0..SAMPLES).filter(|k| apart(k * (n - 1) / SAMPLES)).count() > SAMPLES / 2;
-    let share = n.div_ceil(if scattered { 1 } else { 4 } * parallel::threads());
+    let scattered = order::are_scattered(directions);
+    let share = directions.len().div_ceil(if scattered { 1 } else { 4 } * parallel::threads());
     share.clamp(1 << 10, if scattered { 1 << 16 } else { 1 << 13 })
 }
 

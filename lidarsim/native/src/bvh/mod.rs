@@ -7,7 +7,7 @@ mod build;
 mod packet;
 mod span;
 
-pub use packet::{LANES, Packet, Rays};
+pub use packet::{LANES, Mask, Packet, Rays, all};
 pub use span::Span;
 
 use crate::number::Interval;
@@ -59,10 +59,13 @@ impl Child {
     }
 }
 
-/// What a packet does at the leaves. A trait and no closure, which would not be compiled for the instruction set.
+/// What the rays of a packet do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
 pub trait Visitor<L> {
-    /// Gets the rays that may meet the leaf, a bit each, and shortens their limits.
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, packet: &mut Packet, leaf: &L, mask: u32);
+    /// Gets the rays that may meet the leaf, and says which of them want less than before.
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, leaf: &L, mask: Mask) -> Mask;
+
+    /// The t beyond which nothing is wanted of the ray.
+    fn limit(&self, lane: usize) -> f64;
 }
 
 /// A hierarchy over leaves of whatever kind.
@@ -119,18 +122,39 @@ impl<L: Send> Bvh<L> {
         }
     }
 
-    /// As `traverse`, for the rays of a packet together.
+    /// As `traverse`, for rays of a packet: together if they are coherent, else one after the other.
     #[inline(always)]
     pub fn traverse_packet<I: Isa>(
         &self,
         packet: &mut Packet,
-        active: u32,
+        active: Mask,
+        coherent: bool,
         stack: &mut Stack,
         visitor: &mut impl Visitor<L>,
     ) {
         if self.nodes.is_empty() {
             return;
         }
+        if coherent && active & (active - 1) != 0 {
+            self.traverse_together::<I>(packet, active, stack, visitor);
+            return;
+        }
+        let mut left = active;
+        while left != 0 {
+            self.traverse_alone::<I>(packet, left.trailing_zeros() as usize, stack, visitor);
+            left &= left - 1;
+        }
+    }
+
+    #[inline(always)]
+    fn traverse_together<I: Isa>(
+        &self,
+        packet: &mut Packet,
+        active: Mask,
+        stack: &mut Stack,
+        visitor: &mut impl Visitor<L>,
+    ) {
+        let hull = packet.hull_of_all::<I>();
         let base = stack.len;
         stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: active });
         while let Some(entry) = stack.pop(base) {
@@ -139,33 +163,81 @@ impl<L: Send> Bvh<L> {
                 continue;
             }
             if entry.child.is_leaf() {
-                visitor.visit::<I>(stack, packet, &self.leaves[entry.child.index()], mask);
+                let mut nearer = visitor.visit::<I>(stack, &self.leaves[entry.child.index()], mask);
+                while nearer != 0 {
+                    let lane = nearer.trailing_zeros() as usize;
+                    nearer &= nearer - 1;
+                    packet.set_limit(lane, visitor.limit(lane));
+                }
                 continue;
             }
             let node = &self.nodes[entry.child.index()];
-            let (near, mut met) = packet.meet_any::<I>(mask, &node.low, &node.high);
+            let meeting = hull.meet::<I>(node, f32::INFINITY);
+            let mut met = meeting.met;
             let first = stack.len;
             while met != 0 {
                 let i = met.trailing_zeros() as usize;
                 met &= met - 1;
-                let mask = packet.meet_one::<I>(mask, &node.low, &node.high, i);
+                let mask = mask & packet.meet::<I>(&meeting, i);
                 if mask != 0 {
                     let child = node.child[i];
-                    if child.is_leaf() {
-                        let leaf: *const L = &self.leaves[child.index()];
-                        for line in 0..size_of::<L>().div_ceil(64) {
-                            I::prefetch(leaf.cast::<[u8; 64]>().wrapping_add(line));
-                        }
-                    } else {
-                        let node: *const Node = &self.nodes[child.index()];
-                        for line in 0..size_of::<Node>().div_ceil(64) {
-                            I::prefetch(node.cast::<[u8; 64]>().wrapping_add(line));
-                        }
-                    }
-                    stack.push_sorted(first, Entry { near: near[i], child, mask });
+                    self.prefetch::<I>(child);
+                    stack.push_sorted(first, Entry { near: meeting.near[i], child, mask });
                 }
             }
         }
+    }
+
+    #[inline(always)]
+    fn traverse_alone<I: Isa>(
+        &self,
+        packet: &mut Packet,
+        lane: usize,
+        stack: &mut Stack,
+        visitor: &mut impl Visitor<L>,
+    ) {
+        let hull = packet.hull_of_one(lane);
+        let base = stack.len;
+        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
+        while let Some(entry) = stack.pop(base) {
+            if entry.near > packet.limit(lane) {
+                continue;
+            }
+            if entry.child.is_leaf() {
+                if visitor.visit::<I>(stack, &self.leaves[entry.child.index()], 1 << lane) != 0 {
+                    packet.set_limit(lane, visitor.limit(lane));
+                }
+                continue;
+            }
+            let node = &self.nodes[entry.child.index()];
+            let meeting = hull.meet::<I>(node, packet.limit(lane));
+            let mut met = meeting.met;
+            let first = stack.len;
+            while met != 0 {
+                let i = met.trailing_zeros() as usize;
+                met &= met - 1;
+                self.prefetch::<I>(node.child[i]);
+                stack.push_sorted(first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn prefetch<I: Isa>(&self, child: Child) {
+        if child.is_leaf() {
+            prefetch::<I, L>(&self.leaves[child.index()]);
+        } else {
+            prefetch::<I, Node>(&self.nodes[child.index()]);
+        }
+    }
+}
+
+/// Brings all of it into the cache.
+#[inline(always)]
+fn prefetch<I: Isa, T>(what: &T) {
+    let start: *const T = what;
+    for line in 0..size_of::<T>().div_ceil(64) {
+        I::prefetch(start.cast::<[u8; 64]>().wrapping_add(line));
     }
 }
 
@@ -175,7 +247,7 @@ struct Entry {
     near: f32,
     child: Child,
     /// The rays of a packet that may meet it.
-    mask: u32,
+    mask: Mask,
 }
 
 /// A traversal stack, to be used again and again, and deep enough for a hierarchy within a hierarchy: each level pops one entry

@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use super::{Surface, Triangle};
 use crate::bvh::{Bvh, LEAF};
 use crate::number::{Interval, UNIT};
+use crate::pose;
 use crate::simd::{Floats, Isa, lanes};
 use crate::vector::Point;
 
@@ -37,6 +38,20 @@ impl TriangleMesh {
 
     pub fn is_empty(&self) -> bool {
         self.faces.is_empty()
+    }
+
+    /// Brings what names the vertices of the triangle into the cache.
+    #[inline(always)]
+    pub fn prefetch_face<I: Isa>(&self, id: u32) {
+        I::prefetch(&self.faces[id as usize]);
+    }
+
+    /// Brings the vertices of the triangle into the cache.
+    #[inline(always)]
+    pub fn prefetch_vertices<I: Isa>(&self, id: u32) {
+        for v in self.faces[id as usize] {
+            I::prefetch(&self.vertices[v as usize]);
+        }
     }
 
     #[inline(always)]
@@ -76,13 +91,11 @@ impl TriangleMesh {
 /// What is decided here is certain for the vertices themselves, as the error of the offsets is in every bound; the rest is left to
 /// exact arithmetic.
 #[derive(Clone, Debug)]
-#[repr(C, align(32))]
+#[repr(C, align(64))]
 pub struct Block {
     /// By vertex, axis, triangle.
     offset: [[[f32; LEAF]; 3]; 3],
     id: [u32; LEAF],
-    /// The faces, by triangle.
-    face: [[u32; 3]; LEAF],
     anchor: Point,
     /// The largest offset, and how far any of them is off.
     reach: f64,
@@ -96,28 +109,18 @@ type Lanes<I> = <I as Isa>::F64x8;
 pub struct Edges<I: Isa> {
     /// c × b, a × c, b × a.
     normals: [[Lanes<I>; 3]; 3],
-    a: [Lanes<I>; 3],
+    /// From the origin to the anchor.
+    shift: Point,
     /// At least the largest coordinate of a vertex, and the error of any of them.
     reach: f64,
     error: f64,
 }
 
-/// The planes of a block's triangles, as a ray's origin sees them.
-pub struct Planes<I: Isa> {
-    /// N = (b − a) × (c − a), N·a and |N|₁.
-    normal: [Lanes<I>; 3],
-    distance: Lanes<I>,
-    size: Lanes<I>,
-}
-
-/// What a ray does to the triangles of a block, a bit each.
-pub struct Met {
-    /// Hits, with bounds of t for each triangle.
-    pub hit: u32,
-    pub low: [f64; LEAF],
-    pub high: [f64; LEAF],
-    /// Triangles that exact arithmetic has to look at.
-    pub unsure: u32,
+/// The planes of a block's triangles, as a ray's origin sees them: N = (b − a) × (c − a), N·a and |N|₁.
+pub struct Planes {
+    normal: [[f64; LEAF]; 3],
+    distance: [f64; LEAF],
+    size: [f64; LEAF],
 }
 
 impl Block {
@@ -126,14 +129,13 @@ impl Block {
         let mut block = Block {
             offset: [[[0.0; LEAF]; 3]; 3],
             id: [0; LEAF],
-            face: [[0; 3]; LEAF],
             anchor,
             reach: 0.0,
             error: 0.0,
             count: ids.len() as u32,
         };
         for (lane, &id) in ids.iter().enumerate() {
-            (block.id[lane], block.face[lane]) = (id, mesh.faces[id as usize]);
+            block.id[lane] = id;
             let Triangle(a, b, c) = mesh.triangle(id);
             for (vertex, p) in [a, b, c].into_iter().enumerate() {
                 for axis in 0..3 {
@@ -155,24 +157,14 @@ impl Block {
         &self.id[..self.count as usize]
     }
 
-    /// Has the vertices of triangle i in the cache for when its hit is refined.
-    #[inline(always)]
-    pub fn prefetch<I: Isa>(&self, i: usize, mesh: &TriangleMesh) {
-        I::prefetch(&mesh.faces[self.id[i] as usize]);
-        for v in self.face[i] {
-            I::prefetch(&mesh.vertices[v as usize]);
-        }
-    }
-
     #[inline(always)]
     pub fn edges<I: Isa>(&self, origin: Point, origin_error: f64) -> Edges<I> {
         let shift = [self.anchor[0] - origin[0], self.anchor[1] - origin[1], self.anchor[2] - origin[2]];
-        let (a, b, c) = (self.vertex::<I>(0, shift), self.vertex::<I>(1, shift), self.vertex::<I>(2, shift));
-        let larger = |x: f64, y: f64| if x > y { x } else { y };
+        let (a, b, c) = (self.vertices::<I>(0, shift), self.vertices::<I>(1, shift), self.vertices::<I>(2, shift));
         let farthest = larger(shift[0].abs(), larger(shift[1].abs(), shift[2].abs()));
         Edges {
             normals: [lanes::cross(c, b), lanes::cross(a, c), lanes::cross(b, a)],
-            a,
+            shift,
             // The sum rounds; a trifle more is as good.
             reach: (farthest + self.reach) * (1.0 + 4.0 * UNIT),
             error: self.error + origin_error,
@@ -180,23 +172,9 @@ impl Block {
     }
 
     #[inline(always)]
-    fn vertex<I: Isa>(&self, vertex: usize, shift: Point) -> [Lanes<I>; 3] {
-        let [x, y, z] = &self.offset[vertex];
-        [
-            I::widen(x).add(Lanes::<I>::splat(shift[0])),
-            I::widen(y).add(Lanes::<I>::splat(shift[1])),
-            I::widen(z).add(Lanes::<I>::splat(shift[2])),
-        ]
-    }
-
-    #[inline(always)]
-    pub fn planes<I: Isa>(&self, edges: &Edges<I>) -> Planes<I> {
-        let (a, b, c) = (self.vertex::<I>(0, [0.0; 3]), self.vertex::<I>(1, [0.0; 3]), self.vertex::<I>(2, [0.0; 3]));
-        let e1 = [b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])];
-        let e2 = [c[0].sub(a[0]), c[1].sub(a[1]), c[2].sub(a[2])];
-        let normal = lanes::cross(e1, e2);
-        let size = normal[0].abs().add(normal[1].abs()).add(normal[2].abs());
-        Planes { normal, distance: lanes::dot(normal, edges.a), size }
+    fn vertices<I: Isa>(&self, vertex: usize, shift: Point) -> [Lanes<I>; 3] {
+        let [x, y, z] = widen::<I>(&self.offset[vertex]);
+        [x.add(Lanes::<I>::splat(shift[0])), y.add(Lanes::<I>::splat(shift[1])), z.add(Lanes::<I>::splat(shift[2]))]
     }
 
     /// The triangles that a ray may meet, a bit each, and those of them that it surely meets: by the three volumes d·(c × b), d·(a × c),
@@ -211,7 +189,7 @@ impl Block {
         let d = lanes::splat(direction);
         let [n0, n1, n2] = edges.normals;
         let (u, v, w) = (lanes::dot(d, n0), lanes::dot(d, n1), lanes::dot(d, n2));
-        let m = if edges.reach > edges.error { edges.reach } else { edges.error };
+        let m = larger(edges.reach, edges.error);
         let length = direction[0].abs() + direction[1].abs() + direction[2].abs();
         let bound =
             m * (length * (32.0 * UNIT * m + 8.0 * edges.error) + 8.0 * m * direction_error) + f64::MIN_POSITIVE;
@@ -224,40 +202,61 @@ impl Block {
         (candidates, candidates & together)
     }
 
-    /// Bounds of t = N·a/(N·d) for the candidates, and those whose bounds do not begin beyond `limit`.
+    #[inline(always)]
+    pub fn planes<I: Isa>(&self, edges: &Edges<I>) -> Planes {
+        let [a, b, c] = &self.offset;
+        let (a, b, c) = (widen::<I>(a), widen::<I>(b), widen::<I>(c));
+        let e1 = [b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])];
+        let e2 = [c[0].sub(a[0]), c[1].sub(a[1]), c[2].sub(a[2])];
+        let n = lanes::cross(e1, e2);
+        let shift: [Lanes<I>; 3] = lanes::splat(edges.shift);
+        let seen = [a[0].add(shift[0]), a[1].add(shift[1]), a[2].add(shift[2])];
+        Planes {
+            normal: [n[0].store(), n[1].store(), n[2].store()],
+            distance: lanes::dot(n, seen).store(),
+            size: n[0].abs().add(n[1].abs()).add(n[2].abs()).store(),
+        }
+    }
+
+    /// Bounds of t = N·a/(N·d) for triangle i, which the ray surely meets; none if they would be of no use.
     ///
     /// With e ≥ all coordinates of the edges: were there no rounding, the triangle seen would be met in a point that is a mean of its vertices,
     /// so at most ε·|N|₁ off the true plane, |N| times; that is ε·|N|₁/|N·d| in t. The rounding of N, 8u·e² a coordinate, turns the
     /// plane about a point of the triangle and moves t by 24u·e³/|N·d|; a is off by 3u·m besides ε, the sum N·a rounds by 4u·m·|N|₁, and N·d by
     /// |N|₁·(4u·|d|∞ + ε_d). N itself, seen or true, differs by 8u·e² + 9ε·e a coordinate. All are doubled, so that second-order
-    /// terms are covered while N·d is at least twice its error.
+    /// terms are covered while N·d is at least twice its error; the product with 1/(N·d) instead of a quotient rounds by 3u.
     #[inline(always)]
     pub fn meet<I: Isa>(
         &self,
+        i: usize,
         edges: &Edges<I>,
-        planes: &Planes<I>,
-        (candidates, sure): (u32, u32),
+        planes: &Planes,
         direction: Point,
         direction_error: f64,
-        limit: f64,
-    ) -> Met {
-        let splat = Lanes::<I>::splat;
-        let larger = |x: f64, y: f64| if x > y { x } else { y };
+    ) -> Option<Interval> {
+        let den = pose::dot([planes.normal[0][i], planes.normal[1][i], planes.normal[2][i]], direction);
         let speed = larger(direction[0].abs(), larger(direction[1].abs(), direction[2].abs()));
         let e = 2.0 * self.reach;
         let wobble = 3.0 * e * (8.0 * UNIT * e + 9.0 * self.error);
         let slack = 4.0 * UNIT * speed + direction_error;
-        let size = planes.size.add(splat(wobble));
-        let den = lanes::dot(planes.normal, lanes::splat(direction));
-        let den_error = size.mul(splat(2.0 * slack)).add(splat(2.0 * wobble * speed + f64::MIN_POSITIVE));
-        let steep = den_error.add(den_error).lt(den.abs());
-        let t = planes.distance.div(den);
-        let shifted = splat(7.0 * UNIT * edges.reach + edges.error).add(t.abs().mul(splat(slack)));
-        let moved = size.mul(shifted).add(splat(24.0 * UNIT * e * e * e));
-        let error = moved.add(moved).div(den.abs().sub(den_error));
-        let error = error.add(t.abs().mul(splat(4.0 * UNIT))).add(splat(f64::MIN_POSITIVE));
-        let (low, high) = (t.sub(error), t.add(error));
-        let known = sure & steep & error.lt(splat(f64::INFINITY));
-        Met { hit: known & low.le(splat(limit)), low: low.store(), high: high.store(), unsure: candidates & !known }
+        let size = planes.size[i] + wobble;
+        let den_error = 2.0 * (size * slack + wobble * speed) + f64::MIN_POSITIVE;
+        let inverse = 1.0 / den;
+        let t = planes.distance[i] * inverse;
+        let moved = size * (7.0 * UNIT * edges.reach + edges.error + t.abs() * slack) + 24.0 * UNIT * e * e * e;
+        // 1/(|N·d| − its error) is at most twice 1/|N·d|.
+        let error = 4.0 * moved * inverse.abs() + t.abs() * (8.0 * UNIT) + f64::MIN_POSITIVE;
+        (2.0 * den_error < den.abs() && error < f64::INFINITY).then(|| Interval { low: t - error, high: t + error })
     }
+}
+
+#[inline(always)]
+fn widen<I: Isa>(v: &[[f32; LEAF]; 3]) -> [Lanes<I>; 3] {
+    [I::widen(&v[0]), I::widen(&v[1]), I::widen(&v[2])]
+}
+
+/// No NaN is met here; the comparison is one instruction.
+#[inline(always)]
+fn larger(x: f64, y: f64) -> f64 {
+    if x > y { x } else { y }
 }

@@ -24,6 +24,8 @@ pub trait Floats<T, const N: usize>: Copy {
     fn abs(self) -> Self;
     /// self·b + c, rounded once.
     fn mul_add(self, b: Self, c: Self) -> Self;
+    /// self·b + c, rounded once or twice, whichever is faster.
+    fn fused(self, b: Self, c: Self) -> Self;
     /// The larger; `other` where self is NaN.
     fn max(self, other: Self) -> Self;
     /// The smaller; `other` where self is NaN.
@@ -32,6 +34,10 @@ pub trait Floats<T, const N: usize>: Copy {
     fn le(self, other: Self) -> u32;
     /// A bit a lane: self < other; 0 where one is NaN.
     fn lt(self, other: Self) -> u32;
+    /// The largest of all, none of them NaN.
+    fn largest(self) -> T;
+    /// The smallest of all, none of them NaN.
+    fn smallest(self) -> T;
 }
 
 /// An instruction set.
@@ -41,6 +47,8 @@ pub trait Isa: Copy {
     type F64x8: Floats<f64, 8>;
 
     fn widen(x: &[f32; 8]) -> Self::F64x8;
+    /// Two halves, rounded to float32.
+    fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// Brings what is near `address` into the cache.
     fn prefetch<T>(address: *const T);
 }

@@ -16,6 +16,11 @@ impl Isa for Portable {
     }
 
     #[inline(always)]
+    fn narrow(low: [f64; 8], high: [f64; 8]) -> [f32; 16] {
+        std::array::from_fn(|i| (if i < 8 { low[i] } else { high[i - 8] }) as f32)
+    }
+
+    #[inline(always)]
     fn prefetch<T>(_: *const T) {}
 }
 
@@ -63,6 +68,10 @@ macro_rules! arrays {
                 std::array::from_fn(|i| self[i].mul_add(b[i], c[i]))
             }
             #[inline(always)]
+            fn fused(self, b: Self, c: Self) -> Self {
+                std::array::from_fn(|i| self[i] * b[i] + c[i])
+            }
+            #[inline(always)]
             fn max(self, other: Self) -> Self {
                 std::array::from_fn(|i| if self[i] > other[i] { self[i] } else { other[i] })
             }
@@ -77,6 +86,14 @@ macro_rules! arrays {
             #[inline(always)]
             fn lt(self, other: Self) -> u32 {
                 (0..$n).fold(0, |mask, i| mask | u32::from(self[i] < other[i]) << i)
+            }
+            #[inline(always)]
+            fn largest(self) -> $float {
+                self.into_iter().fold(<$float>::NEG_INFINITY, <$float>::max)
+            }
+            #[inline(always)]
+            fn smallest(self) -> $float {
+                self.into_iter().fold(<$float>::INFINITY, <$float>::min)
             }
         }
     };

@@ -42,6 +42,17 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
+    fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16 {
+        // SAFETY: as above.
+        unsafe {
+            Two(
+                _mm256_set_m128(_mm256_cvtpd_ps(low.1), _mm256_cvtpd_ps(low.0)),
+                _mm256_set_m128(_mm256_cvtpd_ps(high.1), _mm256_cvtpd_ps(high.0)),
+            )
+        }
+    }
+
+    #[inline(always)]
     fn prefetch<T>(address: *const T) {
         // SAFETY: a prefetch of any address is harmless.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
@@ -60,6 +71,12 @@ impl Isa for Avx512 {
     }
 
     #[inline(always)]
+    fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16 {
+        // SAFETY: as above.
+        unsafe { _mm512_insertf32x8::<1>(_mm512_castps256_ps512(_mm512_cvtpd_ps(low)), _mm512_cvtpd_ps(high)) }
+    }
+
+    #[inline(always)]
     fn prefetch<T>(address: *const T) {
         Avx2::prefetch(address);
     }
@@ -67,7 +84,7 @@ impl Isa for Avx512 {
 
 macro_rules! register {
     ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident,
-     $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident, $compare:ident) => {
+     $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident, $compare:ident, $largest:ident, $smallest:ident) => {
         impl Floats<$float, $n> for $register {
             #[inline(always)]
             fn splat(x: $float) -> Self {
@@ -121,6 +138,10 @@ macro_rules! register {
                 unsafe { $fmadd(self, b, c) }
             }
             #[inline(always)]
+            fn fused(self, b: Self, c: Self) -> Self {
+                self.mul_add(b, c)
+            }
+            #[inline(always)]
             fn max(self, other: Self) -> Self {
                 // SAFETY: as above.
                 unsafe { $max(self, other) }
@@ -137,6 +158,14 @@ macro_rules! register {
             #[inline(always)]
             fn lt(self, other: Self) -> u32 {
                 $compare!(self, other, _CMP_LT_OQ)
+            }
+            #[inline(always)]
+            fn largest(self) -> $float {
+                $largest!(self)
+            }
+            #[inline(always)]
+            fn smallest(self) -> $float {
+                $smallest!(self)
             }
         }
     };
@@ -198,6 +227,76 @@ macro_rules! compare_m512d {
     };
 }
 
+macro_rules! largest_m256 {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe {
+            let x = _mm_max_ps(_mm256_castps256_ps128($x), _mm256_extractf128_ps::<1>($x));
+            let x = _mm_max_ps(x, _mm_movehl_ps(x, x));
+            _mm_cvtss_f32(_mm_max_ss(x, _mm_movehdup_ps(x)))
+        }
+    };
+}
+
+macro_rules! largest_m256d {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe {
+            let x = _mm_max_pd(_mm256_castpd256_pd128($x), _mm256_extractf128_pd::<1>($x));
+            _mm_cvtsd_f64(_mm_max_sd(x, _mm_unpackhi_pd(x, x)))
+        }
+    };
+}
+
+macro_rules! largest_m512 {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_reduce_max_ps($x) }
+    };
+}
+
+macro_rules! largest_m512d {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_reduce_max_pd($x) }
+    };
+}
+
+macro_rules! smallest_m256 {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe {
+            let x = _mm_min_ps(_mm256_castps256_ps128($x), _mm256_extractf128_ps::<1>($x));
+            let x = _mm_min_ps(x, _mm_movehl_ps(x, x));
+            _mm_cvtss_f32(_mm_min_ss(x, _mm_movehdup_ps(x)))
+        }
+    };
+}
+
+macro_rules! smallest_m256d {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe {
+            let x = _mm_min_pd(_mm256_castpd256_pd128($x), _mm256_extractf128_pd::<1>($x));
+            _mm_cvtsd_f64(_mm_min_sd(x, _mm_unpackhi_pd(x, x)))
+        }
+    };
+}
+
+macro_rules! smallest_m512 {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_reduce_min_ps($x) }
+    };
+}
+
+macro_rules! smallest_m512d {
+    ($x:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_reduce_min_pd($x) }
+    };
+}
+
 register!(
     __m256,
     f32,
@@ -214,7 +313,9 @@ register!(
     _mm256_max_ps,
     _mm256_min_ps,
     abs_m256,
-    compare_m256
+    compare_m256,
+    largest_m256,
+    smallest_m256
 );
 register!(
     __m256d,
@@ -232,7 +333,9 @@ register!(
     _mm256_max_pd,
     _mm256_min_pd,
     abs_m256d,
-    compare_m256d
+    compare_m256d,
+    largest_m256d,
+    smallest_m256d
 );
 register!(
     __m512,
@@ -250,7 +353,9 @@ register!(
     _mm512_max_ps,
     _mm512_min_ps,
     abs_m512,
-    compare_m512
+    compare_m512,
+    largest_m512,
+    smallest_m512
 );
 register!(
     __m512d,
@@ -268,7 +373,9 @@ register!(
     _mm512_max_pd,
     _mm512_min_pd,
     abs_m512d,
-    compare_m512d
+    compare_m512d,
+    largest_m512d,
+    smallest_m512d
 );
 
 /// Two registers as one of twice the lanes.
@@ -324,6 +431,10 @@ macro_rules! two {
                 Two(self.0.mul_add(b.0, c.0), self.1.mul_add(b.1, c.1))
             }
             #[inline(always)]
+            fn fused(self, b: Self, c: Self) -> Self {
+                self.mul_add(b, c)
+            }
+            #[inline(always)]
             fn max(self, other: Self) -> Self {
                 Two(Floats::max(self.0, other.0), Floats::max(self.1, other.1))
             }
@@ -338,6 +449,14 @@ macro_rules! two {
             #[inline(always)]
             fn lt(self, other: Self) -> u32 {
                 self.0.lt(other.0) | self.1.lt(other.1) << $half
+            }
+            #[inline(always)]
+            fn largest(self) -> $float {
+                Floats::max(self.0, self.1).largest()
+            }
+            #[inline(always)]
+            fn smallest(self) -> $float {
+                Floats::min(self.0, self.1).smallest()
             }
         }
     };
