@@ -6,8 +6,14 @@ use crate::vector::Point;
 const NEAR: usize = 1024;
 
 /// Bits of a key for the direction within its octant, an axis, and for the origin, an axis.
-const DIRECTION: u32 = 8;
+const DIRECTION: u32 = 7;
 const ORIGIN: u32 = 4;
+
+/// Bits of the direction that count where origins differ.
+const COARSE: u32 = 12;
+
+/// Most bits of a key: the octant above the others.
+const BITS: u32 = 3 + 3 * ORIGIN + COARSE;
 
 /// Groups of rays, one after the other, each in a coherent order.
 pub struct Order<'a> {
@@ -18,14 +24,27 @@ pub struct Order<'a> {
     group: usize,
     start: usize,
     keys: Vec<u32>,
+    octants: Vec<u32>,
+    items: Vec<u64>,
+    sorted: Vec<u64>,
     order: Vec<u32>,
-    spare: Vec<u32>,
 }
 
 impl<'a> Order<'a> {
     pub fn new(origins: &'a [Point], directions: &'a [Point], size: f64) -> Self {
         let group = if are_scattered(directions) { directions.len().max(1) } else { NEAR };
-        Order { origins, directions, size, group, start: 0, keys: Vec::new(), order: Vec::new(), spare: Vec::new() }
+        Order {
+            origins,
+            directions,
+            size,
+            group,
+            start: 0,
+            keys: Vec::new(),
+            octants: Vec::new(),
+            items: Vec::new(),
+            sorted: Vec::new(),
+            order: Vec::new(),
+        }
     }
 
     /// Indices of the rays of the next group, sorted by octant, by the cell of the origin where origins differ, and by direction along a Z-curve,
@@ -37,25 +56,23 @@ impl<'a> Order<'a> {
             return None;
         }
         self.start = group.end;
-        self.order.clear();
-        self.order.extend(group.start as u32..group.end as u32);
-        let mut bits = self.direction_keys(&self.directions[group.clone()]);
+        self.direction_keys(&self.directions[group.clone()]);
         if self.group > NEAR {
-            bits = self.add_cells(&self.origins[group.clone()], bits);
+            self.add_cells(&self.origins[group.clone()]);
         }
-        self.radix_sort(group.start as u32, bits);
+        self.radix_sort(group.start);
         Some(&self.order)
     }
 
     /// Of each direction the octant, and a place on its face of the octahedron |x| + |y| + |z| = 1, on a grid over what the group covers of it.
     #[inline(always)]
-    fn direction_keys(&mut self, directions: &[Point]) -> u32 {
+    fn direction_keys(&mut self, directions: &[Point]) {
         const BLOCK: usize = 16;
         /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
         const WHOLE: f32 = 8_388_608.0;
         const MOST: u32 = (1 << DIRECTION) - 1;
         self.keys.clear();
-        self.spare.clear();
+        self.octants.clear();
         // Places in 16 bits, and octants.
         let (mut low, mut high) = ([u32::MAX; 2], [0; 2]);
         for block in directions.chunks(BLOCK) {
@@ -89,27 +106,25 @@ impl<'a> Order<'a> {
                 }
             }
             self.keys.extend_from_slice(&place);
-            self.spare.extend_from_slice(&octant);
+            self.octants.extend_from_slice(&octant);
         }
         let widest = (high[0] - low[0]).max(high[1] - low[1]).max(1);
         // The same scale for both, so that tiles are square.
         let scale = MOST as f32 / widest as f32;
         let [u0, v0] = low;
-        for (key, octant) in self.keys.iter_mut().zip(&self.spare) {
+        for (key, octant) in self.keys.iter_mut().zip(&self.octants) {
             let (u, v) = ((*key & 0xffff) - u0, (*key >> 16) - v0);
             let u = (u as f32 * scale + WHOLE).to_bits() & MOST;
             let v = (v as f32 * scale + WHOLE).to_bits() & MOST;
             *key = octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1;
         }
         self.keys.truncate(directions.len());
-        2 * DIRECTION + 3
     }
 
     /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins are close together, against the size of
     /// the scene.
     #[inline(always)]
-    fn add_cells(&mut self, origins: &[Point], bits: u32) -> u32 {
-        const COARSE: u32 = 12;
+    fn add_cells(&mut self, origins: &[Point]) {
         const FINE: u32 = 2 * DIRECTION;
         let (mut low, mut high) = (origins[0], origins[0]);
         for o in origins {
@@ -120,7 +135,7 @@ impl<'a> Order<'a> {
         }
         let size = (0..3).fold(0.0_f64, |m, i| m.max(high[i] - low[i]));
         if !(size > self.size / 64.0) {
-            return bits;
+            return;
         }
         let scale = f64::from(1_u32 << ORIGIN) / size;
         let most = (1 << ORIGIN) - 1;
@@ -130,32 +145,43 @@ impl<'a> Order<'a> {
             let (octant, within) = (*key >> FINE, *key & ((1 << FINE) - 1));
             *key = (octant << (3 * ORIGIN) | cell) << COARSE | within >> (FINE - COARSE);
         }
-        3 + 3 * ORIGIN + COARSE
     }
 
-    /// Sorts the indices, from `first` on, by their keys of so many bits; equal keys keep their order.
+    /// Sorts the indices by their keys; equal keys keep their order.
     #[inline(always)]
-    fn radix_sort(&mut self, first: u32, bits: u32) {
-        const DIGIT: u32 = 10;
-        self.spare.clear();
-        self.spare.resize(self.order.len(), 0);
-        for shift in (0..bits).step_by(DIGIT as usize) {
-            let digit = |i: u32| (self.keys[(i - first) as usize] >> shift) as usize & ((1 << DIGIT) - 1);
-            let mut ends = [0_u32; 1 << DIGIT];
-            for &i in &self.order {
-                ends[digit(i)] += 1;
+    fn radix_sort(&mut self, first: usize) {
+        const DIGIT: usize = 9;
+        const DIGITS: usize = BITS.div_ceil(DIGIT as u32) as usize;
+        let digit = |item: u64, k: usize| (item >> (32 + DIGIT * k)) as usize & ((1 << DIGIT) - 1);
+        let mut ends = [[0_u32; 1 << DIGIT]; DIGITS];
+        self.items.clear();
+        for (i, &key) in self.keys.iter().enumerate() {
+            let item = u64::from(key) << 32 | (first + i) as u64;
+            for k in 0..DIGITS {
+                ends[k][digit(item, k)] += 1;
+            }
+            self.items.push(item);
+        }
+        self.sorted.clear();
+        self.sorted.resize(self.items.len(), 0);
+        for k in 0..DIGITS {
+            // All of one digit: in order already.
+            if ends[k][digit(self.items[0], k)] as usize == self.items.len() {
+                continue;
             }
             let mut sum = 0;
-            for end in &mut ends {
+            for end in &mut ends[k] {
                 (*end, sum) = (sum, sum + *end);
             }
-            for &i in &self.order {
-                let place = &mut ends[digit(i)];
-                self.spare[*place as usize] = i;
+            for &item in &self.items {
+                let place = &mut ends[k][digit(item, k)];
+                self.sorted[*place as usize] = item;
                 *place += 1;
             }
-            std::mem::swap(&mut self.order, &mut self.spare);
+            std::mem::swap(&mut self.items, &mut self.sorted);
         }
+        self.order.clear();
+        self.order.extend(self.items.iter().map(|&item| item as u32));
     }
 }
 

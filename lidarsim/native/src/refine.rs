@@ -72,8 +72,19 @@ impl Pending {
 
     #[inline(always)]
     fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        // By vertex and axis. All are gathered before the first is read: what was just written is slow to read.
+        let mut vertices = [[[1.0; PENDING]; 3]; 3];
+        for k in 0..self.count {
+            let place = &self.place[k];
+            let Triangle(a, b, c) = scene.objects()[place.object as usize].triangle(place.primitive);
+            for axis in 0..3 {
+                vertices[0][axis][k] = a[axis];
+                vertices[1][axis][k] = b[axis];
+                vertices[2][axis][k] = c[axis];
+            }
+        }
         for start in (0..self.count).step_by(8) {
-            self.refine::<I>(start, scene, hits);
+            self.refine::<I>(start, &vertices, scene, hits);
         }
         self.count = 0;
     }
@@ -88,22 +99,17 @@ impl Pending {
     /// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d), of which N − T·D is exact by Sterbenz's lemma while T is within a factor of two
     /// of N/D. The roundings of ρ, of the quotient and of 1/(n·d) are less than 16u of the larger parts, which are |ρ| and the low parts.
     #[inline(always)]
-    fn refine<I: Isa>(&self, start: usize, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+    fn refine<I: Isa>(
+        &self,
+        start: usize,
+        vertices: &[[[f64; PENDING]; 3]; 3],
+        scene: &Scene,
+        hits: &mut (impl Sink + ?Sized),
+    ) {
         let lanes = start..self.count.min(start + 8);
-        // Vertices by axis and lane.
-        let mut points = [[[1.0; 8]; 3]; 3];
-        for k in lanes.clone() {
-            let place = &self.place[k];
-            let Triangle(a, b, c) = scene.objects()[place.object as usize].triangle(place.primitive);
-            for (points, p) in points.iter_mut().zip([a, b, c]) {
-                for axis in 0..3 {
-                    points[axis][k - start] = p[axis];
-                }
-            }
-        }
-        let [a, b, c] = &points;
-        let (a, b, c): (V<I>, V<I>, V<I>) = (lanes::load(a), lanes::load(b), lanes::load(c));
-        let (o, d): (V<I>, V<I>) = (eight::<I>(&self.origin, start), eight::<I>(&self.direction, start));
+        let [a, b, c] = vertices;
+        let (a, b, c) = (eight::<I>(a, start), eight::<I>(b, start), eight::<I>(c, start));
+        let (o, d) = (eight::<I>(&self.origin, start), eight::<I>(&self.direction, start));
         let (e1, e2, r) = (Pair::<I>::differences(b, a), Pair::<I>::differences(c, a), Pair::<I>::differences(a, o));
         let (n0, s0) = Pair::minor(e1[1], e2[2], e1[2], e2[1]);
         let (n1, s1) = Pair::minor(e1[2], e2[0], e1[0], e2[2]);

@@ -284,6 +284,12 @@ impl<'a> Search<'a> {
         Search { scene, origin, direction, t_min, t_max: t_max.min(f64::MAX), best: None }
     }
 
+    /// Begins anew with another ray.
+    #[inline(always)]
+    pub fn restart(&mut self, origin: Point, direction: Point) {
+        (self.origin, self.direction, self.best) = (origin, direction, None);
+    }
+
     #[inline(always)]
     pub fn best(&self) -> Option<Place> {
         self.best.map(|(place, _)| place)

@@ -44,24 +44,24 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
         let size = scene.size();
         let mut tracer = Tracer { scene, size, stack: Stack::new(), batch: Batch::new(), hits };
-        let mut rays = Rays::empty();
         let mut searches: [Search; LANES] =
             std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
         let mut order = Order::new(origins, directions, size);
         while let Some(order) = order.next() {
+            // The rays that come next are taken up while others are traced: what was just written is slow to read.
+            let (mut rays, mut later) = (Rays::empty(), Rays::empty());
+            later.take_up(origins, directions, order);
             let mut start = 0;
             while start < order.len() {
-                // The rays of the packet after next.
-                for &later in order[start..].iter().skip(2 * LANES).take(LANES) {
-                    I::prefetch(&origins[later as usize]);
-                    I::prefetch(&directions[later as usize]);
-                }
-                let count = rays.fill::<I>(origins, directions, &order[start..]);
-                for (search, &i) in searches[..count.max(1)].iter_mut().zip(&order[start..]) {
-                    *search = Search::new(scene, origins[i as usize], directions[i as usize], t_min, t_max);
+                std::mem::swap(&mut rays, &mut later);
+                let count = rays.look::<I>();
+                let next = start + count.max(1);
+                later.take_up(origins, directions, &order[next..]);
+                for lane in 0..count.max(1) {
+                    searches[lane].restart(rays.origin(lane), rays.direction(lane));
                 }
                 if count > 0 {
-                    tracer.trace::<I>(&mut rays, &mut searches, &order[start..]);
+                    tracer.trace::<I>(&rays, &mut searches, &order[start..]);
                 } else if is_legal(&searches[0]) {
                     searches[0].run(&mut tracer.stack);
                     tracer.finish::<I>(order[start], &searches[0]);
@@ -69,7 +69,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                     legal = false;
                     tracer.hits.put(order[start] as usize, Hit::MISS);
                 }
-                start += count.max(1);
+                start = next;
             }
         }
         tracer.batch.flush::<I>(scene, tracer.hits);
@@ -92,7 +92,7 @@ struct Tracer<'a, S: ?Sized> {
 impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
     /// Traces the rays, and writes their hits to places `at`.
     #[inline(always)]
-    fn trace<I: Isa>(&mut self, rays: &mut Rays, searches: &mut [Search<'a>; LANES], at: &[u32]) {
+    fn trace<I: Isa>(&mut self, rays: &Rays, searches: &mut [Search<'a>; LANES], at: &[u32]) {
         let scene = self.scene;
         let active = all(rays.count);
         let index = scene.index();
@@ -208,35 +208,33 @@ impl Blocks<'_, '_> {
         let mut packet = Packet::new::<I>(self.rays, hierarchy.center(), self.searches[0].t_min, &limits);
         hierarchy.traverse_packet::<I>(&mut packet, mask, coherent, stack, self);
     }
-}
 
-impl Visitor<Block> for Blocks<'_, '_> {
+    /// Meets the block with rays of one origin, and says which of them want less than before.
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, _: &mut Stack, block: &Block, mask: Mask) -> Mask {
-        let mut nearer = 0;
-        let mut seen_by = mask.trailing_zeros() as usize;
-        let mut edges = block.edges::<I>(self.rays.origin(seen_by), self.rays.origin_error[seen_by]);
-        let mut planes = None;
+    fn look<I: Isa>(&mut self, block: &Block, mask: Mask) -> Mask {
+        let first = mask.trailing_zeros() as usize;
+        let edges = block.edges::<I>(self.rays.origin(first), self.rays.origin_error[first]);
+        // All rays look before one acts on what it saw, so that no branch hangs on a single look.
+        let mut seen = [(0, 0, 0); LANES];
+        let mut count = 0;
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
-            if !self.rays.same_origin(lane, seen_by) {
-                seen_by = lane;
-                planes = None;
-                edges = block.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
-            }
             let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
-            let (mut candidates, sure) = block.candidates::<I>(&edges, direction, direction_error);
-            if candidates == 0 {
-                continue;
-            }
-            let planes = match &planes {
-                Some(planes) => planes,
-                None => planes.insert(block.planes(&edges)),
-            };
+            let (candidates, sure) = block.candidates::<I>(&edges, direction, direction_error);
+            seen[count] = (lane, candidates, sure);
+            count += usize::from(candidates != 0);
+        }
+        if count == 0 {
+            return 0;
+        }
+        let planes = block.planes::<I>(&edges);
+        let mut nearer = 0;
+        for &(lane, mut candidates, sure) in &seen[..count] {
+            let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
             while let Some(i) = take(&mut candidates) {
                 let (search, primitive) = (&mut self.searches[lane], block.ids()[i]);
                 let known =
-                    if sure & 1 << i != 0 { block.meet(i, &edges, planes, direction, direction_error) } else { None };
+                    if sure & 1 << i != 0 { block.meet(i, &edges, &planes, direction, direction_error) } else { None };
                 match known {
                     Some(t) if t.low > search.limit() => continue,
                     Some(t) => search.offer(Place::of_triangle(self.id, primitive), t),
@@ -245,6 +243,22 @@ impl Visitor<Block> for Blocks<'_, '_> {
                 self.mesh.prefetch_face::<I>(primitive);
                 nearer |= 1 << lane;
             }
+        }
+        nearer
+    }
+}
+
+impl Visitor<Block> for Blocks<'_, '_> {
+    #[inline(always)]
+    fn visit<I: Isa>(&mut self, _: &mut Stack, block: &Block, mask: Mask) -> Mask {
+        if self.rays.one_origin {
+            return self.look::<I>(block, mask);
+        }
+        let (mut nearer, mut left) = (0, mask);
+        while left != 0 {
+            let same = left & self.rays.at_origin_of(left.trailing_zeros() as usize);
+            nearer |= self.look::<I>(block, same);
+            left &= !same;
         }
         nearer
     }

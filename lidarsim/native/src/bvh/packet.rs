@@ -49,15 +49,19 @@ impl Rays {
         }
     }
 
-    /// Takes rays in this order as far as they point into one octant, and says how many: none if packets cannot hold the first, which is then
+    /// Takes up the first rays of this order.
+    #[inline(always)]
+    pub fn take_up(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
+        self.count = order.len().min(LANES);
+        for (lane, &i) in order[..self.count].iter().enumerate() {
+            self.set(lane, origins[i as usize], directions[i as usize]);
+        }
+    }
+
+    /// Keeps the rays up to the first that points into another octant, and says how many: none if packets cannot hold the first, which is then
     /// left to `Span`. They hold components whose squares, and scaled ones, are ordinary float64 numbers.
     #[inline(always)]
-    pub fn fill<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) -> usize {
-        let most = order.len().min(LANES);
-        for lane in 0..LANES {
-            let i = order[if lane < most { lane } else { 0 }] as usize;
-            self.set(lane, origins[i], directions[i]);
-        }
+    pub fn look<I: Isa>(&mut self) -> usize {
         let (mut fit, mut together) = (0, 0);
         let mut signs = [0; 3];
         for half in 0..LANES / 8 {
@@ -82,15 +86,15 @@ impl Rays {
         for sign in signs {
             fit &= if sign & 1 != 0 { sign } else { !sign };
         }
-        self.count = (fit.trailing_ones() as usize).min(most);
+        self.count = (fit.trailing_ones() as usize).min(self.count);
         self.one_origin = together & all(self.count) == all(self.count);
-        for lane in self.count..most {
+        for lane in self.count..LANES {
             self.set(lane, self.origin(0), self.direction(0));
         }
         self.count
     }
 
-    /// Whether packets may hold the ray: as `fill` asks.
+    /// Whether packets may hold the ray: as `look` asks.
     pub fn holds(origin: Point, direction: Point) -> bool {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
         origin.iter().chain(&direction).all(|x| x.abs() < 1e30) && largest > 1e-30
@@ -121,10 +125,15 @@ impl Rays {
         [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]]
     }
 
+    /// The rays that start where this one does.
     #[inline(always)]
-    pub fn same_origin(&self, lane: usize, other: usize) -> bool {
-        self.one_origin
-            || self.origin(lane) == self.origin(other) && self.origin_error[lane] == self.origin_error[other]
+    pub fn at_origin_of(&self, lane: usize) -> Mask {
+        let (origin, error) = (self.origin(lane), self.origin_error[lane]);
+        let mut same = 0;
+        for other in 0..LANES {
+            same |= Mask::from(self.origin(other) == origin && self.origin_error[other] == error) << other;
+        }
+        same
     }
 
     #[inline(always)]
@@ -224,7 +233,7 @@ impl Packet {
             scale: 1.0,
             backward,
         };
-        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::fill`). Of rays much shorter than the
+        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::look`). Of rays much shorter than the
         // longest, components may underflow here, which only weakens their bounds.
         let mut largest = I::F64x8::splat(0.0);
         for axis in 0..3 {

@@ -163,7 +163,7 @@ impl Block {
         let (a, b, c) = (self.vertices::<I>(0, shift), self.vertices::<I>(1, shift), self.vertices::<I>(2, shift));
         let farthest = larger(shift[0].abs(), larger(shift[1].abs(), shift[2].abs()));
         Edges {
-            normals: [lanes::cross(c, b), lanes::cross(a, c), lanes::cross(b, a)],
+            normals: [lanes::fused_cross(c, b), lanes::fused_cross(a, c), lanes::fused_cross(b, a)],
             shift,
             // The sum rounds; a trifle more is as good.
             reach: (farthest + self.reach) * (1.0 + 4.0 * UNIT),
@@ -188,7 +188,7 @@ impl Block {
     pub fn candidates<I: Isa>(&self, edges: &Edges<I>, direction: Point, direction_error: f64) -> (u32, u32) {
         let d = lanes::splat(direction);
         let [n0, n1, n2] = edges.normals;
-        let (u, v, w) = (lanes::dot(d, n0), lanes::dot(d, n1), lanes::dot(d, n2));
+        let (u, v, w) = (lanes::fused_dot(d, n0), lanes::fused_dot(d, n1), lanes::fused_dot(d, n2));
         let m = larger(edges.reach, edges.error);
         let length = direction[0].abs() + direction[1].abs() + direction[2].abs();
         let bound =
@@ -208,12 +208,12 @@ impl Block {
         let (a, b, c) = (widen::<I>(a), widen::<I>(b), widen::<I>(c));
         let e1 = [b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])];
         let e2 = [c[0].sub(a[0]), c[1].sub(a[1]), c[2].sub(a[2])];
-        let n = lanes::cross(e1, e2);
+        let n = lanes::fused_cross(e1, e2);
         let shift: [Lanes<I>; 3] = lanes::splat(edges.shift);
         let seen = [a[0].add(shift[0]), a[1].add(shift[1]), a[2].add(shift[2])];
         Planes {
             normal: [n[0].store(), n[1].store(), n[2].store()],
-            distance: lanes::dot(n, seen).store(),
+            distance: lanes::fused_dot(n, seen).store(),
             size: n[0].abs().add(n[1].abs()).add(n[2].abs()).store(),
         }
     }
@@ -246,7 +246,8 @@ impl Block {
         let moved = size * (7.0 * UNIT * edges.reach + edges.error + t.abs() * slack) + 24.0 * UNIT * e * e * e;
         // 1/(|N·d| − its error) is at most twice 1/|N·d|.
         let error = 4.0 * moved * inverse.abs() + t.abs() * (8.0 * UNIT) + f64::MIN_POSITIVE;
-        (2.0 * den_error < den.abs() && error < f64::INFINITY).then(|| Interval { low: t - error, high: t + error })
+        let known = 2.0 * den_error < den.abs() && error < f64::INFINITY;
+        if known { Some(Interval { low: t - error, high: t + error }) } else { None }
     }
 }
 

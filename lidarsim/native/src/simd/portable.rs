@@ -64,6 +64,10 @@ macro_rules! arrays {
                 self.map(<$float>::abs)
             }
             #[inline(always)]
+            fn negated(self) -> Self {
+                self.map(|x| -x)
+            }
+            #[inline(always)]
             fn mul_add(self, b: Self, c: Self) -> Self {
                 std::array::from_fn(|i| self[i].mul_add(b[i], c[i]))
             }

@@ -133,6 +133,10 @@ macro_rules! register {
                 $abs!(self)
             }
             #[inline(always)]
+            fn negated(self) -> Self {
+                Self::splat(-0.0).sub(self)
+            }
+            #[inline(always)]
             fn mul_add(self, b: Self, c: Self) -> Self {
                 // SAFETY: as above.
                 unsafe { $fmadd(self, b, c) }
@@ -425,6 +429,10 @@ macro_rules! two {
             #[inline(always)]
             fn abs(self) -> Self {
                 Two(self.0.abs(), self.1.abs())
+            }
+            #[inline(always)]
+            fn negated(self) -> Self {
+                Two(self.0.negated(), self.1.negated())
             }
             #[inline(always)]
             fn mul_add(self, b: Self, c: Self) -> Self {
