@@ -109,8 +109,9 @@ impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
                 visitor.meet::<I>(&mut self.stack, id, active);
             }
             _ => {
-                let (t_min, limits) = (visitor.searches[0].t_min, limits(visitor.searches));
-                let mut packet = Packet::new::<I>(rays, index.bounded.center(), t_min, &limits);
+                let (t_min, limits) = (visitor.searches[0].t_min, limits(visitor.searches, rays.count));
+                let mut packet = Packet::empty();
+                packet.enter::<I>(rays, index.bounded.center(), t_min, &limits);
                 let stack = &mut self.stack;
                 index.bounded.traverse_packet::<I>(&mut packet, active, coherent, stack, &mut visitor);
             }
@@ -133,9 +134,9 @@ impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
 }
 
 #[inline(always)]
-fn limits(searches: &[Search; LANES]) -> [f64; LANES] {
+fn limits(searches: &[Search; LANES], count: usize) -> [f64; LANES] {
     let mut limits = [0.0; LANES];
-    for lane in 0..LANES {
+    for lane in 0..count {
         limits[lane] = searches[lane].limit();
     }
     limits
@@ -204,8 +205,9 @@ impl Blocks<'_, '_> {
     #[inline(always)]
     fn trace<I: Isa>(&mut self, coherent: bool, mask: Mask, stack: &mut Stack) {
         let hierarchy = self.mesh.hierarchy();
-        let limits = limits(self.searches);
-        let mut packet = Packet::new::<I>(self.rays, hierarchy.center(), self.searches[0].t_min, &limits);
+        let limits = limits(self.searches, self.rays.count);
+        let mut packet = Packet::empty();
+        packet.enter::<I>(self.rays, hierarchy.center(), self.searches[0].t_min, &limits);
         hierarchy.traverse_packet::<I>(&mut packet, mask, coherent, stack, self);
     }
 
@@ -221,7 +223,7 @@ impl Blocks<'_, '_> {
         while let Some(lane) = take(&mut left) {
             let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
             let (candidates, sure) = block.candidates::<I>(&edges, direction, direction_error);
-            seen[count] = (lane, candidates, sure);
+            seen[count] = (lane, Mask::from(candidates), sure);
             count += usize::from(candidates != 0);
         }
         if count == 0 {
@@ -251,7 +253,7 @@ impl Blocks<'_, '_> {
 impl Visitor<Block> for Blocks<'_, '_> {
     #[inline(always)]
     fn visit<I: Isa>(&mut self, _: &mut Stack, block: &Block, mask: Mask) -> Mask {
-        if self.rays.one_origin {
+        if self.rays.one_origin || mask & (mask - 1) == 0 {
             return self.look::<I>(block, mask);
         }
         let (mut nearer, mut left) = (0, mask);

@@ -156,33 +156,36 @@ impl<L: Send> Bvh<L> {
     ) {
         let hull = packet.hull_of_all::<I>();
         let base = stack.len;
-        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: active });
-        while let Some(entry) = stack.pop(base) {
-            let mask = entry.mask & packet.within::<I>(entry.near);
-            if mask == 0 {
-                continue;
-            }
+        let mut entry = Entry { near: 0.0, child: Child::node(0), mask: active };
+        loop {
             if entry.child.is_leaf() {
-                let mut nearer = visitor.visit::<I>(stack, &self.leaves[entry.child.index()], mask);
+                let mut nearer = visitor.visit::<I>(stack, &self.leaves[entry.child.index()], entry.mask);
                 while nearer != 0 {
                     let lane = nearer.trailing_zeros() as usize;
                     nearer &= nearer - 1;
                     packet.set_limit(lane, visitor.limit(lane));
                 }
-                continue;
+            } else {
+                let node = &self.nodes[entry.child.index()];
+                let meeting = hull.meet::<I>(node, f32::INFINITY);
+                let mut met = meeting.met;
+                let first = stack.len;
+                while met != 0 {
+                    let i = met.trailing_zeros() as usize;
+                    met &= met - 1;
+                    let mask = packet.meet::<I>(entry.mask, &meeting, i);
+                    if mask != 0 {
+                        let child = node.child[i];
+                        self.prefetch::<I>(child);
+                        stack.push_sorted(first, Entry { near: meeting.near[i], child, mask });
+                    }
+                }
             }
-            let node = &self.nodes[entry.child.index()];
-            let meeting = hull.meet::<I>(node, f32::INFINITY);
-            let mut met = meeting.met;
-            let first = stack.len;
-            while met != 0 {
-                let i = met.trailing_zeros() as usize;
-                met &= met - 1;
-                let mask = mask & packet.meet::<I>(&meeting, i);
-                if mask != 0 {
-                    let child = node.child[i];
-                    self.prefetch::<I>(child);
-                    stack.push_sorted(first, Entry { near: meeting.near[i], child, mask });
+            entry = loop {
+                let Some(mut next) = stack.pop(base) else { return };
+                next.mask = packet.within::<I>(next.mask, next.near);
+                if next.mask != 0 {
+                    break next;
                 }
             }
         }
@@ -197,27 +200,36 @@ impl<L: Send> Bvh<L> {
         visitor: &mut impl Visitor<L>,
     ) {
         let hull = packet.hull_of_one(lane);
+        let mut limit = packet.limit(lane);
         let base = stack.len;
-        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
-        while let Some(entry) = stack.pop(base) {
-            if entry.near > packet.limit(lane) {
-                continue;
-            }
-            if entry.child.is_leaf() {
-                if visitor.visit::<I>(stack, &self.leaves[entry.child.index()], 1 << lane) != 0 {
+        let mut child = Child::node(0);
+        loop {
+            if child.is_leaf() {
+                if visitor.visit::<I>(stack, &self.leaves[child.index()], 1 << lane) != 0 {
                     packet.set_limit(lane, visitor.limit(lane));
+                    limit = packet.limit(lane);
                 }
-                continue;
+            } else {
+                let node = &self.nodes[child.index()];
+                let meeting = hull.meet::<I>(node, limit);
+                let mut met = meeting.met;
+                if met != 0 && met & (met - 1) == 0 {
+                    child = node.child[met.trailing_zeros() as usize];
+                    continue;
+                }
+                let first = stack.len;
+                while met != 0 {
+                    let i = met.trailing_zeros() as usize;
+                    met &= met - 1;
+                    self.prefetch::<I>(node.child[i]);
+                    stack.push_sorted(first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
+                }
             }
-            let node = &self.nodes[entry.child.index()];
-            let meeting = hull.meet::<I>(node, packet.limit(lane));
-            let mut met = meeting.met;
-            let first = stack.len;
-            while met != 0 {
-                let i = met.trailing_zeros() as usize;
-                met &= met - 1;
-                self.prefetch::<I>(node.child[i]);
-                stack.push_sorted(first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
+            child = loop {
+                let Some(next) = stack.pop(base) else { return };
+                if next.near <= limit {
+                    break next.child;
+                }
             }
         }
     }

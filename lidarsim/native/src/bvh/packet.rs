@@ -1,4 +1,4 @@
-//! Up to sixteen rays that point into the same octant, as the boxes see them: float32, with every rounding on the safe side.
+//! Rays that point into the same octant, as the boxes see them: float32, with every rounding on the safe side.
 //!
 //! As in `Span`, the t of a box's near plane is bounded from below and that of its far plane from above. A hull of the rays, one
 //! interval of origins and slopes, rules out most boxes for all rays at once.
@@ -7,10 +7,16 @@ use super::{Node, WIDTH};
 use crate::simd::{Floats, Isa};
 use crate::vector::Point;
 
-pub const LANES: usize = 16;
+/// Rays that meet a box in one step.
+const WIDE: usize = 16;
+
+const GROUPS: usize = 4;
+
+/// Most rays of a packet.
+pub const LANES: usize = GROUPS * WIDE;
 
 /// A bit for each ray of a packet.
-pub type Mask = u32;
+pub type Mask = u64;
 
 /// Rays as they are, a lane each; lanes beyond the last ray repeat the first.
 #[derive(Clone)]
@@ -62,33 +68,33 @@ impl Rays {
     /// left to `Span`. They hold components whose squares, and scaled ones, are ordinary float64 numbers.
     #[inline(always)]
     pub fn look<I: Isa>(&mut self) -> usize {
-        let (mut fit, mut together) = (0, 0);
-        let mut signs = [0; 3];
-        for half in 0..LANES / 8 {
+        let (mut fit, mut together): (Mask, Mask) = (0, 0);
+        let mut signs: [Mask; 3] = [0; 3];
+        for eight in 0..self.count.div_ceil(8) {
             let huge = I::F64x8::splat(1e30);
             let mut within = 0xff;
             let mut at_one = 0xff;
             let mut largest = I::F64x8::splat(0.0);
             for axis in 0..3 {
-                let o = I::F64x8::load(&self.origin[axis].as_chunks().0[half]);
-                let d = I::F64x8::load(&self.direction[axis].as_chunks().0[half]);
+                let o = I::F64x8::load(&self.origin[axis].as_chunks().0[eight]);
+                let d = I::F64x8::load(&self.direction[axis].as_chunks().0[eight]);
                 let first = I::F64x8::splat(self.origin[axis][0]);
                 // Each comparison is false for NaN.
                 within &= o.abs().lt(huge) & d.abs().lt(huge);
                 at_one &= o.le(first) & first.le(o);
                 largest = Floats::max(d.abs(), largest);
-                signs[axis] |= d.lt(I::F64x8::splat(0.0)) << (8 * half);
+                signs[axis] |= Mask::from(d.lt(I::F64x8::splat(0.0))) << (8 * eight);
             }
-            fit |= (within & I::F64x8::splat(1e-30).lt(largest)) << (8 * half);
-            together |= at_one << (8 * half);
+            fit |= Mask::from(within & I::F64x8::splat(1e-30).lt(largest)) << (8 * eight);
+            together |= Mask::from(at_one) << (8 * eight);
         }
-        self.octant = signs[0] & 1 | (signs[1] & 1) << 1 | (signs[2] & 1) << 2;
+        self.octant = (signs[0] & 1 | (signs[1] & 1) << 1 | (signs[2] & 1) << 2) as u32;
         for sign in signs {
             fit &= if sign & 1 != 0 { sign } else { !sign };
         }
         self.count = (fit.trailing_ones() as usize).min(self.count);
         self.one_origin = together & all(self.count) == all(self.count);
-        for lane in self.count..LANES {
+        for lane in self.count..self.count.next_multiple_of(WIDE) {
             self.set(lane, self.origin(0), self.direction(0));
         }
         self.count
@@ -110,7 +116,8 @@ impl Rays {
         let mut rays = self.clone();
         rays.octant = octant;
         let first = mask.trailing_zeros() as usize;
-        for lane in 0..LANES {
+        rays.count = LANES - mask.leading_zeros() as usize;
+        for lane in 0..rays.count.next_multiple_of(WIDE) {
             if mask & 1 << lane == 0 {
                 rays.set(lane, self.origin(first), self.direction(first));
                 rays.origin_error[lane] = self.origin_error[first];
@@ -130,7 +137,7 @@ impl Rays {
     pub fn at_origin_of(&self, lane: usize) -> Mask {
         let (origin, error) = (self.origin(lane), self.origin_error[lane]);
         let mut same = 0;
-        for other in 0..LANES {
+        for other in 0..self.count {
             same |= Mask::from(self.origin(other) == origin && self.origin_error[other] == error) << other;
         }
         same
@@ -147,10 +154,10 @@ impl Rays {
         let first = self.direction(0);
         let length2 = first[0] * first[0] + first[1] * first[1] + first[2] * first[2];
         let mut apart = 0;
-        for half in 0..LANES / 8 {
+        for eight in 0..self.count.div_ceil(8) {
             let (mut dot, mut norm2) = (I::F64x8::splat(0.0), I::F64x8::splat(0.0));
             for axis in 0..3 {
-                let d = I::F64x8::load(&self.direction[axis].as_chunks().0[half]);
+                let d = I::F64x8::load(&self.direction[axis].as_chunks().0[eight]);
                 dot = d.fused(I::F64x8::splat(first[axis]), dot);
                 norm2 = d.fused(d, norm2);
             }
@@ -160,9 +167,13 @@ impl Rays {
         let mut wide = false;
         if !self.one_origin {
             for axis in 0..3 {
-                let [a, b] = self.origin[axis].as_chunks().0 else { continue };
-                let (a, b) = (I::F64x8::load(a), I::F64x8::load(b));
-                wide |= Floats::max(a, b).largest() - Floats::min(a, b).smallest() > size / 64.0;
+                let (mut least, mut most) =
+                    (I::F64x8::splat(self.origin[axis][0]), I::F64x8::splat(self.origin[axis][0]));
+                for eight in 0..self.count.div_ceil(8) {
+                    let o = I::F64x8::load(&self.origin[axis].as_chunks().0[eight]);
+                    (least, most) = (Floats::min(o, least), Floats::max(o, most));
+                }
+                wide |= most.largest() - least.smallest() > size / 64.0;
             }
         }
         apart == 0 && !wide
@@ -172,7 +183,7 @@ impl Rays {
 /// A mask of so many rays.
 #[inline(always)]
 pub fn all(count: usize) -> Mask {
-    ((1_u64 << count) - 1) as Mask
+    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
 }
 
 /// Unit roundoff of float32.
@@ -184,15 +195,33 @@ const STRETCH: f32 = 1.0 + 12.0 * U;
 
 #[repr(C, align(64))]
 pub struct Packet {
-    near_origin: [[f32; LANES]; 3],
-    far_origin: [[f32; LANES]; 3],
-    near_slope: [[f32; LANES]; 3],
-    far_slope: [[f32; LANES]; 3],
-    limit: [f32; LANES],
+    groups: [Group; GROUPS],
+    count: usize,
     start: f32,
     /// t times this is t here; a power of two.
     scale: f64,
     backward: [bool; 3],
+}
+
+/// Sixteen rays of a packet, by axis and lane.
+#[derive(Clone, Copy)]
+#[repr(C, align(64))]
+struct Group {
+    near_slope: [[f32; WIDE]; 3],
+    far_slope: [[f32; WIDE]; 3],
+    limit: [f32; WIDE],
+    near_origin: [[f32; WIDE]; 3],
+    far_origin: [[f32; WIDE]; 3],
+}
+
+impl Group {
+    const EMPTY: Group = Group {
+        near_slope: [[0.0; WIDE]; 3],
+        far_slope: [[0.0; WIDE]; 3],
+        limit: [0.0; WIDE],
+        near_origin: [[0.0; WIDE]; 3],
+        far_origin: [[0.0; WIDE]; 3],
+    };
 }
 
 /// Bounds of origins and slopes, over all rays or of one of them.
@@ -218,78 +247,79 @@ pub(super) struct Meeting {
 }
 
 impl Packet {
+    pub fn empty() -> Self {
+        Packet { groups: [Group::EMPTY; GROUPS], count: 0, start: 0.0, scale: 1.0, backward: [false; 3] }
+    }
+
     /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
     #[inline(always)]
-    pub fn new<I: Isa>(rays: &Rays, center: Point, t_min: f64, limits: &[f64; LANES]) -> Self {
+    pub fn enter<I: Isa>(&mut self, rays: &Rays, center: Point, t_min: f64, limits: &[f64; LANES]) {
         let octant = rays.octant;
-        let backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
-        let mut packet = Packet {
-            near_origin: [[0.0; LANES]; 3],
-            far_origin: [[0.0; LANES]; 3],
-            near_slope: [[0.0; LANES]; 3],
-            far_slope: [[0.0; LANES]; 3],
-            limit: [0.0; LANES],
-            start: 0.0,
-            scale: 1.0,
-            backward,
-        };
+        self.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
+        self.count = rays.count;
         // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::look`). Of rays much shorter than the
         // longest, components may underflow here, which only weakens their bounds.
         let mut largest = I::F64x8::splat(0.0);
-        for axis in 0..3 {
-            for half in rays.direction[axis].as_chunks().0 {
-                largest = Floats::max(I::F64x8::load(half).abs(), largest);
+        for eight in 0..self.count.div_ceil(8) {
+            for axis in 0..3 {
+                largest = Floats::max(I::F64x8::load(&rays.direction[axis].as_chunks().0[eight]).abs(), largest);
             }
         }
         let exponent = largest.largest().to_bits() >> 52;
         let shrink = I::F64x8::splat(f64::from_bits((2045 - exponent) << 52));
-        packet.scale = f64::from_bits((exponent + 1) << 52);
-        let [low, high] = rays.origin_error.as_chunks().0 else { return packet };
-        let origin_error = I::narrow(I::F64x8::load(low), I::F64x8::load(high));
-        let origin_error = origin_error.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE));
-        let [low, high] = rays.direction_error.as_chunks().0 else { return packet };
-        let direction_error = I::narrow(I::F64x8::load(low).mul(shrink), I::F64x8::load(high).mul(shrink));
-        let direction_error = direction_error.mul(I::F32x16::splat(1.0 + 4.0 * U));
-        let vague = I::F32x16::splat(0.0).lt(direction_error) != 0;
-        let zero = I::F32x16::splat(0.0);
+        self.scale = f64::from_bits((exponent + 1) << 52);
+        self.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
+        for g in 0..self.count.div_ceil(WIDE) {
+            self.enter_group::<I>(g, rays, center, shrink, limits);
+        }
+    }
+
+    #[inline(always)]
+    fn enter_group<I: Isa>(&mut self, g: usize, rays: &Rays, center: Point, shrink: I::F64x8, limits: &[f64; LANES]) {
+        let (zero, one) = (I::F32x16::splat(0.0), I::F32x16::splat(1.0));
+        let group = &mut self.groups[g];
+        let (low, high) = halves::<I>(&rays.origin_error, g);
+        let origin_error = I::narrow(low, high).mul(I::F32x16::splat(1.0 + 4.0 * U));
+        let origin_error = origin_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
+        let (low, high) = halves::<I>(&rays.direction_error, g);
+        let direction_error = I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
+        let vague = zero.lt(direction_error) != 0;
         for axis in 0..3 {
-            let sign = I::F32x16::splat(if backward[axis] { -1.0 } else { 1.0 });
+            let backward = self.backward[axis];
+            let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
             let middle = I::F64x8::splat(center[axis]);
-            let [low, high] = rays.origin[axis].as_chunks().0 else { return packet };
-            let o = I::narrow(I::F64x8::load(low).sub(middle), I::F64x8::load(high).sub(middle));
+            let (low, high) = halves::<I>(&rays.origin[axis], g);
+            let o = I::narrow(low.sub(middle), high.sub(middle));
             // Conversion and difference: 1u and a trifle. The error of the origin is rounded up along with it.
             let error = o.abs().mul(I::F32x16::splat(4.0 * U)).add(origin_error).mul(sign);
-            packet.near_origin[axis] = o.add(error).store();
-            packet.far_origin[axis] = o.sub(error).store();
-            let [low, high] = rays.direction[axis].as_chunks().0 else { return packet };
-            let d = I::narrow(I::F64x8::load(low).mul(shrink), I::F64x8::load(high).mul(shrink)).abs();
+            group.near_origin[axis] = o.add(error).store();
+            group.far_origin[axis] = o.sub(error).store();
+            let (low, high) = halves::<I>(&rays.direction[axis], g);
+            let d = I::narrow(low.mul(shrink), high.mul(shrink)).abs();
             let (mut most, mut least) = (d, d);
             if vague {
                 // The error also covers what rounded d and the difference may be off.
                 let error = direction_error.add(d.mul(I::F32x16::splat(4.0 * U)));
                 (most, least) = (d.add(error), Floats::max(d.sub(error), zero));
             }
-            let one = I::F32x16::splat(1.0);
             let near = Floats::min(one.div(most).mul(I::F32x16::splat(SHRINK)), I::F32x16::splat(f32::MAX));
             let far = one.div(least).mul(I::F32x16::splat(STRETCH));
-            packet.near_slope[axis] = near.mul(sign).store();
-            packet.far_slope[axis] = far.mul(sign).store();
+            group.near_slope[axis] = near.mul(sign).store();
+            group.far_slope[axis] = far.mul(sign).store();
             let mut unknown = if vague { least.le(zero) } else { 0 };
             while unknown != 0 {
                 // The sign is not known: these planes bound nothing.
                 let lane = unknown.trailing_zeros() as usize;
                 unknown &= unknown - 1;
-                let infinity = if backward[axis] { f32::NEG_INFINITY } else { f32::INFINITY };
-                packet.near_origin[axis][lane] = infinity;
-                packet.far_origin[axis][lane] = -infinity;
+                let infinity = if backward { f32::NEG_INFINITY } else { f32::INFINITY };
+                group.near_origin[axis][lane] = infinity;
+                group.far_origin[axis][lane] = -infinity;
             }
         }
-        packet.start = (t_min * packet.scale) as f32 * (1.0 - 4.0 * U);
-        let scale = I::F64x8::splat(packet.scale);
-        let [low, high] = limits.as_chunks().0 else { return packet };
-        let limit = I::narrow(I::F64x8::load(low).mul(scale), I::F64x8::load(high).mul(scale));
-        packet.limit = limit.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store();
-        packet
+        let scale = I::F64x8::splat(self.scale);
+        let (low, high) = halves::<I>(limits, g);
+        let limit = I::narrow(low.mul(scale), high.mul(scale));
+        group.limit = limit.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store();
     }
 
     /// Where the signs of a lane's direction are not known, `octant` may be any.
@@ -297,11 +327,19 @@ impl Packet {
     pub(super) fn hull_of_all<I: Isa>(&self) -> Hull {
         let mut hull = self.hull_of_one(0);
         for axis in 0..3 {
-            let (near_origin, far_origin) =
-                (I::F32x16::load(&self.near_origin[axis]), I::F32x16::load(&self.far_origin[axis]));
-            let (near_slope, far_slope) =
-                (I::F32x16::load(&self.near_slope[axis]), I::F32x16::load(&self.far_slope[axis]));
-            if self.backward[axis] {
+            let first = &self.groups[0];
+            let mut near_origin = I::F32x16::load(&first.near_origin[axis]);
+            let mut far_origin = I::F32x16::load(&first.far_origin[axis]);
+            let mut near_slope = I::F32x16::load(&first.near_slope[axis]);
+            let mut far_slope = I::F32x16::load(&first.far_slope[axis]);
+            let backward = self.backward[axis];
+            for group in &self.groups[1..self.count.div_ceil(WIDE)] {
+                near_origin = outer::<I>(near_origin, &group.near_origin[axis], !backward);
+                far_origin = outer::<I>(far_origin, &group.far_origin[axis], backward);
+                near_slope = outer::<I>(near_slope, &group.near_slope[axis], backward);
+                far_slope = outer::<I>(far_slope, &group.far_slope[axis], !backward);
+            }
+            if backward {
                 hull.near_origin[axis] = near_origin.smallest();
                 hull.far_origin[axis] = far_origin.largest();
                 hull.near_slope[axis] = near_slope.largest();
@@ -318,11 +356,12 @@ impl Packet {
 
     #[inline(always)]
     pub(super) fn hull_of_one(&self, lane: usize) -> Hull {
+        let (group, lane) = (&self.groups[lane / WIDE], lane % WIDE);
         Hull {
-            near_origin: [self.near_origin[0][lane], self.near_origin[1][lane], self.near_origin[2][lane]],
-            far_origin: [self.far_origin[0][lane], self.far_origin[1][lane], self.far_origin[2][lane]],
-            near_slope: [self.near_slope[0][lane], self.near_slope[1][lane], self.near_slope[2][lane]],
-            far_slope: [self.far_slope[0][lane], self.far_slope[1][lane], self.far_slope[2][lane]],
+            near_origin: [group.near_origin[0][lane], group.near_origin[1][lane], group.near_origin[2][lane]],
+            far_origin: [group.far_origin[0][lane], group.far_origin[1][lane], group.far_origin[2][lane]],
+            near_slope: [group.near_slope[0][lane], group.near_slope[1][lane], group.near_slope[2][lane]],
+            far_slope: [group.far_slope[0][lane], group.far_slope[1][lane], group.far_slope[2][lane]],
             start: self.start,
             backward: self.backward,
         }
@@ -330,34 +369,65 @@ impl Packet {
 
     #[inline(always)]
     pub(super) fn limit(&self, lane: usize) -> f32 {
-        self.limit[lane]
+        self.groups[lane / WIDE].limit[lane % WIDE]
     }
 
     /// Nothing beyond t is wanted of this ray any more.
     #[inline(always)]
     pub(super) fn set_limit(&mut self, lane: usize, t: f64) {
-        self.limit[lane] = (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE;
+        self.groups[lane / WIDE].limit[lane % WIDE] = (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE;
     }
 
-    /// The rays whose limit is not nearer than `near`.
+    /// The rays of `mask` whose limit is not nearer than `near`.
     #[inline(always)]
-    pub(super) fn within<I: Isa>(&self, near: f32) -> Mask {
-        I::F32x16::splat(near).le(I::F32x16::load(&self.limit))
-    }
-
-    /// The rays that may meet box i of a node that the hull has met: with the origins of the hull, and slopes of their own.
-    #[inline(always)]
-    pub(super) fn meet<I: Isa>(&self, meeting: &Meeting, i: usize) -> Mask {
-        let mut near = I::F32x16::splat(self.start);
-        let mut far = I::F32x16::load(&self.limit);
-        for axis in 0..3 {
-            let t = I::F32x16::splat(meeting.first[axis][i]).mul(I::F32x16::load(&self.near_slope[axis]));
-            near = t.max(near);
-            let t = I::F32x16::splat(meeting.last[axis][i]).mul(I::F32x16::load(&self.far_slope[axis]));
-            far = t.min(far);
+    pub(super) fn within<I: Isa>(&self, mask: Mask, near: f32) -> Mask {
+        let mut within = 0;
+        for (g, group) in self.groups.iter().enumerate() {
+            if part(mask, g) != 0 {
+                within |= Mask::from(I::F32x16::splat(near).le(I::F32x16::load(&group.limit))) << (WIDE * g);
+            }
         }
-        near.le(far)
+        within & mask
     }
+
+    /// The rays of `mask` that may meet box i of a node that the hull has met: with the origins of the hull, and slopes of their own.
+    #[inline(always)]
+    pub(super) fn meet<I: Isa>(&self, mask: Mask, meeting: &Meeting, i: usize) -> Mask {
+        let mut met = 0;
+        for (g, group) in self.groups.iter().enumerate() {
+            if part(mask, g) != 0 {
+                let mut near = I::F32x16::splat(self.start);
+                let mut far = I::F32x16::load(&group.limit);
+                for axis in 0..3 {
+                    let t = I::F32x16::splat(meeting.first[axis][i]).mul(I::F32x16::load(&group.near_slope[axis]));
+                    near = t.max(near);
+                    let t = I::F32x16::splat(meeting.last[axis][i]).mul(I::F32x16::load(&group.far_slope[axis]));
+                    far = t.min(far);
+                }
+                met |= Mask::from(near.le(far)) << (WIDE * g);
+            }
+        }
+        met & mask
+    }
+}
+
+/// The rays of a group in a mask.
+#[inline(always)]
+fn part(mask: Mask, g: usize) -> Mask {
+    mask >> (WIDE * g) & ((1 << WIDE) - 1)
+}
+
+/// The lower and the upper eight numbers of a group.
+#[inline(always)]
+fn halves<I: Isa>(x: &[f64; LANES], g: usize) -> (I::F64x8, I::F64x8) {
+    let eights = x.as_chunks().0;
+    (I::F64x8::load(&eights[2 * g]), I::F64x8::load(&eights[2 * g + 1]))
+}
+
+#[inline(always)]
+fn outer<I: Isa>(x: I::F32x16, y: &[f32; WIDE], largest: bool) -> I::F32x16 {
+    let y = I::F32x16::load(y);
+    if largest { Floats::max(x, y) } else { Floats::min(x, y) }
 }
 
 impl Hull {
