@@ -229,7 +229,7 @@ impl Scene {
                 places.push(Place { object, primitive, index: index as u8 });
             }
         }
-        let order = |a: &Place, b: &Place| number::certify(&Compare { scene: self, a, b, origin, direction });
+        let order = |a: &Place, b: &Place| self.compare(a, b, origin, direction);
         places.sort_by(order);
         places.dedup_by(|a, b| order(a, b) == Ordering::Equal);
         places.iter().map(|at| self.t(at, origin, direction)).collect()
@@ -252,6 +252,26 @@ impl Scene {
         found.sort_unstable();
         found.dedup();
         found
+    }
+
+    /// Which of two roots on a line comes first.
+    fn compare(&self, a: &Place, b: &Place, origin: Point, direction: Point) -> Ordering {
+        // Things stand on floors: only exact arithmetic could tell that a line meets both at the same t.
+        if self.share_level(a, b) {
+            return Ordering::Equal;
+        }
+        number::certify(&Compare { scene: self, a, b, origin, direction })
+    }
+
+    /// Whether both are triangles in one plane across an axis.
+    fn share_level(&self, a: &Place, b: &Place) -> bool {
+        let object = |at: &Place| &self.objects[at.object as usize];
+        let plain = object(a).is_plain_triangle() && object(b).is_plain_triangle();
+        plain && {
+            let Triangle(p, q, r) = object(a).triangle(a.primitive);
+            let Triangle(u, v, w) = object(b).triangle(b.primitive);
+            (0..3).any(|axis| [q, r, u, v, w].iter().all(|x| x[axis] == p[axis]))
+        }
     }
 
     /// t, correctly rounded.
@@ -368,7 +388,7 @@ impl<'a> Search<'a> {
         }
         let nearer = self.best.as_ref().is_none_or(|(best, bounds)| {
             t.high < bounds.low
-                || match number::certify(&Compare { scene: self.scene, a: &at, b: best, origin, direction }) {
+                || match self.scene.compare(&at, best, origin, direction) {
                     Ordering::Less => true,
                     Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
                     Ordering::Greater => false,
