@@ -7,6 +7,7 @@ mod build;
 mod packet;
 mod span;
 
+use packet::Hull;
 pub use packet::{LANES, Mask, Packet, Rays, all};
 pub use span::Span;
 
@@ -139,11 +140,7 @@ impl<L: Send> Bvh<L> {
             self.traverse_together::<I>(packet, active, stack, visitor);
             return;
         }
-        let mut left = active;
-        while left != 0 {
-            self.traverse_alone::<I>(packet, left.trailing_zeros() as usize, stack, visitor);
-            left &= left - 1;
-        }
+        self.traverse_each::<I>(packet, active, stack, visitor);
     }
 
     #[inline(always)]
@@ -191,47 +188,78 @@ impl<L: Send> Bvh<L> {
         }
     }
 
+    /// A few rays by turns, a step each: while one waits for memory, the others go on.
     #[inline(always)]
-    fn traverse_alone<I: Isa>(
+    fn traverse_each<I: Isa>(
         &self,
         packet: &mut Packet,
-        lane: usize,
+        active: Mask,
         stack: &mut Stack,
         visitor: &mut impl Visitor<L>,
     ) {
-        let hull = packet.hull_of_one(lane);
-        let mut limit = packet.limit(lane);
-        let base = stack.len;
-        let mut child = Child::node(0);
-        loop {
-            if child.is_leaf() {
-                if visitor.visit::<I>(stack, &self.leaves[child.index()], 1 << lane) != 0 {
-                    packet.set_limit(lane, visitor.limit(lane));
-                    limit = packet.limit(lane);
-                }
+        let mut left = active;
+        let mut walks = [Walk::new(packet, 0), Walk::new(packet, 0), Walk::new(packet, 0), Walk::new(packet, 0)];
+        let mut going = 0;
+        while going < walks.len() && left != 0 {
+            walks[going].restart(packet, left.trailing_zeros() as usize);
+            left &= left - 1;
+            going += 1;
+        }
+        let mut k = 0;
+        while going > 0 {
+            if self.step::<I>(&mut walks[k], packet, stack, visitor) {
+                k += 1;
+            } else if left != 0 {
+                walks[k].restart(packet, left.trailing_zeros() as usize);
+                left &= left - 1;
             } else {
-                let node = &self.nodes[child.index()];
-                let meeting = hull.meet::<I>(node, limit);
-                let mut met = meeting.met;
-                if met != 0 && met & (met - 1) == 0 {
-                    child = node.child[met.trailing_zeros() as usize];
-                    continue;
-                }
-                let first = stack.len;
-                while met != 0 {
-                    let i = met.trailing_zeros() as usize;
-                    met &= met - 1;
-                    self.prefetch::<I>(node.child[i]);
-                    stack.push_sorted(first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
-                }
+                going -= 1;
+                walks.swap(k, going);
             }
-            child = loop {
-                let Some(next) = stack.pop(base) else { return };
-                if next.near <= limit {
-                    break next.child;
-                }
+            if k >= going {
+                k = 0;
             }
         }
+    }
+
+    /// One node or leaf; false at the end of the walk.
+    #[inline(always)]
+    fn step<I: Isa>(
+        &self,
+        walk: &mut Walk,
+        packet: &mut Packet,
+        stack: &mut Stack,
+        visitor: &mut impl Visitor<L>,
+    ) -> bool {
+        if walk.child.is_leaf() {
+            if visitor.visit::<I>(stack, &self.leaves[walk.child.index()], 1 << walk.lane) != 0 {
+                packet.set_limit(walk.lane, visitor.limit(walk.lane));
+                walk.limit = packet.limit(walk.lane);
+            }
+        } else {
+            let node = &self.nodes[walk.child.index()];
+            let meeting = walk.hull.meet::<I>(node, walk.limit);
+            let mut met = meeting.met;
+            if met != 0 && met & (met - 1) == 0 {
+                walk.child = node.child[met.trailing_zeros() as usize];
+                self.prefetch::<I>(walk.child);
+                return true;
+            }
+            let first = walk.stack.len;
+            while met != 0 {
+                let i = met.trailing_zeros() as usize;
+                met &= met - 1;
+                walk.stack.push_sorted(first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
+            }
+        }
+        while let Some(next) = walk.stack.pop(0) {
+            if next.near <= walk.limit {
+                walk.child = next.child;
+                self.prefetch::<I>(walk.child);
+                return true;
+            }
+        }
+        false
     }
 
     #[inline(always)]
@@ -250,6 +278,29 @@ fn prefetch<I: Isa, T>(what: &T) {
     let start: *const T = what;
     for line in 0..size_of::<T>().div_ceil(64) {
         I::prefetch(start.cast::<[u8; 64]>().wrapping_add(line));
+    }
+}
+
+/// A ray on its way through a hierarchy.
+struct Walk {
+    lane: usize,
+    hull: Hull,
+    limit: f32,
+    child: Child,
+    stack: Stack,
+}
+
+impl Walk {
+    #[inline(always)]
+    fn new(packet: &Packet, lane: usize) -> Self {
+        let (hull, limit) = (packet.hull_of_one(lane), packet.limit(lane));
+        Walk { lane, hull, limit, child: Child::node(0), stack: Stack::new() }
+    }
+
+    #[inline(always)]
+    fn restart(&mut self, packet: &Packet, lane: usize) {
+        (self.lane, self.child) = (lane, Child::node(0));
+        (self.hull, self.limit) = (packet.hull_of_one(lane), packet.limit(lane));
     }
 }
 
