@@ -201,7 +201,7 @@ impl Scene {
                 all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
             };
             let size = side(0).max(side(1)).max(side(2));
-            Index { unbounded, bounded: Bvh::new(&bounds, 1, |ids| ids[0]), size }
+            Index { unbounded, bounded: Bvh::new(bounds.len(), |id| bounds[id as usize], 1, |ids| ids[0]), size }
         })
     }
 

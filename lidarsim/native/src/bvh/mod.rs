@@ -53,11 +53,6 @@ impl Child {
     fn index(self) -> usize {
         (self.0 & !Self::LEAF_BIT) as usize
     }
-
-    /// The same child, of a part that is put behind so many nodes and leaves.
-    fn moved(self, nodes: usize, leaves: usize) -> Self {
-        Child(self.0 + if self.is_leaf() { leaves } else { nodes } as u32)
-    }
 }
 
 /// What the rays of a packet do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
@@ -78,9 +73,15 @@ pub struct Bvh<L> {
 }
 
 impl<L: Send> Bvh<L> {
-    /// Primitives without a box (none) are left out; `leaf` makes a leaf of up to `most` primitives, at most `LEAF`.
-    pub fn new(bounds: &[Option<[Interval; 3]>], most: usize, leaf: impl Fn(&[u32]) -> L + Sync) -> Self {
-        build::build(bounds, most.min(LEAF), leaf)
+    /// Over primitives 0 to `count`; those without a box (none) are left out. `leaf` makes a leaf of up to `most` primitives, at
+    /// most `LEAF`.
+    pub fn new(
+        count: usize,
+        bounds: impl Fn(u32) -> Option<[Interval; 3]> + Sync,
+        most: usize,
+        leaf: impl Fn(&[u32]) -> L + Sync,
+    ) -> Self {
+        build::build(count, bounds, most.min(LEAF), leaf)
     }
 
     pub fn center(&self) -> Point {

@@ -65,10 +65,8 @@ impl TriangleMesh {
     }
 
     pub fn hierarchy(&self) -> &Bvh<Block> {
-        self.hierarchy.get_or_init(|| {
-            let bounds: Vec<_> = (0..self.len() as u32).map(|id| self.triangle(id).bounds()).collect();
-            Bvh::new(&bounds, LEAF, |ids| Block::new(ids, self))
-        })
+        self.hierarchy
+            .get_or_init(|| Bvh::new(self.len(), |id| self.triangle(id).bounds(), LEAF, |ids| Block::new(ids, self)))
     }
 
     pub fn bounds(&self) -> Option<[Interval; 3]> {
