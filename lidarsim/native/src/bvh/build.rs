@@ -25,7 +25,7 @@ pub const DEPTH: usize = BY_SURFACE + 30;
 const PARALLEL: usize = 4096;
 
 /// Ranges of fewer primitives than this are split by place alone.
-const SIZED: usize = 256;
+const SIZED: usize = 4096;
 
 /// A box: its low corner, and its high corner negated, so that to include is to take minima.
 #[derive(Clone, Copy)]
