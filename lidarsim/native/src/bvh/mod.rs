@@ -103,9 +103,9 @@ impl<L: Send> Bvh<L> {
         if self.nodes.is_empty() {
             return;
         }
-        let base = stack.len;
-        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
-        while let Some(entry) = stack.pop(base) {
+        let base = stack.len[0];
+        stack.push_sorted(0, base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
+        while let Some(entry) = stack.pop(0, base) {
             if entry.near > span.limit() {
                 continue;
             }
@@ -115,10 +115,10 @@ impl<L: Send> Bvh<L> {
             }
             let node = &self.nodes[entry.child.index()];
             let (near, far) = span.meet(&node.low, &node.high);
-            let first = stack.len;
+            let first = stack.len[0];
             for i in 0..WIDTH {
                 if near[i] <= far[i] {
-                    stack.push_sorted(first, Entry { near: near[i], child: node.child[i], mask: 0 });
+                    stack.push_sorted(0, first, Entry { near: near[i], child: node.child[i], mask: 0 });
                 }
             }
         }
@@ -153,7 +153,7 @@ impl<L: Send> Bvh<L> {
         visitor: &mut impl Visitor<L>,
     ) {
         let hull = packet.hull_of_all::<I>();
-        let base = stack.len;
+        let base = stack.len[0];
         let mut entry = Entry { near: 0.0, child: Child::node(0), mask: active };
         loop {
             if entry.child.is_leaf() {
@@ -167,7 +167,7 @@ impl<L: Send> Bvh<L> {
                 let node = &self.nodes[entry.child.index()];
                 let meeting = hull.meet::<I>(node, f32::INFINITY);
                 let mut met = meeting.met;
-                let first = stack.len;
+                let first = stack.len[0];
                 while met != 0 {
                     let i = met.trailing_zeros() as usize;
                     met &= met - 1;
@@ -175,12 +175,12 @@ impl<L: Send> Bvh<L> {
                     if mask != 0 {
                         let child = node.child[i];
                         self.prefetch::<I>(child);
-                        stack.push_sorted(first, Entry { near: meeting.near[i], child, mask });
+                        stack.push_sorted(0, first, Entry { near: meeting.near[i], child, mask });
                     }
                 }
             }
             entry = loop {
-                let Some(mut next) = stack.pop(base) else { return };
+                let Some(mut next) = stack.pop(0, base) else { return };
                 next.mask = packet.within::<I>(next.mask, next.near);
                 if next.mask != 0 {
                     break next;
@@ -199,19 +199,28 @@ impl<L: Send> Bvh<L> {
         visitor: &mut impl Visitor<L>,
     ) {
         let mut left = active;
-        let mut walks = [Walk::new(packet, 0), Walk::new(packet, 0), Walk::new(packet, 0), Walk::new(packet, 0)];
+        let start = |lane: usize, stack: usize, base: usize, packet: &Packet| Walk {
+            lane,
+            hull: packet.hull_of_one(lane),
+            limit: packet.limit(lane),
+            child: Child::node(0),
+            stack,
+            base,
+        };
+        let mut walks = [start(left.trailing_zeros() as usize, 0, 0, packet); WALKS];
         let mut going = 0;
-        while going < walks.len() && left != 0 {
-            walks[going].restart(packet, left.trailing_zeros() as usize);
+        while going < WALKS && left != 0 {
+            walks[going] = start(left.trailing_zeros() as usize, 1 + going, stack.len[1 + going], packet);
             left &= left - 1;
             going += 1;
         }
         let mut k = 0;
         while going > 0 {
-            if self.step::<I>(&mut walks[k], packet, stack, visitor) {
+            let walk = &mut walks[k];
+            if self.step::<I>(walk, packet, stack, visitor) {
                 k += 1;
             } else if left != 0 {
-                walks[k].restart(packet, left.trailing_zeros() as usize);
+                *walk = start(left.trailing_zeros() as usize, walk.stack, walk.base, packet);
                 left &= left - 1;
             } else {
                 going -= 1;
@@ -246,14 +255,14 @@ impl<L: Send> Bvh<L> {
                 self.prefetch::<I>(walk.child);
                 return true;
             }
-            let first = walk.stack.len;
+            let first = stack.len[walk.stack];
             while met != 0 {
                 let i = met.trailing_zeros() as usize;
                 met &= met - 1;
-                walk.stack.push_sorted(first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
+                stack.push_sorted(walk.stack, first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
             }
         }
-        while let Some(next) = walk.stack.pop(0) {
+        while let Some(next) = stack.pop(walk.stack, walk.base) {
             if next.near <= walk.limit {
                 walk.child = next.child;
                 self.prefetch::<I>(walk.child);
@@ -283,26 +292,15 @@ fn prefetch<I: Isa, T>(what: &T) {
 }
 
 /// A ray on its way through a hierarchy.
+#[derive(Clone, Copy)]
 struct Walk {
     lane: usize,
     hull: Hull,
     limit: f32,
     child: Child,
-    stack: Stack,
-}
-
-impl Walk {
-    #[inline(always)]
-    fn new(packet: &Packet, lane: usize) -> Self {
-        let (hull, limit) = (packet.hull_of_one(lane), packet.limit(lane));
-        Walk { lane, hull, limit, child: Child::node(0), stack: Stack::new() }
-    }
-
-    #[inline(always)]
-    fn restart(&mut self, packet: &Packet, lane: usize) {
-        (self.lane, self.child) = (lane, Child::node(0));
-        (self.hull, self.limit) = (packet.hull_of_one(lane), packet.limit(lane));
-    }
+    /// Which stack, and where it begins.
+    stack: usize,
+    base: usize,
 }
 
 /// A subtree still to be visited, and how near it may be.
@@ -314,38 +312,43 @@ struct Entry {
     mask: Mask,
 }
 
-/// A traversal stack, to be used again and again, and deep enough for a hierarchy within a hierarchy: each level pops one entry
-/// and pushes at most `WIDTH`.
+/// Rays that a thread traces by turns.
+const WALKS: usize = 4;
+
+/// Traversal stacks, to be used again and again: one for rays together, and one for each that goes alone. They are deep enough for a hierarchy
+/// within a hierarchy: each level pops one entry and pushes at most `WIDTH`.
 pub struct Stack {
-    entries: [Entry; Stack::SIZE],
-    len: usize,
+    entries: [[Entry; Stack::SIZE]; 1 + WALKS],
+    len: [usize; 1 + WALKS],
 }
 
 impl Stack {
     const SIZE: usize = 2 * ((WIDTH - 1) * build::DEPTH + 1);
 
     pub fn new() -> Self {
-        Stack { entries: [Entry { near: 0.0, child: Child(0), mask: 0 }; Stack::SIZE], len: 0 }
+        let empty = Entry { near: 0.0, child: Child(0), mask: 0 };
+        Stack { entries: [[empty; Stack::SIZE]; 1 + WALKS], len: [0; 1 + WALKS] }
     }
 
     #[inline(always)]
-    fn pop(&mut self, base: usize) -> Option<Entry> {
-        if self.len <= base {
+    fn pop(&mut self, which: usize, base: usize) -> Option<Entry> {
+        if self.len[which] <= base {
             return None;
         }
-        self.len -= 1;
-        Some(self.entries[self.len])
+        self.len[which] -= 1;
+        Some(self.entries[which][self.len[which]])
     }
 
     /// Keeps the entries from `first` on in descending order of `near`, so that the nearest is popped first.
     #[inline(always)]
-    fn push_sorted(&mut self, first: usize, entry: Entry) {
-        let mut i = self.len;
-        while i > first && self.entries[i - 1].near < entry.near {
-            self.entries[i] = self.entries[i - 1];
+    fn push_sorted(&mut self, which: usize, first: usize, entry: Entry) {
+        let (entries, len) = (&mut self.entries[which], &mut self.len[which]);
+        let mut i = *len;
+        while i > first && entries[i - 1].near < entry.near {
+            entries[i] = entries[i - 1];
             i -= 1;
         }
-        self.entries[i] = entry;
-        self.len += 1;
+        entries[i] = entry;
+        *len += 1;
     }
 }
