@@ -235,8 +235,11 @@ impl Blocks<'_, '_> {
             let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
             while let Some(i) = take(&mut candidates) {
                 let (search, primitive) = (&mut self.searches[lane], block.ids()[i]);
-                let known =
-                    if sure & 1 << i != 0 { block.meet(i, &edges, &planes, direction, direction_error) } else { None };
+                let known = if sure & 1 << i != 0 {
+                    Block::meet::<I>(i, &edges, &planes, direction, direction_error)
+                } else {
+                    None
+                };
                 match known {
                     Some(t) if t.low > search.limit() => continue,
                     Some(t) => search.offer(Place::of_triangle(self.id, primitive), t),

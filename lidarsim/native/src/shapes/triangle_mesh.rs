@@ -6,7 +6,7 @@ use super::{Surface, Triangle};
 use crate::bvh::{Bvh, LEAF};
 use crate::number::{Interval, UNIT};
 use crate::pose;
-use crate::simd::{Floats, Isa, lanes};
+use crate::simd::{self, Floats, Isa, lanes};
 use crate::vector::Point;
 
 #[derive(Debug)]
@@ -84,31 +84,36 @@ impl TriangleMesh {
     }
 }
 
-/// A leaf: up to eight triangles side by side, their vertices as float32 offsets from a float64 anchor.
+/// A leaf: up to eight triangles side by side, their vertices on a grid.
 ///
-/// What is decided here is certain for the vertices themselves, as the error of the offsets is in every bound; the rest is left to
+/// What is decided here is certain for the vertices themselves, as the error of the grid is in every bound; the rest is left to
 /// exact arithmetic.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Block {
-    /// By vertex, axis, triangle.
-    offset: [[[f32; LEAF]; 3]; 3],
+    /// By vertex and triangle, x in the lowest bits: a coordinate k stands for anchor + (1 + k/2²¹)·2^exponent.
+    grid: [[u64; LEAF]; 3],
     id: [u32; LEAF],
     anchor: Point,
-    /// The largest offset, and how far any of them is off.
-    reach: f64,
-    error: f64,
-    count: u32,
+    /// How far any coordinate is off.
+    error: f32,
+    exponent: i16,
+    count: u16,
 }
+
+/// Bits of a coordinate.
+const GRID: u32 = simd::FRACTION;
 
 type Lanes<I> = <I as Isa>::F64x8;
 
 /// The triangles of a block as a ray's origin sees them.
 pub struct Edges<I: Isa> {
+    /// a, b, c.
+    vertices: [[Lanes<I>; 3]; 3],
     /// c × b, a × c, b × a.
     normals: [[Lanes<I>; 3]; 3],
-    /// From the origin to the anchor.
-    shift: Point,
+    /// At least the largest coordinate of an edge, on the grid.
+    scale: f64,
     /// At least the largest coordinate of a vertex, and the error of any of them.
     reach: f64,
     error: f64,
@@ -123,31 +128,40 @@ pub struct Planes {
 
 impl Block {
     fn new(ids: &[u32], mesh: &TriangleMesh) -> Self {
-        let anchor = mesh.triangle(ids[0]).0;
-        let mut block = Block {
-            offset: [[[0.0; LEAF]; 3]; 3],
-            id: [0; LEAF],
-            anchor,
-            reach: 0.0,
-            error: 0.0,
-            count: ids.len() as u32,
-        };
+        const STEPS: f64 = (1 << GRID) as f64;
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for &id in ids {
+            let Triangle(a, b, c) = mesh.triangle(id);
+            for p in [a, b, c] {
+                for axis in 0..3 {
+                    (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(p[axis]));
+                }
+            }
+        }
+        let side = larger(high[0] - low[0], larger(high[1] - low[1], high[2] - low[2]));
+        // A box this large leaves every decision to exact arithmetic.
+        let (side, mut error) = if side < f64::MAX / 4.0 { (side, 0.0) } else { (1.0, f64::INFINITY) };
+        // The power of two above the side, so that k < 2²¹ reaches over it.
+        let exponent = (side.to_bits() >> 52) as i16 - 1022;
+        let scale = power_of_two(exponent);
+        let anchor = low.map(|x| x - scale);
+        let (mut grid, mut all) = ([[0; LEAF]; 3], [0; LEAF]);
         for (lane, &id) in ids.iter().enumerate() {
-            block.id[lane] = id;
+            all[lane] = id;
             let Triangle(a, b, c) = mesh.triangle(id);
             for (vertex, p) in [a, b, c].into_iter().enumerate() {
                 for axis in 0..3 {
                     let exact = p[axis] - anchor[axis];
-                    let offset = exact as f32;
-                    block.offset[vertex][axis][lane] = offset;
-                    block.reach = block.reach.max(f64::from(offset).abs());
+                    let k = ((exact / scale - 1.0) * STEPS).round_ties_even().clamp(0.0, STEPS - 1.0);
+                    grid[vertex][lane] |= (k as u64) << (GRID * axis as u32);
                     // The difference itself is rounded, too.
-                    let error = (exact - f64::from(offset)).abs() + exact.abs() * (2.0 * UNIT);
-                    block.error = block.error.max(error.next_up());
+                    let off = (exact - (1.0 + k / STEPS) * scale).abs() + exact.abs() * (2.0 * UNIT);
+                    error = larger(error, off);
                 }
             }
         }
-        block
+        let error = (error as f32).next_up();
+        Block { grid, id: all, anchor, error, exponent, count: ids.len() as u16 }
     }
 
     #[inline(always)]
@@ -158,27 +172,40 @@ impl Block {
     #[inline(always)]
     pub fn edges<I: Isa>(&self, origin: Point, origin_error: f64) -> Edges<I> {
         let shift = [self.anchor[0] - origin[0], self.anchor[1] - origin[1], self.anchor[2] - origin[2]];
-        let (a, b, c) = (self.vertices::<I>(0, shift), self.vertices::<I>(1, shift), self.vertices::<I>(2, shift));
+        let scale = power_of_two(self.exponent);
+        let vertices = [
+            self.vertices::<I>(0, scale, shift),
+            self.vertices::<I>(1, scale, shift),
+            self.vertices::<I>(2, scale, shift),
+        ];
+        let [a, b, c] = vertices;
         let farthest = larger(shift[0].abs(), larger(shift[1].abs(), shift[2].abs()));
+        let error = f64::from(self.error) + origin_error;
         Edges {
+            vertices,
             normals: [lanes::fused_cross(c, b), lanes::fused_cross(a, c), lanes::fused_cross(b, a)],
-            shift,
+            scale,
             // The sum rounds; a trifle more is as good.
-            reach: (farthest + self.reach) * (1.0 + 4.0 * UNIT),
-            error: self.error + origin_error,
+            reach: (farthest + 2.0 * scale + error) * (1.0 + 4.0 * UNIT),
+            error,
         }
     }
 
+    /// A vertex of each triangle, moved by `shift`.
     #[inline(always)]
-    fn vertices<I: Isa>(&self, vertex: usize, shift: Point) -> [Lanes<I>; 3] {
-        let [x, y, z] = widen::<I>(&self.offset[vertex]);
-        [x.add(Lanes::<I>::splat(shift[0])), y.add(Lanes::<I>::splat(shift[1])), z.add(Lanes::<I>::splat(shift[2]))]
+    fn vertices<I: Isa>(&self, vertex: usize, scale: f64, shift: Point) -> [Lanes<I>; 3] {
+        let (grid, scale) = (&self.grid[vertex], Lanes::<I>::splat(scale));
+        [
+            I::fraction::<0>(grid).fused(scale, Lanes::<I>::splat(shift[0])),
+            I::fraction::<GRID>(grid).fused(scale, Lanes::<I>::splat(shift[1])),
+            I::fraction::<{ 2 * GRID }>(grid).fused(scale, Lanes::<I>::splat(shift[2])),
+        ]
     }
 
     /// The triangles that a ray may meet, a bit each, and those of them that it surely meets: by the three volumes d·(c × b), d·(a × c),
     /// d·(b × a). Two of them with different signs rule a triangle out, three of one sign make a hit.
     ///
-    /// With m ≥ all coordinates of a, b, c, and ε the error of the offsets and of the origin: a coordinate is off by δ = 3u·m + ε at most,
+    /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is off by δ = 3u·m + ε at most,
     /// a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² a unit of |d|₁.
     /// While δ ≤ m, which m ≥ ε brings about, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has
     /// 32, 8 and 8 in these places to cover its own roundings.
@@ -202,30 +229,27 @@ impl Block {
 
     #[inline(always)]
     pub fn planes<I: Isa>(&self, edges: &Edges<I>) -> Planes {
-        let [a, b, c] = &self.offset;
-        let (a, b, c) = (widen::<I>(a), widen::<I>(b), widen::<I>(c));
+        let [a, b, c] = edges.vertices;
         let e1 = [b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])];
         let e2 = [c[0].sub(a[0]), c[1].sub(a[1]), c[2].sub(a[2])];
         let n = lanes::fused_cross(e1, e2);
-        let shift: [Lanes<I>; 3] = lanes::splat(edges.shift);
-        let seen = [a[0].add(shift[0]), a[1].add(shift[1]), a[2].add(shift[2])];
         Planes {
             normal: [n[0].store(), n[1].store(), n[2].store()],
-            distance: lanes::fused_dot(n, seen).store(),
+            distance: lanes::fused_dot(n, a).store(),
             size: n[0].abs().add(n[1].abs()).add(n[2].abs()).store(),
         }
     }
 
     /// Bounds of t = N·a/(N·d) for triangle i, which the ray surely meets; none if they would be of no use.
     ///
-    /// With e ≥ all coordinates of the edges: were there no rounding, the triangle seen would be met in a point that is a mean of its vertices,
-    /// so at most ε·|N|₁ off the true plane, |N| times; that is ε·|N|₁/|N·d| in t. The rounding of N, 8u·e² a coordinate, turns the
-    /// plane about a point of the triangle and moves t by 24u·e³/|N·d|; a is off by 3u·m besides ε, the sum N·a rounds by 4u·m·|N|₁, and N·d by
-    /// |N|₁·(4u·|d|∞ + ε_d). N itself, seen or true, differs by 8u·e² + 9ε·e a coordinate. All are doubled, so that second-order
-    /// terms are covered while N·d is at least twice its error; the product with 1/(N·d) instead of a quotient rounds by 3u.
+    /// A vertex is off by δ = 3u·m + ε at most, as above. With e ≥ all coordinates of the edges, seen or true: were there no more rounding,
+    /// the triangle seen would be met in a point that is a mean of its vertices, so at most δ·|N|₁ off the true plane, |N| times; that is
+    /// δ·|N|₁/|N·d| in t. The rounding of N, 8u·e² a coordinate, turns the plane about a point of the triangle and moves t by
+    /// 24u·e³/|N·d|; the sum N·a rounds by 4u·m·|N|₁, and N·d by |N|₁·(4u·|d|∞ + ε_d). N itself, seen or true, differs by 8u·e² + 9δ·e a
+    /// coordinate. All are doubled, so that second-order terms are covered while N·d is at least twice its error; the product with
+    /// 1/(N·d) instead of a quotient rounds by 3u.
     #[inline(always)]
     pub fn meet<I: Isa>(
-        &self,
         i: usize,
         edges: &Edges<I>,
         planes: &Planes,
@@ -234,14 +258,15 @@ impl Block {
     ) -> Option<Interval> {
         let den = pose::dot([planes.normal[0][i], planes.normal[1][i], planes.normal[2][i]], direction);
         let speed = larger(direction[0].abs(), larger(direction[1].abs(), direction[2].abs()));
-        let e = 2.0 * self.reach;
-        let wobble = 3.0 * e * (8.0 * UNIT * e + 9.0 * self.error);
+        let off = 3.0 * UNIT * edges.reach + edges.error;
+        let e = edges.scale + 2.0 * off;
+        let wobble = 3.0 * e * (8.0 * UNIT * e + 9.0 * off);
         let slack = 4.0 * UNIT * speed + direction_error;
         let size = planes.size[i] + wobble;
         let den_error = 2.0 * (size * slack + wobble * speed) + f64::MIN_POSITIVE;
         let inverse = 1.0 / den;
         let t = planes.distance[i] * inverse;
-        let moved = size * (7.0 * UNIT * edges.reach + edges.error + t.abs() * slack) + 24.0 * UNIT * e * e * e;
+        let moved = size * (off + 4.0 * UNIT * edges.reach + t.abs() * slack) + 24.0 * UNIT * e * e * e;
         // 1/(|N·d| − its error) is at most twice 1/|N·d|.
         let error = 4.0 * moved * inverse.abs() + t.abs() * (8.0 * UNIT) + f64::MIN_POSITIVE;
         let known = 2.0 * den_error < den.abs() && error < f64::INFINITY;
@@ -249,13 +274,13 @@ impl Block {
     }
 }
 
-#[inline(always)]
-fn widen<I: Isa>(v: &[[f32; LEAF]; 3]) -> [Lanes<I>; 3] {
-    [I::widen(&v[0]), I::widen(&v[1]), I::widen(&v[2])]
-}
-
 /// No NaN is met here; the comparison is one instruction.
 #[inline(always)]
 fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }
+}
+
+#[inline(always)]
+fn power_of_two(exponent: i16) -> f64 {
+    f64::from_bits(((i64::from(exponent) + 1023) as u64) << 52)
 }

@@ -41,13 +41,24 @@ pub trait Floats<T, const N: usize>: Copy {
     fn smallest(self) -> T;
 }
 
+/// The bits of what [`Isa::fraction`] takes.
+pub const FRACTION: u32 = 21;
+
+/// Where they belong in a float64: at the top of its 52 bits of fraction.
+const PLACE: u32 = 52 - FRACTION;
+
+/// These, and the bits of 1.
+const FRACTION_MASK: u64 = ((1 << FRACTION) - 1) << PLACE;
+const ONE: u64 = 1.0_f64.to_bits();
+
 /// An instruction set.
 pub trait Isa: Copy {
     type F32x8: Floats<f32, 8>;
     type F32x16: Floats<f32, 16>;
     type F64x8: Floats<f64, 8>;
 
-    fn widen(x: &[f32; 8]) -> Self::F64x8;
+    /// 1 + k/2²¹, with k the 21 bits from bit `FIRST` on.
+    fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8;
     /// Two halves, rounded to float32.
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// Brings what is near `address` into the cache.

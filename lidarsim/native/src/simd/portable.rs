@@ -1,6 +1,6 @@
 //! Arrays, for any processor.
 
-use super::{Floats, Isa};
+use super::{FRACTION_MASK, Floats, Isa, ONE, PLACE};
 
 #[derive(Clone, Copy)]
 pub struct Portable;
@@ -11,8 +11,11 @@ impl Isa for Portable {
     type F64x8 = [f64; 8];
 
     #[inline(always)]
-    fn widen(x: &[f32; 8]) -> [f64; 8] {
-        x.map(f64::from)
+    fn fraction<const FIRST: u32>(x: &[u64; 8]) -> [f64; 8] {
+        x.map(|x| {
+            let placed = if FIRST < PLACE { x << (PLACE - FIRST) } else { x >> (FIRST - PLACE) };
+            f64::from_bits(placed & FRACTION_MASK | ONE)
+        })
     }
 
     #[inline(always)]

@@ -6,7 +6,7 @@
 
 use core::arch::x86_64::*;
 
-use super::{Floats, Isa, Task};
+use super::{FRACTION_MASK, Floats, Isa, ONE, PLACE, Task};
 
 #[derive(Clone, Copy)]
 pub struct Avx2;
@@ -36,9 +36,14 @@ impl Isa for Avx2 {
     type F64x8 = Two<__m256d>;
 
     #[inline(always)]
-    fn widen(x: &[f32; 8]) -> Self::F64x8 {
+    fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8 {
         // SAFETY: as above; both halves lie within the array.
-        unsafe { Two(_mm256_cvtps_pd(_mm_loadu_ps(x.as_ptr())), _mm256_cvtps_pd(_mm_loadu_ps(x.as_ptr().add(4)))) }
+        unsafe {
+            Two(
+                fraction_of_four::<FIRST>(_mm256_loadu_si256(x.as_ptr().cast())),
+                fraction_of_four::<FIRST>(_mm256_loadu_si256(x.as_ptr().add(4).cast())),
+            )
+        }
     }
 
     #[inline(always)]
@@ -59,15 +64,38 @@ impl Isa for Avx2 {
     }
 }
 
+#[inline(always)]
+fn fraction_of_four<const FIRST: u32>(x: __m256i) -> __m256d {
+    // SAFETY: as above.
+    unsafe {
+        let placed = if FIRST < PLACE {
+            _mm256_sll_epi64(x, _mm_cvtsi32_si128((PLACE - FIRST) as i32))
+        } else {
+            _mm256_srl_epi64(x, _mm_cvtsi32_si128((FIRST - PLACE) as i32))
+        };
+        let fraction = _mm256_and_si256(placed, _mm256_set1_epi64x(FRACTION_MASK as i64));
+        _mm256_castsi256_pd(_mm256_or_si256(fraction, _mm256_set1_epi64x(ONE as i64)))
+    }
+}
+
 impl Isa for Avx512 {
     type F32x8 = __m256;
     type F32x16 = __m512;
     type F64x8 = __m512d;
 
     #[inline(always)]
-    fn widen(x: &[f32; 8]) -> Self::F64x8 {
+    fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8 {
         // SAFETY: as above.
-        unsafe { _mm512_cvtps_pd(_mm256_loadu_ps(x.as_ptr())) }
+        unsafe {
+            let x = _mm512_loadu_si512(x.as_ptr().cast());
+            let placed = if FIRST < PLACE {
+                _mm512_sll_epi64(x, _mm_cvtsi32_si128((PLACE - FIRST) as i32))
+            } else {
+                _mm512_srl_epi64(x, _mm_cvtsi32_si128((FIRST - PLACE) as i32))
+            };
+            let fraction = _mm512_and_si512(placed, _mm512_set1_epi64(FRACTION_MASK as i64));
+            _mm512_castsi512_pd(_mm512_or_si512(fraction, _mm512_set1_epi64(ONE as i64)))
+        }
     }
 
     #[inline(always)]
