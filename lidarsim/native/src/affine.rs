@@ -66,6 +66,69 @@ impl Inverse {
             dyadic: Adjugate::of(map, reflects),
         })
     }
+
+    /// Of `first` and then `second`, whose inverse this is.
+    pub fn after(&self, first: &Self, second: &Affine) -> Self {
+        Inverse {
+            ball: self.ball.after(&first.ball, second),
+            dd: self.dd.after(&first.dd, second),
+            dyadic: self.dyadic.after(&first.dyadic, second),
+        }
+    }
+}
+
+/// How a surface is placed in the world.
+pub trait Placement: Copy {
+    /// A ray of the world in the coordinates of the surface.
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N>;
+    /// A normal of the surface in coordinates of the world, of any length.
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N>;
+}
+
+/// Not moved at all.
+#[derive(Clone, Copy)]
+pub struct AsMade;
+
+impl Placement for AsMade {
+    #[inline(always)]
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
+        ray
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
+        normal
+    }
+}
+
+impl Placement for &Inverse {
+    #[inline(always)]
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
+        N::of_inverse(self).apply(&ray)
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
+        N::of_inverse(self).normal(&normal)
+    }
+}
+
+impl<P: Placement> Placement for Option<P> {
+    #[inline(always)]
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
+        match self {
+            None => ray,
+            Some(placement) => placement.local(ray),
+        }
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
+        match self {
+            None => normal,
+            Some(placement) => placement.normal(normal),
+        }
+    }
 }
 
 /// The inverse of an affine map without its division: linear⁻¹ = adjugate/determinant. The signs of both are changed where the
@@ -93,25 +156,60 @@ impl<N: Number> Adjugate<N> {
         }
     }
 
+    /// x = L₂·(L₁·y + t₁) + t₂, so that adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.
+    fn after(&self, first: &Self, second: &Affine) -> Self {
+        let [r0, r1, r2] = &self.rows;
+        let columns: [Vector<N>; 3] = std::array::from_fn(|j| [r0[j].clone(), r1[j].clone(), r2[j].clone()]);
+        Adjugate {
+            rows: first.rows.each_ref().map(|row| columns.each_ref().map(|column| vector::dot(row, column))),
+            offset: std::array::from_fn(|i| {
+                vector::dot(&vector::exact(second.linear[i]), &first.offset).plus(&self.offset[i])
+            }),
+            determinant: self.determinant.times(&first.determinant),
+        }
+    }
+
+    /// The same in a kind of number that holds this one.
+    #[inline(always)]
+    pub fn of_kind<'a, M: From<&'a N>>(&'a self) -> Adjugate<M> {
+        let [r0, r1, r2] = &self.rows;
+        Adjugate {
+            rows: [of_kind(r0), of_kind(r1), of_kind(r2)],
+            offset: of_kind(&self.offset),
+            determinant: M::from(&self.determinant),
+        }
+    }
+
     /// A world ray in the coordinates of the object.
+    #[inline(always)]
     pub fn apply(&self, ray: &Ray<N>) -> Ray<N> {
-        let times = |v: &Vector<N>| std::array::from_fn(|i| vector::dot(&self.rows[i], v));
         let weight = match &ray.weight {
             None => self.determinant.clone(),
             Some(w) => w.times(&self.determinant),
         };
         Ray {
-            origin: times(&ray.origin_from(self.offset.clone())),
-            direction: times(&ray.direction),
+            origin: self.times(&ray.origin_from(self.offset.clone())),
+            direction: self.times(&ray.direction),
             weight: Some(weight),
         }
     }
 
+    #[inline(always)]
+    fn times(&self, v: &Vector<N>) -> Vector<N> {
+        [vector::dot(&self.rows[0], v), vector::dot(&self.rows[1], v), vector::dot(&self.rows[2], v)]
+    }
+
     /// A normal of the object in world coordinates, times a positive number: linear⁻ᵀ·normal. The rows are those of the inverse
     /// times |determinant|, so that outward stays outward through a reflection.
+    #[inline(always)]
     pub fn normal(&self, n: &Vector<N>) -> Vector<N> {
-        std::array::from_fn(|i| {
-            self.rows[0][i].times(&n[0]).plus(&self.rows[1][i].times(&n[1])).plus(&self.rows[2][i].times(&n[2]))
-        })
+        let [r0, r1, r2] = &self.rows;
+        let sum = vector::add(&vector::scaled(r0, &n[0]), &vector::scaled(r1, &n[1]));
+        vector::add(&sum, &vector::scaled(r2, &n[2]))
     }
+}
+
+#[inline(always)]
+fn of_kind<'a, N, M: From<&'a N>>(v: &'a Vector<N>) -> Vector<M> {
+    [M::from(&v[0]), M::from(&v[1]), M::from(&v[2])]
 }

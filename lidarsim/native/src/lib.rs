@@ -17,6 +17,7 @@ mod root;
 mod scene;
 mod shapes;
 mod simd;
+mod simple;
 mod trace;
 mod vector;
 

@@ -31,11 +31,15 @@ impl<N: Number> Ray<N> {
     /// The vector from `point` to the origin, times the weight.
     #[inline(always)]
     pub fn origin_from(&self, point: Vector<N>) -> Vector<N> {
-        vector::sub(&self.origin, &point.map(|x| self.weighted(x)))
+        let [x, y, z] = point;
+        vector::sub(&self.origin, &[self.weighted(x), self.weighted(y), self.weighted(z)])
     }
 
     /// Bounds of origin/weight and direction/weight, an axis each.
-    pub fn enclose(&self) -> Result<([Interval; 3], [Interval; 3]), Uncertain> {
+    pub fn enclose(&self) -> Result<([Interval; 3], [Interval; 3]), Uncertain>
+    where
+        N: Number<Floats = f64>,
+    {
         let axis = |x: &N| {
             let weight = self.weight.clone().unwrap_or(N::exact(1.0));
             match crate::root::Root::ratio(x.clone(), weight, 0)? {

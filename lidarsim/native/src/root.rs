@@ -15,32 +15,56 @@ pub struct Root<N> {
     pub c: N,
     pub disc: N,
     pub branch: i8,
+    /// t, where it was worked out already.
+    pub t: Option<N>,
     /// Which part of the surface was met: a face of a box, the side or a cap of a cylinder.
     pub feature: u8,
 }
 
 impl<N: Number> Root<N> {
-    /// t = num/den; none where den = 0.
-    pub fn ratio(num: N, den: N, feature: u8) -> Result<Option<Self>, Uncertain> {
-        let (a, b) = match den.sign()? {
-            Ordering::Equal => return Ok(None),
-            Ordering::Greater => (den, num),
-            Ordering::Less => (den.negated(), num.negated()),
-        };
-        Ok(Some(Root { a, b, c: N::exact(0.0), disc: N::exact(0.0), branch: 0, feature }))
+    /// t = num/den, den > 0.
+    #[inline(always)]
+    pub fn linear(num: N, den: N, feature: u8) -> Self {
+        Root { a: den, b: num, c: N::exact(0.0), disc: N::exact(0.0), branch: 0, t: None, feature }
     }
 
-    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending; one where disc = 0.
-    pub fn quadratic(a: N, b: N, c: N, disc: N, feature: u8) -> Result<Roots<N>, Uncertain> {
-        let root = |branch| Root { a: a.clone(), b: b.clone(), c: c.clone(), disc: disc.clone(), branch, feature };
-        Ok(match disc.sign()? {
-            Ordering::Less => [None, None],
-            Ordering::Equal => [Some(Root { branch: 0, ..root(0) }), None],
-            Ordering::Greater => [Some(root(-1)), Some(root(1))],
+    /// t = num/den; none where den = 0.
+    #[inline(always)]
+    pub fn ratio(num: N, den: N, feature: u8) -> Result<Option<Self>, Uncertain> {
+        Ok(match den.sign()? {
+            Ordering::Equal => None,
+            Ordering::Greater => Some(Root::linear(num, den, feature)),
+            Ordering::Less => Some(Root::linear(num.negated(), den.negated(), feature)),
         })
     }
 
+    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending; one where disc = 0.
+    #[inline(always)]
+    pub fn quadratic(a: N, b: N, c: N, disc: N, feature: u8) -> Result<Roots<N>, Uncertain> {
+        let order = disc.sign()?;
+        let first = Root { a, b, c, disc, branch: -1, t: None, feature };
+        Ok(match order {
+            Ordering::Less => [None, None],
+            Ordering::Equal => [Some(first), None],
+            Ordering::Greater => [Some(first.clone()), Some(first.other())],
+        })
+    }
+
+    /// The other root of the quadratic equation.
+    #[inline(always)]
+    pub fn other(self) -> Self {
+        Root { branch: -self.branch, t: None, ..self }
+    }
+
+    /// With t worked out, by kinds of number that round it.
+    #[inline(always)]
+    fn located(mut self) -> Result<Self, Uncertain> {
+        self.t = N::locate(&self)?;
+        Ok(self)
+    }
+
     /// Sign of p + q·t.
+    #[inline(always)]
     pub fn sign_of_linear(&self, p: &N, q: &N) -> Result<Ordering, Uncertain> {
         let constant = p.times(&self.a).plus(&q.times(&self.b));
         if self.branch == 0 {
@@ -63,20 +87,32 @@ pub struct Chord<N> {
 }
 
 impl<N: Number> Chord<N> {
+    #[inline(always)]
     pub fn whole_line() -> Self {
         Chord { entry: None, exit: None }
     }
 
+    #[inline(always)]
     pub fn cut(&mut self, entry: Root<N>, exit: Root<N>) -> Result<(), Uncertain> {
-        if self.entry.as_ref().map_or(Ok(true), |now| Ok(N::compare(&entry, now)? == Ordering::Greater))? {
+        let (entry, exit) = (entry.located()?, exit.located()?);
+        let later = match &self.entry {
+            None => true,
+            Some(now) => N::compare(&entry, now)? == Ordering::Greater,
+        };
+        if later {
             self.entry = Some(entry);
         }
-        if self.exit.as_ref().map_or(Ok(true), |now| Ok(N::compare(&exit, now)? == Ordering::Less))? {
+        let earlier = match &self.exit {
+            None => true,
+            Some(now) => N::compare(&exit, now)? == Ordering::Less,
+        };
+        if earlier {
             self.exit = Some(exit);
         }
         Ok(())
     }
 
+    #[inline(always)]
     pub fn roots(self) -> Result<Roots<N>, Uncertain> {
         let Chord { entry: Some(entry), exit: Some(exit) } = self else { return Ok([None, None]) };
         Ok(match N::compare(&entry, &exit)? {

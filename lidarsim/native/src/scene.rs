@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 use std::sync::{Arc, OnceLock};
 
-use crate::affine::{Affine, Inverse};
+use crate::affine::{Affine, Inverse, Placement};
 use crate::bvh::{Bvh, Span, Stack};
 use crate::number::{self, Interval, Number, Question, Uncertain};
 use crate::ray::Ray;
@@ -24,21 +24,28 @@ pub enum Geometry {
 #[derive(Clone, Debug)]
 pub struct Object {
     pub geometry: Geometry,
-    maps: Vec<(Affine, Arc<Inverse>)>,
+    maps: Vec<Affine>,
+    /// Of all maps together; none if there are none.
+    inverse: Option<Arc<Inverse>>,
     /// A mesh whose triangles are parts of one primitive, as those of a polygon are.
     whole: bool,
 }
 
 impl Object {
     pub fn new(geometry: Geometry, whole: bool) -> Self {
-        Object { geometry, maps: Vec::new(), whole }
+        Object { geometry, maps: Vec::new(), inverse: None, whole }
     }
 
     /// The object moved by one more map; none if that cannot be inverted.
     pub fn moved(&self, map: Affine) -> Option<Self> {
         let mut object = self.clone();
         if !map.is_identity() {
-            object.maps.push((map, Arc::new(Inverse::of(&map)?)));
+            let inverse = Inverse::of(&map)?;
+            object.maps.push(map);
+            object.inverse = Some(Arc::new(match &self.inverse {
+                None => inverse,
+                Some(first) => inverse.after(first, &map),
+            }));
         }
         Some(object)
     }
@@ -52,6 +59,11 @@ impl Object {
     #[inline(always)]
     pub fn is_plain_triangle(&self) -> bool {
         self.maps.is_empty() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Simple(Simple::Triangle(_)))
+    }
+
+    #[inline(always)]
+    pub fn is_simple(&self) -> bool {
+        matches!(self.geometry, Geometry::Simple(_))
     }
 
     /// A triangle of an object that is one or has some.
@@ -78,10 +90,16 @@ impl Object {
         if self.whole { 0 } else { at.primitive as i32 }
     }
 
-    #[inline]
-    fn local<N: Number>(&self, origin: Point, direction: Point) -> Ray<N> {
-        let ray = Ray::new(origin, direction);
-        self.maps.iter().rev().fold(ray, |ray, (_, inverse)| N::of_inverse(inverse).apply(&ray))
+    /// A ray of the world in the coordinates of the object.
+    #[inline(always)]
+    fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
+        self.placement().local(ray)
+    }
+
+    /// Where the object stands; none if it was not moved.
+    #[inline(always)]
+    pub fn placement(&self) -> Option<&Inverse> {
+        self.inverse.as_deref()
     }
 
     /// Bounds of the ray in the coordinates of the object.
@@ -97,7 +115,7 @@ impl Object {
             Geometry::Simple(shape) => shape.bounds()?,
             Geometry::Mesh(mesh) => mesh.bounds()?,
         };
-        let bounds = self.maps.iter().fold(local, |bounds, (map, _)| map.image(bounds));
+        let bounds = self.maps.iter().fold(local, |bounds, map| map.image(bounds));
         Some(bounds.map(|b| Interval {
             low: if b.low.is_nan() { f64::NEG_INFINITY } else { b.low },
             high: if b.high.is_nan() { f64::INFINITY } else { b.high },
@@ -127,7 +145,7 @@ impl Object {
 pub struct Place {
     pub object: u32,
     pub primitive: u32,
-    index: u8,
+    pub index: u8,
 }
 
 impl Place {
@@ -376,28 +394,39 @@ impl<'a> Search<'a> {
     }
 
     /// As `offer`; tells whether t ≥ t_min, so that later hits of the same primitive are of no interest.
-    fn takes(&mut self, at: Place, t: Interval) -> bool {
-        let (origin, direction) = (self.origin, self.direction);
+    #[inline(always)]
+    pub fn takes(&mut self, at: Place, t: Interval) -> bool {
         // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
-        let rounded = || self.scene.t(&at, origin, direction);
-        if t.high < self.t_min || (t.low < self.t_min && rounded() < self.t_min) {
+        if t.high < self.t_min || (t.low < self.t_min && self.rounded(&at) < self.t_min) {
             return false;
         }
-        if t.low > self.limit() || (t.high > self.t_max && rounded() > self.t_max) {
+        if t.low > self.limit() || (t.high > self.t_max && self.rounded(&at) > self.t_max) {
             return true;
         }
-        let nearer = self.best.as_ref().is_none_or(|(best, bounds)| {
-            t.high < bounds.low
-                || match self.scene.compare(&at, best, origin, direction) {
-                    Ordering::Less => true,
-                    Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
-                    Ordering::Greater => false,
-                }
-        });
+        let nearer = match &self.best {
+            None => true,
+            Some((best, bounds)) => t.high < bounds.low || self.is_before(&at, best),
+        };
         if nearer {
             self.best = Some((at, t));
         }
         true
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn rounded(&self, at: &Place) -> f64 {
+        self.scene.t(at, self.origin, self.direction)
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn is_before(&self, a: &Place, b: &Place) -> bool {
+        match self.scene.compare(a, b, self.origin, self.direction) {
+            Ordering::Less => true,
+            Ordering::Equal => (a.object, a.primitive) < (b.object, b.primitive),
+            Ordering::Greater => false,
+        }
     }
 }
 
@@ -413,8 +442,9 @@ impl Question for Candidates<'_> {
     type Answer = [Option<Interval>; 2];
 
     #[inline]
-    fn ask<N: Number>(&self) -> Result<Self::Answer, Uncertain> {
-        let roots = self.object.roots::<N>(self.primitive, &self.object.local(self.origin, self.direction))?;
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
+        let roots =
+            self.object.roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
         let mut found = [None; 2];
         for (found, root) in found.iter_mut().zip(roots.iter().flatten()) {
             *found = Some(N::enclose(root)?);
@@ -434,10 +464,10 @@ struct Compare<'a> {
 impl Question for Compare<'_> {
     type Answer = Ordering;
 
-    fn ask<N: Number>(&self) -> Result<Ordering, Uncertain> {
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
         let root = |at: &Place| {
             let object = &self.scene.objects[at.object as usize];
-            object.root::<N>(at, &object.local(self.origin, self.direction))
+            object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)))
         };
         N::compare(&root(self.a)?, &root(self.b)?)
     }
@@ -453,8 +483,8 @@ struct Rounded<'a> {
 impl Question for Rounded<'_> {
     type Answer = f64;
 
-    fn ask<N: Number>(&self) -> Result<f64, Uncertain> {
-        N::round(&self.object.root::<N>(self.at, &self.object.local(self.origin, self.direction))?)
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<f64, Uncertain> {
+        N::round(&self.object.root::<N>(self.at, &self.object.local(Ray::new(self.origin, self.direction)))?)
     }
 }
 
@@ -469,18 +499,32 @@ struct Finished<'a> {
 impl Question for Finished<'_> {
     type Answer = (f64, Point);
 
-    fn ask<N: Number>(&self) -> Result<(f64, Point), Uncertain> {
-        let Object { geometry, maps, .. } = self.object;
-        let ray = self.object.local::<N>(self.origin, self.direction);
-        let root = self.object.root(self.at, &ray)?;
-        let t = N::value(&root)?;
-        let local = match geometry {
-            Geometry::Simple(shape) => shape.normal(&ray, &t, root.feature),
-            Geometry::Mesh(mesh) => mesh.triangle(self.at.primitive).normal(&ray, &t, root.feature),
-        };
-        let normal = maps.iter().fold(local, |normal, (_, inverse)| N::of_inverse(inverse).normal(&normal));
-        Ok((N::round(&root)?, N::proportions(&normal)?))
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<(f64, Point), Uncertain> {
+        let ray = self.object.local::<N>(Ray::new(self.origin, self.direction));
+        let placement = self.object.placement();
+        match &self.object.geometry {
+            Geometry::Simple(shape) => finished(placement, shape, &ray, self.at.index),
+            Geometry::Mesh(mesh) => finished(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index),
+        }
     }
+}
+
+/// t, rounded, and a normal in the world, of a root of a surface; the ray is in its coordinates.
+#[inline(always)]
+pub fn finished<N: Number>(
+    placement: impl Placement,
+    surface: &impl Surface,
+    ray: &Ray<N>,
+    index: u8,
+) -> Result<(N::Floats, [N::Floats; 3]), Uncertain> {
+    let [first, second] = surface.roots(ray)?;
+    let root = match if index == 0 { first } else { second } {
+        Some(root) => root,
+        None => return Err(Uncertain),
+    };
+    let t = N::value(&root)?;
+    let normal = placement.normal(surface.normal(ray, &t, root.feature));
+    Ok((N::round(&root)?, N::proportions(&normal)?))
 }
 
 /// Bounds of the ray in the coordinates of an object.
@@ -493,7 +537,7 @@ struct Enclose<'a> {
 impl Question for Enclose<'_> {
     type Answer = ([Interval; 3], [Interval; 3]);
 
-    fn ask<N: Number>(&self) -> Result<Self::Answer, Uncertain> {
-        self.object.local::<N>(self.origin, self.direction).enclose()
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
+        self.object.local::<N>(Ray::new(self.origin, self.direction)).enclose()
     }
 }

@@ -10,6 +10,7 @@ use crate::refine::Batch;
 use crate::scene::{Geometry, Hit, Object, Place, Scene, Search};
 use crate::shapes::{Block, TriangleMesh};
 use crate::simd::{Isa, Task};
+use crate::simple::{self, Pending};
 use crate::vector::Point;
 
 /// Where hits go: the hit of ray i, once for each ray, in any order.
@@ -43,7 +44,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let mut legal = true;
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
         let size = scene.size();
-        let mut tracer = Tracer { scene, size, stack: Stack::new(), batch: Batch::new(), hits };
+        let mut tracer =
+            Tracer { scene, size, stack: Stack::new(), batch: Batch::new(), pending: Pending::new(), hits };
         let mut searches: [Search; LANES] =
             std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
         let mut order = Order::new(origins, directions, size);
@@ -73,6 +75,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
             }
         }
         tracer.batch.flush::<I>(scene, tracer.hits);
+        tracer.pending.flush::<I>(scene, tracer.hits);
         legal
     }
 }
@@ -86,6 +89,7 @@ struct Tracer<'a, S: ?Sized> {
     size: f64,
     stack: Stack,
     batch: Batch,
+    pending: Pending,
     hits: &'a mut S,
 }
 
@@ -96,10 +100,8 @@ impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
         let scene = self.scene;
         let active = all(rays.count);
         let index = scene.index();
-        for search in &mut searches[..rays.count] {
-            for &object in &index.unbounded {
-                search.consider(object, 0);
-            }
+        for &object in &index.unbounded {
+            simple::meet::<I>(scene, object, rays, searches, active);
         }
         let coherent = rays.are_coherent::<I>(self.size);
         let mut visitor = Objects { scene, rays, coherent, searches };
@@ -127,6 +129,9 @@ impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
             None => self.hits.put(at as usize, Hit::MISS),
             Some(place) if self.scene.objects()[place.object as usize].is_plain_triangle() => {
                 self.batch.push::<I>(self.scene, at, place, search, self.hits);
+            }
+            Some(place) if self.scene.objects()[place.object as usize].is_simple() => {
+                self.pending.push::<I>(self.scene, at, place, search, self.hits);
             }
             Some(place) => self.hits.put(at as usize, self.scene.hit(&place, search.origin, search.direction)),
         }
@@ -170,12 +175,7 @@ impl Objects<'_, '_> {
                 Blocks { mesh, id, rays: self.rays, searches: self.searches }.trace::<I>(self.coherent, mask, stack);
             }
             Geometry::Mesh(mesh) => enter_moved::<I>(self.coherent, mask, id, object, mesh, self.searches, stack),
-            Geometry::Simple(_) => {
-                let mut left = mask;
-                while let Some(lane) = take(&mut left) {
-                    self.searches[lane].consider(id, 0);
-                }
-            }
+            Geometry::Simple(_) => simple::meet::<I>(self.scene, id, self.rays, self.searches, mask),
         }
     }
 }

@@ -1,13 +1,14 @@
 //! Vectors over any [`Number`].
 
 use crate::number::Number;
+use crate::simd::Floats;
 
 pub type Vector<N> = [N; 3];
 pub type Point = [f64; 3];
 
 #[inline(always)]
 pub fn exact<N: Number>(v: Point) -> Vector<N> {
-    v.map(N::exact)
+    [N::exact(v[0]), N::exact(v[1]), N::exact(v[2])]
 }
 
 #[inline(always)]
@@ -44,13 +45,20 @@ pub fn norm2<N: Number>(a: &Vector<N>) -> N {
     dot(a, a)
 }
 
+#[inline(always)]
 pub fn negated<N: Number>(a: &Vector<N>) -> Vector<N> {
     [a[0].negated(), a[1].negated(), a[2].negated()]
 }
 
+/// A coordinate of `a` times one of `b`, an axis each.
+#[inline(always)]
+pub fn times<N: Number>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
+    [a[0].times(&b[0]), a[1].times(&b[1]), a[2].times(&b[2])]
+}
+
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
 #[inline(always)]
-pub fn unit(v: Point) -> Point {
-    let length = (v[0] * v[0] + v[1] * v[1] + v[2] * v[2]).sqrt();
-    v.map(|x| x / length)
+pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
+    let length = v[0].mul(v[0]).add(v[1].mul(v[1])).add(v[2].mul(v[2])).sqrt();
+    [v[0].div(length), v[1].div(length), v[2].div(length)]
 }

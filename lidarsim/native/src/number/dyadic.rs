@@ -137,6 +137,8 @@ fn scale(x: f64, k: i64) -> f64 {
 }
 
 impl Number for Dyadic {
+    type Floats = f64;
+
     fn exact(x: f64) -> Self {
         let bits = x.to_bits();
         let biased = ((bits >> 52) & 0x7ff) as i64;
@@ -193,6 +195,10 @@ impl Number for Dyadic {
         Ok(Self::sign_of_two_surds(&p, &x, &a.disc, &y, &b.disc))
     }
 
+    fn locate(_: &Root<Self>) -> Result<Option<Self>, Uncertain> {
+        Ok(None)
+    }
+
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
         let (num, den) = Self::fraction(root);
         Ok(num.ratio(&den))
@@ -205,8 +211,8 @@ impl Number for Dyadic {
         Ok(Dyadic { mantissa: (n << shift as u64) / d, exponent: num.exponent - den.exponent - shift })
     }
 
-    fn of_inverse(inverse: &Inverse) -> &Adjugate<Self> {
-        &inverse.dyadic
+    fn of_inverse(inverse: &Inverse) -> Adjugate<Self> {
+        inverse.dyadic.clone()
     }
 
     fn proportions(v: &Vector<Self>) -> Result<Point, Uncertain> {

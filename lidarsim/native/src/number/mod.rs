@@ -5,20 +5,26 @@
 //! [`Dyadic`] (exact). A decision that the first kind cannot certify is [`Uncertain`]; [`certify`] then asks the next
 //! kind, and the last one always knows. So no formula holds an epsilon, and every decision is exact for the float64
 //! numbers that were given.
+//!
+//! The first two exist for one ray and for several side by side ([`Balls`], [`DdBalls`]).
 
 mod ball;
 mod dd;
 mod dyadic;
+mod lanes;
+#[cfg(test)]
+mod tests;
 
 use std::cmp::Ordering;
 
-pub use ball::Ball;
-pub use dd::DdBall;
+pub use ball::{Ball, Balls};
+pub use dd::{DdBall, DdBalls};
 pub use dyadic::Dyadic;
+pub use lanes::Many;
 
 use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
-use crate::vector::{Point, Vector};
+use crate::vector::Vector;
 
 /// This kind of arithmetic cannot tell; the next one may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -26,6 +32,9 @@ pub struct Uncertain;
 
 /// A real number, known exactly or to within a bound that it carries.
 pub trait Number: Clone {
+    /// Float64 numbers, a lane each.
+    type Floats: Copy;
+
     fn exact(x: f64) -> Self;
     fn plus(&self, other: &Self) -> Self;
     fn minus(&self, other: &Self) -> Self;
@@ -35,32 +44,41 @@ pub trait Number: Clone {
     /// Sign of `p + q·√d`, for d ≥ 0.
     fn sign_of_surd(p: &Self, q: &Self, d: &Self) -> Result<Ordering, Uncertain>;
     fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain>;
+    /// The root as a number of this kind, if roots are compared by it.
+    fn locate(root: &Root<Self>) -> Result<Option<Self>, Uncertain>;
     /// The root rounded to the nearest float64.
-    fn round(root: &Root<Self>) -> Result<f64, Uncertain>;
+    fn round(root: &Root<Self>) -> Result<Self::Floats, Uncertain>;
     /// The root as a number of this kind; the exact kind cuts it at 2⁻²⁵⁰ of itself.
     fn value(root: &Root<Self>) -> Result<Self, Uncertain>;
     /// Float64 numbers in the proportions of `v`, to within 2⁻⁶⁰ of the largest and a rounding; the largest is neither huge nor tiny.
-    fn proportions(v: &Vector<Self>) -> Result<Point, Uncertain>;
+    fn proportions(v: &Vector<Self>) -> Result<[Self::Floats; 3], Uncertain>;
     /// Float64 numbers that hold the root between them.
-    fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain>;
+    fn enclose(root: &Root<Self>) -> Result<Interval<Self::Floats>, Uncertain>;
 
     /// An inverse map in this kind of number.
-    fn of_inverse(inverse: &Inverse) -> &Adjugate<Self>;
+    fn of_inverse(inverse: &Inverse) -> Adjugate<Self>;
 
+    #[inline(always)]
+    fn doubled(&self) -> Self {
+        self.plus(self)
+    }
+
+    #[inline(always)]
     fn squared(&self) -> Self {
         self.times(self)
     }
 
+    #[inline(always)]
     fn is_zero(&self) -> Result<bool, Uncertain> {
         Ok(self.sign()? == Ordering::Equal)
     }
 }
 
-/// A closed interval of float64 numbers.
+/// A closed interval of float64 numbers, or one a lane.
 #[derive(Clone, Copy, Debug)]
-pub struct Interval {
-    pub low: f64,
-    pub high: f64,
+pub struct Interval<F = f64> {
+    pub low: F,
+    pub high: F,
 }
 
 impl Interval {
@@ -69,10 +87,10 @@ impl Interval {
     }
 }
 
-/// A question that any kind of [`Number`] may try to answer.
+/// A question that any kind of [`Number`] of one lane may try to answer.
 pub trait Question {
     type Answer;
-    fn ask<N: Number>(&self) -> Result<Self::Answer, Uncertain>;
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain>;
 }
 
 /// Answers a question with the cheapest arithmetic that is certain of it.
@@ -97,9 +115,6 @@ pub const UNIT: f64 = f64::EPSILON / 2.0;
 /// Covers the roundings made while an error bound itself is summed up: fewer than 8 of relative size `UNIT` each.
 pub(crate) const PAD: f64 = 1.0 + 8.0 * f64::EPSILON;
 
-/// Covers what up to 32 operations lose when they underflow: half the smallest subnormal, 2⁻¹⁰⁷⁵, each.
-pub(crate) const UNDERFLOW: f64 = f64::from_bits(32);
-
-pub(crate) fn sign_of(x: f64) -> Ordering {
-    x.partial_cmp(&0.0).unwrap_or(Ordering::Equal)
-}
+/// Covers what up to 32 operations lose when they underflow: half the smallest subnormal, 2⁻¹⁰⁷⁵, each. It is as large as 2⁻⁹⁰⁰ since
+/// processors are slow to multiply by subnormal numbers, which products of it and ordinary numbers shall not be either.
+pub(crate) const UNDERFLOW: f64 = f64::from_bits((1023 - 900) << 52);

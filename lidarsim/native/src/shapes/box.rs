@@ -14,36 +14,44 @@ pub struct Box {
     pub center: Point,
 }
 
-impl Surface for Box {
-    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        let two = N::exact(2.0);
-        let mut chord = Chord::whole_line();
-        for axis in 0..3 {
-            // Twice the distances from the origin of the ray to both faces: so the halves of the size need not be rounded.
-            let middle = two.times(&ray.weighted(N::exact(self.center[axis])).minus(&ray.origin[axis]));
-            let half = ray.weighted(N::exact(self.size[axis]));
-            let (low, high) = (middle.minus(&half), middle.plus(&half));
-            let slope = two.times(&ray.direction[axis]);
-            let face = 2 * axis as u8;
-            match (Root::ratio(low.clone(), slope.clone(), face)?, Root::ratio(high.clone(), slope.clone(), face + 1)?)
-            {
-                (Some(low), Some(high)) => {
-                    if slope.sign()? == Ordering::Greater {
-                        chord.cut(low, high)?
-                    } else {
-                        chord.cut(high, low)?
-                    }
-                }
-                _ => {
-                    if low.sign()? == Ordering::Greater || high.sign()? == Ordering::Less {
-                        return Ok([None, None]);
-                    }
-                }
+impl Box {
+    /// What the slab across an axis leaves of the chord; false if nothing is.
+    #[inline(always)]
+    fn cut<N: Number>(&self, axis: usize, ray: &Ray<N>, chord: &mut Chord<N>) -> Result<bool, Uncertain> {
+        // Twice the distances from the origin of the ray to both faces: so the halves of the size need not be rounded.
+        let middle = ray.weighted(N::exact(self.center[axis])).minus(&ray.origin[axis]).doubled();
+        let half = ray.weighted(N::exact(self.size[axis]));
+        let (low, high) = (middle.minus(&half), middle.plus(&half));
+        let slope = ray.direction[axis].doubled();
+        let (face, opposite) = (2 * axis as u8, 2 * axis as u8 + 1);
+        let (entry, exit) = match slope.sign()? {
+            Ordering::Greater => (Root::linear(low, slope.clone(), face), Root::linear(high, slope, opposite)),
+            Ordering::Less => {
+                let slope = slope.negated();
+                let entry = Root::linear(high.negated(), slope.clone(), opposite);
+                (entry, Root::linear(low.negated(), slope, face))
             }
+            Ordering::Equal => {
+                return Ok(low.sign()? != Ordering::Greater && high.sign()? != Ordering::Less);
+            }
+        };
+        chord.cut(entry, exit)?;
+        Ok(true)
+    }
+}
+
+impl Surface for Box {
+    #[inline(always)]
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+        let mut chord = Chord::whole_line();
+        if self.cut(0, ray, &mut chord)? && self.cut(1, ray, &mut chord)? && self.cut(2, ray, &mut chord)? {
+            chord.roots()
+        } else {
+            Ok([None, None])
         }
-        chord.roots()
     }
 
+    #[inline(always)]
     fn normal<N: Number>(&self, _: &Ray<N>, _: &N, feature: u8) -> Vector<N> {
         let mut normal = [0.0; 3];
         normal[usize::from(feature / 2)] = if feature.is_multiple_of(2) { -1.0 } else { 1.0 };

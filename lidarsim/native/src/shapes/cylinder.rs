@@ -25,12 +25,21 @@ pub struct Cylinder {
 }
 
 impl Cylinder {
+    #[inline(always)]
     fn axis<N: Number>(&self) -> Vector<N> {
         vector::sub(&vector::exact(self.end), &vector::exact(self.start))
     }
 }
 
+/// The root if the line is between both ends there, where it is `from_start` + t·rise beyond the start, `from_end` + t·rise beyond the end.
+#[inline(always)]
+fn between<N: Number>(root: Root<N>, from_start: &N, from_end: &N, rise: &N) -> Result<Option<Root<N>>, Uncertain> {
+    let above = root.sign_of_linear(from_start, rise)? != Ordering::Less;
+    Ok(if above && root.sign_of_linear(from_end, rise)? != Ordering::Greater { Some(root) } else { None })
+}
+
 impl Surface for Cylinder {
+    #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         let axis: Vector<N> = self.axis();
         let length2 = vector::norm2(&axis);
@@ -61,31 +70,40 @@ impl Surface for Cylinder {
 
         if !self.capped {
             let Some((first, second)) = side else { return Ok([None, None]) };
-            let inside = |root: Root<N>| -> Result<Option<Root<N>>, Uncertain> {
-                let above = root.sign_of_linear(&at_origin, &rise)? != Ordering::Less;
-                let inside = above && root.sign_of_linear(&at_origin.minus(&height), &rise)? != Ordering::Greater;
-                Ok(inside.then_some(root))
+            let beyond_end = at_origin.minus(&height);
+            let first = between(first, &at_origin, &beyond_end, &rise)?;
+            let second = match second {
+                None => None,
+                Some(second) => between(second, &at_origin, &beyond_end, &rise)?,
             };
-            let first = inside(first)?;
-            let second = second.map_or(Ok(None), inside)?;
             return Ok(if first.is_none() { [second, None] } else { [first, second] });
         }
 
         let mut chord = Chord::whole_line();
-        if let Some((first, second)) = side {
-            let exit = second.unwrap_or(first.clone());
+        if let Some((first, _)) = side {
+            // The same where the line touches the side.
+            let exit = first.clone().other();
             chord.cut(first, exit)?;
         }
-        let start = Root::ratio(at_origin.negated(), rise.clone(), START)?;
-        let end = Root::ratio(height.minus(&at_origin), rise.clone(), END)?;
-        if let (Some(start), Some(end)) = (start, end) {
-            if rise.sign()? == Ordering::Greater { chord.cut(start, end)? } else { chord.cut(end, start)? }
-        } else if at_origin.sign()? == Ordering::Less || at_origin.minus(&height).sign()? == Ordering::Greater {
-            return Ok([None, None]);
-        }
+        let to_end = height.minus(&at_origin);
+        let (entry, exit) = match rise.sign()? {
+            Ordering::Greater => {
+                (Root::linear(at_origin.negated(), rise.clone(), START), Root::linear(to_end, rise, END))
+            }
+            Ordering::Less => {
+                let fall = rise.negated();
+                (Root::linear(to_end.negated(), fall.clone(), END), Root::linear(at_origin, fall, START))
+            }
+            Ordering::Equal => {
+                let beside = at_origin.sign()? == Ordering::Less || to_end.sign()? == Ordering::Less;
+                return if beside { Ok([None, None]) } else { chord.roots() };
+            }
+        };
+        chord.cut(entry, exit)?;
         chord.roots()
     }
 
+    #[inline(always)]
     fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, feature: u8) -> Vector<N> {
         let axis = self.axis();
         match feature {

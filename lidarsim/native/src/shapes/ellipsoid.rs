@@ -26,31 +26,35 @@ impl Ellipsoid {
     }
 
     /// The ray in the space of the sphere, and the radius of the sphere there.
+    #[inline(always)]
     fn unit_space<N: Number>(&self, ray: &Ray<N>) -> (Vector<N>, Vector<N>, N) {
         let local = N::of_inverse(&self.inverse).apply(ray);
+        let factors: Vector<N> = self.factors();
+        let radius = local.weighted(factors[2].times(&N::exact(self.radii[2])));
+        (vector::times(&local.origin, &factors), vector::times(&local.direction, &factors), radius)
+    }
+
+    /// diag(1/radii) times the product of the radii.
+    #[inline(always)]
+    fn factors<N: Number>(&self) -> Vector<N> {
         let [x, y, z]: Vector<N> = vector::exact(self.radii);
-        // diag(1/radii) times the product of the radii.
-        let factors = [y.times(&z), z.times(&x), x.times(&y)];
-        let scale = |v: &Vector<N>| std::array::from_fn(|i| v[i].times(&factors[i]));
-        let radius = local.weighted(x.times(&y).times(&z));
-        (scale(&local.origin), scale(&local.direction), radius)
+        [y.times(&z), z.times(&x), x.times(&y)]
     }
 }
 
 impl Surface for Ellipsoid {
+    #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         let (f, d, r) = self.unit_space(ray);
         sphere::roots_of_ball(&f, &d, &r)
     }
 
+    #[inline(always)]
     fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, _: u8) -> Vector<N> {
         // The gradient R⁻ᵀ·diag(1/radii)·u, times positive numbers.
         let (f, d, _) = self.unit_space(ray);
         let u = vector::add(&f, &vector::scaled(&d, t));
-        let [x, y, z]: Vector<N> = vector::exact(self.radii);
-        let factors = [y.times(&z), z.times(&x), x.times(&y)];
-        let gradient = std::array::from_fn(|i| u[i].times(&factors[i]));
-        N::of_inverse(&self.inverse).normal(&gradient)
+        N::of_inverse(&self.inverse).normal(&vector::times(&u, &self.factors()))
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

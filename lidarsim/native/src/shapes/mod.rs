@@ -23,6 +23,7 @@ pub use triangle_mesh::{Block, TriangleMesh};
 use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
 use crate::root::Roots;
+use crate::simd::{Floats, Isa, LaneTask};
 use crate::vector::Vector;
 
 /// A surface that a line meets at most twice.
@@ -35,6 +36,23 @@ pub trait Surface {
 
     /// An axis-aligned box around the surface; none if the surface has no end.
     fn bounds(&self) -> Option<[Interval; 3]>;
+}
+
+/// What is to be done with a surface of known type and registers of N lanes: an always inlined `run`.
+pub trait SurfaceTask {
+    type Output;
+    fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) -> Self::Output;
+}
+
+struct On<'a, S, T>(&'a S, T);
+
+impl<S: Surface, T: SurfaceTask> LaneTask for On<'_, S, T> {
+    type Output = T::Output;
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) -> T::Output {
+        self.1.run::<F, S, N>(self.0)
+    }
 }
 
 macro_rules! surfaces {
@@ -50,6 +68,14 @@ macro_rules! surfaces {
                 Simple::$name(shape)
             }
         })+
+
+        impl Simple {
+            /// Runs the task as a function of its own for each type of shape, which keeps these functions small; see `Isa::apart`.
+            #[inline(always)]
+            pub fn apart<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
+                match self { $(Simple::$name(shape) => I::apart(On(shape, task))),+ }
+            }
+        }
 
         impl Surface for Simple {
             #[inline]

@@ -20,6 +20,7 @@ pub enum Plane {
 }
 
 impl Plane {
+    #[inline(always)]
     fn normal_of<N: Number>(&self) -> Vector<N> {
         match *self {
             Plane::Distance { normal, .. } | Plane::PointNormal { normal, .. } => vector::exact(normal),
@@ -29,12 +30,14 @@ impl Plane {
 }
 
 /// (b − a) × (c − a).
+#[inline(always)]
 pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
     let a = vector::exact(a);
     vector::cross(&vector::sub(&vector::exact(b), &a), &vector::sub(&vector::exact(c), &a))
 }
 
 impl Surface for Plane {
+    #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         let normal = self.normal_of();
         let offset = match *self {
@@ -48,6 +51,7 @@ impl Surface for Plane {
         Ok([Root::ratio(offset, vector::dot(&normal, &ray.direction), 0)?, None])
     }
 
+    #[inline(always)]
     fn normal<N: Number>(&self, _: &Ray<N>, _: &N, _: u8) -> Vector<N> {
         self.normal_of()
     }

@@ -14,7 +14,7 @@ struct Turn(Point2, Point2, Point2);
 impl Question for Turn {
     type Answer = Ordering;
 
-    fn ask<N: Number>(&self) -> Result<Ordering, Uncertain> {
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
         let [a, b, c] = [self.0, self.1, self.2].map(|p| p.map(N::exact));
         let left = b[0].minus(&a[0]).times(&c[1].minus(&a[1]));
         left.minus(&b[1].minus(&a[1]).times(&c[0].minus(&a[0]))).sign()

@@ -16,6 +16,7 @@ pub struct Sphere {
 ///
 /// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity this is the same number without the cancellation between
 /// two squares of the distance (E. Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019).
+#[inline(always)]
 pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<Roots<N>, Uncertain> {
     let a = vector::norm2(d);
     let r2 = r.squared();
@@ -26,11 +27,13 @@ pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<R
 }
 
 impl Surface for Sphere {
+    #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         let f = ray.origin_from(vector::exact(self.center));
         roots_of_ball(&f, &ray.direction, &ray.weighted(N::exact(self.radius)))
     }
 
+    #[inline(always)]
     fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, _: u8) -> Vector<N> {
         let f = ray.origin_from(vector::exact(self.center));
         vector::add(&f, &vector::scaled(&ray.direction, t))

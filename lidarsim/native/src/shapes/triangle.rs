@@ -22,7 +22,7 @@ impl Triangle {
         struct Degenerate<'a>(&'a Triangle);
         impl crate::number::Question for Degenerate<'_> {
             type Answer = bool;
-            fn ask<N: Number>(&self) -> Result<bool, Uncertain> {
+            fn ask<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
                 let Triangle(a, b, c) = *self.0;
                 // A certain non-zero settles it; an uncertain one does not unless all others are zero.
                 let signs = triangle_normal::<N>(a, b, c).map(|x| x.is_zero());
@@ -34,8 +34,11 @@ impl Triangle {
 }
 
 impl Surface for Triangle {
+    #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        let [a, b, c] = [self.0, self.1, self.2].map(|v| vector::negated(&ray.origin_from(vector::exact(v))));
+        let a = vector::negated(&ray.origin_from(vector::exact(self.0)));
+        let b = vector::negated(&ray.origin_from(vector::exact(self.1)));
+        let c = vector::negated(&ray.origin_from(vector::exact(self.2)));
         let d = &ray.direction;
         // Outside as soon as two signs differ, whatever the third may be.
         let mut positive = false;
@@ -60,6 +63,7 @@ impl Surface for Triangle {
         Ok([Root::ratio(vector::dot(&normal, &a), vector::dot(&normal, d), 0)?, None])
     }
 
+    #[inline(always)]
     fn normal<N: Number>(&self, _: &Ray<N>, _: &N, _: u8) -> Vector<N> {
         triangle_normal(self.0, self.1, self.2)
     }

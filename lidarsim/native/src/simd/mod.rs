@@ -39,6 +39,8 @@ pub trait Floats<T, const N: usize>: Copy {
     fn largest(self) -> T;
     /// The smallest of all, none of them NaN.
     fn smallest(self) -> T;
+    /// `then` where self ≤ other, else `otherwise`.
+    fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self;
 }
 
 /// The bits of what [`Isa::fraction`] takes.
@@ -63,12 +65,22 @@ pub trait Isa: Copy {
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// Brings what is near `address` into the cache.
     fn prefetch<T>(address: *const T);
+
+    /// Runs the task with the widest registers, as a function of its own that is not inlined into whatever calls it; none where there are
+    /// no registers of several lanes.
+    fn apart<T: LaneTask>(task: T) -> Option<T::Output>;
 }
 
 /// What is to be done with an instruction set: an always inlined `run`.
 pub trait Task {
     type Output;
     fn run<I: Isa>(self) -> Self::Output;
+}
+
+/// What is to be done with registers of N lanes: an always inlined `run`.
+pub trait LaneTask {
+    type Output;
+    fn run<F: Floats<f64, N>, const N: usize>(self) -> Self::Output;
 }
 
 /// The instruction sets, each holding the ones before it.

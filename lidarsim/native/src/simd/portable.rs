@@ -1,6 +1,6 @@
 //! Arrays, for any processor.
 
-use super::{FRACTION_MASK, Floats, Isa, ONE, PLACE};
+use super::{FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE};
 
 #[derive(Clone, Copy)]
 pub struct Portable;
@@ -25,6 +25,11 @@ impl Isa for Portable {
 
     #[inline(always)]
     fn prefetch<T>(_: *const T) {}
+
+    #[inline(always)]
+    fn apart<T: LaneTask>(_: T) -> Option<T::Output> {
+        None
+    }
 }
 
 macro_rules! arrays {
@@ -102,6 +107,10 @@ macro_rules! arrays {
             fn smallest(self) -> $float {
                 self.into_iter().fold(<$float>::INFINITY, <$float>::min)
             }
+            #[inline(always)]
+            fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
+                std::array::from_fn(|i| if self[i] <= other[i] { then[i] } else { otherwise[i] })
+            }
         }
     };
 }
@@ -109,3 +118,83 @@ macro_rules! arrays {
 arrays!(f32, 8);
 arrays!(f32, 16);
 arrays!(f64, 8);
+
+/// One float, for arithmetic that is written for any number of them.
+impl Floats<f64, 1> for f64 {
+    #[inline(always)]
+    fn splat(x: f64) -> Self {
+        x
+    }
+    #[inline(always)]
+    fn load(x: &[f64; 1]) -> Self {
+        x[0]
+    }
+    #[inline(always)]
+    fn store(self) -> [f64; 1] {
+        [self]
+    }
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        self + other
+    }
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        self - other
+    }
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        self * other
+    }
+    #[inline(always)]
+    fn div(self, other: Self) -> Self {
+        self / other
+    }
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        f64::sqrt(self)
+    }
+    #[inline(always)]
+    fn abs(self) -> Self {
+        f64::abs(self)
+    }
+    #[inline(always)]
+    fn negated(self) -> Self {
+        -self
+    }
+    #[inline(always)]
+    fn mul_add(self, b: Self, c: Self) -> Self {
+        f64::mul_add(self, b, c)
+    }
+    #[inline(always)]
+    fn max(self, other: Self) -> Self {
+        if self > other { self } else { other }
+    }
+    #[inline(always)]
+    fn min(self, other: Self) -> Self {
+        if self < other { self } else { other }
+    }
+    #[inline(always)]
+    fn le(self, other: Self) -> u32 {
+        u32::from(self <= other)
+    }
+    #[inline(always)]
+    fn lt(self, other: Self) -> u32 {
+        u32::from(self < other)
+    }
+    #[inline(always)]
+    fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
+        if self <= other { then } else { otherwise }
+    }
+    #[inline(always)]
+    fn fused(self, b: Self, c: Self) -> Self {
+        self * b + c
+    }
+    #[inline(always)]
+    fn largest(self) -> f64 {
+        self
+    }
+    #[inline(always)]
+    fn smallest(self) -> f64 {
+        self
+    }
+}

@@ -6,7 +6,7 @@
 
 use core::arch::x86_64::*;
 
-use super::{FRACTION_MASK, Floats, Isa, ONE, PLACE, Task};
+use super::{FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE, Task};
 
 #[derive(Clone, Copy)]
 pub struct Avx2;
@@ -24,10 +24,28 @@ pub unsafe fn run_avx2<T: Task>(task: T) -> T::Output {
 
 /// # Safety
 ///
+/// As `run_avx2`.
+#[target_feature(enable = "avx2,fma")]
+#[inline(never)]
+unsafe fn apart_avx2<T: LaneTask>(task: T) -> T::Output {
+    task.run::<__m256d, 4>()
+}
+
+/// # Safety
+///
 /// The machine must have AVX-512 F, VL, DQ and BW, AVX2 and FMA.
 #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
 pub unsafe fn run_avx512<T: Task>(task: T) -> T::Output {
     task.run::<Avx512>()
+}
+
+/// # Safety
+///
+/// As `run_avx512`.
+#[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
+#[inline(never)]
+unsafe fn apart_avx512<T: LaneTask>(task: T) -> T::Output {
+    task.run::<__m512d, 8>()
 }
 
 impl Isa for Avx2 {
@@ -61,6 +79,12 @@ impl Isa for Avx2 {
     fn prefetch<T>(address: *const T) {
         // SAFETY: a prefetch of any address is harmless.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
+    }
+
+    #[inline(always)]
+    fn apart<T: LaneTask>(task: T) -> Option<T::Output> {
+        // SAFETY: as above.
+        Some(unsafe { apart_avx2(task) })
     }
 }
 
@@ -108,11 +132,18 @@ impl Isa for Avx512 {
     fn prefetch<T>(address: *const T) {
         Avx2::prefetch(address);
     }
+
+    #[inline(always)]
+    fn apart<T: LaneTask>(task: T) -> Option<T::Output> {
+        // SAFETY: as above.
+        Some(unsafe { apart_avx512(task) })
+    }
 }
 
 macro_rules! register {
     ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident,
-     $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident, $compare:ident, $largest:ident, $smallest:ident) => {
+     $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident,
+     $compare:ident, $le_pick:ident, $largest:ident, $smallest:ident) => {
         impl Floats<$float, $n> for $register {
             #[inline(always)]
             fn splat(x: $float) -> Self {
@@ -199,6 +230,10 @@ macro_rules! register {
             fn smallest(self) -> $float {
                 $smallest!(self)
             }
+            #[inline(always)]
+            fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
+                $le_pick!(self, other, then, otherwise)
+            }
         }
     };
 }
@@ -228,6 +263,34 @@ macro_rules! abs_m512d {
     ($x:expr) => {
         // SAFETY: as above.
         unsafe { _mm512_abs_pd($x) }
+    };
+}
+
+macro_rules! le_pick_m256 {
+    ($a:expr, $b:expr, $then:expr, $else:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm256_blendv_ps($else, $then, _mm256_cmp_ps::<_CMP_LE_OQ>($a, $b)) }
+    };
+}
+
+macro_rules! le_pick_m256d {
+    ($a:expr, $b:expr, $then:expr, $else:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm256_blendv_pd($else, $then, _mm256_cmp_pd::<_CMP_LE_OQ>($a, $b)) }
+    };
+}
+
+macro_rules! le_pick_m512 {
+    ($a:expr, $b:expr, $then:expr, $else:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_mask_blend_ps(_mm512_cmp_ps_mask::<_CMP_LE_OQ>($a, $b), $else, $then) }
+    };
+}
+
+macro_rules! le_pick_m512d {
+    ($a:expr, $b:expr, $then:expr, $else:expr) => {
+        // SAFETY: as above.
+        unsafe { _mm512_mask_blend_pd(_mm512_cmp_pd_mask::<_CMP_LE_OQ>($a, $b), $else, $then) }
     };
 }
 
@@ -346,6 +409,7 @@ register!(
     _mm256_min_ps,
     abs_m256,
     compare_m256,
+    le_pick_m256,
     largest_m256,
     smallest_m256
 );
@@ -366,6 +430,7 @@ register!(
     _mm256_min_pd,
     abs_m256d,
     compare_m256d,
+    le_pick_m256d,
     largest_m256d,
     smallest_m256d
 );
@@ -386,6 +451,7 @@ register!(
     _mm512_min_ps,
     abs_m512,
     compare_m512,
+    le_pick_m512,
     largest_m512,
     smallest_m512
 );
@@ -406,6 +472,7 @@ register!(
     _mm512_min_pd,
     abs_m512d,
     compare_m512d,
+    le_pick_m512d,
     largest_m512d,
     smallest_m512d
 );
@@ -493,6 +560,11 @@ macro_rules! two {
             #[inline(always)]
             fn smallest(self) -> $float {
                 Floats::min(self.0, self.1).smallest()
+            }
+            #[inline(always)]
+            fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
+                let first = self.0.le_pick(other.0, then.0, otherwise.0);
+                Two(first, self.1.le_pick(other.1, then.1, otherwise.1))
             }
         }
     };
