@@ -8,6 +8,8 @@ import os
 import re
 import subprocess
 import sys
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -301,3 +303,40 @@ def test_casts_go_on_after_fork():
     _, status = os.waitpid(child, 0)
     assert status == 0
     np.testing.assert_array_equal(shape.cast(origins, directions).t, want.t)
+
+
+def test_threads_that_cast_first_at_once():
+    """The first cast builds, with threads that also take up other work meanwhile: none may wait for itself."""
+    n = 200
+    x, y = np.meshgrid(np.arange(float(n)), np.arange(float(n)))
+    vertices = np.stack([x, y, np.sin(x) * np.cos(y)], axis=-1).reshape(-1, 3)
+    corner = np.arange(n * n).reshape(n, n)
+    a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    for _ in range(5):
+        mesh = ls.TriangleMesh(vertices, faces)
+        scenes = [ls.Scene(), ls.Scene()]
+        for scene in scenes:
+            scene.add(mesh)
+        found = cast_at_once(scenes * 4, (100.25, 100.5, 9.0), (0.0, 0.0, -1.0))
+        assert len(found) == 8, "threads wait for each other"
+        assert len(set(found)) == 1
+        assert 8.0 < found[0] < 10.0
+
+
+def cast_at_once(scenes, origin, direction):
+    """Return the t of those casts, a thread each, that ended within half a minute."""
+    found = []
+    start = threading.Barrier(len(scenes))
+
+    def cast(scene):
+        start.wait()
+        found.append(scene.cast([origin], [direction]).t[0])
+
+    threads = [threading.Thread(target=cast, args=(scene,), daemon=True) for scene in scenes]
+    for thread in threads:
+        thread.start()
+    end = time.monotonic() + 30.0
+    for thread in threads:
+        thread.join(max(0.0, end - time.monotonic()))
+    return found

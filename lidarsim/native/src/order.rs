@@ -3,7 +3,7 @@
 use crate::vector::Point;
 
 /// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
-const NEAR: usize = 1024;
+pub const NEAR: usize = 1024;
 
 /// Bits of a key for the direction within its octant, an axis, and for the origin, an axis.
 const DIRECTION: u32 = 7;

@@ -1,6 +1,6 @@
 //! Work shared among threads, in a pool that is rebuilt after a fork.
 
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 
 use arc_swap::ArcSwapOption;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -44,5 +44,33 @@ pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     match pool() {
         Some(pool) => pool.pool.install(work),
         None => work(),
+    }
+}
+
+/// Has all of `work` done, a piece at a time, by this thread and others of the pool, each with a state of its own.
+///
+/// This thread takes part: to wake one thread less is faster, above all where others are about to end work of their own.
+pub fn share<S, T: Send>(
+    work: impl ExactSizeIterator<Item = T> + Send,
+    state: impl Fn() -> S + Sync,
+    act: impl Fn(&mut S, T) + Sync,
+) {
+    let helpers = threads().min(work.len()).saturating_sub(1);
+    let work = Mutex::new(work);
+    let take = || work.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let act_on_all = || {
+        let mut state = state();
+        while let Some(piece) = take() {
+            act(&mut state, piece);
+        }
+    };
+    match if helpers > 0 { pool() } else { None } {
+        Some(pool) => pool.pool.in_place_scope(|scope| {
+            for _ in 0..helpers {
+                scope.spawn(|_| act_on_all());
+            }
+            act_on_all();
+        }),
+        None => act_on_all(),
     }
 }

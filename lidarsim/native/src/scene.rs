@@ -6,6 +6,7 @@ use std::sync::{Arc, OnceLock};
 use crate::affine::{Affine, Inverse, Placement};
 use crate::bvh::{Bvh, Span, Stack};
 use crate::number::{self, Interval, Number, Question, Uncertain};
+use crate::parallel;
 use crate::ray::Ray;
 use crate::root::{Root, Roots};
 use crate::shapes::{Simple, Surface, Triangle, TriangleMesh};
@@ -194,7 +195,7 @@ impl Scene {
         &self.objects
     }
 
-    /// Builds the hierarchies that are not there yet, with the threads of the pool that this is called in.
+    /// Builds the hierarchies that are not there yet.
     pub fn prepare(&self) {
         for object in &self.objects {
             if let Geometry::Mesh(mesh) = &object.geometry {
@@ -219,7 +220,8 @@ impl Scene {
                 all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
             };
             let size = side(0).max(side(1)).max(side(2));
-            Index { unbounded, bounded: Bvh::new(bounds.len(), |id| bounds[id as usize], 1, |ids| ids[0]), size }
+            let bounded = parallel::run(|| Bvh::new(bounds.len(), |id| bounds[id as usize], 1, |ids| ids[0]));
+            Index { unbounded, bounded, size }
         })
     }
 

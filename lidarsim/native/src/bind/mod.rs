@@ -8,7 +8,7 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::order;
+use crate::order::{self, NEAR};
 use crate::parallel;
 use crate::simd::Level;
 use crate::vector::Point;
@@ -19,11 +19,16 @@ pub use shape::PyShape;
 pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 
 /// Rays a thread takes at a time: enough that neighbours can be sorted together, few enough that all threads stay busy and that the
-/// rays and their hits stay in the second cache. Rays whose neighbours point elsewhere are worth sorting in larger numbers.
+/// rays and their hits stay in the second cache. Rays whose neighbours point elsewhere are worth sorting in larger numbers, as many for
+/// each thread.
 pub fn chunk(directions: &[Point]) -> usize {
-    let scattered = order::are_scattered(directions);
-    let share = directions.len().div_ceil(if scattered { 1 } else { 4 } * parallel::threads());
-    share.clamp(1 << 10, if scattered { 1 << 16 } else { 1 << 13 })
+    let (rays, threads) = (directions.len().min(SLICE), parallel::threads());
+    if order::are_scattered(directions) {
+        let turns = rays.div_ceil(threads << 16).max(1);
+        rays.div_ceil(turns * threads).max(NEAR)
+    } else {
+        rays.div_ceil(4 * threads).next_multiple_of(NEAR).clamp(NEAR, 8 * NEAR)
+    }
 }
 
 /// Rays between two looks at pending signals, so that Ctrl-C ends a long cast.

@@ -1,5 +1,7 @@
 //! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
 
+use std::sync::{Mutex, PoisonError};
+
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -312,22 +314,23 @@ pub fn scan<'py>(
     let size = (chunk(directions) / measurement.rays()).max(1);
     let mut columns = Columns::new(directions.len(), most);
     let mut rows = columns.rows(size, most);
-    py.detach(|| parallel::run(|| scene.scene.prepare()));
+    py.detach(|| scene.scene.prepare());
     let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);
     let chunks = (SLICE / (size * measurement.rays())).max(1);
     for (group, rows) in rows.chunks_mut(chunks).enumerate() {
-        let bad = py.detach(|| {
-            parallel::run(|| {
-                rows.par_iter_mut()
-                    .enumerate()
-                    .map_init(Rays::default, |rays, (i, rows)| {
-                        let first = (group * chunks + i) * size;
-                        scan.measure(first..first + rows.status.len(), rays, rows)
-                    })
-                    .filter_map(Result::err)
-                    .min_by_key(|bad| bad.pulse)
-            })
+        let bad = Mutex::new(None);
+        py.detach(|| {
+            parallel::share(rows.iter_mut().enumerate(), Rays::default, |rays, (i, rows)| {
+                let first = (group * chunks + i) * size;
+                if let Err(found) = scan.measure(first..first + rows.status.len(), rays, rows) {
+                    let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
+                    if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
+                        *bad = Some(found);
+                    }
+                }
+            });
         });
+        let bad = bad.into_inner().unwrap_or_else(PoisonError::into_inner);
         if let Some(bad) = bad {
             return Err(PyValueError::new_err(explain(bad, &frame)));
         }

@@ -5,7 +5,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
-use rayon::prelude::*;
 
 use crate::parallel;
 use crate::scene::{Hit, Scene};
@@ -45,7 +44,7 @@ impl PyScene {
 
     /// Builds the hierarchies now rather than at the first cast.
     fn prepare(&self, py: Python<'_>) {
-        py.detach(|| parallel::run(|| self.scene.prepare()));
+        py.detach(|| self.scene.prepare());
     }
 
     /// t (n,), object_id (n,), primitive_id (n,), normal (n, 3).
@@ -66,20 +65,22 @@ impl PyScene {
         let legal = AtomicBool::new(true);
         self.prepare(py);
         interruptible(py, n, |slice| {
-            let columns = t[slice.clone()]
-                .par_chunks_mut(chunk)
-                .zip(object[slice.clone()].par_chunks_mut(chunk))
-                .zip(primitive[slice.clone()].par_chunks_mut(chunk))
-                .zip(normal[slice.clone()].par_chunks_mut(chunk))
-                .zip(o[slice.clone()].par_chunks(chunk).zip(d[slice].par_chunks(chunk)));
-            parallel::run(|| {
-                columns.for_each(|((((t, object), primitive), normal), (o, d))| {
+            let pieces = t[slice.clone()]
+                .chunks_mut(chunk)
+                .zip(object[slice.clone()].chunks_mut(chunk))
+                .zip(primitive[slice.clone()].chunks_mut(chunk))
+                .zip(normal[slice.clone()].chunks_mut(chunk))
+                .zip(o[slice.clone()].chunks(chunk).zip(d[slice].chunks(chunk)));
+            parallel::share(
+                pieces,
+                || (),
+                |(), ((((t, object), primitive), normal), (o, d))| {
                     let mut columns = Columns { t, object, primitive, normal };
                     if !self.scene.cast(level, o, d, (t_min, t_max), &mut columns) {
                         legal.store(false, Ordering::Relaxed);
                     }
-                });
-            });
+                },
+            );
         })?;
         if !legal.into_inner() {
             legal_rays(o, d)?;

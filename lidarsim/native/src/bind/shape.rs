@@ -136,7 +136,7 @@ impl PyShape {
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let (o, d) = rays(&origins, &directions)?;
         let scene = Scene::new(vec![self.object.clone()]);
-        py.detach(|| parallel::run(|| scene.prepare()));
+        py.detach(|| scene.prepare());
         let least = match &self.object.geometry {
             Geometry::Simple(Simple::Plane(_) | Simple::Triangle(_)) | Geometry::Mesh(_) => 1,
             Geometry::Simple(_) => 2,

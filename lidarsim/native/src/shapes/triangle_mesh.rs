@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use super::{Surface, Triangle};
 use crate::bvh::{Bvh, LEAF};
 use crate::number::{Interval, UNIT};
+use crate::parallel;
 use crate::pose;
 use crate::simd::{self, Floats, Isa, lanes};
 use crate::vector::Point;
@@ -65,8 +66,10 @@ impl TriangleMesh {
     }
 
     pub fn hierarchy(&self) -> &Bvh<Block> {
-        self.hierarchy
-            .get_or_init(|| Bvh::new(self.len(), |id| self.triangle(id).bounds(), LEAF, |ids| Block::new(ids, self)))
+        // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work, and must not come back here.
+        self.hierarchy.get_or_init(|| {
+            parallel::run(|| Bvh::new(self.len(), |id| self.triangle(id).bounds(), LEAF, |ids| Block::new(ids, self)))
+        })
     }
 
     pub fn bounds(&self) -> Option<[Interval; 3]> {
