@@ -5,15 +5,15 @@ use crate::vector::Point;
 /// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
 pub const NEAR: usize = 1024;
 
-/// Bits of a key for the direction within its octant, an axis, and for the origin, an axis.
-const DIRECTION: u32 = 7;
-const ORIGIN: u32 = 4;
+/// Most rays that are sorted together: their indices have 16 bits, as their keys have.
+const MOST: usize = 1 << 16;
+
+/// Bits of a key for the direction within its octant, an axis, and for the origin, an axis. Above them is the octant.
+const DIRECTION: u32 = 6;
+const ORIGIN: u32 = 3;
 
 /// Bits of the direction that count where origins differ.
-const COARSE: u32 = 12;
-
-/// Most bits of a key: the octant above the others.
-const BITS: u32 = 3 + 3 * ORIGIN + COARSE;
+const COARSE: u32 = 4;
 
 /// Groups of rays, one after the other, each in a coherent order.
 pub struct Order<'a> {
@@ -25,14 +25,14 @@ pub struct Order<'a> {
     start: usize,
     keys: Vec<u32>,
     octants: Vec<u32>,
-    items: Vec<u64>,
-    sorted: Vec<u64>,
+    items: Vec<u32>,
+    sorted: Vec<u32>,
     order: Vec<u32>,
 }
 
 impl<'a> Order<'a> {
     pub fn new(origins: &'a [Point], directions: &'a [Point], size: f64) -> Self {
-        let group = if are_scattered(directions) { directions.len().max(1) } else { NEAR };
+        let group = if are_scattered(directions) { MOST } else { NEAR };
         Order {
             origins,
             directions,
@@ -70,7 +70,7 @@ impl<'a> Order<'a> {
         const BLOCK: usize = 16;
         /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
         const WHOLE: f32 = 8_388_608.0;
-        const MOST: u32 = (1 << DIRECTION) - 1;
+        const END: u32 = (1 << DIRECTION) - 1;
         self.keys.clear();
         self.octants.clear();
         // Places in 16 bits, and octants.
@@ -110,12 +110,12 @@ impl<'a> Order<'a> {
         }
         let widest = (high[0] - low[0]).max(high[1] - low[1]).max(1);
         // The same scale for both, so that tiles are square.
-        let scale = MOST as f32 / widest as f32;
+        let scale = END as f32 / widest as f32;
         let [u0, v0] = low;
         for (key, octant) in self.keys.iter_mut().zip(&self.octants) {
             let (u, v) = ((*key & 0xffff) - u0, (*key >> 16) - v0);
-            let u = (u as f32 * scale + WHOLE).to_bits() & MOST;
-            let v = (v as f32 * scale + WHOLE).to_bits() & MOST;
+            let u = (u as f32 * scale + WHOLE).to_bits() & END;
+            let v = (v as f32 * scale + WHOLE).to_bits() & END;
             *key = octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1;
         }
         self.keys.truncate(directions.len());
@@ -150,13 +150,12 @@ impl<'a> Order<'a> {
     /// Sorts the indices by their keys; equal keys keep their order.
     #[inline(always)]
     fn radix_sort(&mut self, first: usize) {
-        const DIGIT: usize = 9;
-        const DIGITS: usize = BITS.div_ceil(DIGIT as u32) as usize;
-        let digit = |item: u64, k: usize| (item >> (32 + DIGIT * k)) as usize & ((1 << DIGIT) - 1);
-        let mut ends = [[0_u32; 1 << DIGIT]; DIGITS];
+        const DIGITS: usize = 2;
+        let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
+        let mut ends = [[0_u32; 1 << 8]; DIGITS];
         self.items.clear();
         for (i, &key) in self.keys.iter().enumerate() {
-            let item = u64::from(key) << 32 | (first + i) as u64;
+            let item = key << 16 | i as u32;
             for k in 0..DIGITS {
                 ends[k][digit(item, k)] += 1;
             }
@@ -181,13 +180,13 @@ impl<'a> Order<'a> {
             std::mem::swap(&mut self.items, &mut self.sorted);
         }
         self.order.clear();
-        self.order.extend(self.items.iter().map(|&item| item as u32));
+        self.order.extend(self.items.iter().map(|&item| first as u32 + (item & 0xffff)));
     }
 }
 
 /// Whether neighbours point elsewhere: then it is worth sorting rays in larger numbers.
 pub fn are_scattered(directions: &[Point]) -> bool {
-    const SAMPLES: usize = 64;
+    const SAMPLES: usize = 16;
     let n = directions.len();
     let apart = |i: usize| {
         let (a, b) = (directions[i], directions[i + 1]);
