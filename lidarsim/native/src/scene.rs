@@ -314,34 +314,37 @@ pub struct Search<'a> {
     pub direction: Point,
     pub t_min: f64,
     t_max: f64,
-    best: Option<(Place, Interval)>,
+    /// The nearest hit so far, if `low` is finite; nothing beyond `limit` is nearer.
+    place: Place,
+    low: f64,
+    limit: f64,
 }
 
 impl<'a> Search<'a> {
     /// A t beyond what float64 holds is a miss.
     #[inline(always)]
     pub fn new(scene: &'a Scene, origin: Point, direction: Point, t_min: f64, t_max: f64) -> Self {
-        Search { scene, origin, direction, t_min, t_max: t_max.min(f64::MAX), best: None }
+        let t_max = t_max.min(f64::MAX);
+        let place = Place { object: 0, primitive: 0, index: 0 };
+        Search { scene, origin, direction, t_min, t_max, place, low: f64::INFINITY, limit: t_max }
     }
 
     /// Begins anew with another ray.
     #[inline(always)]
     pub fn restart(&mut self, origin: Point, direction: Point) {
-        (self.origin, self.direction, self.best) = (origin, direction, None);
+        (self.origin, self.direction) = (origin, direction);
+        (self.low, self.limit) = (f64::INFINITY, self.t_max);
     }
 
     #[inline(always)]
     pub fn best(&self) -> Option<Place> {
-        self.best.map(|(place, _)| place)
+        if self.low < f64::INFINITY { Some(self.place) } else { None }
     }
 
     /// Nothing beyond this t is nearer.
     #[inline(always)]
     pub fn limit(&self) -> f64 {
-        match &self.best {
-            Some((_, t)) if t.high < self.t_max => t.high,
-            _ => self.t_max,
-        }
+        self.limit
     }
 
     /// Searches the whole scene.
@@ -402,15 +405,12 @@ impl<'a> Search<'a> {
         if t.high < self.t_min || (t.low < self.t_min && self.rounded(&at) < self.t_min) {
             return false;
         }
-        if t.low > self.limit() || (t.high > self.t_max && self.rounded(&at) > self.t_max) {
+        if t.low > self.limit || (t.high > self.t_max && self.rounded(&at) > self.t_max) {
             return true;
         }
-        let nearer = match &self.best {
-            None => true,
-            Some((best, bounds)) => t.high < bounds.low || self.is_before(&at, best),
-        };
-        if nearer {
-            self.best = Some((at, t));
+        if t.high < self.low || self.is_before(&at, &self.place) {
+            let high = if t.high < self.t_max { t.high } else { self.t_max };
+            (self.place, self.low, self.limit) = (at, t.low, high);
         }
         true
     }
