@@ -3,6 +3,8 @@
 //! What is found does not depend on how the rays are grouped, nor on the instruction set: all float32 and most float64 work here
 //! only rules out what is certainly not the nearest hit, and the rest is decided exactly.
 
+use std::cell::Cell;
+
 use crate::bvh::{LANES, Mask, Packet, Rays, Stack, Visitor, all};
 use crate::number::Interval;
 use crate::order::Order;
@@ -44,8 +46,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let mut legal = true;
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
         let size = scene.size();
-        let mut tracer =
-            Tracer { scene, size, stack: Stack::new(), batch: Batch::new(), pending: Pending::new(), hits };
+        let stack = STACK.take().unwrap_or_default();
+        let mut tracer = Tracer { scene, size, stack, batch: Batch::new(), pending: Pending::new(), hits };
         let mut searches: [Search; LANES] =
             std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
         let mut order = Order::new(origins, directions, size);
@@ -76,8 +78,14 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         }
         tracer.batch.flush::<I>(scene, tracer.hits);
         tracer.pending.flush::<I>(scene, tracer.hits);
+        STACK.set(Some(tracer.stack));
         legal
     }
+}
+
+thread_local! {
+    /// What one cast leaves to the next, as it is large.
+    static STACK: Cell<Option<Box<Stack>>> = const { Cell::new(None) };
 }
 
 fn is_legal(search: &Search) -> bool {
@@ -87,7 +95,7 @@ fn is_legal(search: &Search) -> bool {
 struct Tracer<'a, S: ?Sized> {
     scene: &'a Scene,
     size: f64,
-    stack: Stack,
+    stack: Box<Stack>,
     batch: Batch,
     pending: Pending,
     hits: &'a mut S,
@@ -216,14 +224,15 @@ impl Blocks<'_, '_> {
     fn look<I: Isa>(&mut self, block: &Block, mask: Mask) -> Mask {
         let first = mask.trailing_zeros() as usize;
         let edges = block.edges::<I>(self.rays.origin(first), self.rays.origin_error[first]);
-        // All rays look before one acts on what it saw, so that no branch hangs on a single look.
-        let mut seen = [(0, 0, 0); LANES];
+        // All rays look before one acts on what it saw, so that no branch hangs on a single look. The lane, its candidates and the sure ones of
+        // them have a byte each: the array is written anew at each leaf.
+        let mut seen = [[0_u8; 4]; LANES];
         let mut count = 0;
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
             let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
             let (candidates, sure) = block.candidates::<I>(&edges, direction, direction_error);
-            seen[count] = (lane, Mask::from(candidates), sure);
+            seen[count] = [lane as u8, candidates as u8, sure as u8, 0];
             count += usize::from(candidates != 0);
         }
         if count == 0 {
@@ -231,7 +240,8 @@ impl Blocks<'_, '_> {
         }
         let planes = block.planes::<I>(&edges);
         let mut nearer = 0;
-        for &(lane, mut candidates, sure) in &seen[..count] {
+        for &[lane, candidates, sure, _] in &seen[..count] {
+            let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
             let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
             while let Some(i) = take(&mut candidates) {
                 let (search, primitive) = (&mut self.searches[lane], block.ids()[i]);

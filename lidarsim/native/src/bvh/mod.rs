@@ -322,6 +322,12 @@ pub struct Stack {
     len: [usize; 1 + WALKS],
 }
 
+impl Default for Stack {
+    fn default() -> Self {
+        Stack::new()
+    }
+}
+
 impl Stack {
     const SIZE: usize = 2 * ((WIDTH - 1) * build::DEPTH + 1);
 

@@ -383,9 +383,7 @@ impl Packet {
     pub(super) fn within<I: Isa>(&self, mask: Mask, near: f32) -> Mask {
         let mut within = 0;
         for (g, group) in self.groups.iter().enumerate() {
-            if part(mask, g) != 0 {
-                within |= Mask::from(I::F32x16::splat(near).le(I::F32x16::load(&group.limit))) << (WIDE * g);
-            }
+            within |= Mask::from(I::F32x16::splat(near).le(I::F32x16::load(&group.limit))) << (WIDE * g);
         }
         within & mask
     }
@@ -395,26 +393,18 @@ impl Packet {
     pub(super) fn meet<I: Isa>(&self, mask: Mask, meeting: &Meeting, i: usize) -> Mask {
         let mut met = 0;
         for (g, group) in self.groups.iter().enumerate() {
-            if part(mask, g) != 0 {
-                let mut near = I::F32x16::splat(self.start);
-                let mut far = I::F32x16::load(&group.limit);
-                for axis in 0..3 {
-                    let t = I::F32x16::splat(meeting.first[axis][i]).mul(I::F32x16::load(&group.near_slope[axis]));
-                    near = t.max(near);
-                    let t = I::F32x16::splat(meeting.last[axis][i]).mul(I::F32x16::load(&group.far_slope[axis]));
-                    far = t.min(far);
-                }
-                met |= Mask::from(near.le(far)) << (WIDE * g);
+            let mut near = I::F32x16::splat(self.start);
+            let mut far = I::F32x16::load(&group.limit);
+            for axis in 0..3 {
+                let t = I::F32x16::splat(meeting.first[axis][i]).mul(I::F32x16::load(&group.near_slope[axis]));
+                near = t.max(near);
+                let t = I::F32x16::splat(meeting.last[axis][i]).mul(I::F32x16::load(&group.far_slope[axis]));
+                far = t.min(far);
             }
+            met |= Mask::from(near.le(far)) << (WIDE * g);
         }
         met & mask
     }
-}
-
-/// The rays of a group in a mask.
-#[inline(always)]
-fn part(mask: Mask, g: usize) -> Mask {
-    mask >> (WIDE * g) & ((1 << WIDE) - 1)
 }
 
 /// The lower and the upper eight numbers of a group.
