@@ -402,13 +402,13 @@ impl<'a> Search<'a> {
     #[inline(always)]
     pub fn takes(&mut self, at: Place, t: Interval) -> bool {
         // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
-        if t.high < self.t_min || (t.low < self.t_min && self.rounded(&at) < self.t_min) {
+        if t.high < self.t_min || (t.low < self.t_min && self.rounded(at) < self.t_min) {
             return false;
         }
-        if t.low > self.limit || (t.high > self.t_max && self.rounded(&at) > self.t_max) {
+        if t.low > self.limit || (t.high > self.t_max && self.rounded(at) > self.t_max) {
             return true;
         }
-        if t.high < self.low || self.is_before(&at, &self.place) {
+        if t.high < self.low || self.is_before(at) {
             let high = if t.high < self.t_max { t.high } else { self.t_max };
             (self.place, self.low, self.limit) = (at, t.low, high);
         }
@@ -417,16 +417,17 @@ impl<'a> Search<'a> {
 
     #[cold]
     #[inline(never)]
-    fn rounded(&self, at: &Place) -> f64 {
-        self.scene.t(at, self.origin, self.direction)
+    fn rounded(&self, at: Place) -> f64 {
+        self.scene.t(&at, self.origin, self.direction)
     }
 
     #[cold]
     #[inline(never)]
-    fn is_before(&self, a: &Place, b: &Place) -> bool {
-        match self.scene.compare(a, b, self.origin, self.direction) {
+    fn is_before(&self, at: Place) -> bool {
+        let best = &self.place;
+        match self.scene.compare(&at, best, self.origin, self.direction) {
             Ordering::Less => true,
-            Ordering::Equal => (a.object, a.primitive) < (b.object, b.primitive),
+            Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
             Ordering::Greater => false,
         }
     }
