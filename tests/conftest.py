@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections import Counter
 from pathlib import Path
 
 import hypothesis
@@ -40,6 +41,14 @@ def available(isa: str) -> bool:
 def instruction_sets() -> list[str]:
     """Those that the core has code for and this machine has."""
     return [isa for isa in ("scalar", "avx2", "avx512") if available(isa)]
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Say how many of the tests that are run with each instruction set passed with which."""
+    passed = [dict(report.user_properties).get("isa") for report in terminalreporter.stats.get("passed", [])]
+    counts = Counter(isa for isa in passed if isa)
+    if counts:
+        terminalreporter.line("instruction sets: " + ", ".join(f"{isa} {n} passed" for isa, n in counts.items()))
 
 
 @pytest.fixture(scope="session")

@@ -26,11 +26,13 @@ NORMAL_TOLERANCE = 2.0**-50
 
 
 @pytest.fixture(autouse=True, params=["scalar", "avx2", "avx512"])
-def isa(request, instruction_sets, monkeypatch):
+def isa(request, instruction_sets, monkeypatch, record_property):
     """Run everything here on every instruction set."""
     if request.param not in instruction_sets:
         pytest.skip(f"this machine has no {request.param}")
     monkeypatch.setenv("LIDARSIM_ISA", request.param)
+    assert ls._native.isa() == request.param
+    record_property("isa", request.param)
 
 
 def lattice_rays(seed=0, n=300):
