@@ -213,3 +213,124 @@ fn spread2(x: u32) -> u32 {
 fn spread3(x: u32) -> u32 {
     (x & 1) | (x & 2) << 2 | (x & 4) << 4 | (x & 8) << 6
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Numbers in [0, 1) from a linear congruential generator.
+    fn numbers() -> impl FnMut() -> f64 {
+        let mut state = 1_u64;
+        move || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        }
+    }
+
+    /// A sensor that turns: neighbours point nearly the same way.
+    fn sweep(n: usize) -> Vec<Point> {
+        let azimuth = |i: usize| i as f64 * 0.01;
+        (0..n).map(|i| [azimuth(i).cos(), azimuth(i).sin(), 0.3 - (i % 16) as f64 * 0.04]).collect()
+    }
+
+    fn scattered(n: usize) -> Vec<Point> {
+        let mut number = numbers();
+        (0..n).map(|_| [0; 3].map(|_: u8| number() - 0.5)).collect()
+    }
+
+    /// Anywhere in a cube, whatever the directions.
+    fn places(n: usize, side: f64) -> Vec<Point> {
+        scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
+    }
+
+    fn groups(origins: &[Point], directions: &[Point], size: f64) -> Vec<Vec<u32>> {
+        let mut order = Order::new(origins, directions, size);
+        std::iter::from_fn(|| order.next().map(<[u32]>::to_vec)).collect()
+    }
+
+    fn octant(d: Point) -> [bool; 3] {
+        d.map(|x| x < 0.0)
+    }
+
+    #[test]
+    fn gives_each_ray_once_and_octants_together() {
+        for n in [0, 1, 2, 15, 16, 17, 1023, 1024, 1025, 65_535, 65_536, 65_537, 70_000] {
+            for (directions, near) in [(sweep(n), true), (scattered(n), false)] {
+                let groups = groups(&places(n, 100.0), &directions, 100.0);
+                let most = if near { NEAR } else { MOST };
+                assert_eq!(groups.len(), n.div_ceil(most), "{n}");
+                let mut start = 0;
+                for group in groups {
+                    let mut all = group.clone();
+                    all.sort_unstable();
+                    let end = n.min(start + most);
+                    assert!(all.into_iter().eq(start as u32..end as u32));
+                    let mut octants: Vec<_> = group.iter().map(|&i| octant(directions[i as usize])).collect();
+                    octants.dedup();
+                    let runs = octants.len();
+                    octants.sort_unstable();
+                    octants.dedup();
+                    assert_eq!(octants.len(), runs, "an octant comes twice");
+                    assert!(runs > 1 || end - start < 100);
+                    start = end;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn neighbours_point_the_same_way() {
+        let directions = scattered(70_000);
+        assert!(are_scattered(&directions) && !are_scattered(&sweep(70_000)));
+        for far in [0.0, 100.0] {
+            let origins = places(70_000, far);
+            let order = groups(&origins, &directions, 100.0).concat();
+            let sorted: Vec<Point> = order.iter().map(|&i| directions[i as usize]).collect();
+            assert!(!are_scattered(&sorted));
+            // And start near each other where they start apart: closer than the mean distance in a cube, 0.66 of its side.
+            let step = |pair: &[u32]| {
+                let [a, b] = [pair[0], pair[1]].map(|i| origins[i as usize]);
+                (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+            };
+            let mean = order.windows(2).map(step).sum::<f64>() / order.len() as f64;
+            assert!(mean <= 0.2 * far, "{mean}");
+        }
+    }
+
+    #[test]
+    fn equal_rays_keep_their_order() {
+        let few = scattered(7);
+        let turning = |n: usize| (0..n).map(|i| few[i / 100 % 7]).collect::<Vec<_>>();
+        let mixed = |n: usize| (0..n).map(|i| few[i * i % 7]).collect::<Vec<_>>();
+        for directions in [turning(1024), turning(5000), mixed(5000), mixed(70_000)] {
+            for group in groups(&vec![[1.0; 3]; directions.len()], &directions, 1.0) {
+                for kind in &few {
+                    let equal: Vec<u32> = group.iter().copied().filter(|&i| directions[i as usize] == *kind).collect();
+                    assert!(equal.is_sorted());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_ray_is_lost_for_what_it_holds() {
+        let odd = [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 5e-324, -1e-300, 1e300, f64::MAX];
+        for n in [1, 17, 1025, 5000] {
+            for near in [true, false] {
+                let mut number = numbers();
+                let (mut origins, mut directions) = (scattered(n), if near { sweep(n) } else { scattered(n) });
+                for i in (0..n).step_by(3) {
+                    let v = if i % 2 == 0 { &mut origins[i] } else { &mut directions[i] };
+                    *v = v.map(|x| if number() < 0.7 { odd[(10.0 * number()) as usize] } else { x });
+                }
+                directions[n / 2] = [0.0; 3];
+                directions[0] = [f64::NAN; 3];
+                for size in [0.0, 1.0, f64::INFINITY, f64::NAN] {
+                    let mut all = groups(&origins, &directions, size).concat();
+                    all.sort_unstable();
+                    assert!(all.into_iter().eq(0..n as u32));
+                }
+            }
+        }
+    }
+}
