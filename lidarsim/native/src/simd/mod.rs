@@ -197,3 +197,48 @@ pub mod lanes {
         ]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    struct Fractions<'a>(&'a [u64; 8]);
+
+    impl Task for Fractions<'_> {
+        type Output = [(u32, [f64; 8]); 5];
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let x = self.0;
+            [
+                (0, I::fraction::<0>(x).store()),
+                (21, I::fraction::<21>(x).store()),
+                (31, I::fraction::<31>(x).store()),
+                (42, I::fraction::<42>(x).store()),
+                (43, I::fraction::<43>(x).store()),
+            ]
+        }
+    }
+
+    #[test]
+    fn fractions_are_those_of_the_bits() {
+        let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+        let mut next = || {
+            state ^= state << 13;
+            state ^= state >> 7;
+            state ^= state << 17;
+            state
+        };
+        let random: Vec<[u64; 8]> = (0..200).map(|_| [0; 8].map(|_: u8| next())).collect();
+        for x in
+            random.iter().chain(&[[0; 8], [u64::MAX; 8], [0, 1, 1 << 20, 1 << 21, 1 << 41, 1 << 42, 1 << 62, 1 << 63]])
+        {
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                for (first, found) in dispatch(level, Fractions(x)) {
+                    let k = x.map(|x| x >> first & 0x1f_ffff);
+                    assert_eq!(found, k.map(|k| 1.0 + k as f64 / 2_097_152.0), "{level:?}, bit {first} of {x:x?}");
+                }
+            }
+        }
+    }
+}
