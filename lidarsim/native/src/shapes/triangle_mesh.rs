@@ -287,3 +287,265 @@ fn larger(x: f64, y: f64) -> f64 {
 fn power_of_two(exponent: i16) -> f64 {
     f64::from_bits(((i64::from(exponent) + 1023) as u64) << 52)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cmp::Ordering;
+
+    use super::*;
+    use crate::number::{Dyadic, Number};
+    use crate::ray::Ray;
+    use crate::shapes::Surface;
+    use crate::simd::{Level, Task, dispatch};
+
+    /// Numbers in [0, 1) from a linear congruential generator.
+    fn numbers() -> impl FnMut() -> f64 {
+        let mut state = 1_u64;
+        move || {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 11) as f64 / (1_u64 << 53) as f64
+        }
+    }
+
+    /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some without area.
+    fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> TriangleMesh {
+        let flat = if next() < 0.3 { 0.0 } else { 1.0 };
+        let mut vertices: Vec<Point> =
+            (0..9).map(|_| [1.0, 0.7, flat].map(|side| place + size * side * (next() - 0.5))).collect();
+        // Beside the first, by an ulp.
+        vertices.push([vertices[0][0].next_up(), vertices[0][1], vertices[0][2]]);
+        let faces = (0..count).map(|_| [0; 3].map(|_: u8| (10.0 * next()) as u32)).collect();
+        TriangleMesh { vertices, faces, hierarchy: OnceLock::new() }
+    }
+
+    fn block(mesh: &TriangleMesh) -> Block {
+        // Ids need be neither sorted nor complete.
+        let ids: Vec<u32> = (0..mesh.len() as u32).rev().collect();
+        let block = Block::new(&ids, mesh);
+        assert_eq!(block.ids(), ids);
+        block
+    }
+
+    /// Whether |x − y| ≤ bound.
+    fn within(x: &Dyadic, y: &Dyadic, bound: f64) -> bool {
+        let (off, bound) = (x.minus(y), Dyadic::exact(bound));
+        off.minus(&bound).sign() != Ok(Ordering::Greater) && off.plus(&bound).sign() != Ok(Ordering::Less)
+    }
+
+    fn corners(mesh: &TriangleMesh, id: u32) -> [Point; 3] {
+        let Triangle(a, b, c) = mesh.triangle(id);
+        [a, b, c]
+    }
+
+    /// Places and sizes of boxes.
+    const BOXES: [(f64, f64); 15] = [
+        (0.0, 1.0),
+        (0.0, 1e-9),
+        (0.0, 1e6),
+        (3.0, 0.01),
+        (5e6, 1e-3),
+        (5e6, 100.0),
+        (1e9, 1e-7),
+        (-1e15, 30.0),
+        (0.0, 0.0),
+        (5e6, 0.0),
+        (0.0, 1e-300),
+        (0.0, 5e-324),
+        (1e300, 0.0),
+        (1e300, 1e290),
+        (0.0, 1e36),
+    ];
+
+    #[test]
+    fn the_grid_is_as_near_as_it_says() {
+        let mut next = numbers();
+        for (place, size) in BOXES {
+            for count in 1..=LEAF {
+                let mesh = mesh(place, size, count, &mut next);
+                let block = block(&mesh);
+                let error = f64::from(block.error);
+                assert!(error > 0.0);
+                if error == f64::INFINITY {
+                    assert!(size.max(place) > 1e44, "{place}, {size}");
+                    continue;
+                }
+                // Half a step of the grid, but for what numbers at that place are rounded to, and float32 holds.
+                let half = power_of_two(block.exponent) / 4_194_304.0;
+                let rounded = place.abs() * (8.0 * UNIT) + f64::from(f32::MIN_POSITIVE);
+                assert!(error <= 1.01 * half + rounded && half <= size + rounded, "{place}, {size}: {error}");
+                let scale = Dyadic::exact(power_of_two(block.exponent));
+                for (lane, &id) in block.ids().iter().enumerate() {
+                    for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
+                        for axis in 0..3 {
+                            let k = block.grid[vertex][lane] >> (21 * axis) & 0x1f_ffff;
+                            let along = Dyadic::exact(1.0 + k as f64 / 2_097_152.0).times(&scale);
+                            let seen = Dyadic::exact(block.anchor[axis]).plus(&along);
+                            assert!(within(&seen, &Dyadic::exact(corner[axis]), error), "{place}, {size}: {corner:?}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// What a block says of a ray.
+    struct Said {
+        candidates: u32,
+        sure: u32,
+        /// Of those that are sure.
+        t: [Option<Interval>; LEAF],
+    }
+
+    struct Look<'a> {
+        block: &'a Block,
+        origin: (Point, f64),
+        directions: &'a [(Point, f64)],
+    }
+
+    impl Task for Look<'_> {
+        /// Vertices as they are seen from the origin, and how far they may be off.
+        type Output = ([[[f64; LEAF]; 3]; 3], f64, Vec<Said>);
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let (origin, origin_error) = self.origin;
+            let edges = self.block.edges::<I>(origin, origin_error);
+            let planes = self.block.planes::<I>(&edges);
+            let mut said = Vec::new();
+            for &(direction, direction_error) in self.directions {
+                let (candidates, sure) = self.block.candidates::<I>(&edges, direction, direction_error);
+                let mut t = [None; LEAF];
+                for i in 0..LEAF {
+                    if sure & 1 << i != 0 {
+                        t[i] = Block::meet::<I>(i, &edges, &planes, direction, direction_error);
+                    }
+                }
+                said.push(Said { candidates, sure, t });
+            }
+            let mut seen = [[[0.0; LEAF]; 3]; 3];
+            for vertex in 0..3 {
+                for axis in 0..3 {
+                    seen[vertex][axis] = edges.vertices[vertex][axis].store();
+                }
+            }
+            (seen, 3.0 * UNIT * edges.reach + edges.error, said)
+        }
+    }
+
+    /// A point of the triangle, often of its edges or a corner.
+    fn target(corners: [Point; 3], next: &mut impl FnMut() -> f64) -> Point {
+        let mut weights = [0; 3].map(|_: u8| if next() < 0.25 { 0.0 } else { next() });
+        if weights == [0.0; 3] {
+            weights[(3.0 * next()) as usize] = 1.0;
+        }
+        let sum = weights[0] + weights[1] + weights[2];
+        [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] / sum * corners[k][axis]).sum())
+    }
+
+    #[test]
+    fn what_a_block_is_sure_of_is_so() {
+        let mut next = numbers();
+        // Met, and of these sure, and of these with bounds of t; not met, and of these ruled out.
+        let (mut met, mut sure, mut bounded, mut missed, mut out) = (0, 0, 0, 0, 0);
+        for (place, size) in BOXES {
+            for round in 0..12 {
+                let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
+                let block = block(&mesh);
+                let distance = size.max(place.abs() * 1e-12) * [0.3, 3.0, 1e3, 1e6][round % 4];
+                // The true ray is somewhere within the errors of the one that the block is shown.
+                let vague = if round % 2 == 0 { 0.0 } else { 1e-9 * size };
+                let off = |next: &mut dyn FnMut() -> f64, by: f64| 0.9 * by * (2.0 * next() - 1.0);
+                let origin: Point = [0; 3].map(|_: u8| place + distance * (next() - 0.5));
+                let shown = origin.map(|x| x + off(&mut next, vague));
+                let shown_error = (0..3).fold(0.0_f64, |e, i| e.max((shown[i] - origin[i]).abs().next_up()));
+                let shown_error = if vague == 0.0 { 0.0 } else { shown_error };
+                let mut directions = Vec::new();
+                for _ in 0..40 {
+                    let id = (mesh.len() as f64 * next()) as u32;
+                    let to = target(corners(&mesh, id), &mut next);
+                    let direction: Point = [0, 1, 2].map(|axis| {
+                        let d = to[axis] - origin[axis];
+                        if next() < 0.1 { d + size * (next() - 0.5) } else { d }
+                    });
+                    let by = if vague == 0.0 { 0.0 } else { 1e-9 * direction[0].abs() };
+                    let seen = direction.map(|x| x + off(&mut next, by));
+                    let error = (0..3).fold(0.0_f64, |e, i| e.max((seen[i] - direction[i]).abs().next_up()));
+                    directions.push((direction, (seen, if by == 0.0 { 0.0 } else { error })));
+                }
+                let given: Vec<(Point, f64)> = directions.iter().map(|(_, given)| *given).collect();
+                let exact = |id: u32, d: Point| match mesh.triangle(id).roots(&Ray::<Dyadic>::new(origin, d)) {
+                    Ok([root, _]) => root,
+                    Err(_) => unreachable!("exact arithmetic is never uncertain"),
+                };
+                let roots: Vec<Vec<_>> =
+                    directions.iter().map(|(d, _)| block.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let look = Look { block: &block, origin: (shown, shown_error), directions: &given };
+                    let (seen, seen_error, said) = dispatch(level, look);
+                    for (lane, &id) in block.ids().iter().enumerate() {
+                        for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
+                            for axis in 0..3 {
+                                let x = Dyadic::exact(corner[axis]).minus(&Dyadic::exact(origin[axis]));
+                                let seen = Dyadic::exact(seen[vertex][axis][lane]);
+                                assert!(
+                                    seen_error == f64::INFINITY || within(&x, &seen, seen_error),
+                                    "{place}, {size}"
+                                );
+                            }
+                        }
+                    }
+                    for (said, roots) in said.iter().zip(&roots) {
+                        assert_eq!((said.candidates >> block.ids().len(), said.sure & !said.candidates), (0, 0));
+                        for (lane, root) in roots.iter().enumerate() {
+                            let is = |mask: u32| mask >> lane & 1 != 0;
+                            let Some(root) = root else {
+                                assert!(!is(said.sure), "{level:?}: {place}, {size}");
+                                missed += 1;
+                                out += usize::from(!is(said.candidates));
+                                continue;
+                            };
+                            assert!(is(said.candidates), "{level:?}: {place}, {size}");
+                            met += 1;
+                            sure += usize::from(is(said.sure));
+                            if let Some(t) = &said.t[lane] {
+                                // t = b/a with a > 0.
+                                let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
+                                assert!(side(t.low) != Ok(Ordering::Greater), "{level:?}: {place}, {size}, {t:?}");
+                                assert!(side(t.high) != Ok(Ordering::Less), "{level:?}: {place}, {size}, {t:?}");
+                                bounded += 1;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        assert!(met > 8_000 && sure > 4_000 && bounded > 4_000, "{met}, {sure}, {bounded}");
+        assert!(missed > 50_000 && out > 20_000, "{missed}, {out}");
+    }
+
+    #[test]
+    fn a_huge_box_leaves_all_to_exact_arithmetic() {
+        let mut next = numbers();
+        for (place, size) in [(0.0, 1e308), (0.0, f64::MAX), (1e308, 1e308), (0.0, 1e46), (1e300, 1e290)] {
+            for count in 1..=LEAF {
+                let mesh = mesh(place, size, count, &mut next);
+                let block = block(&mesh);
+                let directions: Vec<(Point, f64)> = (0..20)
+                    .map(|k| ([0; 3].map(|_: u8| (next() - 0.5) * [1e-29, 1.0, 1e29][k % 3]), [0.0, 1e-9][k % 2]))
+                    .collect();
+                for origin in [[0.0; 3], [1e29, -1e29, 3.0]] {
+                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                        let look = Look { block: &block, origin: (origin, 0.0), directions: &directions };
+                        for said in dispatch(level, look).2 {
+                            assert_eq!(
+                                (said.candidates, said.sure),
+                                ((1 << count) - 1, 0),
+                                "{level:?}: {place}, {size}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
