@@ -358,3 +358,209 @@ impl Stack {
         *len += 1;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::{Level, Task, dispatch};
+
+    type Whole = [i64; 3];
+
+    /// All corners, origins and directions are whole numbers, so that brute force over the boxes is exact.
+    struct Cube {
+        low: Whole,
+        high: Whole,
+    }
+
+    /// The numerator and the denominator, which is positive, of where a ray enters a box; none where it passes by.
+    fn entry(cube: &Cube, origin: Whole, direction: Whole) -> Option<(i64, i64)> {
+        let (mut near, mut far) = ((0, 1), (i64::MAX, 1));
+        for axis in 0..3 {
+            let (low, high, o, d) = (cube.low[axis], cube.high[axis], origin[axis], direction[axis]);
+            if d == 0 {
+                if o < low || high < o {
+                    return None;
+                }
+                continue;
+            }
+            let (first, last) = if d > 0 { (low - o, high - o) } else { (o - high, o - low) };
+            let less =
+                |a: (i64, i64), b: (i64, i64)| i128::from(a.0) * i128::from(b.1) < i128::from(b.0) * i128::from(a.1);
+            if less(near, (first, d.abs())) {
+                near = (first, d.abs());
+            }
+            if less((last, d.abs()), far) {
+                far = (last, d.abs());
+            }
+            if less(far, near) {
+                return None;
+            }
+        }
+        Some(near)
+    }
+
+    /// Whole numbers from 0 to `below`, from a linear congruential generator.
+    fn numbers() -> impl FnMut(i64) -> i64 {
+        let mut state = 1_u64;
+        move |below| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) as i64 % below
+        }
+    }
+
+    /// Notes who was offered what; rays that look for the first box want nothing beyond it.
+    struct Notes<'a> {
+        cubes: &'a [Cube],
+        rays: &'a [(Whole, Whole)],
+        first_only: bool,
+        offered: Vec<Vec<u32>>,
+        limits: Vec<f64>,
+    }
+
+    impl Visitor<Vec<u32>> for Notes<'_> {
+        fn visit<I: Isa>(&mut self, _: &mut Stack, leaf: &Vec<u32>, mask: Mask) -> Mask {
+            let mut nearer = 0;
+            for lane in (0..LANES).filter(|lane| mask & 1 << lane != 0) {
+                self.offered[lane].extend_from_slice(leaf);
+                for &id in leaf.iter().filter(|_| self.first_only) {
+                    let (origin, direction) = self.rays[lane];
+                    let t =
+                        entry(&self.cubes[id as usize], origin, direction).map(|(num, den)| num as f64 / den as f64);
+                    if let Some(t) = t.filter(|t| *t < self.limits[lane]) {
+                        self.limits[lane] = t;
+                        nearer |= 1 << lane;
+                    }
+                }
+            }
+            nearer
+        }
+
+        fn limit(&self, lane: usize) -> f64 {
+            self.limits[lane]
+        }
+    }
+
+    struct Traverse<'a, 'b> {
+        bvh: &'a Bvh<Vec<u32>>,
+        seen: &'a Rays,
+        active: Mask,
+        together: bool,
+        notes: &'a mut Notes<'b>,
+    }
+
+    impl Task for Traverse<'_, '_> {
+        type Output = ();
+
+        fn run<I: Isa>(self) {
+            let (mut packet, mut stack) = (Packet::empty(), Stack::new());
+            packet.enter::<I>(self.seen, self.bvh.center(), 0.0, &[f64::MAX; LANES]);
+            self.bvh.traverse_packet::<I>(&mut packet, self.active, self.together, &mut stack, self.notes);
+            assert_eq!(stack.len, [0; 1 + WALKS]);
+        }
+    }
+
+    fn cubes(count: usize, next: &mut impl FnMut(i64) -> i64) -> Vec<Cube> {
+        let cube = |_| {
+            let low = [0; 3].map(|_| next(2000) - 1000);
+            Cube { low, high: low.map(|x| x + [0, 10, 60, 400][next(4) as usize]) }
+        };
+        (0..count).map(cube).collect()
+    }
+
+    /// Rays of one octant, from one corner of the scene or from anywhere, close together or many along an axis, each as far off as its errors allow.
+    fn rays(
+        octant: u32,
+        [origin_error, error]: [i64; 2],
+        next: &mut impl FnMut(i64) -> i64,
+    ) -> (Vec<(Whole, Whole)>, Rays) {
+        let sign = |axis: usize| if octant >> axis & 1 != 0 { -1 } else { 1 };
+        let (apart, narrow) = (next(2) * 1000, next(2) == 0);
+        let mut seen = Rays::empty();
+        (seen.octant, seen.count) = (octant, 40 + next(25) as usize);
+        let ray = |lane: usize| {
+            let origin = [0, 1, 2].map(|axis| -300 * sign(axis) + if apart > 0 { next(apart) - 500 } else { 0 });
+            // Of errors alone may a direction be zero where the octant is negative.
+            let least = |axis: usize| i64::from(error == 0 && sign(axis) < 0);
+            let mut direction = [0, 1, 2].map(|axis: usize| {
+                let size = if narrow { 30 + 7 * axis as i64 + next(3) } else { [0, 1, 7, next(40)][next(4) as usize] };
+                sign(axis) * size.max(least(axis))
+            });
+            if direction == [0; 3] {
+                direction[0] = sign(0);
+            }
+            let given = [0, 1, 2].map(|axis| {
+                let d = direction[axis] + error * (next(3) - 1);
+                if (d < 0) == (sign(axis) < 0) { d } else { sign(axis).min(0) }
+            });
+            seen.set(lane, origin.map(|x| (x + origin_error * (next(3) - 1)) as f64), given.map(|x| x as f64));
+            (seen.origin_error[lane], seen.direction_error[lane]) = (origin_error as f64, error as f64);
+            (origin, direction)
+        };
+        let true_rays = (0..LANES).map(ray).collect();
+        (true_rays, seen)
+    }
+
+    #[test]
+    fn rays_alone_and_together_are_offered_all_that_they_meet() {
+        let mut next = numbers();
+        let (mut met, mut offered, mut possible) = (0, 0, 0);
+        for (count, most) in [(0, 8), (1, 8), (7, 1), (300, 8), (1500, 1), (1500, 4)] {
+            let cubes = cubes(count, &mut next);
+            let bounds = |id: u32| {
+                let Cube { low, high } = &cubes[id as usize];
+                Some([0, 1, 2].map(|i| Interval { low: low[i] as f64, high: high[i] as f64 }))
+            };
+            let bvh = Bvh::new(count, bounds, most, <[u32]>::to_vec);
+            for octant in 0..8 {
+                for (errors, first_only) in [([0, 0], false), ([5, 0], false), ([0, 1], false), ([0, 0], true)] {
+                    let (rays, seen) = rays(octant, errors, &mut next);
+                    let entries_of = |&(o, d): &(Whole, Whole)| cubes.iter().map(|cube| entry(cube, o, d)).collect();
+                    let entries: Vec<Vec<_>> = rays.iter().map(entries_of).collect();
+                    let some = all(seen.count) & (next(1 << 30) as u64 | (next(1 << 30) as u64) << 30 | 3 << 60);
+                    for (level, together) in Level::ALL.into_iter().flat_map(|level| [(level, false), (level, true)]) {
+                        if level > Level::best() {
+                            continue;
+                        }
+                        let mut notes = Notes {
+                            cubes: &cubes,
+                            rays: &rays,
+                            first_only,
+                            offered: vec![Vec::new(); LANES],
+                            limits: vec![f64::MAX; LANES],
+                        };
+                        dispatch(level, Traverse { bvh: &bvh, seen: &seen, active: some, together, notes: &mut notes });
+                        for (lane, &(origin, direction)) in rays.iter().enumerate() {
+                            let found = &mut notes.offered[lane];
+                            if some & 1 << lane == 0 {
+                                assert!(found.is_empty(), "a ray that takes no part");
+                                continue;
+                            }
+                            let count = found.len();
+                            found.sort_unstable();
+                            found.dedup();
+                            // Where the sign of no axis is known, absent children are met, too, and lead to the first leaf.
+                            assert!(errors[1] > 0 || found.len() == count, "a leaf comes twice");
+                            if first_only {
+                                let t = entries[lane].iter().flatten().map(|&(num, den)| num as f64 / den as f64);
+                                assert_eq!(notes.limits[lane], t.fold(f64::MAX, f64::min), "{level:?} {together}");
+                                continue;
+                            }
+                            for (id, _) in entries[lane].iter().enumerate().filter(|(_, entry)| entry.is_some()) {
+                                let is_offered = found.binary_search(&(id as u32)).is_ok();
+                                assert!(is_offered, "{level:?} {together}: {origin:?} + t·{direction:?}, box {id}");
+                                met += 1;
+                            }
+                            if errors == [0, 0] && !together && most == 1 {
+                                offered += found.len();
+                                possible += cubes.len();
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        // Many are met, and few are offered: of boxes that no ray came near, hardly any.
+        assert!(met > 10_000, "{met}");
+        assert!(20 * offered < possible, "{offered} of {possible}");
+    }
+}

@@ -441,3 +441,98 @@ impl Hull {
         meeting
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::{Level, Task, dispatch};
+
+    struct Look<'a>(&'a mut Rays);
+
+    impl Task for Look<'_> {
+        type Output = usize;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> usize {
+            self.0.look::<I>()
+        }
+    }
+
+    /// One ray after the other, by plain comparisons.
+    fn expected(rays: &[(Point, Point)]) -> usize {
+        let fits = |(o, d): &(Point, Point)| {
+            let small = o.iter().chain(d).all(|x| -1e30 < *x && *x < 1e30);
+            small && d.iter().any(|x| *x < -1e-30 || *x > 1e-30)
+        };
+        let signs = |d: Point| d.map(|x| x < 0.0);
+        rays.iter().take(LANES).take_while(|ray| fits(ray) && signs(ray.1) == signs(rays[0].1)).count()
+    }
+
+    #[test]
+    fn a_packet_ends_before_a_ray_that_it_cannot_hold() {
+        let odd_origins = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e30, -1e30, 1e300, 1e30_f64.next_down()];
+        let odd_directions: [fn(Point) -> Point; 12] = [
+            |d| [-d[0], d[1], d[2]],
+            |d| [d[0], -d[1], d[2]],
+            |d| [d[0], d[1], -d[2]],
+            |d| [f64::NAN, d[1], d[2]],
+            |d| [d[0], f64::INFINITY.copysign(d[1]), d[2]],
+            |d| [d[0], d[1], 1e30_f64.copysign(d[2])],
+            |d| d.map(|x| 1e-30_f64.copysign(x)),
+            |d| d.map(|x| 1e-30_f64.next_up().copysign(x)),
+            |d| d.map(|x| 1e-300 * x),
+            |_| [0.0; 3],
+            // Zeros belong to the positive side, whatever their sign.
+            |d| [d[0], d[1].min(-0.0), d[2]],
+            |d| [d[0], d[1].max(0.0), d[2]],
+        ];
+        let (mut whole, mut cut, mut none) = (0, 0, 0);
+        for octant in [0, 2, 5, 7] {
+            let sign = |axis: usize| if octant >> axis & 1 != 0 { -1.0 } else { 1.0 };
+            let ray = |i: usize| {
+                let direction = [1.0, 2.0, 3.0].map(|x| x + i as f64);
+                ([0.5, -7.0, i as f64], [0, 1, 2].map(|axis| sign(axis) * direction[axis]))
+            };
+            for place in [0, 1, 7, 8, 9, 15, 16, 17, 62, 63, 64, 70] {
+                for odd in 0..odd_origins.len() + odd_directions.len() {
+                    let mut rays: Vec<(Point, Point)> = (0..80).map(ray).collect();
+                    match odd_origins.get(odd) {
+                        Some(x) => rays[place].0[odd % 3] = *x,
+                        None => rays[place].1 = odd_directions[odd - odd_origins.len()](rays[place].1),
+                    }
+                    for many in [1, 5, 16, 63, 80] {
+                        let (origins, directions): (Vec<Point>, Vec<Point>) = rays.iter().copied().unzip();
+                        let order: Vec<u32> = (0..many).collect();
+                        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                            // What was in the lanes before must not matter.
+                            let mut found = Rays::empty();
+                            (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
+                            found.take_up(&origins, &directions, &order);
+                            let count = dispatch(level, Look(&mut found));
+                            let known = expected(&rays[..many as usize]);
+                            assert_eq!((count, found.count), (known, known), "{level:?}: {odd} at {place} of {many}");
+                            check(&found, &rays);
+                            whole += usize::from(count == LANES.min(many as usize));
+                            cut += usize::from((1..LANES.min(many as usize)).contains(&count));
+                            none += usize::from(count == 0);
+                        }
+                    }
+                }
+            }
+        }
+        assert!(whole > 500 && cut > 500 && none > 500, "{whole}, {cut}, {none}");
+    }
+
+    /// The rays that were kept are as given, and lanes that a group has beyond them repeat the first.
+    fn check(found: &Rays, given: &[(Point, Point)]) {
+        for lane in 0..found.count.next_multiple_of(WIDE) {
+            let (origin, direction) = given[if lane < found.count { lane } else { 0 }];
+            assert_eq!((found.origin(lane), found.direction(lane)), (origin, direction));
+        }
+        if found.count > 0 {
+            let signs = [1, 2, 4].map(|bit| found.octant & bit != 0);
+            assert_eq!(signs, given[0].1.map(|x| x < 0.0));
+            assert_eq!(found.one_origin, given[..found.count].iter().all(|(o, _)| *o == given[0].0));
+        }
+    }
+}
