@@ -103,6 +103,38 @@ def test_no_area_no_hit_but_counted():
     assert sliver.degenerate_count == 0
 
 
+@pytest.mark.parametrize("size", [1e307, 1.7e308])
+def test_coordinates_near_the_largest_float(size, instruction_sets, monkeypatch):
+    # already the sum of two of them may be infinite
+    rng = np.random.default_rng(10)
+    vertices = size * rng.uniform(-1, 1, (30, 3))
+    faces = rng.integers(0, 30, (40, 3))
+    a, b = vertices[faces[:, 0]], vertices[faces[:, 1]]
+    targets = np.concatenate([vertices, a / 2 + b / 2, size * rng.uniform(-1, 1, (50, 3))])
+    origins = np.concatenate([rng.normal(size=(60, 3)), size * rng.uniform(-0.05, 0.05, (60, 3))])
+    directions = (targets / 2 - origins / 2) * rng.choice([1.0, 1e-200, 2.0**-1000, 1e-307], (120, 1))
+    for isa in instruction_sets:
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        hits = judged(vertices, faces, origins, directions)
+        assert hits.hit.sum() > 60
+        assert hits.t.max(where=hits.hit, initial=0.0) > 1e306
+
+
+@pytest.mark.parametrize("place", [0.0, 0.1, 5e6, 1e307])
+def test_one_point_over_and_over(place, instruction_sets, monkeypatch):
+    mesh = ls.TriangleMesh(np.full((30, 3), place), np.random.default_rng(11).integers(0, 30, (20, 3)))
+    assert mesh.degenerate_count == 20
+    scene = ls.Scene()
+    scene.add(mesh)
+    scene.add(ls.Plane.from_point((place, place, place), (1.0, 2.0, 3.0)))
+    origins = place + max(place, 1.0) * np.random.default_rng(12).uniform(0.5, 1.0, (50, 3))
+    for isa in instruction_sets:
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        assert not mesh.cast(origins, place - origins).hit.any()
+        assert np.isnan(mesh.roots(origins, place - origins)).all()
+        assert set(scene.cast(origins, place - origins).object_id.tolist()) == {1}
+
+
 def test_t_junction_that_is_exact_does_not_leak():
     # the vertex (1/2, 1/2) lies exactly on the long edge of the other triangle
     vertices = [(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0), (0.5, 0.5, 0)]
