@@ -8,8 +8,9 @@ use crate::trace::Sink;
 
 /// Hits on triangles that were not moved, to be refined eight at a time. They wait until as many others have come, while their vertices do.
 pub struct Batch {
-    coming: Pending,
-    waiting: Pending,
+    halves: [Pending; 2],
+    /// Which half hits come to.
+    coming: usize,
 }
 
 const PENDING: usize = 16;
@@ -25,7 +26,7 @@ struct Pending {
 
 impl Batch {
     pub fn new() -> Self {
-        Batch { coming: Pending::new(), waiting: Pending::new() }
+        Batch { halves: [Pending::new(), Pending::new()], coming: 0 }
     }
 
     #[inline(always)]
@@ -38,7 +39,7 @@ impl Batch {
         hits: &mut (impl Sink + ?Sized),
     ) {
         scene.objects()[place.object as usize].prefetch::<I>(place.primitive);
-        let Batch { coming, waiting } = self;
+        let coming = &mut self.halves[self.coming];
         let k = coming.count;
         (coming.at[k], coming.place[k]) = (at, place);
         for axis in 0..3 {
@@ -47,15 +48,16 @@ impl Batch {
         }
         coming.count += 1;
         if coming.count == PENDING {
-            waiting.flush::<I>(scene, hits);
-            std::mem::swap(coming, waiting);
+            self.coming = 1 - self.coming;
+            self.halves[self.coming].flush::<I>(scene, hits);
         }
     }
 
     #[inline(always)]
     pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
-        self.waiting.flush::<I>(scene, hits);
-        self.coming.flush::<I>(scene, hits);
+        for half in &mut self.halves {
+            half.flush::<I>(scene, hits);
+        }
     }
 }
 
