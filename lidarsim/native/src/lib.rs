@@ -4,6 +4,7 @@ mod affine;
 mod bind;
 mod bvh;
 mod elementary;
+mod finish;
 mod measure;
 mod memory;
 mod number;

@@ -19,6 +19,13 @@ impl<N: Number> Ray<N> {
         Ray { origin: vector::exact(origin), direction: vector::exact(direction), weight: None }
     }
 
+    /// The same line, begun at t.
+    #[inline(always)]
+    pub fn at(&self, t: &N) -> Self {
+        let origin = vector::add(&self.origin, &vector::scaled(&self.direction, t));
+        Ray { origin, direction: self.direction.clone(), weight: self.weight.clone() }
+    }
+
     /// `x` times the weight.
     #[inline(always)]
     pub fn weighted(&self, x: N) -> N {

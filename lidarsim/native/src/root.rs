@@ -38,16 +38,15 @@ impl<N: Number> Root<N> {
         })
     }
 
-    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending; one where disc = 0.
+    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending, where disc has sign `order`: one if it is zero, none if negative.
     #[inline(always)]
-    pub fn quadratic(a: N, b: N, c: N, disc: N, feature: u8) -> Result<Roots<N>, Uncertain> {
-        let order = disc.sign()?;
+    pub fn quadratic(a: N, b: N, c: N, disc: N, order: Ordering, feature: u8) -> Roots<N> {
         let first = Root { a, b, c, disc, branch: -1, t: None, feature };
-        Ok(match order {
+        match order {
             Ordering::Less => [None, None],
             Ordering::Equal => [Some(first), None],
             Ordering::Greater => [Some(first.clone()), Some(first.other())],
-        })
+        }
     }
 
     /// The other root of the quadratic equation.

@@ -5,7 +5,8 @@ use std::sync::{Arc, OnceLock};
 
 use crate::affine::{Affine, Inverse, Placement};
 use crate::bvh::{Bvh, Span, Stack};
-use crate::number::{self, Interval, Number, Question, Uncertain};
+use crate::finish::{self, Meeting};
+use crate::number::{self, Interval, Number, One, Question, Uncertain};
 use crate::parallel;
 use crate::ray::Ray;
 use crate::root::{Root, Roots};
@@ -147,11 +148,13 @@ pub struct Place {
     pub object: u32,
     pub primitive: u32,
     pub index: u8,
+    /// The part of the surface.
+    pub feature: u8,
 }
 
 impl Place {
     pub fn of_triangle(object: u32, primitive: u32) -> Self {
-        Place { object, primitive, index: 0 }
+        Place { object, primitive, index: 0, feature: 0 }
     }
 }
 
@@ -245,8 +248,8 @@ impl Scene {
         for primitive in primitives {
             let found =
                 number::certify(&Candidates { object: &self.objects[object as usize], primitive, origin, direction });
-            for index in 0..found.iter().flatten().count() {
-                places.push(Place { object, primitive, index: index as u8 });
+            for (index, &(_, feature)) in (0..).zip(found.iter().flatten()) {
+                places.push(Place { object, primitive, index, feature });
             }
         }
         let order = |a: &Place, b: &Place| self.compare(a, b, origin, direction);
@@ -301,8 +304,27 @@ impl Scene {
 
     pub fn hit(&self, at: &Place, origin: Point, direction: Point) -> Hit {
         let object = &self.objects[at.object as usize];
-        let (t, normal) = number::certify_finely(&Finished { object, at, origin, direction });
-        Hit { t, normal: vector::unit(normal), object: at.object as i32, primitive: object.reported(at) }
+        let found = number::certify_finely(&Finished { object, at, origin, direction });
+        self.hit_of(at, found)
+    }
+
+    /// As `hit`, with bounds of t.
+    pub fn hit_within(&self, at: &Place, bounds: Interval, origin: Point, direction: Point) -> Hit {
+        let object = &self.objects[at.object as usize];
+        let meeting = Meeting { feature: at.feature, origin, direction, bounds };
+        let found = match &object.geometry {
+            Geometry::Simple(shape) => finish::finish(object.placement(), shape, &meeting, One),
+            Geometry::Mesh(mesh) => finish::finish(object.placement(), &mesh.triangle(at.primitive), &meeting, One),
+        };
+        match found {
+            Ok(found) => self.hit_of(at, found),
+            Err(Uncertain) => self.hit(at, origin, direction),
+        }
+    }
+
+    fn hit_of(&self, at: &Place, (t, normal): (f64, Point)) -> Hit {
+        let primitive = self.objects[at.object as usize].reported(at);
+        Hit { t, normal: vector::unit(normal), object: at.object as i32, primitive }
     }
 }
 
@@ -325,7 +347,7 @@ impl<'a> Search<'a> {
     #[inline(always)]
     pub fn new(scene: &'a Scene, origin: Point, direction: Point, t_min: f64, t_max: f64) -> Self {
         let t_max = t_max.min(f64::MAX);
-        let place = Place { object: 0, primitive: 0, index: 0 };
+        let place = Place::of_triangle(0, 0);
         Search { scene, origin, direction, t_min, t_max, place, low: f64::INFINITY, limit: t_max }
     }
 
@@ -339,6 +361,13 @@ impl<'a> Search<'a> {
     #[inline(always)]
     pub fn best(&self) -> Option<Place> {
         if self.low < f64::INFINITY { Some(self.place) } else { None }
+    }
+
+    /// The nearest hit, with bounds of t.
+    #[inline(always)]
+    pub fn found(&self) -> Option<(Place, Interval)> {
+        // The rounded t is in range, so that t itself may be beyond t_max by less than an ulp.
+        self.best().map(|place| (place, Interval { low: self.low, high: self.limit.next_up() }))
     }
 
     /// Nothing beyond this t is nearer.
@@ -382,8 +411,8 @@ impl<'a> Search<'a> {
         let (origin, direction) = (self.origin, self.direction);
         let object = &self.scene.objects[id as usize];
         let found = number::certify(&Candidates { object, primitive, origin, direction });
-        for (index, &t) in found.iter().flatten().enumerate() {
-            if self.takes(Place { object: id, primitive, index: index as u8 }, t) {
+        for (index, &(t, feature)) in (0..).zip(found.iter().flatten()) {
+            if self.takes(Place { object: id, primitive, index, feature }, t) {
                 return;
             }
         }
@@ -442,7 +471,8 @@ struct Candidates<'a> {
 }
 
 impl Question for Candidates<'_> {
-    type Answer = [Option<Interval>; 2];
+    /// Bounds of t, and the part of the surface.
+    type Answer = [Option<(Interval, u8)>; 2];
 
     #[inline]
     fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
@@ -450,7 +480,7 @@ impl Question for Candidates<'_> {
             self.object.roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
         let mut found = [None; 2];
         for (found, root) in found.iter_mut().zip(roots.iter().flatten()) {
-            *found = Some(N::enclose(root)?);
+            *found = Some((N::enclose(root)?, root.feature));
         }
         Ok(found)
     }
@@ -526,7 +556,7 @@ pub fn finished<N: Number>(
         None => return Err(Uncertain),
     };
     let t = N::value(&root)?;
-    let normal = placement.normal(surface.normal(ray, &t, root.feature));
+    let normal = placement.normal(surface.normal(&ray.at(&t), root.feature));
     Ok((N::round(&root)?, N::proportions(&normal)?))
 }
 

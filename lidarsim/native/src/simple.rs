@@ -6,18 +6,25 @@ use std::cell::Cell;
 
 use crate::affine::{AsMade, Placement};
 use crate::bvh::{LANES, Mask, Rays};
-use crate::number::{Balls, DdBalls, Interval, Many, Number, Uncertain};
+use crate::finish::{Meeting, finish};
+use crate::number::{Balls, Interval, Many, Number, Uncertain};
 use crate::ray::Ray;
-use crate::scene::{Geometry, Hit, Place, Scene, Search, finished};
+use crate::scene::{Geometry, Hit, Place, Scene, Search};
 use crate::shapes::{Surface, SurfaceTask};
 use crate::simd::{Floats, Isa};
 use crate::trace::Sink;
-use crate::vector::{self, Vector};
+use crate::vector::{self, Point, Vector};
+
+/// Part `i` of many numbers.
+#[inline(always)]
+fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
+    F::load(&x.as_chunks().0[i])
+}
 
 /// The coordinates of part `i` of vectors, an axis each.
 #[inline(always)]
-fn part<F: Floats<f64, N>, const N: usize>(v: &[&[f64]; 3], i: usize) -> [F; 3] {
-    [F::load(&v[0].as_chunks().0[i]), F::load(&v[1].as_chunks().0[i]), F::load(&v[2].as_chunks().0[i])]
+fn part<F: Floats<f64, N>, const N: usize, const M: usize>(v: &[[f64; M]; 3], i: usize) -> [F; 3] {
+    [load(&v[0], i), load(&v[1], i), load(&v[2], i)]
 }
 
 /// A packet's bits of part `i`, as bits of the lanes of a register.
@@ -39,23 +46,35 @@ fn take(mask: &mut Mask) -> Option<usize> {
 
 /// Offers the hits of the rays of `mask` on an object to their searches.
 #[inline(always)]
-pub fn meet<'s, I: Isa>(scene: &'s Scene, id: u32, rays: &Rays, searches: &mut [Search<'s>; LANES], mask: Mask) {
+pub fn meet<'s, I: Isa>(
+    scene: &'s Scene,
+    id: u32,
+    rays: &Rays,
+    searches: &mut [Search<'s>; LANES],
+    mask: Mask,
+    met: &mut Met,
+) {
     let object = &scene.objects()[id as usize];
-    let mut met = Met { first: Bounds::none(), second: Bounds::none(), unsure: mask };
+    (met.count, met.unsure) = (0, mask);
     let alone = mask & (mask - 1) == 0;
     if !alone && let Geometry::Simple(shape) = &object.geometry {
-        let (t_min, met) = (searches[0].t_min, &mut met);
+        let (t_min, met) = (searches[0].t_min, &mut *met);
         match object.placement() {
             None => shape.apart::<I, _>(Meet { placement: AsMade, rays, t_min, met }),
             Some(placement) => shape.apart::<I, _>(Meet { placement, rays, t_min, met }),
         };
     }
-    let place = |index| Place { object: id, primitive: 0, index };
-    let mut left = met.first.lanes;
-    while let Some(lane) = take(&mut left) {
-        let search = &mut searches[lane];
-        if !search.takes(place(0), met.first.of(lane)) && met.second.lanes & (1 << lane) != 0 {
-            search.takes(place(1), met.second.of(lane));
+    let place = |index: usize, feature| Place { object: id, primitive: 0, index: index as u8, feature };
+    for some in &met.some[..met.count] {
+        let mut left = Mask::from(some.lanes);
+        while let Some(lane) = take(&mut left) {
+            let search = &mut searches[some.start + lane];
+            for (index, roots) in some.roots[..some.count].iter().enumerate() {
+                let t = Interval { low: roots.low[lane], high: roots.high[lane] };
+                if search.takes(place(index, roots.feature), t) {
+                    break;
+                }
+            }
         }
     }
     while let Some(lane) = take(&mut met.unsure) {
@@ -63,53 +82,50 @@ pub fn meet<'s, I: Isa>(scene: &'s Scene, id: u32, rays: &Rays, searches: &mut [
     }
 }
 
-/// What a packet finds on a surface.
-struct Met {
-    first: Bounds,
-    /// Where the first lies before the range, or may.
-    second: Bounds,
+/// What a packet finds on a surface. Kept from one to the next, as it is large.
+pub struct Met {
+    some: [Alike; LANES],
+    count: usize,
     /// Rays to be asked one by one.
     unsure: Mask,
 }
 
-/// Bounds of a root of each ray that has it.
-struct Bounds {
-    lanes: Mask,
-    low: [f64; LANES],
-    high: [f64; LANES],
+/// Rays side by side for which the same is true of a surface.
+#[derive(Clone, Copy)]
+struct Alike {
+    /// A bit each, from lane `start` of the packet on.
+    lanes: u32,
+    start: usize,
+    /// The first root, and the second too where the first may lie before the range.
+    roots: [Roots; 2],
+    count: usize,
 }
 
-impl Bounds {
-    #[inline(always)]
-    fn none() -> Self {
-        Bounds { lanes: 0, low: [0.0; LANES], high: [0.0; LANES] }
-    }
+/// Lanes of the widest register.
+const WIDEST: usize = 8;
+
+/// Bounds of a root of each, on one part of the surface.
+#[derive(Clone, Copy)]
+struct Roots {
+    feature: u8,
+    low: [f64; WIDEST],
+    high: [f64; WIDEST],
+}
+
+impl Roots {
+    const NONE: Roots = Roots { feature: 0, low: [0.0; WIDEST], high: [0.0; WIDEST] };
 
     #[inline(always)]
-    fn of(&self, lane: usize) -> Interval {
-        Interval { low: self.low[lane], high: self.high[lane] }
-    }
-
-    /// Puts those of some lanes of part `i`.
-    #[inline(always)]
-    fn put<F: Floats<f64, N>, const N: usize>(&mut self, i: usize, lanes: u32, t: Interval<F>) {
-        put_lanes(&mut self.low, i, part_of_mask::<N>(self.lanes, i), lanes, t.low);
-        put_lanes(&mut self.high, i, part_of_mask::<N>(self.lanes, i), lanes, t.high);
-        self.lanes |= Mask::from(lanes) << (i * N);
+    fn set<F: Floats<f64, N>, const N: usize>(&mut self, feature: u8, t: Interval<F>) {
+        self.feature = feature;
+        self.low.as_chunks_mut().0[0] = t.low.store();
+        self.high.as_chunks_mut().0[0] = t.high.store();
     }
 }
 
-/// Puts some lanes of `x` into part `i` of `all`, where those of `there` are to stay.
-#[inline(always)]
-fn put_lanes<F: Floats<f64, N>, const N: usize>(all: &mut [f64], i: usize, there: u32, lanes: u32, x: F) {
-    let (part, x) = (&mut all.as_chunks_mut::<N>().0[i], x.store());
-    if there == 0 {
-        *part = x;
-        return;
-    }
-    let mut left = Mask::from(lanes);
-    while let Some(lane) = take(&mut left) {
-        part[lane] = x[lane];
+impl Met {
+    pub fn new() -> Self {
+        Met { some: [Alike { lanes: 0, start: 0, roots: [Roots::NONE; 2], count: 0 }; LANES], count: 0, unsure: 0 }
     }
 }
 
@@ -127,15 +143,14 @@ impl<P: Placement> SurfaceTask for Meet<'_, P> {
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
         let Meet { placement, rays, t_min, met } = self;
-        let [[ox, oy, oz], [dx, dy, dz]] = [&rays.origin, &rays.direction];
-        let rays = std::mem::take(&mut met.unsure);
+        let mask = std::mem::take(&mut met.unsure);
         for i in 0..LANES / N {
-            let mut left = part_of_mask::<N>(rays, i);
+            let mut left = part_of_mask::<N>(mask, i);
             if left == 0 {
                 continue;
             }
             let asked = Cell::new(left);
-            let (o, d): ([F; 3], [F; 3]) = (part(&[ox, oy, oz], i), part(&[dx, dy, dz], i));
+            let (o, d): ([F; 3], [F; 3]) = (part(&rays.origin, i), part(&rays.direction, i));
             let world = Ray { origin: balls(o, &asked), direction: balls(d, &asked), weight: None };
             let ray = placement.local(world);
             while left != 0 {
@@ -163,13 +178,19 @@ impl Met {
         let [first, second] = surface.roots(ray)?;
         let Some(first) = first else { return Ok(()) };
         let t = Number::enclose(&first)?;
-        if t.low.lt(F::splat(t_min)) & asked.get() != 0
+        let behind = t.low.lt(F::splat(t_min));
+        // As many as there are rays are enough: each ray has its place in one alone.
+        let alike = &mut self.some[self.count];
+        alike.roots[0].set(first.feature, t);
+        alike.count = 1;
+        if behind & asked.get() != 0
             && let Some(second) = second
         {
-            let t = Number::enclose(&second)?;
-            self.second.put(i, asked.get(), t);
+            alike.roots[1].set(second.feature, Number::enclose(&second)?);
+            alike.count = 2;
         }
-        self.first.put(i, asked.get(), t);
+        (alike.lanes, alike.start) = (asked.get(), i * N);
+        self.count += 1;
         Ok(())
     }
 }
@@ -180,59 +201,66 @@ fn balls<'a, F: Floats<f64, N>, const N: usize>(v: [F; 3], asked: &'a Cell<u32>)
     [Balls::of_rays(v[0], lanes), Balls::of_rays(v[1], lanes), Balls::of_rays(v[2], lanes)]
 }
 
-#[inline(always)]
-fn dd_balls<'a, F: Floats<f64, N>, const N: usize>(v: [F; 3], asked: &'a Cell<u32>) -> Vector<DdBalls<Many<'a, F>, N>> {
-    let lanes = Many::new(asked);
-    [DdBalls::of_rays(v[0], lanes), DdBalls::of_rays(v[1], lanes), DdBalls::of_rays(v[2], lanes)]
-}
-
-/// Hits on simple shapes that wait for others of the same object, to be finished together.
+/// Hits on simple shapes that wait for others on the same part of the same object, to be finished together.
 pub struct Pending {
     groups: Vec<Group>,
 }
 
-/// Objects that may wait at once; where two of them meet in one group, the first makes way.
-const GROUPS: usize = 64;
+/// Parts of objects that may wait at once; where two of them meet in one group, the first makes way.
+const GROUPS: usize = 32;
 
-/// Hits that may wait of one object: as many as the widest register has lanes.
-const SEATS: usize = 8;
+/// Hits that may wait of one part of an object: two of the widest registers, of which one is worked on while the other waits for its quotients.
+const SEATS: usize = 2 * WIDEST;
 
 #[derive(Clone, Copy)]
 struct Group {
+    /// Of all but for `index`, which says which root.
     place: Place,
+    index: [u8; SEATS],
     count: usize,
     at: [u32; SEATS],
     origin: [[f64; SEATS]; 3],
     direction: [[f64; SEATS]; 3],
+    /// Of t.
+    low: [f64; SEATS],
+    high: [f64; SEATS],
 }
 
 impl Pending {
     pub fn new() -> Self {
-        let place = Place { object: 0, primitive: 0, index: 0 };
-        let (origin, direction) = ([[0.0; SEATS]; 3], [[1.0; SEATS]; 3]);
-        Pending { groups: vec![Group { place, count: 0, at: [0; SEATS], origin, direction }; GROUPS] }
+        let empty = Group {
+            place: Place { object: 0, primitive: 0, index: 0, feature: 0 },
+            count: 0,
+            at: [0; SEATS],
+            index: [0; SEATS],
+            origin: [[0.0; SEATS]; 3],
+            direction: [[1.0; SEATS]; 3],
+            low: [0.0; SEATS],
+            high: [0.0; SEATS],
+        };
+        Pending { groups: vec![empty; GROUPS] }
     }
 
+    /// Takes the nearest hit of a search; one on a mesh is finished at once.
     #[inline(always)]
-    pub fn push<I: Isa>(
-        &mut self,
-        scene: &Scene,
-        at: u32,
-        place: Place,
-        search: &Search,
-        hits: &mut (impl Sink + ?Sized),
-    ) {
-        let group = &mut self.groups[(2 * place.object as usize + usize::from(place.index)) % GROUPS];
-        if (group.place.object, group.place.index) != (place.object, place.index) {
+    pub fn push<I: Isa>(&mut self, scene: &Scene, at: u32, search: &Search, hits: &mut (impl Sink + ?Sized)) {
+        let Some((place, bounds)) = search.found() else { return };
+        if !scene.objects()[place.object as usize].is_simple() {
+            hits.put(at as usize, scene.hit_within(&place, bounds, search.origin, search.direction));
+            return;
+        }
+        let group = &mut self.groups[(7 * place.object as usize + usize::from(place.feature)) % GROUPS];
+        if (group.place.object, group.place.feature) != (place.object, place.feature) {
             group.flush::<I>(scene, hits);
             group.place = place;
         }
         let seat = group.count;
-        group.at[seat] = at;
+        (group.at[seat], group.index[seat]) = (at, place.index);
         for axis in 0..3 {
             group.origin[axis][seat] = search.origin[axis];
             group.direction[axis][seat] = search.direction[axis];
         }
+        (group.low[seat], group.high[seat]) = (bounds.low, bounds.high);
         group.count += 1;
         if group.count == SEATS {
             group.flush::<I>(scene, hits);
@@ -262,13 +290,14 @@ impl Group {
                 Some(placement) => shape.apart::<I, _>(Finish { placement, group, found }),
             };
         }
+        let (object, primitive) = (self.place.object as i32, object.reported(&self.place));
         for seat in 0..self.count {
-            let pick = |v: &[[f64; SEATS]; 3]| [v[0][seat], v[1][seat], v[2][seat]];
             let hit = if found.known & (1 << seat) != 0 {
-                let (t, normal) = (found.t[seat], pick(&found.normal));
-                Hit { t, normal, object: self.place.object as i32, primitive: object.reported(&self.place) }
+                Hit { t: found.t[seat], normal: pick(&found.normal, seat), object, primitive }
             } else {
-                scene.hit(&self.place, pick(&self.origin), pick(&self.direction))
+                let bounds = Interval { low: self.low[seat], high: self.high[seat] };
+                let place = Place { index: self.index[seat], ..self.place };
+                scene.hit_within(&place, bounds, pick(&self.origin, seat), pick(&self.direction, seat))
             };
             hits.put(self.at[seat] as usize, hit);
         }
@@ -276,9 +305,14 @@ impl Group {
     }
 }
 
+#[inline(always)]
+fn pick(v: &[[f64; SEATS]; 3], seat: usize) -> Point {
+    [v[0][seat], v[1][seat], v[2][seat]]
+}
+
 /// t and a unit normal, of the hits that are certain.
 struct Found {
-    known: Mask,
+    known: u32,
     t: [f64; SEATS],
     normal: [[f64; SEATS]; 3],
 }
@@ -296,28 +330,19 @@ impl<P: Placement> SurfaceTask for Finish<'_, P> {
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
         let Finish { placement, group, found } = self;
-        let [[ox, oy, oz], [dx, dy, dz]] = [&group.origin, &group.direction];
-        for i in 0..SEATS / N {
-            let mut left = part_of_mask::<N>((1 << group.count) - 1, i);
-            if left == 0 {
-                continue;
-            }
-            let asked = Cell::new(left);
-            let (o, d): ([F; 3], [F; 3]) = (part(&[ox, oy, oz], i), part(&[dx, dy, dz], i));
-            let world = Ray { origin: dd_balls(o, &asked), direction: dd_balls(d, &asked), weight: None };
-            let ray = placement.local(world);
-            while left != 0 {
-                asked.set(left);
-                if let Ok((t, normal)) = finished(placement, surface, &ray, group.place.index) {
-                    let there = part_of_mask::<N>(found.known, i);
-                    put_lanes(&mut found.t, i, there, asked.get(), t);
-                    let [x, y, z] = vector::unit(normal);
-                    put_lanes(&mut found.normal[0], i, there, asked.get(), x);
-                    put_lanes(&mut found.normal[1], i, there, asked.get(), y);
-                    put_lanes(&mut found.normal[2], i, there, asked.get(), z);
-                    found.known |= Mask::from(asked.get()) << (i * N);
-                }
-                left &= !asked.get();
+        for i in 0..group.count.div_ceil(N) {
+            let asked = Cell::new(((1_u32 << group.count) - 1) >> (i * N) & ((1 << N) - 1));
+            let bounds = Interval { low: load(&group.low, i), high: load(&group.high, i) };
+            let origin: [F; 3] = part(&group.origin, i);
+            let meeting =
+                Meeting { feature: group.place.feature, origin, direction: part(&group.direction, i), bounds };
+            if let Ok((t, normal)) = finish(placement, surface, &meeting, Many::new(&asked)) {
+                let [x, y, z] = vector::unit(normal);
+                found.t.as_chunks_mut().0[i] = t.store();
+                found.normal[0].as_chunks_mut().0[i] = x.store();
+                found.normal[1].as_chunks_mut().0[i] = y.store();
+                found.normal[2].as_chunks_mut().0[i] = z.store();
+                found.known |= asked.get() << (i * N);
             }
         }
     }
@@ -330,7 +355,6 @@ mod tests {
     use crate::scene::Object;
     use crate::shapes::{Box, Cylinder, Ellipsoid, Plane, Simple, Sphere, Triangle};
     use crate::simd::Level;
-    use crate::vector::Point;
 
     fn shapes() -> Vec<Object> {
         let turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];

@@ -12,7 +12,7 @@ use crate::refine::Batch;
 use crate::scene::{Geometry, Hit, Object, Place, Scene, Search};
 use crate::shapes::{Block, TriangleMesh};
 use crate::simd::{Isa, Task};
-use crate::simple::{self, Pending};
+use crate::simple::{self, Met, Pending};
 use crate::vector::Point;
 
 /// Where hits go: the hit of ray i, once for each ray, in any order.
@@ -47,7 +47,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
         let size = scene.size();
         let stack = STACK.take().unwrap_or_default();
-        let mut tracer = Tracer { scene, size, stack, batch: Batch::new(), pending: Pending::new(), hits };
+        let (batch, pending, met) = (Batch::new(), Pending::new(), Met::new());
+        let mut tracer = Tracer { scene, size, stack, batch, pending, met, hits };
         let mut searches: [Search; LANES] =
             std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
         let mut order = Order::new(origins, directions, size);
@@ -98,6 +99,7 @@ struct Tracer<'a, S: ?Sized> {
     stack: Box<Stack>,
     batch: Batch,
     pending: Pending,
+    met: Met,
     hits: &'a mut S,
 }
 
@@ -109,10 +111,10 @@ impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
         let active = all(rays.count);
         let index = scene.index();
         for &object in &index.unbounded {
-            simple::meet::<I>(scene, object, rays, searches, active);
+            simple::meet::<I>(scene, object, rays, searches, active, &mut self.met);
         }
         let coherent = rays.are_coherent::<I>(self.size);
-        let mut visitor = Objects { scene, rays, coherent, searches };
+        let mut visitor = Objects { scene, rays, coherent, searches, met: &mut self.met };
         match index.bounded.only_leaf() {
             // The hierarchy of the mesh begins with what that above it would ask.
             Some(&id) if matches!(scene.objects()[id as usize].geometry, Geometry::Mesh(_)) => {
@@ -138,10 +140,7 @@ impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
             Some(place) if self.scene.objects()[place.object as usize].is_plain_triangle() => {
                 self.batch.push::<I>(self.scene, at, place, search, self.hits);
             }
-            Some(place) if self.scene.objects()[place.object as usize].is_simple() => {
-                self.pending.push::<I>(self.scene, at, place, search, self.hits);
-            }
-            Some(place) => self.hits.put(at as usize, self.scene.hit(&place, search.origin, search.direction)),
+            Some(_) => self.pending.push::<I>(self.scene, at, search, self.hits),
         }
     }
 }
@@ -172,6 +171,7 @@ struct Objects<'a, 's> {
     rays: &'a Rays,
     coherent: bool,
     searches: &'a mut [Search<'s>; LANES],
+    met: &'a mut Met,
 }
 
 impl Objects<'_, '_> {
@@ -183,7 +183,7 @@ impl Objects<'_, '_> {
                 Blocks { mesh, id, rays: self.rays, searches: self.searches }.trace::<I>(self.coherent, mask, stack);
             }
             Geometry::Mesh(mesh) => enter_moved::<I>(self.coherent, mask, id, object, mesh, self.searches, stack),
-            Geometry::Simple(_) => simple::meet::<I>(self.scene, id, self.rays, self.searches, mask),
+            Geometry::Simple(_) => simple::meet::<I>(self.scene, id, self.rays, self.searches, mask, self.met),
         }
     }
 }

@@ -50,15 +50,19 @@ pub fn negated<N: Number>(a: &Vector<N>) -> Vector<N> {
     [a[0].negated(), a[1].negated(), a[2].negated()]
 }
 
-/// A coordinate of `a` times one of `b`, an axis each.
-#[inline(always)]
-pub fn times<N: Number>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
-    [a[0].times(&b[0]), a[1].times(&b[1]), a[2].times(&b[2])]
-}
-
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
+///
+/// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, nothing is left that would tell how they were worked out.
 #[inline(always)]
 pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
+    let large = v[0].abs().max(v[1].abs()).max(v[2].abs()).mul(F::splat(1.0 / 256.0));
+    let v = [rounded(v[0], large), rounded(v[1], large), rounded(v[2], large)];
     let length = v[0].mul(v[0]).add(v[1].mul(v[1])).add(v[2].mul(v[2])).sqrt();
     [v[0].div(length), v[1].div(length), v[2].div(length)]
+}
+
+/// `x` to the last place of `large`, where it is smaller by half.
+#[inline(always)]
+fn rounded<F: Floats<f64, N>, const N: usize>(x: F, large: F) -> F {
+    x.abs().le_pick(large.mul(F::splat(0.5)), x.add(large).sub(large), x)
 }

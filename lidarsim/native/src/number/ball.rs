@@ -27,6 +27,17 @@ impl<L: Lanes<N>, const N: usize> Balls<L, N> {
     }
 
     #[inline(always)]
+    pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
+        Balls { value, error: Some(error), lanes }
+    }
+
+    /// The number and how far it may be off.
+    #[inline(always)]
+    pub fn parts(self) -> (L::Floats, L::Floats) {
+        (self.value, self.error())
+    }
+
+    #[inline(always)]
     fn error(self) -> L::Floats {
         self.error.unwrap_or(splat::<L, N>(0.0))
     }

@@ -71,6 +71,17 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
     }
 
     #[inline(always)]
+    pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
+        DdBalls { high: value, low: Some(splat::<L, N>(0.0)), error: Some(error), lanes }
+    }
+
+    /// The number to float64, and how far the whole of it may be off.
+    #[inline(always)]
+    pub fn parts(self) -> (L::Floats, L::Floats) {
+        (self.high, self.error())
+    }
+
+    #[inline(always)]
     fn low(self) -> L::Floats {
         self.low.unwrap_or(splat::<L, N>(0.0))
     }
@@ -99,6 +110,21 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
             error: Some(zero.le_pick(by, a.error(), b.error())),
             lanes: a.lanes.or(b.lanes),
         }
+    }
+
+    /// To the nearest float64.
+    #[inline(always)]
+    pub fn rounded(self) -> Result<L::Floats, Uncertain> {
+        // Rounding is monotone: if both ends of the ball round to `high`, so does the truth.
+        let error = self.error().mul(splat::<L, N>(PAD)).add(self.low().abs().mul(splat::<L, N>(2.0 * UNIT)));
+        let error = error.add(splat::<L, N>(UNDERFLOW));
+        let (high, low) = (self.high, self.low());
+        let certain = high.add(low.add(error)).le(high) & high.le(high.add(low.sub(error)));
+        // A subnormal result would be rounded twice.
+        let size = high.abs();
+        let normal = splat::<L, N>(f64::MIN_POSITIVE).le(size) & size.lt(splat::<L, N>(f64::INFINITY));
+        self.lanes.keep(certain & normal)?;
+        Ok(high)
     }
 
     #[inline(always)]
@@ -284,16 +310,7 @@ impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
 
     #[inline(always)]
     fn round(root: &Root<Self>) -> Result<L::Floats, Uncertain> {
-        // Rounding is monotone: if both ends of the ball round to `high`, so does the truth.
-        let t = DdBalls::of_root(root)?;
-        let error = t.error().mul(splat::<L, N>(PAD)).add(t.low().abs().mul(splat::<L, N>(2.0 * UNIT)));
-        let error = error.add(splat::<L, N>(UNDERFLOW));
-        let certain = t.high.add(t.low().add(error)).le(t.high) & t.high.le(t.high.add(t.low().sub(error)));
-        // A subnormal result would be rounded twice.
-        let size = t.high.abs();
-        let normal = splat::<L, N>(f64::MIN_POSITIVE).le(size) & size.lt(splat::<L, N>(f64::INFINITY));
-        t.lanes.keep(certain & normal)?;
-        Ok(t.high)
+        DdBalls::of_root(root)?.rounded()
     }
 
     #[inline(always)]

@@ -70,7 +70,8 @@ fn roots<N: Number>(x: &[N; 4]) -> Result<[Root<N>; 3], Uncertain> {
     let quotient = Root::linear(b.times(c), positive.clone(), 0);
     // t² − 2bt + (b² − disc) = 0
     let rest = b.squared().minus(&positive);
-    match Root::quadratic(N::exact(1.0), b.clone(), rest, positive, 0)? {
+    let order = positive.sign()?;
+    match Root::quadratic(N::exact(1.0), b.clone(), rest, positive, order, 0) {
         [Some(first), Some(second)] => Ok([quotient, first, second]),
         _ => Err(Uncertain),
     }

@@ -52,7 +52,15 @@ impl Surface for Box {
     }
 
     #[inline(always)]
-    fn normal<N: Number>(&self, _: &Ray<N>, _: &N, feature: u8) -> Vector<N> {
+    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+        let axis = usize::from(feature / 2);
+        let from_middle = ray.origin[axis].minus(&ray.weighted(N::exact(self.center[axis]))).doubled();
+        let outward = if feature.is_multiple_of(2) { from_middle.negated() } else { from_middle };
+        outward.minus(&ray.weighted(N::exact(self.size[axis])))
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, _: &Ray<N>, feature: u8) -> Vector<N> {
         let mut normal = [0.0; 3];
         normal[usize::from(feature / 2)] = if feature.is_multiple_of(2) { -1.0 } else { 1.0 };
         vector::exact(normal)

@@ -63,8 +63,9 @@ impl Surface for Cylinder {
             None
         } else {
             let disc = length2.times(&r2.times(&a).minus(&vector::dot(&f, &n).squared()));
-            let [first, second] = Root::quadratic(a, vector::dot(&n, &m).negated(), c, disc, SIDE)?;
-            let Some(first) = first else { return Ok([None, None]) };
+            let order = disc.sign()?;
+            let b = vector::dot(&n, &m).negated();
+            let [Some(first), second] = Root::quadratic(a, b, c, disc, order, SIDE) else { return Ok([None, None]) };
             Some((first, second))
         };
 
@@ -104,16 +105,29 @@ impl Surface for Cylinder {
     }
 
     #[inline(always)]
-    fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, feature: u8) -> Vector<N> {
+    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+        let axis = self.axis();
+        let f = ray.origin_from(vector::exact(if feature == END { self.end } else { self.start }));
+        match feature {
+            START => vector::dot(&axis, &f).doubled().negated(),
+            END => vector::dot(&axis, &f).doubled(),
+            _ => {
+                let r2 = ray.weighted(N::exact(self.radius)).squared();
+                vector::norm2(&vector::cross(&f, &axis)).minus(&r2.times(&vector::norm2(&axis)))
+            }
+        }
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N> {
         let axis = self.axis();
         match feature {
             START => vector::negated(&axis),
             END => axis,
             _ => {
-                // A × ((f + t·d) × A): the part of f + t·d across the axis, times |A|².
+                // A × (f × A): the part of f across the axis, times |A|².
                 let f = ray.origin_from(vector::exact(self.start));
-                let p = vector::add(&f, &vector::scaled(&ray.direction, t));
-                vector::cross(&axis, &vector::cross(&p, &axis))
+                vector::cross(&axis, &vector::cross(&f, &axis))
             }
         }
     }

@@ -14,31 +14,27 @@ use crate::vector::{self, Point, Vector};
 pub struct Ellipsoid {
     /// u ↦ center + R·u, with the entries of R as they were given.
     placement: Affine,
-    inverse: std::boxed::Box<Inverse>,
     radii: Point,
+    /// Of both maps, the stretching and the placement.
+    inverse: std::boxed::Box<Inverse>,
 }
 
 impl Ellipsoid {
-    /// None if the rotation is singular.
+    /// None if the rotation is singular or a radius zero.
     pub fn new(center: Point, radii: Point, rotation: [[f64; 3]; 3]) -> Option<Self> {
+        let [x, y, z] = radii;
+        let stretched = Affine::new([[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]], [0.0; 3]);
         let placement = Affine::new(rotation, center);
-        Some(Ellipsoid { placement, inverse: std::boxed::Box::new(Inverse::of(&placement)?), radii })
+        let inverse = Inverse::of(&placement)?.after(&Inverse::of(&stretched)?, &placement);
+        Some(Ellipsoid { placement, radii, inverse: std::boxed::Box::new(inverse) })
     }
 
     /// The ray in the space of the sphere, and the radius of the sphere there.
     #[inline(always)]
     fn unit_space<N: Number>(&self, ray: &Ray<N>) -> (Vector<N>, Vector<N>, N) {
         let local = N::of_inverse(&self.inverse).apply(ray);
-        let factors: Vector<N> = self.factors();
-        let radius = local.weighted(factors[2].times(&N::exact(self.radii[2])));
-        (vector::times(&local.origin, &factors), vector::times(&local.direction, &factors), radius)
-    }
-
-    /// diag(1/radii) times the product of the radii.
-    #[inline(always)]
-    fn factors<N: Number>(&self) -> Vector<N> {
-        let [x, y, z]: Vector<N> = vector::exact(self.radii);
-        [y.times(&z), z.times(&x), x.times(&y)]
+        let radius = local.weighted(N::exact(1.0));
+        (local.origin, local.direction, radius)
     }
 }
 
@@ -50,11 +46,15 @@ impl Surface for Ellipsoid {
     }
 
     #[inline(always)]
-    fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, _: u8) -> Vector<N> {
-        // The gradient R⁻ᵀ·diag(1/radii)·u, times positive numbers.
-        let (f, d, _) = self.unit_space(ray);
-        let u = vector::add(&f, &vector::scaled(&d, t));
-        N::of_inverse(&self.inverse).normal(&vector::times(&u, &self.factors()))
+    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+        let (u, _, r) = self.unit_space(ray);
+        vector::norm2(&u).minus(&r.squared())
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, ray: &Ray<N>, _: u8) -> Vector<N> {
+        let (u, _, _) = self.unit_space(ray);
+        N::of_inverse(&self.inverse).normal(&u)
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

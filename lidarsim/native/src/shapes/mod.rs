@@ -31,8 +31,11 @@ pub trait Surface {
     /// Every t, of either sign, at which the line meets the surface: ascending and distinct.
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
-    /// An outward normal, of any length, where the line meets the surface at `t`, in part `feature` of it.
-    fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, feature: u8) -> Vector<N>;
+    /// Where the ray begins: a function that is zero on part `feature` of the surface, and of degree two at most.
+    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;
+
+    /// Where the ray begins, on part `feature` of the surface or near it: an outward normal, half the gradient of `level`.
+    fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
 
     /// An axis-aligned box around the surface; none if the surface has no end.
     fn bounds(&self) -> Option<[Interval; 3]>;
@@ -83,8 +86,12 @@ macro_rules! surfaces {
                 match self { $(Simple::$name(shape) => shape.roots(ray)),+ }
             }
 
-            fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, feature: u8) -> Vector<N> {
-                match self { $(Simple::$name(shape) => shape.normal(ray, t, feature)),+ }
+            fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+                match self { $(Simple::$name(shape) => shape.level(ray, feature)),+ }
+            }
+
+            fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N> {
+                match self { $(Simple::$name(shape) => shape.normal(ray, feature)),+ }
             }
 
             fn bounds(&self) -> Option<[Interval; 3]> {

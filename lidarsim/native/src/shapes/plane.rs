@@ -27,6 +27,19 @@ impl Plane {
             Plane::Points(a, b, c) => triangle_normal(a, b, c),
         }
     }
+
+    /// Of the origin over the plane, times the length of the normal.
+    #[inline(always)]
+    fn height<N: Number>(&self, ray: &Ray<N>) -> N {
+        match *self {
+            Plane::Distance { distance, .. } => {
+                vector::dot(&self.normal_of(), &ray.origin).minus(&ray.weighted(N::exact(distance)))
+            }
+            Plane::PointNormal { point, .. } | Plane::Points(point, ..) => {
+                vector::dot(&self.normal_of(), &ray.origin_from(vector::exact(point)))
+            }
+        }
+    }
 }
 
 /// (b − a) × (c − a).
@@ -39,20 +52,17 @@ pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
 impl Surface for Plane {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        let normal = self.normal_of();
-        let offset = match *self {
-            Plane::Distance { distance, .. } => {
-                ray.weighted(N::exact(distance)).minus(&vector::dot(&normal, &ray.origin))
-            }
-            Plane::PointNormal { point, .. } | Plane::Points(point, ..) => {
-                vector::dot(&normal, &ray.origin_from(vector::exact(point))).negated()
-            }
-        };
-        Ok([Root::ratio(offset, vector::dot(&normal, &ray.direction), 0)?, None])
+        let slope = vector::dot(&self.normal_of(), &ray.direction);
+        Ok([Root::ratio(self.height(ray).negated(), slope, 0)?, None])
     }
 
     #[inline(always)]
-    fn normal<N: Number>(&self, _: &Ray<N>, _: &N, _: u8) -> Vector<N> {
+    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+        self.height(ray).doubled()
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, _: &Ray<N>, _: u8) -> Vector<N> {
         self.normal_of()
     }
 

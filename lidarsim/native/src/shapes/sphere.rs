@@ -1,5 +1,7 @@
 //! Sphere: |f + t·d|² = r², with f = o − c.
 
+use std::cmp::Ordering;
+
 use super::Surface;
 use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;
@@ -21,9 +23,13 @@ pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<R
     let a = vector::norm2(d);
     let r2 = r.squared();
     let disc = r2.times(&a).minus(&vector::norm2(&vector::cross(f, d)));
+    let order = disc.sign()?;
+    if order == Ordering::Less {
+        return Ok([None, None]);
+    }
     let b = vector::dot(f, d).negated();
     let c = vector::norm2(f).minus(&r2);
-    Root::quadratic(a, b, c, disc, 0)
+    Ok(Root::quadratic(a, b, c, disc, order, 0))
 }
 
 impl Surface for Sphere {
@@ -34,9 +40,14 @@ impl Surface for Sphere {
     }
 
     #[inline(always)]
-    fn normal<N: Number>(&self, ray: &Ray<N>, t: &N, _: u8) -> Vector<N> {
+    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
         let f = ray.origin_from(vector::exact(self.center));
-        vector::add(&f, &vector::scaled(&ray.direction, t))
+        vector::norm2(&f).minus(&ray.weighted(N::exact(self.radius)).squared())
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, ray: &Ray<N>, _: u8) -> Vector<N> {
+        ray.origin_from(vector::exact(self.center))
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

@@ -64,7 +64,12 @@ impl Surface for Triangle {
     }
 
     #[inline(always)]
-    fn normal<N: Number>(&self, _: &Ray<N>, _: &N, _: u8) -> Vector<N> {
+    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+        vector::dot(&self.normal(ray, feature), &ray.origin_from(vector::exact(self.0))).doubled()
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, _: &Ray<N>, _: u8) -> Vector<N> {
         triangle_normal(self.0, self.1, self.2)
     }
 
