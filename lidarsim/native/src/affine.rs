@@ -27,6 +27,14 @@ impl Affine {
         *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
+    /// A box around the offset that reaches as far along each axis as `reach` says of the row of that axis.
+    pub fn around(&self, reach: impl Fn([f64; 3]) -> f64) -> [Interval; 3] {
+        std::array::from_fn(|i| {
+            let reach = reach(self.linear[i]);
+            Interval { low: (self.offset[i] - reach).next_down(), high: (self.offset[i] + reach).next_up() }
+        })
+    }
+
     /// The image of a box, rounded outward.
     pub fn image(&self, bounds: [Interval; 3]) -> [Interval; 3] {
         std::array::from_fn(|i| {

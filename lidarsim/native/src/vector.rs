@@ -50,6 +50,17 @@ pub fn negated<N: Number>(a: &Vector<N>) -> Vector<N> {
     [a[0].negated(), a[1].negated(), a[2].negated()]
 }
 
+/// At least |v|, where each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) where that is a normal number.
+pub fn length_above(v: Point) -> f64 {
+    let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    if largest == 0.0 {
+        return 0.0;
+    }
+    // Fewer than 8 roundings of relative size 2⁻⁵³, and what coordinates lost if they are subnormal.
+    let [x, y, z] = v.map(|x| x / largest);
+    largest * ((x * x + y * y + z * z).sqrt() * (1.0 + 4.0 * f64::EPSILON)) + f64::from_bits(1)
+}
+
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
 ///
 /// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, nothing is left that would tell how they were worked out.

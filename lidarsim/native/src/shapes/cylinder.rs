@@ -133,9 +133,17 @@ impl Surface for Cylinder {
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
-        Some(std::array::from_fn(|i| Interval {
-            low: (self.start[i].min(self.end[i]) - self.radius).next_down(),
-            high: (self.start[i].max(self.end[i]) + self.radius).next_up(),
+        // Circles around the axis A reach r·√(1 − A_i²/|A|²) along axis i.
+        let [x, y, z] = std::array::from_fn(|i| self.end[i] - self.start[i]);
+        let length = vector::length_above([x, y, z]);
+        let across = [[0.0, y, z], [x, 0.0, z], [x, y, 0.0]].map(vector::length_above);
+        Some(std::array::from_fn(|i| {
+            let share = if length.is_normal() { across[i] / length * (1.0 + 32.0 * f64::EPSILON) } else { 1.0 };
+            let reach = (self.radius * share.min(1.0)).next_up();
+            Interval {
+                low: (self.start[i].min(self.end[i]) - reach).next_down(),
+                high: (self.start[i].max(self.end[i]) + reach).next_up(),
+            }
         }))
     }
 }
