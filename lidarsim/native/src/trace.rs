@@ -4,26 +4,34 @@
 //! only rules out what is certainly not the nearest hit, and the rest is decided exactly.
 
 use std::cell::Cell;
+use std::ops::Range;
 
 use crate::bvh::{LANES, Mask, Packet, Rays, Stack, Visitor, all};
 use crate::number::Interval;
-use crate::order::Order;
+use crate::order::{NEAR, Order};
 use crate::refine::Batch;
 use crate::scene::{Geometry, Hit, Object, Place, Scene, Search};
 use crate::shapes::{Block, TriangleMesh};
-use crate::simd::{Isa, Task};
+use crate::simd::{self, Isa, Task};
 use crate::simple::{self, Met, Pending};
 use crate::vector::Point;
 
 /// Where hits go: the hit of ray i, once for each ray, in any order.
 pub trait Sink {
     fn put(&mut self, i: usize, hit: Hit);
+    /// Brings the places of some hits into the cache.
+    fn prefetch<I: Isa>(&self, hits: Range<usize>);
 }
 
 impl Sink for [Hit] {
     #[inline(always)]
     fn put(&mut self, i: usize, hit: Hit) {
         self[i] = hit;
+    }
+
+    #[inline(always)]
+    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
+        simd::prefetch::<I, _>(&self[hits]);
     }
 }
 
@@ -52,6 +60,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let mut searches: [Search; LANES] =
             std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
         let mut order = Order::new(origins, directions, size);
+        let mut done = 0;
         while let Some(order) = order.next() {
             // The rays that come next are taken up while others are traced: what was just written is slow to read.
             let (mut rays, mut later) = (Rays::empty(), Rays::empty());
@@ -62,6 +71,13 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                 let count = rays.look::<I>();
                 let next = start + count.max(1);
                 later.take_up(origins, directions, &order[next..]);
+                if order.len() == NEAR {
+                    // Of the next rays that are sorted together, as many as are traced now.
+                    let end = origins.len();
+                    let ahead = end.min(done + NEAR + start)..end.min(done + NEAR + next);
+                    simd::prefetch::<I, _>(&origins[ahead.clone()]);
+                    tracer.hits.prefetch::<I>(ahead);
+                }
                 for lane in 0..count.max(1) {
                     searches[lane].restart(rays.origin(lane), rays.direction(lane));
                 }
@@ -76,6 +92,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                 }
                 start = next;
             }
+            done += order.len();
         }
         tracer.batch.flush::<I>(scene, tracer.hits);
         tracer.pending.flush::<I>(scene, tracer.hits);

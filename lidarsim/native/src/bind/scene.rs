@@ -1,6 +1,7 @@
 //! Scenes, and casts at them.
 
 use super::{Points, PyShape, chunk, equal_points, interruptible, legal_rays, level};
+use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
@@ -8,6 +9,7 @@ use pyo3::prelude::*;
 
 use crate::parallel;
 use crate::scene::{Hit, Scene};
+use crate::simd::{self, Isa};
 use crate::trace::Sink;
 use crate::vector::Point;
 
@@ -26,6 +28,14 @@ impl Sink for Columns<'_> {
     #[inline(always)]
     fn put(&mut self, i: usize, hit: Hit) {
         (self.t[i], self.object[i], self.primitive[i], self.normal[i]) = (hit.t, hit.object, hit.primitive, hit.normal);
+    }
+
+    #[inline(always)]
+    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
+        simd::prefetch::<I, _>(&self.t[hits.clone()]);
+        simd::prefetch::<I, _>(&self.object[hits.clone()]);
+        simd::prefetch::<I, _>(&self.primitive[hits.clone()]);
+        simd::prefetch::<I, _>(&self.normal[hits]);
     }
 }
 

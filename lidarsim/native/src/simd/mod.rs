@@ -71,6 +71,15 @@ pub trait Isa: Copy {
     fn apart<T: LaneTask>(task: T) -> Option<T::Output>;
 }
 
+/// Brings all of a slice into the cache.
+#[inline(always)]
+pub fn prefetch<I: Isa, T>(slice: &[T]) {
+    let start: *const [u8; 64] = slice.as_ptr().cast();
+    for line in 0..size_of_val(slice).div_ceil(64) {
+        I::prefetch(start.wrapping_add(line));
+    }
+}
+
 /// What is to be done with an instruction set: an always inlined `run`.
 pub trait Task {
     type Output;
