@@ -10,9 +10,6 @@ pub struct Pose {
 }
 
 impl Pose {
-    pub const IDENTITY: Pose =
-        Pose { rotation: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], translation: [0.0; 3] };
-
     /// From the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
     ///
     /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which takes a matrix kept in float32 to rounding, and leave the

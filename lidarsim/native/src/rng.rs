@@ -72,16 +72,10 @@ impl Stream {
 
     /// As `normal` for each pulse: one kind of formula at a time, in loops that become vector instructions.
     #[inline(always)]
-    pub fn normals(
-        &self,
-        pulses: impl ExactSizeIterator<Item = u64>,
-        effect: Effect,
-        draw: u16,
-        normals: &mut Vec<f64>,
-    ) {
+    pub fn normals(&self, pulses: &[u64], effect: Effect, draw: u16, normals: &mut Vec<f64>) {
         let mut uniforms = vec![0.0; pulses.len()];
         for (p, pulse) in uniforms.iter_mut().zip(pulses) {
-            *p = self.uniform(pulse, effect, draw);
+            *p = self.uniform(*pulse, effect, draw);
         }
         normals.resize(uniforms.len(), 0.0);
         for (normal, p) in normals.iter_mut().zip(&uniforms) {

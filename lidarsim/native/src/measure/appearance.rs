@@ -22,6 +22,7 @@ pub enum Reflectivity {
 }
 
 impl Reflectivity {
+    #[inline(always)]
     pub(super) fn at(&self, hit: &Hit, origin: Point, direction: Point, caster: &impl Caster) -> f64 {
         match self {
             Reflectivity::Object(value) => *value,

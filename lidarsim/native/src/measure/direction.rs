@@ -30,6 +30,7 @@ fn heading([x, y, _]: Point) -> (f64, [f64; 2]) {
 }
 
 /// To within 1e-6: a unit vector kept in float32 is one to within 2⁻²².
+#[inline(always)]
 pub fn is_unit(d: Point) -> bool {
     (dot(d, d) - 1.0).abs() <= 1e-6
 }

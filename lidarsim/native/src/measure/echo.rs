@@ -34,6 +34,12 @@ impl Light {
 }
 
 impl Echo {
+    #[inline(always)]
+    pub(super) fn status(&self) -> Status {
+        self.measured.err().unwrap_or(Status::Hit)
+    }
+
+    #[inline(always)]
     pub(super) fn of(light: Light) -> Self {
         let Light { ray, range, intensity, power } = light;
         Echo { ray, true_range: range, range, intensity, power, measured: Ok(range) }

@@ -86,19 +86,31 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
-    fn index(&self, i: usize) -> u64 {
-        self.indices.map_or(i as u64, |indices| indices[i])
+    #[inline(always)]
+    fn check(&self, pulses: Range<usize>) -> Result<(), BadPulse> {
+        // All at once, which is faster than to look for the first.
+        let mut right = true;
+        for direction in &self.directions[pulses.clone()] {
+            right &= is_unit(*direction);
+        }
+        for origin in self.origins[pulses.clone()].as_flattened() {
+            right &= origin.is_finite();
+        }
+        for time in &self.times[pulses.clone()] {
+            right &= self.has_pose(*time);
+        }
+        if right { Ok(()) } else { self.first_bad(pulses) }
     }
 
-    fn check(&self, pulses: Range<usize>) -> Result<(), BadPulse> {
-        let [first, last] = self.path.span();
+    #[cold]
+    #[inline(never)]
+    fn first_bad(&self, pulses: Range<usize>) -> Result<(), BadPulse> {
         for pulse in pulses {
-            let time = self.start + self.times[pulse];
             let fault = if !is_unit(self.directions[pulse]) {
                 Fault::Direction
             } else if !self.origins[pulse].iter().all(|x| x.is_finite()) {
                 Fault::Origin
-            } else if !(time.is_finite() && first <= time && time <= last) {
+            } else if !self.has_pose(self.times[pulse]) {
                 Fault::Time
             } else {
                 continue;
@@ -106,6 +118,13 @@ impl Frame<'_> {
             return Err(BadPulse { pulse, fault });
         }
         Ok(())
+    }
+
+    #[inline(always)]
+    fn has_pose(&self, time: f64) -> bool {
+        let [first, last] = self.path.span();
+        let time = self.start + time;
+        time.is_finite() & (first <= time) & (time <= last)
     }
 }
 
@@ -184,6 +203,14 @@ pub struct Rays {
     origins: Vec<Point>,
     directions: Vec<Point>,
     hits: Vec<Hit>,
+    /// Of each ray what it brings back; of one that hits nothing, anything.
+    range: Vec<f64>,
+    cosine: Vec<f64>,
+    intensity: Vec<f64>,
+    /// Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
+    incidence: Vec<[f64; 2]>,
+    /// Of each pulse, its number in the whole frame.
+    index: Vec<u64>,
     /// Gaussians, one a pulse; those of effects that are off are empty. Further echoes draw their noise as they come.
     azimuth_jitter: Vec<f64>,
     elevation_jitter: Vec<f64>,
@@ -227,136 +254,187 @@ impl<'a, C: Caster> Scan<'a, C> {
     #[inline(always)]
     fn measure_batch(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
         self.cast(pulses.clone(), rays)?;
+        self.shine(rays);
         let most = self.measurement.returns.most();
-        // Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
-        let mut incidences = vec![[f64::NAN; 2]; pulses.len() * most];
+        rays.incidence.resize(pulses.len() * most, [0.0; 2]);
         let (mut echoes, mut chosen) = (Vec::new(), Vec::new());
-        for (i, pulse) in pulses.enumerate() {
+        for i in 0..pulses.len() {
             let first = i * most;
             let mut row = first;
             let mut status = Status::Miss;
-            let mut report = |echo: Echo| {
-                if row == first {
-                    status = echo.measured.err().unwrap_or(Status::Hit);
-                }
-                let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
-                let label = self.appearance(rays, echo.ray).map_or(0, |appearance| appearance.label);
-                rows.write(row, &echo, hit, label);
-                let across = cross(hit.normal, direction);
-                incidences[row] = [dot(across, across), dot(hit.normal, direction).abs()];
-                row += 1;
-            };
             match &self.measurement.beam {
                 None => {
-                    if let Some(light) = self.light(rays, i) {
-                        report(self.received(Echo::of(light), rays, i, pulse, 0));
+                    if let Some(light) = rays.light(i) {
+                        let echo = self.received(Echo::of(light), rays, i, 0);
+                        status = echo.status();
+                        self.report(row, &echo, rays, rows);
+                        row += 1;
                     }
                 }
                 Some(beam) => {
-                    let lit = |(ray, share)| self.light(rays, ray).map(|light| light.dimmed(share));
+                    let lit = |(ray, share)| rays.light(ray).map(|light| light.dimmed(share));
                     rays.echoes(beam, beam.sub_rays(i).filter_map(lit).collect(), &mut echoes);
                     for (echo, number) in echoes.iter_mut().zip(0..) {
-                        *echo = self.received(*echo, rays, i, pulse, number);
+                        *echo = self.received(*echo, rays, i, number);
                     }
                     self.measurement.returns.choose(&echoes, &mut chosen);
-                    chosen.iter().for_each(|echo| report(*echo));
+                    status = chosen.first().map_or(Status::Miss, Echo::status);
+                    for echo in &chosen {
+                        self.report(row, echo, rays, rows);
+                        row += 1;
+                    }
                 }
             }
             rows.status[i] = status as u8;
             rows.return_count[i] = if status == Status::Hit { (row - first) as u8 } else { 0 };
             for row in row..first + most {
                 rows.clear(row);
+                rays.incidence[row] = [f64::NAN; 2];
             }
         }
-        for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(incidences) {
-            *angle = first_quadrant_angle(squared_sin.sqrt(), cos) as f32;
+        for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(&rays.incidence) {
+            *angle = first_quadrant_angle(squared_sin.sqrt(), *cos) as f32;
         }
         Ok(())
+    }
+
+    #[inline(always)]
+    fn report(&self, row: usize, echo: &Echo, rays: &mut Rays, rows: &mut Rows) {
+        let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
+        let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
+        rows.write(row, echo, hit, label);
+        let across = cross(hit.normal, direction);
+        rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
     }
 
     #[inline(always)]
     fn cast(&self, pulses: Range<usize>, rays: &mut Rays) -> Result<(), BadPulse> {
         let (frame, measurement) = (self.frame, self.measurement);
         frame.check(pulses.clone())?;
-        rays.origins.clear();
-        rays.directions.clear();
-        let draw = |wanted: bool, effect, draw, normals: &mut Vec<f64>| {
-            let pulses = if wanted { pulses.clone() } else { 0..0 };
-            frame.stream.normals(pulses.map(|i| frame.index(i)), effect, draw, normals);
-        };
-        draw(measurement.azimuth_sigma > 0.0, Effect::AngularJitter, 0, &mut rays.azimuth_jitter);
-        draw(measurement.elevation_sigma > 0.0, Effect::AngularJitter, 1, &mut rays.elevation_jitter);
-        draw(!measurement.range_sigma.is_zero(), Effect::RangeNoise, 0, &mut rays.noise);
-        let jitters = measurement.azimuth_sigma > 0.0 || measurement.elevation_sigma > 0.0;
-        let (mut now, mut pose) = (f64::NAN, Pose::IDENTITY);
-        for (k, i) in pulses.enumerate() {
-            if frame.times[i] != now {
-                now = frame.times[i];
-                pose = frame.path.at(frame.start + now);
+        rays.index.clear();
+        match frame.indices {
+            None => rays.index.extend(pulses.start as u64..pulses.end as u64),
+            Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
+        }
+        let Rays { index, azimuth_jitter, elevation_jitter, noise, .. } = rays;
+        let (azimuth_sigma, elevation_sigma) = (measurement.azimuth_sigma, measurement.elevation_sigma);
+        let wanted = |is: bool| if is { index.as_slice() } else { &[] };
+        frame.stream.normals(wanted(azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
+        frame.stream.normals(wanted(elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
+        frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
+        let count = pulses.len() * measurement.rays();
+        rays.origins.resize(count, [0.0; 3]);
+        rays.directions.resize(count, [0.0; 3]);
+        let mut start = pulses.start;
+        while start < pulses.end {
+            // Pulses of one time are fired from one pose.
+            let pose = frame.path.at(frame.start + frame.times[start]);
+            let mut end = start + 1;
+            if let Path::Still(_) = frame.path {
+                end = pulses.end;
             }
-            let mut direction = frame.directions[i];
-            if jitters {
-                let angle = |sigma: f64, normals: &[f64]| normals.get(k).map_or(0.0, |normal| sigma * normal);
-                let azimuth = angle(measurement.azimuth_sigma, &rays.azimuth_jitter);
-                direction = turned(direction, azimuth, angle(measurement.elevation_sigma, &rays.elevation_jitter));
+            while end < pulses.end && frame.times[end] == frame.times[start] {
+                end += 1;
             }
-            let origin = pose.place(frame.origins[i]);
-            match &measurement.beam {
+            self.aim(start..end, start - pulses.start, &pose, rays);
+            start = end;
+        }
+        rays.hits.resize(count, Hit::MISS);
+        self.caster.cast(self.level, &rays.origins, &rays.directions, &mut rays.hits);
+        Ok(())
+    }
+    /// Fires pulses from a pose; the first of them is the k-th of the batch.
+    #[inline(always)]
+    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Rays) {
+        let m = self.measurement;
+        let (origins, directions) = (&self.frame.origins[pulses.clone()], &self.frame.directions[pulses]);
+        let first = k * m.rays();
+        let rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
+        if m.azimuth_sigma == 0.0 && m.elevation_sigma == 0.0 && m.beam.is_none() {
+            for ((o, d), (origin, direction)) in rays_there.zip(origins.iter().zip(directions)) {
+                (*o, *d) = (pose.place(*origin), pose.turn(*direction));
+            }
+            return;
+        }
+        let mut rays_there = rays_there;
+        for (k, (origin, direction)) in (k..).zip(origins.iter().zip(directions)) {
+            let azimuth = rays.azimuth_jitter.get(k).map_or(0.0, |normal| m.azimuth_sigma * normal);
+            let elevation = rays.elevation_jitter.get(k).map_or(0.0, |normal| m.elevation_sigma * normal);
+            let jitters = m.azimuth_sigma > 0.0 || m.elevation_sigma > 0.0;
+            let axis = if jitters { turned(*direction, azimuth, elevation) } else { *direction };
+            let origin = pose.place(*origin);
+            match &m.beam {
                 None => {
-                    rays.origins.push(origin);
-                    rays.directions.push(pose.turn(direction));
+                    if let Some((o, d)) = rays_there.next() {
+                        (*o, *d) = (origin, pose.turn(axis));
+                    }
                 }
                 Some(beam) => {
-                    for offset in beam.offsets() {
-                        rays.origins.push(origin);
-                        rays.directions.push(pose.turn(beside(direction, offset)));
+                    for (offset, (o, d)) in beam.offsets().zip(&mut rays_there) {
+                        (*o, *d) = (origin, pose.turn(beside(axis, offset)));
                     }
                 }
             }
         }
-        rays.hits.resize(rays.origins.len(), Hit::MISS);
-        self.caster.cast(self.level, &rays.origins, &rays.directions, &mut rays.hits);
-        Ok(())
     }
 
-    /// What was hit, if anything was.
+    /// Range, cosine of the incidence, and intensity of all rays: a formula at a time, in loops that become vector instructions.
     #[inline(always)]
-    fn appearance(&self, rays: &Rays, ray: usize) -> Option<&Appearance> {
-        self.appearances.get(usize::try_from(rays.hits[ray].object).ok()?)
+    fn shine(&self, rays: &mut Rays) {
+        let Rays { origins, directions, hits, range, cosine, intensity, .. } = rays;
+        range.resize(hits.len(), 0.0);
+        cosine.resize(hits.len(), 0.0);
+        intensity.resize(hits.len(), 0.0);
+        for ((range, cosine), (hit, direction)) in range.iter_mut().zip(&mut *cosine).zip(hits.iter().zip(&*directions))
+        {
+            *range = distance(hit.t, *direction);
+            *cosine = dot(hit.normal, *direction).abs();
+        }
+        for (i, (intensity, hit)) in intensity.iter_mut().zip(&*hits).enumerate() {
+            if let Some(appearance) = self.appearances.get(hit.object as usize) {
+                *intensity = appearance.reflectivity.at(hit, origins[i], directions[i], self.caster);
+            }
+        }
+        for ((intensity, cosine), range) in intensity.iter_mut().zip(&*cosine).zip(&*range) {
+            *intensity = self.measurement.intensity(*intensity, *cosine, *range);
+        }
+    }
+
+    /// An echo as it is measured: of the `i`-th pulse of the batch, its echo `number`.
+    #[inline(always)]
+    fn received(&self, echo: Echo, rays: &Rays, i: usize, number: u16) -> Echo {
+        Echo { measured: self.measured(&echo, rays, i, number), ..echo }
     }
 
     #[inline(always)]
-    fn light(&self, rays: &Rays, ray: usize) -> Option<Light> {
-        let appearance = self.appearance(rays, ray)?;
-        let (hit, direction) = (&rays.hits[ray], rays.directions[ray]);
-        let range = distance(hit.t, direction);
-        let reflectivity = appearance.reflectivity.at(hit, rays.origins[ray], direction, self.caster);
-        let intensity = self.measurement.intensity(reflectivity, dot(hit.normal, direction).abs(), range);
-        Some(Light { ray, range, intensity, power: intensity / (range * range) })
-    }
-
-    /// An echo as it is measured: the `i`-th pulse of the batch, the `pulse`-th of those given, and its echo `number`.
-    #[inline(always)]
-    fn received(&self, echo: Echo, rays: &Rays, i: usize, pulse: usize, number: u16) -> Echo {
-        let (stream, index) = (&self.frame.stream, self.frame.index(pulse));
-        let noise = || match rays.noise.get(i) {
+    fn measured(&self, echo: &Echo, rays: &Rays, i: usize, number: u16) -> Result<f64, Status> {
+        let (m, stream, index) = (self.measurement, &self.frame.stream, rays.index[i]);
+        m.gate(echo.range)?;
+        // Of 0/0, a black surface at distance zero, this is false.
+        let seen = self.threshold.is_none_or(|least| echo.power >= least);
+        if !seen {
+            return Err(Status::BelowThreshold);
+        }
+        if m.dropout > 0.0 && stream.uniform(index, Effect::Dropout, 0) < m.dropout {
+            return Err(Status::Dropped);
+        }
+        let noise = match rays.noise.get(i) {
             None => 0.0,
             Some(&noise) if number == 0 => noise,
             Some(_) => stream.normal(index, Effect::RangeNoise, number),
         };
-        let m = self.measurement;
-        let measured = || {
-            m.gate(echo.range)?;
-            // Of 0/0, a black surface at distance zero, this is false.
-            let seen = self.threshold.is_none_or(|least| echo.power >= least);
-            if !seen {
-                return Err(Status::BelowThreshold);
-            }
-            if m.dropout > 0.0 && stream.uniform(index, Effect::Dropout, 0) < m.dropout {
-                return Err(Status::Dropped);
-            }
-            m.gate(m.quantised(echo.range + (m.range_bias + m.range_sigma.at(echo.range) * noise())))
-        };
-        Echo { measured: measured(), ..echo }
+        m.gate(m.quantised(echo.range + (m.range_bias + m.range_sigma.at(echo.range) * noise)))
+    }
+}
+
+impl Rays {
+    /// What a ray brings back, if it hits anything.
+    #[inline(always)]
+    fn light(&self, ray: usize) -> Option<Light> {
+        if self.hits[ray].object < 0 {
+            return None;
+        }
+        let (range, intensity) = (self.range[ray], self.intensity[ray]);
+        Some(Light { ray, range, intensity, power: intensity / (range * range) })
     }
 }

@@ -47,17 +47,20 @@ impl Measurement {
     }
 
     /// Lambert's law and the loss on the way there and back.
+    #[inline(always)]
     pub(super) fn intensity(&self, reflectivity: f64, cosine: f64, range: f64) -> f64 {
         let light = reflectivity * cosine;
         if self.extinction > 0.0 { light * exp(-2.0 * self.extinction * range) } else { light }
     }
 
     /// To the nearest multiple of the resolution, halves to even.
+    #[inline(always)]
     pub(super) fn quantised(&self, range: f64) -> f64 {
         let step = self.range_resolution;
         if step > 0.0 { (range / step).round_ties_even() * step } else { range }
     }
 
+    #[inline(always)]
     pub(super) fn gate(&self, range: f64) -> Result<f64, Status> {
         if range < self.min_range {
             Err(Status::BelowMinRange)
@@ -70,10 +73,12 @@ impl Measurement {
 }
 
 impl RangeSigma {
+    #[inline(always)]
     pub(super) fn is_zero(&self) -> bool {
         matches!(self, RangeSigma::Formula { a: 0.0, b: 0.0 })
     }
 
+    #[inline(always)]
     pub(super) fn at(&self, range: f64) -> f64 {
         match self {
             RangeSigma::Formula { a, b } => {
