@@ -395,8 +395,13 @@ impl<'a, C: Caster> Scan<'a, C> {
                 *intensity = appearance.reflectivity.at(hit, origins[i], directions[i], self.caster);
             }
         }
-        for ((intensity, cosine), range) in intensity.iter_mut().zip(&*cosine).zip(&*range) {
-            *intensity = self.measurement.intensity(*intensity, *cosine, *range);
+        for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
+            *intensity *= cosine;
+        }
+        if self.measurement.extinction > 0.0 {
+            for (intensity, range) in intensity.iter_mut().zip(&*range) {
+                *intensity *= self.measurement.transmission(*range);
+            }
         }
     }
 

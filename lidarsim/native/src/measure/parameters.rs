@@ -50,7 +50,13 @@ impl Measurement {
     #[inline(always)]
     pub(super) fn intensity(&self, reflectivity: f64, cosine: f64, range: f64) -> f64 {
         let light = reflectivity * cosine;
-        if self.extinction > 0.0 { light * exp(-2.0 * self.extinction * range) } else { light }
+        if self.extinction > 0.0 { light * self.transmission(range) } else { light }
+    }
+
+    /// What is left of the light on the way there and back.
+    #[inline(always)]
+    pub(super) fn transmission(&self, range: f64) -> f64 {
+        exp(-2.0 * self.extinction * range)
     }
 
     /// To the nearest multiple of the resolution, halves to even.

@@ -63,3 +63,23 @@ impl Surface for Ellipsoid {
         Some(self.placement.around(|row| vector::length_above([row[0] * x, row[1] * y, row[2] * z])))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_box_touches_a_turned_ellipsoid() {
+        // Turned by the angle of the 3-4-5 triangle: (0.6·2)² + (0.8·1)² = 2.08 and (0.8·2)² + (0.6·1)² = 2.92.
+        let turn = [[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
+        let ellipsoid = Ellipsoid::new([1.0, 0.0, 0.0], [2.0, 1.0, 3.0], turn);
+        let found = ellipsoid.and_then(|ellipsoid| ellipsoid.bounds());
+        let (center, reach) = ([1.0, 0.0, 0.0], [2.08_f64.sqrt(), 2.92_f64.sqrt(), 3.0]);
+        assert!(found.is_some());
+        for (i, side) in found.into_iter().flatten().enumerate() {
+            assert!(
+                (center[i] - reach[i] - side.low).abs() < 1e-14 && (center[i] + reach[i] - side.high).abs() < 1e-14
+            );
+        }
+    }
+}
