@@ -5,8 +5,8 @@ use crate::vector::Point;
 /// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
 pub const NEAR: usize = 1024;
 
-/// Most rays that are sorted together: their indices have 16 bits, as their keys have.
-const MOST: usize = 1 << 16;
+/// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their keys have.
+pub const MOST: usize = 1 << 15;
 
 /// Bits of a key for the direction within its octant, an axis, and for the origin, an axis. Above them is the octant.
 const DIRECTION: u32 = 6;

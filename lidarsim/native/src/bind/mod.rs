@@ -8,7 +8,7 @@ use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::order::{self, NEAR};
+use crate::order::{self, MOST, NEAR};
 use crate::parallel;
 use crate::simd::Level;
 use crate::vector::Point;
@@ -24,7 +24,7 @@ pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 pub fn chunk(directions: &[Point]) -> usize {
     let (rays, threads) = (directions.len().min(SLICE), parallel::threads());
     if order::are_scattered(directions) {
-        let turns = rays.div_ceil(threads << 16).max(1);
+        let turns = rays.div_ceil(threads * MOST).max(1);
         rays.div_ceil(turns * threads).max(NEAR)
     } else {
         rays.div_ceil(4 * threads).next_multiple_of(NEAR).clamp(NEAR, 8 * NEAR)

@@ -36,7 +36,7 @@ struct Child(u32);
 impl Child {
     const LEAF_BIT: u32 = 1 << 31;
 
-    fn node(index: usize) -> Self {
+    const fn node(index: usize) -> Self {
         Child(index as u32)
     }
 
@@ -199,19 +199,12 @@ impl<L: Send> Bvh<L> {
         visitor: &mut impl Visitor<L>,
     ) {
         let mut left = active;
-        let start = |lane: usize, stack: usize, base: usize, packet: &Packet| Walk {
-            lane,
-            hull: packet.hull_of_one(lane),
-            limit: packet.limit(lane),
-            child: Child::node(0),
-            stack,
-            base,
-        };
-        let mut walks = [start(left.trailing_zeros() as usize, 0, 0, packet); WALKS];
+        let mut walks = [Walk::EMPTY; WALKS];
         let mut going = 0;
         while going < WALKS && left != 0 {
-            walks[going] = start(left.trailing_zeros() as usize, 1 + going, stack.len[1 + going], packet);
-            left &= left - 1;
+            let walk = &mut walks[going];
+            (walk.stack, walk.base) = (1 + going, stack.len[1 + going]);
+            walk.start(take(&mut left), packet);
             going += 1;
         }
         let mut k = 0;
@@ -220,8 +213,7 @@ impl<L: Send> Bvh<L> {
             if self.step::<I>(walk, packet, stack, visitor) {
                 k += 1;
             } else if left != 0 {
-                *walk = start(left.trailing_zeros() as usize, walk.stack, walk.base, packet);
-                left &= left - 1;
+                walk.start(take(&mut left), packet);
             } else {
                 going -= 1;
                 walks.swap(k, going);
@@ -301,6 +293,26 @@ struct Walk {
     /// Which stack, and where it begins.
     stack: usize,
     base: usize,
+}
+
+impl Walk {
+    const EMPTY: Walk = Walk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), stack: 0, base: 0 };
+
+    #[inline(always)]
+    fn start(&mut self, lane: usize, packet: &Packet) {
+        self.lane = lane;
+        packet.put_hull_of_one(lane, &mut self.hull);
+        self.limit = packet.limit(lane);
+        self.child = Child::node(0);
+    }
+}
+
+/// Takes the lowest lane out of a mask that has one.
+#[inline(always)]
+fn take(mask: &mut Mask) -> usize {
+    let lane = mask.trailing_zeros() as usize;
+    *mask &= *mask - 1;
+    lane
 }
 
 /// A subtree still to be visited, and how near it may be.

@@ -325,7 +325,7 @@ impl Packet {
     /// Where the signs of a lane's direction are not known, `octant` may be any.
     #[inline(always)]
     pub(super) fn hull_of_all<I: Isa>(&self) -> Hull {
-        let mut hull = self.hull_of_one(0);
+        let mut hull = Hull { start: self.start, backward: self.backward, ..Hull::EMPTY };
         for axis in 0..3 {
             let first = &self.groups[0];
             let mut near_origin = I::F32x16::load(&first.near_origin[axis]);
@@ -354,17 +354,18 @@ impl Packet {
         hull
     }
 
+    /// A number after the other: to read back in one piece what was written in several takes long.
     #[inline(always)]
-    pub(super) fn hull_of_one(&self, lane: usize) -> Hull {
+    pub(super) fn put_hull_of_one(&self, lane: usize, hull: &mut Hull) {
         let (group, lane) = (&self.groups[lane / WIDE], lane % WIDE);
-        Hull {
-            near_origin: [group.near_origin[0][lane], group.near_origin[1][lane], group.near_origin[2][lane]],
-            far_origin: [group.far_origin[0][lane], group.far_origin[1][lane], group.far_origin[2][lane]],
-            near_slope: [group.near_slope[0][lane], group.near_slope[1][lane], group.near_slope[2][lane]],
-            far_slope: [group.far_slope[0][lane], group.far_slope[1][lane], group.far_slope[2][lane]],
-            start: self.start,
-            backward: self.backward,
+        for axis in 0..3 {
+            hull.near_origin[axis] = group.near_origin[axis][lane];
+            hull.far_origin[axis] = group.far_origin[axis][lane];
+            hull.near_slope[axis] = group.near_slope[axis][lane];
+            hull.far_slope[axis] = group.far_slope[axis][lane];
         }
+        hull.start = self.start;
+        hull.backward = self.backward;
     }
 
     #[inline(always)]
@@ -421,6 +422,15 @@ fn outer<I: Isa>(x: I::F32x16, y: &[f32; WIDE], largest: bool) -> I::F32x16 {
 }
 
 impl Hull {
+    pub(super) const EMPTY: Hull = Hull {
+        near_origin: [0.0; 3],
+        far_origin: [0.0; 3],
+        near_slope: [0.0; 3],
+        far_slope: [0.0; 3],
+        start: 0.0,
+        backward: [false; 3],
+    };
+
     #[inline(always)]
     pub(super) fn meet<I: Isa>(&self, node: &Node, limit: f32) -> Meeting {
         let mut meeting = Meeting { met: 0, near: [0.0; WIDTH], first: [[0.0; WIDTH]; 3], last: [[0.0; WIDTH]; 3] };
