@@ -325,7 +325,7 @@ struct Entry {
 }
 
 /// Rays that a thread traces by turns.
-const WALKS: usize = 4;
+const WALKS: usize = 8;
 
 /// Traversal stacks, to be used again and again: one for rays together, and one for each that goes alone. They are deep enough for a hierarchy
 /// within a hierarchy: each level pops one entry and pushes at most `WIDTH`.

@@ -296,14 +296,17 @@ impl Packet {
             group.far_origin[axis] = o.sub(error).store();
             let (low, high) = halves::<I>(&rays.direction[axis], g);
             let d = I::narrow(low.mul(shrink), high.mul(shrink)).abs();
-            let (mut most, mut least) = (d, d);
+            let mut least = d;
+            let mut near = one.div(d);
+            let mut far = near;
             if vague {
                 // The error also covers what rounded d and the difference may be off.
                 let error = direction_error.add(d.mul(I::F32x16::splat(4.0 * U)));
-                (most, least) = (d.add(error), Floats::max(d.sub(error), zero));
+                least = Floats::max(d.sub(error), zero);
+                (near, far) = (one.div(d.add(error)), one.div(least));
             }
-            let near = Floats::min(one.div(most).mul(I::F32x16::splat(SHRINK)), I::F32x16::splat(f32::MAX));
-            let far = one.div(least).mul(I::F32x16::splat(STRETCH));
+            let near = Floats::min(near.mul(I::F32x16::splat(SHRINK)), I::F32x16::splat(f32::MAX));
+            let far = far.mul(I::F32x16::splat(STRETCH));
             group.near_slope[axis] = near.mul(sign).store();
             group.far_slope[axis] = far.mul(sign).store();
             let mut unknown = if vague { least.le(zero) } else { 0 };
