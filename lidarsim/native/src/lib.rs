@@ -19,6 +19,8 @@ mod scene;
 mod shapes;
 mod simd;
 mod simple;
+#[cfg(test)]
+mod testing;
 mod trace;
 mod vector;
 

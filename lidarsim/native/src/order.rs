@@ -217,15 +217,7 @@ fn spread3(x: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    /// Numbers in [0, 1) from a linear congruential generator.
-    fn numbers() -> impl FnMut() -> f64 {
-        let mut state = 1_u64;
-        move || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64
-        }
-    }
+    use crate::testing::numbers;
 
     /// A sensor that turns: neighbours point nearly the same way.
     fn sweep(n: usize) -> Vec<Point> {

@@ -578,6 +578,7 @@ impl Question for Enclose<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::with_large_frames;
 
     const LEVEL: Triangle = Triangle([0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]);
 
@@ -609,9 +610,7 @@ mod tests {
 
     #[test]
     fn of_two_triangles_in_nearly_one_level_the_upper_is_met_and_else_the_lowest() {
-        // Code that is not optimised has large frames.
-        let thread = std::thread::Builder::new().stack_size(1 << 26).spawn(cast_at_two_triangles);
-        assert!(thread.is_ok_and(|thread| thread.join().is_ok()));
+        with_large_frames(cast_at_two_triangles);
     }
 
     fn cast_at_two_triangles() {

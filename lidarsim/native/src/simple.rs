@@ -5,7 +5,7 @@
 use std::cell::Cell;
 
 use crate::affine::{AsMade, Placement};
-use crate::bvh::{LANES, Mask, Rays};
+use crate::bvh::{LANES, Mask, Rays, take};
 use crate::finish::{Meeting, finish};
 use crate::number::{Balls, Interval, Many, Number, Uncertain};
 use crate::ray::Ray;
@@ -31,17 +31,6 @@ fn part<F: Floats<f64, N>, const N: usize, const M: usize>(v: &[[f64; M]; 3], i:
 #[inline(always)]
 fn part_of_mask<const N: usize>(mask: Mask, i: usize) -> u32 {
     (mask >> (i * N)) as u32 & ((1 << N) - 1)
-}
-
-/// Takes the lowest lane out of a mask.
-#[inline(always)]
-fn take(mask: &mut Mask) -> Option<usize> {
-    if *mask == 0 {
-        return None;
-    }
-    let lane = mask.trailing_zeros() as usize;
-    *mask &= *mask - 1;
-    Some(lane)
 }
 
 /// Offers the hits of the rays of `mask` on an object to their searches.
@@ -355,6 +344,7 @@ mod tests {
     use crate::scene::Object;
     use crate::shapes::{Box, Cylinder, Ellipsoid, Plane, Simple, Sphere, Triangle};
     use crate::simd::Level;
+    use crate::testing::with_large_frames;
 
     fn shapes() -> Vec<Object> {
         let turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
@@ -392,9 +382,7 @@ mod tests {
 
     #[test]
     fn lanes_find_what_single_rays_do() {
-        // Code that is not optimised has large frames.
-        let thread = std::thread::Builder::new().stack_size(1 << 26).spawn(compare_levels);
-        assert!(thread.is_ok_and(|thread| thread.join().is_ok()));
+        with_large_frames(compare_levels);
     }
 
     fn compare_levels() {

@@ -6,7 +6,7 @@
 use std::cell::Cell;
 use std::ops::Range;
 
-use crate::bvh::{LANES, Mask, Packet, Rays, Stack, Visitor, all};
+use crate::bvh::{LANES, Mask, Packet, Rays, Stack, Visitor, all, take};
 use crate::number::Interval;
 use crate::order::{NEAR, Order};
 use crate::refine::Batch;
@@ -169,17 +169,6 @@ fn limits(searches: &[Search; LANES], count: usize) -> [f64; LANES] {
         limits[lane] = searches[lane].limit();
     }
     limits
-}
-
-/// Takes the lowest lane out of a mask.
-#[inline(always)]
-fn take(mask: &mut Mask) -> Option<usize> {
-    if *mask == 0 {
-        return None;
-    }
-    let lane = mask.trailing_zeros() as usize;
-    *mask &= *mask - 1;
-    Some(lane)
 }
 
 /// Rays of one octant among the objects of the scene.

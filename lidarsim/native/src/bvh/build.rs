@@ -380,6 +380,7 @@ fn partition(items: &mut [Item], mut first: impl FnMut(&Item) -> bool) -> usize 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::testing::numbers;
 
     type Boxes = Vec<Option<[Interval; 3]>>;
 
@@ -391,16 +392,9 @@ mod tests {
         points.map(|p| Some(p.map(Interval::point))).collect()
     }
 
-    /// Numbers in [0, 1) from a linear congruential generator.
-    fn numbers() -> impl Iterator<Item = f64> {
-        let next = |x: &u64| Some(x.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407));
-        std::iter::successors(Some(1), next).map(|x| (x >> 11) as f64 / (1_u64 << 53) as f64)
-    }
-
     /// Boxes of all sizes, some of them flat, some very large.
     fn mixed(count: usize) -> Boxes {
-        let mut number = numbers();
-        let mut next = || number.next().unwrap_or_default();
+        let mut next = numbers();
         let mut side = |scale: f64| {
             let low = 100.0 * next();
             Interval { low, high: low + scale * next() }
@@ -471,7 +465,12 @@ mod tests {
     #[test]
     fn takes_boxes_beyond_float32() {
         for size in [1e-300, 1e-40, 1e30, 1e38, 1e60, 1e300] {
-            check(&of_points(numbers().take(3000).map(|x| [size * (x - 0.5), size * x * x, -size * x])), 8);
+            check(
+                &of_points(
+                    std::iter::repeat_with(numbers()).take(3000).map(|x| [size * (x - 0.5), size * x * x, -size * x]),
+                ),
+                8,
+            );
         }
         let mut boxes = mixed(3000);
         boxes.push(Some([Interval { low: f64::NEG_INFINITY, high: f64::INFINITY }; 3]));

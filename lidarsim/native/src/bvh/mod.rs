@@ -8,7 +8,7 @@ mod packet;
 mod span;
 
 use packet::Hull;
-pub use packet::{LANES, Mask, Packet, Rays, all};
+pub use packet::{LANES, Mask, Packet, Rays, all, take};
 pub use span::Span;
 
 use crate::number::Interval;
@@ -158,9 +158,7 @@ impl<L: Send> Bvh<L> {
         loop {
             if entry.child.is_leaf() {
                 let mut nearer = visitor.visit::<I>(stack, &self.leaves[entry.child.index()], entry.mask);
-                while nearer != 0 {
-                    let lane = nearer.trailing_zeros() as usize;
-                    nearer &= nearer - 1;
+                while let Some(lane) = take(&mut nearer) {
                     packet.set_limit(lane, visitor.limit(lane));
                 }
             } else {
@@ -201,10 +199,12 @@ impl<L: Send> Bvh<L> {
         let mut left = active;
         let mut walks = [Walk::EMPTY; WALKS];
         let mut going = 0;
-        while going < WALKS && left != 0 {
+        while going < WALKS
+            && let Some(lane) = take(&mut left)
+        {
             let walk = &mut walks[going];
             (walk.stack, walk.base) = (1 + going, stack.len[1 + going]);
-            walk.start(take(&mut left), packet);
+            walk.start(lane, packet);
             going += 1;
         }
         let mut k = 0;
@@ -212,8 +212,8 @@ impl<L: Send> Bvh<L> {
             let walk = &mut walks[k];
             if self.step::<I>(walk, packet, stack, visitor) {
                 k += 1;
-            } else if left != 0 {
-                walk.start(take(&mut left), packet);
+            } else if let Some(lane) = take(&mut left) {
+                walk.start(lane, packet);
             } else {
                 going -= 1;
                 walks.swap(k, going);
@@ -305,14 +305,6 @@ impl Walk {
         self.limit = packet.limit(lane);
         self.child = Child::node(0);
     }
-}
-
-/// Takes the lowest lane out of a mask that has one.
-#[inline(always)]
-fn take(mask: &mut Mask) -> usize {
-    let lane = mask.trailing_zeros() as usize;
-    *mask &= *mask - 1;
-    lane
 }
 
 /// A subtree still to be visited, and how near it may be.

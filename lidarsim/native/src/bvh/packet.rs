@@ -180,6 +180,17 @@ impl Rays {
     }
 }
 
+/// Takes the lowest lane out of a mask.
+#[inline(always)]
+pub fn take(mask: &mut Mask) -> Option<usize> {
+    if *mask == 0 {
+        return None;
+    }
+    let lane = mask.trailing_zeros() as usize;
+    *mask &= *mask - 1;
+    Some(lane)
+}
+
 /// A mask of so many rays.
 #[inline(always)]
 pub fn all(count: usize) -> Mask {

@@ -76,10 +76,11 @@ mod tests {
         let found = ellipsoid.and_then(|ellipsoid| ellipsoid.bounds());
         let (center, reach) = ([1.0, 0.0, 0.0], [2.08_f64.sqrt(), 2.92_f64.sqrt(), 3.0]);
         assert!(found.is_some());
+        // Lengths up to 3, 16 ε too long at most, and fewer than 16 roundings of numbers up to 4.
+        let close = 64.0 * f64::EPSILON;
         for (i, side) in found.into_iter().flatten().enumerate() {
-            assert!(
-                (center[i] - reach[i] - side.low).abs() < 1e-14 && (center[i] + reach[i] - side.high).abs() < 1e-14
-            );
+            let (low, high) = (center[i] - reach[i], center[i] + reach[i]);
+            assert!((low - side.low).abs() < close && (high - side.high).abs() < close);
         }
     }
 }

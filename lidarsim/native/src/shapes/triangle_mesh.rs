@@ -297,15 +297,7 @@ mod tests {
     use crate::ray::Ray;
     use crate::shapes::Surface;
     use crate::simd::{Level, Task, dispatch};
-
-    /// Numbers in [0, 1) from a linear congruential generator.
-    fn numbers() -> impl FnMut() -> f64 {
-        let mut state = 1_u64;
-        move || {
-            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
-            (state >> 11) as f64 / (1_u64 << 53) as f64
-        }
-    }
+    use crate::testing::numbers;
 
     /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some without area.
     fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> TriangleMesh {
