@@ -1,6 +1,7 @@
 //! Scenes, and casts at them.
 
 use super::{Points, PyShape, chunk, equal_points, interruptible, legal_rays, level};
+use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -16,18 +17,21 @@ use crate::vector::Point;
 type Arrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
 
-/// A chunk of the arrays that a cast returns.
+/// A chunk of the arrays that a cast returns: room that is not cleared before.
 struct Columns<'a> {
-    t: &'a mut [f64],
-    object: &'a mut [i32],
-    primitive: &'a mut [i32],
-    normal: &'a mut [Point],
+    t: &'a mut [MaybeUninit<f64>],
+    object: &'a mut [MaybeUninit<i32>],
+    primitive: &'a mut [MaybeUninit<i32>],
+    normal: &'a mut [MaybeUninit<Point>],
 }
 
 impl Sink for Columns<'_> {
     #[inline(always)]
     fn put(&mut self, i: usize, hit: Hit) {
-        (self.t[i], self.object[i], self.primitive[i], self.normal[i]) = (hit.t, hit.object, hit.primitive, hit.normal);
+        self.t[i].write(hit.t);
+        self.object[i].write(hit.object);
+        self.primitive[i].write(hit.primitive);
+        self.normal[i].write(hit.normal);
     }
 
     #[inline(always)]
@@ -68,18 +72,18 @@ impl PyScene {
     ) -> PyResult<Arrays<'py>> {
         let (o, d) = equal_points(&origins, &directions)?;
         let n = o.len();
-        let (mut t, mut object, mut primitive) = (vec![0.0; n], vec![0; n], vec![0; n]);
-        let mut normal = vec![[0.0; 3]; n];
+        let (mut t, mut normal) = (Vec::with_capacity(n), Vec::<Point>::with_capacity(n));
+        let (mut object, mut primitive) = (Vec::with_capacity(n), Vec::with_capacity(n));
         let level = level()?;
         let chunk = chunk(d);
         let legal = AtomicBool::new(true);
         self.prepare(py);
         interruptible(py, n, |slice| {
-            let pieces = t[slice.clone()]
+            let pieces = t.spare_capacity_mut()[slice.clone()]
                 .chunks_mut(chunk)
-                .zip(object[slice.clone()].chunks_mut(chunk))
-                .zip(primitive[slice.clone()].chunks_mut(chunk))
-                .zip(normal[slice.clone()].chunks_mut(chunk))
+                .zip(object.spare_capacity_mut()[slice.clone()].chunks_mut(chunk))
+                .zip(primitive.spare_capacity_mut()[slice.clone()].chunks_mut(chunk))
+                .zip(normal.spare_capacity_mut()[slice.clone()].chunks_mut(chunk))
                 .zip(o[slice.clone()].chunks(chunk).zip(d[slice].chunks(chunk)));
             parallel::share(
                 pieces,
@@ -94,6 +98,13 @@ impl PyScene {
         })?;
         if !legal.into_inner() {
             legal_rays(o, d)?;
+        }
+        // SAFETY: the slices cover 0..n, the chunks the slices, and a cast puts a hit for each of its rays, legal or not.
+        unsafe {
+            t.set_len(n);
+            object.set_len(n);
+            primitive.set_len(n);
+            normal.set_len(n);
         }
         Ok((
             PyArray1::from_vec(py, t),
