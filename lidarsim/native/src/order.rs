@@ -1,5 +1,7 @@
 //! An order of rays in which neighbours point the same way and start near each other.
 
+use crate::bvh::LANES;
+use crate::simd::{Floats, Isa};
 use crate::vector::Point;
 
 /// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
@@ -23,8 +25,11 @@ pub struct Order<'a> {
     size: f64,
     group: usize,
     start: usize,
-    keys: Vec<u32>,
+    places: Vec<u32>,
     octants: Vec<u32>,
+    keys: Vec<u32>,
+    /// Whether a ray is near the one before it.
+    near: Vec<u32>,
     items: Vec<u32>,
     sorted: Vec<u32>,
     order: Vec<u32>,
@@ -39,54 +44,62 @@ impl<'a> Order<'a> {
             size,
             group,
             start: 0,
-            keys: Vec::new(),
+            places: Vec::new(),
             octants: Vec::new(),
+            keys: Vec::new(),
+            near: Vec::new(),
             items: Vec::new(),
             sorted: Vec::new(),
             order: Vec::new(),
         }
     }
 
-    /// Indices of the rays of the next group, sorted by octant, by the cell of the origin where origins differ, and by direction along a Z-curve,
-    /// so that tiles of directions stay together.
+    /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a
+    /// Z-curve, so that tiles of directions stay together.
     #[inline(always)]
-    pub fn next(&mut self) -> Option<&[u32]> {
+    pub fn advance<I: Isa>(&mut self) -> bool {
         let group = self.start..self.directions.len().min(self.start + self.group);
         if group.is_empty() {
-            return None;
+            return false;
         }
         self.start = group.end;
-        self.direction_keys(&self.directions[group.clone()]);
-        if self.group > NEAR {
+        let directions = &self.directions[group.clone()];
+        let (low, high) = self.find_places::<I>(directions);
+        self.direction_keys(low, high);
+        if self.group == NEAR {
+            self.find_near(low, high);
+        } else {
             self.add_cells(&self.origins[group.clone()]);
+            self.near.clear();
+            self.near.resize(self.keys.len(), 0);
         }
         self.radix_sort(group.start);
-        Some(&self.order)
+        true
     }
 
-    /// Of each direction the octant, and a place on its face of the octahedron |x| + |y| + |z| = 1, on a grid over what the group covers of it.
+    /// Indices of the rays of the group.
     #[inline(always)]
-    fn direction_keys(&mut self, directions: &[Point]) {
+    pub fn sorted(&self) -> &[u32] {
+        &self.order[..self.keys.len()]
+    }
+
+    /// Finds the octant of each direction, and its place on its face of the octahedron |x| + |y| + |z| = 1: two coordinates of 16 bits, of which
+    /// it returns the least and the largest.
+    #[inline(always)]
+    fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
         const BLOCK: usize = 16;
-        /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
-        const WHOLE: f32 = 8_388_608.0;
-        const END: u32 = (1 << DIRECTION) - 1;
-        self.keys.clear();
+        self.places.clear();
         self.octants.clear();
-        // Places in 16 bits, and octants.
         let (mut low, mut high) = ([u32::MAX; 2], [0; 2]);
         for block in directions.chunks(BLOCK) {
-            let mut d = [[1.0_f32; BLOCK]; 3];
-            for (k, v) in block.iter().enumerate() {
-                for i in 0..3 {
-                    d[i][k] = v[i] as f32;
+            let d = match block.first_chunk() {
+                Some(block) => narrow::<I>(block),
+                None => {
+                    let mut all = [block[0]; BLOCK];
+                    all[..block.len()].copy_from_slice(block);
+                    narrow::<I>(&all)
                 }
-            }
-            for k in block.len()..BLOCK {
-                for i in 0..3 {
-                    d[i][k] = d[i][0];
-                }
-            }
+            };
             let (mut place, mut octant) = ([0; BLOCK], [0; BLOCK]);
             let (mut least, mut most) = ([[0_u32; BLOCK]; 2], [[0_u32; BLOCK]; 2]);
             for k in 0..BLOCK {
@@ -105,20 +118,48 @@ impl<'a> Order<'a> {
                     high[i] = high[i].max(most[i][k]);
                 }
             }
-            self.keys.extend_from_slice(&place);
+            self.places.extend_from_slice(&place);
             self.octants.extend_from_slice(&octant);
         }
+        self.places.truncate(directions.len());
+        self.octants.truncate(directions.len());
+        (low, high)
+    }
+
+    /// Makes a key of each octant, and of the place on a grid over what the group covers.
+    #[inline(always)]
+    fn direction_keys(&mut self, low: [u32; 2], high: [u32; 2]) {
+        const END: u32 = (1 << DIRECTION) - 1;
         let widest = (high[0] - low[0]).max(high[1] - low[1]).max(1);
         // The same scale for both, so that tiles are square.
         let scale = END as f32 / widest as f32;
         let [u0, v0] = low;
-        for (key, octant) in self.keys.iter_mut().zip(&self.octants) {
-            let (u, v) = ((*key & 0xffff) - u0, (*key >> 16) - v0);
+        self.keys.clear();
+        self.keys.resize(self.places.len(), 0);
+        for ((key, place), octant) in self.keys.iter_mut().zip(&self.places).zip(&self.octants) {
+            let (u, v) = ((place & 0xffff) - u0, (place >> 16) - v0);
             let u = (u as f32 * scale + WHOLE).to_bits() & END;
             let v = (v as f32 * scale + WHOLE).to_bits() & END;
             *key = octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1;
         }
-        self.keys.truncate(directions.len());
+    }
+
+    /// Finds which rays are near the ones before them: runs of them are sorted as one, and taken up by the same packet.
+    #[inline(always)]
+    fn find_near(&mut self, low: [u32; 2], high: [u32; 2]) {
+        let n = self.places.len();
+        // As far as a run may reach across the tile that a packet has of what the group covers.
+        let area = (f64::from(high[0] - low[0]) + 1.0) * (f64::from(high[1] - low[1]) + 1.0);
+        let tile = (area * LANES as f64 / n as f64).sqrt();
+        let step = (tile / (RUN - 1) as f64) as u32;
+        self.near.clear();
+        self.near.resize(n, 0);
+        let pairs = self.places.windows(2).zip(self.octants.windows(2));
+        for (near, (places, octants)) in self.near[1..].iter_mut().zip(pairs) {
+            let u = (places[0] & 0xffff).abs_diff(places[1] & 0xffff);
+            let v = (places[0] >> 16).abs_diff(places[1] >> 16);
+            *near = u32::from((u <= step) & (v <= step) & (octants[0] == octants[1]));
+        }
     }
 
     /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins are close together, against the size of
@@ -153,13 +194,19 @@ impl<'a> Order<'a> {
         const DIGITS: usize = 2;
         let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
         let mut ends = [[0_u32; 1 << 8]; DIGITS];
+        // An index, with a bit that tells whether it is of a run or of a single ray.
         self.items.clear();
-        for (i, &key) in self.keys.iter().enumerate() {
-            let item = key << 16 | i as u32;
-            for k in 0..DIGITS {
-                ends[k][digit(item, k)] += 1;
+        for (run, keys) in self.keys.chunks(RUN).enumerate() {
+            let start = RUN * run;
+            let whole =
+                keys.len() == RUN && self.near[start + 1..start + RUN].iter().fold(1, |all, near| all & near) == 1;
+            for (i, key) in keys[..if whole { 1 } else { keys.len() }].iter().enumerate() {
+                let item = key << 16 | ((start + i) as u32) << 1 | u32::from(whole);
+                for k in 0..DIGITS {
+                    ends[k][digit(item, k)] += 1;
+                }
+                self.items.push(item);
             }
-            self.items.push(item);
         }
         self.sorted.clear();
         self.sorted.resize(self.items.len(), 0);
@@ -179,9 +226,30 @@ impl<'a> Order<'a> {
             }
             std::mem::swap(&mut self.items, &mut self.sorted);
         }
-        self.order.clear();
-        self.order.extend(self.items.iter().map(|&item| first as u32 + (item & 0xffff)));
+        // What a run would have beyond a single ray is written over by the next.
+        self.order.resize(self.keys.len() + RUN - 1, 0);
+        let mut end = 0;
+        for item in &self.items {
+            let at = first as u32 + ((item & 0xffff) >> 1);
+            for (i, place) in self.order[end..end + RUN].iter_mut().enumerate() {
+                *place = at + i as u32;
+            }
+            end += if item & 1 != 0 { RUN } else { 1 };
+        }
     }
+}
+
+/// Most rays of a run.
+const RUN: usize = 4;
+
+/// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
+const WHOLE: f32 = 8_388_608.0;
+
+/// The coordinates as float32, an axis after the other.
+#[inline(always)]
+fn narrow<I: Isa>([a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]: &[Point; 16]) -> [[f32; 16]; 3] {
+    let (low, high) = (I::columns([a, b, c, d, e, f, g, h]), I::columns([i, j, k, l, m, n, o, p]));
+    [I::narrow(low[0], high[0]).store(), I::narrow(low[1], high[1]).store(), I::narrow(low[2], high[2]).store()]
 }
 
 /// Whether neighbours point elsewhere: then it is worth sorting rays in larger numbers.
@@ -217,6 +285,7 @@ fn spread3(x: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::{Level, Task, dispatch};
     use crate::testing::numbers;
 
     /// A sensor that turns: neighbours point nearly the same way.
@@ -235,9 +304,23 @@ mod tests {
         scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
     }
 
+    struct All<'a>(Order<'a>);
+
+    impl Task for All<'_> {
+        type Output = Vec<Vec<u32>>;
+
+        #[inline(always)]
+        fn run<I: Isa>(mut self) -> Self::Output {
+            let mut groups = Vec::new();
+            while self.0.advance::<I>() {
+                groups.push(self.0.sorted().to_vec());
+            }
+            groups
+        }
+    }
+
     fn groups(origins: &[Point], directions: &[Point], size: f64) -> Vec<Vec<u32>> {
-        let mut order = Order::new(origins, directions, size);
-        std::iter::from_fn(|| order.next().map(<[u32]>::to_vec)).collect()
+        dispatch(Level::best(), All(Order::new(origins, directions, size)))
     }
 
     fn octant(d: Point) -> [bool; 3] {

@@ -71,25 +71,33 @@ impl Object {
     /// A triangle of an object that is one or has some.
     #[inline(always)]
     pub fn triangle(&self, primitive: u32) -> Triangle {
+        let [a, b, c] = self.corners(primitive);
+        Triangle(*a, *b, *c)
+    }
+
+    /// As `triangle`, where the corners are kept.
+    #[inline(always)]
+    pub fn corners(&self, primitive: u32) -> [&Point; 3] {
+        const NONE: &Point = &[0.0; 3];
         match &self.geometry {
-            Geometry::Mesh(mesh) => mesh.triangle(primitive),
-            Geometry::Simple(Simple::Triangle(triangle)) => *triangle,
-            Geometry::Simple(_) => Triangle([0.0; 3], [0.0; 3], [0.0; 3]),
+            Geometry::Mesh(mesh) => mesh.corners(primitive),
+            Geometry::Simple(Simple::Triangle(Triangle(a, b, c))) => [a, b, c],
+            Geometry::Simple(_) => [NONE; 3],
         }
     }
 
-    /// Brings the vertices of a triangle into the cache.
+    /// Brings what names the corners of a triangle into the cache.
     #[inline(always)]
-    pub fn prefetch<I: Isa>(&self, primitive: u32) {
+    pub fn prefetch_face<I: Isa>(&self, primitive: u32) {
         if let Geometry::Mesh(mesh) = &self.geometry {
-            mesh.prefetch_vertices::<I>(primitive);
+            mesh.prefetch_face::<I>(primitive);
         }
     }
 
     /// The primitive id that hits report.
     #[inline(always)]
-    pub fn reported(&self, at: &Place) -> i32 {
-        if self.whole { 0 } else { at.primitive as i32 }
+    pub fn reported(&self, primitive: u32) -> i32 {
+        if self.whole { 0 } else { primitive as i32 }
     }
 
     /// A ray of the world in the coordinates of the object.
@@ -278,7 +286,7 @@ impl Scene {
     }
 
     /// Which of two roots on a line comes first.
-    fn compare(&self, a: &Place, b: &Place, origin: Point, direction: Point) -> Ordering {
+    pub fn compare(&self, a: &Place, b: &Place, origin: Point, direction: Point) -> Ordering {
         // Things stand on floors: only exact arithmetic could tell that a line meets both at the same t.
         if self.share_level(a, b) {
             return Ordering::Equal;
@@ -323,151 +331,17 @@ impl Scene {
     }
 
     fn hit_of(&self, at: &Place, (t, normal): (f64, Point)) -> Hit {
-        let primitive = self.objects[at.object as usize].reported(at);
+        let primitive = self.objects[at.object as usize].reported(at.primitive);
         Hit { t, normal: vector::unit(normal), object: at.object as i32, primitive }
     }
 }
 
-/// The search for the nearest hit of one ray.
-#[derive(Clone)]
-pub struct Search<'a> {
-    scene: &'a Scene,
+/// Bounds of the roots of a primitive.
+pub struct Candidates<'a> {
+    pub object: &'a Object,
+    pub primitive: u32,
     pub origin: Point,
     pub direction: Point,
-    pub t_min: f64,
-    t_max: f64,
-    /// The nearest hit so far, if `low` is finite; nothing beyond `limit` is nearer.
-    place: Place,
-    low: f64,
-    limit: f64,
-}
-
-impl<'a> Search<'a> {
-    /// A t beyond what float64 holds is a miss.
-    #[inline(always)]
-    pub fn new(scene: &'a Scene, origin: Point, direction: Point, t_min: f64, t_max: f64) -> Self {
-        let t_max = t_max.min(f64::MAX);
-        let place = Place::of_triangle(0, 0);
-        Search { scene, origin, direction, t_min, t_max, place, low: f64::INFINITY, limit: t_max }
-    }
-
-    /// Begins anew with another ray.
-    #[inline(always)]
-    pub fn restart(&mut self, origin: Point, direction: Point) {
-        (self.origin, self.direction) = (origin, direction);
-        (self.low, self.limit) = (f64::INFINITY, self.t_max);
-    }
-
-    #[inline(always)]
-    pub fn best(&self) -> Option<Place> {
-        if self.low < f64::INFINITY { Some(self.place) } else { None }
-    }
-
-    /// The nearest hit, with bounds of t.
-    #[inline(always)]
-    pub fn found(&self) -> Option<(Place, Interval)> {
-        // The rounded t is in range, so that t itself may be beyond t_max by less than an ulp.
-        self.best().map(|place| (place, Interval { low: self.low, high: self.limit.next_up() }))
-    }
-
-    /// Nothing beyond this t is nearer.
-    #[inline(always)]
-    pub fn limit(&self) -> f64 {
-        self.limit
-    }
-
-    /// Searches the whole scene.
-    pub fn run(&mut self, stack: &mut Stack) {
-        let index = self.scene.index();
-        for &object in &index.unbounded {
-            self.consider(object, 0);
-        }
-        let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
-        let mut span = Span::new(o, d, index.bounded.center(), self.t_min, self.limit());
-        index.bounded.traverse(&mut span, stack, |stack, leaf| {
-            match &self.scene.objects[*leaf as usize].geometry {
-                Geometry::Simple(_) => self.consider(*leaf, 0),
-                Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
-            }
-            self.limit()
-        });
-    }
-
-    /// Searches one mesh.
-    pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let (o, d) = self.scene.objects[id as usize].enclose(self.origin, self.direction);
-        let hierarchy = mesh.hierarchy();
-        let mut span = Span::new(o, d, hierarchy.center(), self.t_min, self.limit());
-        hierarchy.traverse(&mut span, stack, |_, block| {
-            for &primitive in block.ids() {
-                self.consider(id, primitive);
-            }
-            self.limit()
-        });
-    }
-
-    /// Keeps the primitive's first hit in range if it is the nearest so far.
-    pub fn consider(&mut self, id: u32, primitive: u32) {
-        let (origin, direction) = (self.origin, self.direction);
-        let object = &self.scene.objects[id as usize];
-        let found = number::certify(&Candidates { object, primitive, origin, direction });
-        for (index, &(t, feature)) in (0..).zip(found.iter().flatten()) {
-            if self.takes(Place { object: id, primitive, index, feature }, t) {
-                return;
-            }
-        }
-    }
-
-    /// Keeps the only hit of a primitive, within bounds of t, if it is in range and the nearest so far.
-    #[inline(always)]
-    pub fn offer(&mut self, at: Place, t: Interval) {
-        if t.low > self.limit() || t.high < self.t_min {
-            return;
-        }
-        self.takes(at, t);
-    }
-
-    /// As `offer`; tells whether t ≥ t_min, so that later hits of the same primitive are of no interest.
-    #[inline(always)]
-    pub fn takes(&mut self, at: Place, t: Interval) -> bool {
-        // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
-        if t.high < self.t_min || (t.low < self.t_min && self.rounded(at) < self.t_min) {
-            return false;
-        }
-        if t.low > self.limit || (t.high > self.t_max && self.rounded(at) > self.t_max) {
-            return true;
-        }
-        if t.high < self.low || self.is_before(at) {
-            let high = if t.high < self.t_max { t.high } else { self.t_max };
-            (self.place, self.low, self.limit) = (at, t.low, high);
-        }
-        true
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn rounded(&self, at: Place) -> f64 {
-        self.scene.t(&at, self.origin, self.direction)
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn is_before(&self, at: Place) -> bool {
-        let best = &self.place;
-        match self.scene.compare(&at, best, self.origin, self.direction) {
-            Ordering::Less => true,
-            Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
-            Ordering::Greater => false,
-        }
-    }
-}
-
-/// Bounds of the roots of a primitive.
-struct Candidates<'a> {
-    object: &'a Object,
-    primitive: u32,
-    origin: Point,
-    direction: Point,
 }
 
 impl Question for Candidates<'_> {

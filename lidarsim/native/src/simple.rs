@@ -9,7 +9,8 @@ use crate::bvh::{LANES, Mask, Rays, take};
 use crate::finish::{Meeting, finish};
 use crate::number::{Balls, Interval, Many, Number, Uncertain};
 use crate::ray::Ray;
-use crate::scene::{Geometry, Hit, Place, Scene, Search};
+use crate::scene::{Geometry, Hit, Place, Scene};
+use crate::search::Searches;
 use crate::shapes::{Surface, SurfaceTask};
 use crate::simd::{Floats, Isa};
 use crate::trace::Sink;
@@ -35,39 +36,37 @@ fn part_of_mask<const N: usize>(mask: Mask, i: usize) -> u32 {
 
 /// Offers the hits of the rays of `mask` on an object to their searches.
 #[inline(always)]
-pub fn meet<'s, I: Isa>(
-    scene: &'s Scene,
-    id: u32,
-    rays: &Rays,
-    searches: &mut [Search<'s>; LANES],
-    mask: Mask,
-    met: &mut Met,
-) {
+pub fn meet<I: Isa>(scene: &Scene, id: u32, rays: &Rays, searches: &mut Searches, mask: Mask, met: &mut Met) {
     let object = &scene.objects()[id as usize];
     (met.count, met.unsure) = (0, mask);
     let alone = mask & (mask - 1) == 0;
+    let mut asked = false;
     if !alone && let Geometry::Simple(shape) = &object.geometry {
-        let (t_min, met) = (searches[0].t_min, &mut *met);
-        match object.placement() {
+        let (t_min, met) = (searches.t_min(), &mut *met);
+        let done = match object.placement() {
             None => shape.apart::<I, _>(Meet { placement: AsMade, rays, t_min, met }),
             Some(placement) => shape.apart::<I, _>(Meet { placement, rays, t_min, met }),
         };
+        asked = done.is_some();
     }
     let place = |index: usize, feature| Place { object: id, primitive: 0, index: index as u8, feature };
     for some in &met.some[..met.count] {
         let mut left = Mask::from(some.lanes);
         while let Some(lane) = take(&mut left) {
-            let search = &mut searches[some.start + lane];
             for (index, roots) in some.roots[..some.count].iter().enumerate() {
                 let t = Interval { low: roots.low[lane], high: roots.high[lane] };
-                if search.takes(place(index, roots.feature), t) {
+                if searches.takes(rays, some.start + lane, place(index, roots.feature), t) {
                     break;
                 }
             }
         }
     }
     while let Some(lane) = take(&mut met.unsure) {
-        searches[lane].consider(id, 0);
+        if asked {
+            searches.decide(rays, lane, id, 0);
+        } else {
+            searches.consider(rays, lane, id, 0);
+        }
     }
 }
 
@@ -230,12 +229,18 @@ impl Pending {
         Pending { groups: vec![empty; GROUPS] }
     }
 
-    /// Takes the nearest hit of a search; one on a mesh is finished at once.
+    /// Takes a hit, with the ray and bounds of t; one on a mesh is finished at once.
     #[inline(always)]
-    pub fn push<I: Isa>(&mut self, scene: &Scene, at: u32, search: &Search, hits: &mut (impl Sink + ?Sized)) {
-        let Some((place, bounds)) = search.found() else { return };
+    pub fn push<I: Isa>(
+        &mut self,
+        scene: &Scene,
+        at: u32,
+        place: Place,
+        (origin, direction, bounds): (Point, Point, Interval),
+        hits: &mut (impl Sink + ?Sized),
+    ) {
         if !scene.objects()[place.object as usize].is_simple() {
-            hits.put(at as usize, scene.hit_within(&place, bounds, search.origin, search.direction));
+            hits.put(at as usize, scene.hit_within(&place, bounds, origin, direction));
             return;
         }
         let group = &mut self.groups[(7 * place.object as usize + usize::from(place.feature)) % GROUPS];
@@ -246,8 +251,8 @@ impl Pending {
         let seat = group.count;
         (group.at[seat], group.index[seat]) = (at, place.index);
         for axis in 0..3 {
-            group.origin[axis][seat] = search.origin[axis];
-            group.direction[axis][seat] = search.direction[axis];
+            group.origin[axis][seat] = origin[axis];
+            group.direction[axis][seat] = direction[axis];
         }
         (group.low[seat], group.high[seat]) = (bounds.low, bounds.high);
         group.count += 1;
@@ -279,7 +284,7 @@ impl Group {
                 Some(placement) => shape.apart::<I, _>(Finish { placement, group, found }),
             };
         }
-        let (object, primitive) = (self.place.object as i32, object.reported(&self.place));
+        let (object, primitive) = (self.place.object as i32, object.reported(self.place.primitive));
         for seat in 0..self.count {
             let hit = if found.known & (1 << seat) != 0 {
                 Hit { t: found.t[seat], normal: pick(&found.normal, seat), object, primitive }

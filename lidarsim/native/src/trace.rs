@@ -7,11 +7,13 @@ use std::cell::Cell;
 use std::ops::Range;
 
 use crate::bvh::{LANES, Mask, Packet, Rays, Stack, Visitor, all, take};
+use crate::doubt::Doubts;
 use crate::number::Interval;
 use crate::order::{NEAR, Order};
-use crate::refine::Batch;
-use crate::scene::{Geometry, Hit, Object, Place, Scene, Search};
-use crate::shapes::{Block, TriangleMesh};
+use crate::refine::Plain;
+use crate::scene::{Geometry, Hit, Object, Place, Scene};
+use crate::search::{Search, Searches};
+use crate::shapes::{Bearing, Block, TriangleMesh};
 use crate::simd::{self, Isa, Task};
 use crate::simple::{self, Met, Pending};
 use crate::vector::Point;
@@ -51,50 +53,35 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
-        let mut legal = true;
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
-        let size = scene.size();
-        let stack = STACK.take().unwrap_or_default();
-        let (batch, pending, met) = (Batch::new(), Pending::new(), Met::new());
-        let mut tracer = Tracer { scene, size, stack, batch, pending, met, hits };
-        let mut searches: [Search; LANES] =
-            std::array::from_fn(|_| Search::new(scene, [0.0; 3], [1.0; 3], t_min, t_max));
-        let mut order = Order::new(origins, directions, size);
-        let mut done = 0;
-        while let Some(order) = order.next() {
-            // The rays that come next are taken up while others are traced: what was just written is slow to read.
-            let (mut rays, mut later) = (Rays::empty(), Rays::empty());
-            later.take_up(origins, directions, order);
-            let mut start = 0;
-            while start < order.len() {
-                std::mem::swap(&mut rays, &mut later);
-                let count = rays.look::<I>();
-                let next = start + count.max(1);
-                later.take_up(origins, directions, &order[next..]);
-                if order.len() == NEAR {
-                    // Of the next rays that are sorted together, as many as are traced now.
-                    let end = origins.len();
-                    let ahead = end.min(done + NEAR + start)..end.min(done + NEAR + next);
-                    simd::prefetch::<I, _>(&origins[ahead.clone()]);
-                    tracer.hits.prefetch::<I>(ahead);
-                }
-                for lane in 0..count.max(1) {
-                    searches[lane].restart(rays.origin(lane), rays.direction(lane));
-                }
-                if count > 0 {
-                    tracer.trace::<I>(&rays, &mut searches, &order[start..]);
-                } else if is_legal(&searches[0]) {
-                    searches[0].run(&mut tracer.stack);
-                    tracer.finish::<I>(order[start], &searches[0]);
-                } else {
-                    legal = false;
-                    tracer.hits.put(order[start] as usize, Hit::MISS);
-                }
-                start = next;
+        let (size, stack) = (scene.size(), STACK.take().unwrap_or_default());
+        let searches = Searches::new(scene, (t_min, t_max));
+        let (doubts, met, pending) = (Doubts::new(), Met::new(), Pending::new());
+        let mut tracer = Tracer { scene, size, stack, searches, doubts, met, pending, hits };
+        let mut supply =
+            Supply { origins, directions, order: Order::new(origins, directions, size), start: 0, done: 0 };
+        // Hits of one packet are refined after the next was traced: meanwhile their vertices come.
+        let (mut rays, mut others) = (Rays::empty(), Rays::empty());
+        let (mut plain, mut other_plain) = (Plain::new(), Plain::new());
+        let (mut now, mut found) = (&mut rays, &mut plain);
+        let (mut before, mut found_before) = (&mut others, &mut other_plain);
+        let mut legal = true;
+        let mut more = supply.take_up::<I>(now);
+        while more {
+            supply.prefetch::<I>(now.count, tracer.hits);
+            if now.count > 0 {
+                tracer.trace::<I>(now);
+                tracer.sort_out::<I>(now, found);
+            } else {
+                legal &= tracer.trace_alone(now, (t_min, t_max));
             }
-            done += order.len();
+            found_before.refine::<I>(scene, before, tracer.hits);
+            more = supply.take_up::<I>(before);
+            found.prefetch::<I>(scene);
+            std::mem::swap(&mut now, &mut before);
+            std::mem::swap(&mut found, &mut found_before);
         }
-        tracer.batch.flush::<I>(scene, tracer.hits);
+        found_before.refine::<I>(scene, before, tracer.hits);
         tracer.pending.flush::<I>(scene, tracer.hits);
         STACK.set(Some(tracer.stack));
         legal
@@ -106,69 +93,116 @@ thread_local! {
     static STACK: Cell<Option<Box<Stack>>> = const { Cell::new(None) };
 }
 
-fn is_legal(search: &Search) -> bool {
-    search.origin.iter().chain(&search.direction).all(|x| x.is_finite()) && search.direction != [0.0; 3]
+/// The rays that are still to be traced.
+struct Supply<'a> {
+    origins: &'a [Point],
+    directions: &'a [Point],
+    order: Order<'a>,
+    /// How many of those sorted last have been taken up, and where these begin.
+    start: usize,
+    done: usize,
+}
+
+impl Supply<'_> {
+    /// Takes up the next packet, or a single ray that no packet holds; false if there are no more.
+    #[inline(always)]
+    fn take_up<I: Isa>(&mut self, rays: &mut Rays) -> bool {
+        if self.start == self.order.sorted().len() {
+            (self.start, self.done) = (0, self.done + self.start);
+            if !self.order.advance::<I>() {
+                return false;
+            }
+        }
+        rays.take_up::<I>(self.origins, self.directions, &self.order.sorted()[self.start..]);
+        self.start += rays.count.max(1);
+        true
+    }
+
+    /// Brings as many of the rays that will be sorted next into the cache as were taken up last.
+    #[inline(always)]
+    fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
+        if self.order.sorted().len() == NEAR {
+            let (end, next) = (self.origins.len(), self.done + NEAR + self.start);
+            let ahead = end.min(next - count)..end.min(next);
+            simd::prefetch::<I, _>(&self.origins[ahead.clone()]);
+            hits.prefetch::<I>(ahead);
+        }
+    }
 }
 
 struct Tracer<'a, S: ?Sized> {
     scene: &'a Scene,
     size: f64,
     stack: Box<Stack>,
-    batch: Batch,
-    pending: Pending,
+    searches: Searches<'a>,
+    doubts: Doubts,
     met: Met,
+    pending: Pending,
     hits: &'a mut S,
 }
 
 impl<'a, S: Sink + ?Sized> Tracer<'a, S> {
-    /// Traces the rays, and writes their hits to places `at`.
+    /// Searches for the nearest hits of the rays.
     #[inline(always)]
-    fn trace<I: Isa>(&mut self, rays: &Rays, searches: &mut [Search<'a>; LANES], at: &[u32]) {
-        let scene = self.scene;
+    fn trace<I: Isa>(&mut self, rays: &Rays) {
+        let (scene, searches) = (self.scene, &mut self.searches);
+        searches.restart::<I>();
         let active = all(rays.count);
         let index = scene.index();
         for &object in &index.unbounded {
             simple::meet::<I>(scene, object, rays, searches, active, &mut self.met);
         }
         let coherent = rays.are_coherent::<I>(self.size);
-        let mut visitor = Objects { scene, rays, coherent, searches, met: &mut self.met };
+        let (doubts, met) = (&mut self.doubts, &mut self.met);
+        let mut visitor = Objects { scene, rays, coherent, searches, doubts, met };
         match index.bounded.only_leaf() {
             // The hierarchy of the mesh begins with what that above it would ask.
             Some(&id) if matches!(scene.objects()[id as usize].geometry, Geometry::Mesh(_)) => {
                 visitor.meet::<I>(&mut self.stack, id, active);
             }
             _ => {
-                let (t_min, limits) = (visitor.searches[0].t_min, limits(visitor.searches, rays.count));
                 let mut packet = Packet::empty();
-                packet.enter::<I>(rays, index.bounded.center(), t_min, &limits);
+                packet.enter::<I>(rays, index.bounded.center(), visitor.searches.t_min(), visitor.searches.limits());
                 let stack = &mut self.stack;
                 index.bounded.traverse_packet::<I>(&mut packet, active, coherent, stack, &mut visitor);
             }
         }
-        for lane in 0..rays.count {
-            self.finish::<I>(at[lane], &searches[lane]);
-        }
+        self.doubts.settle::<I>(scene, rays, &mut self.searches);
     }
 
+    /// Passes the nearest hits on, each to what finishes its kind.
     #[inline(always)]
-    fn finish<I: Isa>(&mut self, at: u32, search: &Search) {
-        match search.best() {
-            None => self.hits.put(at as usize, Hit::MISS),
-            Some(place) if self.scene.objects()[place.object as usize].is_plain_triangle() => {
-                self.batch.push::<I>(self.scene, at, place, search, self.hits);
+    fn sort_out<I: Isa>(&mut self, rays: &Rays, plain: &mut Plain<'a>) {
+        let mut lanes = 0;
+        for lane in 0..rays.count {
+            if !self.searches.has_found(lane) {
+                self.hits.put(rays.at[lane] as usize, Hit::MISS);
+            } else if self.scene.objects()[self.searches.object(lane) as usize].is_plain_triangle() {
+                lanes |= 1 << lane;
+            } else {
+                let (place, bounds) = (self.searches.place(lane), self.searches.bounds(lane));
+                let meeting = (rays.origin(lane), rays.direction(lane), bounds);
+                self.pending.push::<I>(self.scene, rays.at[lane], place, meeting, self.hits);
             }
-            Some(_) => self.pending.push::<I>(self.scene, at, search, self.hits),
         }
+        plain.take_up(&self.searches, lanes);
     }
-}
 
-#[inline(always)]
-fn limits(searches: &[Search; LANES], count: usize) -> [f64; LANES] {
-    let mut limits = [0.0; LANES];
-    for lane in 0..count {
-        limits[lane] = searches[lane].limit();
+    /// Traces a ray that packets do not hold; false if it is illegal.
+    fn trace_alone(&mut self, rays: &Rays, range: (f64, f64)) -> bool {
+        let (at, origin, direction) = (rays.at[0] as usize, rays.origin(0), rays.direction(0));
+        let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
+        let mut hit = Hit::MISS;
+        if legal {
+            let mut search = Search::new(self.scene, origin, direction, range);
+            search.run(&mut self.stack);
+            if let Some((place, bounds)) = search.found() {
+                hit = self.scene.hit_within(&place, bounds, origin, direction);
+            }
+        }
+        self.hits.put(at, hit);
+        legal
     }
-    limits
 }
 
 /// Rays of one octant among the objects of the scene.
@@ -176,7 +210,8 @@ struct Objects<'a, 's> {
     scene: &'s Scene,
     rays: &'a Rays,
     coherent: bool,
-    searches: &'a mut [Search<'s>; LANES],
+    searches: &'a mut Searches<'s>,
+    doubts: &'a mut Doubts,
     met: &'a mut Met,
 }
 
@@ -186,10 +221,50 @@ impl Objects<'_, '_> {
         let object = &self.scene.objects()[id as usize];
         match &object.geometry {
             Geometry::Mesh(mesh) if object.is_placed_as_made() => {
-                Blocks { mesh, id, rays: self.rays, searches: self.searches }.trace::<I>(self.coherent, mask, stack);
+                let (scene, rays, searches, doubts) =
+                    (self.scene, self.rays, &mut *self.searches, Some(&mut *self.doubts));
+                let mut blocks = Blocks { scene, mesh, id, rays, world: rays, searches, doubts };
+                blocks.trace::<I>(self.coherent, mask, stack);
             }
-            Geometry::Mesh(mesh) => enter_moved::<I>(self.coherent, mask, id, object, mesh, self.searches, stack),
+            Geometry::Mesh(mesh) => self.enter_moved::<I>(stack, id, object, mesh, mask),
             Geometry::Simple(_) => simple::meet::<I>(self.scene, id, self.rays, self.searches, mask, self.met),
+        }
+    }
+
+    /// Takes the rays into the coordinates of a mesh that was moved, where they may point into several octants.
+    #[inline(always)]
+    fn enter_moved<I: Isa>(&mut self, stack: &mut Stack, id: u32, object: &Object, mesh: &TriangleMesh, mask: Mask) {
+        let mut local = Rays::empty();
+        let mut octants = [0_u32; LANES];
+        let mut ordinary: Mask = 0;
+        let mut left = mask;
+        while let Some(lane) = take(&mut left) {
+            let (o, d) = object.enclose(self.rays.origin(lane), self.rays.direction(lane));
+            let (origin, origin_error) = middle(o);
+            let (direction, direction_error) = middle(d);
+            if Rays::holds(origin, direction) && origin_error < 1e30 && direction_error < 1e30 {
+                local.set(lane, origin, direction);
+                local.origin_error[lane] = origin_error;
+                local.direction_error[lane] = direction_error;
+                octants[lane] = Rays::octant_of(direction);
+                ordinary |= 1 << lane;
+            } else {
+                self.searches.enter(self.rays, lane, id, mesh, stack);
+            }
+        }
+        while ordinary != 0 {
+            let octant = octants[ordinary.trailing_zeros() as usize];
+            let mut same = 0;
+            for lane in 0..LANES {
+                if ordinary & 1 << lane != 0 && octants[lane] == octant {
+                    same |= 1 << lane;
+                }
+            }
+            let rays = &local.only(same, octant);
+            let (scene, world, searches) = (self.scene, self.rays, &mut *self.searches);
+            let mut blocks = Blocks { scene, mesh, id, rays, world, searches, doubts: None };
+            blocks.trace::<I>(self.coherent, same, stack);
+            ordinary &= !same;
         }
     }
 }
@@ -202,27 +277,37 @@ impl Visitor<u32> for Objects<'_, '_> {
     }
 
     #[inline(always)]
-    fn limit(&self, lane: usize) -> f64 {
-        self.searches[lane].limit()
+    fn limits(&self) -> &[f64; LANES] {
+        self.searches.limits()
     }
 }
 
 /// Rays of one octant, in the coordinates of a mesh, among its triangles.
 struct Blocks<'a, 's> {
+    scene: &'s Scene,
     mesh: &'a TriangleMesh,
     id: u32,
     rays: &'a Rays,
-    searches: &'a mut [Search<'s>; LANES],
+    /// The same, as they are in the world.
+    world: &'a Rays,
+    searches: &'a mut Searches<'s>,
+    /// None if the mesh was moved.
+    doubts: Option<&'a mut Doubts>,
 }
 
 impl Blocks<'_, '_> {
     #[inline(always)]
     fn trace<I: Isa>(&mut self, coherent: bool, mask: Mask, stack: &mut Stack) {
         let hierarchy = self.mesh.hierarchy();
-        let limits = limits(self.searches, self.rays.count);
         let mut packet = Packet::empty();
-        packet.enter::<I>(self.rays, hierarchy.center(), self.searches[0].t_min, &limits);
+        packet.enter::<I>(self.rays, hierarchy.center(), self.searches.t_min(), self.searches.limits());
         hierarchy.traverse_packet::<I>(&mut packet, mask, coherent, stack, self);
+    }
+
+    #[inline(always)]
+    fn bearing(&self, lane: usize) -> Bearing {
+        let Rays { length, direction_error, .. } = self.rays;
+        Bearing { direction: self.rays.direction(lane), length: length[lane], error: direction_error[lane] }
     }
 
     /// Meets the block with rays of one origin, and says which of them want less than before.
@@ -236,8 +321,7 @@ impl Blocks<'_, '_> {
         let mut count = 0;
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
-            let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
-            let (candidates, sure) = block.candidates::<I>(&edges, direction, direction_error);
+            let (candidates, sure) = block.candidates::<I>(&edges, &self.bearing(lane));
             seen[count] = [lane as u8, candidates as u8, sure as u8, 0];
             count += usize::from(candidates != 0);
         }
@@ -248,24 +332,38 @@ impl Blocks<'_, '_> {
         let mut nearer = 0;
         for &[lane, candidates, sure, _] in &seen[..count] {
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
-            let (direction, direction_error) = (self.rays.direction(lane), self.rays.direction_error[lane]);
+            let bearing = self.bearing(lane);
             while let Some(i) = take(&mut candidates) {
-                let (search, primitive) = (&mut self.searches[lane], block.ids()[i]);
-                let known = if sure & 1 << i != 0 {
-                    Block::meet::<I>(i, &edges, &planes, direction, direction_error)
-                } else {
-                    None
-                };
+                let primitive = block.ids()[i];
+                let known = if sure & 1 << i != 0 { Block::meet::<I>(i, &planes, &bearing) } else { None };
                 match known {
-                    Some(t) if t.low > search.limit() => continue,
-                    Some(t) => search.offer(Place::of_triangle(self.id, primitive), t),
-                    None => search.consider(self.id, primitive),
+                    Some(t) if t.low > self.searches.limits()[lane] => continue,
+                    Some(t) => self.searches.offer(self.world, lane, Place::of_triangle(self.id, primitive), t),
+                    None => {
+                        self.doubt::<I>(lane, primitive);
+                        continue;
+                    }
                 }
                 self.mesh.prefetch_face::<I>(primitive);
                 nearer |= 1 << lane;
             }
         }
         nearer
+    }
+}
+
+impl Blocks<'_, '_> {
+    /// Keeps for later what a look could not tell.
+    #[inline(always)]
+    fn doubt<I: Isa>(&mut self, lane: usize, primitive: u32) {
+        let Some(doubts) = &mut self.doubts else {
+            self.searches.consider(self.world, lane, self.id, primitive);
+            return;
+        };
+        if doubts.are_full() {
+            doubts.settle::<I>(self.scene, self.world, self.searches);
+        }
+        doubts.push::<I>(self.scene, lane, Place::of_triangle(self.id, primitive));
     }
 }
 
@@ -285,51 +383,8 @@ impl Visitor<Block> for Blocks<'_, '_> {
     }
 
     #[inline(always)]
-    fn limit(&self, lane: usize) -> f64 {
-        self.searches[lane].limit()
-    }
-}
-
-/// Takes the rays into the coordinates of a mesh that was moved, where they may point into several octants.
-#[inline(always)]
-fn enter_moved<I: Isa>(
-    coherent: bool,
-    mask: Mask,
-    id: u32,
-    object: &Object,
-    mesh: &TriangleMesh,
-    searches: &mut [Search; LANES],
-    stack: &mut Stack,
-) {
-    let mut local = Rays::empty();
-    let mut octants = [0_u32; LANES];
-    let mut ordinary: Mask = 0;
-    let mut left = mask;
-    while let Some(lane) = take(&mut left) {
-        let (o, d) = object.enclose(searches[lane].origin, searches[lane].direction);
-        let (origin, origin_error) = middle(o);
-        let (direction, direction_error) = middle(d);
-        if Rays::holds(origin, direction) && origin_error < 1e30 && direction_error < 1e30 {
-            local.set(lane, origin, direction);
-            local.origin_error[lane] = origin_error;
-            local.direction_error[lane] = direction_error;
-            octants[lane] = Rays::octant_of(direction);
-            ordinary |= 1 << lane;
-        } else {
-            searches[lane].enter(id, mesh, stack);
-        }
-    }
-    while ordinary != 0 {
-        let octant = octants[ordinary.trailing_zeros() as usize];
-        let mut same = 0;
-        for lane in 0..LANES {
-            if ordinary & 1 << lane != 0 && octants[lane] == octant {
-                same |= 1 << lane;
-            }
-        }
-        let rays = local.only(same, octant);
-        Blocks { mesh, id, rays: &rays, searches }.trace::<I>(coherent, same, stack);
-        ordinary &= !same;
+    fn limits(&self) -> &[f64; LANES] {
+        self.searches.limits()
     }
 }
 

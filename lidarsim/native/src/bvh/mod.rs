@@ -60,8 +60,8 @@ pub trait Visitor<L> {
     /// Gets the rays that may meet the leaf, and says which of them want less than before.
     fn visit<I: Isa>(&mut self, stack: &mut Stack, leaf: &L, mask: Mask) -> Mask;
 
-    /// The t beyond which nothing is wanted of the ray.
-    fn limit(&self, lane: usize) -> f64;
+    /// The t beyond which nothing is wanted of each ray.
+    fn limits(&self) -> &[f64; LANES];
 }
 
 /// A hierarchy over leaves of whatever kind.
@@ -157,24 +157,27 @@ impl<L: Send> Bvh<L> {
         let mut entry = Entry { near: 0.0, child: Child::node(0), mask: active };
         loop {
             if entry.child.is_leaf() {
-                let mut nearer = visitor.visit::<I>(stack, &self.leaves[entry.child.index()], entry.mask);
-                while let Some(lane) = take(&mut nearer) {
-                    packet.set_limit(lane, visitor.limit(lane));
-                }
+                let nearer = visitor.visit::<I>(stack, &self.leaves[entry.child.index()], entry.mask);
+                packet.set_limits::<I>(nearer, visitor.limits());
             } else {
                 let node = &self.nodes[entry.child.index()];
                 let meeting = hull.meet::<I>(node, f32::INFINITY);
-                let mut met = meeting.met;
-                let first = stack.len[0];
+                // All children are looked at before one is pushed, so that no branch hangs on a single look.
+                let (mut met, mut some) = (meeting.met, 0);
+                let mut masks = [0; WIDTH];
                 while met != 0 {
                     let i = met.trailing_zeros() as usize;
                     met &= met - 1;
-                    let mask = packet.meet::<I>(entry.mask, &meeting, i);
-                    if mask != 0 {
-                        let child = node.child[i];
-                        self.prefetch::<I>(child);
-                        stack.push_sorted(0, first, Entry { near: meeting.near[i], child, mask });
-                    }
+                    masks[i] = packet.meet::<I>(entry.mask, &meeting, i);
+                    some |= u32::from(masks[i] != 0) << i;
+                }
+                let first = stack.len[0];
+                while some != 0 {
+                    let i = some.trailing_zeros() as usize;
+                    some &= some - 1;
+                    let child = node.child[i];
+                    self.prefetch::<I>(child);
+                    stack.push_sorted(0, first, Entry { near: meeting.near[i], child, mask: masks[i] });
                 }
             }
             entry = loop {
@@ -235,7 +238,7 @@ impl<L: Send> Bvh<L> {
     ) -> bool {
         if walk.child.is_leaf() {
             if visitor.visit::<I>(stack, &self.leaves[walk.child.index()], 1 << walk.lane) != 0 {
-                packet.set_limit(walk.lane, visitor.limit(walk.lane));
+                packet.set_limit(walk.lane, visitor.limits()[walk.lane]);
                 walk.limit = packet.limit(walk.lane);
             }
         } else {
@@ -418,7 +421,7 @@ mod tests {
         rays: &'a [(Whole, Whole)],
         first_only: bool,
         offered: Vec<Vec<u32>>,
-        limits: Vec<f64>,
+        limits: [f64; LANES],
     }
 
     impl Visitor<Vec<u32>> for Notes<'_> {
@@ -439,8 +442,8 @@ mod tests {
             nearer
         }
 
-        fn limit(&self, lane: usize) -> f64 {
-            self.limits[lane]
+        fn limits(&self) -> &[f64; LANES] {
+            &self.limits
         }
     }
 
@@ -530,7 +533,7 @@ mod tests {
                             rays: &rays,
                             first_only,
                             offered: vec![Vec::new(); LANES],
-                            limits: vec![f64::MAX; LANES],
+                            limits: [f64::MAX; LANES],
                         };
                         dispatch(level, Traverse { bvh: &bvh, seen: &seen, active: some, together, notes: &mut notes });
                         for (lane, &(origin, direction)) in rays.iter().enumerate() {

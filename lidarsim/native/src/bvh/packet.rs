@@ -4,7 +4,7 @@
 //! interval of origins and slopes, rules out most boxes for all rays at once.
 
 use super::{Node, WIDTH};
-use crate::simd::{Floats, Isa};
+use crate::simd::{Floats, Isa, lanes};
 use crate::vector::Point;
 
 /// Rays that meet a box in one step.
@@ -18,7 +18,7 @@ pub const LANES: usize = GROUPS * WIDE;
 /// A bit for each ray of a packet.
 pub type Mask = u64;
 
-/// Rays as they are, a lane each; lanes beyond the last ray repeat the first.
+/// Rays as they are, a lane each; lanes beyond the last ray, up to a whole group, repeat the first.
 #[derive(Clone)]
 #[repr(C, align(64))]
 pub struct Rays {
@@ -27,6 +27,10 @@ pub struct Rays {
     /// How far each coordinate of origin and direction may be off.
     pub origin_error: [f64; LANES],
     pub direction_error: [f64; LANES],
+    /// |d|₁, or the number beside it.
+    pub length: [f64; LANES],
+    /// Which they are of all rays.
+    pub at: [u32; LANES],
     /// The signs of all directions, a bit an axis.
     pub octant: u32,
     /// Whether all rays have the same origin and no errors.
@@ -41,6 +45,8 @@ impl Rays {
             direction: [[0.0; LANES]; 3],
             origin_error: [0.0; LANES],
             direction_error: [0.0; LANES],
+            length: [0.0; LANES],
+            at: [0; LANES],
             octant: 0,
             one_origin: false,
             count: 0,
@@ -49,36 +55,40 @@ impl Rays {
 
     #[inline(always)]
     pub fn set(&mut self, lane: usize, origin: Point, direction: Point) {
+        self.length[lane] = direction[0].abs() + direction[1].abs() + direction[2].abs();
         for i in 0..3 {
             self.origin[i][lane] = origin[i];
             self.direction[i][lane] = direction[i];
         }
     }
 
-    /// Takes up the first rays of this order.
+    /// Takes up the first rays of an order, up to the first that points into another octant: none (`count` is 0) if packets cannot hold the very
+    /// first, which then is in lane 0 and left to `Span`. They hold components whose squares, and scaled ones, are ordinary float64 numbers.
     #[inline(always)]
-    pub fn take_up(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
-        self.count = order.len().min(LANES);
-        for (lane, &i) in order[..self.count].iter().enumerate() {
-            self.set(lane, origins[i as usize], directions[i as usize]);
-        }
-    }
-
-    /// Keeps the rays up to the first that points into another octant, and says how many: none if packets cannot hold the first, which is then
-    /// left to `Span`. They hold components whose squares, and scaled ones, are ordinary float64 numbers.
-    #[inline(always)]
-    pub fn look<I: Isa>(&mut self) -> usize {
+    pub fn take_up<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
+        self.count = 0;
+        let Some(&first) = order.first() else { return };
+        let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(1e30));
         let (mut fit, mut together): (Mask, Mask) = (0, 0);
         let mut signs: [Mask; 3] = [0; 3];
-        for eight in 0..self.count.div_ceil(8) {
-            let huge = I::F64x8::splat(1e30);
+        let given = order.len().min(LANES);
+        for eight in 0..given.div_ceil(8) {
+            let at = match order[8 * eight..].first_chunk() {
+                Some(at) => *at,
+                None => first_of(&order[8 * eight..], first),
+            };
+            self.at.as_chunks_mut().0[eight] = at;
+            let (o, d) = (columns::<I>(origins, &at), columns::<I>(directions, &at));
             let mut within = 0xff;
             let mut at_one = 0xff;
             let mut largest = I::F64x8::splat(0.0);
+            let [x, y, z] = lanes::abs(d);
+            self.length.as_chunks_mut().0[eight] = x.add(y).add(z).store();
             for axis in 0..3 {
-                let o = I::F64x8::load(&self.origin[axis].as_chunks().0[eight]);
-                let d = I::F64x8::load(&self.direction[axis].as_chunks().0[eight]);
-                let first = I::F64x8::splat(self.origin[axis][0]);
+                let (o, d) = (o[axis], d[axis]);
+                self.origin[axis].as_chunks_mut().0[eight] = o.store();
+                self.direction[axis].as_chunks_mut().0[eight] = d.store();
+                let first = I::F64x8::splat(first_origin[axis]);
                 // Each comparison is false for NaN.
                 within &= o.abs().lt(huge) & d.abs().lt(huge);
                 at_one &= o.le(first) & first.le(o);
@@ -92,15 +102,14 @@ impl Rays {
         for sign in signs {
             fit &= if sign & 1 != 0 { sign } else { !sign };
         }
-        self.count = (fit.trailing_ones() as usize).min(self.count);
+        self.count = (fit.trailing_ones() as usize).min(given);
         self.one_origin = together & all(self.count) == all(self.count);
         for lane in self.count..self.count.next_multiple_of(WIDE) {
             self.set(lane, self.origin(0), self.direction(0));
         }
-        self.count
     }
 
-    /// Whether packets may hold the ray: as `look` asks.
+    /// Whether packets may hold the ray: as `take_up` asks.
     pub fn holds(origin: Point, direction: Point) -> bool {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
         origin.iter().chain(&direction).all(|x| x.abs() < 1e30) && largest > 1e-30
@@ -148,6 +157,18 @@ impl Rays {
         [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]]
     }
 
+    /// The origins of the eighth part `eight`, by axis.
+    #[inline(always)]
+    pub fn origins<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
+        part::<I>(&self.origin, eight)
+    }
+
+    /// As `origins`.
+    #[inline(always)]
+    pub fn directions<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
+        part::<I>(&self.direction, eight)
+    }
+
     /// Whether the rays keep together in a scene of this size, so that they meet much the same boxes.
     #[inline(always)]
     pub fn are_coherent<I: Isa>(&self, size: f64) -> bool {
@@ -178,6 +199,38 @@ impl Rays {
         }
         apart == 0 && !wide
     }
+}
+
+#[inline(always)]
+fn part<I: Isa>(v: &[[f64; LANES]; 3], eight: usize) -> [I::F64x8; 3] {
+    [
+        I::F64x8::load(&v[0].as_chunks().0[eight]),
+        I::F64x8::load(&v[1].as_chunks().0[eight]),
+        I::F64x8::load(&v[2].as_chunks().0[eight]),
+    ]
+}
+
+/// Less than eight numbers, and `more` after them.
+fn first_of(some: &[u32], more: u32) -> [u32; 8] {
+    let mut eight = [more; 8];
+    eight[..some.len()].copy_from_slice(some);
+    eight
+}
+
+/// The coordinates of these points, an axis after the other.
+#[inline(always)]
+fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
+    let [a, b, c, d, e, f, g, h] = *at;
+    I::columns([
+        &points[a as usize],
+        &points[b as usize],
+        &points[c as usize],
+        &points[d as usize],
+        &points[e as usize],
+        &points[f as usize],
+        &points[g as usize],
+        &points[h as usize],
+    ])
 }
 
 /// Takes the lowest lane out of a mask.
@@ -233,6 +286,13 @@ impl Group {
         near_origin: [[0.0; WIDE]; 3],
         far_origin: [[0.0; WIDE]; 3],
     };
+
+    #[inline(always)]
+    fn set_limits<I: Isa>(&mut self, g: usize, t: &[f64; LANES], scale: I::F64x8) {
+        let (low, high) = halves::<I>(t, g);
+        let limit = I::narrow(low.mul(scale), high.mul(scale));
+        self.limit = limit.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store();
+    }
 }
 
 /// Bounds of origins and slopes, over all rays or of one of them.
@@ -268,7 +328,7 @@ impl Packet {
         let octant = rays.octant;
         self.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
-        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::look`). Of rays much shorter than the
+        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::take_up`). Of rays much shorter than the
         // longest, components may underflow here, which only weakens their bounds.
         let mut largest = I::F64x8::splat(0.0);
         for eight in 0..self.count.div_ceil(8) {
@@ -330,10 +390,7 @@ impl Packet {
                 group.far_origin[axis][lane] = -infinity;
             }
         }
-        let scale = I::F64x8::splat(self.scale);
-        let (low, high) = halves::<I>(limits, g);
-        let limit = I::narrow(low.mul(scale), high.mul(scale));
-        group.limit = limit.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store();
+        group.set_limits::<I>(g, limits, I::F64x8::splat(self.scale));
     }
 
     /// Where the signs of a lane's direction are not known, `octant` may be any.
@@ -391,6 +448,17 @@ impl Packet {
     #[inline(always)]
     pub(super) fn set_limit(&mut self, lane: usize, t: f64) {
         self.groups[lane / WIDE].limit[lane % WIDE] = (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE;
+    }
+
+    /// As `set_limit`, for all rays that share a group with one of `lanes`.
+    #[inline(always)]
+    pub(super) fn set_limits<I: Isa>(&mut self, lanes: Mask, t: &[f64; LANES]) {
+        let scale = I::F64x8::splat(self.scale);
+        for (g, group) in self.groups.iter_mut().enumerate() {
+            if lanes >> (WIDE * g) & 0xffff != 0 {
+                group.set_limits::<I>(g, t, scale);
+            }
+        }
     }
 
     /// The rays of `mask` whose limit is not nearer than `near`.
@@ -471,14 +539,19 @@ mod tests {
     use super::*;
     use crate::simd::{Level, Task, dispatch};
 
-    struct Look<'a>(&'a mut Rays);
+    struct TakeUp<'a> {
+        rays: &'a mut Rays,
+        origins: &'a [Point],
+        directions: &'a [Point],
+        order: &'a [u32],
+    }
 
-    impl Task for Look<'_> {
-        type Output = usize;
+    impl Task for TakeUp<'_> {
+        type Output = ();
 
         #[inline(always)]
-        fn run<I: Isa>(self) -> usize {
-            self.0.look::<I>()
+        fn run<I: Isa>(self) {
+            self.rays.take_up::<I>(self.origins, self.directions, self.order);
         }
     }
 
@@ -531,10 +604,13 @@ mod tests {
                             // What was in the lanes before must not matter.
                             let mut found = Rays::empty();
                             (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
-                            found.take_up(&origins, &directions, &order);
-                            let count = dispatch(level, Look(&mut found));
+                            let (rays_taken, order) = (&mut found, &order[..]);
+                            let (origins, directions) = (&origins[..], &directions[..]);
+                            dispatch(level, TakeUp { rays: rays_taken, origins, directions, order });
+                            let count = found.count;
                             let known = expected(&rays[..many as usize]);
-                            assert_eq!((count, found.count), (known, known), "{level:?}: {odd} at {place} of {many}");
+                            assert_eq!(count, known, "{level:?}: {odd} at {place} of {many}");
+                            assert!((0..count).all(|lane| found.at[lane] == lane as u32));
                             check(&found, &rays);
                             whole += usize::from(count == LANES.min(many as usize));
                             cut += usize::from((1..LANES.min(many as usize)).contains(&count));

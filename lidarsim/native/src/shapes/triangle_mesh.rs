@@ -6,7 +6,6 @@ use super::{Surface, Triangle};
 use crate::bvh::{Bvh, LEAF};
 use crate::number::{Interval, UNIT};
 use crate::parallel;
-use crate::pose;
 use crate::simd::{self, Floats, Isa, lanes};
 use crate::vector::Point;
 
@@ -47,18 +46,15 @@ impl TriangleMesh {
         I::prefetch(&self.faces[id as usize]);
     }
 
-    /// Brings the vertices of the triangle into the cache.
     #[inline(always)]
-    pub fn prefetch_vertices<I: Isa>(&self, id: u32) {
-        for v in self.faces[id as usize] {
-            I::prefetch(&self.vertices[v as usize]);
-        }
+    pub fn corners(&self, id: u32) -> [&Point; 3] {
+        self.faces[id as usize].map(|v| &self.vertices[v as usize])
     }
 
     #[inline(always)]
     pub fn triangle(&self, id: u32) -> Triangle {
-        let [a, b, c] = self.faces[id as usize].map(|v| self.vertices[v as usize]);
-        Triangle(a, b, c)
+        let [a, b, c] = self.corners(id);
+        Triangle(*a, *b, *c)
     }
 
     pub fn degenerate(&self) -> usize {
@@ -120,13 +116,27 @@ pub struct Edges<I: Isa> {
     /// At least the largest coordinate of a vertex, and the error of any of them.
     reach: f64,
     error: f64,
+    /// How far the volumes may be off, for each unit of a direction's length and of its error.
+    bound: [f64; 2],
 }
 
-/// The planes of a block's triangles, as a ray's origin sees them: N = (b − a) × (c − a), N·a and |N|₁.
+/// The planes of a block's triangles, as a ray's origin sees them: N = (b − a) × (c − a), N·a and at least |N|₁.
 pub struct Planes {
     normal: [[f64; LEAF]; 3],
     distance: [f64; LEAF],
     size: [f64; LEAF],
+    /// What the errors of the triangle move it, |N| times.
+    moved: [f64; LEAF],
+    /// How far the sum of the coordinates of N may be off.
+    wobble: f64,
+}
+
+/// A ray's direction, at least |d|₁, and how far any coordinate is off.
+#[derive(Clone, Copy)]
+pub struct Bearing {
+    pub direction: Point,
+    pub length: f64,
+    pub error: f64,
 }
 
 impl Block {
@@ -184,13 +194,16 @@ impl Block {
         let [a, b, c] = vertices;
         let farthest = larger(shift[0].abs(), larger(shift[1].abs(), shift[2].abs()));
         let error = f64::from(self.error) + origin_error;
+        // The sum rounds; a trifle more is as good.
+        let reach = (farthest + 2.0 * scale + error) * (1.0 + 4.0 * UNIT);
         Edges {
             vertices,
             normals: [lanes::fused_cross(c, b), lanes::fused_cross(a, c), lanes::fused_cross(b, a)],
             scale,
-            // The sum rounds; a trifle more is as good.
-            reach: (farthest + 2.0 * scale + error) * (1.0 + 4.0 * UNIT),
+            reach,
             error,
+            // In place of m: `reach` holds ε.
+            bound: [reach * (32.0 * UNIT * reach + 8.0 * error), 8.0 * reach * reach],
         }
     }
 
@@ -213,14 +226,12 @@ impl Block {
     /// While δ ≤ m, which m ≥ ε brings about, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has
     /// 32, 8 and 8 in these places to cover its own roundings.
     #[inline(always)]
-    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, direction: Point, direction_error: f64) -> (u32, u32) {
-        let d = lanes::splat(direction);
+    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, bearing: &Bearing) -> (u32, u32) {
+        let d = lanes::splat(bearing.direction);
         let [n0, n1, n2] = edges.normals;
         let (u, v, w) = (lanes::fused_dot(d, n0), lanes::fused_dot(d, n1), lanes::fused_dot(d, n2));
-        let m = larger(edges.reach, edges.error);
-        let length = direction[0].abs() + direction[1].abs() + direction[2].abs();
-        let bound =
-            m * (length * (32.0 * UNIT * m + 8.0 * edges.error) + 8.0 * m * direction_error) + f64::MIN_POSITIVE;
+        let bound = I::fused(bearing.error, edges.bound[1], f64::MIN_POSITIVE);
+        let bound = I::fused(bearing.length, edges.bound[0], bound);
         let least = Floats::min(Floats::min(u, v), w);
         let most = Floats::max(Floats::max(u, v), w);
         let (below, above) = (Lanes::<I>::splat(-bound), Lanes::<I>::splat(bound));
@@ -236,10 +247,17 @@ impl Block {
         let e1 = [b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])];
         let e2 = [c[0].sub(a[0]), c[1].sub(a[1]), c[2].sub(a[2])];
         let n = lanes::fused_cross(e1, e2);
+        let off = edges.off();
+        let e = edges.scale + 2.0 * off;
+        let wobble = 3.0 * e * (8.0 * UNIT * e + 9.0 * off);
+        let size = n[0].abs().add(n[1].abs()).add(n[2].abs()).add(Lanes::<I>::splat(wobble));
+        let moved = size.mul(Lanes::<I>::splat(off + 4.0 * UNIT * edges.reach));
         Planes {
             normal: [n[0].store(), n[1].store(), n[2].store()],
             distance: lanes::fused_dot(n, a).store(),
-            size: n[0].abs().add(n[1].abs()).add(n[2].abs()).store(),
+            size: size.store(),
+            moved: moved.add(Lanes::<I>::splat(24.0 * UNIT * e * e * e)).store(),
+            wobble,
         }
     }
 
@@ -250,30 +268,28 @@ impl Block {
     /// δ·|N|₁/|N·d| in t. The rounding of N, 8u·e² a coordinate, turns the plane about a point of the triangle and moves t by
     /// 24u·e³/|N·d|; the sum N·a rounds by 4u·m·|N|₁, and N·d by |N|₁·(4u·|d|∞ + ε_d). N itself, seen or true, differs by 8u·e² + 9δ·e a
     /// coordinate. All are doubled, so that second-order terms are covered while N·d is at least twice its error; the product with
-    /// 1/(N·d) instead of a quotient rounds by 3u.
+    /// 1/(N·d) instead of a quotient rounds by 3u. |d|₁ does for |d|∞.
     #[inline(always)]
-    pub fn meet<I: Isa>(
-        i: usize,
-        edges: &Edges<I>,
-        planes: &Planes,
-        direction: Point,
-        direction_error: f64,
-    ) -> Option<Interval> {
-        let den = pose::dot([planes.normal[0][i], planes.normal[1][i], planes.normal[2][i]], direction);
-        let speed = larger(direction[0].abs(), larger(direction[1].abs(), direction[2].abs()));
-        let off = 3.0 * UNIT * edges.reach + edges.error;
-        let e = edges.scale + 2.0 * off;
-        let wobble = 3.0 * e * (8.0 * UNIT * e + 9.0 * off);
-        let slack = 4.0 * UNIT * speed + direction_error;
-        let size = planes.size[i] + wobble;
-        let den_error = 2.0 * (size * slack + wobble * speed) + f64::MIN_POSITIVE;
+    pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing) -> Option<Interval> {
+        let Bearing { direction: [x, y, z], length, error } = *bearing;
+        let [nx, ny, nz] = [planes.normal[0][i], planes.normal[1][i], planes.normal[2][i]];
+        let den = I::fused(nx, x, I::fused(ny, y, nz * z));
+        let turned = planes.size[i] * I::fused(length, 4.0 * UNIT, error);
         let inverse = 1.0 / den;
         let t = planes.distance[i] * inverse;
-        let moved = size * (off + 4.0 * UNIT * edges.reach + t.abs() * slack) + 24.0 * UNIT * e * e * e;
         // 1/(|N·d| − its error) is at most twice 1/|N·d|.
-        let error = 4.0 * moved * inverse.abs() + t.abs() * (8.0 * UNIT) + f64::MIN_POSITIVE;
+        let moved = 4.0 * I::fused(t.abs(), turned, planes.moved[i]);
+        let error = I::fused(moved, inverse.abs(), I::fused(t.abs(), 8.0 * UNIT, f64::MIN_POSITIVE));
+        let den_error = 2.0 * I::fused(planes.wobble, length, turned) + f64::MIN_POSITIVE;
         let known = 2.0 * den_error < den.abs() && error < f64::INFINITY;
         if known { Some(Interval { low: t - error, high: t + error }) } else { None }
+    }
+}
+
+impl<I: Isa> Edges<I> {
+    /// How far any coordinate of a vertex may be off.
+    fn off(&self) -> f64 {
+        3.0 * UNIT * self.reach + self.error
     }
 }
 
@@ -405,11 +421,13 @@ mod tests {
             let planes = self.block.planes::<I>(&edges);
             let mut said = Vec::new();
             for &(direction, direction_error) in self.directions {
-                let (candidates, sure) = self.block.candidates::<I>(&edges, direction, direction_error);
+                let length = direction.iter().map(|x| x.abs()).sum();
+                let bearing = Bearing { direction, length, error: direction_error };
+                let (candidates, sure) = self.block.candidates::<I>(&edges, &bearing);
                 let mut t = [None; LEAF];
                 for i in 0..LEAF {
                     if sure & 1 << i != 0 {
-                        t[i] = Block::meet::<I>(i, &edges, &planes, direction, direction_error);
+                        t[i] = Block::meet::<I>(i, &planes, &bearing);
                     }
                 }
                 said.push(Said { candidates, sure, t });
@@ -420,7 +438,7 @@ mod tests {
                     seen[vertex][axis] = edges.vertices[vertex][axis].store();
                 }
             }
-            (seen, 3.0 * UNIT * edges.reach + edges.error, said)
+            (seen, edges.off(), said)
         }
     }
 

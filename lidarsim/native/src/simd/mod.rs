@@ -61,8 +61,12 @@ pub trait Isa: Copy {
 
     /// 1 + k/2²¹, with k the 21 bits from bit `FIRST` on.
     fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8;
+    /// a·b + c, rounded once or twice, whichever is faster.
+    fn fused(a: f64, b: f64, c: f64) -> f64;
     /// Two halves, rounded to float32.
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
+    /// The coordinates of eight points, an axis after the other.
+    fn columns(points: [&[f64; 3]; 8]) -> [Self::F64x8; 3];
     /// Brings what is near `address` into the cache.
     fn prefetch<T>(address: *const T);
 
@@ -226,6 +230,38 @@ mod tests {
                 (42, I::fraction::<42>(x).store()),
                 (43, I::fraction::<43>(x).store()),
             ]
+        }
+    }
+
+    struct Columns<'a> {
+        points: &'a [[f64; 3]],
+        at: [usize; 8],
+    }
+
+    impl Task for Columns<'_> {
+        type Output = [[f64; 8]; 3];
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let [a, b, c, d, e, f, g, h] = self.at.map(|i| &self.points[i]);
+            let [x, y, z] = I::columns([a, b, c, d, e, f, g, h]);
+            [x.store(), y.store(), z.store()]
+        }
+    }
+
+    #[test]
+    fn columns_hold_the_points_asked_for() {
+        let mut number = crate::testing::numbers();
+        // The last point ends where the array does.
+        let points: Vec<[f64; 3]> = (0..11).map(|_| [0; 3].map(|_: u8| number())).collect();
+        for _ in 0..200 {
+            let at = [0; 8].map(|_: u8| (11.0 * number()) as usize);
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let [x, y, z] = dispatch(level, Columns { points: &points, at });
+                for lane in 0..8 {
+                    assert_eq!([x[lane], y[lane], z[lane]], points[at[lane]], "{level:?}");
+                }
+            }
         }
     }
 

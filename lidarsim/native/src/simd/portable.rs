@@ -19,8 +19,18 @@ impl Isa for Portable {
     }
 
     #[inline(always)]
+    fn fused(a: f64, b: f64, c: f64) -> f64 {
+        a * b + c
+    }
+
+    #[inline(always)]
     fn narrow(low: [f64; 8], high: [f64; 8]) -> [f32; 16] {
         std::array::from_fn(|i| (if i < 8 { low[i] } else { high[i - 8] }) as f32)
+    }
+
+    #[inline(always)]
+    fn columns(points: [&[f64; 3]; 8]) -> [[f64; 8]; 3] {
+        std::array::from_fn(|axis| points.map(|point| point[axis]))
     }
 
     #[inline(always)]

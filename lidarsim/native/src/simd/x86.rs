@@ -65,6 +65,11 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
+    fn fused(a: f64, b: f64, c: f64) -> f64 {
+        a.mul_add(b, c)
+    }
+
+    #[inline(always)]
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16 {
         // SAFETY: as above.
         unsafe {
@@ -73,6 +78,12 @@ impl Isa for Avx2 {
                 _mm256_set_m128(_mm256_cvtpd_ps(high.1), _mm256_cvtpd_ps(high.0)),
             )
         }
+    }
+
+    #[inline(always)]
+    fn columns([a, b, c, d, e, f, g, h]: [&[f64; 3]; 8]) -> [Self::F64x8; 3] {
+        let ([x0, y0, z0], [x1, y1, z1]) = (columns_of_four([a, b, c, d]), columns_of_four([e, f, g, h]));
+        [Two(x0, x1), Two(y0, y1), Two(z0, z1)]
     }
 
     #[inline(always)]
@@ -102,6 +113,24 @@ fn fraction_of_four<const FIRST: u32>(x: __m256i) -> __m256d {
     }
 }
 
+/// A point in the lower three lanes. The load of the fourth, beyond the point, is masked out, so that it is none.
+#[inline(always)]
+fn point(x: &[f64; 3]) -> __m256d {
+    // SAFETY: as above; the lanes that are loaded lie within the array.
+    unsafe { _mm256_maskload_pd(x.as_ptr(), _mm256_set_epi64x(0, -1, -1, -1)) }
+}
+
+#[inline(always)]
+fn columns_of_four([a, b, c, d]: [&[f64; 3]; 4]) -> [__m256d; 3] {
+    let (a, b, c, d) = (point(a), point(b), point(c), point(d));
+    // SAFETY: as above.
+    unsafe {
+        let (ab, cd) = (_mm256_unpacklo_pd(a, b), _mm256_unpacklo_pd(c, d));
+        let y = _mm256_permute2f128_pd::<0x20>(_mm256_unpackhi_pd(a, b), _mm256_unpackhi_pd(c, d));
+        [_mm256_permute2f128_pd::<0x20>(ab, cd), y, _mm256_permute2f128_pd::<0x31>(ab, cd)]
+    }
+}
+
 impl Isa for Avx512 {
     type F32x8 = __m256;
     type F32x16 = __m512;
@@ -123,9 +152,31 @@ impl Isa for Avx512 {
     }
 
     #[inline(always)]
+    fn fused(a: f64, b: f64, c: f64) -> f64 {
+        a.mul_add(b, c)
+    }
+
+    #[inline(always)]
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16 {
         // SAFETY: as above.
         unsafe { _mm512_insertf32x8::<1>(_mm512_castps256_ps512(_mm512_cvtpd_ps(low)), _mm512_cvtpd_ps(high)) }
+    }
+
+    #[inline(always)]
+    fn columns([a, b, c, d, e, f, g, h]: [&[f64; 3]; 8]) -> [Self::F64x8; 3] {
+        // SAFETY: as above.
+        unsafe {
+            // Two points a register: first their coordinates come side by side with the next ones', then the halves together.
+            let (ac, bd) = (pair_of_points(a, c), pair_of_points(b, d));
+            let (eg, fh) = (pair_of_points(e, g), pair_of_points(f, h));
+            let (xz0, xz1) = (_mm512_unpacklo_pd(ac, bd), _mm512_unpacklo_pd(eg, fh));
+            let (y0, y1) = (_mm512_unpackhi_pd(ac, bd), _mm512_unpackhi_pd(eg, fh));
+            [
+                _mm512_shuffle_f64x2::<0b10_00_10_00>(xz0, xz1),
+                _mm512_shuffle_f64x2::<0b10_00_10_00>(y0, y1),
+                _mm512_shuffle_f64x2::<0b11_01_11_01>(xz0, xz1),
+            ]
+        }
     }
 
     #[inline(always)]
@@ -138,6 +189,12 @@ impl Isa for Avx512 {
         // SAFETY: as above.
         Some(unsafe { apart_avx512(task) })
     }
+}
+
+#[inline(always)]
+fn pair_of_points(low: &[f64; 3], high: &[f64; 3]) -> __m512d {
+    // SAFETY: as above.
+    unsafe { _mm512_insertf64x4::<1>(_mm512_castpd256_pd512(point(low)), point(high)) }
 }
 
 macro_rules! register {
