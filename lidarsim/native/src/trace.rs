@@ -118,14 +118,23 @@ impl Supply<'_> {
         true
     }
 
-    /// Brings as many of the rays that will be sorted next into the cache as were taken up last.
+    /// Brings the rays of a coming packet into the cache, and the places of their hits.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
-        if self.order.sorted().len() == NEAR {
+        let sorted = self.order.sorted();
+        if sorted.len() == NEAR {
+            // Of the rays that will be sorted next, as many as were taken up last.
             let (end, next) = (self.origins.len(), self.done + NEAR + self.start);
             let ahead = end.min(next - count)..end.min(next);
             simd::prefetch::<I, _>(&self.origins[ahead.clone()]);
             hits.prefetch::<I>(ahead);
+        } else {
+            for &i in &sorted[self.start..sorted.len().min(self.start + LANES)] {
+                let i = i as usize;
+                I::prefetch(&self.origins[i]);
+                I::prefetch(&self.directions[i]);
+                hits.prefetch::<I>(i..i + 1);
+            }
         }
     }
 }

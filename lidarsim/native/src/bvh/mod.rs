@@ -7,7 +7,7 @@ mod build;
 mod packet;
 mod span;
 
-use packet::Hull;
+use packet::{Hull, Slabs};
 pub use packet::{LANES, Mask, Packet, Rays, all, take};
 pub use span::Span;
 
@@ -103,9 +103,9 @@ impl<L: Send> Bvh<L> {
         if self.nodes.is_empty() {
             return;
         }
-        let base = stack.len[0];
-        stack.push_sorted(0, base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
-        while let Some(entry) = stack.pop(0, base) {
+        let base = stack.len;
+        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
+        while let Some(entry) = stack.pop(base) {
             if entry.near > span.limit() {
                 continue;
             }
@@ -115,10 +115,10 @@ impl<L: Send> Bvh<L> {
             }
             let node = &self.nodes[entry.child.index()];
             let (near, far) = span.meet(&node.low, &node.high);
-            let first = stack.len[0];
+            let first = stack.len;
             for i in 0..WIDTH {
                 if near[i] <= far[i] {
-                    stack.push_sorted(0, first, Entry { near: near[i], child: node.child[i], mask: 0 });
+                    stack.push_sorted(first, Entry { near: near[i], child: node.child[i], mask: 0 });
                 }
             }
         }
@@ -153,7 +153,7 @@ impl<L: Send> Bvh<L> {
         visitor: &mut impl Visitor<L>,
     ) {
         let hull = packet.hull_of_all::<I>();
-        let base = stack.len[0];
+        let base = stack.len;
         let mut entry = Entry { near: 0.0, child: Child::node(0), mask: active };
         loop {
             if entry.child.is_leaf() {
@@ -161,27 +161,19 @@ impl<L: Send> Bvh<L> {
                 packet.set_limits::<I>(nearer, visitor.limits());
             } else {
                 let node = &self.nodes[entry.child.index()];
-                let meeting = hull.meet::<I>(node, f32::INFINITY);
-                // All children are looked at before one is pushed, so that no branch hangs on a single look.
-                let (mut met, mut some) = (meeting.met, 0);
-                let mut masks = [0; WIDTH];
-                while met != 0 {
-                    let i = met.trailing_zeros() as usize;
-                    met &= met - 1;
-                    masks[i] = packet.meet::<I>(entry.mask, &meeting, i);
-                    some |= u32::from(masks[i] != 0) << i;
+                let meeting = hull.meet::<I>(node);
+                let first = stack.len;
+                // The farthest first, and no branch hangs on a single look.
+                for (&near, &i) in meeting.near.iter().zip(&meeting.child).take(meeting.count) {
+                    let mask = packet.meet::<I>(entry.mask, &meeting, i as usize);
+                    stack.push_if(mask != 0, Entry { near, child: node.child[i as usize], mask });
                 }
-                let first = stack.len[0];
-                while some != 0 {
-                    let i = some.trailing_zeros() as usize;
-                    some &= some - 1;
-                    let child = node.child[i];
-                    self.prefetch::<I>(child);
-                    stack.push_sorted(0, first, Entry { near: meeting.near[i], child, mask: masks[i] });
+                for entry in &stack.entries[first..stack.len] {
+                    self.prefetch::<I>(entry.child);
                 }
             }
             entry = loop {
-                let Some(mut next) = stack.pop(0, base) else { return };
+                let Some(mut next) = stack.pop(base) else { return };
                 next.mask = packet.within::<I>(next.mask, next.near);
                 if next.mask != 0 {
                     break next;
@@ -206,7 +198,7 @@ impl<L: Send> Bvh<L> {
             && let Some(lane) = take(&mut left)
         {
             let walk = &mut walks[going];
-            (walk.stack, walk.base) = (1 + going, stack.len[1 + going]);
+            (walk.pile, walk.base) = (going, stack.piles[going].len);
             walk.start(lane, packet);
             going += 1;
         }
@@ -243,23 +235,14 @@ impl<L: Send> Bvh<L> {
             }
         } else {
             let node = &self.nodes[walk.child.index()];
-            let meeting = walk.hull.meet::<I>(node, walk.limit);
-            let mut met = meeting.met;
-            if met != 0 && met & (met - 1) == 0 {
-                walk.child = node.child[met.trailing_zeros() as usize];
-                self.prefetch::<I>(walk.child);
-                return true;
-            }
-            let first = stack.len[walk.stack];
-            while met != 0 {
-                let i = met.trailing_zeros() as usize;
-                met &= met - 1;
-                stack.push_sorted(walk.stack, first, Entry { near: meeting.near[i], child: node.child[i], mask: 0 });
-            }
+            let Slabs { near, far, .. } = walk.hull.slabs::<I>(node, walk.limit);
+            stack.piles[walk.pile].push::<I>(near, far, &node.child);
         }
-        while let Some(next) = stack.pop(walk.stack, walk.base) {
-            if next.near <= walk.limit {
-                walk.child = next.child;
+        let pile = &mut stack.piles[walk.pile];
+        while pile.len > walk.base {
+            pile.len -= 1;
+            if pile.near[pile.len] <= walk.limit {
+                walk.child = Child(pile.child[pile.len]);
                 self.prefetch::<I>(walk.child);
                 return true;
             }
@@ -267,22 +250,15 @@ impl<L: Send> Bvh<L> {
         false
     }
 
+    /// Brings a node or a leaf into the cache. No branch hangs on which it is: there will be one when it is visited.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, child: Child) {
-        if child.is_leaf() {
-            prefetch::<I, L>(&self.leaves[child.index()]);
-        } else {
-            prefetch::<I, Node>(&self.nodes[child.index()]);
+        let leaf: *const [u8; 64] = self.leaves.as_ptr().wrapping_add(child.index()).cast();
+        let node: *const [u8; 64] = self.nodes.as_ptr().wrapping_add(child.index()).cast();
+        let start = if child.is_leaf() { leaf } else { node };
+        for line in 0..size_of::<Node>().max(size_of::<L>()).div_ceil(64) {
+            I::prefetch(start.wrapping_add(line));
         }
-    }
-}
-
-/// Brings all of it into the cache.
-#[inline(always)]
-fn prefetch<I: Isa, T>(what: &T) {
-    let start: *const T = what;
-    for line in 0..size_of::<T>().div_ceil(64) {
-        I::prefetch(start.cast::<[u8; 64]>().wrapping_add(line));
     }
 }
 
@@ -293,13 +269,13 @@ struct Walk {
     hull: Hull,
     limit: f32,
     child: Child,
-    /// Which stack, and where it begins.
-    stack: usize,
+    /// Which pile, and where it begins.
+    pile: usize,
     base: usize,
 }
 
 impl Walk {
-    const EMPTY: Walk = Walk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), stack: 0, base: 0 };
+    const EMPTY: Walk = Walk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), pile: 0, base: 0 };
 
     #[inline(always)]
     fn start(&mut self, lane: usize, packet: &Packet) {
@@ -322,11 +298,35 @@ struct Entry {
 /// Rays that a thread traces by turns.
 const WALKS: usize = 8;
 
-/// Traversal stacks, to be used again and again: one for rays together, and one for each that goes alone. They are deep enough for a hierarchy
-/// within a hierarchy: each level pops one entry and pushes at most `WIDTH`.
+/// What is still to be visited, to be used again and again: by rays together, and a pile for each ray that goes alone. They are deep enough for a
+/// hierarchy within a hierarchy: each level pops one entry and pushes at most `WIDTH`.
 pub struct Stack {
-    entries: [[Entry; Stack::SIZE]; 1 + WALKS],
-    len: [usize; 1 + WALKS],
+    /// One more than are wanted may be written.
+    entries: [Entry; Stack::SIZE + 1],
+    len: usize,
+    piles: [Pile; WALKS],
+}
+
+/// The subtrees that a single ray has still to visit, and how near they may be; the nearest last.
+#[derive(Clone, Copy)]
+struct Pile {
+    near: [f32; Pile::SIZE],
+    child: [u32; Pile::SIZE],
+    len: usize,
+}
+
+impl Pile {
+    /// A push writes `WIDTH` entries, whether they count or not.
+    const SIZE: usize = Stack::SIZE + WIDTH;
+
+    /// Pushes the children whose boxes the ray enters before it leaves them.
+    #[inline(always)]
+    fn push<I: Isa>(&mut self, near: I::F32x8, far: I::F32x8, children: &[Child; WIDTH]) {
+        let (count, near, children) = I::by_distance(near, far, &children.map(|child| child.0));
+        self.near[self.len..self.len + WIDTH].copy_from_slice(&near);
+        self.child[self.len..self.len + WIDTH].copy_from_slice(&children);
+        self.len += count;
+    }
 }
 
 impl Default for Stack {
@@ -340,29 +340,34 @@ impl Stack {
 
     pub fn new() -> Self {
         let empty = Entry { near: 0.0, child: Child(0), mask: 0 };
-        Stack { entries: [[empty; Stack::SIZE]; 1 + WALKS], len: [0; 1 + WALKS] }
+        let pile = Pile { near: [0.0; Pile::SIZE], child: [0; Pile::SIZE], len: 0 };
+        Stack { entries: [empty; Stack::SIZE + 1], len: 0, piles: [pile; WALKS] }
     }
 
     #[inline(always)]
-    fn pop(&mut self, which: usize, base: usize) -> Option<Entry> {
-        if self.len[which] <= base {
+    fn pop(&mut self, base: usize) -> Option<Entry> {
+        if self.len <= base {
             return None;
         }
-        self.len[which] -= 1;
-        Some(self.entries[which][self.len[which]])
+        self.len -= 1;
+        Some(self.entries[self.len])
+    }
+
+    #[inline(always)]
+    fn push_if(&mut self, wanted: bool, entry: Entry) {
+        self.entries[self.len] = entry;
+        self.len += usize::from(wanted);
     }
 
     /// Keeps the entries from `first` on in descending order of `near`, so that the nearest is popped first.
-    #[inline(always)]
-    fn push_sorted(&mut self, which: usize, first: usize, entry: Entry) {
-        let (entries, len) = (&mut self.entries[which], &mut self.len[which]);
-        let mut i = *len;
-        while i > first && entries[i - 1].near < entry.near {
-            entries[i] = entries[i - 1];
+    fn push_sorted(&mut self, first: usize, entry: Entry) {
+        let mut i = self.len;
+        while i > first && self.entries[i - 1].near < entry.near {
+            self.entries[i] = self.entries[i - 1];
             i -= 1;
         }
-        entries[i] = entry;
-        *len += 1;
+        self.entries[i] = entry;
+        self.len += 1;
     }
 }
 
@@ -462,7 +467,7 @@ mod tests {
             let (mut packet, mut stack) = (Packet::empty(), Stack::new());
             packet.enter::<I>(self.seen, self.bvh.center(), 0.0, &[f64::MAX; LANES]);
             self.bvh.traverse_packet::<I>(&mut packet, self.active, self.together, &mut stack, self.notes);
-            assert_eq!(stack.len, [0; 1 + WALKS]);
+            assert!(stack.len == 0 && stack.piles.iter().all(|pile| pile.len == 0));
         }
     }
 

@@ -306,13 +306,14 @@ pub(super) struct Hull {
     backward: [bool; 3],
 }
 
-/// The boxes of a node that any ray of a hull may meet.
+/// The boxes of a node that any ray of a hull may meet, the farthest first.
 pub(super) struct Meeting {
-    /// A bit each.
-    pub met: u32,
+    pub count: usize,
+    /// Which child each is of.
+    pub child: [u32; WIDTH],
     /// Lower bounds of t.
     pub near: [f32; WIDTH],
-    /// From the origins to the near and to the far planes.
+    /// By child, from the origins to the near and to the far planes.
     first: [[f32; WIDTH]; 3],
     last: [[f32; WIDTH]; 3],
 }
@@ -513,11 +514,12 @@ impl Hull {
         backward: [false; 3],
     };
 
+    /// Where rays of the hull may enter the boxes of a node, and where they must have left them.
     #[inline(always)]
-    pub(super) fn meet<I: Isa>(&self, node: &Node, limit: f32) -> Meeting {
-        let mut meeting = Meeting { met: 0, near: [0.0; WIDTH], first: [[0.0; WIDTH]; 3], last: [[0.0; WIDTH]; 3] };
+    pub(super) fn slabs<I: Isa>(&self, node: &Node, limit: f32) -> Slabs<I> {
         let mut near = I::F32x8::splat(self.start);
         let mut far = I::F32x8::splat(limit);
+        let (mut firsts, mut lasts) = ([near; 3], [far; 3]);
         for i in 0..3 {
             let (first, last) =
                 if self.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
@@ -525,13 +527,32 @@ impl Hull {
             let last = I::F32x8::load(last).sub(I::F32x8::splat(self.far_origin[i]));
             near = first.mul(I::F32x8::splat(self.near_slope[i])).max(near);
             far = last.mul(I::F32x8::splat(self.far_slope[i])).min(far);
-            meeting.first[i] = first.store();
-            meeting.last[i] = last.store();
+            (firsts[i], lasts[i]) = (first, last);
         }
-        meeting.near = near.store();
-        meeting.met = near.le(far);
-        meeting
+        Slabs { near, far, first: firsts, last: lasts }
     }
+
+    #[inline(always)]
+    pub(super) fn meet<I: Isa>(&self, node: &Node) -> Meeting {
+        let Slabs { near, far, first, last } = self.slabs::<I>(node, f32::INFINITY);
+        let (count, near, child) = I::by_distance(near, far, &[0, 1, 2, 3, 4, 5, 6, 7]);
+        Meeting {
+            count,
+            child,
+            near,
+            first: [first[0].store(), first[1].store(), first[2].store()],
+            last: [last[0].store(), last[1].store(), last[2].store()],
+        }
+    }
+}
+
+/// The boxes of a node as a hull meets them.
+pub(super) struct Slabs<I: Isa> {
+    pub near: I::F32x8,
+    pub far: I::F32x8,
+    /// From the origins to the near and to the far planes.
+    first: [I::F32x8; 3],
+    last: [I::F32x8; 3],
 }
 
 #[cfg(test)]

@@ -53,6 +53,9 @@ const PLACE: u32 = 52 - FRACTION;
 const FRACTION_MASK: u64 = ((1 << FRACTION) - 1) << PLACE;
 const ONE: u64 = 1.0_f64.to_bits();
 
+/// The bits of a float32 but for its sign and the last three, which hold the number of a lane where lanes are sorted.
+const DISTANCE_MASK: u32 = 0x7fff_fff8;
+
 /// An instruction set.
 pub trait Isa: Copy {
     type F32x8: Floats<f32, 8>;
@@ -67,6 +70,9 @@ pub trait Isa: Copy {
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// The coordinates of eight points, an axis after the other.
     fn columns(points: [&[f64; 3]; 8]) -> [Self::F64x8; 3];
+    /// Of eight distances those with `near` ≤ `far`: how many they are, and the distances, rounded down by their last three bits, and what belongs
+    /// to them, the farthest first. What follows in the arrays means nothing. No distance is negative.
+    fn by_distance(near: Self::F32x8, far: Self::F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]);
     /// Brings what is near `address` into the cache.
     fn prefetch<T>(address: *const T);
 
@@ -263,6 +269,52 @@ mod tests {
                 }
             }
         }
+    }
+
+    struct Distances<'a>(&'a [f32; 8], &'a [f32; 8], &'a [u32; 8]);
+
+    impl Task for Distances<'_> {
+        type Output = (usize, [f32; 8], [u32; 8]);
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            I::by_distance(I::F32x8::load(self.0), I::F32x8::load(self.1), self.2)
+        }
+    }
+
+    #[test]
+    fn distances_are_sorted_with_what_belongs_to_them() {
+        let mut number = crate::testing::numbers();
+        let mut counts = [0; 9];
+        for round in 0..2000 {
+            let near = [0; 8].map(|_: u8| match (30.0 * number()) as u32 {
+                0 => 0.0,
+                1 => -0.0,
+                2 => f32::MAX,
+                3 => f32::INFINITY,
+                4 => 1.0 + 1e-6 * number() as f32,
+                _ => (100.0 * number()) as f32,
+            });
+            let reach = 1e4_f64.powf(number());
+            let far = [0; 8].map(|_: u8| if number() < 0.05 { f32::NAN } else { (reach * number()) as f32 });
+            let what = [0; 8].map(|_: u8| (u32::MAX as f64 * number()) as u32);
+            let met: Vec<usize> = (0..8).filter(|&i| near[i] <= far[i]).collect();
+            counts[met.len()] += 1;
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let (count, distances, found) = dispatch(level, Distances(&near, &far, &what));
+                assert_eq!(count, met.len());
+                assert!(distances[..count].is_sorted_by(|a, b| a >= b), "{level:?}, {round}");
+                let mut left = met.clone();
+                for (distance, found) in distances[..count].iter().zip(found) {
+                    let at = left
+                        .iter()
+                        .position(|&i| what[i] == found && distance.to_bits() == near[i].abs().to_bits() & !7);
+                    assert!(at.is_some(), "{level:?}: {distance} of {near:?}");
+                    left.remove(at.unwrap_or(0));
+                }
+            }
+        }
+        assert!(counts[..8].iter().all(|&count| count > 20), "{counts:?}");
     }
 
     #[test]

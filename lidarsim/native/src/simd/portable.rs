@@ -1,6 +1,6 @@
 //! Arrays, for any processor.
 
-use super::{FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE};
+use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE};
 
 #[derive(Clone, Copy)]
 pub struct Portable;
@@ -31,6 +31,24 @@ impl Isa for Portable {
     #[inline(always)]
     fn columns(points: [&[f64; 3]; 8]) -> [[f64; 8]; 3] {
         std::array::from_fn(|axis| points.map(|point| point[axis]))
+    }
+
+    #[inline(always)]
+    fn by_distance(near: [f32; 8], far: [f32; 8], what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
+        let (mut count, mut distances, mut sorted) = (0, [0.0; 8], [0; 8]);
+        for i in 0..8 {
+            if near[i] <= far[i] {
+                let distance = f32::from_bits(near[i].to_bits() & DISTANCE_MASK);
+                let mut k = count;
+                while k > 0 && distances[k - 1] < distance {
+                    (distances[k], sorted[k]) = (distances[k - 1], sorted[k - 1]);
+                    k -= 1;
+                }
+                (distances[k], sorted[k]) = (distance, what[i]);
+                count += 1;
+            }
+        }
+        (count, distances, sorted)
     }
 
     #[inline(always)]

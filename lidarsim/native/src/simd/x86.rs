@@ -6,7 +6,7 @@
 
 use core::arch::x86_64::*;
 
-use super::{FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE, Task};
+use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE, Task};
 
 #[derive(Clone, Copy)]
 pub struct Avx2;
@@ -87,6 +87,25 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
+    fn by_distance(near: __m256, far: __m256, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
+        // SAFETY: as above.
+        unsafe {
+            let met = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
+            let distance = _mm256_set1_epi32(DISTANCE_MASK as i32);
+            let lanes = _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0);
+            let keys = _mm256_or_si256(_mm256_and_si256(_mm256_castps_si256(near), distance), lanes);
+            // Those that are not met are −1, and come last.
+            let missed = _mm256_xor_si256(_mm256_castps_si256(met), _mm256_set1_epi32(-1));
+            let keys = sorted(_mm256_or_si256(keys, missed));
+            let what = _mm256_permutevar8x32_epi32(_mm256_loadu_si256(what.as_ptr().cast()), keys);
+            let (mut distances, mut found) = ([0.0; 8], [0; 8]);
+            _mm256_storeu_ps(distances.as_mut_ptr(), _mm256_castsi256_ps(_mm256_and_si256(keys, distance)));
+            _mm256_storeu_si256(found.as_mut_ptr().cast(), what);
+            (_mm256_movemask_ps(met).count_ones() as usize, distances, found)
+        }
+    }
+
+    #[inline(always)]
     fn prefetch<T>(address: *const T) {
         // SAFETY: a prefetch of any address is harmless.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
@@ -111,6 +130,26 @@ fn fraction_of_four<const FIRST: u32>(x: __m256i) -> __m256d {
         let fraction = _mm256_and_si256(placed, _mm256_set1_epi64x(FRACTION_MASK as i64));
         _mm256_castsi256_pd(_mm256_or_si256(fraction, _mm256_set1_epi64x(ONE as i64)))
     }
+}
+
+/// Eight signed integers in descending order: Batcher's bitonic sort. In each step the lanes of the mask, from the right, keep the larger of two.
+#[inline(always)]
+fn sorted(x: __m256i) -> __m256i {
+    // SAFETY: as above.
+    unsafe {
+        let x = exchanged::<0b1001_1001>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x));
+        let x = exchanged::<0b1100_0011>(x, _mm256_shuffle_epi32::<0b01_00_11_10>(x));
+        let x = exchanged::<0b1010_0101>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x));
+        let x = exchanged::<0b0000_1111>(x, _mm256_permute2x128_si256::<1>(x, x));
+        let x = exchanged::<0b0011_0011>(x, _mm256_shuffle_epi32::<0b01_00_11_10>(x));
+        exchanged::<0b0101_0101>(x, _mm256_shuffle_epi32::<0b10_11_00_01>(x))
+    }
+}
+
+#[inline(always)]
+fn exchanged<const LARGER: i32>(x: __m256i, other: __m256i) -> __m256i {
+    // SAFETY: as above.
+    unsafe { _mm256_blend_epi32::<LARGER>(_mm256_min_epi32(x, other), _mm256_max_epi32(x, other)) }
 }
 
 /// A point in the lower three lanes. The load of the fourth, beyond the point, is masked out, so that it is none.
@@ -177,6 +216,11 @@ impl Isa for Avx512 {
                 _mm512_shuffle_f64x2::<0b11_01_11_01>(xz0, xz1),
             ]
         }
+    }
+
+    #[inline(always)]
+    fn by_distance(near: __m256, far: __m256, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
+        Avx2::by_distance(near, far, what)
     }
 
     #[inline(always)]
