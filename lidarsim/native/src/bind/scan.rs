@@ -209,7 +209,7 @@ impl PulseArrays<'_> {
     }
 }
 
-/// What a scan gives, each array filled once.
+/// What a scan gives: each array has room for all pulses, and its length when it is filled.
 struct Columns {
     range: Vec<f64>,
     true_range: Vec<f64>,
@@ -224,34 +224,36 @@ struct Columns {
 }
 
 impl Columns {
+    /// Room for the rows of so many pulses.
     fn new(pulses: usize, most: usize) -> Self {
         let rows = pulses * most;
         Columns {
-            range: vec![0.0; rows],
-            true_range: vec![0.0; rows],
-            range_error: vec![0.0; rows],
-            intensity: vec![0.0; rows],
-            incidence: vec![0.0; rows],
-            normal: vec![[0.0; 3]; rows],
-            object_id: vec![0; rows],
-            label: vec![0; rows],
-            status: vec![0; pulses],
-            return_count: vec![0; pulses],
+            range: Vec::with_capacity(rows),
+            true_range: Vec::with_capacity(rows),
+            range_error: Vec::with_capacity(rows),
+            intensity: Vec::with_capacity(rows),
+            incidence: Vec::with_capacity(rows),
+            normal: Vec::with_capacity(rows),
+            object_id: Vec::with_capacity(rows),
+            label: Vec::with_capacity(rows),
+            status: Vec::with_capacity(pulses),
+            return_count: Vec::with_capacity(pulses),
         }
     }
 
-    /// The rows of `size` pulses at a time.
-    fn rows(&mut self, size: usize, most: usize) -> Vec<Rows<'_>> {
-        let mut range = self.range.chunks_mut(size * most);
-        let mut true_range = self.true_range.chunks_mut(size * most);
-        let mut range_error = self.range_error.chunks_mut(size * most);
-        let mut intensity = self.intensity.chunks_mut(size * most);
-        let mut incidence = self.incidence.chunks_mut(size * most);
-        let mut normal = self.normal.chunks_mut(size * most);
-        let mut object_id = self.object_id.chunks_mut(size * most);
-        let mut label = self.label.chunks_mut(size * most);
-        let mut status = self.status.chunks_mut(size);
-        let mut return_count = self.return_count.chunks_mut(size);
+    /// The rows of `size` of the pulses at a time.
+    fn rows(&mut self, pulses: usize, size: usize, most: usize) -> Vec<Rows<'_>> {
+        let (rows, many) = (pulses * most, size * most);
+        let mut range = self.range.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut true_range = self.true_range.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut range_error = self.range_error.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut intensity = self.intensity.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut incidence = self.incidence.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut normal = self.normal.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut object_id = self.object_id.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut label = self.label.spare_capacity_mut()[..rows].chunks_mut(many);
+        let mut status = self.status.spare_capacity_mut()[..pulses].chunks_mut(size);
+        let mut return_count = self.return_count.spare_capacity_mut()[..pulses].chunks_mut(size);
         std::iter::from_fn(|| {
             Some(Rows {
                 range: range.next()?,
@@ -267,6 +269,26 @@ impl Columns {
             })
         })
         .collect()
+    }
+
+    /// # Safety
+    ///
+    /// The rows of so many pulses must have been written.
+    unsafe fn are_written(&mut self, pulses: usize, most: usize) {
+        let rows = pulses * most;
+        // SAFETY: there is room for as many, and the caller has written them.
+        unsafe {
+            self.range.set_len(rows);
+            self.true_range.set_len(rows);
+            self.range_error.set_len(rows);
+            self.intensity.set_len(rows);
+            self.incidence.set_len(rows);
+            self.normal.set_len(rows);
+            self.object_id.set_len(rows);
+            self.label.set_len(rows);
+            self.status.set_len(pulses);
+            self.return_count.set_len(pulses);
+        }
     }
 
     fn into_dict(self, py: Python<'_>, most: usize) -> PyResult<Bound<'_, PyDict>> {
@@ -313,7 +335,7 @@ pub fn scan<'py>(
     let most = measurement.returns.most();
     let size = (chunk(directions) / measurement.rays()).max(1);
     let mut columns = Columns::new(directions.len(), most);
-    let mut rows = columns.rows(size, most);
+    let mut rows = columns.rows(directions.len(), size, most);
     py.detach(|| scene.scene.prepare());
     let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);
     let chunks = (SLICE / (size * measurement.rays())).max(1);
@@ -336,6 +358,8 @@ pub fn scan<'py>(
         }
         py.check_signals()?;
     }
+    // SAFETY: the chunks hold the rows of all pulses, and every chunk was measured without a bad pulse, so that all of it was written.
+    unsafe { columns.are_written(directions.len(), most) };
     columns.into_dict(py, most)
 }
 

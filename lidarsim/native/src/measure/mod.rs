@@ -10,6 +10,7 @@ mod direction;
 mod echo;
 mod parameters;
 
+use std::mem::MaybeUninit;
 use std::ops::Range;
 
 use crate::elementary::first_quadrant_angle;
@@ -145,43 +146,43 @@ pub enum Fault {
     Time,
 }
 
-/// Where the result goes: for each pulse as many rows as it can have returns, and one status.
+/// Room for the result: for each pulse as many rows as it can have returns, and one status. All of it is written, unless a pulse is bad.
 pub struct Rows<'a> {
-    pub range: &'a mut [f64],
-    pub true_range: &'a mut [f64],
-    pub range_error: &'a mut [f64],
-    pub intensity: &'a mut [f32],
-    pub incidence: &'a mut [f32],
-    pub normal: &'a mut [[f32; 3]],
-    pub object_id: &'a mut [i32],
-    pub label: &'a mut [u32],
-    pub status: &'a mut [u8],
-    pub return_count: &'a mut [u8],
+    pub range: &'a mut [MaybeUninit<f64>],
+    pub true_range: &'a mut [MaybeUninit<f64>],
+    pub range_error: &'a mut [MaybeUninit<f64>],
+    pub intensity: &'a mut [MaybeUninit<f32>],
+    pub incidence: &'a mut [MaybeUninit<f32>],
+    pub normal: &'a mut [MaybeUninit<[f32; 3]>],
+    pub object_id: &'a mut [MaybeUninit<i32>],
+    pub label: &'a mut [MaybeUninit<u32>],
+    pub status: &'a mut [MaybeUninit<u8>],
+    pub return_count: &'a mut [MaybeUninit<u8>],
 }
 
 impl Rows<'_> {
     /// All but the incidence.
     #[inline(always)]
     fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, label: u32) {
-        self.true_range[row] = echo.true_range;
-        self.normal[row] = hit.normal.map(|x| x as f32);
-        self.object_id[row] = hit.object;
-        self.label[row] = label;
+        self.true_range[row].write(echo.true_range);
+        self.normal[row].write(hit.normal.map(|x| x as f32));
+        self.object_id[row].write(hit.object);
+        self.label[row].write(label);
         let range = echo.measured.unwrap_or(f64::NAN);
-        self.range[row] = range;
-        self.range_error[row] = range - echo.true_range;
-        self.intensity[row] = if echo.measured.is_ok() { echo.intensity as f32 } else { f32::NAN };
+        self.range[row].write(range);
+        self.range_error[row].write(range - echo.true_range);
+        self.intensity[row].write(if echo.measured.is_ok() { echo.intensity as f32 } else { f32::NAN });
     }
 
     #[inline(always)]
     fn clear(&mut self, row: usize) {
-        self.true_range[row] = f64::NAN;
-        self.normal[row] = [f32::NAN; 3];
-        self.object_id[row] = -1;
-        self.label[row] = 0;
-        self.range[row] = f64::NAN;
-        self.range_error[row] = f64::NAN;
-        self.intensity[row] = f32::NAN;
+        self.true_range[row].write(f64::NAN);
+        self.normal[row].write([f32::NAN; 3]);
+        self.object_id[row].write(-1);
+        self.label[row].write(0);
+        self.range[row].write(f64::NAN);
+        self.range_error[row].write(f64::NAN);
+        self.intensity[row].write(f32::NAN);
     }
 }
 
@@ -285,15 +286,15 @@ impl<'a, C: Caster> Scan<'a, C> {
                     }
                 }
             }
-            rows.status[i] = status as u8;
-            rows.return_count[i] = if status == Status::Hit { (row - first) as u8 } else { 0 };
+            rows.status[i].write(status as u8);
+            rows.return_count[i].write(if status == Status::Hit { (row - first) as u8 } else { 0 });
             for row in row..first + most {
                 rows.clear(row);
                 rays.incidence[row] = [f64::NAN; 2];
             }
         }
         for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(&rays.incidence) {
-            *angle = first_quadrant_angle(squared_sin.sqrt(), *cos) as f32;
+            angle.write(first_quadrant_angle(squared_sin.sqrt(), *cos) as f32);
         }
         Ok(())
     }
