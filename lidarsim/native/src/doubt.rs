@@ -4,11 +4,10 @@
 use crate::bvh::Rays;
 use crate::number::Interval;
 use crate::pair::{Pair, V};
-use crate::refine::{BOUND, Corners, Crossing, corners_of};
+use crate::refine::{BOUND, Corners, Crossing, NOWHERE, corners_of};
 use crate::scene::{Place, Scene};
 use crate::search::Searches;
 use crate::simd::{Floats, Isa, lanes};
-use crate::vector::Point;
 
 /// Pairs of a ray and a triangle, in which the triangle is not moved. They wait until there are many, while their vertices come.
 pub struct Doubts {
@@ -40,7 +39,6 @@ impl Doubts {
     /// Offers those triangles that their rays meet to the searches of these.
     #[inline(always)]
     pub fn settle<I: Isa>(&mut self, scene: &Scene, rays: &Rays, searches: &mut Searches) {
-        const NOWHERE: &Point = &[0.0; 3];
         let mut corners: Corners<WAITING> = [[NOWHERE; 3]; WAITING];
         let (mut origin, mut direction) = ([[0.0; WAITING]; 3], [[0.0; WAITING]; 3]);
         for k in 0..self.count {
@@ -56,7 +54,7 @@ impl Doubts {
         }
         for eight in 0..self.count.div_ceil(8) {
             let corners = corners_of::<I>(&corners.as_chunks().0[eight]);
-            let (o, d) = (part::<I>(&origin, eight), part::<I>(&direction, eight));
+            let (o, d) = (lanes::part(&origin, eight), lanes::part(&direction, eight));
             let (met, missed) = sides::<I>(corners, o, d);
             let (t, known) = Crossing::<I>::new(corners, o, d).bounds();
             let (low, high) = (t.low.store(), t.high.store());
@@ -71,15 +69,6 @@ impl Doubts {
         }
         self.count = 0;
     }
-}
-
-#[inline(always)]
-fn part<I: Isa>(v: &[[f64; WAITING]; 3], eight: usize) -> V<I> {
-    [
-        I::F64x8::load(&v[0].as_chunks().0[eight]),
-        I::F64x8::load(&v[1].as_chunks().0[eight]),
-        I::F64x8::load(&v[2].as_chunks().0[eight]),
-    ]
 }
 
 /// The lanes whose ray certainly meets its triangle, and those whose ray certainly does not: by the signs of the volumes d·(c × b), d·(a × c),
@@ -143,6 +132,7 @@ mod tests {
     use crate::shapes::{Surface, Triangle};
     use crate::simd::{Level, Task, dispatch};
     use crate::testing::numbers;
+    use crate::vector::Point;
 
     /// Eight rays and a triangle each.
     struct Look<'a> {

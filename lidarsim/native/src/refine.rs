@@ -9,7 +9,8 @@ use crate::simd::{Floats, Isa, lanes};
 use crate::trace::Sink;
 use crate::vector::Point;
 
-const NOWHERE: &Point = &[0.0; 3];
+/// The corner of no triangle.
+pub const NOWHERE: &Point = &[0.0; 3];
 
 /// The corners of triangles, one for each lane.
 pub type Corners<'a, const N: usize> = [[&'a Point; 3]; N];

@@ -12,7 +12,7 @@ use crate::ray::Ray;
 use crate::scene::{Geometry, Hit, Place, Scene};
 use crate::search::Searches;
 use crate::shapes::{Surface, SurfaceTask};
-use crate::simd::{Floats, Isa};
+use crate::simd::{Floats, Isa, lanes};
 use crate::trace::Sink;
 use crate::vector::{self, Point, Vector};
 
@@ -20,12 +20,6 @@ use crate::vector::{self, Point, Vector};
 #[inline(always)]
 fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
     F::load(&x.as_chunks().0[i])
-}
-
-/// The coordinates of part `i` of vectors, an axis each.
-#[inline(always)]
-fn part<F: Floats<f64, N>, const N: usize, const M: usize>(v: &[[f64; M]; 3], i: usize) -> [F; 3] {
-    [load(&v[0], i), load(&v[1], i), load(&v[2], i)]
 }
 
 /// A packet's bits of part `i`, as bits of the lanes of a register.
@@ -138,7 +132,7 @@ impl<P: Placement> SurfaceTask for Meet<'_, P> {
                 continue;
             }
             let asked = Cell::new(left);
-            let (o, d): ([F; 3], [F; 3]) = (part(&rays.origin, i), part(&rays.direction, i));
+            let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
             let world = Ray { origin: balls(o, &asked), direction: balls(d, &asked), weight: None };
             let ray = placement.local(world);
             while left != 0 {
@@ -286,14 +280,16 @@ impl Group {
         }
         let (object, primitive) = (self.place.object as i32, object.reported(self.place.primitive));
         for seat in 0..self.count {
-            let hit = if found.known & (1 << seat) != 0 {
-                Hit { t: found.t[seat], normal: pick(&found.normal, seat), object, primitive }
+            let at = self.at[seat] as usize;
+            // No hit is put together first: to read back in one piece what was written in several takes long.
+            if found.known & (1 << seat) != 0 {
+                hits.put(at, Hit { t: found.t[seat], normal: pick(&found.normal, seat), object, primitive });
             } else {
                 let bounds = Interval { low: self.low[seat], high: self.high[seat] };
                 let place = Place { index: self.index[seat], ..self.place };
-                scene.hit_within(&place, bounds, pick(&self.origin, seat), pick(&self.direction, seat))
-            };
-            hits.put(self.at[seat] as usize, hit);
+                let (origin, direction) = (pick(&self.origin, seat), pick(&self.direction, seat));
+                hits.put(at, scene.hit_within(&place, bounds, origin, direction));
+            }
         }
         self.count = 0;
     }
@@ -327,9 +323,9 @@ impl<P: Placement> SurfaceTask for Finish<'_, P> {
         for i in 0..group.count.div_ceil(N) {
             let asked = Cell::new(((1_u32 << group.count) - 1) >> (i * N) & ((1 << N) - 1));
             let bounds = Interval { low: load(&group.low, i), high: load(&group.high, i) };
-            let origin: [F; 3] = part(&group.origin, i);
+            let origin: [F; 3] = lanes::part(&group.origin, i);
             let meeting =
-                Meeting { feature: group.place.feature, origin, direction: part(&group.direction, i), bounds };
+                Meeting { feature: group.place.feature, origin, direction: lanes::part(&group.direction, i), bounds };
             if let Ok((t, normal)) = finish(placement, surface, &meeting, Many::new(&asked)) {
                 let [x, y, z] = vector::unit(normal);
                 found.t.as_chunks_mut().0[i] = t.store();

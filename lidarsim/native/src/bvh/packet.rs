@@ -160,13 +160,13 @@ impl Rays {
     /// The origins of the eighth part `eight`, by axis.
     #[inline(always)]
     pub fn origins<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
-        part::<I>(&self.origin, eight)
+        lanes::part(&self.origin, eight)
     }
 
     /// As `origins`.
     #[inline(always)]
     pub fn directions<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
-        part::<I>(&self.direction, eight)
+        lanes::part(&self.direction, eight)
     }
 
     /// Whether the rays keep together in a scene of this size, so that they meet much the same boxes.
@@ -199,15 +199,6 @@ impl Rays {
         }
         apart == 0 && !wide
     }
-}
-
-#[inline(always)]
-fn part<I: Isa>(v: &[[f64; LANES]; 3], eight: usize) -> [I::F64x8; 3] {
-    [
-        I::F64x8::load(&v[0].as_chunks().0[eight]),
-        I::F64x8::load(&v[1].as_chunks().0[eight]),
-        I::F64x8::load(&v[2].as_chunks().0[eight]),
-    ]
 }
 
 /// Less than eight numbers, and `more` after them.

@@ -191,6 +191,12 @@ pub mod lanes {
         [F::splat(v[0]), F::splat(v[1]), F::splat(v[2])]
     }
 
+    /// The coordinates of part `i` of vectors, an axis each.
+    #[inline(always)]
+    pub fn part<F: Floats<f64, N>, const N: usize, const M: usize>(v: &[[f64; M]; 3], i: usize) -> [F; 3] {
+        [F::load(&v[0].as_chunks().0[i]), F::load(&v[1].as_chunks().0[i]), F::load(&v[2].as_chunks().0[i])]
+    }
+
     #[inline(always)]
     pub fn abs<F: Floats<f64, 8>>(v: [F; 3]) -> [F; 3] {
         [v[0].abs(), v[1].abs(), v[2].abs()]
