@@ -39,6 +39,9 @@ impl Doubts {
     /// Offers those triangles that their rays meet to the searches of these.
     #[inline(always)]
     pub fn settle<I: Isa>(&mut self, scene: &Scene, rays: &Rays, searches: &mut Searches) {
+        if self.count == 0 {
+            return;
+        }
         let mut corners: Corners<WAITING> = [[NOWHERE; 3]; WAITING];
         let (mut origin, mut direction) = ([[0.0; WAITING]; 3], [[0.0; WAITING]; 3]);
         for k in 0..self.count {

@@ -75,7 +75,7 @@ impl Rays {
         for eight in 0..given.div_ceil(8) {
             let at = match order[8 * eight..].first_chunk() {
                 Some(at) => *at,
-                None => first_of(&order[8 * eight..], first),
+                None => padded(&order[8 * eight..], first),
             };
             self.at.as_chunks_mut().0[eight] = at;
             let (o, d) = (columns::<I>(origins, &at), columns::<I>(directions, &at));
@@ -201,9 +201,9 @@ impl Rays {
     }
 }
 
-/// Less than eight numbers, and `more` after them.
-fn first_of(some: &[u32], more: u32) -> [u32; 8] {
-    let mut eight = [more; 8];
+/// Fewer than eight numbers, and after them `filler`.
+fn padded(some: &[u32], filler: u32) -> [u32; 8] {
+    let mut eight = [filler; 8];
     eight[..some.len()].copy_from_slice(some);
     eight
 }
