@@ -7,7 +7,7 @@ use crate::pair::{Pair, V};
 use crate::refine::{BOUND, Corners, Crossing, NOWHERE, corners_of};
 use crate::scene::{Place, Scene};
 use crate::search::Searches;
-use crate::simd::{Floats, Isa, lanes};
+use crate::simd::{Floats, Isa, Task, lanes};
 
 /// Pairs of a ray and a triangle, in which the triangle is not moved. They wait until there are many, while their vertices come.
 pub struct Doubts {
@@ -39,13 +39,29 @@ impl Doubts {
     /// Offers those triangles that their rays meet to the searches of these.
     #[inline(always)]
     pub fn settle<I: Isa>(&mut self, scene: &Scene, rays: &Rays, searches: &mut Searches) {
-        if self.count == 0 {
-            return;
+        if self.count > 0 {
+            I::call(Settle { doubts: self, scene, rays, searches });
         }
+    }
+}
+
+struct Settle<'t, 'a> {
+    doubts: &'t mut Doubts,
+    scene: &'t Scene,
+    rays: &'t Rays,
+    searches: &'t mut Searches<'a>,
+}
+
+impl Task for Settle<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Settle { doubts: Doubts { count, lane, place }, scene, rays, searches } = self;
         let mut corners: Corners<WAITING> = [[NOWHERE; 3]; WAITING];
         let (mut origin, mut direction) = ([[0.0; WAITING]; 3], [[0.0; WAITING]; 3]);
-        for k in 0..self.count {
-            let (lane, place) = (usize::from(self.lane[k]), &self.place[k]);
+        for k in 0..*count {
+            let (lane, place) = (usize::from(lane[k]), &place[k]);
             corners[k] = scene.objects()[place.object as usize].corners(place.primitive);
             for corner in corners[k] {
                 I::prefetch(corner);
@@ -55,14 +71,14 @@ impl Doubts {
                 direction[axis][k] = rays.direction[axis][lane];
             }
         }
-        for eight in 0..self.count.div_ceil(8) {
+        for eight in 0..count.div_ceil(8) {
             let corners = corners_of::<I>(&corners.as_chunks().0[eight]);
             let (o, d) = (lanes::part(&origin, eight), lanes::part(&direction, eight));
             let (met, missed) = sides::<I>(corners, o, d);
             let (t, known) = Crossing::<I>::new(corners, o, d).bounds();
             let (low, high) = (t.low.store(), t.high.store());
-            for k in 8 * eight..self.count.min(8 * eight + 8) {
-                let (lane, place, bit) = (usize::from(self.lane[k]), self.place[k], 1 << (k % 8));
+            for k in 8 * eight..(*count).min(8 * eight + 8) {
+                let (lane, place, bit) = (usize::from(lane[k]), place[k], 1 << (k % 8));
                 if met & known & bit != 0 {
                     searches.offer(rays, lane, place, Interval { low: low[k % 8], high: high[k % 8] });
                 } else if missed & bit == 0 {
@@ -70,7 +86,7 @@ impl Doubts {
                 }
             }
         }
-        self.count = 0;
+        *count = 0;
     }
 }
 
@@ -133,7 +149,7 @@ mod tests {
     use crate::number::{Dyadic, Number};
     use crate::ray::Ray;
     use crate::shapes::{Surface, Triangle};
-    use crate::simd::{Level, Task, dispatch};
+    use crate::simd::{Level, dispatch};
     use crate::testing::numbers;
     use crate::vector::Point;
 

@@ -2,6 +2,7 @@
 
 mod affine;
 mod bind;
+mod blocks;
 mod bvh;
 mod doubt;
 mod elementary;
@@ -25,6 +26,7 @@ mod simple;
 #[cfg(test)]
 mod testing;
 mod trace;
+mod traversal;
 mod vector;
 
 use pyo3::prelude::*;

@@ -7,7 +7,7 @@ mod build;
 mod packet;
 mod span;
 
-use packet::{Hull, Slabs};
+use packet::{FewMeeting, Hull, Slabs};
 pub use packet::{LANES, Mask, Packet, Rays, all, take};
 pub use span::Span;
 
@@ -55,10 +55,10 @@ impl Child {
     }
 }
 
-/// What the rays of a packet do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
+/// What rays that go alone do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
 pub trait Visitor<L> {
-    /// Gets the rays that may meet the leaf, and says which of them want less than before.
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, leaf: &L, mask: Mask) -> Mask;
+    /// Gets a ray that may meet the leaf, and says whether it wants less than before.
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, leaf: &L, lane: usize) -> bool;
 
     /// The t beyond which nothing is wanted of each ray.
     fn limits(&self) -> &[f64; LANES];
@@ -124,75 +124,59 @@ impl<L: Send> Bvh<L> {
         }
     }
 
-    /// As `traverse`, for rays of a packet: together if they are coherent, else one after the other.
+    /// Sends rays of a packet, which has entered the hierarchy, on their way together.
     #[inline(always)]
-    pub fn traverse_packet<I: Isa>(
+    pub fn set_out<I: Isa>(&self, walk: &mut PacketWalk, active: Mask, stack: &mut Stack) {
+        walk.base = stack.len;
+        if !self.nodes.is_empty() {
+            walk.hull = walk.packet.hull_of_all::<I>();
+            stack.push_if(active != 0, Entry { near: 0.0, child: Child::node(0), mask: active });
+        }
+    }
+
+    /// The leaf that a packet has come to; none if it is at a node.
+    #[inline(always)]
+    pub fn leaf(&self, walk: &PacketWalk) -> Option<&L> {
+        if walk.child.is_leaf() { Some(&self.leaves[walk.child.index()]) } else { None }
+    }
+
+    /// Looks into the node that a packet has come to.
+    #[inline(always)]
+    pub fn open<I: Isa>(&self, walk: &PacketWalk, stack: &mut Stack) {
+        let PacketWalk { packet, hull, mask, .. } = walk;
+        let node = &self.nodes[walk.child.index()];
+        // The farthest first, and no branch hangs on a single look.
+        if mask.count_ones() > FEW {
+            let meeting = hull.meet::<I>(node);
+            for (&near, &i) in meeting.near.iter().zip(&meeting.child).take(meeting.count) {
+                let (child, mask) = (node.child[i as usize], packet.meet::<I>(*mask, &meeting, i as usize));
+                self.prefetch::<I>(if mask != 0 { child } else { walk.child });
+                stack.push_if(mask != 0, Entry { near, child, mask });
+            }
+        } else {
+            let FewMeeting { count, child, near, masks } = packet.meet_few::<I>(*mask, hull, node);
+            for (&near, &i) in near.iter().zip(&child).take(count) {
+                let (child, mask) = (node.child[i as usize], masks[i as usize]);
+                self.prefetch::<I>(child);
+                stack.push_if(true, Entry { near, child, mask });
+            }
+        }
+    }
+
+    /// As `traverse`, for rays of a packet one by one: a few by turns, a step each, so that while one waits for memory the others go on.
+    #[inline(always)]
+    pub fn traverse_each<I: Isa>(
         &self,
         packet: &mut Packet,
         active: Mask,
-        coherent: bool,
         stack: &mut Stack,
         visitor: &mut impl Visitor<L>,
     ) {
         if self.nodes.is_empty() {
             return;
         }
-        if coherent && active & (active - 1) != 0 {
-            self.traverse_together::<I>(packet, active, stack, visitor);
-            return;
-        }
-        self.traverse_each::<I>(packet, active, stack, visitor);
-    }
-
-    #[inline(always)]
-    fn traverse_together<I: Isa>(
-        &self,
-        packet: &mut Packet,
-        active: Mask,
-        stack: &mut Stack,
-        visitor: &mut impl Visitor<L>,
-    ) {
-        let hull = packet.hull_of_all::<I>();
-        let base = stack.len;
-        let mut entry = Entry { near: 0.0, child: Child::node(0), mask: active };
-        loop {
-            if entry.child.is_leaf() {
-                let nearer = visitor.visit::<I>(stack, &self.leaves[entry.child.index()], entry.mask);
-                packet.set_limits::<I>(nearer, visitor.limits());
-            } else {
-                let node = &self.nodes[entry.child.index()];
-                let meeting = hull.meet::<I>(node);
-                let first = stack.len;
-                // The farthest first, and no branch hangs on a single look.
-                for (&near, &i) in meeting.near.iter().zip(&meeting.child).take(meeting.count) {
-                    let mask = packet.meet::<I>(entry.mask, &meeting, i as usize);
-                    stack.push_if(mask != 0, Entry { near, child: node.child[i as usize], mask });
-                }
-                for entry in &stack.entries[first..stack.len] {
-                    self.prefetch::<I>(entry.child);
-                }
-            }
-            entry = loop {
-                let Some(mut next) = stack.pop(base) else { return };
-                next.mask = packet.within::<I>(next.mask, next.near);
-                if next.mask != 0 {
-                    break next;
-                }
-            }
-        }
-    }
-
-    /// A few rays by turns, a step each: while one waits for memory, the others go on.
-    #[inline(always)]
-    fn traverse_each<I: Isa>(
-        &self,
-        packet: &mut Packet,
-        active: Mask,
-        stack: &mut Stack,
-        visitor: &mut impl Visitor<L>,
-    ) {
         let mut left = active;
-        let mut walks = [Walk::EMPTY; WALKS];
+        let mut walks = [RayWalk::EMPTY; WALKS];
         let mut going = 0;
         while going < WALKS
             && let Some(lane) = take(&mut left)
@@ -223,13 +207,13 @@ impl<L: Send> Bvh<L> {
     #[inline(always)]
     fn step<I: Isa>(
         &self,
-        walk: &mut Walk,
+        walk: &mut RayWalk,
         packet: &mut Packet,
         stack: &mut Stack,
         visitor: &mut impl Visitor<L>,
     ) -> bool {
         if walk.child.is_leaf() {
-            if visitor.visit::<I>(stack, &self.leaves[walk.child.index()], 1 << walk.lane) != 0 {
+            if visitor.visit::<I>(stack, &self.leaves[walk.child.index()], walk.lane) {
                 packet.set_limit(walk.lane, visitor.limits()[walk.lane]);
                 walk.limit = packet.limit(walk.lane);
             }
@@ -262,9 +246,62 @@ impl<L: Send> Bvh<L> {
     }
 }
 
-/// A ray on its way through a hierarchy.
+/// Rays of a packet on their way through a hierarchy together.
+pub struct PacketWalk {
+    pub packet: Packet,
+    hull: Hull,
+    /// Where the node or leaf is, and the rays that may meet it.
+    child: Child,
+    mask: Mask,
+    /// Rays that want less than the packet knows.
+    nearer: Mask,
+    /// Where its part of the stack begins.
+    base: usize,
+}
+
+impl PacketWalk {
+    pub fn new() -> Self {
+        PacketWalk { packet: Packet::empty(), hull: Hull::EMPTY, child: Child::node(0), mask: 0, nearer: 0, base: 0 }
+    }
+
+    /// The rays that may meet what the packet has come to.
+    #[inline(always)]
+    pub fn mask(&self) -> Mask {
+        self.mask
+    }
+
+    /// These rays will want less.
+    #[inline(always)]
+    pub fn shorten(&mut self, nearer: Mask) {
+        self.nearer = nearer;
+    }
+
+    /// Goes to the nearest of what is left; false if nothing is. Nothing beyond `limits` is wanted of the rays.
+    #[inline(always)]
+    pub fn go_on<I: Isa>(&mut self, stack: &mut Stack, limits: &[f64; LANES]) -> bool {
+        if self.nearer != 0 {
+            self.packet.set_limits::<I>(limits);
+            self.nearer = 0;
+        }
+        while let Some(Entry { near, child, mask }) = stack.pop(self.base) {
+            let mask = self.packet.within::<I>(mask, near);
+            if mask != 0 {
+                (self.child, self.mask) = (child, mask);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Goes nowhere.
+    pub fn stay(&mut self, stack: &Stack) {
+        self.base = stack.len;
+    }
+}
+
+/// A ray on its way through a hierarchy alone.
 #[derive(Clone, Copy)]
-struct Walk {
+struct RayWalk {
     lane: usize,
     hull: Hull,
     limit: f32,
@@ -274,8 +311,8 @@ struct Walk {
     base: usize,
 }
 
-impl Walk {
-    const EMPTY: Walk = Walk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), pile: 0, base: 0 };
+impl RayWalk {
+    const EMPTY: RayWalk = RayWalk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), pile: 0, base: 0 };
 
     #[inline(always)]
     fn start(&mut self, lane: usize, packet: &Packet) {
@@ -294,6 +331,9 @@ struct Entry {
     /// The rays of a packet that may meet it.
     mask: Mask,
 }
+
+/// Up to as many rays each look at all boxes of a node, where more look at one box after the other.
+const FEW: u32 = 16;
 
 /// Rays that a thread traces by turns.
 const WALKS: usize = 8;
@@ -430,18 +470,15 @@ mod tests {
     }
 
     impl Visitor<Vec<u32>> for Notes<'_> {
-        fn visit<I: Isa>(&mut self, _: &mut Stack, leaf: &Vec<u32>, mask: Mask) -> Mask {
-            let mut nearer = 0;
-            for lane in (0..LANES).filter(|lane| mask & 1 << lane != 0) {
-                self.offered[lane].extend_from_slice(leaf);
-                for &id in leaf.iter().filter(|_| self.first_only) {
-                    let (origin, direction) = self.rays[lane];
-                    let t =
-                        entry(&self.cubes[id as usize], origin, direction).map(|(num, den)| num as f64 / den as f64);
-                    if let Some(t) = t.filter(|t| *t < self.limits[lane]) {
-                        self.limits[lane] = t;
-                        nearer |= 1 << lane;
-                    }
+        fn visit<I: Isa>(&mut self, _: &mut Stack, leaf: &Vec<u32>, lane: usize) -> bool {
+            let mut nearer = false;
+            self.offered[lane].extend_from_slice(leaf);
+            for &id in leaf.iter().filter(|_| self.first_only) {
+                let (origin, direction) = self.rays[lane];
+                let t = entry(&self.cubes[id as usize], origin, direction).map(|(num, den)| num as f64 / den as f64);
+                if let Some(t) = t.filter(|t| *t < self.limits[lane]) {
+                    self.limits[lane] = t;
+                    nearer = true;
                 }
             }
             nearer
@@ -464,9 +501,25 @@ mod tests {
         type Output = ();
 
         fn run<I: Isa>(self) {
-            let (mut packet, mut stack) = (Packet::empty(), Stack::new());
-            packet.enter::<I>(self.seen, self.bvh.center(), 0.0, &[f64::MAX; LANES]);
-            self.bvh.traverse_packet::<I>(&mut packet, self.active, self.together, &mut stack, self.notes);
+            let Traverse { bvh, seen, active, together, notes } = self;
+            let (mut walk, mut stack) = (PacketWalk::new(), Stack::new());
+            walk.packet.enter::<I>(seen, bvh.center(), 0.0, &[f64::MAX; LANES]);
+            if together {
+                bvh.set_out::<I>(&mut walk, active, &mut stack);
+                while walk.go_on::<I>(&mut stack, notes.limits()) {
+                    let Some(leaf) = bvh.leaf(&walk) else {
+                        bvh.open::<I>(&walk, &mut stack);
+                        continue;
+                    };
+                    let (mut nearer, mut left) = (0, walk.mask());
+                    while let Some(lane) = take(&mut left) {
+                        nearer |= Mask::from(notes.visit::<I>(&mut stack, leaf, lane)) << lane;
+                    }
+                    walk.shorten(nearer);
+                }
+            } else {
+                bvh.traverse_each::<I>(&mut walk.packet, active, &mut stack, notes);
+            }
             assert!(stack.len == 0 && stack.piles.iter().all(|pile| pile.len == 0));
         }
     }

@@ -39,7 +39,7 @@ pub struct Rays {
 }
 
 impl Rays {
-    pub fn empty() -> Self {
+    pub const fn empty() -> Self {
         Rays {
             origin: [[0.0; LANES]; 3],
             direction: [[0.0; LANES]; 3],
@@ -120,20 +120,19 @@ impl Rays {
         (0..3).fold(0, |octant, axis| octant | u32::from(direction[axis] < 0.0) << axis)
     }
 
-    /// These rays of one octant alone.
-    pub fn only(&self, mask: Mask, octant: u32) -> Self {
-        let mut rays = self.clone();
-        rays.octant = octant;
+    /// Takes some rays of one octant from others.
+    pub fn take_only(&mut self, others: &Rays, mask: Mask, octant: u32) {
+        self.clone_from(others);
+        self.octant = octant;
         let first = mask.trailing_zeros() as usize;
-        rays.count = LANES - mask.leading_zeros() as usize;
-        for lane in 0..rays.count.next_multiple_of(WIDE) {
+        self.count = LANES - mask.leading_zeros() as usize;
+        for lane in 0..self.count.next_multiple_of(WIDE) {
             if mask & 1 << lane == 0 {
-                rays.set(lane, self.origin(first), self.direction(first));
-                rays.origin_error[lane] = self.origin_error[first];
-                rays.direction_error[lane] = self.direction_error[first];
+                self.set(lane, others.origin(first), others.direction(first));
+                self.origin_error[lane] = others.origin_error[first];
+                self.direction_error[lane] = others.direction_error[first];
             }
         }
-        rays
     }
 
     #[inline(always)]
@@ -442,14 +441,12 @@ impl Packet {
         self.groups[lane / WIDE].limit[lane % WIDE] = (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE;
     }
 
-    /// As `set_limit`, for all rays that share a group with one of `lanes`.
+    /// As `set_limit`, for all rays.
     #[inline(always)]
-    pub(super) fn set_limits<I: Isa>(&mut self, lanes: Mask, t: &[f64; LANES]) {
+    pub(super) fn set_limits<I: Isa>(&mut self, t: &[f64; LANES]) {
         let scale = I::F64x8::splat(self.scale);
         for (g, group) in self.groups.iter_mut().enumerate() {
-            if lanes >> (WIDE * g) & 0xffff != 0 {
-                group.set_limits::<I>(g, t, scale);
-            }
+            group.set_limits::<I>(g, t, scale);
         }
     }
 
@@ -482,6 +479,43 @@ impl Packet {
     }
 }
 
+/// The boxes of a node that any of a few rays may meet, the farthest first.
+pub(super) struct FewMeeting {
+    pub count: usize,
+    /// Which child each is of.
+    pub child: [u32; WIDTH],
+    /// Lower bounds of t.
+    pub near: [f32; WIDTH],
+    /// By child, the rays that may meet it.
+    pub masks: [Mask; WIDTH],
+}
+
+impl Packet {
+    /// As the hull's and the packet's `meet`, ray by ray.
+    #[inline(always)]
+    pub(super) fn meet_few<I: Isa>(&self, mask: Mask, hull: &Hull, node: &Node) -> FewMeeting {
+        let (firsts, lasts) = hull.planes::<I>(node);
+        let (beyond, largest) = (I::F32x8::splat(f32::INFINITY), I::F32x8::splat(f32::MAX));
+        let (mut nearest, mut masks) = (beyond, I::no_masks());
+        let mut left = mask;
+        while let Some(lane) = take(&mut left) {
+            let (group, at) = (&self.groups[lane / WIDE], lane % WIDE);
+            let mut near = I::F32x8::splat(self.start);
+            let mut far = I::F32x8::splat(group.limit[at]);
+            for axis in 0..3 {
+                near = firsts[axis].mul(I::F32x8::splat(group.near_slope[axis][at])).max(near);
+                far = lasts[axis].mul(I::F32x8::splat(group.far_slope[axis][at])).min(far);
+            }
+            // Finite, so that it differs from what is not met.
+            near = Floats::min(near, largest);
+            masks = I::mark(masks, near, far, 1 << lane);
+            nearest = Floats::min(near.le_pick(far, near, beyond), nearest);
+        }
+        let (count, near, child) = I::by_distance(nearest, largest, &[0, 1, 2, 3, 4, 5, 6, 7]);
+        FewMeeting { count, child, near, masks: I::masks(masks) }
+    }
+}
+
 /// The lower and the upper eight numbers of a group.
 #[inline(always)]
 fn halves<I: Isa>(x: &[f64; LANES], g: usize) -> (I::F64x8, I::F64x8) {
@@ -505,22 +539,31 @@ impl Hull {
         backward: [false; 3],
     };
 
+    /// From the origins to the near and to the far planes of the boxes of a node.
+    #[inline(always)]
+    fn planes<I: Isa>(&self, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
+        let zero = I::F32x8::splat(0.0);
+        let (mut firsts, mut lasts) = ([zero; 3], [zero; 3]);
+        for i in 0..3 {
+            let (first, last) =
+                if self.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
+            firsts[i] = I::F32x8::load(first).sub(I::F32x8::splat(self.near_origin[i]));
+            lasts[i] = I::F32x8::load(last).sub(I::F32x8::splat(self.far_origin[i]));
+        }
+        (firsts, lasts)
+    }
+
     /// Where rays of the hull may enter the boxes of a node, and where they must have left them.
     #[inline(always)]
     pub(super) fn slabs<I: Isa>(&self, node: &Node, limit: f32) -> Slabs<I> {
         let mut near = I::F32x8::splat(self.start);
         let mut far = I::F32x8::splat(limit);
-        let (mut firsts, mut lasts) = ([near; 3], [far; 3]);
+        let (first, last) = self.planes::<I>(node);
         for i in 0..3 {
-            let (first, last) =
-                if self.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
-            let first = I::F32x8::load(first).sub(I::F32x8::splat(self.near_origin[i]));
-            let last = I::F32x8::load(last).sub(I::F32x8::splat(self.far_origin[i]));
-            near = first.mul(I::F32x8::splat(self.near_slope[i])).max(near);
-            far = last.mul(I::F32x8::splat(self.far_slope[i])).min(far);
-            (firsts[i], lasts[i]) = (first, last);
+            near = first[i].mul(I::F32x8::splat(self.near_slope[i])).max(near);
+            far = last[i].mul(I::F32x8::splat(self.far_slope[i])).min(far);
         }
-        Slabs { near, far, first: firsts, last: lasts }
+        Slabs { near, far, first, last }
     }
 
     #[inline(always)]

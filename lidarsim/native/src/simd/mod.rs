@@ -61,6 +61,8 @@ pub trait Isa: Copy {
     type F32x8: Floats<f32, 8>;
     type F32x16: Floats<f32, 16>;
     type F64x8: Floats<f64, 8>;
+    /// Eight sets of bits.
+    type Masks: Copy;
 
     /// 1 + k/2²¹, with k the 21 bits from bit `FIRST` on.
     fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8;
@@ -73,9 +75,15 @@ pub trait Isa: Copy {
     /// Of eight distances those with `near` ≤ `far`: how many they are, and the distances, rounded down by their last three bits, and what belongs
     /// to them, the farthest first. What follows in the arrays means nothing. No distance is negative.
     fn by_distance(near: Self::F32x8, far: Self::F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]);
+    /// Eight empty sets.
+    fn no_masks() -> Self::Masks;
+    /// Adds a bit to the sets where `near` ≤ `far`.
+    fn mark(masks: Self::Masks, near: Self::F32x8, far: Self::F32x8, bit: u64) -> Self::Masks;
+    fn masks(masks: Self::Masks) -> [u64; 8];
     /// Brings what is near `address` into the cache.
     fn prefetch<T>(address: *const T);
-
+    /// Runs the task as a function of its own: what is called from several places is compiled once, and no function becomes too large.
+    fn call<T: Task>(task: T) -> T::Output;
     /// Runs the task with the widest registers, as a function of its own that is not inlined into whatever calls it; none where there are
     /// no registers of several lanes.
     fn apart<T: LaneTask>(task: T) -> Option<T::Output>;
@@ -179,7 +187,7 @@ pub fn dispatch<T: Task>(level: Level, task: T) -> T::Output {
         Level::Avx512 => return unsafe { x86::run_avx512(task) },
     }
     let _ = level;
-    task.run::<Portable>()
+    Portable::call(task)
 }
 
 /// Vectors of lanes, without closures: these would not be compiled for the instruction set.

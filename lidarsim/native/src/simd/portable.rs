@@ -1,6 +1,6 @@
 //! Arrays, for any processor.
 
-use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE};
+use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE, Task};
 
 #[derive(Clone, Copy)]
 pub struct Portable;
@@ -9,6 +9,7 @@ impl Isa for Portable {
     type F32x8 = [f32; 8];
     type F32x16 = [f32; 16];
     type F64x8 = [f64; 8];
+    type Masks = [u64; 8];
 
     #[inline(always)]
     fn fraction<const FIRST: u32>(x: &[u64; 8]) -> [f64; 8] {
@@ -52,7 +53,27 @@ impl Isa for Portable {
     }
 
     #[inline(always)]
+    fn no_masks() -> [u64; 8] {
+        [0; 8]
+    }
+
+    #[inline(always)]
+    fn mark(masks: [u64; 8], near: [f32; 8], far: [f32; 8], bit: u64) -> [u64; 8] {
+        std::array::from_fn(|i| if near[i] <= far[i] { masks[i] | bit } else { masks[i] })
+    }
+
+    #[inline(always)]
+    fn masks(masks: [u64; 8]) -> [u64; 8] {
+        masks
+    }
+
+    #[inline(always)]
     fn prefetch<T>(_: *const T) {}
+
+    #[inline(never)]
+    fn call<T: Task>(task: T) -> T::Output {
+        task.run::<Portable>()
+    }
 
     #[inline(always)]
     fn apart<T: LaneTask>(_: T) -> Option<T::Output> {

@@ -18,6 +18,7 @@ pub struct Avx512;
 ///
 /// The machine must have AVX2 and FMA.
 #[target_feature(enable = "avx2,fma")]
+#[inline(never)]
 pub unsafe fn run_avx2<T: Task>(task: T) -> T::Output {
     task.run::<Avx2>()
 }
@@ -35,6 +36,7 @@ unsafe fn apart_avx2<T: LaneTask>(task: T) -> T::Output {
 ///
 /// The machine must have AVX-512 F, VL, DQ and BW, AVX2 and FMA.
 #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
+#[inline(never)]
 pub unsafe fn run_avx512<T: Task>(task: T) -> T::Output {
     task.run::<Avx512>()
 }
@@ -52,6 +54,7 @@ impl Isa for Avx2 {
     type F32x8 = __m256;
     type F32x16 = Two<__m256>;
     type F64x8 = Two<__m256d>;
+    type Masks = Two<__m256i>;
 
     #[inline(always)]
     fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8 {
@@ -106,9 +109,47 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
+    fn no_masks() -> Self::Masks {
+        // SAFETY: as above.
+        unsafe { Two(_mm256_setzero_si256(), _mm256_setzero_si256()) }
+    }
+
+    #[inline(always)]
+    fn mark(masks: Self::Masks, near: __m256, far: __m256, bit: u64) -> Self::Masks {
+        // SAFETY: as above.
+        unsafe {
+            let bit = _mm256_set1_epi64x(bit as i64);
+            let met = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far));
+            let low = _mm256_cvtepi32_epi64(_mm256_castsi256_si128(met));
+            let high = _mm256_cvtepi32_epi64(_mm256_extracti128_si256::<1>(met));
+            Two(
+                _mm256_or_si256(masks.0, _mm256_and_si256(low, bit)),
+                _mm256_or_si256(masks.1, _mm256_and_si256(high, bit)),
+            )
+        }
+    }
+
+    #[inline(always)]
+    fn masks(masks: Self::Masks) -> [u64; 8] {
+        let mut bits = [0; 8];
+        // SAFETY: as above; both halves lie within the array.
+        unsafe {
+            _mm256_storeu_si256(bits.as_mut_ptr().cast(), masks.0);
+            _mm256_storeu_si256(bits.as_mut_ptr().add(4).cast(), masks.1);
+        }
+        bits
+    }
+
+    #[inline(always)]
     fn prefetch<T>(address: *const T) {
         // SAFETY: a prefetch of any address is harmless.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
+    }
+
+    #[inline(always)]
+    fn call<T: Task>(task: T) -> T::Output {
+        // SAFETY: as above.
+        unsafe { run_avx2(task) }
     }
 
     #[inline(always)]
@@ -174,6 +215,7 @@ impl Isa for Avx512 {
     type F32x8 = __m256;
     type F32x16 = __m512;
     type F64x8 = __m512d;
+    type Masks = __m512i;
 
     #[inline(always)]
     fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8 {
@@ -224,8 +266,37 @@ impl Isa for Avx512 {
     }
 
     #[inline(always)]
+    fn no_masks() -> __m512i {
+        // SAFETY: as above.
+        unsafe { _mm512_setzero_si512() }
+    }
+
+    #[inline(always)]
+    fn mark(masks: __m512i, near: __m256, far: __m256, bit: u64) -> __m512i {
+        // SAFETY: as above.
+        unsafe {
+            let met = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
+            _mm512_mask_or_epi64(masks, met, masks, _mm512_set1_epi64(bit as i64))
+        }
+    }
+
+    #[inline(always)]
+    fn masks(masks: __m512i) -> [u64; 8] {
+        let mut bits = [0; 8];
+        // SAFETY: as above.
+        unsafe { _mm512_storeu_si512(bits.as_mut_ptr().cast(), masks) };
+        bits
+    }
+
+    #[inline(always)]
     fn prefetch<T>(address: *const T) {
         Avx2::prefetch(address);
+    }
+
+    #[inline(always)]
+    fn call<T: Task>(task: T) -> T::Output {
+        // SAFETY: as above.
+        unsafe { run_avx512(task) }
     }
 
     #[inline(always)]

@@ -1,0 +1,109 @@
+//! Rays of a packet at the leaves of a mesh.
+
+use crate::bvh::{LANES, Mask, Rays, Stack, Visitor, take};
+use crate::doubt::Doubts;
+use crate::scene::{Place, Scene};
+use crate::search::Searches;
+use crate::shapes::{Bearing, Block, TriangleMesh};
+use crate::simd::Isa;
+
+/// Rays of one octant, in the coordinates of a mesh, among its triangles.
+pub struct Blocks<'a, 's> {
+    pub scene: &'s Scene,
+    pub mesh: &'s TriangleMesh,
+    pub id: u32,
+    pub rays: &'a Rays,
+    /// The same, as they are in the world.
+    pub world: &'a Rays,
+    pub searches: &'a mut Searches<'s>,
+    /// None if the mesh was moved.
+    pub doubts: Option<&'a mut Doubts>,
+}
+
+impl Blocks<'_, '_> {
+    /// Meets the block with these rays, and says which of them want less than before.
+    #[inline(always)]
+    pub fn meet<I: Isa>(&mut self, block: &Block, mask: Mask) -> Mask {
+        // One loop, so that there is one look.
+        let (mut nearer, mut left) = (0, mask);
+        while left != 0 {
+            let one_origin = self.rays.one_origin || left & (left - 1) == 0;
+            let same = if one_origin { left } else { left & self.rays.at_origin_of(left.trailing_zeros() as usize) };
+            nearer |= self.look::<I>(block, same);
+            left &= !same;
+        }
+        nearer
+    }
+
+    #[inline(always)]
+    fn bearing(&self, lane: usize) -> Bearing {
+        let Rays { length, direction_error, .. } = self.rays;
+        Bearing { direction: self.rays.direction(lane), length: length[lane], error: direction_error[lane] }
+    }
+
+    /// As `meet`, with rays of one origin.
+    #[inline(always)]
+    fn look<I: Isa>(&mut self, block: &Block, mask: Mask) -> Mask {
+        let first = mask.trailing_zeros() as usize;
+        let edges = block.edges::<I>(self.rays.origin(first), self.rays.origin_error[first]);
+        // All rays look before one acts on what it saw, so that no branch hangs on a single look. The lane, its candidates and the sure ones of
+        // them have a byte each: the array is written anew at each leaf.
+        let mut seen = [[0_u8; 4]; LANES];
+        let mut count = 0;
+        let mut left = mask;
+        while let Some(lane) = take(&mut left) {
+            let (candidates, sure) = block.candidates::<I>(&edges, &self.bearing(lane));
+            seen[count] = [lane as u8, candidates as u8, sure as u8, 0];
+            count += usize::from(candidates != 0);
+        }
+        if count == 0 {
+            return 0;
+        }
+        let planes = block.planes::<I>(&edges);
+        let mut nearer = 0;
+        for &[lane, candidates, sure, _] in &seen[..count] {
+            let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
+            let bearing = self.bearing(lane);
+            while let Some(i) = take(&mut candidates) {
+                let primitive = block.ids()[i];
+                let known = if sure & 1 << i != 0 { Block::meet::<I>(i, &planes, &bearing) } else { None };
+                match known {
+                    Some(t) if t.low > self.searches.limits()[lane] => continue,
+                    Some(t) => self.searches.offer(self.world, lane, Place::of_triangle(self.id, primitive), t),
+                    None => {
+                        self.doubt::<I>(lane, primitive);
+                        continue;
+                    }
+                }
+                self.mesh.prefetch_face::<I>(primitive);
+                nearer |= 1 << lane;
+            }
+        }
+        nearer
+    }
+
+    /// Keeps for later what a look could not tell.
+    #[inline(always)]
+    fn doubt<I: Isa>(&mut self, lane: usize, primitive: u32) {
+        let Some(doubts) = &mut self.doubts else {
+            self.searches.consider(self.world, lane, self.id, primitive);
+            return;
+        };
+        if doubts.are_full() {
+            doubts.settle::<I>(self.scene, self.world, self.searches);
+        }
+        doubts.push::<I>(self.scene, lane, Place::of_triangle(self.id, primitive));
+    }
+}
+
+impl Visitor<Block> for Blocks<'_, '_> {
+    #[inline(always)]
+    fn visit<I: Isa>(&mut self, _: &mut Stack, block: &Block, lane: usize) -> bool {
+        self.look::<I>(block, 1 << lane) != 0
+    }
+
+    #[inline(always)]
+    fn limits(&self) -> &[f64; LANES] {
+        self.searches.limits()
+    }
+}
