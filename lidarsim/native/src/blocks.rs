@@ -1,6 +1,6 @@
 //! Rays of a packet at the leaves of a mesh.
 
-use crate::bvh::{LANES, Mask, Rays, Stack, Visitor, take};
+use crate::bvh::{LANES, LEAF, Mask, Rays, Stack, Visitor, take};
 use crate::doubt::Doubts;
 use crate::scene::{Place, Scene};
 use crate::search::Searches;
@@ -18,7 +18,11 @@ pub struct Blocks<'a, 's> {
     pub searches: &'a mut Searches<'s>,
     /// None if the mesh was moved.
     pub doubts: Option<&'a mut Doubts>,
+    /// Of the rays that may meet a block, one after the other, the sums of volumes.
+    pub sums: &'a mut Sums,
 }
+
+pub type Sums = [[f64; LEAF]; LANES];
 
 impl Blocks<'_, '_> {
     /// Meets the block with these rays, and says which of them want less than before.
@@ -52,7 +56,7 @@ impl Blocks<'_, '_> {
         let mut count = 0;
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
-            let (candidates, sure) = block.candidates::<I>(&edges, &self.bearing(lane));
+            let (candidates, sure) = block.candidates::<I>(&edges, &self.bearing(lane), &mut self.sums[count]);
             seen[count] = [lane as u8, candidates as u8, sure as u8, 0];
             count += usize::from(candidates != 0);
         }
@@ -61,12 +65,13 @@ impl Blocks<'_, '_> {
         }
         let planes = block.planes::<I>(&edges);
         let mut nearer = 0;
-        for &[lane, candidates, sure, _] in &seen[..count] {
+        for (k, &[lane, candidates, sure, _]) in seen[..count].iter().enumerate() {
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
             let bearing = self.bearing(lane);
             while let Some(i) = take(&mut candidates) {
                 let primitive = block.ids()[i];
-                let known = if sure & 1 << i != 0 { Block::meet::<I>(i, &planes, &bearing) } else { None };
+                let known =
+                    if sure & 1 << i != 0 { Block::meet::<I>(i, &planes, &bearing, &self.sums[k]) } else { None };
                 match known {
                     Some(t) if t.low > self.searches.limits()[lane] => continue,
                     Some(t) => self.searches.offer(self.world, lane, Place::of_triangle(self.id, primitive), t),

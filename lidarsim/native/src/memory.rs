@@ -1,6 +1,7 @@
 //! Large arrays on large pages, where the system gives them on request.
 //!
-//! A hierarchy is read all over, so that with small pages most reads also miss the processor's table of pages.
+//! A hierarchy is read all over, so that with small pages most reads also miss the processor's table of pages; and of an array that is written for
+//! the first time, each page is made then.
 
 /// An empty vector with room for `capacity`, on large pages if it is large.
 pub fn with_capacity<T>(capacity: usize) -> Vec<T> {

@@ -1,7 +1,7 @@
 //! Packets on their way through a scene: the hierarchy of its objects, and within it those of meshes.
 
-use crate::blocks::Blocks;
-use crate::bvh::{Bvh, LANES, Mask, Packet, PacketWalk, Rays, Stack, Visitor, all, take};
+use crate::blocks::{Blocks, Sums};
+use crate::bvh::{Bvh, LANES, LEAF, Mask, Packet, PacketWalk, Rays, Stack, Visitor, all, take};
 use crate::doubt::Doubts;
 use crate::number::Interval;
 use crate::scene::{Geometry, Index, Object, Scene};
@@ -50,7 +50,15 @@ impl<'a, 'b> Traversal<'a, 'b> {
     pub fn new(scene: &'a Scene, range: (f64, f64), rays: &'b mut Rays, stack: &'b mut Stack) -> Self {
         let searches = Searches::new(scene, range);
         Traversal {
-            party: Party { scene, rays, searches, doubts: Doubts::new(), left: 0, local: None },
+            party: Party {
+                scene,
+                rays,
+                searches,
+                doubts: Doubts::new(),
+                left: 0,
+                local: None,
+                sums: [[0.0; LEAF]; LANES],
+            },
             index: scene.index(),
             size: scene.size(),
             stage: Stage::Idle,
@@ -206,6 +214,8 @@ pub struct Party<'a, 'b> {
     /// Rays that have yet to set out within the mesh that was entered.
     left: Mask,
     local: Option<Box<Local>>,
+    /// Room for what is seen of a block.
+    sums: Sums,
 }
 
 /// Rays in the coordinates of a mesh that was moved, where they may point into several octants.
@@ -287,14 +297,14 @@ impl<'a> Party<'a, '_> {
 
     #[inline(always)]
     fn among_blocks(&mut self, inside: Inside<'a>) -> Blocks<'_, 'a> {
-        let Party { scene, searches, .. } = self;
+        let Party { scene, searches, sums, .. } = self;
         let world = &*self.rays;
         let Inside { id, mesh, .. } = inside;
         match &self.local {
             Some(local) if !inside.object.is_placed_as_made() => {
-                Blocks { scene, mesh, id, rays: &local.rays, world, searches, doubts: None }
+                Blocks { scene, mesh, id, rays: &local.rays, world, searches, doubts: None, sums }
             }
-            _ => Blocks { scene, mesh, id, rays: world, world, searches, doubts: Some(&mut self.doubts) },
+            _ => Blocks { scene, mesh, id, rays: world, world, searches, doubts: Some(&mut self.doubts), sums },
         }
     }
 

@@ -17,10 +17,10 @@ use crate::measure::{
     Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Rays, Reflectivity, Returns, Rows,
     Scan,
 };
-use crate::parallel;
 use crate::pose::{Path, Pose};
 use crate::rng::{self, Stream};
 use crate::vector::Point;
+use crate::{memory, parallel};
 
 /// Half of the speed of light in vacuum, m/s: a range is half of a way.
 const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
@@ -228,14 +228,14 @@ impl Columns {
     fn new(pulses: usize, most: usize) -> Self {
         let rows = pulses * most;
         Columns {
-            range: Vec::with_capacity(rows),
-            true_range: Vec::with_capacity(rows),
-            range_error: Vec::with_capacity(rows),
-            intensity: Vec::with_capacity(rows),
-            incidence: Vec::with_capacity(rows),
-            normal: Vec::with_capacity(rows),
-            object_id: Vec::with_capacity(rows),
-            label: Vec::with_capacity(rows),
+            range: memory::with_capacity(rows),
+            true_range: memory::with_capacity(rows),
+            range_error: memory::with_capacity(rows),
+            intensity: memory::with_capacity(rows),
+            incidence: memory::with_capacity(rows),
+            normal: memory::with_capacity(rows),
+            object_id: memory::with_capacity(rows),
+            label: memory::with_capacity(rows),
             status: Vec::with_capacity(pulses),
             return_count: Vec::with_capacity(pulses),
         }

@@ -8,11 +8,11 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::parallel;
 use crate::scene::{Hit, Scene};
 use crate::simd::{self, Isa};
 use crate::trace::Sink;
 use crate::vector::Point;
+use crate::{memory, parallel};
 
 type Arrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
@@ -72,8 +72,8 @@ impl PyScene {
     ) -> PyResult<Arrays<'py>> {
         let (o, d) = equal_points(&origins, &directions)?;
         let n = o.len();
-        let (mut t, mut normal) = (Vec::with_capacity(n), Vec::<Point>::with_capacity(n));
-        let (mut object, mut primitive) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
+        let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
         let level = level()?;
         let chunk = chunk(d);
         let legal = AtomicBool::new(true);

@@ -6,6 +6,7 @@ use super::{Surface, Triangle};
 use crate::bvh::{Bvh, LEAF};
 use crate::number::{Interval, UNIT};
 use crate::parallel;
+use crate::pose::cross;
 use crate::simd::{self, Floats, Isa, lanes};
 use crate::vector::Point;
 
@@ -97,7 +98,9 @@ pub struct Block {
     /// How far any coordinate is off.
     error: f32,
     exponent: i16,
-    count: u16,
+    count: u8,
+    /// No triangle has an |N|₁, N = (b − a) × (c − a), above 8·2^(2·exponent − thinness).
+    thinness: u8,
 }
 
 /// Bits of a coordinate.
@@ -120,14 +123,15 @@ pub struct Edges<I: Isa> {
     bound: [f64; 2],
 }
 
-/// The planes of a block's triangles, as a ray's origin sees them: N = (b − a) × (c − a), N·a and at least |N|₁.
+/// The planes of a block's triangles, as a ray's origin sees them.
 pub struct Planes {
-    normal: [[f64; LEAF]; 3],
+    /// a·(c × b), with the sign of the volumes.
     distance: [f64; LEAF],
-    size: [f64; LEAF],
-    /// What the errors of the triangle move it, |N| times.
-    moved: [f64; LEAF],
-    /// How far the sum of the coordinates of N may be off.
+    /// Four times as much as the volumes' sum may be off, for each unit of a direction's length and of its error.
+    turned: [f64; 2],
+    /// The same of the distance.
+    moved: f64,
+    /// Twice as much as N·d may be off for what N is, for each unit of the direction's length.
     wobble: f64,
 }
 
@@ -159,9 +163,14 @@ impl Block {
         let scale = power_of_two(exponent);
         let anchor = low.map(|x| x - scale);
         let (mut grid, mut all) = ([[0; LEAF]; 3], [0; LEAF]);
+        // The largest |N|₁, of sides in units of the scale: they are at most 1, so that less than 32 roundings are u each.
+        let mut thickness = 0.0;
         for (lane, &id) in ids.iter().enumerate() {
             all[lane] = id;
             let Triangle(a, b, c) = mesh.triangle(id);
+            let edge = |p: Point| [0, 1, 2].map(|axis| (p[axis] - a[axis]) / scale);
+            let [x, y, z] = cross(edge(b), edge(c));
+            thickness = larger(thickness, x.abs() + y.abs() + z.abs());
             for (vertex, p) in [a, b, c].into_iter().enumerate() {
                 for axis in 0..3 {
                     let exact = p[axis] - anchor[axis];
@@ -174,7 +183,9 @@ impl Block {
             }
         }
         let error = (error as f32).next_up();
-        Block { grid, id: all, anchor, error, exponent, count: ids.len() as u16 }
+        let above = ((thickness + 32.0 * UNIT).to_bits() >> 52) as i16 - 1022;
+        let thinness = (3 - above).clamp(0, u8::MAX.into()) as u8;
+        Block { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness }
     }
 
     #[inline(always)]
@@ -219,17 +230,18 @@ impl Block {
     }
 
     /// The triangles that a ray may meet, a bit each, and those of them that it surely meets: by the three volumes d·(c × b), d·(a × c),
-    /// d·(b × a). Two of them with different signs rule a triangle out, three of one sign make a hit.
+    /// d·(b × a). Two of them with different signs rule a triangle out, three of one sign make a hit. Their sums go to `sums`.
     ///
     /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is off by δ = 3u·m + ε at most,
     /// a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² a unit of |d|₁.
     /// While δ ≤ m, which m ≥ ε brings about, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has
     /// 32, 8 and 8 in these places to cover its own roundings.
     #[inline(always)]
-    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, bearing: &Bearing) -> (u32, u32) {
+    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, bearing: &Bearing, sums: &mut [f64; LEAF]) -> (u32, u32) {
         let d = lanes::splat(bearing.direction);
         let [n0, n1, n2] = edges.normals;
         let (u, v, w) = (lanes::fused_dot(d, n0), lanes::fused_dot(d, n1), lanes::fused_dot(d, n2));
+        *sums = u.add(v).add(w).store();
         let bound = I::fused(bearing.error, edges.bound[1], f64::MIN_POSITIVE);
         let bound = I::fused(bearing.length, edges.bound[0], bound);
         let least = Floats::min(Floats::min(u, v), w);
@@ -243,46 +255,41 @@ impl Block {
 
     #[inline(always)]
     pub fn planes<I: Isa>(&self, edges: &Edges<I>) -> Planes {
-        let [a, b, c] = edges.vertices;
-        let e1 = [b[0].sub(a[0]), b[1].sub(a[1]), b[2].sub(a[2])];
-        let e2 = [c[0].sub(a[0]), c[1].sub(a[1]), c[2].sub(a[2])];
-        let n = lanes::fused_cross(e1, e2);
         let off = edges.off();
         let e = edges.scale + 2.0 * off;
-        let wobble = 3.0 * e * (8.0 * UNIT * e + 9.0 * off);
-        let size = n[0].abs().add(n[1].abs()).add(n[2].abs()).add(Lanes::<I>::splat(wobble));
-        let moved = size.mul(Lanes::<I>::splat(off + 4.0 * UNIT * edges.reach));
+        // Where the square underflows, |N|₁ is less than what is added.
+        let size = edges.scale * edges.scale * power_of_two(3 - i16::from(self.thinness)) + f64::MIN_POSITIVE;
+        let square = edges.reach * edges.reach;
         Planes {
-            normal: [n[0].store(), n[1].store(), n[2].store()],
-            distance: lanes::fused_dot(n, a).store(),
-            size: size.store(),
-            moved: moved.add(Lanes::<I>::splat(24.0 * UNIT * e * e * e)).store(),
-            wobble,
+            distance: lanes::fused_dot(edges.normals[0], edges.vertices[0]).store(),
+            turned: [256.0 * UNIT * square, 4.0 * size],
+            moved: 4.0 * (size * off + 32.0 * UNIT * square * edges.reach) + f64::MIN_POSITIVE,
+            wobble: 54.0 * off * e,
         }
     }
 
-    /// Bounds of t = N·a/(N·d) for triangle i, which the ray surely meets; none if they would be of no use.
+    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), for triangle i, which the ray surely meets; none if they would be of no use.
     ///
-    /// A vertex is off by δ = 3u·m + ε at most, as above. With e ≥ all coordinates of the edges, seen or true: were there no more rounding,
-    /// the triangle seen would be met in a point that is a mean of its vertices, so at most δ·|N|₁ off the true plane, |N| times; that is
-    /// δ·|N|₁/|N·d| in t. The rounding of N, 8u·e² a coordinate, turns the plane about a point of the triangle and moves t by
-    /// 24u·e³/|N·d|; the sum N·a rounds by 4u·m·|N|₁, and N·d by |N|₁·(4u·|d|∞ + ε_d). N itself, seen or true, differs by 8u·e² + 9δ·e a
-    /// coordinate. All are doubled, so that second-order terms are covered while N·d is at least twice its error; the product with
-    /// 1/(N·d) instead of a quotient rounds by 3u. |d|₁ does for |d|∞.
+    /// N is the negated sum of c × b, a × c and b × a, so that t is a·(c × b) over the sum of the volumes. With m as above, for the triangle as
+    /// it is seen: a minor rounds by 4u·m², so the distance by 12u·m³ and, as it is a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds
+    /// by 10u·m² a unit of |d|₁, and the sum of the three by 10u·m² more: 40. `planes` has 32 and 64.
+    ///
+    /// A vertex is off by δ = 3u·m + ε at most. The triangle seen is met in a mean of its vertices, so at most δ·|N|₁ off the true plane, |N|
+    /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. The true N·d differs by this ε_d·|N|₁ and, as
+    /// with e ≥ all coordinates of the edges, seen or true, N does by 8δ·e a coordinate, by 24δ·e·|d|₁ from the one that is seen. While |N·d| as
+    /// calculated is at least twice all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that
+    /// makes the four in `planes`. The product with 1/(N·d) instead of a quotient rounds by 3u.
     #[inline(always)]
-    pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing) -> Option<Interval> {
-        let Bearing { direction: [x, y, z], length, error } = *bearing;
-        let [nx, ny, nz] = [planes.normal[0][i], planes.normal[1][i], planes.normal[2][i]];
-        let den = I::fused(nx, x, I::fused(ny, y, nz * z));
-        let turned = planes.size[i] * I::fused(length, 4.0 * UNIT, error);
-        let inverse = 1.0 / den;
+    pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing, sums: &[f64; LEAF]) -> Option<Interval> {
+        let Bearing { length, error, .. } = *bearing;
+        let inverse = 1.0 / sums[i];
         let t = planes.distance[i] * inverse;
-        // 1/(|N·d| − its error) is at most twice 1/|N·d|.
-        let moved = 4.0 * I::fused(t.abs(), turned, planes.moved[i]);
-        let error = I::fused(moved, inverse.abs(), I::fused(t.abs(), 8.0 * UNIT, f64::MIN_POSITIVE));
-        let den_error = 2.0 * I::fused(planes.wobble, length, turned) + f64::MIN_POSITIVE;
-        let known = 2.0 * den_error < den.abs() && error < f64::INFINITY;
-        if known { Some(Interval { low: t - error, high: t + error }) } else { None }
+        let turned = I::fused(length, planes.turned[0], error * planes.turned[1]);
+        let moved = I::fused(t.abs(), turned, planes.moved);
+        let off = I::fused(moved, inverse.abs(), I::fused(t.abs(), 8.0 * UNIT, f64::MIN_POSITIVE));
+        let twice_off = I::fused(planes.wobble, length, turned) + f64::MIN_POSITIVE;
+        let known = twice_off < sums[i].abs() && off < f64::INFINITY;
+        if known { Some(Interval { low: t - off, high: t + off }) } else { None }
     }
 }
 
@@ -423,11 +430,12 @@ mod tests {
             for &(direction, direction_error) in self.directions {
                 let length = direction.iter().map(|x| x.abs()).sum();
                 let bearing = Bearing { direction, length, error: direction_error };
-                let (candidates, sure) = self.block.candidates::<I>(&edges, &bearing);
+                let mut sums = [0.0; LEAF];
+                let (candidates, sure) = self.block.candidates::<I>(&edges, &bearing, &mut sums);
                 let mut t = [None; LEAF];
                 for i in 0..LEAF {
                     if sure & 1 << i != 0 {
-                        t[i] = Block::meet::<I>(i, &planes, &bearing);
+                        t[i] = Block::meet::<I>(i, &planes, &bearing, &sums);
                     }
                 }
                 said.push(Said { candidates, sure, t });
