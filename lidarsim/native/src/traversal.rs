@@ -352,11 +352,13 @@ impl Task for Scattered<'_, '_, '_> {
     fn run<I: Isa>(self) {
         let Scattered { party, index, packets: [outer, inner], stack, met } = self;
         let active = all(party.rays.count);
-        party.enter_packet::<I>(outer, &index.bounded);
-        let mut objects = Objects { party, packet: inner, met };
         match index.bounded.only_leaf() {
-            Some(&id) => objects.meet::<I>(stack, id, active),
-            None => index.bounded.traverse_each::<I>(outer, active, stack, &mut objects),
+            Some(&id) => Objects { party, packet: inner, met }.meet::<I>(stack, id, active),
+            None => {
+                party.enter_packet::<I>(outer, &index.bounded);
+                let mut objects = Objects { party, packet: inner, met };
+                index.bounded.traverse_each::<I>(outer, active, stack, &mut objects);
+            }
         }
     }
 }

@@ -33,7 +33,7 @@ pub struct Rays {
     pub at: [u32; LANES],
     /// The signs of all directions, a bit an axis.
     pub octant: u32,
-    /// Whether all rays have the same origin and no errors.
+    /// Whether all rays have the same origin, which is off by the same.
     pub one_origin: bool,
     pub count: usize,
 }
@@ -133,6 +133,7 @@ impl Rays {
                 self.direction_error[lane] = others.direction_error[first];
             }
         }
+        self.one_origin = self.at_origin_of(first) == all(self.count);
     }
 
     #[inline(always)]
