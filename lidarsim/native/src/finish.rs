@@ -1,11 +1,56 @@
 //! The last look at a nearest hit, with twice the digits of float64: t, correctly rounded, and the normal there.
 
 use crate::affine::Placement;
-use crate::number::{Balls, DdBalls, Interval, Lanes, Number, PAD, UNDERFLOW, UNIT, Uncertain};
+use crate::number::{Balls, DdBalls, Interval, Lanes, Number, OfRays, PAD, UNDERFLOW, UNIT, Uncertain};
 use crate::ray::Ray;
 use crate::shapes::Surface;
 use crate::simd::Floats;
-use crate::vector;
+use crate::vector::{self, Vector};
+
+/// What rays have met: a surface for all of them, or one each.
+pub trait Target<L: Lanes<N>, const N: usize> {
+    /// As `Surface::level`.
+    fn level<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K;
+    /// As `Surface::normal`.
+    fn normal<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> Vector<K>;
+}
+
+impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
+    #[inline(always)]
+    fn level<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, _: L) -> K {
+        Surface::level(self, ray, feature)
+    }
+
+    #[inline(always)]
+    fn normal<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, _: L) -> Vector<K> {
+        Surface::normal(self, ray, feature)
+    }
+}
+
+/// A triangle for each ray, by corner and axis.
+pub struct Triangles<F>(pub [[F; 3]; 3]);
+
+/// Vectors, one for each ray.
+#[inline(always)]
+pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>([x, y, z]: [L::Floats; 3], lanes: L) -> Vector<K> {
+    [K::of_rays(x, lanes), K::of_rays(y, lanes), K::of_rays(z, lanes)]
+}
+
+/// As of `Triangle`.
+impl<L: Lanes<N>, const N: usize> Target<L, N> for Triangles<L::Floats> {
+    #[inline(always)]
+    fn level<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K {
+        let from = ray.origin_from(of_rays(self.0[0], lanes));
+        vector::dot(&self.normal(ray, feature, lanes), &from).doubled()
+    }
+
+    #[inline(always)]
+    fn normal<K: OfRays<L, N>>(&self, _: &Ray<K>, _: u8, lanes: L) -> Vector<K> {
+        let [a, b, c]: [Vector<K>; 3] =
+            [of_rays(self.0[0], lanes), of_rays(self.0[1], lanes), of_rays(self.0[2], lanes)];
+        vector::cross(&vector::sub(&b, &a), &vector::sub(&c, &a))
+    }
+}
 
 /// Where rays may meet part `feature` of a surface.
 pub struct Meeting<F> {
@@ -18,38 +63,32 @@ pub struct Meeting<F> {
 
 /// t, rounded to the nearest float64, and a normal in the world as `Number::proportions` gives it.
 ///
-/// Let F(t) be the surface's level at t, t* the root within the bounds, m their middle, T an interval around m that holds them, and S ± e a ball
+/// Let F(t) be the target's level at t, t* the root within the bounds, m their middle, T an interval around m that holds them, and S ± e a ball
 /// around F'(T), e < |S|. Then t* − m = −F(m)/F'(ξ), ξ in T. With F(m) = f ± r this is −f/S, off by less than r/(|S| − e), and
 /// |f|·e/(|S|·(|S| − e)), and the rounding of the quotient.
 #[inline(always)]
 pub fn finish<L: Lanes<N>, const N: usize>(
     placement: impl Placement,
-    surface: &impl Surface,
+    target: &impl Target<L, N>,
     meeting: &Meeting<L::Floats>,
     lanes: L,
 ) -> Result<(L::Floats, [L::Floats; 3]), Uncertain> {
-    let Meeting { feature, origin: [ox, oy, oz], direction: [dx, dy, dz], bounds } = *meeting;
-    let float: Ray<Balls<L, N>> = Ray {
-        origin: [Balls::of_rays(ox, lanes), Balls::of_rays(oy, lanes), Balls::of_rays(oz, lanes)],
-        direction: [Balls::of_rays(dx, lanes), Balls::of_rays(dy, lanes), Balls::of_rays(dz, lanes)],
-        weight: None,
-    };
-    let double: Ray<DdBalls<L, N>> = Ray {
-        origin: [DdBalls::of_rays(ox, lanes), DdBalls::of_rays(oy, lanes), DdBalls::of_rays(oz, lanes)],
-        direction: [DdBalls::of_rays(dx, lanes), DdBalls::of_rays(dy, lanes), DdBalls::of_rays(dz, lanes)],
-        weight: None,
-    };
+    let Meeting { feature, origin, direction, bounds } = *meeting;
+    let float: Ray<Balls<L, N>> =
+        Ray { origin: of_rays(origin, lanes), direction: of_rays(direction, lanes), weight: None };
+    let double: Ray<DdBalls<L, N>> =
+        Ray { origin: of_rays(origin, lanes), direction: of_rays(direction, lanes), weight: None };
     let half = L::Floats::splat(0.5);
     let middle = bounds.low.mul(half).add(bounds.high.mul(half));
     let (pad, unit) = (L::Floats::splat(PAD), L::Floats::splat(UNIT));
     let reach = bounds.high.sub(middle).max(middle.sub(bounds.low)).mul(pad);
     let somewhere = float.at(&Balls::within(middle, reach, lanes));
-    let normal = placement.normal(surface.normal(&placement.local(somewhere), feature));
+    let normal = placement.normal(target.normal(&placement.local(somewhere), feature, lanes));
     let (slope, slope_error) = vector::dot(&normal, &float.direction).doubled().parts();
 
     let middle = DdBalls::of_rays(middle, lanes);
     let near = double.at(&middle);
-    let (level, level_error) = surface.level(&placement.local(near.clone()), feature).parts();
+    let (level, level_error) = target.level(&placement.local(near.clone()), feature, lanes).parts();
     // The number has a lower half.
     let rest = level.abs().fused(unit, level_error);
     let slope_size = slope.abs();
@@ -60,6 +99,6 @@ pub fn finish<L: Lanes<N>, const N: usize>(
     let step = DdBalls::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes);
 
     let t = middle.plus(&step).rounded()?;
-    let normal = placement.normal(surface.normal(&placement.local(near.at(&step)), feature));
+    let normal = placement.normal(target.normal(&placement.local(near.at(&step)), feature, lanes));
     Ok((t, DdBalls::proportions(&normal)?))
 }

@@ -1,4 +1,5 @@
-//! Packets at simple shapes, a register of rays at a time: bounds of where they meet, and the double-double look at the nearest hits.
+//! Packets at simple shapes, a register of rays at a time: bounds of where they meet, and the double-double look at the nearest hits, also at those on
+//! meshes that were moved.
 //!
 //! What lanes together are not certain of is asked ray by ray.
 
@@ -6,15 +7,15 @@ use std::cell::Cell;
 
 use crate::affine::{AsMade, Placement};
 use crate::bvh::{LANES, Mask, Rays, take};
-use crate::finish::{Meeting, finish};
+use crate::finish::{Meeting, Target, Triangles, finish, of_rays};
 use crate::number::{Balls, Interval, Many, Number, Uncertain};
 use crate::ray::Ray;
 use crate::scene::{Geometry, Hit, Place, Scene};
 use crate::search::Searches;
-use crate::shapes::{Surface, SurfaceTask};
-use crate::simd::{Floats, Isa, lanes};
+use crate::shapes::{Surface, SurfaceTask, TriangleMesh};
+use crate::simd::{Floats, Isa, LaneTask, lanes};
 use crate::trace::Sink;
-use crate::vector::{self, Point, Vector};
+use crate::vector::{self, Point};
 
 /// Part `i` of many numbers.
 #[inline(always)]
@@ -133,7 +134,8 @@ impl<P: Placement> SurfaceTask for Meet<'_, P> {
             }
             let asked = Cell::new(left);
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
-            let world = Ray { origin: balls(o, &asked), direction: balls(d, &asked), weight: None };
+            let (origin, direction) = (of_rays(o, Many::new(&asked)), of_rays(d, Many::new(&asked)));
+            let world = Ray { origin, direction, weight: None };
             let ray = placement.local(world);
             while left != 0 {
                 asked.set(left);
@@ -177,13 +179,7 @@ impl Met {
     }
 }
 
-#[inline(always)]
-fn balls<'a, F: Floats<f64, N>, const N: usize>(v: [F; 3], asked: &'a Cell<u32>) -> Vector<Balls<Many<'a, F>, N>> {
-    let lanes = Many::new(asked);
-    [Balls::of_rays(v[0], lanes), Balls::of_rays(v[1], lanes), Balls::of_rays(v[2], lanes)]
-}
-
-/// Hits on simple shapes that wait for others on the same part of the same object, to be finished together.
+/// Hits on simple shapes and on moved meshes that wait for others on the same part of the same object, to be finished together.
 pub struct Pending {
     groups: Vec<Group>,
 }
@@ -196,8 +192,9 @@ const SEATS: usize = 2 * WIDEST;
 
 #[derive(Clone, Copy)]
 struct Group {
-    /// Of all but for `index`, which says which root.
+    /// Of all but for the primitive, and for `index`, which says which root.
     place: Place,
+    primitive: [u32; SEATS],
     index: [u8; SEATS],
     count: usize,
     at: [u32; SEATS],
@@ -212,6 +209,7 @@ impl Pending {
     pub fn new() -> Self {
         let empty = Group {
             place: Place { object: 0, primitive: 0, index: 0, feature: 0 },
+            primitive: [0; SEATS],
             count: 0,
             at: [0; SEATS],
             index: [0; SEATS],
@@ -223,7 +221,7 @@ impl Pending {
         Pending { groups: vec![empty; GROUPS] }
     }
 
-    /// Takes a hit, with the ray and bounds of t; one on a mesh is finished at once.
+    /// Takes a hit, with the ray and bounds of t.
     #[inline(always)]
     pub fn push<I: Isa>(
         &mut self,
@@ -233,17 +231,13 @@ impl Pending {
         (origin, direction, bounds): (Point, Point, Interval),
         hits: &mut (impl Sink + ?Sized),
     ) {
-        if !scene.objects()[place.object as usize].is_simple() {
-            hits.put(at as usize, scene.hit_within(&place, bounds, origin, direction));
-            return;
-        }
         let group = &mut self.groups[(7 * place.object as usize + usize::from(place.feature)) % GROUPS];
         if (group.place.object, group.place.feature) != (place.object, place.feature) {
             group.flush::<I>(scene, hits);
             group.place = place;
         }
         let seat = group.count;
-        (group.at[seat], group.index[seat]) = (at, place.index);
+        (group.at[seat], group.primitive[seat], group.index[seat]) = (at, place.primitive, place.index);
         for axis in 0..3 {
             group.origin[axis][seat] = origin[axis];
             group.direction[axis][seat] = direction[axis];
@@ -271,27 +265,49 @@ impl Group {
         }
         let object = &scene.objects()[self.place.object as usize];
         let mut found = Found { known: 0, t: [0.0; SEATS], normal: [[0.0; SEATS]; 3] };
-        if let Geometry::Simple(shape) = &object.geometry {
-            let (group, found) = (&*self, &mut found);
-            match object.placement() {
-                None => shape.apart::<I, _>(Finish { placement: AsMade, group, found }),
-                Some(placement) => shape.apart::<I, _>(Finish { placement, group, found }),
-            };
+        let (group, known) = (&*self, &mut found);
+        match (&object.geometry, object.placement()) {
+            (Geometry::Simple(shape), None) => {
+                shape.apart::<I, _>(Finish { placement: AsMade, group, found: known });
+            }
+            (Geometry::Simple(shape), Some(placement)) => {
+                shape.apart::<I, _>(Finish { placement, group, found: known });
+            }
+            (Geometry::Mesh(mesh), Some(placement)) => {
+                I::apart(FinishTriangles { placement, corners: &group.corners(mesh), group, found: known });
+            }
+            // Hits on meshes that were not moved do not wait here.
+            (Geometry::Mesh(_), None) => {}
         }
-        let (object, primitive) = (self.place.object as i32, object.reported(self.place.primitive));
         for seat in 0..self.count {
-            let at = self.at[seat] as usize;
+            let (at, primitive) = (self.at[seat] as usize, self.primitive[seat]);
             // No hit is put together first: to read back in one piece what was written in several takes long.
             if found.known & (1 << seat) != 0 {
-                hits.put(at, Hit { t: found.t[seat], normal: pick(&found.normal, seat), object, primitive });
+                let (normal, primitive) = (pick(&found.normal, seat), object.reported(primitive));
+                hits.put(at, Hit { t: found.t[seat], normal, object: self.place.object as i32, primitive });
             } else {
                 let bounds = Interval { low: self.low[seat], high: self.high[seat] };
-                let place = Place { index: self.index[seat], ..self.place };
+                let place = Place { primitive, index: self.index[seat], ..self.place };
                 let (origin, direction) = (pick(&self.origin, seat), pick(&self.direction, seat));
                 hits.put(at, scene.hit_within(&place, bounds, origin, direction));
             }
         }
         self.count = 0;
+    }
+
+    /// Of the triangles, by corner and axis; empty seats have that of the first.
+    #[inline(always)]
+    fn corners(&self, mesh: &TriangleMesh) -> [[[f64; SEATS]; 3]; 3] {
+        let mut corners = [[[0.0; SEATS]; 3]; 3];
+        for seat in 0..SEATS {
+            let primitive = self.primitive[if seat < self.count { seat } else { 0 }];
+            for (corner, point) in mesh.corners(primitive).into_iter().enumerate() {
+                for axis in 0..3 {
+                    corners[corner][axis][seat] = point[axis];
+                }
+            }
+        }
+        corners
     }
 }
 
@@ -319,27 +335,72 @@ impl<P: Placement> SurfaceTask for Finish<'_, P> {
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
-        let Finish { placement, group, found } = self;
-        for i in 0..group.count.div_ceil(N) {
-            let asked = Cell::new(((1_u32 << group.count) - 1) >> (i * N) & ((1 << N) - 1));
-            let bounds = Interval { low: load(&group.low, i), high: load(&group.high, i) };
-            let origin: [F; 3] = lanes::part(&group.origin, i);
-            let meeting =
-                Meeting { feature: group.place.feature, origin, direction: lanes::part(&group.direction, i), bounds };
-            if let Ok((t, normal)) = finish(placement, surface, &meeting, Many::new(&asked)) {
-                let [x, y, z] = vector::unit(normal);
-                found.t.as_chunks_mut().0[i] = t.store();
-                found.normal[0].as_chunks_mut().0[i] = x.store();
-                found.normal[1].as_chunks_mut().0[i] = y.store();
-                found.normal[2].as_chunks_mut().0[i] = z.store();
-                found.known |= asked.get() << (i * N);
-            }
+        for i in 0..self.group.count.div_ceil(N) {
+            let asked = Cell::new(self.group.seats::<N>(i));
+            self.found.finish::<F, N>(i, self.placement, surface, self.group, &asked);
+        }
+    }
+}
+
+/// Finishes the hits of a group that are on triangles of a mesh.
+struct FinishTriangles<'a, P> {
+    placement: P,
+    corners: &'a [[[f64; SEATS]; 3]; 3],
+    group: &'a Group,
+    found: &'a mut Found,
+}
+
+impl<P: Placement> LaneTask for FinishTriangles<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) {
+        let [a, b, c] = self.corners;
+        for i in 0..self.group.count.div_ceil(N) {
+            let asked = Cell::new(self.group.seats::<N>(i));
+            let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
+            self.found.finish::<F, N>(i, self.placement, &triangles, self.group, &asked);
+        }
+    }
+}
+
+impl Group {
+    /// The seats of part `i` that are taken, as bits of the lanes of a register.
+    #[inline(always)]
+    fn seats<const N: usize>(&self, i: usize) -> u32 {
+        ((1_u32 << self.count) - 1) >> (i * N) & ((1 << N) - 1)
+    }
+}
+
+impl Found {
+    /// Finishes part `i` of a group.
+    #[inline(always)]
+    fn finish<'a, F: Floats<f64, N>, const N: usize>(
+        &mut self,
+        i: usize,
+        placement: impl Placement,
+        target: &impl Target<Many<'a, F>, N>,
+        group: &Group,
+        asked: &'a Cell<u32>,
+    ) {
+        let bounds = Interval { low: load(&group.low, i), high: load(&group.high, i) };
+        let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&group.origin, i), lanes::part(&group.direction, i));
+        let meeting = Meeting { feature: group.place.feature, origin, direction, bounds };
+        if let Ok((t, normal)) = finish(placement, target, &meeting, Many::new(asked)) {
+            let [x, y, z] = vector::unit(normal);
+            self.t.as_chunks_mut().0[i] = t.store();
+            self.normal[0].as_chunks_mut().0[i] = x.store();
+            self.normal[1].as_chunks_mut().0[i] = y.store();
+            self.normal[2].as_chunks_mut().0[i] = z.store();
+            self.known |= asked.get() << (i * N);
         }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
     use super::*;
     use crate::affine::Affine;
     use crate::scene::Object;
@@ -359,7 +420,16 @@ mod tests {
             Plane::PointNormal { point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, 1.0] }.into(),
         ];
         let ellipsoid = Ellipsoid::new([0.0; 3], [1.0, 1.0, 2.0], turn).map(Simple::from);
-        let objects = simple.into_iter().chain(ellipsoid).map(|shape| Object::new(Geometry::Simple(shape), false));
+        let simple = simple.into_iter().chain(ellipsoid).map(Geometry::Simple);
+        let octahedron = TriangleMesh::new(
+            [0, 1, 2]
+                .iter()
+                .flat_map(|&axis| [-1.0, 1.0].map(|x| std::array::from_fn(|i| if i == axis { x } else { 0.0 })))
+                .collect(),
+            (0..8).map(|k| [k & 1, 2 + (k >> 1 & 1), 4 + (k >> 2)]).collect(),
+        );
+        let mesh = octahedron.map(|mesh| Geometry::Mesh(Arc::new(mesh)));
+        let objects = simple.chain(mesh).map(|geometry| Object::new(geometry, false));
         let sheared = Affine::new([[1.0, 0.25, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -1.0]], [0.5, 0.0, 0.0]);
         let twice = |object: &Object| object.moved(sheared)?.moved(Affine::new(turn, [0.0, 0.5, 0.0]));
         objects.flat_map(|object| [twice(&object), object.moved(sheared), Some(object)]).flatten().collect()
@@ -404,7 +474,8 @@ mod tests {
                 missed += expected.iter().filter(|hit| hit.object < 0).count();
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                     for (i, (hit, expected)) in cast(level).iter().zip(&expected).enumerate() {
-                        let bits = |hit: &Hit| (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object);
+                        let bits =
+                            |hit: &Hit| (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object, hit.primitive);
                         assert_eq!(bits(hit), bits(expected), "{level:?}: {:?} + t·{:?}", origins[i], directions[i]);
                     }
                 }

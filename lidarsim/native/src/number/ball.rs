@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::lanes::{Lanes, One};
+use super::lanes::{Lanes, OfRays, One};
 use super::{Interval, Number, PAD, UNDERFLOW, UNIT, Uncertain};
 use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
@@ -20,12 +20,14 @@ pub struct Balls<L: Lanes<N>, const N: usize> {
 
 pub type Ball = Balls<One, 1>;
 
-impl<L: Lanes<N>, const N: usize> Balls<L, N> {
+impl<L: Lanes<N>, const N: usize> OfRays<L, N> for Balls<L, N> {
     #[inline(always)]
-    pub fn of_rays(value: L::Floats, lanes: L) -> Self {
+    fn of_rays(value: L::Floats, lanes: L) -> Self {
         Balls { value, error: None, lanes }
     }
+}
 
+impl<L: Lanes<N>, const N: usize> Balls<L, N> {
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
         Balls { value, error: Some(error), lanes }

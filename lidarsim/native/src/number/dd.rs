@@ -10,7 +10,7 @@
 use std::cmp::Ordering;
 
 use super::ball::{interval, splat};
-use super::lanes::{Lanes, One};
+use super::lanes::{Lanes, OfRays, One};
 use super::{Interval, Number, PAD, UNDERFLOW, UNIT, Uncertain};
 use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
@@ -64,12 +64,14 @@ fn two_prod<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
     (p, a.mul_add(b, p.negated()))
 }
 
-impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
+impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DdBalls<L, N> {
     #[inline(always)]
-    pub fn of_rays(value: L::Floats, lanes: L) -> Self {
+    fn of_rays(value: L::Floats, lanes: L) -> Self {
         DdBalls { high: value, low: None, error: None, lanes }
     }
+}
 
+impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
         DdBalls { high: value, low: Some(splat::<L, N>(0.0)), error: Some(error), lanes }

@@ -7,7 +7,7 @@ use std::cell::Cell;
 use std::cmp::Ordering;
 use std::marker::PhantomData;
 
-use super::Uncertain;
+use super::{Number, Uncertain};
 use crate::simd::Floats;
 
 /// What a number of N lanes is made of, and which of its lanes are still asked.
@@ -44,6 +44,12 @@ pub trait Lanes<const N: usize>: Copy {
             self.keep(equal).map(|()| Ordering::Equal)
         }
     }
+}
+
+/// A number that may differ from lane to lane.
+pub trait OfRays<L: Lanes<N>, const N: usize>: Number {
+    /// These numbers, exactly.
+    fn of_rays(value: L::Floats, lanes: L) -> Self;
 }
 
 /// One ray.

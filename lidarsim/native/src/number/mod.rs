@@ -20,7 +20,7 @@ use std::cmp::Ordering;
 pub use ball::{Ball, Balls};
 pub use dd::{DdBall, DdBalls};
 pub use dyadic::Dyadic;
-pub use lanes::{Lanes, Many, One};
+pub use lanes::{Lanes, Many, OfRays, One};
 
 use crate::affine::{Adjugate, Inverse};
 use crate::root::Root;
