@@ -46,9 +46,8 @@ impl<L: Lanes<N>, const N: usize> Target<L, N> for Triangles<L::Floats> {
 
     #[inline(always)]
     fn normal<K: OfRays<L, N>>(&self, _: &Ray<K>, _: u8, lanes: L) -> Vector<K> {
-        let [a, b, c]: [Vector<K>; 3] =
-            [of_rays(self.0[0], lanes), of_rays(self.0[1], lanes), of_rays(self.0[2], lanes)];
-        vector::cross(&vector::sub(&b, &a), &vector::sub(&c, &a))
+        let [a, b, c] = self.0;
+        vector::normal_through(&of_rays(a, lanes), &of_rays(b, lanes), &of_rays(c, lanes))
     }
 }
 

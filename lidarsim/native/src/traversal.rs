@@ -130,7 +130,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
             // The hierarchy of the mesh begins with what that above it would ask.
             Some(&id) if !party.scene.objects()[id as usize].is_simple() => self.enter(id, active),
             _ => {
-                party.enter_packet::<I>(&mut outer.packet, &index.bounded);
+                party.fill::<I>(&mut outer.packet, &index.bounded);
                 index.bounded.set_out::<I>(outer, active, stack);
             }
         }
@@ -164,9 +164,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
         } else if mask & (mask - 1) == 0 {
             I::call(Each { party, inside, mask, packet: &mut inner.packet, stack });
         } else {
-            let (rays, hierarchy, searches) = (party.rays_in(inside), inside.hierarchy, &party.searches);
-            inner.packet.enter::<I>(rays, hierarchy.center(), searches.t_min(), searches.limits());
-            hierarchy.set_out::<I>(inner, mask, stack);
+            party.fill_within::<I>(&mut inner.packet, inside);
+            inside.hierarchy.set_out::<I>(inner, mask, stack);
         }
     }
 }
@@ -232,9 +231,17 @@ impl<'a> Party<'a, '_> {
         simple::meet::<I>(self.scene, id, self.rays, &mut self.searches, mask, met);
     }
 
+    /// Fills a packet that is to go among the objects.
     #[inline(always)]
-    fn enter_packet<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
+    fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
         packet.enter::<I>(self.rays, hierarchy.center(), self.searches.t_min(), self.searches.limits());
+    }
+
+    /// Fills a packet with the rays that set out last within a mesh.
+    #[inline(always)]
+    fn fill_within<I: Isa>(&self, packet: &mut Packet, inside: Inside) {
+        let center = inside.hierarchy.center();
+        packet.enter::<I>(self.rays_in(inside), center, self.searches.t_min(), self.searches.limits());
     }
 
     /// Has rays enter a mesh, in its coordinates; none if the object is no mesh.
@@ -329,9 +336,8 @@ impl Task for Each<'_, '_, '_> {
     #[inline(always)]
     fn run<I: Isa>(self) {
         let Each { party, inside, mask, packet, stack } = self;
-        let (rays, hierarchy, searches) = (party.rays_in(inside), inside.hierarchy, &party.searches);
-        packet.enter::<I>(rays, hierarchy.center(), searches.t_min(), searches.limits());
-        hierarchy.traverse_each::<I>(packet, mask, stack, &mut party.among_blocks(inside));
+        party.fill_within::<I>(packet, inside);
+        inside.hierarchy.traverse_each::<I>(packet, mask, stack, &mut party.among_blocks(inside));
     }
 }
 
@@ -355,7 +361,7 @@ impl Task for Scattered<'_, '_, '_> {
         match index.bounded.only_leaf() {
             Some(&id) => Objects { party, packet: inner, met }.meet::<I>(stack, id, active),
             None => {
-                party.enter_packet::<I>(outer, &index.bounded);
+                party.fill::<I>(outer, &index.bounded);
                 let mut objects = Objects { party, packet: inner, met };
                 index.bounded.traverse_each::<I>(outer, active, stack, &mut objects);
             }

@@ -40,6 +40,12 @@ pub fn cross<N: Number>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
     ]
 }
 
+/// (b − a) × (c − a).
+#[inline(always)]
+pub fn normal_through<N: Number>(a: &Vector<N>, b: &Vector<N>, c: &Vector<N>) -> Vector<N> {
+    cross(&sub(b, a), &sub(c, a))
+}
+
 #[inline(always)]
 pub fn norm2<N: Number>(a: &Vector<N>) -> N {
     dot(a, a)

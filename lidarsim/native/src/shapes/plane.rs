@@ -42,11 +42,9 @@ impl Plane {
     }
 }
 
-/// (b − a) × (c − a).
 #[inline(always)]
 pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
-    let a = vector::exact(a);
-    vector::cross(&vector::sub(&vector::exact(b), &a), &vector::sub(&vector::exact(c), &a))
+    vector::normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c))
 }
 
 impl Surface for Plane {
