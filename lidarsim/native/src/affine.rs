@@ -144,23 +144,26 @@ impl<P: Placement> Placement for Option<P> {
 #[derive(Clone, Debug)]
 pub struct Adjugate<N> {
     rows: [Vector<N>; 3],
-    offset: Vector<N>,
+    /// In float64, so that the difference to an origin near it keeps all its digits.
+    offset: Point,
+    /// What the true offset is beyond that; none if nothing.
+    rest: Option<Vector<N>>,
     determinant: N,
 }
 
-impl<N: Number> Adjugate<N> {
+impl<N: Number<Floats = f64>> Adjugate<N> {
     fn of(map: &Affine, negate: bool) -> Self {
         let [r0, r1, r2]: [Vector<N>; 3] = map.linear.map(vector::exact);
         // The columns of the adjugate are the cross products of the rows.
         let [c0, c1, c2] = [vector::cross(&r1, &r2), vector::cross(&r2, &r0), vector::cross(&r0, &r1)];
         let determinant = vector::dot(&r0, &c0);
         let rows: [Vector<N>; 3] = std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]);
-        let offset = vector::exact(map.offset);
+        let (offset, rest) = (map.offset, None);
         if negate {
             let rows = rows.each_ref().map(vector::negated);
-            Adjugate { rows, offset, determinant: determinant.negated() }
+            Adjugate { rows, offset, rest, determinant: determinant.negated() }
         } else {
-            Adjugate { rows, offset, determinant }
+            Adjugate { rows, offset, rest, determinant }
         }
     }
 
@@ -168,22 +171,43 @@ impl<N: Number> Adjugate<N> {
     fn after(&self, first: &Self, second: &Affine) -> Self {
         let [r0, r1, r2] = &self.rows;
         let columns: [Vector<N>; 3] = std::array::from_fn(|j| [r0[j].clone(), r1[j].clone(), r2[j].clone()]);
+        let (offset, rest) = if first.rest.is_none() && first.offset == [0.0; 3] {
+            (self.offset, self.rest.clone())
+        } else {
+            let (from, to) = (first.whole_offset(), self.whole_offset());
+            let parts = [0, 1, 2].map(|i| vector::dot(&vector::exact(second.linear[i]), &from).plus(&to[i]).split());
+            (parts.each_ref().map(|(near, _)| *near), Some(parts.map(|(_, rest)| rest)))
+        };
         Adjugate {
             rows: first.rows.each_ref().map(|row| columns.each_ref().map(|column| vector::dot(row, column))),
-            offset: std::array::from_fn(|i| {
-                vector::dot(&vector::exact(second.linear[i]), &first.offset).plus(&self.offset[i])
-            }),
+            offset,
+            rest,
             determinant: self.determinant.times(&first.determinant),
         }
     }
 
+    fn whole_offset(&self) -> Vector<N> {
+        let near = vector::exact(self.offset);
+        match &self.rest {
+            None => near,
+            Some(rest) => vector::add(&near, rest),
+        }
+    }
+}
+
+impl<N: Number> Adjugate<N> {
     /// The same in a kind of number that holds this one.
     #[inline(always)]
     pub fn of_kind<'a, M: From<&'a N>>(&'a self) -> Adjugate<M> {
         let [r0, r1, r2] = &self.rows;
+        let rest = match &self.rest {
+            None => None,
+            Some(rest) => Some(of_kind(rest)),
+        };
         Adjugate {
             rows: [of_kind(r0), of_kind(r1), of_kind(r2)],
-            offset: of_kind(&self.offset),
+            offset: self.offset,
+            rest,
             determinant: M::from(&self.determinant),
         }
     }
@@ -195,11 +219,11 @@ impl<N: Number> Adjugate<N> {
             None => self.determinant.clone(),
             Some(w) => w.times(&self.determinant),
         };
-        Ray {
-            origin: self.times(&ray.origin_from(self.offset.clone())),
-            direction: self.times(&ray.direction),
-            weight: Some(weight),
+        let mut from = ray.origin_from(vector::exact(self.offset));
+        if let Some([x, y, z]) = self.rest.clone() {
+            from = vector::sub(&from, &[ray.weighted(x), ray.weighted(y), ray.weighted(z)]);
         }
+        Ray { origin: self.times(&from), direction: self.times(&ray.direction), weight: Some(weight) }
     }
 
     #[inline(always)]

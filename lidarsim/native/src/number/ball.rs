@@ -1,4 +1,7 @@
 //! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, §3.3).
+//!
+//! The bound is a weight times a size. Sizes add up and multiply as the numbers do; weights depend on the formula alone, so that the compiler works
+//! them out.
 
 use std::cmp::Ordering;
 
@@ -9,28 +12,45 @@ use crate::root::Root;
 use crate::simd::Floats;
 use crate::vector::Vector;
 
-/// Real numbers, a lane each, within `error` of `value`. An infinite or NaN bound means: unknown.
+/// Real numbers, a lane each, within `weight`·`size` of `value`. An infinite or NaN bound means: unknown.
 #[derive(Clone, Copy, Debug)]
 pub struct Balls<L: Lanes<N>, const N: usize> {
     value: L::Floats,
-    /// None: exact in every lane.
-    error: Option<L::Floats>,
+    /// |value| at least.
+    size: L::Floats,
+    /// 0 if the numbers are exact, else at least the unit roundoff.
+    weight: f64,
+    /// Of lanes whose number is exactly zero the bit is clear.
+    nonzero: u32,
     lanes: L,
 }
 
 pub type Ball = Balls<One, 1>;
 
+/// The weight where a bound is given: a power of two near that of ordinary formulas, so that the size remains near the value. Products of
+/// several sizes that were much larger would be larger by as many factors.
+const GIVEN: f64 = 8.0 * UNIT;
+
 impl<L: Lanes<N>, const N: usize> OfRays<L, N> for Balls<L, N> {
     #[inline(always)]
     fn of_rays(value: L::Floats, lanes: L) -> Self {
-        Balls { value, error: None, lanes }
+        Self::rounded(value, 0.0, lanes)
     }
 }
 
 impl<L: Lanes<N>, const N: usize> Balls<L, N> {
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
-        Balls { value, error: Some(error), lanes }
+        // In this order, a NaN for an error stays one.
+        let size = value.abs().max(error.mul(splat::<L, N>(1.0 / GIVEN)));
+        Balls { value, size, weight: GIVEN, nonzero: u32::MAX, lanes }
+    }
+
+    /// Numbers that are exact, or rounded once, and zero only where the truth is.
+    #[inline(always)]
+    fn rounded(value: L::Floats, weight: f64, lanes: L) -> Self {
+        let size = value.abs();
+        Balls { value, size, weight, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
     }
 
     /// The number and how far it may be off.
@@ -41,57 +61,48 @@ impl<L: Lanes<N>, const N: usize> Balls<L, N> {
 
     #[inline(always)]
     fn error(self) -> L::Floats {
-        self.error.unwrap_or(splat::<L, N>(0.0))
-    }
-
-    /// At least the absolute value; zero where the number is exactly zero, and only there.
-    #[inline(always)]
-    fn size(self) -> L::Floats {
-        match self.error {
-            None => self.value.abs(),
-            Some(error) => self.value.abs().add(error),
-        }
+        if self.weight == 0.0 { splat::<L, N>(0.0) } else { self.size.mul(splat::<L, N>(self.weight * PAD)) }
     }
 
     /// `a` where 0 ≤ `by`, else `b`.
     #[inline(always)]
     fn pick(by: L::Floats, a: Self, b: Self) -> Self {
         let zero = splat::<L, N>(0.0);
-        let error = match (a.error, b.error) {
-            (None, None) => None,
-            _ => Some(zero.le_pick(by, a.error(), b.error())),
-        };
-        Balls { value: zero.le_pick(by, a.value, b.value), error, lanes: a.lanes.or(b.lanes) }
+        Balls {
+            value: zero.le_pick(by, a.value, b.value),
+            size: zero.le_pick(by, a.size, b.size),
+            weight: larger(a.weight, b.weight),
+            nonzero: a.nonzero | b.nonzero,
+            lanes: a.lanes.or(b.lanes),
+        }
     }
 
     /// With ρ = 1/b rounded and q ≥ ε_b/|b|, q ≤ ½: |a/b − v| ≤ (ε_a + |a/b|·ε_b)/(|b| − ε_b) + 3u·|v| for v = a·ρ, rounded, and
-    /// 1/(|b| − ε_b) ≤ |1/b|·(1 + 2q). A ρ so small that it might have lost bits is refused.
+    /// 1/(|b| − ε_b) ≤ |1/b|·(1 + 2q). A ρ so small that it might have lost bits is refused. The size is that sum in units of 3u.
     #[inline(always)]
     fn over(self, b: Self) -> Result<Self, Uncertain> {
+        const WEIGHT: f64 = 3.0 * UNIT;
         let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
         let inverse = splat::<L, N>(1.0).div(b.value);
         let slope = inverse.abs();
         let value = self.value.mul(inverse);
-        let rounding = value.abs().mul(splat::<L, N>(3.0 * UNIT));
         let lanes = self.lanes.or(b.lanes);
         let ordinary = splat::<L, N>(f64::MIN_POSITIVE).lt(slope);
-        let error = match b.error {
-            None => {
-                lanes.keep(ordinary)?;
-                match self.error {
-                    None => rounding,
-                    Some(e) => e.mul(slope).fused(pad, rounding),
-                }
-            }
-            Some(f) => {
-                let q = f.mul(slope).mul(pad);
-                lanes.keep(ordinary & q.le(splat::<L, N>(0.5)))?;
-                let operands = value.abs().fused(f, self.error().add(underflow));
-                let wider = q.fused(splat::<L, N>(2.0), splat::<L, N>(1.0));
-                operands.mul(slope).mul(wider).fused(pad, rounding)
-            }
+        let mut operands = underflow;
+        if self.weight != 0.0 {
+            operands = self.size.fused(splat::<L, N>(self.weight / WEIGHT * PAD), operands);
+        }
+        let size = if b.weight == 0.0 {
+            lanes.keep(ordinary)?;
+            operands.mul(slope)
+        } else {
+            let q = b.error().mul(slope).mul(pad);
+            lanes.keep(ordinary & q.le(splat::<L, N>(0.5)))?;
+            operands = value.abs().fused(b.size.mul(splat::<L, N>(b.weight / WEIGHT * PAD)), operands);
+            operands.mul(slope).mul(q.fused(splat::<L, N>(2.0), splat::<L, N>(1.0)))
         };
-        Ok(Balls { value, error: Some(error.fused(pad, underflow)), lanes })
+        let size = size.fused(pad, value.abs()).fused(pad, underflow);
+        Ok(Balls { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
     }
 
     /// For a true x ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where the ball reaches zero, 0 ≤ √x ≤ √(v + ε).
@@ -100,18 +111,16 @@ impl<L: Lanes<N>, const N: usize> Balls<L, N> {
         let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
         let error = self.error();
         let value = self.value.sqrt();
-        let bound = value.fused(splat::<L, N>(UNIT), error.div(value)).fused(pad, underflow);
+        let units = error.mul(splat::<L, N>(1.0 / UNIT));
+        let size = value.add(units.div(value)).fused(pad, underflow);
+        let root = Balls { value, size, weight: UNIT, ..self };
         let away = error.lt(self.value);
         if away & self.lanes.asked() == self.lanes.asked() {
-            return Balls { value, error: Some(bound), lanes: self.lanes };
+            return root;
         }
         let zero = splat::<L, N>(0.0);
-        let reach = self.value.max(zero).add(error).mul(pad).sqrt().mul(pad);
-        Balls {
-            value: self.value.le_pick(error, zero, value),
-            error: Some(self.value.le_pick(error, reach, bound)),
-            lanes: self.lanes,
-        }
+        let reach = self.value.max(zero).add(error).mul(pad).sqrt().mul(splat::<L, N>(PAD / UNIT));
+        Balls { value: self.value.le_pick(error, zero, value), size: self.value.le_pick(error, reach, size), ..root }
     }
 
     /// Stable forms of (b ± √disc)/a: where b and ±√disc cancel, c/(b ∓ √disc) is the same root.
@@ -133,6 +142,12 @@ impl<L: Lanes<N>, const N: usize> Balls<L, N> {
     }
 }
 
+/// As `f64::max`, where there are no NaN.
+#[inline(always)]
+const fn larger(x: f64, y: f64) -> f64 {
+    if x > y { x } else { y }
+}
+
 /// One number for every lane.
 #[inline(always)]
 pub(super) fn splat<L: Lanes<N>, const N: usize>(x: f64) -> L::Floats {
@@ -152,12 +167,15 @@ pub(super) fn interval<L: Lanes<N>, const N: usize>(
     Ok(Interval { low: value.sub(margin), high: value.add(margin) })
 }
 
-/// With a bound in any case, so that the compiler knows that there is one.
+/// With the same weight in any case, so that the compiler knows it.
 impl<L: Lanes<N>, const N: usize> From<&Ball> for Balls<L, N> {
     #[inline(always)]
     fn from(ball: &Ball) -> Self {
-        let error = Some(splat::<L, N>(ball.error()));
-        Balls { value: splat::<L, N>(ball.value), error, lanes: L::OF_NO_RAY }
+        let Balls { value, size, weight, nonzero, .. } = *ball;
+        let size = larger(size, size * (weight * PAD / GIVEN));
+        let nonzero = if nonzero & 1 == 0 { 0 } else { u32::MAX };
+        let (value, size) = (splat::<L, N>(value), splat::<L, N>(size));
+        Balls { value, size, weight: GIVEN, nonzero, lanes: L::OF_NO_RAY }
     }
 }
 
@@ -166,20 +184,19 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
 
     #[inline(always)]
     fn exact(x: f64) -> Self {
-        Balls { value: splat::<L, N>(x), error: None, lanes: L::OF_NO_RAY }
+        Self::rounded(splat::<L, N>(x), 0.0, L::OF_NO_RAY)
     }
 
+    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x + s_y, rounded: rounding is monotone. A sum of
+    /// float64 numbers that is subnormal is exact, so that nothing is lost to underflow.
     #[inline(always)]
     fn plus(&self, other: &Self) -> Self {
-        // A sum of float64 numbers that is subnormal is exact, so that nothing is lost to underflow.
-        let value = self.value.add(other.value);
-        let unit = splat::<L, N>(UNIT);
-        let error = match (self.error, other.error) {
-            (None, None) => value.abs().mul(unit),
-            (Some(e), None) | (None, Some(e)) => value.abs().fused(unit, e),
-            (Some(e), Some(f)) => value.abs().fused(unit, e.add(f)),
-        };
-        Balls { value, error: Some(error.mul(splat::<L, N>(PAD))), lanes: self.lanes.or(other.lanes) }
+        let (value, lanes) = (self.value.add(other.value), self.lanes.or(other.lanes));
+        if self.weight == 0.0 && other.weight == 0.0 {
+            return Self::rounded(value, UNIT, lanes);
+        }
+        let weight = (larger(self.weight, other.weight) + UNIT) * PAD;
+        Balls { value, size: self.size.add(other.size), weight, nonzero: self.nonzero | other.nonzero, lanes }
     }
 
     #[inline(always)]
@@ -187,22 +204,18 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
         self.plus(&other.negated())
     }
 
+    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s = s_x·s_y, rounded. The half of the smallest subnormal
+    /// that z may lose to underflow is less than half of what `PAD` adds, as w·s ≥ u·`UNDERFLOW`.
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
-        let value = self.value.mul(other.value);
-        let rounding = value.abs().mul(splat::<L, N>(UNIT));
-        let (a, b) = (self.value.abs(), other.value.abs());
-        let error = match (self.error, other.error) {
-            (None, None) => rounding,
-            (Some(e), None) => b.fused(e, rounding),
-            (None, Some(f)) => a.fused(f, rounding),
-            (Some(e), Some(f)) => self.size().fused(f, b.fused(e, rounding)),
-        };
-        // What is exactly zero stays so.
-        let zero = splat::<L, N>(0.0);
-        let underflow = self.size().min(other.size()).le_pick(zero, zero, splat::<L, N>(UNDERFLOW));
-        let error = error.fused(splat::<L, N>(PAD), underflow);
-        Balls { value, error: Some(error), lanes: self.lanes.or(other.lanes) }
+        let (v, w) = (self.weight, other.weight);
+        Balls {
+            value: self.value.mul(other.value),
+            size: self.size.fused(other.size, splat::<L, N>(UNDERFLOW)),
+            weight: (v + w + v * w + UNIT) * PAD,
+            nonzero: self.nonzero & other.nonzero,
+            lanes: self.lanes.or(other.lanes),
+        }
     }
 
     #[inline(always)]
@@ -210,11 +223,16 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
         Balls { value: self.value.negated(), ..*self }
     }
 
+    /// What overflows has an infinite size, too.
+    #[inline(always)]
+    fn doubled(&self) -> Self {
+        Balls { value: self.value.add(self.value), size: self.size.add(self.size), ..*self }
+    }
+
     #[inline(always)]
     fn sign(&self) -> Result<Ordering, Uncertain> {
         let error = self.error();
-        let equal = self.size().le(splat::<L, N>(0.0));
-        self.lanes.agree(self.value.lt(error.negated()), equal, error.lt(self.value))
+        self.lanes.agree(self.value.lt(error.negated()), !self.nonzero, error.lt(self.value))
     }
 
     #[inline(always)]
@@ -235,6 +253,10 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
     #[inline(always)]
     fn round(_: &Root<Self>) -> Result<L::Floats, Uncertain> {
         Err(Uncertain)
+    }
+
+    fn split(&self) -> (L::Floats, Self) {
+        (self.value, Self::within(splat::<L, N>(0.0), self.error(), self.lanes))
     }
 
     #[inline(always)]

@@ -315,6 +315,11 @@ impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
         DdBalls::of_root(root)?.rounded()
     }
 
+    fn split(&self) -> (L::Floats, Self) {
+        let rest = DdBalls { high: self.low(), low: Some(splat::<L, N>(0.0)), ..*self };
+        (self.high, rest)
+    }
+
     #[inline(always)]
     fn of_inverse(inverse: &Inverse) -> Adjugate<Self> {
         inverse.dd.of_kind()

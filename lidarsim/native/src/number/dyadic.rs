@@ -211,6 +211,11 @@ impl Number for Dyadic {
         Ok(Dyadic { mantissa: (n << shift as u64) / d, exponent: num.exponent - den.exponent - shift })
     }
 
+    fn split(&self) -> (f64, Self) {
+        let near = self.ratio(&Dyadic::exact(1.0)).clamp(f64::MIN, f64::MAX);
+        (near, self.minus(&Dyadic::exact(near)))
+    }
+
     fn of_inverse(inverse: &Inverse) -> Adjugate<Self> {
         inverse.dyadic.clone()
     }

@@ -55,6 +55,9 @@ pub trait Number: Clone {
     /// Float64 numbers that hold the root between them.
     fn enclose(root: &Root<Self>) -> Result<Interval<Self::Floats>, Uncertain>;
 
+    /// Float64 numbers near these, and what these are beyond them.
+    fn split(&self) -> (Self::Floats, Self);
+
     /// An inverse map in this kind of number.
     fn of_inverse(inverse: &Inverse) -> Adjugate<Self>;
 
