@@ -1,10 +1,10 @@
 //! Rays of a packet at the leaves of a mesh.
 
-use crate::bvh::{LANES, LEAF, Mask, Rays, Stack, Visitor, take};
+use crate::bvh::{LANES, LEAF, Mask, Rays, Stack, Visit, Visitor, WALKS, take};
 use crate::doubt::Doubts;
 use crate::scene::{Place, Scene};
 use crate::search::Searches;
-use crate::shapes::{Bearing, Block, TriangleMesh};
+use crate::shapes::{Bearing, Block, Planes, TriangleMesh};
 use crate::simd::Isa;
 
 /// Rays of one octant, in the coordinates of a mesh, among its triangles.
@@ -18,11 +18,35 @@ pub struct Blocks<'a, 's> {
     pub searches: &'a mut Searches<'s>,
     /// None if the mesh was moved.
     pub doubts: Option<&'a mut Doubts>,
-    /// Of the rays that may meet a block, one after the other, the sums of volumes.
-    pub sums: &'a mut Sums,
+    pub looks: &'a mut Looks,
 }
 
-pub type Sums = [[f64; LEAF]; LANES];
+/// Room for what rays see of blocks.
+pub struct Looks {
+    /// Of the rays that may meet a block, one after the other, the sums of volumes.
+    sums: [[f64; LEAF]; LANES],
+    planes: [Planes; WALKS],
+}
+
+impl Looks {
+    pub fn new() -> Self {
+        Looks { sums: [[0.0; LEAF]; LANES], planes: [Planes::NONE; WALKS] }
+    }
+}
+
+/// What a ray has seen of a block: the candidates, and the sure ones of them. A byte each, as an array of this is written anew at each look.
+#[derive(Clone, Copy)]
+struct Seen {
+    lane: u8,
+    candidates: u8,
+    sure: u8,
+    /// Which of the blocks it was.
+    block: u8,
+}
+
+impl Seen {
+    const NOTHING: Seen = Seen { lane: 0, candidates: 0, sure: 0, block: 0 };
+}
 
 impl Blocks<'_, '_> {
     /// Meets the block with these rays, and says which of them want less than before.
@@ -50,28 +74,36 @@ impl Blocks<'_, '_> {
     fn look<I: Isa>(&mut self, block: &Block, mask: Mask) -> Mask {
         let first = mask.trailing_zeros() as usize;
         let edges = block.edges::<I>(self.rays.origin(first), self.rays.origin_error[first]);
-        // All rays look before one acts on what it saw, so that no branch hangs on a single look. The lane, its candidates and the sure ones of
-        // them have a byte each: the array is written anew at each leaf.
-        let mut seen = [[0_u8; 4]; LANES];
+        // All rays look before one acts on what it saw, so that no branch hangs on a single look.
+        let mut seen = [Seen::NOTHING; LANES];
         let mut count = 0;
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
-            let (candidates, sure) = block.candidates::<I>(&edges, &self.bearing(lane), &mut self.sums[count]);
-            seen[count] = [lane as u8, candidates as u8, sure as u8, 0];
+            let (candidates, sure) = block.candidates::<I>(&edges, &self.bearing(lane), &mut self.looks.sums[count]);
+            seen[count] = Seen { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, block: 0 };
             count += usize::from(candidates != 0);
         }
         if count == 0 {
             return 0;
         }
-        let planes = block.planes::<I>(&edges);
+        self.looks.planes[0] = block.planes::<I>(&edges);
+        self.act::<I>(&seen[..count], &[Visit { lane: first, leaf: block }])
+    }
+
+    /// Takes what rays have seen of blocks, and says which of the rays want less than before.
+    #[inline(always)]
+    fn act<I: Isa>(&mut self, seen: &[Seen], blocks: &[Visit<Block>]) -> Mask {
         let mut nearer = 0;
-        for (k, &[lane, candidates, sure, _]) in seen[..count].iter().enumerate() {
+        for (k, &Seen { lane, candidates, sure, block }) in seen.iter().enumerate() {
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
-            let bearing = self.bearing(lane);
+            let (bearing, block) = (self.bearing(lane), usize::from(block));
             while let Some(i) = take(&mut candidates) {
-                let primitive = block.ids()[i];
-                let known =
-                    if sure & 1 << i != 0 { Block::meet::<I>(i, &planes, &bearing, &self.sums[k]) } else { None };
+                let primitive = blocks[block].leaf.ids()[i];
+                let known = if sure & 1 << i != 0 {
+                    Block::meet::<I>(i, &self.looks.planes[block], &bearing, &self.looks.sums[k])
+                } else {
+                    None
+                };
                 match known {
                     Some(t) if t.low > self.searches.limits()[lane] => continue,
                     Some(t) => self.searches.offer(self.world, lane, Place::of_triangle(self.id, primitive), t),
@@ -103,8 +135,17 @@ impl Blocks<'_, '_> {
 
 impl Visitor<Block> for Blocks<'_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, _: &mut Stack, block: &Block, lane: usize) -> bool {
-        self.look::<I>(block, 1 << lane) != 0
+    fn visit<I: Isa>(&mut self, _: &mut Stack, visits: &[Visit<Block>]) -> Mask {
+        let mut seen = [Seen::NOTHING; WALKS];
+        let mut count = 0;
+        for (k, &Visit { lane, leaf }) in visits.iter().enumerate() {
+            let edges = leaf.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
+            let (candidates, sure) = leaf.candidates::<I>(&edges, &self.bearing(lane), &mut self.looks.sums[count]);
+            self.looks.planes[k] = leaf.planes::<I>(&edges);
+            seen[count] = Seen { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, block: k as u8 };
+            count += usize::from(candidates != 0);
+        }
+        self.act::<I>(&seen[..count], visits)
     }
 
     #[inline(always)]

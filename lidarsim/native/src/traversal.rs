@@ -1,7 +1,7 @@
 //! Packets on their way through a scene: the hierarchy of its objects, and within it those of meshes.
 
-use crate::blocks::{Blocks, Sums};
-use crate::bvh::{Bvh, LANES, LEAF, Mask, Packet, PacketWalk, Rays, Stack, Visitor, all, take};
+use crate::blocks::{Blocks, Looks};
+use crate::bvh::{Bvh, LANES, Mask, Packet, PacketWalk, Rays, Stack, Visit, Visitor, all, take};
 use crate::doubt::Doubts;
 use crate::number::Interval;
 use crate::scene::{Geometry, Index, Object, Scene};
@@ -50,15 +50,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
     pub fn new(scene: &'a Scene, range: (f64, f64), rays: &'b mut Rays, stack: &'b mut Stack) -> Self {
         let searches = Searches::new(scene, range);
         Traversal {
-            party: Party {
-                scene,
-                rays,
-                searches,
-                doubts: Doubts::new(),
-                left: 0,
-                local: None,
-                sums: [[0.0; LEAF]; LANES],
-            },
+            party: Party { scene, rays, searches, doubts: Doubts::new(), left: 0, local: None, looks: Looks::new() },
             index: scene.index(),
             size: scene.size(),
             stage: Stage::Idle,
@@ -213,8 +205,7 @@ pub struct Party<'a, 'b> {
     /// Rays that have yet to set out within the mesh that was entered.
     left: Mask,
     local: Option<Box<Local>>,
-    /// Room for what is seen of a block.
-    sums: Sums,
+    looks: Looks,
 }
 
 /// Rays in the coordinates of a mesh that was moved, where they may point into several octants.
@@ -304,14 +295,14 @@ impl<'a> Party<'a, '_> {
 
     #[inline(always)]
     fn among_blocks(&mut self, inside: Inside<'a>) -> Blocks<'_, 'a> {
-        let Party { scene, searches, sums, .. } = self;
+        let Party { scene, searches, looks, .. } = self;
         let world = &*self.rays;
         let Inside { id, mesh, .. } = inside;
         match &self.local {
             Some(local) if !inside.object.is_placed_as_made() => {
-                Blocks { scene, mesh, id, rays: &local.rays, world, searches, doubts: None, sums }
+                Blocks { scene, mesh, id, rays: &local.rays, world, searches, doubts: None, looks }
             }
-            _ => Blocks { scene, mesh, id, rays: world, world, searches, doubts: Some(&mut self.doubts), sums },
+            _ => Blocks { scene, mesh, id, rays: world, world, searches, doubts: Some(&mut self.doubts), looks },
         }
     }
 
@@ -396,9 +387,21 @@ impl Objects<'_, '_, '_> {
 
 impl Visitor<u32> for Objects<'_, '_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, leaf: &u32, lane: usize) -> bool {
-        self.meet::<I>(stack, *leaf, 1 << lane);
-        true
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, visits: &[Visit<u32>]) -> Mask {
+        let mut visited = 0;
+        for (k, &Visit { leaf, .. }) in visits.iter().enumerate() {
+            let mut mask = 0;
+            for visit in &visits[k..] {
+                mask |= Mask::from(visit.leaf == leaf) << visit.lane;
+            }
+            // Those that came to an object together go on together.
+            mask &= !visited;
+            if mask & 1 << visits[k].lane != 0 {
+                self.meet::<I>(stack, *leaf, mask);
+                visited |= mask;
+            }
+        }
+        visited
     }
 
     #[inline(always)]

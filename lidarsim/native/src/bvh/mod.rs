@@ -35,6 +35,8 @@ struct Child(u32);
 
 impl Child {
     const LEAF_BIT: u32 = 1 << 31;
+    /// What follows the last: no node has the root for a child.
+    const END: Child = Child::node(0);
 
     const fn node(index: usize) -> Self {
         Child(index as u32)
@@ -55,10 +57,25 @@ impl Child {
     }
 }
 
+/// A ray that goes alone, and the leaf that it has come to.
+pub struct Visit<'a, L> {
+    pub lane: usize,
+    pub leaf: &'a L,
+}
+
+// Derived, they would ask as much of L.
+impl<L> Clone for Visit<'_, L> {
+    #[inline(always)]
+    fn clone(&self) -> Self {
+        *self
+    }
+}
+impl<L> Copy for Visit<'_, L> {}
+
 /// What rays that go alone do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
 pub trait Visitor<L> {
-    /// Gets a ray that may meet the leaf, and says whether it wants less than before.
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, leaf: &L, lane: usize) -> bool;
+    /// Gets up to `WALKS` rays, each of which may meet a leaf, and says which of them want less than before.
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, visits: &[Visit<L>]) -> Mask;
 
     /// The t beyond which nothing is wanted of each ray.
     fn limits(&self) -> &[f64; LANES];
@@ -147,7 +164,7 @@ impl<L: Send> Bvh<L> {
         let node = &self.nodes[walk.child.index()];
         // The farthest first, and no branch hangs on a single look.
         if mask.count_ones() > FEW {
-            let meeting = hull.meet::<I>(node);
+            let meeting = hull.meet::<I>(&packet.heading, node);
             for (&near, &i) in meeting.near.iter().zip(&meeting.child).take(meeting.count) {
                 let (child, mask) = (node.child[i as usize], packet.meet::<I>(*mask, &meeting, i as usize));
                 self.prefetch::<I>(if mask != 0 { child } else { walk.child });
@@ -163,75 +180,59 @@ impl<L: Send> Bvh<L> {
         }
     }
 
-    /// As `traverse`, for rays of a packet one by one: a few by turns, a step each, so that while one waits for memory the others go on.
+    /// As `traverse`, for rays of a packet one by one: some at once, which all do a step before one does the next. While one waits for memory the
+    /// others go on, and since those at nodes and those at leaves have their turns apart, no branch hangs on where a single ray goes.
     #[inline(always)]
     pub fn traverse_each<I: Isa>(
         &self,
-        packet: &mut Packet,
+        packet: &Packet,
         active: Mask,
         stack: &mut Stack,
         visitor: &mut impl Visitor<L>,
     ) {
-        if self.nodes.is_empty() {
-            return;
-        }
-        let mut left = active;
+        let Some(leaf) = self.leaves.first() else { return };
+        let heading = packet.heading;
         let mut walks = [RayWalk::EMPTY; WALKS];
-        let mut going = 0;
-        while going < WALKS
-            && let Some(lane) = take(&mut left)
-        {
-            let walk = &mut walks[going];
-            (walk.pile, walk.base) = (going, stack.piles[going].len);
-            walk.start(lane, packet);
-            going += 1;
-        }
-        let mut k = 0;
-        while going > 0 {
-            let walk = &mut walks[k];
-            if self.step::<I>(walk, packet, stack, visitor) {
-                k += 1;
-            } else if let Some(lane) = take(&mut left) {
-                walk.start(lane, packet);
-            } else {
-                going -= 1;
-                walks.swap(k, going);
+        let (mut lanes, mut places) = (active, Places { idle: all(WALKS), at_leaves: 0 });
+        loop {
+            while lanes != 0
+                && let Some(k) = take(&mut places.idle)
+                && let Some(lane) = take(&mut lanes)
+            {
+                walks[k].start(lane, packet, &mut stack.piles[k]);
             }
-            if k >= going {
-                k = 0;
+            let mut at_nodes = all(WALKS) & !(places.idle | places.at_leaves);
+            let mut at_leaves = std::mem::take(&mut places.at_leaves);
+            if at_nodes | at_leaves == 0 {
+                return;
             }
-        }
-    }
-
-    /// One node or leaf; false at the end of the walk.
-    #[inline(always)]
-    fn step<I: Isa>(
-        &self,
-        walk: &mut RayWalk,
-        packet: &mut Packet,
-        stack: &mut Stack,
-        visitor: &mut impl Visitor<L>,
-    ) -> bool {
-        if walk.child.is_leaf() {
-            if visitor.visit::<I>(stack, &self.leaves[walk.child.index()], walk.lane) {
-                packet.set_limit(walk.lane, visitor.limits()[walk.lane]);
-                walk.limit = packet.limit(walk.lane);
-            }
-        } else {
-            let node = &self.nodes[walk.child.index()];
-            let Slabs { near, far, .. } = walk.hull.slabs::<I>(node, walk.limit);
-            stack.piles[walk.pile].push::<I>(near, far, &node.child);
-        }
-        let pile = &mut stack.piles[walk.pile];
-        while pile.len > walk.base {
-            pile.len -= 1;
-            if pile.near[pile.len] <= walk.limit {
-                walk.child = Child(pile.child[pile.len]);
+            while let Some(k) = take(&mut at_nodes) {
+                let (walk, pile) = (&mut walks[k], &mut stack.piles[k]);
+                let node = &self.nodes[walk.child.index()];
+                let Slabs { near, far, .. } = walk.hull.slabs::<I>(&heading, node, walk.limit);
+                pile.push::<I>(near, far, &node.child);
+                walk.child = pile.pop();
                 self.prefetch::<I>(walk.child);
-                return true;
+                places.note(k, walk.child);
+            }
+            let (mut visits, mut count) = ([Visit { lane: 0, leaf }; WALKS], 0);
+            let mut left = at_leaves;
+            while let Some(k) = take(&mut left) {
+                visits[count] = Visit { lane: walks[k].lane, leaf: &self.leaves[walks[k].child.index()] };
+                count += 1;
+            }
+            let nearer = if count > 0 { visitor.visit::<I>(stack, &visits[..count]) } else { 0 };
+            while let Some(k) = take(&mut at_leaves) {
+                let (walk, pile) = (&mut walks[k], &mut stack.piles[k]);
+                if nearer & 1 << walk.lane != 0 {
+                    walk.limit = packet.limit_of(visitor.limits()[walk.lane]);
+                    pile.keep_within(walk.limit, walk.base);
+                }
+                walk.child = pile.pop();
+                self.prefetch::<I>(walk.child);
+                places.note(k, walk.child);
             }
         }
-        false
     }
 
     /// Brings a node or a leaf into the cache. No branch hangs on which it is: there will be one when it is visited.
@@ -306,20 +307,36 @@ struct RayWalk {
     hull: Hull,
     limit: f32,
     child: Child,
-    /// Which pile, and where it begins.
-    pile: usize,
+    /// Where its part of its pile begins.
     base: usize,
 }
 
 impl RayWalk {
-    const EMPTY: RayWalk = RayWalk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), pile: 0, base: 0 };
+    const EMPTY: RayWalk = RayWalk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), base: 0 };
 
     #[inline(always)]
-    fn start(&mut self, lane: usize, packet: &Packet) {
+    fn start(&mut self, lane: usize, packet: &Packet, pile: &mut Pile) {
         self.lane = lane;
         packet.put_hull_of_one(lane, &mut self.hull);
         self.limit = packet.limit(lane);
         self.child = Child::node(0);
+        pile.child[pile.len] = Child::END.0;
+        pile.len += 1;
+        self.base = pile.len;
+    }
+}
+
+/// Which walks have come to their end and which to a leaf, a bit each; the others are at nodes.
+struct Places {
+    idle: Mask,
+    at_leaves: Mask,
+}
+
+impl Places {
+    #[inline(always)]
+    fn note(&mut self, k: usize, child: Child) {
+        self.idle |= Mask::from(child == Child::END) << k;
+        self.at_leaves |= Mask::from(child.is_leaf()) << k;
     }
 }
 
@@ -335,8 +352,8 @@ struct Entry {
 /// Up to as many rays each look at all boxes of a node, where more look at one box after the other.
 const FEW: u32 = 16;
 
-/// Rays that a thread traces by turns.
-const WALKS: usize = 8;
+/// Rays that go alone at once.
+pub const WALKS: usize = 16;
 
 /// What is still to be visited, to be used again and again: by rays together, and a pile for each ray that goes alone. They are deep enough for a
 /// hierarchy within a hierarchy: each level pops one entry and pushes at most `WIDTH`.
@@ -347,7 +364,7 @@ pub struct Stack {
     piles: [Pile; WALKS],
 }
 
-/// The subtrees that a single ray has still to visit, and how near they may be; the nearest last.
+/// The subtrees that a single ray has still to visit, none beyond its limit, and how near they may be; of those of one node the nearest last.
 #[derive(Clone, Copy)]
 struct Pile {
     near: [f32; Pile::SIZE],
@@ -356,8 +373,8 @@ struct Pile {
 }
 
 impl Pile {
-    /// A push writes `WIDTH` entries, whether they count or not.
-    const SIZE: usize = Stack::SIZE + WIDTH;
+    /// With an end for each of two hierarchies. A push writes `WIDTH` entries, whether they count or not.
+    const SIZE: usize = Stack::SIZE + 2 + WIDTH;
 
     /// Pushes the children whose boxes the ray enters before it leaves them.
     #[inline(always)]
@@ -366,6 +383,24 @@ impl Pile {
         self.near[self.len..self.len + WIDTH].copy_from_slice(&near);
         self.child[self.len..self.len + WIDTH].copy_from_slice(&children);
         self.len += count;
+    }
+
+    #[inline(always)]
+    fn pop(&mut self) -> Child {
+        self.len -= 1;
+        Child(self.child[self.len])
+    }
+
+    /// Drops those from `base` on that are beyond the limit.
+    #[inline(always)]
+    fn keep_within(&mut self, limit: f32, base: usize) {
+        let mut kept = base;
+        for i in base..self.len {
+            let (near, child) = (self.near[i], self.child[i]);
+            (self.near[kept], self.child[kept]) = (near, child);
+            kept += usize::from(near <= limit);
+        }
+        self.len = kept;
     }
 }
 
@@ -470,15 +505,18 @@ mod tests {
     }
 
     impl Visitor<Vec<u32>> for Notes<'_> {
-        fn visit<I: Isa>(&mut self, _: &mut Stack, leaf: &Vec<u32>, lane: usize) -> bool {
-            let mut nearer = false;
-            self.offered[lane].extend_from_slice(leaf);
-            for &id in leaf.iter().filter(|_| self.first_only) {
-                let (origin, direction) = self.rays[lane];
-                let t = entry(&self.cubes[id as usize], origin, direction).map(|(num, den)| num as f64 / den as f64);
-                if let Some(t) = t.filter(|t| *t < self.limits[lane]) {
-                    self.limits[lane] = t;
-                    nearer = true;
+        fn visit<I: Isa>(&mut self, _: &mut Stack, visits: &[Visit<Vec<u32>>]) -> Mask {
+            let mut nearer = 0;
+            for &Visit { lane, leaf } in visits {
+                self.offered[lane].extend_from_slice(leaf);
+                for &id in leaf.iter().filter(|_| self.first_only) {
+                    let (origin, direction) = self.rays[lane];
+                    let t =
+                        entry(&self.cubes[id as usize], origin, direction).map(|(num, den)| num as f64 / den as f64);
+                    if let Some(t) = t.filter(|t| *t < self.limits[lane]) {
+                        self.limits[lane] = t;
+                        nearer |= 1 << lane;
+                    }
                 }
             }
             nearer
@@ -513,12 +551,12 @@ mod tests {
                     };
                     let (mut nearer, mut left) = (0, walk.mask());
                     while let Some(lane) = take(&mut left) {
-                        nearer |= Mask::from(notes.visit::<I>(&mut stack, leaf, lane)) << lane;
+                        nearer |= notes.visit::<I>(&mut stack, &[Visit { lane, leaf }]);
                     }
                     walk.shorten(nearer);
                 }
             } else {
-                bvh.traverse_each::<I>(&mut walk.packet, active, &mut stack, notes);
+                bvh.traverse_each::<I>(&walk.packet, active, &mut stack, notes);
             }
             assert!(stack.len == 0 && stack.piles.iter().all(|pile| pile.len == 0));
         }

@@ -237,7 +237,7 @@ pub fn take(mask: &mut Mask) -> Option<usize> {
 
 /// A mask of so many rays.
 #[inline(always)]
-pub fn all(count: usize) -> Mask {
+pub const fn all(count: usize) -> Mask {
     if count < LANES { (1 << count) - 1 } else { Mask::MAX }
 }
 
@@ -252,9 +252,15 @@ const STRETCH: f32 = 1.0 + 12.0 * U;
 pub struct Packet {
     groups: [Group; GROUPS],
     count: usize,
-    start: f32,
     /// t times this is t here; a power of two.
     scale: f64,
+    pub(super) heading: Heading,
+}
+
+/// Where rays of a packet begin and which planes they come to first, by axis: what all have in common.
+#[derive(Clone, Copy)]
+pub(super) struct Heading {
+    start: f32,
     backward: [bool; 3],
 }
 
@@ -293,8 +299,6 @@ pub(super) struct Hull {
     far_origin: [f32; 3],
     near_slope: [f32; 3],
     far_slope: [f32; 3],
-    start: f32,
-    backward: [bool; 3],
 }
 
 /// The boxes of a node that any ray of a hull may meet, the farthest first.
@@ -311,14 +315,15 @@ pub(super) struct Meeting {
 
 impl Packet {
     pub fn empty() -> Self {
-        Packet { groups: [Group::EMPTY; GROUPS], count: 0, start: 0.0, scale: 1.0, backward: [false; 3] }
+        let heading = Heading { start: 0.0, backward: [false; 3] };
+        Packet { groups: [Group::EMPTY; GROUPS], count: 0, scale: 1.0, heading }
     }
 
     /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
     #[inline(always)]
     pub fn enter<I: Isa>(&mut self, rays: &Rays, center: Point, t_min: f64, limits: &[f64; LANES]) {
         let octant = rays.octant;
-        self.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
+        self.heading.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
         // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::take_up`). Of rays much shorter than the
         // longest, components may underflow here, which only weakens their bounds.
@@ -331,7 +336,7 @@ impl Packet {
         let exponent = largest.largest().to_bits() >> 52;
         let shrink = I::F64x8::splat(f64::from_bits((2045 - exponent) << 52));
         self.scale = f64::from_bits((exponent + 1) << 52);
-        self.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
+        self.heading.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
         for g in 0..self.count.div_ceil(WIDE) {
             self.enter_group::<I>(g, rays, center, shrink, limits);
         }
@@ -348,7 +353,7 @@ impl Packet {
         let direction_error = I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let vague = zero.lt(direction_error) != 0;
         for axis in 0..3 {
-            let backward = self.backward[axis];
+            let backward = self.heading.backward[axis];
             let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
             let middle = I::F64x8::splat(center[axis]);
             let (low, high) = halves::<I>(&rays.origin[axis], g);
@@ -388,14 +393,14 @@ impl Packet {
     /// Where the signs of a lane's direction are not known, `octant` may be any.
     #[inline(always)]
     pub(super) fn hull_of_all<I: Isa>(&self) -> Hull {
-        let mut hull = Hull { start: self.start, backward: self.backward, ..Hull::EMPTY };
+        let mut hull = Hull::EMPTY;
         for axis in 0..3 {
             let first = &self.groups[0];
             let mut near_origin = I::F32x16::load(&first.near_origin[axis]);
             let mut far_origin = I::F32x16::load(&first.far_origin[axis]);
             let mut near_slope = I::F32x16::load(&first.near_slope[axis]);
             let mut far_slope = I::F32x16::load(&first.far_slope[axis]);
-            let backward = self.backward[axis];
+            let backward = self.heading.backward[axis];
             for group in &self.groups[1..self.count.div_ceil(WIDE)] {
                 near_origin = outer::<I>(near_origin, &group.near_origin[axis], !backward);
                 far_origin = outer::<I>(far_origin, &group.far_origin[axis], backward);
@@ -427,8 +432,6 @@ impl Packet {
             hull.near_slope[axis] = group.near_slope[axis][lane];
             hull.far_slope[axis] = group.far_slope[axis][lane];
         }
-        hull.start = self.start;
-        hull.backward = self.backward;
     }
 
     #[inline(always)]
@@ -436,13 +439,13 @@ impl Packet {
         self.groups[lane / WIDE].limit[lane % WIDE]
     }
 
-    /// Nothing beyond t is wanted of this ray any more.
+    /// The limit of a ray of which nothing beyond t is wanted.
     #[inline(always)]
-    pub(super) fn set_limit(&mut self, lane: usize, t: f64) {
-        self.groups[lane / WIDE].limit[lane % WIDE] = (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE;
+    pub(super) fn limit_of(&self, t: f64) -> f32 {
+        (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE
     }
 
-    /// As `set_limit`, for all rays.
+    /// Nothing beyond t is wanted of the rays any more; as `limit_of`.
     #[inline(always)]
     pub(super) fn set_limits<I: Isa>(&mut self, t: &[f64; LANES]) {
         let scale = I::F64x8::splat(self.scale);
@@ -466,7 +469,7 @@ impl Packet {
     pub(super) fn meet<I: Isa>(&self, mask: Mask, meeting: &Meeting, i: usize) -> Mask {
         let mut met = 0;
         for (g, group) in self.groups.iter().enumerate() {
-            let mut near = I::F32x16::splat(self.start);
+            let mut near = I::F32x16::splat(self.heading.start);
             let mut far = I::F32x16::load(&group.limit);
             for axis in 0..3 {
                 let t = I::F32x16::splat(meeting.first[axis][i]).mul(I::F32x16::load(&group.near_slope[axis]));
@@ -495,13 +498,13 @@ impl Packet {
     /// As the hull's and the packet's `meet`, ray by ray.
     #[inline(always)]
     pub(super) fn meet_few<I: Isa>(&self, mask: Mask, hull: &Hull, node: &Node) -> FewMeeting {
-        let (firsts, lasts) = hull.planes::<I>(node);
+        let (firsts, lasts) = hull.planes::<I>(&self.heading, node);
         let (beyond, largest) = (I::F32x8::splat(f32::INFINITY), I::F32x8::splat(f32::MAX));
         let (mut nearest, mut masks) = (beyond, I::no_masks());
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
             let (group, at) = (&self.groups[lane / WIDE], lane % WIDE);
-            let mut near = I::F32x8::splat(self.start);
+            let mut near = I::F32x8::splat(self.heading.start);
             let mut far = I::F32x8::splat(group.limit[at]);
             for axis in 0..3 {
                 near = firsts[axis].mul(I::F32x8::splat(group.near_slope[axis][at])).max(near);
@@ -531,23 +534,17 @@ fn outer<I: Isa>(x: I::F32x16, y: &[f32; WIDE], largest: bool) -> I::F32x16 {
 }
 
 impl Hull {
-    pub(super) const EMPTY: Hull = Hull {
-        near_origin: [0.0; 3],
-        far_origin: [0.0; 3],
-        near_slope: [0.0; 3],
-        far_slope: [0.0; 3],
-        start: 0.0,
-        backward: [false; 3],
-    };
+    pub(super) const EMPTY: Hull =
+        Hull { near_origin: [0.0; 3], far_origin: [0.0; 3], near_slope: [0.0; 3], far_slope: [0.0; 3] };
 
     /// From the origins to the near and to the far planes of the boxes of a node.
     #[inline(always)]
-    fn planes<I: Isa>(&self, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
+    fn planes<I: Isa>(&self, heading: &Heading, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
         let zero = I::F32x8::splat(0.0);
         let (mut firsts, mut lasts) = ([zero; 3], [zero; 3]);
         for i in 0..3 {
             let (first, last) =
-                if self.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
+                if heading.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
             firsts[i] = I::F32x8::load(first).sub(I::F32x8::splat(self.near_origin[i]));
             lasts[i] = I::F32x8::load(last).sub(I::F32x8::splat(self.far_origin[i]));
         }
@@ -556,10 +553,10 @@ impl Hull {
 
     /// Where rays of the hull may enter the boxes of a node, and where they must have left them.
     #[inline(always)]
-    pub(super) fn slabs<I: Isa>(&self, node: &Node, limit: f32) -> Slabs<I> {
-        let mut near = I::F32x8::splat(self.start);
+    pub(super) fn slabs<I: Isa>(&self, heading: &Heading, node: &Node, limit: f32) -> Slabs<I> {
+        let mut near = I::F32x8::splat(heading.start);
         let mut far = I::F32x8::splat(limit);
-        let (first, last) = self.planes::<I>(node);
+        let (first, last) = self.planes::<I>(heading, node);
         for i in 0..3 {
             near = first[i].mul(I::F32x8::splat(self.near_slope[i])).max(near);
             far = last[i].mul(I::F32x8::splat(self.far_slope[i])).min(far);
@@ -568,8 +565,8 @@ impl Hull {
     }
 
     #[inline(always)]
-    pub(super) fn meet<I: Isa>(&self, node: &Node) -> Meeting {
-        let Slabs { near, far, first, last } = self.slabs::<I>(node, f32::INFINITY);
+    pub(super) fn meet<I: Isa>(&self, heading: &Heading, node: &Node) -> Meeting {
+        let Slabs { near, far, first, last } = self.slabs::<I>(heading, node, f32::INFINITY);
         let (count, near, child) = I::by_distance(near, far, &[0, 1, 2, 3, 4, 5, 6, 7]);
         Meeting {
             count,

@@ -18,7 +18,7 @@ pub use plane::Plane;
 pub use polygon::self_crossing;
 pub use sphere::Sphere;
 pub use triangle::Triangle;
-pub use triangle_mesh::{Bearing, Block, TriangleMesh};
+pub use triangle_mesh::{Bearing, Block, Planes, TriangleMesh};
 
 use crate::number::{Interval, Number, Uncertain};
 use crate::ray::Ray;

@@ -143,6 +143,10 @@ pub struct Bearing {
     pub error: f64,
 }
 
+impl Planes {
+    pub const NONE: Planes = Planes { distance: [0.0; LEAF], turned: [0.0; 2], moved: 0.0, wobble: 0.0 };
+}
+
 impl Block {
     fn new(ids: &[u32], mesh: &TriangleMesh) -> Self {
         const STEPS: f64 = (1 << GRID) as f64;

@@ -262,7 +262,26 @@ impl Isa for Avx512 {
 
     #[inline(always)]
     fn by_distance(near: __m256, far: __m256, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
-        Avx2::by_distance(near, far, what)
+        // SAFETY: as above.
+        unsafe {
+            let met = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
+            let count = met.count_ones() as usize;
+            let distance = _mm256_set1_epi32(DISTANCE_MASK as i32);
+            let lanes = _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0);
+            let keys = _mm256_or_si256(_mm256_and_si256(_mm256_castps_si256(near), distance), lanes);
+            // Zeros follow: no key is less.
+            let keys = _mm256_maskz_compress_epi32(met, keys);
+            let keys = if count > 2 {
+                sorted(keys)
+            } else {
+                exchanged::<0b01>(keys, _mm256_shuffle_epi32::<0b10_11_00_01>(keys))
+            };
+            let what = _mm256_permutevar8x32_epi32(_mm256_loadu_si256(what.as_ptr().cast()), keys);
+            let (mut distances, mut found) = ([0.0; 8], [0; 8]);
+            _mm256_storeu_ps(distances.as_mut_ptr(), _mm256_castsi256_ps(_mm256_and_si256(keys, distance)));
+            _mm256_storeu_si256(found.as_mut_ptr().cast(), what);
+            (count, distances, found)
+        }
     }
 
     #[inline(always)]
