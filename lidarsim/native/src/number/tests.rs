@@ -63,18 +63,22 @@ fn formulas<N: Number>(x: &[N; 4]) -> [N; 12] {
     [ab, cd, difference, cross, square, deep, p, q, r, s, sum.minus(c), sum.times(c)]
 }
 
-/// A quotient and both roots of a quadratic equation, of numbers that were rounded.
-fn roots<N: Number>(x: &[N; 4]) -> Result<[Root<N>; 3], Uncertain> {
+/// A quotient, both roots of a quadratic equation, and the root of a square that is mostly rounding, of numbers that were rounded.
+fn root<N: Number>(which: usize, x: &[N; 4]) -> Result<Root<N>, Uncertain> {
     let [a, b, c, d] = x;
     let positive = a.squared().plus(&d.squared()).plus(&N::exact(1e-30));
-    let quotient = Root::linear(b.times(c), positive.clone(), 0);
-    // t² − 2bt + (b² − disc) = 0
-    let rest = b.squared().minus(&positive);
-    let order = positive.sign()?;
-    match Root::quadratic(N::exact(1.0), b.clone(), rest, positive, order, 0) {
-        [Some(first), Some(second)] => Ok([quotient, first, second]),
-        _ => Err(Uncertain),
+    if which == 0 {
+        return Ok(Root::linear(b.times(c), positive, 0));
     }
+    // t² − 2bt + (b² − disc) = 0
+    let (middle, disc) = match which {
+        1 | 2 => (b.clone(), positive),
+        _ => (N::exact(0.0), a.times(b).minus(&c.times(d)).squared()),
+    };
+    let rest = middle.squared().minus(&disc);
+    let order = disc.sign()?;
+    let [first, second] = Root::quadratic(N::exact(1.0), middle, rest, disc, order, 0);
+    (if which == 1 { first } else { second }).ok_or(Uncertain)
 }
 
 struct Balled;
@@ -113,11 +117,11 @@ fn check<K: Rounded<N>, const N: usize>(asked: &Cell<u32>, of_rays: impl Fn(&[f6
                 certain += usize::from(found.is_certain(lane));
             }
         }
-        for k in 0..3 {
+        for k in 0..4 {
             asked.set((1 << N) - 1);
-            let Ok(found) = roots(&x).and_then(|roots| K::value(&roots[k])) else { continue };
+            let Ok(found) = root(k, &x).and_then(|root| K::value(&root)) else { continue };
             for lane in (0..N).filter(|lane| asked.get() & 1 << lane != 0) {
-                let exact = roots(&exactly(lane)).and_then(|roots| Dyadic::value(&roots[k]));
+                let exact = root(k, &exactly(lane)).and_then(|root| Dyadic::value(&root));
                 assert!(exact.is_ok_and(|t| found.holds(lane, &t)), "root {k} of {:?}", values.map(|v| v[lane]));
                 known += 1;
             }
@@ -162,9 +166,11 @@ fn exact_zeros_are_certain() {
     let zero = [-0.0, 5.0, 0.0, 1e-320].map(Ball::exact);
     assert_eq!(zero[0].times(&zero[1]).sign(), Ok(Ordering::Equal));
     assert_eq!(zero[3].squared().sign(), Err(Uncertain));
+    assert_eq!(zero[0].times(&zero[1]).plus(&zero[3].squared()).sign(), Err(Uncertain));
     let zero = [-0.0, 5.0, 0.0, 1e-320].map(DdBall::exact);
     assert_eq!(zero[0].times(&zero[1]).sign(), Ok(Ordering::Equal));
     assert_eq!(zero[3].squared().sign(), Err(Uncertain));
+    assert_eq!(zero[0].times(&zero[1]).plus(&zero[3].squared()).sign(), Err(Uncertain));
 }
 
 /// Signs that differ are settled group by group, and what is not known is left.
