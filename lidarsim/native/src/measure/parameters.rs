@@ -87,6 +87,8 @@ impl RangeSigma {
     #[inline(always)]
     pub(super) fn at(&self, range: f64) -> f64 {
         match self {
+            // As most are; and nothing is rounded.
+            RangeSigma::Formula { a, b: 0.0 } => *a,
             RangeSigma::Formula { a, b } => {
                 let slope = b * range;
                 (a * a + slope * slope).sqrt()
