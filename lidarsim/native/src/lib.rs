@@ -7,6 +7,7 @@ mod bvh;
 mod doubt;
 mod elementary;
 mod finish;
+mod local;
 mod measure;
 mod memory;
 mod number;

@@ -1,7 +1,11 @@
 //! A line in the coordinates of a shape.
 
 use crate::number::{Interval, Number, Uncertain};
+use crate::root::Root;
 use crate::vector::{self, Point, Vector};
+
+/// Of a vector, an axis each.
+pub type Bounds<F> = [Interval<F>; 3];
 
 /// The line (origin + t·direction)/weight, weight > 0; a weight of none is 1.
 ///
@@ -42,19 +46,24 @@ impl<N: Number> Ray<N> {
         vector::sub(&self.origin, &[self.weighted(x), self.weighted(y), self.weighted(z)])
     }
 
-    /// Bounds of origin/weight and direction/weight, an axis each.
-    pub fn enclose(&self) -> Result<([Interval; 3], [Interval; 3]), Uncertain>
-    where
-        N: Number<Floats = f64>,
-    {
-        let axis = |x: &N| {
-            let weight = self.weight.clone().unwrap_or(N::exact(1.0));
-            match crate::root::Root::ratio(x.clone(), weight, 0)? {
-                Some(root) => N::enclose(&root),
-                None => Err(Uncertain),
-            }
+    /// Bounds of origin/weight and direction/weight.
+    #[inline(always)]
+    pub fn enclose(&self) -> Result<[Bounds<N::Floats>; 2], Uncertain> {
+        Ok([self.enclose_vector(&self.origin)?, self.enclose_vector(&self.direction)?])
+    }
+
+    #[inline(always)]
+    fn enclose_vector(&self, [x, y, z]: &Vector<N>) -> Result<Bounds<N::Floats>, Uncertain> {
+        Ok([self.enclose_number(x)?, self.enclose_number(y)?, self.enclose_number(z)?])
+    }
+
+    #[inline(always)]
+    fn enclose_number(&self, x: &N) -> Result<Interval<N::Floats>, Uncertain> {
+        let weight = match &self.weight {
+            None => N::exact(1.0),
+            Some(weight) => weight.clone(),
         };
-        let [o, d] = [&self.origin, &self.direction];
-        Ok(([axis(&o[0])?, axis(&o[1])?, axis(&o[2])?], [axis(&d[0])?, axis(&d[1])?, axis(&d[2])?]))
+        // The weight is positive.
+        N::enclose(&Root::linear(x.clone(), weight, 0))
     }
 }

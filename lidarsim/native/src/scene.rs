@@ -8,7 +8,7 @@ use crate::bvh::{Bvh, Span, Stack};
 use crate::finish::{self, Meeting};
 use crate::number::{self, Interval, Number, One, Question, Uncertain};
 use crate::parallel;
-use crate::ray::Ray;
+use crate::ray::{Bounds, Ray};
 use crate::root::{Root, Roots};
 use crate::shapes::{Simple, Surface, Triangle, TriangleMesh};
 use crate::simd::{self, Isa, Level};
@@ -113,9 +113,9 @@ impl Object {
     }
 
     /// Bounds of the ray in the coordinates of the object.
-    pub fn enclose(&self, origin: Point, direction: Point) -> ([Interval; 3], [Interval; 3]) {
+    pub fn enclose(&self, origin: Point, direction: Point) -> [Bounds<f64>; 2] {
         if self.maps.is_empty() {
-            return (origin.map(Interval::point), direction.map(Interval::point));
+            return [origin.map(Interval::point), direction.map(Interval::point)];
         }
         number::certify(&Enclose { object: self, origin, direction })
     }
@@ -272,7 +272,7 @@ impl Scene {
         let mut found = Vec::new();
         let mut stack = Stack::new();
         for direction in [direction, direction.map(|x| -x)] {
-            let (o, d) = object.enclose(origin, direction);
+            let [o, d] = object.enclose(origin, direction);
             let hierarchy = mesh.hierarchy();
             let mut span = Span::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
             hierarchy.traverse(&mut span, &mut stack, |_, block| {
@@ -442,7 +442,7 @@ struct Enclose<'a> {
 }
 
 impl Question for Enclose<'_> {
-    type Answer = ([Interval; 3], [Interval; 3]);
+    type Answer = [Bounds<f64>; 2];
 
     fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
         self.object.local::<N>(Ray::new(self.origin, self.direction)).enclose()

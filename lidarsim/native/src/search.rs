@@ -54,7 +54,7 @@ impl<'a> Search<'a> {
 
     /// Searches one mesh.
     pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let (o, d) = self.scene.objects()[id as usize].enclose(self.origin, self.direction);
+        let [o, d] = self.scene.objects()[id as usize].enclose(self.origin, self.direction);
         let hierarchy = mesh.hierarchy();
         let mut span = Span::new(o, d, hierarchy.center(), self.t_min, self.limit);
         hierarchy.traverse(&mut span, stack, |_, block| {

@@ -6,7 +6,7 @@
 use std::cell::Cell;
 
 use crate::affine::{AsMade, Placement};
-use crate::bvh::{LANES, Mask, Rays, take};
+use crate::bvh::{LANES, Mask, Rays, part_of_mask, take};
 use crate::finish::{Meeting, Target, Triangles, finish, of_rays};
 use crate::number::{Balls, Interval, Many, Number, Uncertain};
 use crate::ray::Ray;
@@ -21,12 +21,6 @@ use crate::vector::{self, Point};
 #[inline(always)]
 fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
     F::load(&x.as_chunks().0[i])
-}
-
-/// A packet's bits of part `i`, as bits of the lanes of a register.
-#[inline(always)]
-fn part_of_mask<const N: usize>(mask: Mask, i: usize) -> u32 {
-    (mask >> (i * N)) as u32 & ((1 << N) - 1)
 }
 
 /// Offers the hits of the rays of `mask` on an object to their searches.

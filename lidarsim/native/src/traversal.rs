@@ -3,13 +3,12 @@
 use crate::blocks::{Blocks, Looks};
 use crate::bvh::{Bvh, LANES, Mask, Packet, PacketWalk, Rays, Stack, Visit, Visitor, all, take};
 use crate::doubt::Doubts;
-use crate::number::Interval;
+use crate::local::Local;
 use crate::scene::{Geometry, Index, Object, Scene};
 use crate::search::Searches;
 use crate::shapes::{Block, TriangleMesh};
 use crate::simd::{Isa, Task};
 use crate::simple::{self, Met};
-use crate::vector::Point;
 
 /// Packets that are on their way at once.
 pub const TRAVERSALS: usize = 2;
@@ -120,7 +119,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         }
         match index.bounded.only_leaf() {
             // The hierarchy of the mesh begins with what that above it would ask.
-            Some(&id) if !party.scene.objects()[id as usize].is_simple() => self.enter(id, active),
+            Some(&id) if !party.scene.objects()[id as usize].is_simple() => self.enter::<I>(id, active),
             _ => {
                 party.fill::<I>(&mut outer.packet, &index.bounded);
                 index.bounded.set_out::<I>(outer, active, stack);
@@ -135,13 +134,14 @@ impl<'a, 'b> Traversal<'a, 'b> {
             self.party.meet_simple::<I>(id, mask, met);
             self.outer.shorten(mask);
         } else {
-            self.enter(id, mask);
+            self.enter::<I>(id, mask);
         }
     }
 
     /// Has rays enter a mesh.
-    fn enter(&mut self, id: u32, mask: Mask) {
-        self.inside = self.party.enter(id, mask, self.stack);
+    #[inline(always)]
+    fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
+        self.inside = self.party.enter::<I>(id, mask, self.stack);
         self.inner.stay(self.stack);
     }
 
@@ -208,14 +208,6 @@ pub struct Party<'a, 'b> {
     looks: Looks,
 }
 
-/// Rays in the coordinates of a mesh that was moved, where they may point into several octants.
-struct Local {
-    all: Rays,
-    octants: [u32; LANES],
-    /// Those of one octant.
-    rays: Rays,
-}
-
 impl<'a> Party<'a, '_> {
     #[inline(always)]
     fn meet_simple<I: Isa>(&mut self, id: u32, mask: Mask, met: &mut Met) {
@@ -235,50 +227,31 @@ impl<'a> Party<'a, '_> {
         packet.enter::<I>(self.rays_in(inside), center, self.searches.t_min(), self.searches.limits());
     }
 
-    /// Has rays enter a mesh, in its coordinates; none if the object is no mesh.
-    fn enter(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<Inside<'a>> {
+    /// Has rays enter a mesh, in its coordinates; none if the object is no mesh. Those that packets do not hold search alone.
+    #[inline(always)]
+    fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<Inside<'a>> {
         let object = &self.scene.objects()[id as usize];
         let Geometry::Mesh(mesh) = &object.geometry else { return None };
-        self.left = if object.is_placed_as_made() { mask } else { self.enter_moved(id, object, mesh, mask, stack) };
-        Some(Inside { id, object, mesh, hierarchy: mesh.hierarchy(), entered: mask })
-    }
-
-    /// The rays that packets hold; the others search alone.
-    fn enter_moved(&mut self, id: u32, object: &Object, mesh: &TriangleMesh, mask: Mask, stack: &mut Stack) -> Mask {
-        let local = self
-            .local
-            .get_or_insert_with(|| Box::new(Local { all: Rays::empty(), octants: [0; LANES], rays: Rays::empty() }));
-        let mut ordinary = 0;
-        let mut left = mask;
-        while let Some(lane) = take(&mut left) {
-            let (o, d) = object.enclose(self.rays.origin(lane), self.rays.direction(lane));
-            let (origin, origin_error) = middle(o);
-            let (direction, direction_error) = middle(d);
-            if Rays::holds(origin, direction) && origin_error < 1e30 && direction_error < 1e30 {
-                local.all.set(lane, origin, direction);
-                local.all.origin_error[lane] = origin_error;
-                local.all.direction_error[lane] = direction_error;
-                local.octants[lane] = Rays::octant_of(direction);
-                ordinary |= 1 << lane;
-            } else {
+        self.left = mask;
+        if !object.is_placed_as_made() {
+            let local = self.local.get_or_insert_with(|| Box::new(Local::new()));
+            self.left = local.take_up::<I>(object, self.rays, mask);
+            let mut alone = mask & !self.left;
+            while let Some(lane) = take(&mut alone) {
                 self.searches.enter(self.rays, lane, id, mesh, stack);
             }
         }
-        ordinary
+        Some(Inside { id, object, mesh, hierarchy: mesh.hierarchy(), entered: mask })
     }
 
-    /// The next rays of one octant that set out within the mesh.
+    /// The next rays that set out within the mesh: of one octant.
     fn next(&mut self, inside: Inside) -> Mask {
         let mut next = self.left;
         if next != 0
             && !inside.object.is_placed_as_made()
             && let Some(local) = &mut self.local
         {
-            let octant = local.octants[next.trailing_zeros() as usize];
-            for lane in 0..LANES {
-                next &= !(Mask::from(local.octants[lane] != octant) << lane);
-            }
-            local.rays.take_only(&local.all, next, octant);
+            next = local.next(next);
         }
         self.left &= !next;
         next
@@ -371,7 +344,7 @@ struct Objects<'t, 'a, 'b> {
 impl Objects<'_, '_, '_> {
     #[inline(always)]
     fn meet<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: Mask) {
-        let Some(inside) = self.party.enter(id, mask, stack) else {
+        let Some(inside) = self.party.enter::<I>(id, mask, stack) else {
             self.party.meet_simple::<I>(id, mask, self.met);
             return;
         };
@@ -408,11 +381,4 @@ impl Visitor<u32> for Objects<'_, '_, '_> {
     fn limits(&self) -> &[f64; LANES] {
         self.party.searches.limits()
     }
-}
-
-/// The middle of a box, and how far any coordinate of a point of the box is from it.
-fn middle(v: [Interval; 3]) -> (Point, f64) {
-    let m = v.map(|x| 0.5 * x.low + 0.5 * x.high);
-    let error = (0..3).fold(0.0_f64, |e, i| e.max((m[i] - v[i].low).max(v[i].high - m[i]).next_up()));
-    (m, error)
 }

@@ -8,7 +8,7 @@ mod packet;
 mod span;
 
 use packet::{FewMeeting, Hull, Slabs};
-pub use packet::{LANES, Mask, Packet, Rays, all, take};
+pub use packet::{LANES, Mask, Packet, Rays, all, part_of_mask, take};
 pub use span::Span;
 
 use crate::number::Interval;

@@ -115,11 +115,6 @@ impl Rays {
         origin.iter().chain(&direction).all(|x| x.abs() < 1e30) && largest > 1e-30
     }
 
-    /// The signs of a direction, a bit an axis.
-    pub fn octant_of(direction: Point) -> u32 {
-        (0..3).fold(0, |octant, axis| octant | u32::from(direction[axis] < 0.0) << axis)
-    }
-
     /// Takes some rays of one octant from others.
     pub fn take_only(&mut self, others: &Rays, mask: Mask, octant: u32) {
         self.clone_from(others);
@@ -233,6 +228,12 @@ pub fn take(mask: &mut Mask) -> Option<usize> {
     let lane = mask.trailing_zeros() as usize;
     *mask &= *mask - 1;
     Some(lane)
+}
+
+/// A packet's bits of part `i`, as bits of the lanes of a register.
+#[inline(always)]
+pub fn part_of_mask<const N: usize>(mask: Mask, i: usize) -> u32 {
+    (mask >> (i * N)) as u32 & ((1 << N) - 1)
 }
 
 /// A mask of so many rays.

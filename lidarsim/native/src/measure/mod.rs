@@ -47,7 +47,7 @@ impl Caster for Scene {
         let object = &self.objects()[hit.object as usize];
         let Geometry::Mesh(mesh) = &object.geometry else { return None };
         let vertices = mesh.faces()[hit.primitive as usize];
-        let (o, d) = object.enclose(origin, direction);
+        let [o, d] = object.enclose(origin, direction);
         let middle = |x: Interval| x.low + 0.5 * (x.high - x.low);
         // From the hit to the corners: a triangle far from the origin of coordinates keeps its digits.
         let way = d.map(|x| hit.t * middle(x));
