@@ -158,13 +158,9 @@ impl<N: Number<Floats = f64>> Adjugate<N> {
         let [c0, c1, c2] = [vector::cross(&r1, &r2), vector::cross(&r2, &r0), vector::cross(&r0, &r1)];
         let determinant = vector::dot(&r0, &c0);
         let rows: [Vector<N>; 3] = std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]);
-        let (offset, rest) = (map.offset, None);
-        if negate {
-            let rows = rows.each_ref().map(vector::negated);
-            Adjugate { rows, offset, rest, determinant: determinant.negated() }
-        } else {
-            Adjugate { rows, offset, rest, determinant }
-        }
+        let (rows, determinant) =
+            if negate { (rows.each_ref().map(vector::negated), determinant.negated()) } else { (rows, determinant) };
+        Adjugate { rows, offset: map.offset, rest: None, determinant }
     }
 
     /// x = L₂·(L₁·y + t₁) + t₂, so that adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.

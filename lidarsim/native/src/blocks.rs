@@ -1,6 +1,6 @@
 //! Rays of a packet at the leaves of a mesh.
 
-use crate::bvh::{LANES, LEAF, Mask, Rays, Stack, Visit, Visitor, WALKS, take};
+use crate::bvh::{LANES, LEAF, Mask, Rays, Stack, Visitor, WALKS, take};
 use crate::doubt::Doubts;
 use crate::scene::{Place, Scene};
 use crate::search::Searches;
@@ -87,18 +87,18 @@ impl Blocks<'_, '_> {
             return 0;
         }
         self.looks.planes[0] = block.planes::<I>(&edges);
-        self.act::<I>(&seen[..count], &[Visit { lane: first, leaf: block }])
+        self.act::<I>(&seen[..count], &[block])
     }
 
     /// Takes what rays have seen of blocks, and says which of the rays want less than before.
     #[inline(always)]
-    fn act<I: Isa>(&mut self, seen: &[Seen], blocks: &[Visit<Block>]) -> Mask {
+    fn act<I: Isa>(&mut self, seen: &[Seen], blocks: &[&Block]) -> Mask {
         let mut nearer = 0;
         for (k, &Seen { lane, candidates, sure, block }) in seen.iter().enumerate() {
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
             let (bearing, block) = (self.bearing(lane), usize::from(block));
             while let Some(i) = take(&mut candidates) {
-                let primitive = blocks[block].leaf.ids()[i];
+                let primitive = blocks[block].ids()[i];
                 let known = if sure & 1 << i != 0 {
                     Block::meet::<I>(i, &self.looks.planes[block], &bearing, &self.looks.sums[k])
                 } else {
@@ -135,17 +135,17 @@ impl Blocks<'_, '_> {
 
 impl Visitor<Block> for Blocks<'_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, _: &mut Stack, visits: &[Visit<Block>]) -> Mask {
+    fn visit<I: Isa>(&mut self, _: &mut Stack, lanes: &[usize], blocks: &[&Block]) -> Mask {
         let mut seen = [Seen::NOTHING; WALKS];
         let mut count = 0;
-        for (k, &Visit { lane, leaf }) in visits.iter().enumerate() {
-            let edges = leaf.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
-            let (candidates, sure) = leaf.candidates::<I>(&edges, &self.bearing(lane), &mut self.looks.sums[count]);
-            self.looks.planes[k] = leaf.planes::<I>(&edges);
+        for (k, (&lane, block)) in lanes.iter().zip(blocks).enumerate() {
+            let edges = block.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
+            let (candidates, sure) = block.candidates::<I>(&edges, &self.bearing(lane), &mut self.looks.sums[count]);
+            self.looks.planes[k] = block.planes::<I>(&edges);
             seen[count] = Seen { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, block: k as u8 };
             count += usize::from(candidates != 0);
         }
-        self.act::<I>(&seen[..count], visits)
+        self.act::<I>(&seen[..count], blocks)
     }
 
     #[inline(always)]

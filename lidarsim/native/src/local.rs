@@ -3,7 +3,7 @@
 use std::cell::Cell;
 
 use crate::affine::{Inverse, Placement};
-use crate::bvh::{LANES, Mask, Rays, part_of_mask, take};
+use crate::bvh::{HUGE, LANES, Mask, Rays, TINY, part_of_mask, take};
 use crate::finish::of_rays;
 use crate::number::{Balls, Many, PAD, UNDERFLOW};
 use crate::ray::{Bounds, Ray};
@@ -19,9 +19,6 @@ pub struct Local {
     /// Those of one octant.
     pub rays: Rays,
 }
-
-/// Errors of rays in packets are less: ordinary numbers, as all that packets hold.
-const NEAR: f64 = 1e30;
 
 impl Local {
     pub fn new() -> Self {
@@ -48,7 +45,7 @@ impl Local {
     fn take_up_one(&mut self, object: &Object, world: &Rays, lane: usize) -> bool {
         let [o, d] = object.enclose(world.origin(lane), world.direction(lane));
         let ((origin, origin_error), (direction, direction_error)) = (middle_of_one(o), middle_of_one(d));
-        if !(Rays::holds(origin, direction) && origin_error < NEAR && direction_error < NEAR) {
+        if !(Rays::holds(origin, direction) && origin_error < HUGE && direction_error < HUGE) {
             return false;
         }
         self.all.set(lane, origin, direction);
@@ -112,8 +109,8 @@ impl Local {
     #[inline(always)]
     fn put<F: Floats<f64, N>, const N: usize>(&mut self, i: usize, origin: Bounds<F>, direction: Bounds<F>) -> u32 {
         let ((o, origin_error), (d, direction_error)) = (middle(origin), middle(direction));
-        let (near, huge) = (F::splat(NEAR), F::splat(1e30));
-        let mut fit = origin_error.lt(near) & direction_error.lt(near);
+        let huge = F::splat(HUGE);
+        let mut fit = origin_error.lt(huge) & direction_error.lt(huge);
         let mut largest = F::splat(0.0);
         for axis in 0..3 {
             self.all.origin[axis].as_chunks_mut().0[i] = o[axis].store();
@@ -125,7 +122,7 @@ impl Local {
         self.all.origin_error.as_chunks_mut().0[i] = origin_error.store();
         self.all.direction_error.as_chunks_mut().0[i] = direction_error.store();
         self.all.length.as_chunks_mut().0[i] = d[0].abs().add(d[1].abs()).add(d[2].abs()).store();
-        fit & F::splat(1e-30).lt(largest)
+        fit & F::splat(TINY).lt(largest)
     }
 }
 

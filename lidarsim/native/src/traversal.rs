@@ -1,7 +1,7 @@
 //! Packets on their way through a scene: the hierarchy of its objects, and within it those of meshes.
 
 use crate::blocks::{Blocks, Looks};
-use crate::bvh::{Bvh, LANES, Mask, Packet, PacketWalk, Rays, Stack, Visit, Visitor, all, take};
+use crate::bvh::{Bvh, LANES, Mask, Packet, PacketWalk, Rays, Stack, Visitor, all, take};
 use crate::doubt::Doubts;
 use crate::local::Local;
 use crate::scene::{Geometry, Index, Object, Scene};
@@ -360,17 +360,17 @@ impl Objects<'_, '_, '_> {
 
 impl Visitor<u32> for Objects<'_, '_, '_> {
     #[inline(always)]
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, visits: &[Visit<u32>]) -> Mask {
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, lanes: &[usize], ids: &[&u32]) -> Mask {
         let mut visited = 0;
-        for (k, &Visit { leaf, .. }) in visits.iter().enumerate() {
+        for (k, &id) in ids.iter().enumerate() {
             let mut mask = 0;
-            for visit in &visits[k..] {
-                mask |= Mask::from(visit.leaf == leaf) << visit.lane;
+            for (lane, other) in lanes[k..].iter().zip(&ids[k..]) {
+                mask |= Mask::from(*other == id) << lane;
             }
             // Those that came to an object together go on together.
             mask &= !visited;
-            if mask & 1 << visits[k].lane != 0 {
-                self.meet::<I>(stack, *leaf, mask);
+            if mask & 1 << lanes[k] != 0 {
+                self.meet::<I>(stack, *id, mask);
                 visited |= mask;
             }
         }

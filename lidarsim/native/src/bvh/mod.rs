@@ -8,7 +8,7 @@ mod packet;
 mod span;
 
 use packet::{FewMeeting, Hull, Slabs};
-pub use packet::{LANES, Mask, Packet, Rays, all, part_of_mask, take};
+pub use packet::{HUGE, LANES, Mask, Packet, Rays, TINY, all, part_of_mask, take};
 pub use span::Span;
 
 use crate::number::Interval;
@@ -57,25 +57,10 @@ impl Child {
     }
 }
 
-/// A ray that goes alone, and the leaf that it has come to.
-pub struct Visit<'a, L> {
-    pub lane: usize,
-    pub leaf: &'a L,
-}
-
-// Derived, they would ask as much of L.
-impl<L> Clone for Visit<'_, L> {
-    #[inline(always)]
-    fn clone(&self) -> Self {
-        *self
-    }
-}
-impl<L> Copy for Visit<'_, L> {}
-
 /// What rays that go alone do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
 pub trait Visitor<L> {
-    /// Gets up to `WALKS` rays, each of which may meet a leaf, and says which of them want less than before.
-    fn visit<I: Isa>(&mut self, stack: &mut Stack, visits: &[Visit<L>]) -> Mask;
+    /// Gets up to `WALKS` rays, each of which may meet a leaf of its own, and says which of them want less than before.
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, lanes: &[usize], leaves: &[&L]) -> Mask;
 
     /// The t beyond which nothing is wanted of each ray.
     fn limits(&self) -> &[f64; LANES];
@@ -193,11 +178,11 @@ impl<L: Send> Bvh<L> {
         let Some(leaf) = self.leaves.first() else { return };
         let heading = packet.heading;
         let mut walks = [RayWalk::EMPTY; WALKS];
-        let (mut lanes, mut places) = (active, Places { idle: all(WALKS), at_leaves: 0 });
+        let (mut waiting, mut places) = (active, Places { idle: all(WALKS), at_leaves: 0 });
         loop {
-            while lanes != 0
+            while waiting != 0
                 && let Some(k) = take(&mut places.idle)
-                && let Some(lane) = take(&mut lanes)
+                && let Some(lane) = take(&mut waiting)
             {
                 walks[k].start(lane, packet, &mut stack.piles[k]);
             }
@@ -215,13 +200,13 @@ impl<L: Send> Bvh<L> {
                 self.prefetch::<I>(walk.child);
                 places.note(k, walk.child);
             }
-            let (mut visits, mut count) = ([Visit { lane: 0, leaf }; WALKS], 0);
+            let (mut lanes, mut leaves, mut count) = ([0; WALKS], [leaf; WALKS], 0);
             let mut left = at_leaves;
             while let Some(k) = take(&mut left) {
-                visits[count] = Visit { lane: walks[k].lane, leaf: &self.leaves[walks[k].child.index()] };
+                (lanes[count], leaves[count]) = (walks[k].lane, &self.leaves[walks[k].child.index()]);
                 count += 1;
             }
-            let nearer = if count > 0 { visitor.visit::<I>(stack, &visits[..count]) } else { 0 };
+            let nearer = if count > 0 { visitor.visit::<I>(stack, &lanes[..count], &leaves[..count]) } else { 0 };
             while let Some(k) = take(&mut at_leaves) {
                 let (walk, pile) = (&mut walks[k], &mut stack.piles[k]);
                 if nearer & 1 << walk.lane != 0 {
@@ -505,9 +490,9 @@ mod tests {
     }
 
     impl Visitor<Vec<u32>> for Notes<'_> {
-        fn visit<I: Isa>(&mut self, _: &mut Stack, visits: &[Visit<Vec<u32>>]) -> Mask {
+        fn visit<I: Isa>(&mut self, _: &mut Stack, lanes: &[usize], leaves: &[&Vec<u32>]) -> Mask {
             let mut nearer = 0;
-            for &Visit { lane, leaf } in visits {
+            for (&lane, leaf) in lanes.iter().zip(leaves) {
                 self.offered[lane].extend_from_slice(leaf);
                 for &id in leaf.iter().filter(|_| self.first_only) {
                     let (origin, direction) = self.rays[lane];
@@ -551,7 +536,7 @@ mod tests {
                     };
                     let (mut nearer, mut left) = (0, walk.mask());
                     while let Some(lane) = take(&mut left) {
-                        nearer |= notes.visit::<I>(&mut stack, &[Visit { lane, leaf }]);
+                        nearer |= notes.visit::<I>(&mut stack, &[lane], &[leaf]);
                     }
                     walk.shorten(nearer);
                 }

@@ -15,6 +15,11 @@ const GROUPS: usize = 4;
 /// Most rays of a packet.
 pub const LANES: usize = GROUPS * WIDE;
 
+/// Packets hold rays whose numbers are all less than this, errors too, and one of whose direction is more than that: so their squares, and scaled
+/// ones, are ordinary float64 numbers.
+pub const HUGE: f64 = 1e30;
+pub const TINY: f64 = 1e-30;
+
 /// A bit for each ray of a packet.
 pub type Mask = u64;
 
@@ -63,12 +68,12 @@ impl Rays {
     }
 
     /// Takes up the first rays of an order, up to the first that points into another octant: none (`count` is 0) if packets cannot hold the very
-    /// first, which then is in lane 0 and left to `Span`. They hold components whose squares, and scaled ones, are ordinary float64 numbers.
+    /// first, which then is in lane 0 and left to `Span`.
     #[inline(always)]
     pub fn take_up<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
         self.count = 0;
         let Some(&first) = order.first() else { return };
-        let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(1e30));
+        let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(HUGE));
         let (mut fit, mut together): (Mask, Mask) = (0, 0);
         let mut signs: [Mask; 3] = [0; 3];
         let given = order.len().min(LANES);
@@ -95,7 +100,7 @@ impl Rays {
                 largest = Floats::max(d.abs(), largest);
                 signs[axis] |= Mask::from(d.lt(I::F64x8::splat(0.0))) << (8 * eight);
             }
-            fit |= Mask::from(within & I::F64x8::splat(1e-30).lt(largest)) << (8 * eight);
+            fit |= Mask::from(within & I::F64x8::splat(TINY).lt(largest)) << (8 * eight);
             together |= Mask::from(at_one) << (8 * eight);
         }
         self.octant = (signs[0] & 1 | (signs[1] & 1) << 1 | (signs[2] & 1) << 2) as u32;
@@ -112,7 +117,7 @@ impl Rays {
     /// Whether packets may hold the ray: as `take_up` asks.
     pub fn holds(origin: Point, direction: Point) -> bool {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
-        origin.iter().chain(&direction).all(|x| x.abs() < 1e30) && largest > 1e-30
+        origin.iter().chain(&direction).all(|x| x.abs() < HUGE) && largest > TINY
     }
 
     /// Takes some rays of one octant from others.

@@ -94,16 +94,11 @@ impl Isa for Avx2 {
         // SAFETY: as above.
         unsafe {
             let met = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
-            let distance = _mm256_set1_epi32(DISTANCE_MASK as i32);
-            let lanes = _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0);
-            let keys = _mm256_or_si256(_mm256_and_si256(_mm256_castps_si256(near), distance), lanes);
+            let keys = keys(near);
             // Those that are not met are −1, and come last.
             let missed = _mm256_xor_si256(_mm256_castps_si256(met), _mm256_set1_epi32(-1));
             let keys = sorted(_mm256_or_si256(keys, missed));
-            let what = _mm256_permutevar8x32_epi32(_mm256_loadu_si256(what.as_ptr().cast()), keys);
-            let (mut distances, mut found) = ([0.0; 8], [0; 8]);
-            _mm256_storeu_ps(distances.as_mut_ptr(), _mm256_castsi256_ps(_mm256_and_si256(keys, distance)));
-            _mm256_storeu_si256(found.as_mut_ptr().cast(), what);
+            let (distances, found) = in_order(keys, what);
             (_mm256_movemask_ps(met).count_ones() as usize, distances, found)
         }
     }
@@ -171,6 +166,30 @@ fn fraction_of_four<const FIRST: u32>(x: __m256i) -> __m256d {
         let fraction = _mm256_and_si256(placed, _mm256_set1_epi64x(FRACTION_MASK as i64));
         _mm256_castsi256_pd(_mm256_or_si256(fraction, _mm256_set1_epi64x(ONE as i64)))
     }
+}
+
+/// Distances, rounded down by their last three bits, with the numbers of their lanes there.
+#[inline(always)]
+fn keys(near: __m256) -> __m256i {
+    // SAFETY: as above.
+    unsafe {
+        let distances = _mm256_and_si256(_mm256_castps_si256(near), _mm256_set1_epi32(DISTANCE_MASK as i32));
+        _mm256_or_si256(distances, _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0))
+    }
+}
+
+/// The distances of keys, and what belongs to their lanes.
+#[inline(always)]
+fn in_order(keys: __m256i, what: &[u32; 8]) -> ([f32; 8], [u32; 8]) {
+    let (mut distances, mut found) = ([0.0; 8], [0; 8]);
+    // SAFETY: as above; the arrays are as long as the registers.
+    unsafe {
+        let what = _mm256_permutevar8x32_epi32(_mm256_loadu_si256(what.as_ptr().cast()), keys);
+        let near = _mm256_and_si256(keys, _mm256_set1_epi32(DISTANCE_MASK as i32));
+        _mm256_storeu_ps(distances.as_mut_ptr(), _mm256_castsi256_ps(near));
+        _mm256_storeu_si256(found.as_mut_ptr().cast(), what);
+    }
+    (distances, found)
 }
 
 /// Eight signed integers in descending order: Batcher's bitonic sort. In each step the lanes of the mask, from the right, keep the larger of two.
@@ -266,9 +285,7 @@ impl Isa for Avx512 {
         unsafe {
             let met = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
             let count = met.count_ones() as usize;
-            let distance = _mm256_set1_epi32(DISTANCE_MASK as i32);
-            let lanes = _mm256_set_epi32(7, 6, 5, 4, 3, 2, 1, 0);
-            let keys = _mm256_or_si256(_mm256_and_si256(_mm256_castps_si256(near), distance), lanes);
+            let keys = keys(near);
             // Zeros follow: no key is less.
             let keys = _mm256_maskz_compress_epi32(met, keys);
             let keys = if count > 2 {
@@ -276,10 +293,7 @@ impl Isa for Avx512 {
             } else {
                 exchanged::<0b01>(keys, _mm256_shuffle_epi32::<0b10_11_00_01>(keys))
             };
-            let what = _mm256_permutevar8x32_epi32(_mm256_loadu_si256(what.as_ptr().cast()), keys);
-            let (mut distances, mut found) = ([0.0; 8], [0; 8]);
-            _mm256_storeu_ps(distances.as_mut_ptr(), _mm256_castsi256_ps(_mm256_and_si256(keys, distance)));
-            _mm256_storeu_si256(found.as_mut_ptr().cast(), what);
+            let (distances, found) = in_order(keys, what);
             (count, distances, found)
         }
     }
