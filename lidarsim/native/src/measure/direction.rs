@@ -35,6 +35,11 @@ pub fn is_unit(d: Point) -> bool {
     (dot(d, d) - 1.0).abs() <= 1e-6
 }
 
+#[inline(always)]
+pub fn is_finite([x, y, z]: Point) -> bool {
+    x.is_finite() & y.is_finite() & z.is_finite()
+}
+
 /// |d|² − 1, with an error below 2⁻⁷⁶ where d is unit to within 1e-6.
 ///
 /// With h the coordinates rounded to multiples of 2⁻²⁶, |h|² is a multiple of 2⁻⁵² below 2, hence exact, and

@@ -20,7 +20,7 @@ use crate::rng::{Effect, Stream};
 use crate::scene::{Geometry, Hit, Scene};
 use crate::simd::{self, Isa, Level, Task};
 use crate::vector::Point;
-use direction::{beside, distance, is_unit, turned};
+use direction::{beside, distance, is_finite, is_unit, turned};
 use echo::{Echo, Light};
 
 pub use appearance::{Appearance, Reflectivity};
@@ -87,20 +87,11 @@ pub struct Frame<'a> {
 }
 
 impl Frame<'_> {
+    /// Whether each of some pulses has a pose.
     #[inline(always)]
-    fn check(&self, pulses: Range<usize>) -> Result<(), BadPulse> {
-        // All at once, which is faster than to look for the first.
-        let mut right = true;
-        for direction in &self.directions[pulses.clone()] {
-            right &= is_unit(*direction);
-        }
-        for origin in self.origins[pulses.clone()].as_flattened() {
-            right &= origin.is_finite();
-        }
-        for time in &self.times[pulses.clone()] {
-            right &= self.has_pose(*time);
-        }
-        if right { Ok(()) } else { self.first_bad(pulses) }
+    fn have_poses(&self, pulses: Range<usize>) -> bool {
+        // All at once, which is faster than to look for the first without.
+        self.times[pulses].iter().fold(true, |right, time| right & self.has_pose(*time))
     }
 
     #[cold]
@@ -109,7 +100,7 @@ impl Frame<'_> {
         for pulse in pulses {
             let fault = if !is_unit(self.directions[pulse]) {
                 Fault::Direction
-            } else if !self.origins[pulse].iter().all(|x| x.is_finite()) {
+            } else if !is_finite(self.origins[pulse]) {
                 Fault::Origin
             } else if !self.has_pose(self.times[pulse]) {
                 Fault::Time
@@ -311,7 +302,9 @@ impl<'a, C: Caster> Scan<'a, C> {
     #[inline(always)]
     fn cast(&self, pulses: Range<usize>, rays: &mut Rays) -> Result<(), BadPulse> {
         let (frame, measurement) = (self.frame, self.measurement);
-        frame.check(pulses.clone())?;
+        if !frame.have_poses(pulses.clone()) {
+            return frame.first_bad(pulses);
+        }
         rays.index.clear();
         match frame.indices {
             None => rays.index.extend(pulses.start as u64..pulses.end as u64),
@@ -326,7 +319,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         let count = pulses.len() * measurement.rays();
         rays.origins.resize(count, [0.0; 3]);
         rays.directions.resize(count, [0.0; 3]);
-        let mut start = pulses.start;
+        let (mut start, mut right) = (pulses.start, true);
         while start < pulses.end {
             // Pulses of one time are fired from one pose.
             let pose = frame.path.at(frame.start + frame.times[start]);
@@ -337,28 +330,35 @@ impl<'a, C: Caster> Scan<'a, C> {
             while end < pulses.end && frame.times[end] == frame.times[start] {
                 end += 1;
             }
-            self.aim(start..end, start - pulses.start, &pose, rays);
+            right &= self.aim(start..end, start - pulses.start, &pose, rays);
             start = end;
+        }
+        if !right {
+            return frame.first_bad(pulses);
         }
         rays.hits.resize(count, Hit::MISS);
         self.caster.cast(self.level, &rays.origins, &rays.directions, &mut rays.hits);
         Ok(())
     }
-    /// Fires pulses from a pose; the first of them is the k-th of the batch.
+
+    /// Fires pulses from a pose; the first of them is the k-th of the batch. False if one has no legal origin or direction.
     #[inline(always)]
-    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Rays) {
+    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Rays) -> bool {
         let m = self.measurement;
         let (origins, directions) = (&self.frame.origins[pulses.clone()], &self.frame.directions[pulses]);
         let first = k * m.rays();
         let rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
+        let mut right = true;
         if m.azimuth_sigma == 0.0 && m.elevation_sigma == 0.0 && m.beam.is_none() {
             for ((o, d), (origin, direction)) in rays_there.zip(origins.iter().zip(directions)) {
+                right &= is_finite(*origin) & is_unit(*direction);
                 (*o, *d) = (pose.place(*origin), pose.turn(*direction));
             }
-            return;
+            return right;
         }
         let mut rays_there = rays_there;
         for (k, (origin, direction)) in (k..).zip(origins.iter().zip(directions)) {
+            right &= is_finite(*origin) & is_unit(*direction);
             let azimuth = rays.azimuth_jitter.get(k).map_or(0.0, |normal| m.azimuth_sigma * normal);
             let elevation = rays.elevation_jitter.get(k).map_or(0.0, |normal| m.elevation_sigma * normal);
             let jitters = m.azimuth_sigma > 0.0 || m.elevation_sigma > 0.0;
@@ -377,6 +377,7 @@ impl<'a, C: Caster> Scan<'a, C> {
                 }
             }
         }
+        right
     }
 
     /// Range, cosine of the incidence, and intensity of all rays: a formula at a time, in loops that become vector instructions.
