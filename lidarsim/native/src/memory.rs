@@ -23,6 +23,13 @@ fn advise<T>(vector: &Vec<T>) {
     }
 }
 
+/// Takes the first places of some, and leaves the others.
+pub fn split_off<'a, T>(places: &mut &'a mut [T], count: usize) -> &'a mut [T] {
+    let (first, others) = std::mem::take(places).split_at_mut(count);
+    *places = others;
+    first
+}
+
 /// A copy of a slice.
 pub fn copy<T: Copy>(slice: &[T]) -> Vec<T> {
     let mut vector = with_capacity(slice.len());

@@ -17,10 +17,9 @@ const ORIGIN: u32 = 3;
 /// Bits of the direction that count where origins differ.
 const COARSE: u32 = 4;
 
-/// Groups of rays, one after the other, each in a coherent order.
-pub struct Order<'a> {
-    origins: &'a [Point],
-    directions: &'a [Point],
+/// Groups of rays, one after the other, each in a coherent order. Kept from some rays to others, so that its memory is used again.
+#[derive(Default)]
+pub struct Order {
     /// The longest side of the scene.
     size: f64,
     group: usize,
@@ -35,41 +34,29 @@ pub struct Order<'a> {
     order: Vec<u32>,
 }
 
-impl<'a> Order<'a> {
-    pub fn new(origins: &'a [Point], directions: &'a [Point], size: f64) -> Self {
-        let group = if are_scattered(directions) { MOST } else { NEAR };
-        Order {
-            origins,
-            directions,
-            size,
-            group,
-            start: 0,
-            places: Vec::new(),
-            octants: Vec::new(),
-            keys: Vec::new(),
-            near: Vec::new(),
-            items: Vec::new(),
-            sorted: Vec::new(),
-            order: Vec::new(),
-        }
+impl Order {
+    /// Begins anew with other rays, which point this way.
+    pub fn restart(&mut self, directions: &[Point], size: f64) {
+        self.group = if are_scattered(directions) { MOST } else { NEAR };
+        (self.size, self.start) = (size, 0);
+        self.keys.clear();
     }
 
     /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a
     /// Z-curve, so that tiles of directions stay together.
     #[inline(always)]
-    pub fn advance<I: Isa>(&mut self) -> bool {
-        let group = self.start..self.directions.len().min(self.start + self.group);
+    pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
+        let group = self.start..directions.len().min(self.start + self.group);
         if group.is_empty() {
             return false;
         }
         self.start = group.end;
-        let directions = &self.directions[group.clone()];
-        let (low, high) = self.find_places::<I>(directions);
+        let (low, high) = self.find_places::<I>(&directions[group.clone()]);
         self.direction_keys(low, high);
         if self.group == NEAR {
             self.find_near(low, high);
         } else {
-            self.add_cells(&self.origins[group.clone()]);
+            self.add_cells(&origins[group.clone()]);
             self.near.clear();
             self.near.resize(self.keys.len(), 0);
         }
@@ -304,23 +291,29 @@ mod tests {
         scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
     }
 
-    struct All<'a>(Order<'a>);
+    struct All<'a>(&'a [Point], &'a [Point], f64);
 
     impl Task for All<'_> {
         type Output = Vec<Vec<u32>>;
 
         #[inline(always)]
-        fn run<I: Isa>(mut self) -> Self::Output {
+        fn run<I: Isa>(self) -> Self::Output {
+            let All(origins, directions, size) = self;
             let mut groups = Vec::new();
-            while self.0.advance::<I>() {
-                groups.push(self.0.sorted().to_vec());
+            let mut order = Order::default();
+            // Whatever it was used for before.
+            order.restart(&[[1.0, 0.0, 0.0]; 2], 1.0);
+            assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
+            order.restart(directions, size);
+            while order.advance::<I>(origins, directions) {
+                groups.push(order.sorted().to_vec());
             }
             groups
         }
     }
 
     fn groups(origins: &[Point], directions: &[Point], size: f64) -> Vec<Vec<u32>> {
-        dispatch(Level::best(), All(Order::new(origins, directions, size)))
+        dispatch(Level::best(), All(origins, directions, size))
     }
 
     fn octant(d: Point) -> [bool; 3] {

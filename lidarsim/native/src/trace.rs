@@ -6,14 +6,14 @@
 use std::cell::Cell;
 use std::ops::Range;
 
-use crate::bvh::{LANES, Rays, Stack};
+use crate::bvh::{LANES, Rays};
 use crate::order::{NEAR, Order};
 use crate::refine::Plain;
 use crate::scene::{Hit, Scene};
 use crate::search::Search;
 use crate::simd::{self, Isa, Task};
 use crate::simple::{Met, Pending};
-use crate::traversal::{Advance, Party, TRAVERSALS, Traversal};
+use crate::traversal::{self, Advance, Party, TRAVERSALS, Traversal};
 use crate::vector::Point;
 
 /// Where hits go: the hit of ray i, once for each ray, in any order.
@@ -52,17 +52,14 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
-        let order = Order::new(origins, directions, scene.size());
+        let mut room = ROOM.take().unwrap_or_default();
+        let Room { traversals, before, pending, met, order } = &mut *room;
+        order.restart(directions, scene.size());
         let mut supply = Supply { origins, directions, order, start: 0, done: 0 };
-        let mut stacks = STACKS.take().unwrap_or_default();
-        let (mut rays, mut before) = ([const { Rays::empty() }; TRAVERSALS], &mut Rays::empty());
-        let pairs = rays.iter_mut().zip(stacks.iter_mut());
-        let mut traversals: Vec<_> =
-            pairs.map(|(rays, stack)| Traversal::new(scene, (t_min, t_max), rays, stack)).collect();
+        let mut traversals = traversals.each_mut().map(|room| Traversal::new(scene, (t_min, t_max), room));
         // Hits of one packet are refined when the next is through: meanwhile their vertices come.
-        let mut plain = Plain::new();
-        let mut sorting = Sorting { scene, pending: Pending::new(), hits };
-        let mut met = Met::new();
+        let (mut plain, mut before) = (Plain::new(), before);
+        let mut sorting = Sorting { scene, pending, hits };
         let mut legal = true;
         loop {
             for traversal in &mut traversals {
@@ -76,7 +73,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                 }
             }
             plain.prefetch::<I>(scene);
-            let through = I::call(Advance { traversals: &mut traversals, met: &mut met });
+            let through = I::call(Advance { traversals: &mut traversals, met });
             plain.refine::<I>(scene, before, sorting.hits);
             let Some(k) = through else { break };
             let party = &mut traversals[k].party;
@@ -84,21 +81,43 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
             std::mem::swap(&mut before, &mut party.rays);
         }
         sorting.pending.flush::<I>(scene, sorting.hits);
-        STACKS.set(Some(stacks));
+        ROOM.set(Some(room));
         legal
     }
 }
 
 thread_local! {
     /// What one cast leaves to the next, as it is large.
-    static STACKS: Cell<Option<Box<[Stack; TRAVERSALS]>>> = const { Cell::new(None) };
+    static ROOM: Cell<Option<Box<Room>>> = const { Cell::new(None) };
+}
+
+/// Room for a cast; whatever a cast has left there is of no meaning to the next.
+struct Room {
+    traversals: [traversal::Room; TRAVERSALS],
+    /// The rays of the packet whose hits are refined.
+    before: Rays,
+    pending: Pending,
+    met: Met,
+    order: Order,
+}
+
+impl Default for Room {
+    fn default() -> Self {
+        Room {
+            traversals: std::array::from_fn(|_| traversal::Room::new()),
+            before: Rays::empty(),
+            pending: Pending::new(),
+            met: Met::new(),
+            order: Order::default(),
+        }
+    }
 }
 
 /// The rays that are still to be traced.
 struct Supply<'a> {
     origins: &'a [Point],
     directions: &'a [Point],
-    order: Order<'a>,
+    order: &'a mut Order,
     /// How many of those sorted last have been taken up, and where these begin.
     start: usize,
     done: usize,
@@ -110,7 +129,7 @@ impl Supply<'_> {
     fn take_up<I: Isa>(&mut self, rays: &mut Rays) -> bool {
         let end = self.order.sorted().len();
         if self.start == end {
-            if !self.order.advance::<I>() {
+            if !self.order.advance::<I>(self.origins, self.directions) {
                 return false;
             }
             (self.start, self.done) = (0, self.done + end);
@@ -144,7 +163,7 @@ impl Supply<'_> {
 /// Passes hits on, each to what finishes its kind.
 struct Sorting<'a, S: ?Sized> {
     scene: &'a Scene,
-    pending: Pending,
+    pending: &'a mut Pending,
     hits: &'a mut S,
 }
 

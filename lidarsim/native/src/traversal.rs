@@ -13,6 +13,33 @@ use crate::simple::{self, Met};
 /// Packets that are on their way at once.
 pub const TRAVERSALS: usize = 2;
 
+/// Room for the search of a packet, to be used again and again.
+pub struct Room {
+    rays: Rays,
+    stack: Stack,
+    /// Among the objects.
+    outer: PacketWalk,
+    /// Within a mesh.
+    inner: PacketWalk,
+    doubts: Doubts,
+    local: Option<Box<Local>>,
+    looks: Looks,
+}
+
+impl Room {
+    pub fn new() -> Self {
+        Room {
+            rays: Rays::empty(),
+            stack: Stack::new(),
+            outer: PacketWalk::new(),
+            inner: PacketWalk::new(),
+            doubts: Doubts::new(),
+            local: None,
+            looks: Looks::new(),
+        }
+    }
+}
+
 /// The search for the nearest hits of the rays of a packet.
 pub struct Traversal<'a, 'b> {
     pub party: Party<'a, 'b>,
@@ -21,9 +48,9 @@ pub struct Traversal<'a, 'b> {
     stage: Stage,
     stack: &'b mut Stack,
     /// Among the objects.
-    outer: PacketWalk,
+    outer: &'b mut PacketWalk,
     /// Within a mesh.
-    inner: PacketWalk,
+    inner: &'b mut PacketWalk,
     inside: Option<Inside<'a>>,
 }
 
@@ -46,16 +73,17 @@ struct Inside<'a> {
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
-    pub fn new(scene: &'a Scene, range: (f64, f64), rays: &'b mut Rays, stack: &'b mut Stack) -> Self {
+    pub fn new(scene: &'a Scene, range: (f64, f64), room: &'b mut Room) -> Self {
+        let Room { rays, stack, outer, inner, doubts, local, looks } = room;
         let searches = Searches::new(scene, range);
         Traversal {
-            party: Party { scene, rays, searches, doubts: Doubts::new(), left: 0, local: None, looks: Looks::new() },
+            party: Party { scene, rays, searches, doubts, left: 0, local, looks },
             index: scene.index(),
             size: scene.size(),
             stage: Stage::Idle,
             stack,
-            outer: PacketWalk::new(),
-            inner: PacketWalk::new(),
+            outer,
+            inner,
             inside: None,
         }
     }
@@ -82,12 +110,12 @@ impl<'a, 'b> Traversal<'a, 'b> {
         }
         while let Some(inside) = self.inside {
             if self.inner.go_on::<I>(self.stack, self.party.searches.limits()) {
-                match inside.hierarchy.leaf(&self.inner) {
+                match inside.hierarchy.leaf(self.inner) {
                     Some(block) => {
                         let nearer = self.party.among_blocks(inside).meet::<I>(block, self.inner.mask());
                         self.inner.shorten(nearer);
                     }
-                    None => inside.hierarchy.open::<I>(&self.inner, self.stack),
+                    None => inside.hierarchy.open::<I>(self.inner, self.stack),
                 }
                 return true;
             }
@@ -96,9 +124,9 @@ impl<'a, 'b> Traversal<'a, 'b> {
         if !self.outer.go_on::<I>(self.stack, self.party.searches.limits()) {
             return false;
         }
-        match self.index.bounded.leaf(&self.outer) {
+        match self.index.bounded.leaf(self.outer) {
             Some(&id) => self.meet::<I>(id, met),
-            None => self.index.bounded.open::<I>(&self.outer, self.stack),
+            None => self.index.bounded.open::<I>(self.outer, self.stack),
         }
         true
     }
@@ -201,11 +229,11 @@ pub struct Party<'a, 'b> {
     scene: &'a Scene,
     pub rays: &'b mut Rays,
     pub searches: Searches<'a>,
-    doubts: Doubts,
+    doubts: &'b mut Doubts,
     /// Rays that have yet to set out within the mesh that was entered.
     left: Mask,
-    local: Option<Box<Local>>,
-    looks: Looks,
+    local: &'b mut Option<Box<Local>>,
+    looks: &'b mut Looks,
 }
 
 impl<'a> Party<'a, '_> {
@@ -249,7 +277,7 @@ impl<'a> Party<'a, '_> {
         let mut next = self.left;
         if next != 0
             && !inside.object.is_placed_as_made()
-            && let Some(local) = &mut self.local
+            && let Some(local) = self.local.as_mut()
         {
             next = local.next(next);
         }
@@ -275,7 +303,7 @@ impl<'a> Party<'a, '_> {
             Some(local) if !inside.object.is_placed_as_made() => {
                 Blocks { scene, mesh, id, rays: &local.rays, world, searches, doubts: None, looks }
             }
-            _ => Blocks { scene, mesh, id, rays: world, world, searches, doubts: Some(&mut self.doubts), looks },
+            _ => Blocks { scene, mesh, id, rays: world, world, searches, doubts: Some(&mut *self.doubts), looks },
         }
     }
 

@@ -4,6 +4,8 @@ mod scan;
 mod scene;
 mod shape;
 
+use std::ops::Range;
+
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -18,17 +20,23 @@ pub use shape::PyShape;
 
 pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 
-/// Rays a thread takes at a time: enough that neighbours can be sorted together, few enough that all threads stay busy and that the
-/// rays and their hits stay in the second cache. Rays whose neighbours point elsewhere are worth sorting in larger numbers, as many for
-/// each thread.
-pub fn chunk(directions: &[Point]) -> usize {
-    let (rays, threads) = (directions.len().min(SLICE), parallel::threads());
-    if order::are_scattered(directions) {
-        let turns = rays.div_ceil(threads * MOST).max(1);
-        rays.div_ceil(turns * threads).max(NEAR)
-    } else {
-        rays.div_ceil(4 * threads).next_multiple_of(NEAR).clamp(NEAR, 8 * NEAR)
+/// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough that neighbours can be sorted
+/// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
+/// together. Rays whose neighbours point elsewhere are worth sorting in larger numbers, as many for each thread.
+pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
+    let threads = parallel::threads();
+    let scattered = order::are_scattered(directions);
+    let turns = directions.len().div_ceil(threads * MOST).max(1);
+    let even = directions.len().div_ceil(turns * threads).max(NEAR);
+    let (mut pieces, mut start) = (Vec::new(), 0);
+    while start < directions.len() {
+        let left = directions.len() - start;
+        let falling = (left * rays).div_ceil(4 * threads).next_multiple_of(NEAR).min(8 * NEAR);
+        let end = start + (if scattered { even } else { falling } / rays).clamp(1, left);
+        pieces.push(start..end);
+        start = end;
     }
+    pieces
 }
 
 /// Rays between two looks at pending signals, so that Ctrl-C ends a long cast.
@@ -116,7 +124,7 @@ fn python_float(x: f64) -> String {
 }
 
 /// Runs `work` over slices of 0..n without the interpreter lock, and looks for Ctrl-C between them.
-pub fn interruptible(py: Python<'_>, n: usize, mut work: impl FnMut(std::ops::Range<usize>) + Send) -> PyResult<()> {
+pub fn interruptible(py: Python<'_>, n: usize, mut work: impl FnMut(Range<usize>) + Send) -> PyResult<()> {
     for start in (0..n).step_by(SLICE) {
         py.detach(|| work(start..n.min(start + SLICE)));
         py.check_signals()?;

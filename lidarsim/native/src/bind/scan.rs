@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 use rayon::prelude::*;
 
-use super::{Points, PyScene, SLICE, chunk, level, points};
+use super::{Points, PyScene, SLICE, level, pieces, points};
 use crate::measure::{
     Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Rays, Reflectivity, Returns, Rows,
     Scan,
@@ -241,34 +241,21 @@ impl Columns {
         }
     }
 
-    /// The rows of `size` of the pulses at a time.
-    fn rows(&mut self, pulses: usize, size: usize, most: usize) -> Vec<Rows<'_>> {
-        let (rows, many) = (pulses * most, size * most);
-        let mut range = self.range.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut true_range = self.true_range.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut range_error = self.range_error.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut intensity = self.intensity.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut incidence = self.incidence.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut normal = self.normal.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut object_id = self.object_id.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut label = self.label.spare_capacity_mut()[..rows].chunks_mut(many);
-        let mut status = self.status.spare_capacity_mut()[..pulses].chunks_mut(size);
-        let mut return_count = self.return_count.spare_capacity_mut()[..pulses].chunks_mut(size);
-        std::iter::from_fn(|| {
-            Some(Rows {
-                range: range.next()?,
-                true_range: true_range.next()?,
-                range_error: range_error.next()?,
-                intensity: intensity.next()?,
-                incidence: incidence.next()?,
-                normal: normal.next()?,
-                object_id: object_id.next()?,
-                label: label.next()?,
-                status: status.next()?,
-                return_count: return_count.next()?,
-            })
-        })
-        .collect()
+    /// The rows of all pulses.
+    fn rows(&mut self, pulses: usize, most: usize) -> Rows<'_> {
+        let rows = pulses * most;
+        Rows {
+            range: &mut self.range.spare_capacity_mut()[..rows],
+            true_range: &mut self.true_range.spare_capacity_mut()[..rows],
+            range_error: &mut self.range_error.spare_capacity_mut()[..rows],
+            intensity: &mut self.intensity.spare_capacity_mut()[..rows],
+            incidence: &mut self.incidence.spare_capacity_mut()[..rows],
+            normal: &mut self.normal.spare_capacity_mut()[..rows],
+            object_id: &mut self.object_id.spare_capacity_mut()[..rows],
+            label: &mut self.label.spare_capacity_mut()[..rows],
+            status: &mut self.status.spare_capacity_mut()[..pulses],
+            return_count: &mut self.return_count.spare_capacity_mut()[..pulses],
+        }
     }
 
     /// # Safety
@@ -333,18 +320,21 @@ pub fn scan<'py>(
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, indices, start, path: &path.path, stream };
     let most = measurement.returns.most();
-    let size = (chunk(directions) / measurement.rays()).max(1);
     let mut columns = Columns::new(directions.len(), most);
-    let mut rows = columns.rows(directions.len(), size, most);
+    let mut rows = columns.rows(directions.len(), most);
     py.detach(|| scene.scene.prepare());
     let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);
-    let chunks = (SLICE / (size * measurement.rays())).max(1);
-    for (group, rows) in rows.chunks_mut(chunks).enumerate() {
+    let slice = (SLICE / measurement.rays()).max(1);
+    for start in (0..directions.len()).step_by(slice) {
+        let end = directions.len().min(start + slice);
+        let pieces: Vec<_> = pieces(&directions[start..end], measurement.rays())
+            .into_iter()
+            .map(|piece| (start + piece.start, rows.split_off(piece.len(), most)))
+            .collect();
         let bad = Mutex::new(None);
         py.detach(|| {
-            parallel::share(rows.iter_mut().enumerate(), Rays::default, |rays, (i, rows)| {
-                let first = (group * chunks + i) * size;
-                if let Err(found) = scan.measure(first..first + rows.status.len(), rays, rows) {
+            parallel::share(pieces.into_iter(), Rays::default, |rays, (first, mut rows)| {
+                if let Err(found) = scan.measure(first..first + rows.status.len(), rays, &mut rows) {
                     let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
                     if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
                         *bad = Some(found);
@@ -358,7 +348,7 @@ pub fn scan<'py>(
         }
         py.check_signals()?;
     }
-    // SAFETY: the chunks hold the rows of all pulses, and every chunk was measured without a bad pulse, so that all of it was written.
+    // SAFETY: the pieces hold the rows of all pulses, and every piece was measured without a bad pulse, so that all of it was written.
     unsafe { columns.are_written(directions.len(), most) };
     columns.into_dict(py, most)
 }

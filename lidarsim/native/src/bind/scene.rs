@@ -1,6 +1,5 @@
 //! Scenes, and casts at them.
 
-use super::{Points, PyShape, chunk, equal_points, interruptible, legal_rays, level};
 use std::mem::MaybeUninit;
 use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -8,6 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
+use super::{Points, PyShape, equal_points, interruptible, legal_rays, level, pieces};
 use crate::scene::{Hit, Scene};
 use crate::simd::{self, Isa};
 use crate::trace::Sink;
@@ -17,12 +17,24 @@ use crate::{memory, parallel};
 type Arrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
 
-/// A chunk of the arrays that a cast returns: room that is not cleared before.
+/// A part of the arrays that a cast returns: room that is not cleared before.
 struct Columns<'a> {
     t: &'a mut [MaybeUninit<f64>],
     object: &'a mut [MaybeUninit<i32>],
     primitive: &'a mut [MaybeUninit<i32>],
     normal: &'a mut [MaybeUninit<Point>],
+}
+
+impl<'a> Columns<'a> {
+    /// Takes the first rays, which are left for others to cast.
+    fn split_off(&mut self, count: usize) -> Columns<'a> {
+        Columns {
+            t: memory::split_off(&mut self.t, count),
+            object: memory::split_off(&mut self.object, count),
+            primitive: memory::split_off(&mut self.primitive, count),
+            normal: memory::split_off(&mut self.normal, count),
+        }
+    }
 }
 
 impl Sink for Columns<'_> {
@@ -75,22 +87,22 @@ impl PyScene {
         let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
         let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
         let level = level()?;
-        let chunk = chunk(d);
         let legal = AtomicBool::new(true);
         self.prepare(py);
+        let mut places = Columns {
+            t: &mut t.spare_capacity_mut()[..n],
+            object: &mut object.spare_capacity_mut()[..n],
+            primitive: &mut primitive.spare_capacity_mut()[..n],
+            normal: &mut normal.spare_capacity_mut()[..n],
+        };
         interruptible(py, n, |slice| {
-            let pieces = t.spare_capacity_mut()[slice.clone()]
-                .chunks_mut(chunk)
-                .zip(object.spare_capacity_mut()[slice.clone()].chunks_mut(chunk))
-                .zip(primitive.spare_capacity_mut()[slice.clone()].chunks_mut(chunk))
-                .zip(normal.spare_capacity_mut()[slice.clone()].chunks_mut(chunk))
-                .zip(o[slice.clone()].chunks(chunk).zip(d[slice].chunks(chunk)));
+            let (o, d) = (&o[slice.clone()], &d[slice]);
+            let pieces: Vec<_> = pieces(d, 1).into_iter().map(|piece| (places.split_off(piece.len()), piece)).collect();
             parallel::share(
-                pieces,
+                pieces.into_iter(),
                 || (),
-                |(), ((((t, object), primitive), normal), (o, d))| {
-                    let mut columns = Columns { t, object, primitive, normal };
-                    if !self.scene.cast(level, o, d, (t_min, t_max), &mut columns) {
+                |(), (mut columns, piece)| {
+                    if !self.scene.cast(level, &o[piece.clone()], &d[piece], (t_min, t_max), &mut columns) {
                         legal.store(false, Ordering::Relaxed);
                     }
                 },
@@ -99,7 +111,7 @@ impl PyScene {
         if !legal.into_inner() {
             legal_rays(o, d)?;
         }
-        // SAFETY: the slices cover 0..n, the chunks the slices, and a cast puts a hit for each of its rays, legal or not.
+        // SAFETY: the slices cover 0..n, the pieces the slices, and a cast puts a hit for each of its rays, legal or not.
         unsafe {
             t.set_len(n);
             object.set_len(n);

@@ -14,6 +14,7 @@ use std::mem::MaybeUninit;
 use std::ops::Range;
 
 use crate::elementary::first_quadrant_angle;
+use crate::memory::split_off;
 use crate::number::Interval;
 use crate::pose::{Path, Pose, cross, dot, sub};
 use crate::rng::{Effect, Stream};
@@ -151,7 +152,24 @@ pub struct Rows<'a> {
     pub return_count: &'a mut [MaybeUninit<u8>],
 }
 
-impl Rows<'_> {
+impl<'a> Rows<'a> {
+    /// Takes the rows of the first pulses, and leaves the others.
+    pub fn split_off(&mut self, pulses: usize, most: usize) -> Rows<'a> {
+        let rows = pulses * most;
+        Rows {
+            range: split_off(&mut self.range, rows),
+            true_range: split_off(&mut self.true_range, rows),
+            range_error: split_off(&mut self.range_error, rows),
+            intensity: split_off(&mut self.intensity, rows),
+            incidence: split_off(&mut self.incidence, rows),
+            normal: split_off(&mut self.normal, rows),
+            object_id: split_off(&mut self.object_id, rows),
+            label: split_off(&mut self.label, rows),
+            status: split_off(&mut self.status, pulses),
+            return_count: split_off(&mut self.return_count, pulses),
+        }
+    }
+
     /// All but the incidence.
     #[inline(always)]
     fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, label: u32) {
