@@ -56,7 +56,7 @@ impl Order {
         if self.group == NEAR {
             self.find_near(low, high);
         } else {
-            self.add_cells(&origins[group.clone()]);
+            self.add_cells::<I>(&origins[group.clone()]);
             self.near.clear();
             self.near.resize(self.keys.len(), 0);
         }
@@ -74,19 +74,11 @@ impl Order {
     /// it returns the least and the largest.
     #[inline(always)]
     fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
-        const BLOCK: usize = 16;
         self.places.clear();
         self.octants.clear();
         let (mut low, mut high) = ([u32::MAX; 2], [0; 2]);
         for block in directions.chunks(BLOCK) {
-            let d = match block.first_chunk() {
-                Some(block) => narrow::<I>(block),
-                None => {
-                    let mut all = [block[0]; BLOCK];
-                    all[..block.len()].copy_from_slice(block);
-                    narrow::<I>(&all)
-                }
-            };
+            let d = narrow::<I>(halves::<I>(block));
             let (mut place, mut octant) = ([0; BLOCK], [0; BLOCK]);
             let (mut least, mut most) = ([[0_u32; BLOCK]; 2], [[0_u32; BLOCK]; 2]);
             for k in 0..BLOCK {
@@ -152,26 +144,41 @@ impl Order {
     /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins are close together, against the size of
     /// the scene.
     #[inline(always)]
-    fn add_cells(&mut self, origins: &[Point]) {
+    fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
         const FINE: u32 = 2 * DIRECTION;
-        let (mut low, mut high) = (origins[0], origins[0]);
-        for o in origins {
-            for i in 0..3 {
-                low[i] = low[i].min(o[i]);
-                high[i] = high[i].max(o[i]);
+        const CELLS: u32 = 1 << ORIGIN;
+        let (mut least, mut most) = (origins[0].map(I::F64x8::splat), origins[0].map(I::F64x8::splat));
+        for block in origins.chunks(BLOCK) {
+            for half in halves::<I>(block) {
+                for i in 0..3 {
+                    (least[i], most[i]) = (Floats::min(half[i], least[i]), Floats::max(half[i], most[i]));
+                }
             }
         }
-        let size = (0..3).fold(0.0_f64, |m, i| m.max(high[i] - low[i]));
+        let low = least.map(|x| x.smallest());
+        let size = (0..3).fold(0.0_f64, |m, i| m.max(most[i].largest() - low[i]));
         if !(size > self.size / 64.0) {
             return;
         }
-        let scale = f64::from(1_u32 << ORIGIN) / size;
-        let most = (1 << ORIGIN) - 1;
-        for (key, o) in self.keys.iter_mut().zip(origins) {
-            let cell = |i: usize| (((o[i] - low[i]) * scale) as u32).min(most);
-            let cell = spread3(cell(0)) | spread3(cell(1)) << 1 | spread3(cell(2)) << 2;
-            let (octant, within) = (*key >> FINE, *key & ((1 << FINE) - 1));
-            *key = (octant << (3 * ORIGIN) | cell) << COARSE | within >> (FINE - COARSE);
+        let (low, scale) = (low.map(I::F64x8::splat), I::F64x8::splat(f64::from(CELLS) / size));
+        for (keys, block) in self.keys.chunks_mut(BLOCK).zip(origins.chunks(BLOCK)) {
+            let mut halves = halves::<I>(block);
+            for half in &mut halves {
+                for i in 0..3 {
+                    half[i] = half[i].sub(low[i]).mul(scale);
+                }
+            }
+            let [x, y, z] = narrow::<I>(halves);
+            let mut cells = [0; BLOCK];
+            for k in 0..BLOCK {
+                // A half more is rounded to the number of the cell, from 1 on.
+                let cell = |x: f32| ((x + 0.5 + WHOLE).to_bits() & 0xffff).clamp(1, CELLS) - 1;
+                cells[k] = spread3(cell(x[k])) | spread3(cell(y[k])) << 1 | spread3(cell(z[k])) << 2;
+            }
+            for (key, cell) in keys.iter_mut().zip(cells) {
+                let (octant, within) = (*key >> FINE, *key & ((1 << FINE) - 1));
+                *key = (octant << (3 * ORIGIN) | cell) << COARSE | within >> (FINE - COARSE);
+            }
         }
     }
 
@@ -232,10 +239,30 @@ const RUN: usize = 4;
 /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
 const WHOLE: f32 = 8_388_608.0;
 
-/// The coordinates as float32, an axis after the other.
+/// Points that are looked at side by side.
+const BLOCK: usize = 16;
+
+/// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point fills it.
 #[inline(always)]
-fn narrow<I: Isa>([a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]: &[Point; 16]) -> [[f32; 16]; 3] {
-    let (low, high) = (I::columns([a, b, c, d, e, f, g, h]), I::columns([i, j, k, l, m, n, o, p]));
+fn halves<I: Isa>(block: &[Point]) -> [[I::F64x8; 3]; 2] {
+    match block.first_chunk() {
+        Some(block) => columns::<I>(block),
+        None => {
+            let mut all = [block[0]; BLOCK];
+            all[..block.len()].copy_from_slice(block);
+            columns::<I>(&all)
+        }
+    }
+}
+
+#[inline(always)]
+fn columns<I: Isa>([a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]: &[Point; BLOCK]) -> [[I::F64x8; 3]; 2] {
+    [I::columns([a, b, c, d, e, f, g, h]), I::columns([i, j, k, l, m, n, o, p])]
+}
+
+/// As float32, an axis after the other.
+#[inline(always)]
+fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
     [I::narrow(low[0], high[0]).store(), I::narrow(low[1], high[1]).store(), I::narrow(low[2], high[2]).store()]
 }
 
