@@ -10,7 +10,6 @@ use numpy::{
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
-use rayon::prelude::*;
 
 use super::{Points, PyScene, SLICE, level, pieces, points};
 use crate::measure::{
@@ -435,14 +434,12 @@ pub fn points_of<'py>(
     let label = column(n * most, &scan.label)?;
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
-    let rows: Vec<usize> = counts
-        .iter()
-        .enumerate()
-        .flat_map(|(i, &count)| (0..most.min(count.into())).map(move |j| i * most + j))
-        .collect();
-    let pose = |pulse: usize| path.at(scan.time + times[pulse]);
-    let place = |row: usize| {
-        let pulse = row / most;
+    let returns = ReturnRows::new(counts, most);
+    let pose = |pulse: usize| match path {
+        Path::Still(pose) => *pose,
+        _ => path.at(scan.time + times[pulse]),
+    };
+    let place = |row: usize, pulse: usize| {
         let local: Point = std::array::from_fn(|k| origins[pulse][k] + directions[pulse][k] * range[row]);
         match coordinates {
             Coordinates::Sensor => local,
@@ -450,31 +447,32 @@ pub fn points_of<'py>(
             Coordinates::World => pose(pulse).place(local),
         }
     };
-    let turn = |row: usize| {
+    let turn = |row: usize, pulse: usize| {
         let normal = normals[row].map(f64::from);
         let turned = match coordinates {
-            Coordinates::Sensor => pose(row / most).turn_back(normal),
+            Coordinates::Sensor => pose(pulse).turn_back(normal),
             Coordinates::Start(start) => start.turn_back(normal),
             Coordinates::World => normal,
         };
         turned.map(|x| x as f32)
     };
     let fields = PyDict::new(py);
-    let shape = [rows.len(), 3];
-    fields.set_item("xyz", gather(py, &rows, place).into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("range", gather(py, &rows, |row| range[row]).into_pyarray(py))?;
-    fields.set_item("true_range", gather(py, &rows, |row| true_range[row]).into_pyarray(py))?;
-    fields.set_item("intensity", gather(py, &rows, |row| intensity[row]).into_pyarray(py))?;
-    fields.set_item("time", gather(py, &rows, |row| times[row / most]).into_pyarray(py))?;
-    fields.set_item("ring", gather(py, &rows, |row| rings[row / most]).into_pyarray(py))?;
-    fields.set_item("column", gather(py, &rows, |row| columns[row / most]).into_pyarray(py))?;
-    fields.set_item("return_number", gather(py, &rows, |row| (row % most + 1) as u8).into_pyarray(py))?;
-    fields.set_item("return_count", gather(py, &rows, |row| counts[row / most]).into_pyarray(py))?;
-    fields.set_item("object_id", gather(py, &rows, |row| object_id[row]).into_pyarray(py))?;
-    fields.set_item("label", gather(py, &rows, |row| label[row]).into_pyarray(py))?;
-    fields.set_item("normal", gather(py, &rows, turn).into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("incidence", gather(py, &rows, |row| incidence[row]).into_pyarray(py))?;
-    fields.set_item("range_error", gather(py, &rows, |row| range_error[row]).into_pyarray(py))?;
+    let shape = [returns.row.len(), 3];
+    fields.set_item("xyz", returns.gather(py, place).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("range", returns.gather(py, |row, _| range[row]).into_pyarray(py))?;
+    fields.set_item("true_range", returns.gather(py, |row, _| true_range[row]).into_pyarray(py))?;
+    fields.set_item("intensity", returns.gather(py, |row, _| intensity[row]).into_pyarray(py))?;
+    fields.set_item("time", returns.gather(py, |_, pulse| times[pulse]).into_pyarray(py))?;
+    fields.set_item("ring", returns.gather(py, |_, pulse| rings[pulse]).into_pyarray(py))?;
+    fields.set_item("column", returns.gather(py, |_, pulse| columns[pulse]).into_pyarray(py))?;
+    fields
+        .set_item("return_number", returns.gather(py, |row, pulse| (row - pulse * most + 1) as u8).into_pyarray(py))?;
+    fields.set_item("return_count", returns.gather(py, |_, pulse| counts[pulse]).into_pyarray(py))?;
+    fields.set_item("object_id", returns.gather(py, |row, _| object_id[row]).into_pyarray(py))?;
+    fields.set_item("label", returns.gather(py, |row, _| label[row]).into_pyarray(py))?;
+    fields.set_item("normal", returns.gather(py, turn).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("incidence", returns.gather(py, |row, _| incidence[row]).into_pyarray(py))?;
+    fields.set_item("range_error", returns.gather(py, |row, _| range_error[row]).into_pyarray(py))?;
     Ok(fields)
 }
 
@@ -487,9 +485,50 @@ fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
     if slice.len() == n { Ok(slice) } else { Err(PyValueError::new_err("scan: expected arrays as a scan gives them")) }
 }
 
-fn gather<T: Send>(py: Python<'_>, rows: &[usize], value: impl Fn(usize) -> T + Sync) -> Vec<T> {
-    let all = || rows.par_iter().with_min_len(1 << 12).map(|&row| value(row)).collect();
-    py.detach(|| parallel::run(all))
+/// The returns of a scan: the row that each is in, and its pulse.
+struct ReturnRows {
+    row: Vec<usize>,
+    pulse: Vec<usize>,
+}
+
+impl ReturnRows {
+    /// Of pulses that have `most` rows each and so many returns.
+    fn new(counts: &[u8], most: usize) -> Self {
+        let room = counts.len() * most;
+        let (mut row, mut pulse, mut end) = (vec![0; room], vec![0; room], 0);
+        for (i, &count) in counts.iter().enumerate() {
+            // As many as there may be, so that no branch hangs on how many there are: what is too much the next pulse writes over.
+            for j in 0..most {
+                (row[end + j], pulse[end + j]) = (i * most + j, i);
+            }
+            end += most.min(count.into());
+        }
+        row.truncate(end);
+        pulse.truncate(end);
+        ReturnRows { row, pulse }
+    }
+
+    /// A value of each return, by its row and its pulse.
+    fn gather<T: Send>(&self, py: Python<'_>, value: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
+        const PIECE: usize = 1 << 13;
+        let mut values = memory::with_capacity(self.row.len());
+        let places = values.spare_capacity_mut()[..self.row.len()].chunks_mut(PIECE);
+        let pieces = places.zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE)));
+        py.detach(|| {
+            parallel::share(
+                pieces,
+                || (),
+                |(), (places, (rows, pulses))| {
+                    for ((place, &row), &pulse) in places.iter_mut().zip(rows).zip(pulses) {
+                        place.write(value(row, pulse));
+                    }
+                },
+            );
+        });
+        // SAFETY: the pieces cover all returns, and each place of them was written.
+        unsafe { values.set_len(self.row.len()) };
+        values
+    }
 }
 
 /// Philox4x32-10 of each counter (n, 4) with one key.
