@@ -56,13 +56,8 @@ pub const RECIPROCAL_FACTORIALS: [f64; 20] = {
 /// eˣ, to within 1 ulp where it is normal.
 #[inline(always)]
 pub fn exp(x: f64) -> f64 {
-    // Past these, float64 holds nothing but 0 and ∞; NaN takes neither branch.
-    if x < -746.0 {
-        return 0.0;
-    }
-    if x > 710.0 {
-        return f64::INFINITY;
-    }
+    // Past these, float64 holds nothing but 0 and ∞, which is what they give. NaN stays.
+    let x = x.clamp(-746.0, 710.0);
     let k = (x * std::f64::consts::LOG2_E).round();
     let (high, low) = (x - k * LN_2_HIGH, k * LN_2_LOW);
     let r = high - low;
@@ -77,9 +72,9 @@ pub fn exp(x: f64) -> f64 {
     };
     let e = 1.0 + (r + (((high - r) - low) + r * r * polynomial(TAYLOR, r)));
     // 2ᵏ itself may not be a float64.
-    let half = (k as i64) / 2;
+    let half = whole(k) >> 1;
     let power = |k: i64| f64::from_bits(((k + 1023) as u64) << 52);
-    e * power(half) * power(k as i64 - half)
+    e * power(half) * power(whole(k) - half)
 }
 
 /// Sine and cosine, for |x| up to 10⁶, to within 1 ulp of 1.
@@ -107,12 +102,18 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     let z = r * r;
     let sin = r + r * z * polynomial(const { alternating(3) }, z);
     let cos = 1.0 + z * polynomial(const { alternating(2) }, z);
-    match (k as i64).rem_euclid(4) {
-        0 => (sin, cos),
-        1 => (cos, -sin),
-        2 => (-sin, -cos),
-        _ => (-cos, sin),
-    }
+    // (sin, cos), (cos, −sin), (−sin, −cos), (−cos, sin): without a branch, for several at once.
+    let quarter = whole(k);
+    let (a, b) = if quarter & 1 == 0 { (sin, cos) } else { (cos, sin) };
+    let negate = |x: f64, is: i64| f64::from_bits(x.to_bits() ^ ((is & 2) as u64) << 62);
+    (negate(a, quarter), negate(b, quarter + 1))
+}
+
+/// A whole number below 2⁵¹ as an integer: beside 3·2⁵¹ it is in the last bits.
+#[inline(always)]
+fn whole(x: f64) -> i64 {
+    const BESIDE: f64 = 3.0 * (1_u64 << 51) as f64;
+    (x + BESIDE).to_bits() as i64 - BESIDE.to_bits() as i64
 }
 
 /// The angle in [0, π/2] whose sine and cosine are as `sin` to `cos`, both ≥ 0, to within 3e-9 of itself: good for float32.

@@ -70,13 +70,20 @@ impl Stream {
         normal_quantile(self.uniform(pulse, effect, draw))
     }
 
-    /// As `normal` for each pulse: one kind of formula at a time, in loops that become vector instructions.
+    /// As `uniform` for each pulse, in a loop that becomes vector instructions.
     #[inline(always)]
-    pub fn normals(&self, pulses: &[u64], effect: Effect, draw: u16, normals: &mut Vec<f64>) {
-        let mut uniforms = vec![0.0; pulses.len()];
+    pub fn uniforms(&self, pulses: &[u64], effect: Effect, draw: u16, uniforms: &mut Vec<f64>) {
+        uniforms.resize(pulses.len(), 0.0);
         for (p, pulse) in uniforms.iter_mut().zip(pulses) {
             *p = self.uniform(*pulse, effect, draw);
         }
+    }
+
+    /// As `normal` for each pulse: one kind of formula at a time.
+    #[inline(always)]
+    pub fn normals(&self, pulses: &[u64], effect: Effect, draw: u16, normals: &mut Vec<f64>) {
+        let mut uniforms = Vec::new();
+        self.uniforms(pulses, effect, draw, &mut uniforms);
         normals.resize(uniforms.len(), 0.0);
         for (normal, p) in normals.iter_mut().zip(&uniforms) {
             *normal = central(p - 0.5);

@@ -221,9 +221,12 @@ pub struct Rays {
     incidence: Vec<[f64; 2]>,
     /// Of each pulse, its number in the whole frame.
     index: Vec<u64>,
-    /// Gaussians, one a pulse; those of effects that are off are empty. Further echoes draw their noise as they come.
+    /// Of each pulse, what effects draw, and its direction with its jitter; of effects that are off these are empty. Further echoes draw their
+    /// noise as they come.
     azimuth_jitter: Vec<f64>,
     elevation_jitter: Vec<f64>,
+    axes: Vec<Point>,
+    lot: Vec<f64>,
     noise: Vec<f64>,
 }
 
@@ -323,17 +326,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         if !frame.have_poses(pulses.clone()) {
             return frame.first_bad(pulses);
         }
-        rays.index.clear();
-        match frame.indices {
-            None => rays.index.extend(pulses.start as u64..pulses.end as u64),
-            Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
-        }
-        let Rays { index, azimuth_jitter, elevation_jitter, noise, .. } = rays;
-        let (azimuth_sigma, elevation_sigma) = (measurement.azimuth_sigma, measurement.elevation_sigma);
-        let wanted = |is: bool| if is { index.as_slice() } else { &[] };
-        frame.stream.normals(wanted(azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
-        frame.stream.normals(wanted(elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
-        frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
+        self.draw(pulses.clone(), rays);
         let count = pulses.len() * measurement.rays();
         rays.origins.resize(count, [0.0; 3]);
         rays.directions.resize(count, [0.0; 3]);
@@ -359,38 +352,63 @@ impl<'a, C: Caster> Scan<'a, C> {
         Ok(())
     }
 
+    /// Draws what the effects need, and turns the directions by their jitter.
+    #[inline(always)]
+    fn draw(&self, pulses: Range<usize>, rays: &mut Rays) {
+        let (frame, measurement) = (self.frame, self.measurement);
+        rays.index.clear();
+        match frame.indices {
+            None => rays.index.extend(pulses.start as u64..pulses.end as u64),
+            Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
+        }
+        let Rays { index, azimuth_jitter, elevation_jitter, axes, lot, noise, .. } = rays;
+        let wanted = |is: bool| if is { index.as_slice() } else { &[] };
+        frame.stream.normals(wanted(measurement.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
+        frame.stream.normals(wanted(measurement.elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
+        frame.stream.uniforms(wanted(measurement.dropout > 0.0), Effect::Dropout, 0, lot);
+        frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
+        let jittered = wanted(measurement.jitters()).len();
+        azimuth_jitter.resize(jittered, 0.0);
+        elevation_jitter.resize(jittered, 0.0);
+        axes.resize(jittered, [0.0; 3]);
+        let jitters = azimuth_jitter.iter().zip(&*elevation_jitter);
+        for ((axis, direction), (azimuth, elevation)) in axes.iter_mut().zip(&frame.directions[pulses]).zip(jitters) {
+            let (azimuth, elevation) = (measurement.azimuth_sigma * azimuth, measurement.elevation_sigma * elevation);
+            *axis = turned(*direction, azimuth, elevation);
+        }
+    }
+
     /// Fires pulses from a pose; the first of them is the k-th of the batch. False if one has no legal origin or direction.
     #[inline(always)]
     fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Rays) -> bool {
-        let m = self.measurement;
         let (origins, directions) = (&self.frame.origins[pulses.clone()], &self.frame.directions[pulses]);
-        let first = k * m.rays();
-        let rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
+        let first = k * self.measurement.rays();
+        let mut rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
+        let is_legal = |(origin, direction): (&Point, &Point)| is_finite(*origin) & is_unit(*direction);
         let mut right = true;
-        if m.azimuth_sigma == 0.0 && m.elevation_sigma == 0.0 && m.beam.is_none() {
+        if self.measurement.beam.is_none() && !self.measurement.jitters() {
+            // Looked at while they are aimed, for one reading less.
             for ((o, d), (origin, direction)) in rays_there.zip(origins.iter().zip(directions)) {
-                right &= is_finite(*origin) & is_unit(*direction);
+                right &= is_legal((origin, direction));
                 (*o, *d) = (pose.place(*origin), pose.turn(*direction));
             }
             return right;
         }
-        let mut rays_there = rays_there;
-        for (k, (origin, direction)) in (k..).zip(origins.iter().zip(directions)) {
-            right &= is_finite(*origin) & is_unit(*direction);
-            let azimuth = rays.azimuth_jitter.get(k).map_or(0.0, |normal| m.azimuth_sigma * normal);
-            let elevation = rays.elevation_jitter.get(k).map_or(0.0, |normal| m.elevation_sigma * normal);
-            let jitters = m.azimuth_sigma > 0.0 || m.elevation_sigma > 0.0;
-            let axis = if jitters { turned(*direction, azimuth, elevation) } else { *direction };
-            let origin = pose.place(*origin);
-            match &m.beam {
-                None => {
-                    if let Some((o, d)) = rays_there.next() {
-                        (*o, *d) = (origin, pose.turn(axis));
-                    }
+        for pulse in origins.iter().zip(directions) {
+            right &= is_legal(pulse);
+        }
+        let axes = if self.measurement.jitters() { &rays.axes[k..k + origins.len()] } else { directions };
+        match &self.measurement.beam {
+            None => {
+                for ((o, d), (origin, axis)) in rays_there.zip(origins.iter().zip(axes)) {
+                    (*o, *d) = (pose.place(*origin), pose.turn(*axis));
                 }
-                Some(beam) => {
+            }
+            Some(beam) => {
+                for (origin, axis) in origins.iter().zip(axes) {
+                    let origin = pose.place(*origin);
                     for (offset, (o, d)) in beam.offsets().zip(&mut rays_there) {
-                        (*o, *d) = (origin, pose.turn(beside(axis, offset)));
+                        (*o, *d) = (origin, pose.turn(beside(*axis, offset)));
                     }
                 }
             }
@@ -433,20 +451,20 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     #[inline(always)]
     fn measured(&self, echo: &Echo, rays: &Rays, i: usize, number: u16) -> Result<f64, Status> {
-        let (m, stream, index) = (self.measurement, &self.frame.stream, rays.index[i]);
+        let m = self.measurement;
         m.gate(echo.range)?;
         // Of 0/0, a black surface at distance zero, this is false.
         let seen = self.threshold.is_none_or(|least| echo.power >= least);
         if !seen {
             return Err(Status::BelowThreshold);
         }
-        if m.dropout > 0.0 && stream.uniform(index, Effect::Dropout, 0) < m.dropout {
+        if rays.lot.get(i).is_some_and(|lot| *lot < m.dropout) {
             return Err(Status::Dropped);
         }
         let noise = match rays.noise.get(i) {
             None => 0.0,
             Some(&noise) if number == 0 => noise,
-            Some(_) => stream.normal(index, Effect::RangeNoise, number),
+            Some(_) => self.frame.stream.normal(rays.index[i], Effect::RangeNoise, number),
         };
         m.gate(m.quantised(echo.range + (m.range_bias + m.range_sigma.at(echo.range) * noise)))
     }

@@ -46,6 +46,11 @@ impl Measurement {
         self.beam.as_ref().map_or(1, |beam| beam.len())
     }
 
+    #[inline(always)]
+    pub(super) fn jitters(&self) -> bool {
+        self.azimuth_sigma > 0.0 || self.elevation_sigma > 0.0
+    }
+
     /// Lambert's law and the loss on the way there and back.
     #[inline(always)]
     pub(super) fn intensity(&self, reflectivity: f64, cosine: f64, range: f64) -> f64 {
