@@ -575,11 +575,23 @@ class Given:
         ),
     ],
 )
-def test_pulses_that_cannot_be_fired_are_refused(wrong: dict[str, Any], message: str) -> None:
+@pytest.mark.parametrize(
+    "measurement",
+    [
+        ls.Measurement(),
+        ls.Measurement(azimuth_sigma=1e-3),
+        ls.Measurement(beam=ls.Beam(1e-3, rays=7)),
+        ls.Measurement(elevation_sigma=1e-3, beam=ls.Beam(1e-3, rays=7)),
+    ],
+    ids=["plain", "jitter", "beam", "both"],
+)
+def test_pulses_that_cannot_be_fired_are_refused(
+    wrong: dict[str, Any], message: str, measurement: ls.Measurement
+) -> None:
     parts = {"directions": np.eye(3), "origins": np.zeros((3, 3)), "time": np.zeros(3)}
     parts.update({name: np.array(values, dtype=float) for name, values in wrong.items()})
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        ls.Lidar(Given(**parts)).scan(room())
+        ls.Lidar(Given(**parts), measurement=measurement).scan(room())
 
 
 def test_directions_kept_in_float32_will_do() -> None:
