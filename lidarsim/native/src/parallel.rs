@@ -47,21 +47,16 @@ pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     }
 }
 
-/// Has all of `work` done, a piece at a time, by this thread and others of the pool, each with a state of its own.
+/// Has all of `work` done, a piece at a time, by this thread and others of the pool.
 ///
 /// This thread takes part: to wake one thread less is faster, above all where others are about to end work of their own.
-pub fn share<S, T: Send>(
-    work: impl ExactSizeIterator<Item = T> + Send,
-    state: impl Fn() -> S + Sync,
-    act: impl Fn(&mut S, T) + Sync,
-) {
+pub fn share<T: Send>(work: impl ExactSizeIterator<Item = T> + Send, act: impl Fn(T) + Sync) {
     let helpers = threads().min(work.len()).saturating_sub(1);
     let work = Mutex::new(work);
     let take = || work.lock().unwrap_or_else(PoisonError::into_inner).next();
     let act_on_all = || {
-        let mut state = state();
         while let Some(piece) = take() {
-            act(&mut state, piece);
+            act(piece);
         }
     };
     match if helpers > 0 { pool() } else { None } {

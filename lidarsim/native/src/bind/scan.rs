@@ -13,8 +13,7 @@ use pyo3::types::PyDict;
 
 use super::{Points, PyScene, SLICE, level, pieces, points};
 use crate::measure::{
-    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Rays, Reflectivity, Returns, Rows,
-    Scan,
+    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, Returns, Rows, Scan,
 };
 use crate::pose::{Path, Pose};
 use crate::rng::{self, Stream};
@@ -332,8 +331,8 @@ pub fn scan<'py>(
             .collect();
         let bad = Mutex::new(None);
         py.detach(|| {
-            parallel::share(pieces.into_iter(), Rays::default, |rays, (first, mut rows)| {
-                if let Err(found) = scan.measure(first..first + rows.status.len(), rays, &mut rows) {
+            parallel::share(pieces.into_iter(), |(first, mut rows)| {
+                if let Err(found) = scan.measure(first..first + rows.status.len(), &mut rows) {
                     let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
                     if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
                         *bad = Some(found);
@@ -515,15 +514,11 @@ impl ReturnRows {
         let places = values.spare_capacity_mut()[..self.row.len()].chunks_mut(PIECE);
         let pieces = places.zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE)));
         py.detach(|| {
-            parallel::share(
-                pieces,
-                || (),
-                |(), (places, (rows, pulses))| {
-                    for ((place, &row), &pulse) in places.iter_mut().zip(rows).zip(pulses) {
-                        place.write(value(row, pulse));
-                    }
-                },
-            );
+            parallel::share(pieces, |(places, (rows, pulses))| {
+                for ((place, &row), &pulse) in places.iter_mut().zip(rows).zip(pulses) {
+                    place.write(value(row, pulse));
+                }
+            });
         });
         // SAFETY: the pieces cover all returns, and each place of them was written.
         unsafe { values.set_len(self.row.len()) };

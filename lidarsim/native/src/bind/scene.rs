@@ -98,15 +98,11 @@ impl PyScene {
         interruptible(py, n, |slice| {
             let (o, d) = (&o[slice.clone()], &d[slice]);
             let pieces: Vec<_> = pieces(d, 1).into_iter().map(|piece| (places.split_off(piece.len()), piece)).collect();
-            parallel::share(
-                pieces.into_iter(),
-                || (),
-                |(), (mut columns, piece)| {
-                    if !self.scene.cast(level, &o[piece.clone()], &d[piece], (t_min, t_max), &mut columns) {
-                        legal.store(false, Ordering::Relaxed);
-                    }
-                },
-            );
+            parallel::share(pieces.into_iter(), |(mut columns, piece)| {
+                if !self.scene.cast(level, &o[piece.clone()], &d[piece], (t_min, t_max), &mut columns) {
+                    legal.store(false, Ordering::Relaxed);
+                }
+            });
         })?;
         if !legal.into_inner() {
             legal_rays(o, d)?;

@@ -10,6 +10,7 @@ mod direction;
 mod echo;
 mod parameters;
 
+use std::cell::Cell;
 use std::mem::MaybeUninit;
 use std::ops::Range;
 
@@ -206,10 +207,14 @@ pub struct Scan<'a, C> {
     threshold: Option<f64>,
 }
 
-/// Rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other. Kept from one batch of
-/// pulses to the next, so that its memory is used again.
+thread_local! {
+    /// What one batch of pulses leaves to the next, so that its memory is used again.
+    static RAYS: Cell<Rays> = Cell::default();
+}
+
+/// Rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other.
 #[derive(Default)]
-pub struct Rays {
+struct Rays {
     origins: Vec<Point>,
     directions: Vec<Point>,
     hits: Vec<Hit>,
@@ -260,8 +265,11 @@ impl<'a, C: Caster> Scan<'a, C> {
     }
 
     /// Measure some pulses, whose rows these are.
-    pub fn measure(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
-        simd::dispatch(self.level, Batch { scan: self, pulses, rays, rows })
+    pub fn measure(&self, pulses: Range<usize>, rows: &mut Rows) -> Result<(), BadPulse> {
+        let mut rays = RAYS.take();
+        let outcome = simd::dispatch(self.level, Batch { scan: self, pulses, rays: &mut rays, rows });
+        RAYS.set(rays);
+        outcome
     }
 
     #[inline(always)]
