@@ -1,5 +1,6 @@
 //! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
 
+use std::borrow::Cow;
 use std::sync::{Mutex, PoisonError};
 
 use numpy::ndarray::Dimension;
@@ -434,9 +435,10 @@ pub fn points_of<'py>(
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
     let returns = ReturnRows::new(counts, most);
+    // Not copied where there is but one: to read back in one piece what was written in several takes long.
     let pose = |pulse: usize| match path {
-        Path::Still(pose) => *pose,
-        _ => path.at(scan.time + times[pulse]),
+        Path::Still(pose) => Cow::Borrowed(pose),
+        _ => Cow::Owned(path.at(scan.time + times[pulse])),
     };
     let place = |row: usize, pulse: usize| {
         let local: Point = std::array::from_fn(|k| origins[pulse][k] + directions[pulse][k] * range[row]);
