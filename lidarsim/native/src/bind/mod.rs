@@ -24,15 +24,16 @@ pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 /// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
 /// together. Rays whose neighbours point elsewhere are worth sorting in larger numbers, as many for each thread.
 pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
-    let threads = parallel::threads();
+    let (threads, all) = (parallel::threads(), directions.len() * rays);
+    let turns = all.div_ceil(threads * MOST).max(1);
+    let even = all.div_ceil(turns * threads).max(NEAR);
     let scattered = order::are_scattered(directions);
-    let turns = directions.len().div_ceil(threads * MOST).max(1);
-    let even = directions.len().div_ceil(turns * threads).max(NEAR);
     let (mut pieces, mut start) = (Vec::new(), 0);
     while start < directions.len() {
-        let left = directions.len() - start;
-        let falling = (left * rays).div_ceil(4 * threads).next_multiple_of(NEAR).min(8 * NEAR);
-        let end = start + (if scattered { even } else { falling } / rays).clamp(1, left);
+        let left = (directions.len() - start) * rays;
+        let falling = left.div_ceil(4 * threads).next_multiple_of(NEAR).min(8 * NEAR);
+        let size = if scattered { even } else { falling };
+        let end = directions.len().min(start + (size / rays).max(1));
         pieces.push(start..end);
         start = end;
     }

@@ -231,7 +231,7 @@ struct Rays {
     azimuth_jitter: Vec<f64>,
     elevation_jitter: Vec<f64>,
     axes: Vec<Point>,
-    lot: Vec<f64>,
+    dropout: Vec<f64>,
     noise: Vec<f64>,
 }
 
@@ -369,11 +369,11 @@ impl<'a, C: Caster> Scan<'a, C> {
             None => rays.index.extend(pulses.start as u64..pulses.end as u64),
             Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
         }
-        let Rays { index, azimuth_jitter, elevation_jitter, axes, lot, noise, .. } = rays;
+        let Rays { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, .. } = rays;
         let wanted = |is: bool| if is { index.as_slice() } else { &[] };
         frame.stream.normals(wanted(measurement.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
         frame.stream.normals(wanted(measurement.elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
-        frame.stream.uniforms(wanted(measurement.dropout > 0.0), Effect::Dropout, 0, lot);
+        frame.stream.uniforms(wanted(measurement.dropout > 0.0), Effect::Dropout, 0, dropout);
         frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
         let jittered = wanted(measurement.jitters()).len();
         azimuth_jitter.resize(jittered, 0.0);
@@ -466,7 +466,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         if !seen {
             return Err(Status::BelowThreshold);
         }
-        if rays.lot.get(i).is_some_and(|lot| *lot < m.dropout) {
+        if rays.dropout.get(i).is_some_and(|uniform| *uniform < m.dropout) {
             return Err(Status::Dropped);
         }
         let noise = match rays.noise.get(i) {
