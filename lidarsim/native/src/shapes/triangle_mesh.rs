@@ -14,6 +14,8 @@ use crate::vector::Point;
 pub struct TriangleMesh {
     vertices: Vec<Point>,
     faces: Vec<[u32; 3]>,
+    /// Found when it is first asked for, and not again for each scene that the mesh moves through.
+    bounds: OnceLock<Option<[Interval; 3]>>,
     /// Built when it is first cast at.
     hierarchy: OnceLock<Bvh<Block>>,
 }
@@ -22,7 +24,8 @@ impl TriangleMesh {
     /// None if a face names a vertex that is not there.
     pub fn new(vertices: Vec<Point>, faces: Vec<[u32; 3]>) -> Option<Self> {
         let known = |i: &u32| (*i as usize) < vertices.len();
-        faces.iter().flatten().all(known).then_some(TriangleMesh { vertices, faces, hierarchy: OnceLock::new() })
+        let is_right = faces.iter().flatten().all(known);
+        is_right.then_some(TriangleMesh { vertices, faces, bounds: OnceLock::new(), hierarchy: OnceLock::new() })
     }
 
     pub fn vertices(&self) -> &[Point] {
@@ -70,11 +73,13 @@ impl TriangleMesh {
     }
 
     pub fn bounds(&self) -> Option<[Interval; 3]> {
-        let mut all = self.faces.iter().flatten().map(|&v| self.vertices[v as usize]);
-        let first = all.next()?.map(Interval::point);
-        Some(all.fold(first, |b, v| {
-            std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
-        }))
+        *self.bounds.get_or_init(|| {
+            let mut all = self.faces.iter().flatten().map(|&v| self.vertices[v as usize]);
+            let first = all.next()?.map(Interval::point);
+            Some(all.fold(first, |b, v| {
+                std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
+            }))
+        })
     }
 
     pub fn bytes(&self) -> usize {
@@ -334,7 +339,7 @@ mod tests {
         // Beside the first, by an ulp.
         vertices.push([vertices[0][0].next_up(), vertices[0][1], vertices[0][2]]);
         let faces = (0..count).map(|_| [0; 3].map(|_: u8| (10.0 * next()) as u32)).collect();
-        TriangleMesh { vertices, faces, hierarchy: OnceLock::new() }
+        TriangleMesh { vertices, faces, bounds: OnceLock::new(), hierarchy: OnceLock::new() }
     }
 
     fn block(mesh: &TriangleMesh) -> Block {
