@@ -81,8 +81,7 @@ def scan(
     path: Path,
     pulses: object,
     indices: npt.NDArray[np.uint64] | None,
-    measurement: object,
-    gate: tuple[float, float],
+    lidar: object,
     start: float,
     draws: tuple[int, int, int],
 ) -> dict[str, npt.NDArray[Any]]: ...

@@ -91,6 +91,9 @@ class Scan:
         Start of the scan, s.
     frame : int
         Number of the frame.
+    true_direction : ndarray of float64, shape (n, k, 3), or None
+        Direction in which the light of each return really came and went, in the sensor frame; None where that is
+        the direction of the pulse: without angular jitter and beam.
 
     Notes
     -----
@@ -113,6 +116,7 @@ class Scan:
     pose: Floats | Trajectory
     time: float
     frame: int
+    true_direction: Floats | None = None
 
     def __len__(self) -> int:
         """Return the number of pulses."""
@@ -158,6 +162,39 @@ class Scan:
         image = np.full(self.lidar.pattern.shape, np.nan)
         image[self.pulses.ring, self.pulses.column] = self.range[:, 0]
         return image
+
+    def true_points(self, frame: Literal["sensor", "world"] = "sensor") -> Floats:
+        """Return where the light of each return really came from, whatever jitter, beam or noise made of it.
+
+        Parameters
+        ----------
+        frame : {"sensor", "world"}
+            Coordinates, as in `point_cloud`: of the sensor when it fired the pulse, or of the world.
+
+        Returns
+        -------
+        ndarray of float64, shape (m, 3)
+            A point for each of `point_cloud`, in the same order, m. It lies on the surface of its `object_id`, at
+            `true_range` in the direction that the pulse really took; with a beam, at the sub-ray that the truth is of.
+
+        Raises
+        ------
+        ValueError
+            If `frame` is neither.
+        """
+        if frame not in {"sensor", "world"}:
+            raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
+        returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
+        pulse = np.nonzero(returned)[0]
+        took = self.pulses.directions[pulse] if self.true_direction is None else self.true_direction[returned]
+        # A direction may be of unit length to float32 only, and the range is a distance.
+        reach = self.true_range[returned] / np.linalg.norm(took, axis=1)
+        points: Floats = self.pulses.origins[pulse] + reach[:, None] * took
+        if frame == "sensor":
+            return points
+        poses = _path(self.pose).at(self.time + self.pulses.time[pulse])
+        turned: Floats = (poses[:, :3, :3] @ points[:, :, None])[:, :, 0]
+        return turned + poses[:, :3, 3]
 
     def summary(self) -> Summary:
         """Return the numbers of pulses by status, which print as a table.
@@ -230,8 +267,7 @@ def scan(
         _path(where),
         pulses,
         chosen,
-        lidar.measurement,
-        (lidar.min_range, lidar.max_range),
+        lidar,
         time,
         (seed, zlib.crc32(lidar.name.encode()), frame),
     )

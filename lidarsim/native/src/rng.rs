@@ -13,6 +13,7 @@ use crate::elementary::{ln, polynomial};
 /// | 1 | angular jitter | 0: azimuth, 1: elevation |
 /// | 2 | drop-out | 0 |
 /// | 3 | range noise | i: i-th echo of the pulse, from the nearest, counted before any is lost |
+/// | 4 | channel bias | 0; of frame 0, with the ring in place of the pulse |
 ///
 /// The other effects (intensity, detection, divergence, quantisation, range gate) draw nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,6 +22,7 @@ pub enum Effect {
     AngularJitter = 1,
     Dropout = 2,
     RangeNoise = 3,
+    ChannelBias = 4,
 }
 
 /// 128 random bits of a counter and a key.
@@ -53,6 +55,11 @@ impl Stream {
     pub fn new(seed: u64, sensor: u32, frame: u32) -> Self {
         let [first, second, ..] = philox([seed as u32, (seed >> 32) as u32, sensor, 0], [0, 0]);
         Stream { key: [first, second], frame }
+    }
+
+    /// What the sensor is built with: the same in every frame.
+    pub fn of_unit(self) -> Self {
+        Stream { frame: 0, ..self }
     }
 
     /// Uniform in the open interval (0, 1): the middle of one of 2⁵² equal cells. So are 1 − u and 1/2 − u, exactly.

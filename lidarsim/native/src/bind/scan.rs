@@ -106,6 +106,21 @@ impl PyAppearances {
     }
 }
 
+/// The attributes of `lidarsim.Lidar` that a scan needs, besides its pattern.
+#[derive(FromPyObject)]
+pub struct LidarParameters {
+    measurement: Parameters,
+    min_range: f64,
+    max_range: f64,
+    range_offset: OffsetParameter,
+}
+
+#[derive(FromPyObject)]
+enum OffsetParameter {
+    Number(f64),
+    Rings(Vec<f64>),
+}
+
 /// The attributes of `lidarsim.Measurement`.
 #[derive(FromPyObject)]
 pub struct Parameters {
@@ -113,6 +128,7 @@ pub struct Parameters {
     range_sigma_slope: f64,
     range_bias: f64,
     range_resolution: f64,
+    channel_bias_sigma: f64,
     azimuth_sigma: f64,
     elevation_sigma: f64,
     dropout: f64,
@@ -148,9 +164,10 @@ enum ReturnsParameter {
     Name(String),
 }
 
-impl Parameters {
-    fn measurement(self, [min_range, max_range]: [f64; 2]) -> PyResult<Measurement> {
-        let returns = match self.returns {
+impl LidarParameters {
+    fn measurement(self) -> PyResult<Measurement> {
+        let LidarParameters { measurement: parameters, min_range, max_range, range_offset } = self;
+        let returns = match parameters.returns {
             ReturnsParameter::Nearest(n) => Returns::Nearest(n),
             ReturnsParameter::Name(name) => match name.as_str() {
                 "strongest" => Returns::Strongest,
@@ -161,21 +178,27 @@ impl Parameters {
             },
         };
         Ok(Measurement {
-            azimuth_sigma: self.azimuth_sigma,
-            elevation_sigma: self.elevation_sigma,
-            extinction: self.extinction,
-            detection: self.detection.map(|d| Detection { reflectivity: d.reflectivity, range: d.range }),
-            dropout: self.dropout,
-            range_sigma: match self.range_sigma {
-                SigmaParameter::Number(a) => RangeSigma::Formula { a, b: self.range_sigma_slope },
+            azimuth_sigma: parameters.azimuth_sigma,
+            elevation_sigma: parameters.elevation_sigma,
+            extinction: parameters.extinction,
+            detection: parameters.detection.map(|d| Detection { reflectivity: d.reflectivity, range: d.range }),
+            dropout: parameters.dropout,
+            range_sigma: match parameters.range_sigma {
+                SigmaParameter::Number(a) => RangeSigma::Formula { a, b: parameters.range_sigma_slope },
                 SigmaParameter::Table(rows) => RangeSigma::Table(rows),
             },
-            range_bias: self.range_bias,
-            beam: self.beam.map(|b| {
+            range_bias: parameters.range_bias,
+            channel_bias_sigma: parameters.channel_bias_sigma,
+            beam: parameters.beam.map(|b| {
                 Beam::new([b.divergence_azimuth, b.divergence_elevation], b.rays, HALF_SPEED_OF_LIGHT * b.pulse_length)
             }),
             returns,
-            range_resolution: self.range_resolution,
+            range_resolution: parameters.range_resolution,
+            range_offset: match range_offset {
+                OffsetParameter::Number(0.0) => Vec::new(),
+                OffsetParameter::Number(offset) => vec![offset],
+                OffsetParameter::Rings(offsets) => offsets,
+            },
             min_range,
             max_range,
         })
@@ -188,23 +211,27 @@ pub struct PulseArrays<'py> {
     directions: Points<'py>,
     origins: Points<'py>,
     time: PyReadonlyArray1<'py, f64>,
+    ring: PyReadonlyArray1<'py, u16>,
 }
 
 impl PulseArrays<'_> {
-    fn slices(&self) -> PyResult<(&[Point], &[Point], &[f64])> {
+    fn slices(&self) -> PyResult<(&[Point], &[Point], &[f64], &[u16])> {
         let (directions, origins) =
             (points("pulses.directions", &self.directions)?, points("pulses.origins", &self.origins)?);
         let times =
             self.time.as_slice().map_err(|_| PyValueError::new_err("pulses.time: expected a contiguous array"))?;
-        if origins.len() != directions.len() || times.len() != directions.len() {
+        let rings =
+            self.ring.as_slice().map_err(|_| PyValueError::new_err("pulses.ring: expected a contiguous array"))?;
+        if [origins.len(), times.len(), rings.len()] != [directions.len(); 3] {
             return Err(PyValueError::new_err(format!(
-                "pulses: expected directions, origins and time of equal length, got {}, {} and {}",
+                "pulses: expected directions, origins, time and ring of equal length, got {}, {}, {} and {}",
                 directions.len(),
                 origins.len(),
-                times.len()
+                times.len(),
+                rings.len()
             )));
         }
-        Ok((directions, origins, times))
+        Ok((directions, origins, times, rings))
     }
 }
 
@@ -218,13 +245,16 @@ struct Columns {
     normal: Vec<[f32; 3]>,
     object_id: Vec<i32>,
     label: Vec<u32>,
+    true_direction: Vec<Point>,
     status: Vec<u8>,
     return_count: Vec<u8>,
+    /// Whether pulses need not go where they should, so that there are true directions.
+    strays: bool,
 }
 
 impl Columns {
     /// Room for the rows of so many pulses.
-    fn new(pulses: usize, most: usize) -> Self {
+    fn new(pulses: usize, most: usize, strays: bool) -> Self {
         let rows = pulses * most;
         Columns {
             range: memory::with_capacity(rows),
@@ -235,8 +265,10 @@ impl Columns {
             normal: memory::with_capacity(rows),
             object_id: memory::with_capacity(rows),
             label: memory::with_capacity(rows),
+            true_direction: if strays { memory::with_capacity(rows) } else { Vec::new() },
             status: Vec::with_capacity(pulses),
             return_count: Vec::with_capacity(pulses),
+            strays,
         }
     }
 
@@ -252,6 +284,7 @@ impl Columns {
             normal: &mut self.normal.spare_capacity_mut()[..rows],
             object_id: &mut self.object_id.spare_capacity_mut()[..rows],
             label: &mut self.label.spare_capacity_mut()[..rows],
+            true_direction: if self.strays { &mut self.true_direction.spare_capacity_mut()[..rows] } else { &mut [] },
             status: &mut self.status.spare_capacity_mut()[..pulses],
             return_count: &mut self.return_count.spare_capacity_mut()[..pulses],
         }
@@ -272,6 +305,7 @@ impl Columns {
             self.normal.set_len(rows);
             self.object_id.set_len(rows);
             self.label.set_len(rows);
+            self.true_direction.set_len(if self.strays { rows } else { 0 });
             self.status.set_len(pulses);
             self.return_count.set_len(pulses);
         }
@@ -290,13 +324,17 @@ impl Columns {
         arrays.set_item("label", self.label.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("status", self.status.into_pyarray(py))?;
         arrays.set_item("return_count", self.return_count.into_pyarray(py))?;
+        if self.strays {
+            let directions = self.true_direction.into_flattened().into_pyarray(py).reshape([shape[0], most, 3])?;
+            arrays.set_item("true_direction", directions)?;
+        }
         Ok(arrays)
     }
 }
 
 /// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n, most).
 ///
-/// `indices`: which pulses of the whole frame these are, if they are not all in order. `gate`: min_range, max_range.
+/// `indices`: which pulses of the whole frame these are, if they are not all in order.
 /// `draws`: seed, sensor and frame.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call a scan")]
@@ -307,19 +345,19 @@ pub fn scan<'py>(
     path: &PyPath,
     pulses: PulseArrays<'py>,
     indices: Option<PyReadonlyArray1<'py, u64>>,
-    measurement: Parameters,
-    gate: [f64; 2],
+    lidar: LidarParameters,
     start: f64,
     draws: (u64, u32, u32),
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (directions, origins, times) = pulses.slices()?;
+    let (directions, origins, times, rings) = pulses.slices()?;
     let indices =
         indices.as_ref().map(|i| i.as_slice()).transpose().map_err(|e| PyValueError::new_err(e.to_string()))?;
-    let measurement = measurement.measurement(gate)?;
+    let measurement = lidar.measurement()?;
+    check_rings(rings, &measurement.range_offset)?;
     let stream = Stream::new(draws.0, draws.1, draws.2);
-    let frame = Frame { origins, directions, times, indices, start, path: &path.path, stream };
+    let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
     let most = measurement.returns.most();
-    let mut columns = Columns::new(directions.len(), most);
+    let mut columns = Columns::new(directions.len(), most, measurement.strays());
     let mut rows = columns.rows(directions.len(), most);
     py.detach(|| scene.scene.prepare());
     let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);
@@ -350,6 +388,19 @@ pub fn scan<'py>(
     // SAFETY: the pieces hold the rows of all pulses, and every piece was measured without a bad pulse, so that all of it was written.
     unsafe { columns.are_written(directions.len(), most) };
     columns.into_dict(py, most)
+}
+
+/// Of one offset for all rings there is nothing to look up.
+fn check_rings(rings: &[u16], offsets: &[f64]) -> PyResult<()> {
+    let unknown = |ring: &u16| offsets.len() > 1 && usize::from(*ring) >= offsets.len();
+    match rings.iter().position(unknown) {
+        None => Ok(()),
+        Some(i) => Err(PyValueError::new_err(format!(
+            "range_offset: expected an offset for each ring of the pulses, got {} of them and pulses.ring[{i}] = {}",
+            offsets.len(),
+            rings[i]
+        ))),
+    }
 }
 
 fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {

@@ -1,24 +1,21 @@
-//! Beams that widen: their sub-rays, and the echoes these make.
+//! Beams that widen, and their sub-rays.
 
-use super::Rays;
-use super::echo::{Echo, Light};
 use crate::elementary::{exp, sin_cos};
-use crate::pose::dot;
 
 /// A diverging beam as a few sub-rays.
 #[derive(Clone, Debug)]
 pub struct Beam {
     /// Of each sub-ray, its tangent of azimuth and elevation against the axis, and its share of the energy. The first is the axis.
     cells: Vec<([f64; 2], f64)>,
-    /// Echoes closer than this are one, m.
-    resolution: f64,
+    /// Standard deviation of the pulse, as a range, m.
+    pub(super) pulse_sigma: f64,
 }
 
 impl Beam {
-    /// `divergence`: full angles at 1/e² of the axis' intensity, rad. The ellipse that they bound is divided into a disc and m
+    /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half maximum, as a range, m. The ellipse that they bound is divided into a disc and m
     /// rings about it, m·(m+1)·3 + 1 = `rays`, each as wide as the disc; ring k has 6k sub-rays. Each carries the energy that a
     /// Gaussian beam, of profile exp(−2r²/w²), has in its cell; what lies outside of the ellipse is spread over all.
-    pub fn new(divergence: [f64; 2], rays: usize, resolution: f64) -> Self {
+    pub fn new(divergence: [f64; 2], rays: usize, pulse_length: f64) -> Self {
         let rings = (1..).take_while(|m| 3 * m * (m + 1) < rays).count();
         // In units of the half angle w.
         let width = 1.0 / (rings as f64 + 0.5);
@@ -33,12 +30,17 @@ impl Beam {
                 cells.push((offset, energy / inside(1.0) / (6 * k) as f64));
             }
         }
-        Beam { cells, resolution }
+        // A Gaussian is half of its maximum at √(2 ln 2) of its standard deviations.
+        Beam { cells, pulse_sigma: pulse_length / (8.0 * std::f64::consts::LN_2).sqrt() }
     }
 
     /// The number of sub-rays.
     pub(super) fn len(&self) -> usize {
         self.cells.len()
+    }
+
+    pub(super) fn offset(&self, sub_ray: usize) -> [f64; 2] {
+        self.cells[sub_ray].0
     }
 
     /// Offset of each sub-ray.
@@ -49,72 +51,6 @@ impl Beam {
     /// Of each sub-ray of the pulse, the ray and its share of the energy.
     pub(super) fn sub_rays(&self, pulse: usize) -> impl Iterator<Item = (usize, f64)> {
         (pulse * self.cells.len()..).zip(&self.cells).map(|(ray, (_, share))| (ray, *share))
-    }
-}
-
-impl Rays {
-    /// The echoes of a pulse, by rising range.
-    ///
-    /// Two sub-rays are of one echo if their ranges differ by less than the resolution, or if each meets the tangent plane of
-    /// the other's hit that close to its own hit: on a slanted plane the few sub-rays may lie further apart than that, where
-    /// a real footprint has no gaps. An echo is all that hangs together so.
-    pub(super) fn echoes(&self, beam: &Beam, mut lights: Vec<Light>, echoes: &mut Vec<Echo>) {
-        echoes.clear();
-        let close = |a: f64, b: f64| (a - b).abs() < beam.resolution;
-        let (least, most) = lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
-        if close(least, most) {
-            echoes.push(self.merge(&lights));
-            return;
-        }
-        lights.sort_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
-        // group[i] is the nearest light of the echo that light i belongs to.
-        let mut group: Vec<usize> = Vec::with_capacity(lights.len());
-        for i in 0..lights.len() {
-            group.push(if i > 0 && close(lights[i].range, lights[i - 1].range) { group[i - 1] } else { i });
-        }
-        if group.last().is_some_and(|&g| g > 0) {
-            for i in 1..lights.len() {
-                for j in 0..i {
-                    let (low, high) = (group[i].min(group[j]), group[i].max(group[j]));
-                    let (a, b) = (&lights[i], &lights[j]);
-                    if low < high && close(self.onto_plane(a, b), b.range) && close(self.onto_plane(b, a), a.range) {
-                        group.iter_mut().filter(|g| **g == high).for_each(|g| *g = low);
-                    }
-                }
-            }
-        }
-        for leader in (0..lights.len()).filter(|&i| group[i] == i) {
-            let members = (leader..lights.len()).filter(|&i| group[i] == leader).map(|i| lights[i]);
-            echoes.push(self.merge(&members.collect::<Vec<_>>()));
-        }
-        echoes.sort_by(|a, b| a.range.total_cmp(&b.range));
-    }
-
-    /// Where the ray of `other` meets the tangent plane of what `light` hit. Both start at the same point.
-    fn onto_plane(&self, light: &Light, other: &Light) -> f64 {
-        let normal = self.hits[light.ray].normal;
-        light.range * dot(normal, self.directions[light.ray]) / dot(normal, self.directions[other.ray])
-    }
-
-    /// The echo of one light or more.
-    fn merge(&self, lights: &[Light]) -> Echo {
-        let object = |light: &Light| self.hits[light.ray].object;
-        let share = |of: i32| lights.iter().filter(|l| object(l) == of).map(|l| l.power).sum::<f64>();
-        let main = *lights.iter().fold(&lights[0], |best, light| {
-            let (a, b) = (object(light), object(best));
-            let better = if a == b { light.ray < best.ray } else { share(a) > share(b) };
-            if better { light } else { best }
-        });
-        let power: f64 = lights.iter().map(|l| l.power).sum();
-        let moment: f64 = lights.iter().map(|l| l.power * (l.range - main.range)).sum();
-        // No mean where no power comes back, from a black surface, or infinite power, from distance zero.
-        let mean = moment / power;
-        Echo {
-            range: main.range + if mean.is_finite() { mean } else { 0.0 },
-            intensity: lights.iter().map(|l| l.intensity).sum(),
-            power,
-            ..Echo::of(main)
-        }
     }
 }
 

@@ -10,6 +10,8 @@ pub(super) struct Light {
     pub(super) intensity: f64,
     /// Received, up to a constant: intensity/R².
     pub(super) power: f64,
+    /// What it were without extinction. Echoes are told apart by it, so that extinction only ever weakens them.
+    pub(super) clear_power: f64,
 }
 
 /// Light that comes back from one surface or from some too close to be told apart.
@@ -29,7 +31,8 @@ pub(super) struct Echo {
 impl Light {
     /// A share of it.
     pub(super) fn dimmed(self, share: f64) -> Self {
-        Light { intensity: share * self.intensity, power: share * self.power, ..self }
+        let Light { intensity, power, clear_power, .. } = self;
+        Light { intensity: share * intensity, power: share * power, clear_power: share * clear_power, ..self }
     }
 }
 
@@ -41,7 +44,7 @@ impl Echo {
 
     #[inline(always)]
     pub(super) fn of(light: Light) -> Self {
-        let Light { ray, range, intensity, power } = light;
+        let Light { ray, range, intensity, power, .. } = light;
         Echo { ray, true_range: range, range, intensity, power, measured: Ok(range) }
     }
 }

@@ -1,14 +1,16 @@
 //! From pulses to returns, each effect one small function.
 //!
-//! The order for a pulse: jitter of the beam, sub-rays over its footprint, cast, intensity, echoes, range gate, detection,
-//! drop-out, range noise, quantisation, range gate again, choice of returns. An effect that is off costs nothing and draws
-//! nothing; what it draws ([`Effect`]) hangs on the pulse alone.
+//! The order for a pulse: jitter of the beam, sub-rays over its footprint, cast, intensity, echoes, detection, drop-out, range
+//! noise and biases, quantisation, range gate, choice of returns. The last of what is done to a range is the gate: it knows of
+//! what was measured alone. An effect that is off costs nothing and draws nothing; what it draws ([`Effect`]) hangs on the pulse
+//! alone.
 
 mod appearance;
 mod beam;
 mod direction;
 mod echo;
 mod parameters;
+mod waveform;
 
 use std::cell::Cell;
 use std::mem::MaybeUninit;
@@ -24,6 +26,7 @@ use crate::simd::{self, Isa, Level, Task};
 use crate::vector::Point;
 use direction::{beside, distance, is_finite, is_unit, turned};
 use echo::{Echo, Light};
+use waveform::Waveform;
 
 pub use appearance::{Appearance, Reflectivity};
 pub use beam::Beam;
@@ -81,6 +84,7 @@ pub struct Frame<'a> {
     pub directions: &'a [Point],
     /// Since the start of the frame, s.
     pub times: &'a [f64],
+    pub rings: &'a [u16],
     /// Which pulses of the whole frame these are, if they are not all of them in order.
     pub indices: Option<&'a [u64]>,
     pub start: f64,
@@ -149,6 +153,8 @@ pub struct Rows<'a> {
     pub normal: &'a mut [MaybeUninit<[f32; 3]>],
     pub object_id: &'a mut [MaybeUninit<i32>],
     pub label: &'a mut [MaybeUninit<u32>],
+    /// Or none, where each pulse goes where it should.
+    pub true_direction: &'a mut [MaybeUninit<Point>],
     pub status: &'a mut [MaybeUninit<u8>],
     pub return_count: &'a mut [MaybeUninit<u8>],
 }
@@ -157,6 +163,7 @@ impl<'a> Rows<'a> {
     /// Takes the rows of the first pulses, and leaves the others.
     pub fn split_off(&mut self, pulses: usize, most: usize) -> Rows<'a> {
         let rows = pulses * most;
+        let directions = rows.min(self.true_direction.len());
         Rows {
             range: split_off(&mut self.range, rows),
             true_range: split_off(&mut self.true_range, rows),
@@ -166,12 +173,13 @@ impl<'a> Rows<'a> {
             normal: split_off(&mut self.normal, rows),
             object_id: split_off(&mut self.object_id, rows),
             label: split_off(&mut self.label, rows),
+            true_direction: split_off(&mut self.true_direction, directions),
             status: split_off(&mut self.status, pulses),
             return_count: split_off(&mut self.return_count, pulses),
         }
     }
 
-    /// All but the incidence.
+    /// All but the incidence and the true direction.
     #[inline(always)]
     fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, label: u32) {
         self.true_range[row].write(echo.true_range);
@@ -193,6 +201,9 @@ impl<'a> Rows<'a> {
         self.range[row].write(f64::NAN);
         self.range_error[row].write(f64::NAN);
         self.intensity[row].write(f32::NAN);
+        if let Some(direction) = self.true_direction.get_mut(row) {
+            direction.write([f64::NAN; 3]);
+        }
     }
 }
 
@@ -221,7 +232,10 @@ struct Rays {
     /// Of each ray what it brings back; of one that hits nothing, anything.
     range: Vec<f64>,
     cosine: Vec<f64>,
+    /// In clear air.
     intensity: Vec<f64>,
+    /// What extinction leaves of that, if there is any.
+    transmission: Vec<f64>,
     /// Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
     incidence: Vec<[f64; 2]>,
     /// Of each pulse, its number in the whole frame.
@@ -233,6 +247,9 @@ struct Rays {
     axes: Vec<Point>,
     dropout: Vec<f64>,
     noise: Vec<f64>,
+    channel_bias: Vec<f64>,
+    /// Of each pulse, the sensor's own range less that from the beam's origin; empty if they are the same.
+    offset: Vec<f64>,
 }
 
 /// The work on some pulses, compiled for each instruction set.
@@ -260,7 +277,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         caster: &'a C,
         level: Level,
     ) -> Self {
-        let power = |d: Detection| measurement.intensity(d.reflectivity, 1.0, d.range) / (d.range * d.range);
+        let power = |d: Detection| d.reflectivity / (d.range * d.range);
         Scan { frame, measurement, appearances, caster, level, threshold: measurement.detection.map(power) }
     }
 
@@ -278,7 +295,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         self.shine(rays);
         let most = self.measurement.returns.most();
         rays.incidence.resize(pulses.len() * most, [0.0; 2]);
-        let (mut echoes, mut chosen) = (Vec::new(), Vec::new());
+        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
         for i in 0..pulses.len() {
             let first = i * most;
             let mut row = first;
@@ -288,20 +305,19 @@ impl<'a, C: Caster> Scan<'a, C> {
                     if let Some(light) = rays.light(i) {
                         let echo = self.received(Echo::of(light), rays, i, 0);
                         status = echo.status();
-                        self.report(row, &echo, rays, rows);
+                        self.report(row, (i, pulses.start + i), &echo, rays, rows);
                         row += 1;
                     }
                 }
                 Some(beam) => {
-                    let lit = |(ray, share)| rays.light(ray).map(|light| light.dimmed(share));
-                    rays.echoes(beam, beam.sub_rays(i).filter_map(lit).collect(), &mut echoes);
+                    waveform.echoes(beam, rays, i, &mut echoes);
                     for (echo, number) in echoes.iter_mut().zip(0..) {
                         *echo = self.received(*echo, rays, i, number);
                     }
                     self.measurement.returns.choose(&echoes, &mut chosen);
                     status = chosen.first().map_or(Status::Miss, Echo::status);
                     for echo in &chosen {
-                        self.report(row, echo, rays, rows);
+                        self.report(row, (i, pulses.start + i), echo, rays, rows);
                         row += 1;
                     }
                 }
@@ -319,13 +335,19 @@ impl<'a, C: Caster> Scan<'a, C> {
         Ok(())
     }
 
+    /// Writes an echo of the `i`-th pulse of the batch.
     #[inline(always)]
-    fn report(&self, row: usize, echo: &Echo, rays: &mut Rays, rows: &mut Rows) {
+    fn report(&self, row: usize, (i, pulse): (usize, usize), echo: &Echo, rays: &mut Rays, rows: &mut Rows) {
         let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
         let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
         rows.write(row, echo, hit, label);
         let across = cross(hit.normal, direction);
         rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
+        if let Some(direction) = rows.true_direction.get_mut(row) {
+            let axis = *rays.axes.get(i).unwrap_or(&self.frame.directions[pulse]);
+            let beam = self.measurement.beam.as_ref();
+            direction.write(beam.map_or(axis, |beam| beside(axis, beam.offset(echo.ray - i * beam.len()))));
+        }
     }
 
     #[inline(always)]
@@ -369,12 +391,24 @@ impl<'a, C: Caster> Scan<'a, C> {
             None => rays.index.extend(pulses.start as u64..pulses.end as u64),
             Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
         }
-        let Rays { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, .. } = rays;
+        let Rays { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, channel_bias, offset, .. } = rays;
         let wanted = |is: bool| if is { index.as_slice() } else { &[] };
         frame.stream.normals(wanted(measurement.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
         frame.stream.normals(wanted(measurement.elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
         frame.stream.uniforms(wanted(measurement.dropout > 0.0), Effect::Dropout, 0, dropout);
         frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
+        let rings = &frame.rings[pulses.clone()];
+        let channels: Vec<u64> = match measurement.channel_bias_sigma {
+            0.0 => Vec::new(),
+            _ => rings.iter().map(|ring| u64::from(*ring)).collect(),
+        };
+        frame.stream.of_unit().normals(&channels, Effect::ChannelBias, 0, channel_bias);
+        offset.clear();
+        match *measurement.range_offset.as_slice() {
+            [] => {}
+            [all] => offset.resize(rings.len(), all),
+            ref each => offset.extend(rings.iter().map(|ring| each[usize::from(*ring)])),
+        }
         let jittered = wanted(measurement.jitters()).len();
         azimuth_jitter.resize(jittered, 0.0);
         elevation_jitter.resize(jittered, 0.0);
@@ -424,10 +458,10 @@ impl<'a, C: Caster> Scan<'a, C> {
         right
     }
 
-    /// Range, cosine of the incidence, and intensity of all rays: a formula at a time, in loops that become vector instructions.
+    /// Range, cosine of the incidence, intensity and its loss, of all rays: a formula at a time, in loops that become vector instructions.
     #[inline(always)]
     fn shine(&self, rays: &mut Rays) {
-        let Rays { origins, directions, hits, range, cosine, intensity, .. } = rays;
+        let Rays { origins, directions, hits, range, cosine, intensity, transmission, .. } = rays;
         range.resize(hits.len(), 0.0);
         cosine.resize(hits.len(), 0.0);
         intensity.resize(hits.len(), 0.0);
@@ -444,10 +478,9 @@ impl<'a, C: Caster> Scan<'a, C> {
         for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
             *intensity *= cosine;
         }
-        if self.measurement.extinction > 0.0 {
-            for (intensity, range) in intensity.iter_mut().zip(&*range) {
-                *intensity *= self.measurement.transmission(*range);
-            }
+        transmission.resize(if self.measurement.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
+        for (transmission, range) in transmission.iter_mut().zip(&*range) {
+            *transmission = self.measurement.transmission(*range);
         }
     }
 
@@ -460,7 +493,6 @@ impl<'a, C: Caster> Scan<'a, C> {
     #[inline(always)]
     fn measured(&self, echo: &Echo, rays: &Rays, i: usize, number: u16) -> Result<f64, Status> {
         let m = self.measurement;
-        m.gate(echo.range)?;
         // Of 0/0, a black surface at distance zero, this is false.
         let seen = self.threshold.is_none_or(|least| echo.power >= least);
         if !seen {
@@ -474,7 +506,11 @@ impl<'a, C: Caster> Scan<'a, C> {
             Some(&noise) if number == 0 => noise,
             Some(_) => self.frame.stream.normal(rays.index[i], Effect::RangeNoise, number),
         };
-        m.gate(m.quantised(echo.range + (m.range_bias + m.range_sigma.at(echo.range) * noise)))
+        let of_pulse = |values: &[f64]| values.get(i).copied().unwrap_or(0.0);
+        let bias = m.range_bias + m.channel_bias_sigma * of_pulse(&rays.channel_bias);
+        let offset = of_pulse(&rays.offset);
+        let range = echo.range + (bias + m.range_sigma.at(echo.range) * noise);
+        Ok(m.gate(m.quantised(range + offset))? - offset)
     }
 }
 
@@ -485,7 +521,9 @@ impl Rays {
         if self.hits[ray].object < 0 {
             return None;
         }
-        let (range, intensity) = (self.range[ray], self.intensity[ray]);
-        Some(Light { ray, range, intensity, power: intensity / (range * range) })
+        let (range, clear) = (self.range[ray], self.intensity[ray]);
+        let intensity = self.transmission.get(ray).map_or(clear, |transmission| clear * transmission);
+        let power = |intensity: f64| intensity / (range * range);
+        Some(Light { ray, range, intensity, power: power(intensity), clear_power: power(clear) })
     }
 }

@@ -16,10 +16,14 @@ pub struct Measurement {
     pub dropout: f64,
     pub range_sigma: RangeSigma,
     pub range_bias: f64,
+    /// Standard deviation of the bias of each channel, m.
+    pub channel_bias_sigma: f64,
     pub beam: Option<Beam>,
     pub returns: Returns,
     /// Least significant bit of the range, m; 0 for none.
     pub range_resolution: f64,
+    /// What the sensor's own range is more than that from the beam's origin, m: none for 0, one for all rings, or one a ring.
+    pub range_offset: Vec<f64>,
     pub min_range: f64,
     pub max_range: f64,
 }
@@ -46,16 +50,14 @@ impl Measurement {
         self.beam.as_ref().map_or(1, |beam| beam.len())
     }
 
+    /// Whether light need not come from where the pulse should have gone.
+    pub fn strays(&self) -> bool {
+        self.jitters() || self.beam.is_some()
+    }
+
     #[inline(always)]
     pub(super) fn jitters(&self) -> bool {
         self.azimuth_sigma > 0.0 || self.elevation_sigma > 0.0
-    }
-
-    /// Lambert's law and the loss on the way there and back.
-    #[inline(always)]
-    pub(super) fn intensity(&self, reflectivity: f64, cosine: f64, range: f64) -> f64 {
-        let light = reflectivity * cosine;
-        if self.extinction > 0.0 { light * self.transmission(range) } else { light }
     }
 
     /// What is left of the light on the way there and back.
@@ -71,6 +73,7 @@ impl Measurement {
         if step > 0.0 { (range / step).round_ties_even() * step } else { range }
     }
 
+    /// A range that the sensor reports as such, or why it does not.
     #[inline(always)]
     pub(super) fn gate(&self, range: f64) -> Result<f64, Status> {
         if range < self.min_range {
