@@ -190,32 +190,25 @@ def test_the_gate_comes_last() -> None:
 
 
 def rings_before_wall(rings: int, columns: int, distance: float = 20.0) -> ls.patterns.Table:
+    """Pulses at right angles to the plane x = 0, those of a ring one after the other."""
     directions = np.tile([1.0, 0.0, 0.0], (rings * columns, 1))
-    return ls.patterns.Table(
-        directions,
-        origins=directions * -distance,
-        rings=np.tile(np.arange(rings), columns),
-        columns=np.repeat(np.arange(columns), rings),
-        rate=10.0,
-    )
+    ring = np.repeat(np.arange(rings), columns)
+    return ls.patterns.Table(directions, origins=directions * -distance, rings=ring, rate=10.0)
 
 
 def test_a_channel_has_one_bias_in_all_frames() -> None:
-    pattern = rings_before_wall(64, 16)
-    lidar = ls.Lidar(pattern, measurement=ls.Measurement(channel_bias_sigma=0.02), name="unit")
-    first = lidar.scan(wall(), seed=3).range_error.reshape(16, 64)
-    assert (first == first[0]).all()
-    assert len(np.unique(first[0])) == 64
-    assert np.array_equal(lidar.scan(wall(), seed=3, frame=9).range_error.reshape(16, 64), first)
-    assert np.array_equal(lidar.scan(wall(), seed=3, time=5.0).range_error.reshape(16, 64), first)
-    other_unit = dataclasses.replace(lidar, name="other").scan(wall(), seed=3).range_error.reshape(16, 64)
-    other_seed = lidar.scan(wall(), seed=4).range_error.reshape(16, 64)
-    for other in (other_unit, other_seed):
-        assert not (other == first).any()
+    lidar = ls.Lidar(rings_before_wall(64, 16), measurement=ls.Measurement(channel_bias_sigma=0.02), name="unit")
+    errors = lidar.scan(wall(), seed=3).range_error.reshape(64, 16)
+    assert (errors == errors[:, :1]).all()
+    assert len(np.unique(errors)) == 64
+    for frame in (1, 9, 2**32 - 1):
+        assert np.array_equal(lidar.scan(wall(), seed=3, frame=frame).range_error.reshape(64, 16), errors)
+    for other in (dataclasses.replace(lidar, name="other").scan(wall(), seed=3), lidar.scan(wall(), seed=4)):
+        assert not (other.range_error.reshape(64, 16) == errors).any()
     draws = [uniform(3, "unit", frame=0, pulse=ring, effect=4) for ring in range(64)]
     expected = 0.02 * np.array([statistics.NormalDist().inv_cdf(u) for u in draws])
     # 20 m and the bias are added and subtracted: two roundings of numbers near 20.
-    assert np.allclose(first[0], expected, rtol=0, atol=2 * math.ulp(20.0))
+    assert np.allclose(errors[:, 0], expected, rtol=0, atol=2 * math.ulp(20.0))
 
 
 def test_biases_of_channels_are_gaussian_and_beside_the_noise() -> None:
@@ -252,7 +245,7 @@ def test_each_ring_has_its_own_zero() -> None:
     pattern = rings_before_wall(3, 4)
     lidar = ls.Lidar(pattern, range_offset=np.array(offsets), measurement=ls.Measurement(range_resolution=1.0))
     scan = lidar.scan(wall())
-    assert np.allclose(scan.range.reshape(4, 3), 20.0 - np.array(offsets), rtol=0, atol=1e-14)
+    assert np.allclose(scan.range.reshape(3, 4).T, 20.0 - np.array(offsets), rtol=0, atol=1e-14)
     some = fire(lidar, wall(), indices=[5, 1])
     assert np.array_equal(some.range, scan.range[[5, 1]])
 
@@ -385,8 +378,8 @@ def test_extinction_only_ever_hides() -> None:
                     hidden += int((before.return_count - scan.return_count).sum())
                     kept += int(scan.return_count.sum())
                 before = scan
-    assert hidden > 1000
-    assert kept > 1000
+    assert hidden > 500
+    assert kept > 500
 
 
 def test_a_dark_wall_is_seen_no_better_through_fog() -> None:
@@ -726,33 +719,27 @@ def test_a_surface_at_distance_zero() -> None:
 # Where the beams really ended
 
 
-def room() -> ls.Scene:
-    """Walls, floor and ceiling about the origin, and spheres in between."""
+ROUNDED = 22 * math.sqrt(3.0) * 12.0 * math.sqrt(3.0) * 2.0**-53
+"""Distance by which 22 roundings of each coordinate move a point of the room, which is at most 12·√3 m away."""
+
+
+def room() -> tuple[ls.Scene, list[Callable[[Floats], Floats]]]:
+    """Walls, floor and ceiling about the origin, and spheres in between; and how far points are from each surface."""
     scene = ls.Scene()
-    for axis in range(3):
-        for side in (-1.0, 1.0):
-            normal = np.zeros(3)
-            normal[axis] = side
-            scene.add(ls.Plane(normal, 12.0))
-    generator = np.random.default_rng(11)
-    for center in generator.uniform(-9.0, 9.0, (40, 3)):
+    away: list[Callable[[Floats], Floats]] = []
+    for normal in (*np.eye(3), *-np.eye(3)):
+        scene.add(ls.Plane(normal, 12.0))
+        away.append(lambda points, normal=normal: points @ normal - 12.0)
+    for center in np.random.default_rng(11).uniform(-9.0, 9.0, (40, 3)):
         if np.linalg.norm(center) > 4.0:
             scene.add(ls.Sphere(center, 0.8))
-    return scene
+            away.append(lambda points, center=center: np.linalg.norm(points - center, axis=1) - 0.8)
+    return scene, away
 
 
-def off_surface(scene: ls.Scene, points: Floats, object_id: npt.NDArray[np.int32]) -> Floats:
-    """Distance of each point from the surface that it is said to be on."""
-    distances = np.full(len(points), np.inf)
-    for i, thing in enumerate(scene.objects):
-        mine = points[object_id == i]
-        if isinstance(thing.shape, ls.Sphere):
-            away = np.linalg.norm(mine - thing.shape.center, axis=1) - thing.shape.radius
-        else:
-            assert isinstance(thing.shape, ls.Plane)
-            away = mine @ thing.shape.normal - thing.shape.distance
-        distances[object_id == i] = np.abs(away)
-    return distances
+def furthest(points: Floats, object_id: npt.NDArray[np.int32], away: list[Callable[[Floats], Floats]]) -> float:
+    """The greatest distance of a point from the surface that it is said to be on."""
+    return max(float(np.abs(distance(points[object_id == i])).max(initial=0.0)) for i, distance in enumerate(away))
 
 
 STRAYING: dict[str, dict[str, Any]] = {
@@ -777,17 +764,19 @@ def test_true_points_lie_on_the_surfaces(straying: str, motion: bool) -> None:
     pose[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 1.1]).as_matrix()
     pose[:3, 3] = (0.4, -0.3, 0.2)
     path = ls.Trajectory.from_twist(pose, (3.0, 1.0, 0.0), (0.5, -1.0, 4.0)) if motion else pose
-    scene = room()
+    scene, away = room()
     lidar = ls.Lidar(pattern, measurement=ls.Measurement(**STRAYING[straying]))
     scan = lidar.scan(scene, path, time=0.7, seed=2)
     cloud = scan.point_cloud("world")
     world = scan.true_points("world")
     assert world.shape == cloud.xyz.shape
     assert len(world) > 700
-    # Numbers below 2⁵, of 2⁻⁴⁹ an ulp: the ray is placed by 3 products and 3 sums for each coordinate of origin and direction,
-    # both by the core and again for the point, and its end is a product and a sum on; across a surface that is met at an
-    # incidence with cos θ > 2⁻⁶, an error along the ray counts no more than one of a coordinate. 3·16 roundings in all.
-    assert off_surface(scene, world, cloud.object_id).max() < 48 * 2.0**-49
+    # The core ends its ray on the surface, but for the rounding of t; the point is the end of the same ray, worked out
+    # from the sensor's frame. Each coordinate of it is rounded: in the core 3 times for the direction's turn and 3 for
+    # the origin's place; for the point 3 for its length, 2 for its end, 4 for its place; 4 for the pose's not being
+    # quite a rotation; and 3 for the distance that is looked at.
+    assert len(np.unique(cloud.object_id)) > 20
+    assert furthest(world, cloud.object_id, away) < ROUNDED
     # In the sensor's frame the way from the beam's origin is the true range.
     local = scan.true_points()
     pulse = np.repeat(np.arange(len(scan)), scan.return_count)
@@ -804,11 +793,11 @@ def test_true_points_lie_on_the_surfaces(straying: str, motion: bool) -> None:
     times = 0.7 + scan.pulses.time[pulse]
     poses = path.at(times).as_matrix() if isinstance(path, ls.Trajectory) else np.broadcast_to(pose, (len(pulse), 4, 4))
     expected = np.einsum("nij,nj->ni", poses[:, :3, :3], local) + poses[:, :3, 3]
-    assert np.allclose(expected, world, rtol=0, atol=48 * 2.0**-49)
+    assert np.allclose(expected, world, rtol=0, atol=ROUNDED)
 
 
 def test_true_points_are_the_points_where_nothing_errs() -> None:
-    scan = ls.Lidar(ls.patterns.Spinning([-0.1, 0.1], columns=64)).scan(room(), np.eye(4))
+    scan = ls.Lidar(ls.patterns.Spinning([-0.1, 0.1], columns=64)).scan(room()[0], np.eye(4))
     for frame in ("sensor", "world"):
         assert np.allclose(scan.true_points(frame), scan.point_cloud(frame).xyz, rtol=0, atol=8 * 2.0**-49)
     with pytest.raises(ValueError, match=r"^frame: expected 'sensor' or 'world', got 'start'$"):
@@ -826,11 +815,10 @@ def test_true_points_of_directions_that_are_unit_to_float32_only() -> None:
         def pulses(self, frame: int = 0) -> ls.patterns.Pulses:
             return dataclasses.replace(beams(np.eye(3)[:1], count=500).pulses(frame), directions=directions)
 
-    scene = room()
+    scene, away = room()
     scan = ls.Lidar(Rounded()).scan(scene)
     assert np.ptp(np.linalg.norm(scan.pulses.directions, axis=1)) > 1e-8
-    cloud = scan.point_cloud()
-    assert off_surface(scene, scan.true_points(), cloud.object_id).max() < 48 * 2.0**-49
+    assert furthest(scan.true_points(), scan.point_cloud().object_id, away) < ROUNDED
 
 
 # Draws

@@ -186,6 +186,7 @@ def test_patterns_without_a_preset() -> None:
 MEASUREMENT = """
     range_sigma_m: [[1, 0.01], [10, 0.02]]
     range_bias_m: 0.1
+    channel_bias_sigma_m: 0.03
     range_resolution_m: 0.004
     azimuth_sigma_deg: 0.01
     elevation_sigma_deg: 0.02
@@ -202,6 +203,7 @@ def test_every_effect_of_the_measurement() -> None:
     assert measurement == ls.Measurement(
         range_sigma=[(1, 0.01), (10, 0.02)],
         range_bias=0.1,
+        channel_bias_sigma=0.03,
         range_resolution=0.004,
         azimuth_sigma=radians(0.01),
         elevation_sigma=radians(0.02),
@@ -216,6 +218,17 @@ def test_every_effect_of_the_measurement() -> None:
     assert {next(name for name in arguments if key.startswith(name)) for key in given} | {
         "range_sigma_slope"
     } == arguments
+
+
+def test_range_offset_is_a_number_or_a_list() -> None:
+    rings = [0.001 * ring for ring in range(16)]
+    assert load(f"sensor: {{preset: velodyne-vlp16, range_offset_m: {rings}}}\nscene: []").lidar.range_offset == tuple(
+        rings
+    )
+    assert load(f"sensor: {{file: {OUSTER}, range_offset_m: 0.028}}\nscene: []").lidar.range_offset == 0.028
+    assert refusal("sensor:\n  preset: velodyne-vlp16\n  range_offset_m: [0.1]\nscene: []") == (
+        "run.yaml:3: sensor.range_offset_m: expected one number or one a ring, 16 of them, got 1"
+    )
 
 
 @pytest.mark.parametrize(
@@ -369,7 +382,8 @@ def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
 
 
 SENSOR_KEYS = (
-    "name, measurement, min_range_m, max_range_m, pattern, description, datasheet_noise, modes, datasheet, sources"
+    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, description, datasheet_noise, modes, "
+    "datasheet, sources"
 )
 SHAPE_NAMES = (
     "'plane', 'sphere', 'ellipsoid', 'box', 'cylinder', 'triangle', 'polygon', 'mesh', 'heightfield', 'scene_file'"

@@ -41,8 +41,8 @@ impl Waveform {
         lights.clear();
         lights.extend(beam.sub_rays(pulse).filter_map(|(ray, share)| Some(rays.light(ray)?.dimmed(share))));
         let (least, most) = lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
-        // Where the slope is zero, the curvature is as V/σ² − 1, with V the variance of the lights' ranges in some weights: at most
-        // (extent/2)². Below σ² there is nothing but peaks, hence one. Wider Gaussians only help.
+        // Where the slope is zero, the curvature has at most the sign of V/σ² − 1, with V a variance of the lights' ranges: (extent/2)²
+        // at most. So up to an extent of 2σ each such place is a peak, and there is one.
         if most - least <= 2.0 * beam.pulse_sigma {
             echoes.extend((!lights.is_empty()).then(|| rays.merge(lights)));
             return;
