@@ -567,7 +567,7 @@ class Given:
         ),
         (
             {"time": [0.0, 0.0]},
-            "pulses: expected directions, origins and time of equal length, got 3, 3 and 2",
+            "pulses: expected directions, origins, time and ring of equal length, got 3, 3, 2 and 3",
         ),
         (
             {"time": [0.0, math.nan, 0.0]},

@@ -214,8 +214,16 @@ pub struct PulseArrays<'py> {
     ring: PyReadonlyArray1<'py, u16>,
 }
 
+/// The same, of equal length.
+struct Pulses<'a> {
+    directions: &'a [Point],
+    origins: &'a [Point],
+    times: &'a [f64],
+    rings: &'a [u16],
+}
+
 impl PulseArrays<'_> {
-    fn slices(&self) -> PyResult<(&[Point], &[Point], &[f64], &[u16])> {
+    fn slices(&self) -> PyResult<Pulses<'_>> {
         let (directions, origins) =
             (points("pulses.directions", &self.directions)?, points("pulses.origins", &self.origins)?);
         let times =
@@ -231,7 +239,7 @@ impl PulseArrays<'_> {
                 rings.len()
             )));
         }
-        Ok((directions, origins, times, rings))
+        Ok(Pulses { directions, origins, times, rings })
     }
 }
 
@@ -349,7 +357,7 @@ pub fn scan<'py>(
     start: f64,
     draws: (u64, u32, u32),
 ) -> PyResult<Bound<'py, PyDict>> {
-    let (directions, origins, times, rings) = pulses.slices()?;
+    let Pulses { directions, origins, times, rings } = pulses.slices()?;
     let indices =
         indices.as_ref().map(|i| i.as_slice()).transpose().map_err(|e| PyValueError::new_err(e.to_string()))?;
     let measurement = lidar.measurement()?;

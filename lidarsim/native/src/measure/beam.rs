@@ -12,9 +12,11 @@ pub struct Beam {
 }
 
 impl Beam {
-    /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half maximum, as a range, m. The ellipse that they bound is divided into a disc and m
-    /// rings about it, m·(m+1)·3 + 1 = `rays`, each as wide as the disc; ring k has 6k sub-rays. Each carries the energy that a
-    /// Gaussian beam, of profile exp(−2r²/w²), has in its cell; what lies outside of the ellipse is spread over all.
+    /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half maximum, as a range, m.
+    ///
+    /// The ellipse that the angles bound is divided into a disc and m rings about it, m·(m+1)·3 + 1 = `rays`, each as wide as the
+    /// disc; ring k has 6k sub-rays. Each carries the energy that a Gaussian beam, of profile exp(−2r²/w²), has in its cell;
+    /// what lies outside of the ellipse is spread over all.
     pub fn new(divergence: [f64; 2], rays: usize, pulse_length: f64) -> Self {
         let rings = (1..).take_while(|m| 3 * m * (m + 1) < rays).count();
         // In units of the half angle w.
@@ -30,7 +32,7 @@ impl Beam {
                 cells.push((offset, energy / inside(1.0) / (6 * k) as f64));
             }
         }
-        // A Gaussian is half of its maximum at √(2 ln 2) of its standard deviations.
+        // A Gaussian is half of its maximum √(2 ln 2) standard deviations from its middle.
         Beam { cells, pulse_sigma: pulse_length / (8.0 * std::f64::consts::LN_2).sqrt() }
     }
 

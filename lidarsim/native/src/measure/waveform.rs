@@ -96,12 +96,12 @@ impl Waveform {
         for (light, variance) in lights.iter().zip(&*variances) {
             // Of a black surface there is no light, and no variance where it is grazed.
             if light.clear_power > 0.0 {
-                let sigma = variance.sqrt();
-                let weight = light.clear_power / variance;
-                let start = places.partition_point(|place| *place < light.range - REACH * sigma);
-                let end = places.partition_point(|place| *place <= light.range + REACH * sigma);
+                let (sigma, weight) = (variance.sqrt(), light.clear_power / variance);
+                let (inverse, reach) = (1.0 / sigma, REACH * sigma);
+                let start = places.partition_point(|place| *place < light.range - reach);
+                let end = places.partition_point(|place| *place <= light.range + reach);
                 for (slope, place) in slopes[start..end].iter_mut().zip(&places[start..end]) {
-                    let way = (light.range - place) / sigma;
+                    let way = (light.range - place) * inverse;
                     *slope += weight * way * exp(-0.5 * (way * way));
                 }
             }
