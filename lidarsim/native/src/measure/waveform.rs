@@ -6,11 +6,11 @@ use super::echo::{Echo, Light};
 use crate::elementary::exp;
 use crate::pose::dot;
 
-/// Beyond so many standard deviations, √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
-const REACH: f64 = 8.49;
+/// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
+const REACH: f64 = 8.5;
 
-/// Light over range, as a receiver sees it: the sum of what the sub-rays bring back, each a Gaussian as wide as the pulse. Its
-/// peaks are the echoes, with all light between the valleys on either side.
+/// Light over range, as a receiver sees it: the sum of what the sub-rays bring back, each a Gaussian as wide as the pulse and of
+/// the sub-ray's power in all. Its peaks are the echoes, each with all light between the valleys on either side.
 ///
 /// A sub-ray stands for its part of the footprint. Where the surface is slanted, the light of that part is spread in range, so
 /// that the Gaussian is the wider: σᵢ² = σ² + δᵢ²/2, with δᵢ by how much the tangent plane's range changes to the next
@@ -26,7 +26,7 @@ pub(super) struct Waveform {
     lights: Vec<Light>,
     /// σᵢ² of each light.
     variances: Vec<f64>,
-    /// Where the slope of the waveform is looked at, rising; and how many lights are before that place, less the one that may be at it.
+    /// Where the slope of the waveform is looked at, rising, and how many lights are nearer than that.
     places: Vec<f64>,
     before: Vec<usize>,
     slopes: Vec<f64>,
