@@ -129,12 +129,14 @@ if TYPE_CHECKING:
     Scale = float | Vector
     SigmaTable = float | list[Pair]
     Returns = str | int
+    Moment = bool | str
 else:
     Numbers = _either(float, list[float], _is_list)
     Vectors = _either(Vector, list[Vector], _is_table)
     Scale = _either(float, Vector, _is_list)
     SigmaTable = _either(float, list[Pair], _is_list)
     Returns = _either(int, str, lambda value: isinstance(value, str))
+    Moment = _either(Literal["start", "middle", "end"], bool, lambda value: isinstance(value, bool))
 
 
 # Poses
@@ -664,7 +666,16 @@ class Cloud(Model):
     """How points are given."""
 
     frame: Literal["sensor", "world"] = "sensor"
-    deskew: bool = False
+    deskew: Moment = False
+    deskew_s: float | None = None
+
+    def build(self, place: Place) -> dict[str, Any]:
+        """Return the arguments of `Scan.point_cloud`."""
+        if self.deskew_s is None:
+            return {"frame": self.frame, "deskew": self.deskew}
+        if "deskew" in self.model_fields_set:
+            raise (place / "deskew_s").error("expected either deskew or deskew_s, got both")
+        return {"frame": self.frame, "deskew": self.deskew_s}
 
 
 class Config(Model):

@@ -51,14 +51,12 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
         or (apart[within] == 0).any()
         or (around >= TURN).any()
     ):
-        raise ValueError(
-            "size: expected (rows, columns) of the image, since the pattern has no rows and columns of its own, got None"
-        )
+        raise ValueError("size: expected (rows, columns) of the image, since the pattern has none of its own, got None")
     row_of = np.empty(len(rings), np.intp)
     row_of[np.argsort(-highest, kind="stable")] = np.arange(len(rings))
 
-    # Along a ring azimuths fall by a step a column, from left to right. What is left over of that, how far the ring
-    # stands to the right of the first one, becomes whole columns: no pixel is hit twice and none within a row is left out.
+    # Along a ring azimuths fall by a step a column, from left to right. How far it stands to the right of the first
+    # ring besides becomes whole columns, the same for all of it: no pixel is hit twice, and none between is left out.
     first, last = column.min(), column.max()
     step = float(np.median(np.abs(turns[within]) / apart[within])) if within.any() else TURN
     place = last - column[starts] if rising else column[starts] - first
