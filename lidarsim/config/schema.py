@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
@@ -129,14 +129,12 @@ if TYPE_CHECKING:
     Scale = float | Vector
     SigmaTable = float | list[Pair]
     Returns = str | int
-    Moment = bool | str
 else:
     Numbers = _either(float, list[float], _is_list)
     Vectors = _either(Vector, list[Vector], _is_table)
     Scale = _either(float, Vector, _is_list)
     SigmaTable = _either(float, list[Pair], _is_list)
     Returns = _either(int, str, lambda value: isinstance(value, str))
-    Moment = _either(Literal["start", "middle", "end"], bool, lambda value: isinstance(value, bool))
 
 
 # Poses
@@ -666,8 +664,16 @@ class Cloud(Model):
     """How points are given."""
 
     frame: Literal["sensor", "world"] = "sensor"
-    deskew: Moment = False
+    deskew: bool | Literal["start", "middle", "end"] = False
     deskew_s: float | None = None
+
+    @field_validator("deskew", mode="before")
+    @classmethod
+    def _name(cls, value: object) -> object:
+        if not isinstance(value, bool) and value not in ("start", "middle", "end"):
+            expected = "expected true, false, start, middle, end, or seconds as deskew_s, got {got}"
+            raise PydanticCustomError("deskew", expected, {"got": repr(value)})
+        return value
 
     def build(self, place: Place) -> dict[str, Any]:
         """Return the arguments of `Scan.point_cloud`."""

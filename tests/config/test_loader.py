@@ -401,6 +401,11 @@ VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
         ("[0, 0, 1]", "[0, 1]", "run.yaml:15: scene.0.normal: expected at least 3 items, got a list of 2"),
         ("[0, 0, 1]", "[0, 0, up]", "run.yaml:15: scene.0.normal.2: expected a number, got 'up'"),
         ("{yaw: 90}", "90", "run.yaml:13: pose.rotation_deg: expected a mapping with keys roll, pitch, yaw, got 90"),
+        ("{yaw: 90}", "[0, 0, 90]",
+         "run.yaml:13: pose.rotation_deg: expected a mapping with keys roll, pitch, yaw, got a list of 3"),
+        ("columns: 32", "start_azimuth_deg: 400",
+         ("run.yaml:8: sensor.pattern.start_azimuth_deg: expected a finite number from -6.28319 to 6.28319, "
+          f"got {radians(400)} (in rad)")),
         ("  - {shape: plane", "  - 5\n  - {shape: plane", "run.yaml:15: scene.0: expected a mapping, got 5"),
         # choices
         ("shape: sphere", "shape: spheer", f"run.yaml:16: scene.1.shape: expected one of {SHAPE_NAMES}, got 'spheer'"),

@@ -220,6 +220,11 @@ BAD_OBJECTS = [
     ({"name": 3}, TypeError, "name: expected a string, got 3"),
     ({"label": -1}, ValueError, "label: expected an integer from 0 to 4294967295, got -1"),
     ({"label": 2**32}, ValueError, "label: expected an integer from 0 to 4294967295, got 4294967296"),
+    (
+        {"label": np.arange(12)},
+        TypeError,
+        "label: expected an integer from 0 to 4294967295, got an array of shape (12,)",
+    ),
     ({"label": 1.5}, TypeError, "label: expected an integer from 0 to 4294967295, got 1.5"),
     ({"material": 0.5}, TypeError, "material: expected a Material, got float"),
 ]
