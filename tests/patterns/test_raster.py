@@ -70,11 +70,15 @@ def test_where_a_turn_starts_and_which_way_it_goes_changes_nothing(clockwise: bo
     assert np.abs(away).max() <= np.radians(0.5) + 1e-6
 
 
-def test_half_a_column_goes_one_way_in_all_rings() -> None:
-    elevations = np.linspace(0.3, -0.3, 64)
-    pattern = Spinning(elevations, azimuth_offsets=np.radians(0.5), columns=360)
-    azimuth, _ = angles_of(pattern.pulses())
-    assert np.abs(np.exp(1j * azimuth) - np.exp(1j * azimuth[0])).max() < 1e-12
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("columns", [360, 1024, 4096])
+def test_half_a_column_goes_one_way_in_all_rings(dtype: type, columns: int) -> None:
+    offsets = np.tile([0.5, 3.5], 32) * 2 * np.pi / columns
+    given = Spinning(np.linspace(0.3, -0.3, 64), azimuth_offsets=offsets, columns=columns).pulses()
+    directions = given.directions.astype(dtype)
+    azimuth, _ = angles_of(Pulses(directions, given.origins, given.time, given.ring, given.column))
+    assert azimuth.shape == (64, columns)
+    assert np.abs(np.exp(1j * azimuth) - np.exp(1j * azimuth[0])).max() < 16 * np.finfo(dtype).eps  # of up to 2π each
 
 
 def test_a_grid_is_as_it_is() -> None:
