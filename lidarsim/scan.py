@@ -254,9 +254,11 @@ class Scan:
         whole = values.dtype.kind in "iu"
         missing = _MISSING.get(field, np.iinfo(values.dtype).max) if whole else np.nan
         image = np.full((*shape, *values.shape[1:]), missing, values.dtype)
-        # What is written last shows: the nearest return, before the farther ones and the pulses without one.
-        order = np.argsort(self.range[:, entry], kind="stable")[::-1]
-        image[row[order], column[order]] = values[order]
+        if size is None:  # to each pulse its pixel
+            image[row, column] = values
+        else:  # what is written last shows: the nearest return, after the farther ones and the pulses without one
+            order = np.argsort(self.range[:, entry], kind="stable")[::-1]
+            image[row[order], column[order]] = values[order]
         return image
 
     def summary(self) -> Summary:
