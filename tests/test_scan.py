@@ -861,6 +861,7 @@ def test_pulses_of_any_kind_are_converted(arrays: dict[str, Any]) -> None:
         ({"time": 0.0}, ValueError, "time: expected shape (3,), got ()"),
         ({"ring": np.zeros(2, np.uint16)}, ValueError, "ring: expected shape (3,), got (2,)"),
         ({"ring": [0, -1, 0]}, ValueError, "ring: expected integers from 0 to 65535, got ring[1] = -1"),
+        ({"ring": [0, [0], 0]}, ValueError, "ring: expected numbers of shape (3,), got a ragged sequence"),
         ({"ring": [0, 0, 0.5]}, ValueError, "ring: expected integers from 0 to 65535, got ring[2] = 0.5"),
         (
             {"column": [0, 2**32, 0]},

@@ -74,17 +74,15 @@ class Pulses:
 
 def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
     """Return `value` as a C-contiguous array of `count` integers that fit `dtype`."""
-    given = np.asarray(value)
-    if given.dtype != dtype:
-        given = array(name, given, (count,), finite=False)
-        most = np.iinfo(dtype).max
-        wrong = ~((given >= 0) & (given <= most) & (given == np.floor(given)))
-        if wrong.any():
-            i = int(np.argmax(wrong))
-            raise ValueError(f"{name}: expected integers from 0 to {most}, got {name}[{i}] = {given[i]:g}")
-    elif given.shape != (count,):
-        raise ValueError(f"{name}: expected shape ({count},), got {given.shape}")
-    return np.ascontiguousarray(given, dtype)
+    if isinstance(value, np.ndarray) and value.dtype == dtype and value.shape == (count,):
+        return np.ascontiguousarray(value)
+    given = array(name, value, (count,), finite=False)
+    most = np.iinfo(dtype).max
+    wrong = ~((given >= 0) & (given <= most) & (given == np.floor(given)))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(f"{name}: expected integers from 0 to {most}, got {name}[{i}] = {given[i]:g}")
+    return given.astype(dtype)
 
 
 @runtime_checkable
