@@ -17,6 +17,7 @@ from lidarsim._validation import array, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
+from lidarsim.patterns._pulses import check_pattern
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -88,8 +89,7 @@ class Lidar:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        if not isinstance(self.pattern, Pattern):
-            raise TypeError(f"pattern: expected a scan pattern (rate, shape, pulses), got {self.pattern!r}")
+        check_pattern(self.pattern)
         if not isinstance(self.measurement, Measurement):
             raise TypeError(f"measurement: expected a Measurement, got {self.measurement!r}")
         if not isinstance(self.name, str):

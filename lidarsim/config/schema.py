@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
@@ -669,7 +669,24 @@ class Cloud(Model):
     """How points are given."""
 
     frame: Literal["sensor", "world"] = "sensor"
-    deskew: bool = False
+    deskew: bool | Literal["start", "middle", "end"] = False
+    deskew_s: float | None = None
+
+    @field_validator("deskew", mode="before")
+    @classmethod
+    def _name(cls, value: object) -> object:
+        if not isinstance(value, bool) and value not in ("start", "middle", "end"):
+            expected = "expected true, false, start, middle, end, or seconds as deskew_s, got {got}"
+            raise PydanticCustomError("deskew", expected, {"got": repr(value)})
+        return value
+
+    def build(self, place: Place) -> dict[str, Any]:
+        """Return the arguments of `Scan.point_cloud`."""
+        if self.deskew_s is None:
+            return {"frame": self.frame, "deskew": self.deskew}
+        if "deskew" in self.model_fields_set:
+            raise (place / "deskew_s").error("expected either deskew or deskew_s, got both")
+        return {"frame": self.frame, "deskew": self.deskew_s}
 
 
 class Config(Model):

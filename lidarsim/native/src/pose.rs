@@ -73,11 +73,13 @@ pub enum Path {
         angular: Point,
     },
     /// Between knots the position is linear in time and the orientation turns at a constant rate (Slerp): from knot i to
-    /// knot i+1 by the rotation vector `turns[i]`, in the frame of knot i. Times rise.
+    /// knot i+1 by the rotation vector `turns[i]`, in the frame of knot i. Times rise. From the last knot to `end` both
+    /// velocities stay what they were before it; a single knot stays where it is.
     Knots {
         times: Vec<f64>,
         poses: Vec<Pose>,
         turns: Vec<Point>,
+        end: f64,
     },
 }
 
@@ -86,11 +88,21 @@ impl Path {
     pub fn span(&self) -> [f64; 2] {
         match self {
             Path::Still(_) | Path::Twist { .. } => [f64::NEG_INFINITY, f64::INFINITY],
-            Path::Knots { times, .. } => [times[0], times[times.len() - 1]],
+            Path::Knots { times, end, .. } => [times[0], *end],
         }
     }
 
-    /// The pose at a time of the span.
+    /// The same poses, and those of a span that goes on to `until`.
+    #[must_use]
+    pub fn held(&self, until: f64) -> Path {
+        let mut path = self.clone();
+        if let Path::Knots { end, .. } = &mut path {
+            *end = end.max(until);
+        }
+        path
+    }
+
+    /// The pose at a time, which past the span goes on at the velocities of its end.
     pub fn at(&self, time: f64) -> Pose {
         match self {
             Path::Still(pose) => *pose,
@@ -102,12 +114,13 @@ impl Path {
                     translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
                 }
             }
-            Path::Knots { times, poses, turns } => {
+            Path::Knots { times, poses, turns, .. } => {
                 let i = times.partition_point(|&t| t <= time).saturating_sub(1);
-                let from = poses[i];
-                if time == times[i] {
-                    return from;
+                if time == times[i] || turns.is_empty() {
+                    return poses[i];
                 }
+                let i = i.min(turns.len() - 1);
+                let from = poses[i];
                 let u = (time - times[i]) / (times[i + 1] - times[i]);
                 let to = poses[i + 1].translation;
                 Pose {
@@ -233,11 +246,29 @@ mod tests {
         let first = Pose::from_rows(ROWS);
         let turn = [0.0, 0.0, 1.5];
         let second = Pose { rotation: product(first.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
-        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], turns: vec![turn] };
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], turns: vec![turn], end: 3.0 };
         assert_eq!((path.at(1.0), path.at(3.0), path.span()), (first, second, [1.0, 3.0]));
         let half = path.at(2.0);
         assert_eq!(half.translation, [6.0, 6.0, 7.0]);
         let (sin, cos) = sin_cos(0.75);
         assert_close(half.turn([1.0, 0.0, 0.0]), first.turn([cos, sin, 0.0]));
+    }
+
+    #[test]
+    fn a_held_path_goes_on_at_constant_velocity() {
+        let start = Pose::from_rows(ROWS);
+        let turn = [0.0, 0.0, 1.5];
+        let end = Pose { rotation: product(start.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], turns: vec![turn], end: 3.0 };
+        let held = path.held(4.0);
+        assert_eq!((held.span(), held.held(2.0).span()), ([1.0, 4.0], [1.0, 4.0]));
+        for time in [1.0, 1.7, 2.9, 3.0] {
+            assert_eq!(held.at(time), path.at(time));
+        }
+        let (sin, cos) = sin_cos(2.25);
+        assert_eq!(held.at(4.0).translation, [8.0, 6.0, 7.0]);
+        assert_close(held.at(4.0).turn([1.0, 0.0, 0.0]), start.turn([cos, sin, 0.0]));
+        let one = Path::Knots { times: vec![1.0], poses: vec![start], turns: vec![], end: 1.0 }.held(2.0);
+        assert_eq!((one.at(1.5), one.span()), (start, [1.0, 2.0]));
     }
 }

@@ -55,7 +55,13 @@ impl PyPath {
         if times.is_empty() || matrices.len() != times.len() || turns.len() + 1 != times.len() {
             return Err(PyValueError::new_err("times, matrices, turns: expected n, n and n - 1 of them, n > 0"));
         }
-        Ok(PyPath { path: Path::Knots { times, poses: matrices.into_iter().map(pose).collect(), turns } })
+        let end = times[times.len() - 1];
+        Ok(PyPath { path: Path::Knots { times, poses: matrices.into_iter().map(pose).collect(), turns, end } })
+    }
+
+    /// The same poses over a span that goes on to `until`, at the velocities of its end.
+    fn held(&self, until: f64) -> Self {
+        PyPath { path: self.path.held(until) }
     }
 
     /// First and last time for which there is a pose.
@@ -63,7 +69,7 @@ impl PyPath {
         self.path.span().into()
     }
 
-    /// Poses (n, 4, 4) at times of the span.
+    /// Poses (n, 4, 4) at some times.
     fn at<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
         let times = times.as_array();
         let matrices: Vec<f64> = times
@@ -460,24 +466,26 @@ struct AllPulseArrays<'py> {
 enum Coordinates {
     /// Of the sensor when it fired the pulse.
     Sensor,
-    /// Of the sensor at the start of the scan.
-    Start(Pose),
+    /// Of the sensor at one moment.
+    Moment(Pose),
     World,
 }
 
-/// The fields of `lidarsim.PointCloud`, an entry a return. `frame`: "sensor", "start" or "world".
+/// The fields of `lidarsim.PointCloud`, an entry a return. `frame`: "sensor" or "world"; `moment`: the time, on the clock of
+/// the path, whose sensor frame the points of "sensor" are put in, if it is one for all.
 #[pyfunction]
 pub fn points_of<'py>(
     py: Python<'py>,
     scan: ScanArrays<'py>,
     path: &PyPath,
     frame: &str,
+    moment: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let path = &path.path;
-    let coordinates = match (frame, path) {
-        ("world", _) => Coordinates::World,
-        ("start", Path::Twist { .. } | Path::Knots { .. }) => Coordinates::Start(path.at(scan.time)),
-        ("sensor" | "start", _) => Coordinates::Sensor,
+    let coordinates = match (frame, path, moment) {
+        ("world", ..) => Coordinates::World,
+        ("sensor", Path::Still(_), _) | ("sensor", _, None) => Coordinates::Sensor,
+        ("sensor", _, Some(time)) => Coordinates::Moment(path.at(time)),
         _ => return Err(PyValueError::new_err(format!("frame: unknown {frame:?}"))),
     };
     let pulses = &scan.pulses;
@@ -503,7 +511,7 @@ pub fn points_of<'py>(
         let local: Point = std::array::from_fn(|k| origins[pulse][k] + directions[pulse][k] * range[row]);
         match coordinates {
             Coordinates::Sensor => local,
-            Coordinates::Start(start) => pose(pulse).relative_to(&start).place(local),
+            Coordinates::Moment(at) => pose(pulse).relative_to(&at).place(local),
             Coordinates::World => pose(pulse).place(local),
         }
     };
@@ -511,7 +519,7 @@ pub fn points_of<'py>(
         let normal = normals[row].map(f64::from);
         let turned = match coordinates {
             Coordinates::Sensor => pose(pulse).turn_back(normal),
-            Coordinates::Start(start) => start.turn_back(normal),
+            Coordinates::Moment(at) => at.turn_back(normal),
             Coordinates::World => normal,
         };
         turned.map(|x| x as f32)
