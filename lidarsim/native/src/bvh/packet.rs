@@ -250,7 +250,10 @@ pub const fn all(count: usize) -> Mask {
 /// Unit roundoff of float32.
 const U: f32 = f32::EPSILON / 2.0;
 
-/// A slope is the float32 reciprocal of a float32 direction, off by 4u; a subtraction and two products more add 1u each: 7u, nearly doubled.
+/// A slope is the float32 reciprocal of a direction that was rounded to float32: that is off by u, or, if it is subnormal, by 2⁻¹⁵⁰, which is 4u of
+/// 2⁻¹²⁸; with the reciprocal 5u. A subtraction and two products more, that by this factor among them, add 1u each: 8u, and half as much again.
+///
+/// Reciprocals below 2⁻¹²⁸ overflow. Then the true one is at least 2¹²⁸·(1 − 4u), which is above the largest number times `SHRINK`.
 const SHRINK: f32 = 1.0 - 12.0 * U;
 const STRETCH: f32 = 1.0 + 12.0 * U;
 
@@ -332,7 +335,7 @@ impl Packet {
         self.heading.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
         // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::take_up`). Of rays much shorter than the
-        // longest, components may underflow here, which only weakens their bounds.
+        // longest, components may underflow here; see `SHRINK`.
         let mut largest = I::F64x8::splat(0.0);
         for eight in 0..self.count.div_ceil(8) {
             for axis in 0..3 {
@@ -355,9 +358,13 @@ impl Packet {
         let (low, high) = halves::<I>(&rays.origin_error, g);
         let origin_error = I::narrow(low, high).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let origin_error = origin_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
+        // In float64, where errors of rays much shorter than the longest are not yet lost to underflow. What is lost of them, and of directions, is
+        // at most half the smallest subnormal, 2⁻¹⁵⁰, each time; the least normal number, 2⁻¹²⁶, covers it.
         let (low, high) = halves::<I>(&rays.direction_error, g);
+        let none = I::F64x8::splat(0.0);
+        let vague = none.lt(low) | none.lt(high) != 0;
         let direction_error = I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
-        let vague = zero.lt(direction_error) != 0;
+        let direction_error = direction_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
         for axis in 0..3 {
             let backward = self.heading.backward[axis];
             let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
@@ -379,7 +386,7 @@ impl Packet {
                 least = Floats::max(d.sub(error), zero);
                 (near, far) = (one.div(d.add(error)), one.div(least));
             }
-            let near = Floats::min(near.mul(I::F32x16::splat(SHRINK)), I::F32x16::splat(f32::MAX));
+            let near = Floats::min(near, I::F32x16::splat(f32::MAX)).mul(I::F32x16::splat(SHRINK));
             let far = far.mul(I::F32x16::splat(STRETCH));
             group.near_slope[axis] = near.mul(sign).store();
             group.far_slope[axis] = far.mul(sign).store();
