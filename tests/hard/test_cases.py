@@ -9,6 +9,7 @@ import mpmath
 import numpy as np
 import pytest
 
+import lidarsim as ls
 from lidarsim.bench import adversarial, cases, oracle
 from lidarsim.bench.accuracy import judge_cast, judge_roots
 
@@ -115,6 +116,15 @@ def test_roots_next_to_midpoints_are_correctly_rounded(kind):
             ray = [(0, 0, 0)], [(1, delta, 0)]
             assert shape.roots(*ray)[0].tolist() == want, (center, delta)
             assert shape.cast(*ray).t[0] == (center if center > 0 else math.inf)
+
+
+@pytest.mark.parametrize("power", [100, 190, 250, 300, 500])
+def test_normal_of_a_small_sphere_far_away(power):
+    """At half the radius beside the centre; t needs twice as many bits as the sphere is farther than large."""
+    radius = 2.0**-power
+    hits = ls.Sphere((1, 0, 0), radius).cast([(0, radius / 2, 0)], [(1, 0, 0)])
+    assert hits.t[0] == 1
+    np.testing.assert_allclose(hits.normal[0], (-math.sqrt(0.75), 0.5, 0), rtol=0, atol=NORMAL_TOLERANCE)
 
 
 RANGED = [case for case in CASES if case.name.endswith(("-direction-times-1", "transform-thirds"))]

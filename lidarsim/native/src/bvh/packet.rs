@@ -689,6 +689,95 @@ mod tests {
         assert!(whole > 500 && cut > 500 && none > 500, "{whole}, {cut}, {none}");
     }
 
+    use crate::number::{Dyadic, Number};
+    use crate::simd::Portable;
+    use crate::testing::worst;
+
+    /// A packet of one ray, from the origin along (d, 0.9, 0), and it is seen so by a box's axis x.
+    fn packet(o: f64, d: f64, direction_error: f64, t: f64) -> Packet {
+        let mut rays = Rays::empty();
+        rays.count = 1;
+        for lane in 0..WIDE {
+            rays.set(lane, [o, 0.0, 0.0], [d, 0.9, 0.0]);
+            rays.direction_error[lane] = direction_error;
+        }
+        let mut packet = Packet::empty();
+        packet.enter::<Portable>(&rays, [0.0; 3], t, &[t; LANES]);
+        packet
+    }
+
+    /// x/y − 1, in roundings of float32.
+    fn roundings(x: &Dyadic, y: &Dyadic) -> f64 {
+        x.minus(y).split().0 / (y.split().0 * f64::from(U))
+    }
+
+    /// How far each bound is on the safe side at least, in roundings of float32.
+    #[test]
+    fn bounds_in_float32_are_on_the_safe_side_by_what_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.25 + 0.25 * next();
+        let n = |x: f32| Dyadic::exact(f64::from(x));
+        let least = |score: &dyn Fn(&[f64; 2]) -> f64| -worst(6, 3000, draw, |x: &[f64; 2]| -score(x)).0;
+        // The plane is at x, the direction is y; all is in [¼, ½], and `scale` is 1, so that t = x/y.
+        let near = least(&|x| {
+            let (group, plane) = (packet(0.0, x[1], 0.0, 1.0).groups[0], x[0] as f32);
+            let t = (plane - group.near_origin[0][0]) * group.near_slope[0][0];
+            -roundings(&n(t).times(&Dyadic::exact(x[1])), &n(plane))
+        });
+        let far = least(&|x| {
+            let (group, plane) = (packet(0.0, x[1], 0.0, 1.0).groups[0], x[0] as f32);
+            let t = (plane - group.far_origin[0][0]) * group.far_slope[0][0];
+            roundings(&n(t).times(&Dyadic::exact(x[1])), &n(plane))
+        });
+        let origins = least(&|x| {
+            let group = packet(x[0], 0.5, 0.0, 1.0).groups[0];
+            let beyond = [
+                roundings(&n(group.near_origin[0][0]), &Dyadic::exact(x[0])),
+                -roundings(&n(group.far_origin[0][0]), &Dyadic::exact(x[0])),
+            ];
+            beyond[0].min(beyond[1])
+        });
+        let vague = least(&|x| {
+            let error = x[0] * 1e-5;
+            let group = packet(0.0, x[1], error, 1.0).groups[0];
+            let one = Dyadic::exact(1.0);
+            let (low, high) =
+                (Dyadic::exact(x[1]).minus(&Dyadic::exact(error)), Dyadic::exact(x[1]).plus(&Dyadic::exact(error)));
+            let beyond = [
+                -roundings(&n(group.near_slope[0][0]).times(&high), &one),
+                roundings(&n(group.far_slope[0][0]).times(&low), &one),
+            ];
+            beyond[0].min(beyond[1])
+        });
+        let limits = least(&|x| {
+            let packet = packet(0.0, 0.5, 0.0, x[0]);
+            let beyond = [
+                roundings(&n(packet.groups[0].limit[0]), &Dyadic::exact(x[0])),
+                roundings(&n(packet.limit_of(x[0])), &Dyadic::exact(x[0])),
+                -roundings(&n(packet.heading.start), &Dyadic::exact(x[0])),
+            ];
+            beyond[0].min(beyond[1]).min(beyond[2])
+        });
+        // Each loses at most as many as are counted where it is defined, and no more of the rest is kept than that.
+        assert!((7.0..9.0).contains(&near) && (7.0..9.0).contains(&far), "{near}, {far}");
+        assert!((2.0..3.0).contains(&origins), "{origins}");
+        assert!((12.0..14.0).contains(&vague), "{vague}");
+        assert!((1.0..3.0).contains(&limits), "{limits}");
+    }
+
+    /// As `bounds_in_float32_...`, of directions that are subnormal numbers in float32.
+    #[test]
+    fn slopes_of_directions_that_underflow_are_on_the_safe_side() {
+        let mut least = f64::INFINITY;
+        for k in 0..40_000 {
+            let d = 2.0_f64.powi(-130 + k % 6) * (1.0 + f64::from(k) / 40_000.0);
+            let group = packet(0.0, d, 0.0, 1.0).groups[0];
+            let (near, far) = (f64::from(group.near_slope[0][0]), f64::from(group.far_slope[0][0]));
+            // Products with a power of two and of 77 bits, rounded once: 2⁻⁵³ is far below a rounding of float32.
+            least = least.min((1.0 - near * d) / f64::from(U)).min((far * d - 1.0) / f64::from(U));
+        }
+        assert!((6.5..8.0).contains(&least), "{least}");
+    }
+
     /// The rays that were kept are as given, and lanes that a group has beyond them repeat the first.
     fn check(found: &Rays, given: &[(Point, Point)]) {
         for lane in 0..found.count.next_multiple_of(WIDE) {
