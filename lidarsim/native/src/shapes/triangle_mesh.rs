@@ -280,14 +280,15 @@ impl Block {
     /// by 10u·m² a unit of |d|₁, and the sum of the three by 10u·m² more: 40. `planes` has 32 and 64.
     ///
     /// A vertex is off by δ = 3u·m + ε at most. The triangle seen is met in a mean of its vertices, so at most δ·|N|₁ off the true plane, |N|
-    /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice all its errors,
-    /// the true one is at least half of it; with another factor of two, for second-order terms, that makes the four in `planes`. The product with
-    /// 1/(N·d) instead of a quotient rounds by 3u.
+    /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice
+    /// all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that makes the four in `planes`.
+    /// The product with 1/(N·d) instead of a quotient rounds by 3u.
     ///
-    /// It is that large: the true N·d differs from the calculated one by 40u·m²·|d|₁, by ε_d·|N|₁ and, as with e ≥ all coordinates of the edges N
-    /// does by 8δ·e a coordinate, by 8δ·e·|d|₁. With m the `reach`, which is at least 2e − 4δ, twice that is less than
-    /// |d|₁·m·(104u·m + 8ε) + m²·ε_d, but for second-order terms. As the ray surely meets the triangle, each volume is beyond its bound, and the sum
-    /// of the three beyond |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; and as is asked here, beyond 256u·m²·|d|₁. A tenth of this and nine of that are enough.
+    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the ray surely meets the triangle, each
+    /// volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that
+    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is asked here. So it is beyond a tenth of this and nine of that:
+    /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ,
+    /// N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
     pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing, sums: &[f64; LEAF]) -> Option<Interval> {
         let Bearing { length, error, .. } = *bearing;
