@@ -73,7 +73,8 @@ class Scan:
     range : ndarray of float64, shape (n, k)
         Measured distance from the beam's origin along the pulse, m; nan where there is no return.
     true_range : ndarray of float64, shape (n, k)
-        Exact distance along the direction that the pulse really took, to within 1 ulp, m.
+        Distance along the direction that the pulse really took, m: the exact value to a relative 2.3e-16, for two
+        roundings, of the ray parameter and of its product with the length of the direction.
     range_error : ndarray of float64, shape (n, k)
         Measured minus true range, m.
     intensity : ndarray of float32, shape (n, k)

@@ -20,7 +20,7 @@ impl<I: Isa> Pair<I> {
         [Self::difference(a[0], b[0]), Self::difference(a[1], b[1]), Self::difference(a[2], b[2])]
     }
 
-    /// a − b, exactly.
+    /// a − b, exactly: 2Sum of a and −b, as in `dd`.
     #[inline(always)]
     pub fn difference(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.sub(b);
@@ -28,7 +28,7 @@ impl<I: Isa> Pair<I> {
         Pair { high, low: a.sub(high.sub(z)).sub(b.add(z)) }
     }
 
-    /// a + b, exactly.
+    /// a + b, exactly: 2Sum.
     #[inline(always)]
     pub fn sum(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.add(b);
@@ -36,14 +36,14 @@ impl<I: Isa> Pair<I> {
         Pair { high, low: a.sub(high.sub(z)).add(b.sub(z)) }
     }
 
-    /// a + b, exactly, for |a| ≥ |b|.
+    /// a + b, exactly, for |a| ≥ |b|: Fast2Sum.
     #[inline(always)]
     pub fn fast(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.add(b);
         Pair { high, low: b.sub(high.sub(a)) }
     }
 
-    /// a·b, exactly.
+    /// a·b, exactly: 2Prod by FMA.
     #[inline(always)]
     pub fn product(a: I::F64x8, b: I::F64x8) -> (I::F64x8, I::F64x8) {
         let p = a.mul(b);
@@ -70,6 +70,8 @@ impl<I: Isa> Pair<I> {
         ([x, y, z], [x_size, y_size, z_size])
     }
 
+    /// The compensated dot product Dot2 (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005), with the lower parts
+    /// of the factors in its correction. Its bound, with that of `minor`, is derived in `Crossing`.
     #[inline(always)]
     pub fn dot(a: [Self; 3], b: [Self; 3]) -> Self {
         let (x, x_low) = Self::product(a[0].high, b[0].high);
@@ -81,6 +83,7 @@ impl<I: Isa> Pair<I> {
         Self::sum_of_three((x, y, z), (x_low, y_low, z_low))
     }
 
+    /// As `dot`.
     #[inline(always)]
     pub fn dot_plain(a: [Self; 3], b: V<I>) -> Self {
         let (x, x_low) = Self::product(a[0].high, b[0]);

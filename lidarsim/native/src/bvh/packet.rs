@@ -250,7 +250,10 @@ pub const fn all(count: usize) -> Mask {
 /// Unit roundoff of float32.
 const U: f32 = f32::EPSILON / 2.0;
 
-/// A slope is the float32 reciprocal of a float32 direction, off by 4u; a subtraction and two products more add 1u each: 7u, nearly doubled.
+/// A slope is the float32 reciprocal of a direction that was rounded to float32: that is off by u, or, if it is subnormal, by 2⁻¹⁵⁰, which is 4u of
+/// 2⁻¹²⁸; with the reciprocal 5u. A subtraction and two products more, that by this factor among them, add 1u each: 8u, and half as much again.
+///
+/// Reciprocals below 2⁻¹²⁸ overflow. Then the true one is at least 2¹²⁸·(1 − 4u), which is above the largest number times `SHRINK`.
 const SHRINK: f32 = 1.0 - 12.0 * U;
 const STRETCH: f32 = 1.0 + 12.0 * U;
 
@@ -332,7 +335,7 @@ impl Packet {
         self.heading.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
         // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::take_up`). Of rays much shorter than the
-        // longest, components may underflow here, which only weakens their bounds.
+        // longest, components may underflow here; see `SHRINK`.
         let mut largest = I::F64x8::splat(0.0);
         for eight in 0..self.count.div_ceil(8) {
             for axis in 0..3 {
@@ -355,9 +358,13 @@ impl Packet {
         let (low, high) = halves::<I>(&rays.origin_error, g);
         let origin_error = I::narrow(low, high).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let origin_error = origin_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
+        // In float64, where errors of rays much shorter than the longest are not yet lost to underflow. What is lost of them, and of directions, is
+        // at most half the smallest subnormal, 2⁻¹⁵⁰, each time; the least normal number, 2⁻¹²⁶, covers it.
         let (low, high) = halves::<I>(&rays.direction_error, g);
+        let none = I::F64x8::splat(0.0);
+        let vague = none.lt(low) | none.lt(high) != 0;
         let direction_error = I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
-        let vague = zero.lt(direction_error) != 0;
+        let direction_error = direction_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
         for axis in 0..3 {
             let backward = self.heading.backward[axis];
             let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
@@ -379,7 +386,7 @@ impl Packet {
                 least = Floats::max(d.sub(error), zero);
                 (near, far) = (one.div(d.add(error)), one.div(least));
             }
-            let near = Floats::min(near.mul(I::F32x16::splat(SHRINK)), I::F32x16::splat(f32::MAX));
+            let near = Floats::min(near, I::F32x16::splat(f32::MAX)).mul(I::F32x16::splat(SHRINK));
             let far = far.mul(I::F32x16::splat(STRETCH));
             group.near_slope[axis] = near.mul(sign).store();
             group.far_slope[axis] = far.mul(sign).store();
@@ -680,6 +687,95 @@ mod tests {
             }
         }
         assert!(whole > 500 && cut > 500 && none > 500, "{whole}, {cut}, {none}");
+    }
+
+    use crate::number::{Dyadic, Number};
+    use crate::simd::Portable;
+    use crate::testing::worst;
+
+    /// A packet of one ray, from the origin along (d, 0.9, 0), and it is seen so by a box's axis x.
+    fn packet(o: f64, d: f64, direction_error: f64, t: f64) -> Packet {
+        let mut rays = Rays::empty();
+        rays.count = 1;
+        for lane in 0..WIDE {
+            rays.set(lane, [o, 0.0, 0.0], [d, 0.9, 0.0]);
+            rays.direction_error[lane] = direction_error;
+        }
+        let mut packet = Packet::empty();
+        packet.enter::<Portable>(&rays, [0.0; 3], t, &[t; LANES]);
+        packet
+    }
+
+    /// x/y − 1, in roundings of float32.
+    fn roundings(x: &Dyadic, y: &Dyadic) -> f64 {
+        x.minus(y).split().0 / (y.split().0 * f64::from(U))
+    }
+
+    /// How far each bound is on the safe side at least, in roundings of float32.
+    #[test]
+    fn bounds_in_float32_are_on_the_safe_side_by_what_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.25 + 0.25 * next();
+        let n = |x: f32| Dyadic::exact(f64::from(x));
+        let least = |score: &dyn Fn(&[f64; 2]) -> f64| -worst(6, 3000, draw, |x: &[f64; 2]| -score(x)).0;
+        // The plane is at x, the direction is y; all is in [¼, ½], and `scale` is 1, so that t = x/y.
+        let near = least(&|x| {
+            let (group, plane) = (packet(0.0, x[1], 0.0, 1.0).groups[0], x[0] as f32);
+            let t = (plane - group.near_origin[0][0]) * group.near_slope[0][0];
+            -roundings(&n(t).times(&Dyadic::exact(x[1])), &n(plane))
+        });
+        let far = least(&|x| {
+            let (group, plane) = (packet(0.0, x[1], 0.0, 1.0).groups[0], x[0] as f32);
+            let t = (plane - group.far_origin[0][0]) * group.far_slope[0][0];
+            roundings(&n(t).times(&Dyadic::exact(x[1])), &n(plane))
+        });
+        let origins = least(&|x| {
+            let group = packet(x[0], 0.5, 0.0, 1.0).groups[0];
+            let beyond = [
+                roundings(&n(group.near_origin[0][0]), &Dyadic::exact(x[0])),
+                -roundings(&n(group.far_origin[0][0]), &Dyadic::exact(x[0])),
+            ];
+            beyond[0].min(beyond[1])
+        });
+        let vague = least(&|x| {
+            let error = x[0] * 1e-5;
+            let group = packet(0.0, x[1], error, 1.0).groups[0];
+            let one = Dyadic::exact(1.0);
+            let (low, high) =
+                (Dyadic::exact(x[1]).minus(&Dyadic::exact(error)), Dyadic::exact(x[1]).plus(&Dyadic::exact(error)));
+            let beyond = [
+                -roundings(&n(group.near_slope[0][0]).times(&high), &one),
+                roundings(&n(group.far_slope[0][0]).times(&low), &one),
+            ];
+            beyond[0].min(beyond[1])
+        });
+        let limits = least(&|x| {
+            let packet = packet(0.0, 0.5, 0.0, x[0]);
+            let beyond = [
+                roundings(&n(packet.groups[0].limit[0]), &Dyadic::exact(x[0])),
+                roundings(&n(packet.limit_of(x[0])), &Dyadic::exact(x[0])),
+                -roundings(&n(packet.heading.start), &Dyadic::exact(x[0])),
+            ];
+            beyond[0].min(beyond[1]).min(beyond[2])
+        });
+        // Each loses at most as many as are counted where it is defined, and no more of the rest is kept than that.
+        assert!((7.0..9.0).contains(&near) && (7.0..9.0).contains(&far), "{near}, {far}");
+        assert!((2.0..3.0).contains(&origins), "{origins}");
+        assert!((12.0..14.0).contains(&vague), "{vague}");
+        assert!((1.0..3.0).contains(&limits), "{limits}");
+    }
+
+    /// As `bounds_in_float32_...`, of directions that are subnormal numbers in float32.
+    #[test]
+    fn slopes_of_directions_that_underflow_are_on_the_safe_side() {
+        let mut least = f64::INFINITY;
+        for k in 0..40_000 {
+            let d = 2.0_f64.powi(-130 + k % 6) * (1.0 + f64::from(k) / 40_000.0);
+            let group = packet(0.0, d, 0.0, 1.0).groups[0];
+            let (near, far) = (f64::from(group.near_slope[0][0]), f64::from(group.far_slope[0][0]));
+            // Products with a power of two and of 77 bits, rounded once: 2⁻⁵³ is far below a rounding of float32.
+            least = least.min((1.0 - near * d) / f64::from(U)).min((far * d - 1.0) / f64::from(U));
+        }
+        assert!((6.5..8.0).contains(&least), "{least}");
     }
 
     /// The rays that were kept are as given, and lanes that a group has beyond them repeat the first.

@@ -110,3 +110,33 @@ impl Span {
         (near, far)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::number::{Dyadic, Number};
+    use crate::testing::worst;
+
+    /// Where a ray meets a plane, by its own float32 numbers: how far these are on the safe side at least, in roundings.
+    #[test]
+    fn bounds_are_on_the_safe_side_by_what_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.5 + 0.499 * next();
+        let (least, x) = worst(6, 3000, draw, |x: &[f64; 2]| {
+            let (plane, d) = (x[0] as f32, x[1]);
+            if !(0.5..1.0).contains(&d) {
+                return f64::NEG_INFINITY;
+            }
+            let span = Span::new([Interval::point(0.0); 3], [d, 0.9, 0.9].map(Interval::point), [0.0; 3], 0.0, 1e9);
+            let (mut low, mut high) = ([[-1e9; WIDTH]; 3], [[1e9; WIDTH]; 3]);
+            (low[0], high[0]) = ([plane; WIDTH], [plane; WIDTH]);
+            let (near, far) = span.meet(&low, &high);
+            // t·d against the plane; the largest coordinate is in [½, 1), so that t has no scale.
+            let beyond = |t: f32| {
+                let off = Dyadic::exact(f64::from(t)).times(&Dyadic::exact(d)).minus(&Dyadic::exact(f64::from(plane)));
+                off.split().0 / (f64::from(plane) * f64::from(f32::EPSILON / 2.0))
+            };
+            beyond(near[0]).max(-beyond(far[0]))
+        });
+        assert!((1.5..3.0).contains(&-least), "{least} at {x:?}");
+    }
+}

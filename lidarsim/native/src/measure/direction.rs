@@ -43,10 +43,12 @@ pub fn is_finite([x, y, z]: Point) -> bool {
     x.is_finite() & y.is_finite() & z.is_finite()
 }
 
-/// |d|² − 1, with an error below 2⁻⁷⁶ where d is unit to within 1e-6.
+/// e = |d|² − 1, with an error below 2⁻⁷⁶ + u·|e| where d is unit to within 1e-6.
 ///
-/// With h the coordinates rounded to multiples of 2⁻²⁶, |h|² is a multiple of 2⁻⁵² below 2, hence exact, and
-/// d² − h² = (d − h)(d + h).
+/// With h the coordinates rounded to multiples of 2⁻²⁶, |h|² is a multiple of 2⁻⁵² below 2, hence exact, and so is what is left of it less 1; and
+/// d² − h² = (d − h)(d + h). There |d − h| ≤ 2⁻²⁷ is exact, and the sum and the product round by u each: that is 2⁻⁷⁸·|dᵢ| a coordinate, less than
+/// 1.74 of these together. The two sums of three such terms, which are 2⁻²⁶·|dᵢ| at most, round by less than 1.42 and 1.74 of 2⁻⁷⁹. In all that is
+/// 3.3·2⁻⁷⁸, and the last sum rounds by u·|e|.
 #[inline(always)]
 fn excess(d: Point) -> f64 {
     const ROUNDER: f64 = 1.5 * (1_u64 << 26) as f64;
@@ -55,7 +57,10 @@ fn excess(d: Point) -> f64 {
     (dot(h, h) - 1.0) + (rest[0] + rest[1] + rest[2])
 }
 
-/// t·|d| to within 1 ulp, for d unit to within 1e-6: √(1+e) = 1 + e/2 − e²/8 + e³/16 − …
+/// t·|d| to within ½ + 2⁻¹⁶ ulp, for d unit to within 1e-6: √(1+e) = 1 + e/2 − e²/8 + e³/16 − …
+///
+/// With |e| < 1.01e-6 < 2⁻¹⁹ the factor beside t is less than 2⁻²⁰, and what it, its product with t and e round, less than 2⁻¹⁸·u in all; the next term
+/// of the series is less than 2⁻⁸⁰, 2⁻²⁷·u. So the last sum is that of t·|d| to within 2⁻¹⁷·u·t, and rounds once.
 #[inline(always)]
 pub fn distance(t: f64, d: Point) -> f64 {
     let e = excess(d);
@@ -65,6 +70,9 @@ pub fn distance(t: f64, d: Point) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::number::{Dyadic, Number, UNIT};
+    use crate::testing::{assert_slack, worst};
+    use crate::vector;
 
     #[test]
     fn beside_is_left_and_up() {
@@ -75,6 +83,42 @@ mod tests {
         // Straight up, left and up are as after a turn from straight ahead.
         let [x, y, z] = beside([0.0, 0.0, 1.0], [0.1, 0.2]);
         assert!((y / z - 0.1).abs() < 1e-15 && (x / z + 0.2).abs() < 1e-15);
+    }
+
+    /// Coordinates of unit vectors, or of vectors 1e-6 longer than that.
+    fn vector(x: &[f64; 4], longer: f64) -> Point {
+        let v = [x[0], x[1], x[2]];
+        let length = dot(v, v).sqrt();
+        v.map(|c| c / length * (1.0 + longer * (2.0 * x[3] - 1.0).clamp(-1.0, 1.0)))
+    }
+
+    #[test]
+    fn excess_is_as_near_as_it_says() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        for (longer, known) in [(1e-16, 0.5), (4.9e-7, 0.9)] {
+            let (found, _) = worst(8, 4000, draw, |x| {
+                let d = vector(x, longer);
+                let square = vector::norm2(&vector::exact::<Dyadic>(d));
+                let e = square.minus(&Dyadic::exact(1.0));
+                let off = e.minus(&Dyadic::exact(excess(d))).split().0.abs();
+                off / (2.0_f64.powi(-76) + UNIT * e.split().0.abs())
+            });
+            assert_slack("excess", found, known);
+        }
+    }
+
+    #[test]
+    fn distances_are_rounded_as_near_as_it_says() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        let (found, x) = worst(8, 4000, draw, |x: &[f64; 5]| {
+            let (d, t) = (vector(&[x[0], x[1], x[2], x[3]], 4.9e-7), 1.0 + x[4].abs());
+            let found = distance(t, d);
+            // x² against t²·|d|²: twice the relative error.
+            let square = vector::norm2(&vector::exact::<Dyadic>(d)).times(&Dyadic::exact(t).squared());
+            let off = Dyadic::exact(found).squared().minus(&square).split().0.abs() / (2.0 * found);
+            off / (found.next_up() - found)
+        });
+        assert!(0.5 < found && found <= 0.5 + 2.0_f64.powi(-16), "{found} at {x:?}");
     }
 
     #[test]

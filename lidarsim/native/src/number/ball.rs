@@ -291,3 +291,106 @@ impl<L: Lanes<N>, const N: usize> super::tests::Rounded<N> for Balls<L, N> {
         self.value.abs().store()[lane] > self.error().store()[lane]
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::number::Dyadic;
+    use crate::testing::{assert_slack, worst};
+
+    fn share(found: Ball, x: &Dyadic) -> f64 {
+        x.minus(&Dyadic::exact(found.value)).split().0.abs() / found.error()
+    }
+
+    fn draw(_: usize, next: &mut dyn FnMut() -> f64) -> f64 {
+        1.0 + next()
+    }
+
+    /// Off by all that it may be, which is eight roundings.
+    fn given(x: f64, up: bool) -> (Ball, Dyadic) {
+        let error = GIVEN * x;
+        let truth = Dyadic::exact(x).plus(&Dyadic::exact(if up { error } else { -error }));
+        (Ball::within(x, error, One), truth)
+    }
+
+    fn exact(x: f64, _: bool) -> (Ball, Dyadic) {
+        (Ball::exact(x), Dyadic::exact(x))
+    }
+
+    type Given = fn(f64, bool) -> (Ball, Dyadic);
+
+    fn of_quotient([x, y]: &[f64; 2], of: Given) -> f64 {
+        let mut largest: f64 = 0.0;
+        for up in [false, true] {
+            let ((a, p), (b, q)) = (of(*x, up), of(*y, !up));
+            if let (Ok(found), Ok(x)) = (a.over(b), Dyadic::value(&Root::linear(p, q, 0))) {
+                largest = largest.max(share(found, &x));
+            }
+        }
+        largest
+    }
+
+    fn of_square_root([x]: &[f64; 1], of: Given) -> f64 {
+        let mut largest: f64 = 0.0;
+        for up in [false, true] {
+            let (a, p) = of(*x, up);
+            let zero = Dyadic::exact(0.0);
+            let [_, Some(root)] = Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
+            else {
+                return 0.0;
+            };
+            largest = largest.max(Dyadic::value(&root).map_or(0.0, |x| share(a.sqrt(), &x)));
+        }
+        largest
+    }
+
+    /// Exact operands show the roundings of the operation itself, others what it makes of their errors.
+    #[test]
+    fn operations_are_as_near_as_their_bounds_say() {
+        let kinds: [(Given, [f64; 4]); 2] = [(exact, [1.0, 0.976, 0.632, 0.99]), (given, [1.0, 0.997, 0.942, 0.554])];
+        for (of, known) in kinds {
+            let sum = |x: &[f64; 2]| {
+                let ((a, p), (b, q)) = (of(x[0], true), of(x[1], true));
+                share(a.plus(&b), &p.plus(&q))
+            };
+            let product = |x: &[f64; 2]| {
+                let ((a, p), (b, q)) = (of(x[0], true), of(x[1], true));
+                share(a.times(&b), &p.times(&q))
+            };
+            let found = [
+                worst(4, 1000, draw, sum).0,
+                worst(4, 1000, draw, product).0,
+                worst(4, 1000, draw, |x| of_quotient(x, of)).0,
+                worst(4, 1000, draw, |x| of_square_root(x, of)).0,
+            ];
+            for (k, what) in ["sum", "product", "quotient", "square root"].into_iter().enumerate() {
+                assert_slack(what, found[k], known[k]);
+            }
+        }
+    }
+
+    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of the ball, where one may be lost.
+    #[test]
+    fn an_interval_reaches_beyond_its_ball() {
+        let (least, _) = worst(2, 1000, draw, |x: &[f64; 2]| {
+            let error = (x[1] - 1.0) * 1e-10 * x[0];
+            let ends = interval::<One, 1>(x[0], error, One);
+            let ends = ends.unwrap_or(Interval { low: x[0], high: x[0] });
+            let beyond = |end: f64, sign: f64| {
+                let ball = Dyadic::exact(x[0]).plus(&Dyadic::exact(sign * error));
+                sign * Dyadic::exact(end).minus(&ball).split().0 / (UNIT * x[0])
+            };
+            -beyond(ends.low, -1.0).min(beyond(ends.high, 1.0))
+        });
+        assert!((3.0..4.0).contains(&-least), "{least}");
+    }
+
+    /// `PAD` makes up for eight roundings downward and one of its own product; `UNDERFLOW` is far above what 32 operations may lose, so that processors
+    /// need not multiply by subnormal numbers.
+    #[test]
+    fn pads_cover_what_they_should() {
+        let eight = (0..9).fold(Dyadic::exact(PAD), |x, _| x.times(&Dyadic::exact(1.0 - UNIT)));
+        assert_eq!(eight.minus(&Dyadic::exact(1.0)).sign(), Ok(Ordering::Greater));
+        assert!(UNDERFLOW >= 32.0 * f64::from_bits(1) && UNDERFLOW * 2.0_f64.powi(-100) >= f64::MIN_POSITIVE);
+    }
+}

@@ -16,8 +16,11 @@ pub struct Dyadic {
     exponent: i64,
 }
 
-/// Bits kept of a square root. What is cut off is 2⁻²⁵⁵ of it; the rounding to float64 afterwards cuts at 2⁻⁵³.
-const ROOT_BITS: i64 = 256;
+/// Bits of a root that is only to be near: rounded to float64, it is the nearest or one beside that.
+const NEAR: i64 = 64;
+
+/// Bits of a root beyond those of the longest coefficient; see `value`.
+const BEYOND: i64 = 128;
 
 impl Dyadic {
     fn zero() -> Self {
@@ -32,21 +35,18 @@ impl Dyadic {
         }
     }
 
-    /// √self for self ≥ 0: exact where the root is dyadic, else with a last bit that says "and a little more".
-    fn sqrt(&self) -> Self {
+    /// √self for self ≥ 0: exact where the root is dyadic, else cut after this many bits or more.
+    fn sqrt(&self, bits: i64) -> Self {
         let m = self.mantissa.magnitude();
         if m.bits() == 0 {
             return Dyadic::zero();
         }
-        let mut shift = (2 * ROOT_BITS - m.bits() as i64).max(0);
+        let mut shift = (2 * bits - m.bits() as i64).max(0);
         if (self.exponent - shift) % 2 != 0 {
             shift += 1;
         }
-        let scaled = m << shift as u64;
-        let root = scaled.sqrt();
-        let exact = &root * &root == scaled;
-        let root = (root << 1u32) + BigUint::from(u8::from(!exact));
-        Dyadic { mantissa: BigInt::from(root), exponent: (self.exponent - shift) / 2 - 1 }
+        let root = (m << shift as u64).sqrt();
+        Dyadic { mantissa: BigInt::from(root), exponent: (self.exponent - shift) / 2 }
     }
 
     /// The quotient rounded to the nearest float64, ties to even; ±∞ on overflow.
@@ -65,12 +65,12 @@ impl Dyadic {
         if self.mantissa.sign() == den.mantissa.sign() { magnitude } else { -magnitude }
     }
 
-    /// The root as a quotient of sums in which nothing cancels, as in `Ball::of_root`.
-    fn fraction(root: &Root<Self>) -> (Self, Self) {
+    /// The root as a quotient of sums in which nothing cancels, as in `Ball::of_root`, with its square root cut after `bits`.
+    fn fraction(root: &Root<Self>, bits: i64) -> (Self, Self) {
         if root.branch == 0 {
             return (root.b.clone(), root.a.clone());
         }
-        let s = root.disc.sqrt();
+        let s = root.disc.sqrt(bits);
         let s = if root.branch < 0 { s.negated() } else { s };
         let sign = root.b.ordering();
         if sign != Ordering::Equal && (sign == Ordering::Greater) != (root.branch > 0) {
@@ -78,6 +78,17 @@ impl Dyadic {
         } else {
             (root.b.plus(&s), root.a.clone())
         }
+    }
+
+    /// How the root compares with x: the sign of (b − x·a) + branch·√disc, as a > 0.
+    fn compare_with(root: &Root<Self>, x: &Self) -> Ordering {
+        Self::surd(&root.b.minus(&x.times(&root.a)), &Self::exact(f64::from(root.branch)), &root.disc)
+    }
+
+    /// How the root compares with the number halfway between two neighbours, of which infinity counts as ±2¹⁰²⁴, as it does where numbers are
+    /// rounded.
+    fn compare_with_middle(root: &Root<Self>, low: f64, high: f64) -> Ordering {
+        Self::compare_with(root, &Self::exact(low).plus(&Self::exact(high)).times(&Self::exact(0.5)))
     }
 
     /// Sign of p + x·√d + y·√e, for d, e ≥ 0: once both sides of a comparison have the same sign, they may be squared.
@@ -139,6 +150,7 @@ fn scale(x: f64, k: i64) -> f64 {
 impl Number for Dyadic {
     type Floats = f64;
 
+    /// Of ±∞ this makes ±2¹⁰²⁴.
     fn exact(x: f64) -> Self {
         let bits = x.to_bits();
         let biased = ((bits >> 52) & 0x7ff) as i64;
@@ -199,15 +211,34 @@ impl Number for Dyadic {
         Ok(None)
     }
 
+    /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is near enough to that. So the root
+    /// itself is compared with the midpoints around a float64 near it.
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
-        let (num, den) = Self::fraction(root);
-        Ok(num.ratio(&den))
+        let (num, den) = Self::fraction(root, NEAR);
+        let near = num.ratio(&den);
+        if root.branch == 0 {
+            return Ok(near);
+        }
+        let (below, above) = (near.next_down(), near.next_up());
+        let is_odd = near.to_bits() & 1 != 0;
+        Ok(match Self::compare_with_middle(root, below, near) {
+            Ordering::Less => below,
+            Ordering::Equal if is_odd => below,
+            _ => match Self::compare_with_middle(root, near, above) {
+                Ordering::Greater => above,
+                Ordering::Equal if is_odd => above,
+                _ => near,
+            },
+        })
     }
 
+    /// What is left of the origin and t·d in a normal may be smaller than these by as many bits as the longest coefficient has.
     fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
-        let (num, den) = Self::fraction(root);
+        let longest = [&root.a, &root.b, &root.c, &root.disc].map(|x| x.mantissa.bits() as i64).into_iter().max();
+        let bits = longest.unwrap_or(0) + BEYOND;
+        let (num, den) = Self::fraction(root, bits);
         let (n, d) = (&num.mantissa, &den.mantissa);
-        let shift = (d.bits() as i64 - n.bits() as i64 + ROOT_BITS).max(0);
+        let shift = (d.bits() as i64 - n.bits() as i64 + bits).max(0);
         Ok(Dyadic { mantissa: (n << shift as u64) / d, exponent: num.exponent - den.exponent - shift })
     }
 
@@ -253,8 +284,60 @@ mod tests {
     #[test]
     fn square_roots_round_like_the_processor() {
         for x in [2.0, 4.0, 0.3, 1e-310, 5e-324, 1e300, 9007199254740993.0] {
-            let root = Dyadic::exact(x).sqrt().ratio(&Dyadic::exact(1.0));
+            let root = Dyadic::exact(x).sqrt(256).ratio(&Dyadic::exact(1.0));
             assert_eq!(root.to_bits(), f64::sqrt(x).to_bits(), "√{x}");
+        }
+    }
+
+    /// Both roots of t² − 2bt + b² − disc = 0.
+    fn roots(b: Dyadic, disc: Dyadic) -> [Root<Dyadic>; 2] {
+        let c = b.squared().minus(&disc);
+        match Root::quadratic(Dyadic::exact(1.0), b, c, disc, Ordering::Greater, 0) {
+            [Some(first), Some(second)] => [first, second],
+            _ => unreachable!("there are two"),
+        }
+    }
+
+    #[test]
+    fn roots_next_to_midpoints_are_rounded_to_nearest() {
+        let number = |mantissa: i64, exponent| Dyadic { mantissa: BigInt::from(mantissa), exponent };
+        let mut checked = 0;
+        for x in [1.0, 1.0_f64.next_up(), 2.0, -3.0, 5e-324, 1e-320, f64::MIN_POSITIVE, 1e300, f64::MAX.next_down()] {
+            for (low, high) in [(x, x.next_up()), (x.next_down(), x)] {
+                let even = if low.to_bits() & 1 == 0 { low } else { high };
+                let middle = number(1, -1).times(&Dyadic::exact(low).plus(&Dyadic::exact(high)));
+                for away in [-1, -60, -200, -256, -300, -1000, -5000] {
+                    // b ± √disc is the midpoint, or beside it by less than 2^away of the root of the discriminant.
+                    let s = number(3, middle.exponent);
+                    for (off, expected) in [(-1, [low, high]), (0, [even, even]), (1, [high, low])] {
+                        let disc = s.squared().times(&number(1, 0).plus(&number(off, away)));
+                        // The second root is above b, the first below; both cross the midpoint with the discriminant.
+                        for (branch, b) in [(1, middle.minus(&s)), (0, middle.plus(&s))] {
+                            let near = Dyadic::compare_with_middle(&roots(b.clone(), disc.clone())[branch], low, high);
+                            assert_eq!(near, if branch == 1 { off.cmp(&0) } else { 0.cmp(&off) });
+                            if away < -1 {
+                                let rounded = Dyadic::round(&roots(b, disc.clone())[branch]);
+                                assert_eq!(rounded, Ok(expected[1 - branch]), "{x}, {away}, {off}, {branch}");
+                                checked += 1;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        assert_eq!(checked, 9 * 2 * 6 * 3 * 2);
+    }
+
+    #[test]
+    fn roots_beyond_the_largest_number_are_infinite_from_its_midpoint_on() {
+        let number = |mantissa: i64, exponent| Dyadic { mantissa: BigInt::from(mantissa), exponent };
+        let middle = Dyadic::exact(f64::MAX).plus(&number(1, 970));
+        for (off, expected) in [(-1, f64::MAX), (0, f64::INFINITY), (1, f64::INFINITY)] {
+            let disc = number(1, 0).plus(&number(off, -3000));
+            let [_, root] = roots(middle.minus(&number(1, 0)), disc.clone());
+            assert_eq!(Dyadic::round(&root), Ok(expected));
+            let [root, _] = roots(middle.negated().plus(&number(1, 0)), disc);
+            assert_eq!(Dyadic::round(&root), Ok(-expected));
         }
     }
 

@@ -48,7 +48,7 @@ pub trait Number: Clone {
     fn locate(root: &Root<Self>) -> Result<Option<Self>, Uncertain>;
     /// The root rounded to the nearest float64.
     fn round(root: &Root<Self>) -> Result<Self::Floats, Uncertain>;
-    /// The root as a number of this kind; the exact kind cuts it at 2⁻²⁵⁰ of itself.
+    /// The root as a number of this kind; the exact kind cuts it, so late that a normal there is as `proportions` says.
     fn value(root: &Root<Self>) -> Result<Self, Uncertain>;
     /// Float64 numbers in the proportions of `v`, to within 2⁻⁶⁰ of the largest and a rounding; the largest is neither huge nor tiny.
     fn proportions(v: &Vector<Self>) -> Result<[Self::Floats; 3], Uncertain>;

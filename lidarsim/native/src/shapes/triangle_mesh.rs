@@ -136,8 +136,6 @@ pub struct Planes {
     turned: [f64; 2],
     /// The same of the distance.
     moved: f64,
-    /// Twice as much as N·d may be off for what N is, for each unit of the direction's length.
-    wobble: f64,
 }
 
 /// A ray's direction, at least |d|₁, and how far any coordinate is off.
@@ -149,7 +147,7 @@ pub struct Bearing {
 }
 
 impl Planes {
-    pub const NONE: Planes = Planes { distance: [0.0; LEAF], turned: [0.0; 2], moved: 0.0, wobble: 0.0 };
+    pub const NONE: Planes = Planes { distance: [0.0; LEAF], turned: [0.0; 2], moved: 0.0 };
 }
 
 impl Block {
@@ -265,7 +263,6 @@ impl Block {
     #[inline(always)]
     pub fn planes<I: Isa>(&self, edges: &Edges<I>) -> Planes {
         let off = edges.off();
-        let e = edges.scale + 2.0 * off;
         // Where the square underflows, |N|₁ is less than what is added.
         let size = edges.scale * edges.scale * power_of_two(3 - i16::from(self.thinness)) + f64::MIN_POSITIVE;
         let square = edges.reach * edges.reach;
@@ -273,7 +270,6 @@ impl Block {
             distance: lanes::fused_dot(edges.normals[0], edges.vertices[0]).store(),
             turned: [256.0 * UNIT * square, 4.0 * size],
             moved: 4.0 * (size * off + 32.0 * UNIT * square * edges.reach) + f64::MIN_POSITIVE,
-            wobble: 54.0 * off * e,
         }
     }
 
@@ -284,10 +280,15 @@ impl Block {
     /// by 10u·m² a unit of |d|₁, and the sum of the three by 10u·m² more: 40. `planes` has 32 and 64.
     ///
     /// A vertex is off by δ = 3u·m + ε at most. The triangle seen is met in a mean of its vertices, so at most δ·|N|₁ off the true plane, |N|
-    /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. The true N·d differs by this ε_d·|N|₁ and, as
-    /// with e ≥ all coordinates of the edges, seen or true, N does by 8δ·e a coordinate, by 24δ·e·|d|₁ from the one that is seen. While |N·d| as
-    /// calculated is at least twice all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that
-    /// makes the four in `planes`. The product with 1/(N·d) instead of a quotient rounds by 3u.
+    /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice
+    /// all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that makes the four in `planes`.
+    /// The product with 1/(N·d) instead of a quotient rounds by 3u.
+    ///
+    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the ray surely meets the triangle, each
+    /// volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that
+    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is asked here. So it is beyond a tenth of this and nine of that:
+    /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ,
+    /// N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
     pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing, sums: &[f64; LEAF]) -> Option<Interval> {
         let Bearing { length, error, .. } = *bearing;
@@ -296,8 +297,7 @@ impl Block {
         let turned = I::fused(length, planes.turned[0], error * planes.turned[1]);
         let moved = I::fused(t.abs(), turned, planes.moved);
         let off = I::fused(moved, inverse.abs(), I::fused(t.abs(), 8.0 * UNIT, f64::MIN_POSITIVE));
-        let twice_off = I::fused(planes.wobble, length, turned) + f64::MIN_POSITIVE;
-        let known = twice_off < sums[i].abs() && off < f64::INFINITY;
+        let known = turned + f64::MIN_POSITIVE < sums[i].abs() && off < f64::INFINITY;
         if known { Some(Interval { low: t - off, high: t + off }) } else { None }
     }
 }
@@ -328,8 +328,8 @@ mod tests {
     use crate::number::{Dyadic, Number};
     use crate::ray::Ray;
     use crate::shapes::Surface;
-    use crate::simd::{Level, Task, dispatch};
-    use crate::testing::numbers;
+    use crate::simd::{Level, Portable, Task, dispatch};
+    use crate::testing::{assert_slack, numbers, worst};
 
     /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some without area.
     fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> TriangleMesh {
@@ -548,6 +548,114 @@ mod tests {
         }
         assert!(met > 8_000 && sure > 4_000 && bounded > 4_000, "{met}, {sure}, {bounded}");
         assert!(missed > 50_000 && out > 20_000, "{missed}, {out}");
+    }
+
+    /// A triangle in a box of side 1, a ray towards a mean of its vertices, and how it is shown.
+    struct Shown {
+        block: Block,
+        /// Of the vertices, as the true ray sees them, and of the true direction.
+        vertices: [[Dyadic; 3]; 3],
+        direction: [Dyadic; 3],
+        edges: Edges<Portable>,
+        bearing: Bearing,
+    }
+
+    /// What errors come from: the numbers are given on the grid, or anywhere, with an origin or a direction that is off by so much.
+    #[derive(Clone, Copy)]
+    struct From {
+        on_grid: bool,
+        distance: f64,
+        origin_error: f64,
+        direction_error: f64,
+    }
+
+    const FROM: [From; 4] = [
+        From { on_grid: true, distance: 1e4, origin_error: 0.0, direction_error: 0.0 },
+        From { on_grid: false, distance: 3.0, origin_error: 0.0, direction_error: 0.0 },
+        From { on_grid: true, distance: 3.0, origin_error: 1e-5, direction_error: 0.0 },
+        From { on_grid: true, distance: 3.0, origin_error: 0.0, direction_error: 1e-5 },
+    ];
+
+    impl Shown {
+        fn new(x: &[f64; 18], from: From) -> Self {
+            const STEPS: f64 = (1 << GRID) as f64;
+            let place = |x: f64| {
+                let x = x.abs().min(0.999);
+                if from.on_grid { (x * STEPS).round() / STEPS } else { x }
+            };
+            let vertices: [Point; 3] = [0, 1, 2].map(|k| [0, 1, 2].map(|axis| place(x[3 * k + axis])));
+            let origin: Point = [0, 1, 2].map(|axis| from.distance * (2.0 * x[9 + axis] - 1.0));
+            let weights = [0, 1, 2].map(|k: usize| x[12 + k].abs() + 1e-9);
+            let sum: f64 = weights.iter().sum();
+            let direction: Point =
+                [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] / sum * vertices[k][axis]).sum::<f64>() - origin[axis]);
+            let off = |k: usize, by: f64| Dyadic::exact(by * (4.0 * x[15 + k] - 2.0).clamp(-1.0, 1.0));
+            let true_origin = [0, 1, 2].map(|k| Dyadic::exact(origin[k]).plus(&off(k, from.origin_error)));
+            let true_direction = [0, 1, 2].map(|k| Dyadic::exact(direction[k]).plus(&off(k, from.direction_error)));
+            let mesh = TriangleMesh {
+                vertices: vertices.to_vec(),
+                faces: vec![[0, 1, 2]],
+                bounds: OnceLock::new(),
+                hierarchy: OnceLock::new(),
+            };
+            let block = Block::new(&[0], &mesh);
+            let edges = block.edges::<Portable>(origin, from.origin_error);
+            let length = direction.iter().map(|x| x.abs()).sum();
+            Shown {
+                vertices: vertices.map(|v| crate::vector::sub(&crate::vector::exact(v), &true_origin)),
+                direction: true_direction,
+                edges,
+                bearing: Bearing { direction, length, error: from.direction_error },
+                block,
+            }
+        }
+
+        /// The largest share of its bound that a volume is off by.
+        fn volumes(&self) -> f64 {
+            let [a, b, c] = &self.vertices;
+            let bound = self.bearing.length * self.edges.bound[0] + self.bearing.error * self.edges.bound[1];
+            let mut largest: f64 = 0.0;
+            for ((p, q), normal) in [(c, b), (a, c), (b, a)].into_iter().zip(self.edges.normals) {
+                let seen: [f64; 8] = lanes::fused_dot(lanes::splat(self.bearing.direction), normal);
+                let truth = crate::vector::dot(&self.direction, &crate::vector::cross(p, q));
+                largest = largest.max(truth.minus(&Dyadic::exact(seen[0])).split().0.abs() / bound);
+            }
+            largest
+        }
+
+        /// The share of its bound that t is off by, where there is one.
+        fn t(&self) -> f64 {
+            let mut sums = [0.0; LEAF];
+            let (_, sure) = self.block.candidates::<Portable>(&self.edges, &self.bearing, &mut sums);
+            let planes = self.block.planes::<Portable>(&self.edges);
+            if sure & 1 == 0 {
+                return 0.0;
+            }
+            let Some(t) = Block::meet::<Portable>(0, &planes, &self.bearing, &sums) else { return 0.0 };
+            let [a, b, c] = &self.vertices;
+            let normal = crate::vector::normal_through(a, b, c);
+            let (num, den) = (crate::vector::dot(&normal, a), crate::vector::dot(&normal, &self.direction));
+            let middle = Dyadic::exact(t.low).plus(&Dyadic::exact(t.high)).times(&Dyadic::exact(0.5));
+            let off = middle.times(&den).minus(&num).split().0 / den.split().0;
+            off.abs() / (0.5 * (t.high - t.low))
+        }
+    }
+
+    /// Where each error alone counts. The bounds go by `reach`, which is twice a side of the box or more above what vertices and edges may be, and by the
+    /// worst signs of all terms of a determinant, which cannot come together: that is what they have to spare.
+    #[test]
+    fn errors_of_a_block_are_the_share_of_their_bounds_that_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        let found = FROM.map(|from| {
+            let volume = worst(8, 1500, draw, |x| Shown::new(x, from).volumes()).0;
+            (volume, worst(8, 1500, draw, |x| Shown::new(x, from).t()).0)
+        });
+        for ((volume, t), known) in
+            found.into_iter().zip([(0.0347, 0.0065), (0.0742, 0.245), (0.0849, 0.25), (0.147, 0.25)])
+        {
+            assert_slack("volume", volume, known.0);
+            assert_slack("t", t, known.1);
+        }
     }
 
     #[test]
