@@ -107,8 +107,8 @@ def test_only_the_top_imports_the_package_as_a_whole() -> None:
 
 def test_versions_agree() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    crate = tomllib.loads((ROOT / "lidarsim/native/Cargo.toml").read_text(encoding="utf-8"))["package"]
-    assert lidarsim.__version__ == importlib.metadata.version("lidarsim") == project["version"] == crate["version"]
+    native = tomllib.loads((ROOT / "lidarsim/native/Cargo.toml").read_text(encoding="utf-8"))["workspace"]["package"]
+    assert lidarsim.__version__ == importlib.metadata.version("lidarsim") == project["version"] == native["version"]
 
 
 def test_top_level_holds_the_four_folders_alone() -> None:

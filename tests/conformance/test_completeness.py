@@ -17,7 +17,7 @@ from lidarsim.bench import adversarial, cases, oracle
 SHAPES = [
     thing for name in shapes.__all__ if issubclass(thing := getattr(shapes, name), ls.Shape) and thing is not ls.Shape
 ]
-NATIVE = Path(__file__).parents[2] / "lidarsim" / "native" / "src" / "shapes"
+NATIVE = Path(__file__).parents[2] / "lidarsim" / "native" / "core" / "src" / "shapes"
 
 every_shape = pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: shape.__name__)
 
