@@ -2,24 +2,8 @@
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{Number, Uncertain};
-
-/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with branch 0, t = b/a.
-///
-/// The coefficients come from formulas that keep them accurate each on its own, so that `disc` is not evaluated as
-/// b² − a·c, and c is there to avoid the cancellation between b and √disc.
-#[derive(Clone, Debug)]
-pub struct Root<N> {
-    pub a: N,
-    pub b: N,
-    pub c: N,
-    pub disc: N,
-    pub branch: i8,
-    /// t, where it was worked out already.
-    pub t: Option<N>,
-    /// Which part of the surface was met: a face of a box, the side or a cap of a cylinder.
-    pub feature: u8,
-}
+pub use super::number::Root;
+use super::number::{Number, Uncertain};
 
 impl<N: Number> Root<N> {
     /// t = num/den, den > 0.

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{Ball, DdBall, Dyadic, Interval, Number, Uncertain};
+use crate::arith::number::{Ball, DdBall, Dyadic, Interval, Kinds, Number, Uncertain};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -85,6 +85,45 @@ impl Inverse {
     }
 }
 
+impl Kinds for Inverse {
+    type In<N: Clone> = Adjugate<N>;
+
+    #[inline(always)]
+    fn ball(&self) -> &Adjugate<Ball> {
+        &self.ball
+    }
+
+    #[inline(always)]
+    fn dd(&self) -> &Adjugate<DdBall> {
+        &self.dd
+    }
+
+    #[inline(always)]
+    fn dyadic(&self) -> &Adjugate<Dyadic> {
+        &self.dyadic
+    }
+
+    #[inline(always)]
+    fn convert<N: Clone, M: Clone + for<'a> From<&'a N>>(kept: &Adjugate<N>) -> Adjugate<M> {
+        let [r0, r1, r2] = &kept.rows;
+        let rest = match &kept.rest {
+            None => None,
+            Some(rest) => Some(convert(rest)),
+        };
+        Adjugate {
+            rows: [convert(r0), convert(r1), convert(r2)],
+            offset: kept.offset,
+            rest,
+            determinant: M::from(&kept.determinant),
+        }
+    }
+}
+
+#[inline(always)]
+fn convert<N, M: for<'a> From<&'a N>>(v: &Vector<N>) -> Vector<M> {
+    [M::from(&v[0]), M::from(&v[1]), M::from(&v[2])]
+}
+
 /// How a surface is placed in the world.
 pub trait Placement: Copy {
     /// A ray of the world in the coordinates of the surface.
@@ -112,12 +151,12 @@ impl Placement for AsMade {
 impl Placement for &Inverse {
     #[inline(always)]
     fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
-        N::of_inverse(self).apply(&ray)
+        N::of_kinds(self).apply(&ray)
     }
 
     #[inline(always)]
     fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
-        N::of_inverse(self).normal(&normal)
+        N::of_kinds(self).normal(&normal)
     }
 }
 
@@ -192,22 +231,6 @@ impl<N: Number<Floats = f64>> Adjugate<N> {
 }
 
 impl<N: Number> Adjugate<N> {
-    /// The same in a kind of number that holds this one.
-    #[inline(always)]
-    pub fn of_kind<'a, M: From<&'a N>>(&'a self) -> Adjugate<M> {
-        let [r0, r1, r2] = &self.rows;
-        let rest = match &self.rest {
-            None => None,
-            Some(rest) => Some(of_kind(rest)),
-        };
-        Adjugate {
-            rows: [of_kind(r0), of_kind(r1), of_kind(r2)],
-            offset: self.offset,
-            rest,
-            determinant: M::from(&self.determinant),
-        }
-    }
-
     /// A world ray in the coordinates of the object.
     #[inline(always)]
     pub fn apply(&self, ray: &Ray<N>) -> Ray<N> {
@@ -235,9 +258,4 @@ impl<N: Number> Adjugate<N> {
         let sum = vector::add(&vector::scaled(r0, &n[0]), &vector::scaled(r1, &n[1]));
         vector::add(&sum, &vector::scaled(r2, &n[2]))
     }
-}
-
-#[inline(always)]
-fn of_kind<'a, N, M: From<&'a N>>(v: &'a Vector<N>) -> Vector<M> {
-    [M::from(&v[0]), M::from(&v[1]), M::from(&v[2])]
 }

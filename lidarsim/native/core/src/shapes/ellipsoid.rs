@@ -32,7 +32,7 @@ impl Ellipsoid {
     /// The ray in the space of the sphere, and the radius of the sphere there.
     #[inline(always)]
     fn unit_space<N: Number>(&self, ray: &Ray<N>) -> (Vector<N>, Vector<N>, N) {
-        let local = N::of_inverse(&self.inverse).apply(ray);
+        let local = N::of_kinds(&*self.inverse).apply(ray);
         let radius = local.weighted(N::exact(1.0));
         (local.origin, local.direction, radius)
     }
@@ -54,7 +54,7 @@ impl Surface for Ellipsoid {
     #[inline(always)]
     fn normal<N: Number>(&self, ray: &Ray<N>, _: u8) -> Vector<N> {
         let (u, _, _) = self.unit_space(ray);
-        N::of_inverse(&self.inverse).normal(&u)
+        N::of_kinds(&*self.inverse).normal(&u)
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

@@ -6,11 +6,8 @@
 use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
-use super::{Interval, Number, PAD, UNDERFLOW, UNIT, Uncertain};
-use crate::arith::root::Root;
+use super::{Interval, Kinds, Number, PAD, Root, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::simd::Floats;
-use crate::geometry::affine::{Adjugate, Inverse};
-use crate::geometry::vector::Vector;
 
 /// Real numbers, a lane each, within `weight`·`size` of `value`. An infinite or NaN bound means: unknown.
 #[derive(Clone, Copy, Debug)]
@@ -260,8 +257,8 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
     }
 
     #[inline(always)]
-    fn of_inverse(inverse: &Inverse) -> Adjugate<Self> {
-        inverse.ball.of_kind()
+    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
+        K::convert(kinds.ball())
     }
 
     #[inline(always)]
@@ -270,7 +267,7 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
     }
 
     #[inline(always)]
-    fn proportions(_: &Vector<Self>) -> Result<[L::Floats; 3], Uncertain> {
+    fn proportions(_: &[Self; 3]) -> Result<[L::Floats; 3], Uncertain> {
         Err(Uncertain)
     }
 

@@ -11,11 +11,8 @@ use std::cmp::Ordering;
 
 use super::ball::{interval, splat};
 use super::lanes::{Lanes, OfRays, One};
-use super::{Interval, Number, PAD, UNDERFLOW, UNIT, Uncertain};
-use crate::arith::root::Root;
+use super::{Interval, Kinds, Number, PAD, Root, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::simd::Floats;
-use crate::geometry::affine::{Adjugate, Inverse};
-use crate::geometry::vector::Vector;
 
 const PLUS: f64 = 4.0 * UNIT * UNIT;
 const TIMES: f64 = 5.0 * UNIT * UNIT;
@@ -321,8 +318,8 @@ impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
     }
 
     #[inline(always)]
-    fn of_inverse(inverse: &Inverse) -> Adjugate<Self> {
-        inverse.dd.of_kind()
+    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
+        K::convert(kinds.dd())
     }
 
     #[inline(always)]
@@ -331,7 +328,7 @@ impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
     }
 
     #[inline(always)]
-    fn proportions(v: &Vector<Self>) -> Result<[L::Floats; 3], Uncertain> {
+    fn proportions(v: &[Self; 3]) -> Result<[L::Floats; 3], Uncertain> {
         let [x, y, z] = v;
         let largest = x.high.abs().max(y.high.abs()).max(z.high.abs());
         let small = largest.mul(splat::<L, N>(UNIT / 128.0));

@@ -4,10 +4,7 @@ use std::cmp::Ordering;
 
 use num_bigint::{BigInt, BigUint, Sign};
 
-use super::{Interval, Number, Uncertain};
-use crate::arith::root::Root;
-use crate::geometry::affine::{Adjugate, Inverse};
-use crate::geometry::vector::{Point, Vector};
+use super::{Interval, Kinds, Number, Root, Uncertain};
 
 /// The number `mantissa · 2^exponent`.
 #[derive(Clone, Debug)]
@@ -216,11 +213,11 @@ impl Number for Dyadic {
         (near, self.minus(&Dyadic::exact(near)))
     }
 
-    fn of_inverse(inverse: &Inverse) -> Adjugate<Self> {
-        inverse.dyadic.clone()
+    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
+        kinds.dyadic().clone()
     }
 
-    fn proportions(v: &Vector<Self>) -> Result<Point, Uncertain> {
+    fn proportions(v: &[Self; 3]) -> Result<[f64; 3], Uncertain> {
         let top = |x: &Dyadic| x.exponent + x.mantissa.bits() as i64;
         let exponent = v.iter().filter(|x| x.mantissa.sign() != Sign::NoSign).map(top).max().unwrap_or(0);
         let unit = Dyadic { mantissa: BigInt::from(1), exponent };

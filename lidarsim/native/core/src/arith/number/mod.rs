@@ -22,10 +22,6 @@ pub use dd::{DdBall, DdBalls};
 pub use dyadic::Dyadic;
 pub use lanes::{Lanes, Many, OfRays, One};
 
-use crate::arith::root::Root;
-use crate::geometry::affine::{Adjugate, Inverse};
-use crate::geometry::vector::Vector;
-
 /// This kind of arithmetic cannot tell; the next one may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uncertain;
@@ -51,15 +47,15 @@ pub trait Number: Clone {
     /// The root as a number of this kind; the exact kind cuts it at 2⁻²⁵⁰ of itself.
     fn value(root: &Root<Self>) -> Result<Self, Uncertain>;
     /// Float64 numbers in the proportions of `v`, to within 2⁻⁶⁰ of the largest and a rounding; the largest is neither huge nor tiny.
-    fn proportions(v: &Vector<Self>) -> Result<[Self::Floats; 3], Uncertain>;
+    fn proportions(v: &[Self; 3]) -> Result<[Self::Floats; 3], Uncertain>;
     /// Float64 numbers that hold the root between them.
     fn enclose(root: &Root<Self>) -> Result<Interval<Self::Floats>, Uncertain>;
 
     /// Float64 numbers near these, and what these are beyond them.
     fn split(&self) -> (Self::Floats, Self);
 
-    /// An inverse map in this kind of number.
-    fn of_inverse(inverse: &Inverse) -> Adjugate<Self>;
+    /// What is kept in this kind of number.
+    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self>;
 
     #[inline(always)]
     fn doubled(&self) -> Self {
@@ -75,6 +71,34 @@ pub trait Number: Clone {
     fn is_zero(&self) -> Result<bool, Uncertain> {
         Ok(self.sign()? == Ordering::Equal)
     }
+}
+
+/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with branch 0, t = b/a.
+///
+/// The coefficients come from formulas that keep them accurate each on its own, so that `disc` is not evaluated as
+/// b² − a·c, and c is there to avoid the cancellation between b and √disc.
+#[derive(Clone, Debug)]
+pub struct Root<N> {
+    pub a: N,
+    pub b: N,
+    pub c: N,
+    pub disc: N,
+    pub branch: i8,
+    /// t, where it was worked out already.
+    pub t: Option<N>,
+    /// Which part of the surface was met: a face of a box, the side or a cap of a cylinder.
+    pub feature: u8,
+}
+
+/// What is worked out once and kept in each kind of number of one lane.
+pub trait Kinds {
+    type In<N: Clone>: Clone;
+
+    fn ball(&self) -> &Self::In<Ball>;
+    fn dd(&self) -> &Self::In<DdBall>;
+    fn dyadic(&self) -> &Self::In<Dyadic>;
+    /// The same in a kind of number that holds this one.
+    fn convert<N: Clone, M: Clone + for<'a> From<&'a N>>(kept: &Self::In<N>) -> Self::In<M>;
 }
 
 /// A closed interval of float64 numbers, or one a lane.
