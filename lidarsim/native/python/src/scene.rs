@@ -9,8 +9,8 @@ use pyo3::prelude::*;
 
 use crate::{Points, PyShape, equal_points, interruptible, legal_rays, level, pieces};
 use lidarsim_core::arith::simd::{self, Isa};
-use lidarsim_core::cast::trace::Sink;
 use lidarsim_core::geometry::vector::Point;
+use lidarsim_core::scene::Sink;
 use lidarsim_core::scene::{Hit, Scene};
 use lidarsim_core::{memory, parallel};
 

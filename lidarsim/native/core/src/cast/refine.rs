@@ -5,9 +5,8 @@ use crate::arith::pair::{Pair, V};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::bvh::{LANES, Mask, Rays, take};
 use crate::cast::search::Searches;
-use crate::cast::trace::Sink;
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Place, Scene};
+use crate::scene::{Hit, Place, Scene, Sink};
 
 /// The corner of no triangle.
 pub const NOWHERE: &Point = &[0.0; 3];

@@ -9,11 +9,10 @@ use crate::arith::number::{Balls, Interval, Many, Number, Uncertain};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
 use crate::bvh::{LANES, Mask, Rays, part_of_mask, take};
 use crate::cast::search::Searches;
-use crate::cast::trace::Sink;
 use crate::geometry::affine::{AsMade, Placement};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
-use crate::scene::{Geometry, Hit, Place, Scene};
+use crate::scene::{Geometry, Hit, Place, Scene, Sink};
 use crate::shapes::finish::{Meeting, Target, Triangles, finish, of_rays};
 use crate::shapes::{Surface, SurfaceTask, TriangleMesh};
 

@@ -4,9 +4,8 @@
 //! only rules out what is certainly not the nearest hit, and the rest is decided exactly.
 
 use std::cell::Cell;
-use std::ops::Range;
 
-use crate::arith::simd::{self, Isa, Task};
+use crate::arith::simd::{self, Isa, Level, Task};
 use crate::bvh::{LANES, Rays};
 use crate::cast::order::{NEAR, Order};
 use crate::cast::refine::Plain;
@@ -14,26 +13,7 @@ use crate::cast::search::Search;
 use crate::cast::simple::{Met, Pending};
 use crate::cast::traversal::{self, Advance, Party, TRAVERSALS, Traversal};
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Scene};
-
-/// Where hits go: the hit of ray i, once for each ray, in any order.
-pub trait Sink {
-    fn put(&mut self, i: usize, hit: Hit);
-    /// Brings the places of some hits into the cache.
-    fn prefetch<I: Isa>(&self, hits: Range<usize>);
-}
-
-impl Sink for [Hit] {
-    #[inline(always)]
-    fn put(&mut self, i: usize, hit: Hit) {
-        self[i] = hit;
-    }
-
-    #[inline(always)]
-    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
-        simd::prefetch::<I, _>(&self[hits]);
-    }
-}
+use crate::scene::{Hit, Scene, Sink};
 
 /// The nearest hit of each ray with t_min ≤ t ≤ t_max. The outcome is false if there was a ray with a number that is not finite, or with a
 /// zero direction; such a ray is a miss.
@@ -83,6 +63,21 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         sorting.pending.flush::<I>(scene, sorting.hits);
         ROOM.set(Some(room));
         legal
+    }
+}
+
+impl Scene {
+    /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes first, then the
+    /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
+    pub fn cast(
+        &self,
+        level: Level,
+        origins: &[Point],
+        directions: &[Point],
+        (t_min, t_max): (f64, f64),
+        hits: &mut (impl Sink + ?Sized),
+    ) -> bool {
+        simd::dispatch(level, Cast { scene: self, origins, directions, t_min, t_max, hits })
     }
 }
 

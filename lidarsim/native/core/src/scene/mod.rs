@@ -1,4 +1,7 @@
-//! Objects, and the nearest of them along a ray.
+//! Objects, and where lines meet them.
+
+mod hit;
+mod place;
 
 use std::cmp::Ordering;
 use std::sync::{Arc, OnceLock};
@@ -7,15 +10,17 @@ use rayon::prelude::*;
 
 use crate::arith::number::{self, Interval, Number, One, Question, Uncertain};
 use crate::arith::root::{Root, Roots};
-use crate::arith::simd::{self, Isa, Level};
+use crate::arith::simd::Isa;
 use crate::bvh::{Bvh, Span, Stack};
-use crate::cast::trace::{Cast, Sink};
 use crate::geometry::affine::{Affine, Inverse, Placement};
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::{self, Point};
 use crate::parallel;
 use crate::shapes::finish::{self, Meeting};
 use crate::shapes::{Simple, Surface, Triangle, TriangleMesh};
+
+pub use hit::{Hit, Sink};
+pub use place::Place;
 
 /// What an object looks like in its own coordinates.
 #[derive(Clone, Debug)]
@@ -152,39 +157,6 @@ impl Object {
     }
 }
 
-/// Which root of which primitive.
-#[derive(Clone, Copy, Debug)]
-pub struct Place {
-    pub object: u32,
-    pub primitive: u32,
-    pub index: u8,
-    /// The part of the surface.
-    pub feature: u8,
-}
-
-impl Place {
-    pub fn of_triangle(object: u32, primitive: u32) -> Self {
-        Place { object, primitive, index: 0, feature: 0 }
-    }
-}
-
-/// Where a ray first meets the scene.
-#[derive(Clone, Copy, Debug)]
-pub struct Hit {
-    /// In units of the length of the direction, correctly rounded; infinite for a miss.
-    pub t: f64,
-    /// Unit, outward as the shape defines it.
-    pub normal: Point,
-    /// −1 for a miss.
-    pub object: i32,
-    /// Triangle of a mesh; else 0.
-    pub primitive: i32,
-}
-
-impl Hit {
-    pub const MISS: Hit = Hit { t: f64::INFINITY, normal: [0.0; 3], object: -1, primitive: 0 };
-}
-
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     objects: Vec<Object>,
@@ -236,19 +208,6 @@ impl Scene {
             let bounded = parallel::run(|| Bvh::new(bounds.len(), |id| bounds[id as usize], 1, |ids| ids[0]));
             Index { unbounded, bounded, size }
         })
-    }
-
-    /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes first, then the
-    /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
-    pub fn cast(
-        &self,
-        level: Level,
-        origins: &[Point],
-        directions: &[Point],
-        (t_min, t_max): (f64, f64),
-        hits: &mut (impl Sink + ?Sized),
-    ) -> bool {
-        simd::dispatch(level, Cast { scene: self, origins, directions, t_min, t_max, hits })
     }
 
     /// Every t, ascending and distinct, at which the line meets the object.
