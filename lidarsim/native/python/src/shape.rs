@@ -10,8 +10,9 @@ use crate::{Points, interruptible, points, rays};
 use lidarsim_core::geometry::affine::Affine;
 use lidarsim_core::geometry::vector::Point;
 use lidarsim_core::memory;
+use lidarsim_core::scene::TriangleMesh;
 use lidarsim_core::scene::{Geometry, Object, Scene};
-use lidarsim_core::shapes::{self, Simple, TriangleMesh};
+use lidarsim_core::shapes::{self, Simple};
 
 /// A shape, placed by the maps it went through.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]

@@ -4,8 +4,9 @@ use crate::arith::simd::Isa;
 use crate::bvh::{LANES, LEAF, Mask, Rays, Stack, Visitor, WALKS, take};
 use crate::cast::doubt::Doubts;
 use crate::cast::search::Searches;
+use crate::scene::TriangleMesh;
 use crate::scene::{Place, Scene};
-use crate::shapes::{Bearing, Block, Planes, TriangleMesh};
+use crate::shapes::triangle::{Bearing, Block, Planes};
 
 /// Rays of one octant, in the coordinates of a mesh, among its triangles.
 pub struct Blocks<'a, 's> {

@@ -8,8 +8,8 @@ use crate::bvh::{HUGE, LANES, Mask, Rays, TINY, part_of_mask, take};
 use crate::geometry::affine::{Inverse, Placement};
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
+use crate::geometry::vector::of_rays;
 use crate::scene::Object;
-use crate::shapes::finish::of_rays;
 
 /// Rays that have entered a mesh, in its coordinates, where they may point into several octants.
 pub struct Local {
@@ -154,7 +154,7 @@ mod tests {
     use crate::bvh::all;
     use crate::geometry::affine::Affine;
     use crate::scene::Geometry;
-    use crate::shapes::TriangleMesh;
+    use crate::scene::TriangleMesh;
     use crate::testing::numbers;
 
     struct Enter<'a>(&'a Object, &'a Rays, &'a mut Local);

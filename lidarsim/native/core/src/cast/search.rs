@@ -6,8 +6,8 @@ use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa};
 use crate::bvh::{LANES, Rays, Span, Stack};
 use crate::geometry::vector::Point;
+use crate::scene::TriangleMesh;
 use crate::scene::{Candidates, Geometry, Place, Scene};
-use crate::shapes::TriangleMesh;
 
 /// The search for the nearest hit of one ray.
 pub struct Search<'a> {

@@ -11,10 +11,13 @@ use crate::bvh::{LANES, Mask, Rays, part_of_mask, take};
 use crate::cast::search::Searches;
 use crate::geometry::affine::{AsMade, Placement};
 use crate::geometry::ray::Ray;
+use crate::geometry::vector::of_rays;
 use crate::geometry::vector::{self, Point};
+use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Hit, Place, Scene, Sink};
-use crate::shapes::finish::{Meeting, Target, Triangles, finish, of_rays};
-use crate::shapes::{Surface, SurfaceTask, TriangleMesh};
+use crate::shapes::finish::{Meeting, Target, finish};
+use crate::shapes::triangle::Triangles;
+use crate::shapes::{Surface, SurfaceTask};
 
 /// Part `i` of many numbers.
 #[inline(always)]

@@ -198,3 +198,61 @@ impl<'a, S: Sink + ?Sized> Sorting<'a, S> {
         legal
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Place;
+    use crate::scene::tests::{LEVEL, object, tipped};
+    use crate::testing::with_large_frames;
+
+    /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there is y/8, exactly.
+    fn rays() -> (Vec<Point>, Vec<Point>) {
+        let points = (0..81).map(|k| [k % 9, k / 9].map(f64::from)).filter(|[x, y]| x + y <= 8.0);
+        let origins: Vec<Point> = points.map(|[x, y]| [x, y, 3.0]).collect();
+        let directions = vec![[0.0, 0.0, -1.0]; origins.len()];
+        (origins, directions)
+    }
+
+    #[test]
+    fn of_two_triangles_in_nearly_one_level_the_upper_is_met_and_else_the_lowest() {
+        with_large_frames(cast_at_two_triangles);
+    }
+
+    fn cast_at_two_triangles() {
+        let (origins, directions) = rays();
+        let (mut ties, mut upper) = (0, 0);
+        for z in [1.0, 1.0_f64.next_up(), 1.0_f64.next_down(), 1.5, 0.5] {
+            for others in [[0, 0], [0, 9], [9, 0], [20, 3]] {
+                let objects = vec![object(LEVEL, others[0]), object(tipped(z), others[1])];
+                for swapped in [false, true] {
+                    let mut objects = objects.clone();
+                    if swapped {
+                        objects.reverse();
+                    }
+                    let scene = Scene::new(objects);
+                    let at =
+                        [0, 1].map(|i: usize| Place::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
+                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                        let mut hits = vec![Hit::MISS; origins.len()];
+                        assert!(scene.cast(level, &origins, &directions, (0.0, f64::INFINITY), &mut hits[..]));
+                        for (hit, o) in hits.iter().zip(&origins) {
+                            // The surfaces part where the last vertex has a weight.
+                            let tie = z == 1.0 || o[1] == 0.0;
+                            let first = if tie { 0 } else { i32::from((z > 1.0) != swapped) };
+                            let Place { object, primitive, .. } = at[first as usize];
+                            assert_eq!(
+                                (hit.object, hit.primitive),
+                                (object as i32, primitive as i32),
+                                "{level:?} {z} {o:?}"
+                            );
+                            ties += usize::from(tie);
+                            upper += usize::from(!tie && first == 1);
+                        }
+                    }
+                }
+            }
+        }
+        assert!(ties > 500 && upper > 500, "{ties}, {upper}");
+    }
+}

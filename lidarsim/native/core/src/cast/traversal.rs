@@ -7,8 +7,9 @@ use crate::cast::doubt::Doubts;
 use crate::cast::local::Local;
 use crate::cast::search::Searches;
 use crate::cast::simple::{self, Met};
+use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Index, Object, Scene};
-use crate::shapes::{Block, TriangleMesh};
+use crate::shapes::triangle::Block;
 
 /// Packets that are on their way at once.
 pub const TRAVERSALS: usize = 2;

@@ -1,6 +1,6 @@
 //! Vectors over any [`Number`].
 
-use crate::arith::number::Number;
+use crate::arith::number::{Lanes, Number, OfRays};
 use crate::arith::simd::Floats;
 
 pub type Vector<N> = [N; 3];
@@ -40,12 +40,6 @@ pub fn cross<N: Number>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
     ]
 }
 
-/// (b − a) × (c − a).
-#[inline(always)]
-pub fn normal_through<N: Number>(a: &Vector<N>, b: &Vector<N>, c: &Vector<N>) -> Vector<N> {
-    cross(&sub(b, a), &sub(c, a))
-}
-
 #[inline(always)]
 pub fn norm2<N: Number>(a: &Vector<N>) -> N {
     dot(a, a)
@@ -54,6 +48,12 @@ pub fn norm2<N: Number>(a: &Vector<N>) -> N {
 #[inline(always)]
 pub fn negated<N: Number>(a: &Vector<N>) -> Vector<N> {
     [a[0].negated(), a[1].negated(), a[2].negated()]
+}
+
+/// Vectors, one for each ray.
+#[inline(always)]
+pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>([x, y, z]: [L::Floats; 3], lanes: L) -> Vector<K> {
+    [K::of_rays(x, lanes), K::of_rays(y, lanes), K::of_rays(z, lanes)]
 }
 
 /// At least |v|, where each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) where that is a normal number.

@@ -1,11 +1,11 @@
 //! The last look at a nearest hit, with twice the digits of float64: t, correctly rounded, and the normal there.
 
+use super::Surface;
 use crate::arith::number::{Balls, DdBalls, Interval, Lanes, Number, OfRays, PAD, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::simd::Floats;
 use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
-use crate::geometry::vector::{self, Vector};
-use crate::shapes::Surface;
+use crate::geometry::vector::{self, Vector, of_rays};
 
 /// What rays have met: a surface for all of them, or one each.
 pub trait Target<L: Lanes<N>, const N: usize> {
@@ -24,30 +24,6 @@ impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
     #[inline(always)]
     fn normal<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, _: L) -> Vector<K> {
         Surface::normal(self, ray, feature)
-    }
-}
-
-/// A triangle for each ray, by corner and axis.
-pub struct Triangles<F>(pub [[F; 3]; 3]);
-
-/// Vectors, one for each ray.
-#[inline(always)]
-pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>([x, y, z]: [L::Floats; 3], lanes: L) -> Vector<K> {
-    [K::of_rays(x, lanes), K::of_rays(y, lanes), K::of_rays(z, lanes)]
-}
-
-/// As of `Triangle`.
-impl<L: Lanes<N>, const N: usize> Target<L, N> for Triangles<L::Floats> {
-    #[inline(always)]
-    fn level<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K {
-        let from = ray.origin_from(of_rays(self.0[0], lanes));
-        vector::dot(&self.normal(ray, feature, lanes), &from).doubled()
-    }
-
-    #[inline(always)]
-    fn normal<K: OfRays<L, N>>(&self, _: &Ray<K>, _: u8, lanes: L) -> Vector<K> {
-        let [a, b, c] = self.0;
-        vector::normal_through(&of_rays(a, lanes), &of_rays(b, lanes), &of_rays(c, lanes))
     }
 }
 

@@ -4,6 +4,7 @@
 //! n·p rounded once has already moved the plane.
 
 use super::Surface;
+use super::triangle::triangle_normal;
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
@@ -40,11 +41,6 @@ impl Plane {
             }
         }
     }
-}
-
-#[inline(always)]
-pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
-    vector::normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c))
 }
 
 impl Surface for Plane {

@@ -1,93 +1,13 @@
-//! Triangle mesh: triangles over shared vertices, with a hierarchy of their boxes.
+//! Triangles of a mesh, eight side by side on a grid.
 
-use std::sync::OnceLock;
-
-use super::{Surface, Triangle};
+use super::Triangle;
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{self, Floats, Isa, lanes};
-use crate::bvh::{Bvh, LEAF};
 use crate::geometry::pose::cross;
 use crate::geometry::vector::Point;
-use crate::parallel;
 
-#[derive(Debug)]
-pub struct TriangleMesh {
-    vertices: Vec<Point>,
-    faces: Vec<[u32; 3]>,
-    /// Found when it is first asked for, and not again for each scene that the mesh moves through.
-    bounds: OnceLock<Option<[Interval; 3]>>,
-    /// Built when it is first cast at.
-    hierarchy: OnceLock<Bvh<Block>>,
-}
-
-impl TriangleMesh {
-    /// None if a face names a vertex that is not there.
-    pub fn new(vertices: Vec<Point>, faces: Vec<[u32; 3]>) -> Option<Self> {
-        let known = |i: &u32| (*i as usize) < vertices.len();
-        let is_right = faces.iter().flatten().all(known);
-        is_right.then_some(TriangleMesh { vertices, faces, bounds: OnceLock::new(), hierarchy: OnceLock::new() })
-    }
-
-    pub fn vertices(&self) -> &[Point] {
-        &self.vertices
-    }
-
-    pub fn faces(&self) -> &[[u32; 3]] {
-        &self.faces
-    }
-
-    pub fn len(&self) -> usize {
-        self.faces.len()
-    }
-
-    pub fn is_empty(&self) -> bool {
-        self.faces.is_empty()
-    }
-
-    /// Brings what names the vertices of the triangle into the cache.
-    #[inline(always)]
-    pub fn prefetch_face<I: Isa>(&self, id: u32) {
-        I::prefetch(&self.faces[id as usize]);
-    }
-
-    #[inline(always)]
-    pub fn corners(&self, id: u32) -> [&Point; 3] {
-        self.faces[id as usize].map(|v| &self.vertices[v as usize])
-    }
-
-    #[inline(always)]
-    pub fn triangle(&self, id: u32) -> Triangle {
-        let [a, b, c] = self.corners(id);
-        Triangle(*a, *b, *c)
-    }
-
-    pub fn degenerate(&self) -> usize {
-        (0..self.len() as u32).filter(|&id| self.triangle(id).is_degenerate()).count()
-    }
-
-    pub fn hierarchy(&self) -> &Bvh<Block> {
-        // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work, and must not come back here.
-        self.hierarchy.get_or_init(|| {
-            parallel::run(|| Bvh::new(self.len(), |id| self.triangle(id).bounds(), LEAF, |ids| Block::new(ids, self)))
-        })
-    }
-
-    pub fn bounds(&self) -> Option<[Interval; 3]> {
-        *self.bounds.get_or_init(|| {
-            let mut all = self.faces.iter().flatten().map(|&v| self.vertices[v as usize]);
-            let first = all.next()?.map(Interval::point);
-            Some(all.fold(first, |b, v| {
-                std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
-            }))
-        })
-    }
-
-    pub fn bytes(&self) -> usize {
-        self.vertices.len() * size_of::<Point>()
-            + self.faces.len() * size_of::<[u32; 3]>()
-            + self.hierarchy.get().map_or(0, Bvh::bytes)
-    }
-}
+/// Most triangles of a block: a register has a lane for each.
+pub const LEAF: usize = 8;
 
 /// A leaf: up to eight triangles side by side, their vertices on a grid.
 ///
@@ -153,11 +73,12 @@ impl Planes {
 }
 
 impl Block {
-    fn new(ids: &[u32], mesh: &TriangleMesh) -> Self {
+    /// Of up to `LEAF` triangles.
+    pub fn new(ids: &[u32], triangle: impl Fn(u32) -> Triangle) -> Self {
         const STEPS: f64 = (1 << GRID) as f64;
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for &id in ids {
-            let Triangle(a, b, c) = mesh.triangle(id);
+            let Triangle(a, b, c) = triangle(id);
             for p in [a, b, c] {
                 for axis in 0..3 {
                     (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(p[axis]));
@@ -176,7 +97,7 @@ impl Block {
         let mut thickness = 0.0;
         for (lane, &id) in ids.iter().enumerate() {
             all[lane] = id;
-            let Triangle(a, b, c) = mesh.triangle(id);
+            let Triangle(a, b, c) = triangle(id);
             let edge = |p: Point| [0, 1, 2].map(|axis| (p[axis] - a[axis]) / scale);
             let [x, y, z] = cross(edge(b), edge(c));
             thickness = larger(thickness, x.abs() + y.abs() + z.abs());
@@ -332,20 +253,20 @@ mod tests {
     use crate::testing::numbers;
 
     /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some without area.
-    fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> TriangleMesh {
+    fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> Vec<Triangle> {
         let flat = if next() < 0.3 { 0.0 } else { 1.0 };
         let mut vertices: Vec<Point> =
             (0..9).map(|_| [1.0, 0.7, flat].map(|side| place + size * side * (next() - 0.5))).collect();
         // Beside the first, by an ulp.
         vertices.push([vertices[0][0].next_up(), vertices[0][1], vertices[0][2]]);
-        let faces = (0..count).map(|_| [0; 3].map(|_: u8| (10.0 * next()) as u32)).collect();
-        TriangleMesh { vertices, faces, bounds: OnceLock::new(), hierarchy: OnceLock::new() }
+        let mut vertex = || vertices[(10.0 * next()) as usize];
+        (0..count).map(|_| Triangle(vertex(), vertex(), vertex())).collect()
     }
 
-    fn block(mesh: &TriangleMesh) -> Block {
+    fn block(mesh: &[Triangle]) -> Block {
         // Ids need be neither sorted nor complete.
         let ids: Vec<u32> = (0..mesh.len() as u32).rev().collect();
-        let block = Block::new(&ids, mesh);
+        let block = Block::new(&ids, |id| mesh[id as usize]);
         assert_eq!(block.ids(), ids);
         block
     }
@@ -356,8 +277,8 @@ mod tests {
         off.minus(&bound).sign() != Ok(Ordering::Greater) && off.plus(&bound).sign() != Ok(Ordering::Less)
     }
 
-    fn corners(mesh: &TriangleMesh, id: u32) -> [Point; 3] {
-        let Triangle(a, b, c) = mesh.triangle(id);
+    fn corners(mesh: &[Triangle], id: u32) -> [Point; 3] {
+        let Triangle(a, b, c) = mesh[id as usize];
         [a, b, c]
     }
 
@@ -500,7 +421,7 @@ mod tests {
                     directions.push((direction, (seen, if by == 0.0 { 0.0 } else { error })));
                 }
                 let given: Vec<(Point, f64)> = directions.iter().map(|(_, given)| *given).collect();
-                let exact = |id: u32, d: Point| match mesh.triangle(id).roots(&Ray::<Dyadic>::new(origin, d)) {
+                let exact = |id: u32, d: Point| match mesh[id as usize].roots(&Ray::<Dyadic>::new(origin, d)) {
                     Ok([root, _]) => root,
                     Err(_) => unreachable!("exact arithmetic is never uncertain"),
                 };

@@ -4,14 +4,23 @@
 //! the same number with opposite signs, and the signs are exact: so no ray slips through between them
 //! (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same signs after a shear).
 
+mod block;
+mod crossing;
+mod each;
+mod sides;
+
 use std::cmp::Ordering;
 
 use super::Surface;
-use super::plane::triangle_normal;
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
+
+pub use block::{Bearing, Block, LEAF, Planes};
+pub use crossing::{Corners, Crossing, NOWHERE, corners_of};
+pub use each::Triangles;
+pub use sides::sides;
 
 #[derive(Clone, Copy, Debug)]
 pub struct Triangle(pub Point, pub Point, pub Point);
@@ -31,6 +40,23 @@ impl Triangle {
         }
         crate::arith::number::certify(&Degenerate(self))
     }
+
+    /// Whether both lie in one plane across an axis.
+    pub fn is_level_with(&self, other: &Triangle) -> bool {
+        let (Triangle(p, q, r), Triangle(u, v, w)) = (self, other);
+        (0..3).any(|axis| [q, r, u, v, w].iter().all(|x| x[axis] == p[axis]))
+    }
+}
+
+/// (b − a) × (c − a).
+#[inline(always)]
+pub fn normal_through<N: Number>(a: &Vector<N>, b: &Vector<N>, c: &Vector<N>) -> Vector<N> {
+    vector::cross(&vector::sub(b, a), &vector::sub(c, a))
+}
+
+#[inline(always)]
+pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
+    normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c))
 }
 
 impl Surface for Triangle {
@@ -78,5 +104,31 @@ impl Surface for Triangle {
             low: self.0[i].min(self.1[i]).min(self.2[i]),
             high: self.0[i].max(self.1[i]).max(self.2[i]),
         }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_level_is_one_plane_across_one_axis() {
+        let triangle = |axis: usize, at: f64, size: f64| {
+            let corner = |u: f64, v: f64| {
+                let mut p = [v; 3];
+                p[axis] = at;
+                p[(axis + 1) % 3] = u;
+                p
+            };
+            Triangle(corner(0.0, 0.0), corner(size, 0.0), corner(0.0, size))
+        };
+        for axis in 0..3 {
+            assert!(triangle(axis, 5e6, 1.0).is_level_with(&triangle(axis, 5e6, 7.0)));
+            assert!(!triangle(axis, 5e6, 1.0).is_level_with(&triangle(axis, 5e6_f64.next_up(), 1.0)));
+            assert!(!triangle(axis, 5e6, 1.0).is_level_with(&triangle((axis + 1) % 3, 5e6, 1.0)));
+        }
+        // In one plane, but not across an axis: for exact arithmetic to say.
+        let slanted = Triangle([0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
+        assert!(!slanted.is_level_with(&slanted));
     }
 }
