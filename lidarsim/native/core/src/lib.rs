@@ -3,14 +3,22 @@
 //! Its layers, of which each uses those above it alone: `memory` and `parallel`, arithmetic, geometry and shapes, the bounding volume hierarchy,
 //! scenes, casts, measurement.
 
-pub mod arith;
-pub mod bvh;
-pub mod cast;
-pub mod geometry;
+mod arith;
+mod bvh;
+mod cast;
+mod geometry;
 pub mod measure;
 pub mod memory;
-pub mod parallel;
-pub mod scene;
+mod parallel;
+mod scene;
 pub mod shapes;
 #[cfg(test)]
 mod testing;
+
+pub use arith::simd::Level;
+pub use cast::{Columns, slices};
+pub use geometry::affine::Affine;
+pub use geometry::pose::{Path, Pose};
+pub use geometry::vector::Point;
+pub use parallel::threads;
+pub use scene::{Geometry, Object, Scene, TriangleMesh};

@@ -6,42 +6,15 @@ mod shape;
 
 use std::ops::Range;
 
+use lidarsim_core::{Level, Point, slices};
 use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-
-use lidarsim_core::arith::simd::Level;
-use lidarsim_core::cast::order::{self, MOST, NEAR};
-use lidarsim_core::geometry::vector::Point;
-use lidarsim_core::parallel;
 
 pub use scene::PyScene;
 pub use shape::PyShape;
 
 pub type Points<'py> = PyReadonlyArray2<'py, f64>;
-
-/// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough that neighbours can be sorted
-/// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
-/// together. Rays whose neighbours point elsewhere are worth sorting in larger numbers, as many for each thread.
-pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
-    let (threads, all) = (parallel::threads(), directions.len() * rays);
-    let turns = all.div_ceil(threads * MOST).max(1);
-    let even = all.div_ceil(turns * threads).max(NEAR);
-    let scattered = order::are_scattered(directions);
-    let (mut pieces, mut start) = (Vec::new(), 0);
-    while start < directions.len() {
-        let left = (directions.len() - start) * rays;
-        let falling = left.div_ceil(4 * threads).next_multiple_of(NEAR).min(8 * NEAR);
-        let size = if scattered { even } else { falling };
-        let end = directions.len().min(start + (size / rays).max(1));
-        pieces.push(start..end);
-        start = end;
-    }
-    pieces
-}
-
-/// Rays between two looks at pending signals, so that Ctrl-C ends a long cast.
-const SLICE: usize = 1 << 18;
 
 #[pymodule]
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
@@ -62,7 +35,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
 /// The number of threads that casts run on.
 #[pyfunction]
 fn threads() -> usize {
-    parallel::threads()
+    lidarsim_core::threads()
 }
 
 /// The instruction set that casts use: scalar, avx2 or avx512.
@@ -125,10 +98,10 @@ fn python_float(x: f64) -> String {
     if x.is_nan() { "nan".into() } else { x.to_string() }
 }
 
-/// Runs `work` over slices of 0..n without the interpreter lock, and looks for Ctrl-C between them.
+/// Runs `work` over slices of `n` rays without the interpreter lock, and looks for Ctrl-C between them.
 pub fn interruptible(py: Python<'_>, n: usize, mut work: impl FnMut(Range<usize>) + Send) -> PyResult<()> {
-    for start in (0..n).step_by(SLICE) {
-        py.detach(|| work(start..n.min(start + SLICE)));
+    for slice in slices(n, 1) {
+        py.detach(|| work(slice));
         py.check_signals()?;
     }
     Ok(())

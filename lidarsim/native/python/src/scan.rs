@@ -1,8 +1,13 @@
 //! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
 
 use std::borrow::Cow;
-use std::sync::{Mutex, PoisonError};
 
+use lidarsim_core::measure::rng::{self, Stream};
+use lidarsim_core::measure::{
+    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, ReturnRows, Returns,
+    Rows, Scan,
+};
+use lidarsim_core::{Path, Point, Pose, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -12,14 +17,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyScene, SLICE, level, pieces, points};
-use lidarsim_core::geometry::pose::{Path, Pose};
-use lidarsim_core::geometry::vector::Point;
-use lidarsim_core::measure::rng::{self, Stream};
-use lidarsim_core::measure::{
-    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, Returns, Rows, Scan,
-};
-use lidarsim_core::{memory, parallel};
+use crate::{Points, PyScene, level, points};
 
 /// Half of the speed of light in vacuum, m/s: a range is half of a way.
 const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
@@ -323,31 +321,11 @@ pub fn scan<'py>(
     let mut rows = columns.rows(directions.len(), most);
     py.detach(|| scene.scene.prepare());
     let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);
-    let slice = (SLICE / measurement.rays()).max(1);
-    for start in (0..directions.len()).step_by(slice) {
-        let end = directions.len().min(start + slice);
-        let pieces: Vec<_> = pieces(&directions[start..end], measurement.rays())
-            .into_iter()
-            .map(|piece| (start + piece.start, rows.split_off(piece.len(), most)))
-            .collect();
-        let bad = Mutex::new(None);
-        py.detach(|| {
-            parallel::share(pieces.into_iter(), |(first, mut rows)| {
-                if let Err(found) = scan.measure(first..first + rows.status.len(), &mut rows) {
-                    let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
-                    if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
-                        *bad = Some(found);
-                    }
-                }
-            });
-        });
-        let bad = bad.into_inner().unwrap_or_else(PoisonError::into_inner);
-        if let Some(bad) = bad {
-            return Err(PyValueError::new_err(explain(bad, &frame)));
-        }
+    for pulses in scan.slices() {
+        py.detach(|| scan.share(pulses, &mut rows)).map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?;
         py.check_signals()?;
     }
-    // SAFETY: the pieces hold the rows of all pulses, and every piece was measured without a bad pulse, so that all of it was written.
+    // SAFETY: the slices hold all pulses, and none was bad, so that all of their rows were written.
     unsafe { columns.are_written(directions.len(), most) };
     columns.into_dict(py, most)
 }
@@ -458,22 +436,24 @@ pub fn points_of<'py>(
         turned.map(|x| x as f32)
     };
     let fields = PyDict::new(py);
-    let shape = [returns.row.len(), 3];
-    fields.set_item("xyz", returns.gather(py, place).into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("range", returns.gather(py, |row, _| range[row]).into_pyarray(py))?;
-    fields.set_item("true_range", returns.gather(py, |row, _| true_range[row]).into_pyarray(py))?;
-    fields.set_item("intensity", returns.gather(py, |row, _| intensity[row]).into_pyarray(py))?;
-    fields.set_item("time", returns.gather(py, |_, pulse| times[pulse]).into_pyarray(py))?;
-    fields.set_item("ring", returns.gather(py, |_, pulse| rings[pulse]).into_pyarray(py))?;
-    fields.set_item("column", returns.gather(py, |_, pulse| columns[pulse]).into_pyarray(py))?;
-    fields
-        .set_item("return_number", returns.gather(py, |row, pulse| (row - pulse * most + 1) as u8).into_pyarray(py))?;
-    fields.set_item("return_count", returns.gather(py, |_, pulse| counts[pulse]).into_pyarray(py))?;
-    fields.set_item("object_id", returns.gather(py, |row, _| object_id[row]).into_pyarray(py))?;
-    fields.set_item("label", returns.gather(py, |row, _| label[row]).into_pyarray(py))?;
-    fields.set_item("normal", returns.gather(py, turn).into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("incidence", returns.gather(py, |row, _| incidence[row]).into_pyarray(py))?;
-    fields.set_item("range_error", returns.gather(py, |row, _| range_error[row]).into_pyarray(py))?;
+    let shape = [returns.count(), 3];
+    fields.set_item("xyz", gather(py, &returns, place).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("range", gather(py, &returns, |row, _| range[row]).into_pyarray(py))?;
+    fields.set_item("true_range", gather(py, &returns, |row, _| true_range[row]).into_pyarray(py))?;
+    fields.set_item("intensity", gather(py, &returns, |row, _| intensity[row]).into_pyarray(py))?;
+    fields.set_item("time", gather(py, &returns, |_, pulse| times[pulse]).into_pyarray(py))?;
+    fields.set_item("ring", gather(py, &returns, |_, pulse| rings[pulse]).into_pyarray(py))?;
+    fields.set_item("column", gather(py, &returns, |_, pulse| columns[pulse]).into_pyarray(py))?;
+    fields.set_item(
+        "return_number",
+        gather(py, &returns, |row, pulse| (row - pulse * most + 1) as u8).into_pyarray(py),
+    )?;
+    fields.set_item("return_count", gather(py, &returns, |_, pulse| counts[pulse]).into_pyarray(py))?;
+    fields.set_item("object_id", gather(py, &returns, |row, _| object_id[row]).into_pyarray(py))?;
+    fields.set_item("label", gather(py, &returns, |row, _| label[row]).into_pyarray(py))?;
+    fields.set_item("normal", gather(py, &returns, turn).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("incidence", gather(py, &returns, |row, _| incidence[row]).into_pyarray(py))?;
+    fields.set_item("range_error", gather(py, &returns, |row, _| range_error[row]).into_pyarray(py))?;
     Ok(fields)
 }
 
@@ -486,46 +466,14 @@ fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
     if slice.len() == n { Ok(slice) } else { Err(PyValueError::new_err("scan: expected arrays as a scan gives them")) }
 }
 
-/// The returns of a scan: the row that each is in, and its pulse.
-struct ReturnRows {
-    row: Vec<usize>,
-    pulse: Vec<usize>,
-}
-
-impl ReturnRows {
-    /// Of pulses that have `most` rows each and so many returns.
-    fn new(counts: &[u8], most: usize) -> Self {
-        let room = counts.len() * most;
-        let (mut row, mut pulse, mut end) = (vec![0; room], vec![0; room], 0);
-        for (i, &count) in counts.iter().enumerate() {
-            // As many as there may be, so that no branch hangs on how many there are: what is too much the next pulse writes over.
-            for j in 0..most {
-                (row[end + j], pulse[end + j]) = (i * most + j, i);
-            }
-            end += most.min(count.into());
-        }
-        row.truncate(end);
-        pulse.truncate(end);
-        ReturnRows { row, pulse }
-    }
-
-    /// A value of each return, by its row and its pulse.
-    fn gather<T: Send>(&self, py: Python<'_>, value: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
-        const PIECE: usize = 1 << 13;
-        let mut values = memory::with_capacity(self.row.len());
-        let places = values.spare_capacity_mut()[..self.row.len()].chunks_mut(PIECE);
-        let pieces = places.zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE)));
-        py.detach(|| {
-            parallel::share(pieces, |(places, (rows, pulses))| {
-                for ((place, &row), &pulse) in places.iter_mut().zip(rows).zip(pulses) {
-                    place.write(value(row, pulse));
-                }
-            });
-        });
-        // SAFETY: the pieces cover all returns, and each place of them was written.
-        unsafe { values.set_len(self.row.len()) };
-        values
-    }
+/// A value of each return, by its row and its pulse.
+fn gather<T: Send>(py: Python<'_>, returns: &ReturnRows, value: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
+    let mut values = memory::with_capacity(returns.count());
+    let places = &mut values.spare_capacity_mut()[..returns.count()];
+    py.detach(|| returns.gather(places, &value));
+    // SAFETY: the place of each return was written.
+    unsafe { values.set_len(returns.count()) };
+    values
 }
 
 /// Philox4x32-10 of each counter (n, 4) with one key.

@@ -1,59 +1,13 @@
 //! Scenes, and casts at them.
 
-use std::mem::MaybeUninit;
-use std::ops::Range;
-use std::sync::atomic::{AtomicBool, Ordering};
-
+use lidarsim_core::{Columns, Point, Scene, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
-use crate::{Points, PyShape, equal_points, interruptible, legal_rays, level, pieces};
-use lidarsim_core::arith::simd::{self, Isa};
-use lidarsim_core::geometry::vector::Point;
-use lidarsim_core::scene::Sink;
-use lidarsim_core::scene::{Hit, Scene};
-use lidarsim_core::{memory, parallel};
+use crate::{Points, PyShape, equal_points, interruptible, legal_rays, level};
 
 type Arrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
-
-/// A part of the arrays that a cast returns: room that is not cleared before.
-struct Columns<'a> {
-    t: &'a mut [MaybeUninit<f64>],
-    object: &'a mut [MaybeUninit<i32>],
-    primitive: &'a mut [MaybeUninit<i32>],
-    normal: &'a mut [MaybeUninit<Point>],
-}
-
-impl<'a> Columns<'a> {
-    /// Takes the first rays, which are left for others to cast.
-    fn split_off(&mut self, count: usize) -> Columns<'a> {
-        Columns {
-            t: memory::split_off(&mut self.t, count),
-            object: memory::split_off(&mut self.object, count),
-            primitive: memory::split_off(&mut self.primitive, count),
-            normal: memory::split_off(&mut self.normal, count),
-        }
-    }
-}
-
-impl Sink for Columns<'_> {
-    #[inline(always)]
-    fn put(&mut self, i: usize, hit: Hit) {
-        self.t[i].write(hit.t);
-        self.object[i].write(hit.object);
-        self.primitive[i].write(hit.primitive);
-        self.normal[i].write(hit.normal);
-    }
-
-    #[inline(always)]
-    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
-        simd::prefetch::<I, _>(&self.t[hits.clone()]);
-        simd::prefetch::<I, _>(&self.object[hits.clone()]);
-        simd::prefetch::<I, _>(&self.primitive[hits.clone()]);
-        simd::prefetch::<I, _>(&self.normal[hits]);
-    }
-}
 
 /// Objects in the order of their ids.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
@@ -87,27 +41,21 @@ impl PyScene {
         let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
         let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
         let level = level()?;
-        let legal = AtomicBool::new(true);
         self.prepare(py);
-        let mut places = Columns {
+        let mut columns = Columns {
             t: &mut t.spare_capacity_mut()[..n],
             object: &mut object.spare_capacity_mut()[..n],
             primitive: &mut primitive.spare_capacity_mut()[..n],
             normal: &mut normal.spare_capacity_mut()[..n],
         };
+        let mut legal = true;
         interruptible(py, n, |slice| {
-            let (o, d) = (&o[slice.clone()], &d[slice]);
-            let pieces: Vec<_> = pieces(d, 1).into_iter().map(|piece| (places.split_off(piece.len()), piece)).collect();
-            parallel::share(pieces.into_iter(), |(mut columns, piece)| {
-                if !self.scene.cast(level, &o[piece.clone()], &d[piece], (t_min, t_max), &mut columns) {
-                    legal.store(false, Ordering::Relaxed);
-                }
-            });
+            legal &= columns.cast(&self.scene, level, &o[slice.clone()], &d[slice], (t_min, t_max));
         })?;
-        if !legal.into_inner() {
+        if !legal {
             legal_rays(o, d)?;
         }
-        // SAFETY: the slices cover 0..n, the pieces the slices, and a cast puts a hit for each of its rays, legal or not.
+        // SAFETY: the slices cover 0..n, and a cast writes the hit of each of its rays, legal or not.
         unsafe {
             t.set_len(n);
             object.set_len(n);

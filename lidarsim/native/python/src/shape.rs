@@ -2,17 +2,13 @@
 
 use std::sync::Arc;
 
+use lidarsim_core::shapes::{self, Simple};
+use lidarsim_core::{Affine, Geometry, Object, Point, Scene, TriangleMesh, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::{Points, interruptible, points, rays};
-use lidarsim_core::geometry::affine::Affine;
-use lidarsim_core::geometry::vector::Point;
-use lidarsim_core::memory;
-use lidarsim_core::scene::TriangleMesh;
-use lidarsim_core::scene::{Geometry, Object, Scene};
-use lidarsim_core::shapes::{self, Simple};
 
 /// A shape, placed by the maps it went through.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]

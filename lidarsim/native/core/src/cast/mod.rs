@@ -1,11 +1,16 @@
 //! Casts: the nearest hits of many rays.
 
 mod blocks;
+mod columns;
 mod doubt;
 mod local;
-pub mod order;
+mod order;
 mod refine;
+mod schedule;
 mod search;
 mod simple;
-pub mod trace;
+mod trace;
 mod traversal;
+
+pub use columns::Columns;
+pub use schedule::{pieces, slices};

@@ -10,6 +10,7 @@ mod direction;
 mod echo;
 mod parameters;
 pub mod rng;
+mod share;
 
 use std::cell::Cell;
 use std::mem::MaybeUninit;
@@ -30,6 +31,7 @@ pub use appearance::{Appearance, Reflectivity};
 pub use beam::Beam;
 pub use echo::Returns;
 pub use parameters::{Detection, Measurement, RangeSigma};
+pub use share::ReturnRows;
 
 /// What finds the surfaces.
 pub trait Caster: Sync {

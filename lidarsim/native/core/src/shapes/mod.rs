@@ -5,12 +5,12 @@
 mod r#box;
 mod cylinder;
 mod ellipsoid;
-pub mod finish;
+pub(crate) mod finish;
 mod plane;
 mod polygon;
 mod sphere;
 mod surface;
-pub mod triangle;
+pub(crate) mod triangle;
 
 pub use r#box::Box;
 pub use cylinder::Cylinder;
