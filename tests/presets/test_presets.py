@@ -105,7 +105,7 @@ def test_pattern_agrees_with_the_datasheet_in_the_file(name: str) -> None:
 def test_each_number_has_its_source_and_mark(name: str) -> None:
     document = DOCUMENTS[name]
     given = {f"pattern.{key}" for key in document["pattern"] if key != "type"}
-    given |= {key for key in ("min_range_m", "max_range_m", "modes") if key in document}
+    given |= {key for key in ("min_range_m", "max_range_m", "range_offset_m", "modes") if key in document}
     given |= {f"{part}.{key}" for part in ("datasheet_noise", "datasheet") for key in document.get(part, {})}
     assert document["sources"].keys() == given
     for source in document["sources"].values():
@@ -199,7 +199,7 @@ def sees(lidar: ls.Lidar, reflectivity: float, distance: float) -> bool:
     limit = ls.Measurement(detection=lidar.measurement.detection)
     scene = ls.Scene()
     scene.add(ls.Plane((1.0, 0.0, 0.0), distance), material=ls.Material(reflectivity=reflectivity))
-    (status,) = dataclasses.replace(lidar, pattern=one_beam, measurement=limit).scan(scene).status
+    (status,) = dataclasses.replace(lidar, pattern=one_beam, measurement=limit, range_offset=0.0).scan(scene).status
     assert status in {ls.Status.hit, ls.Status.below_threshold, ls.Status.beyond_max_range}
     return bool(status == ls.Status.hit)
 
@@ -261,6 +261,42 @@ def test_rplidar_resolves_half_a_millimetre_nearby() -> None:
     assert sigma[distance <= 1.5] == pytest.approx(0.0005)
     assert (sigma <= 0.01 * distance).all()
     assert sigma[-1] == pytest.approx(0.12)
+
+
+ACCURATE = [name for name in NAMES if "range_accuracy_m" in DOCUMENTS[name]["datasheet"]]
+
+
+@pytest.mark.parametrize("name", ACCURATE)
+def test_accuracy_is_a_bias_of_each_channel(name: str) -> None:
+    measurement = ls.Lidar.preset(name, noise="datasheet").measurement
+    # the standard deviation of a uniform distribution within the bounds, printed with 4 decimals
+    expected = DOCUMENTS[name]["datasheet"]["range_accuracy_m"] / np.sqrt(3.0)
+    assert measurement.channel_bias_sigma == pytest.approx(expected, abs=0.5e-4)
+
+
+def test_bias_of_channels_is_that_of_an_accuracy_alone() -> None:
+    biased = [name for name in NAMES if ls.Lidar.preset(name, noise="datasheet").measurement.channel_bias_sigma]
+    assert biased == ACCURATE
+    assert len(ACCURATE) >= 11
+
+
+ROTORS = [name for name in NAMES if name.startswith("hesai-") and name != "hesai-at128"]
+
+
+@pytest.mark.parametrize("name", ROTORS)
+def test_range_of_a_hesai_counts_from_the_axis(name: str) -> None:
+    lidar = ls.Lidar.preset(name)
+    pulses = lidar.pattern.pulses()
+    along = (pulses.origins * pulses.directions).sum(axis=-1)
+    np.testing.assert_allclose(np.asarray(lidar.range_offset)[pulses.ring], along, rtol=0, atol=0.5e-5)  # 5 decimals
+
+
+@pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("ouster-")])
+def test_range_of_an_ouster_counts_from_the_axis(name: str) -> None:
+    lidar = ls.Lidar.preset(name)
+    pulses = lidar.pattern.pulses()
+    from_axis = np.hypot(pulses.origins[:, 0], pulses.origins[:, 1])
+    np.testing.assert_allclose(lidar.range_offset, from_axis, rtol=1e-12)
 
 
 @for_each

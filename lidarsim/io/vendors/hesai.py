@@ -5,6 +5,9 @@ while the rotor stands at azimuth a, looks from the optical centre, which turns 
 a + Azimuth[i] and elevation Elevation[i]. Here the front is x and azimuths grow counter-clockwise, so that those of the
 files change their sign.
 
+A range counts from the axis of the rotor: it is |o + r u| for an optical centre o and a beam u that measures r. To
+first order in o/r that is r + o.u; what is left out, (|o|^2 - (o.u)^2) / 2r, is less than 1 mm from 0.5 m on.
+
 In an AT128 a mirror turns instead, and its front is at azimuth 90 degrees. While the encoder stands at e, between the
 start of a facet and its end, the DAT file's channel i looks at::
 
@@ -15,7 +18,7 @@ with adjustments that are listed every 2 degrees of e and linear between. So its
 CSV of angles gives, and the same as the azimuth offset here.
 
 Source: HesaiTechnology/HesaiLidar_SDK_2.0, libhesai/UdpParser: src/general_parser.cc, udp1_4_parser.cc,
-udp3_2_parser.cc and udp4_3_parser.cc, include/udp4_3_parser.h.
+udp3_2_parser.cc and udp4_3_parser.cc, include/general_parser.h (where a range counts from) and udp4_3_parser.h.
 """
 
 from __future__ import annotations
@@ -148,9 +151,14 @@ def read(
         if len(firings) == 1:
             changes["firing_times"] = firings[0][1]
     pattern = dataclasses.replace(cast("PolygonMirror | Spinning", lidar.pattern), **changes)
-    if len(firings) > 1:
-        return dataclasses.replace(lidar, pattern=_taking_turns(cast("Spinning", pattern), firings))
-    return dataclasses.replace(lidar, pattern=pattern)
+    if isinstance(pattern, PolygonMirror):
+        return dataclasses.replace(lidar, pattern=pattern)
+    beams = directions_of(pattern.azimuth_offsets, pattern.elevations)
+    return dataclasses.replace(
+        lidar,
+        pattern=_taking_turns(pattern, firings) if len(firings) > 1 else pattern,
+        range_offset=(pattern.beam_origins * beams).sum(axis=-1).tolist(),
+    )
 
 
 def read_mirror(

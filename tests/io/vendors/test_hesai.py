@@ -58,6 +58,26 @@ def test_points_are_where_the_vendors_formula_puts_them(path: Path, name: str) -
             assert np.abs(got - (y, -x, distance * math.sin(elevation))).max() < 1e-12
 
 
+@pytest.mark.parametrize("model", ["Pandar40P", "PandarQT", "Pandar128E3X", "OT128", "QT128C2X"])
+def test_range_counts_from_the_axis_of_the_rotor(model: str) -> None:
+    angles, times = (DATA / f"{model}_{kind}_Correction_File.csv" for kind in ("Angle", "Firetime"))
+    lidar = ls.Lidar.from_file(angles, firing_times=times)
+    pulses = lidar.pattern.pulses()
+    offset = np.asarray(lidar.range_offset)[pulses.ring]
+    assert 0.017 < offset.min() < offset.max() < 0.046
+    square = (pulses.origins**2).sum(axis=-1)
+    for distance in (0.5, 5.0, 50.0):
+        vendors = np.linalg.norm(pulses.origins + distance * pulses.directions, axis=-1)
+        left_out = (square - offset**2) / (2.0 * distance)  # the next term of the series of the root
+        assert np.abs(vendors - (distance + offset) - left_out).max() < square.max() ** 1.5 / distance**2
+        assert np.abs(vendors - (distance + offset)).max() < 0.5e-3 / distance
+
+
+def test_range_of_an_at128_counts_from_its_origin() -> None:
+    assert ls.Lidar.from_file(MIRROR).range_offset == 0.0
+    assert ls.Lidar.from_file(DATA / "nebula_PandarAT128.csv").range_offset == 0.0
+
+
 def test_at128_spans_what_its_decoder_says() -> None:
     path = DATA / "nebula_PandarAT128.csv"
     pattern = ls.Lidar.from_file(path).pattern

@@ -67,6 +67,13 @@ def test_points_are_where_the_published_formula_puts_them(path: Path) -> None:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_range_counts_from_where_the_published_formula_does(path: Path) -> None:
+    *_, n = published_xyz(flattened(path), 0, 0, 0.0)
+    assert 12.0 < n < 28.0
+    assert ls.Lidar.from_file(path).range_offset == pytest.approx(n / 1e3, rel=1e-15)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_points_are_those_of_the_vendors_table(path: Path) -> None:
     core = pytest.importorskip("ouster.sdk.core")  # the vendor's own package, which the tests do not ask for
     info = core.SensorInfo(path.read_text())
