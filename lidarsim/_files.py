@@ -15,12 +15,14 @@ PathLike = str | os.PathLike[str]
 
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
-    """Return the suffix of `path` in lower case, after checking that it is one of the `known`."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in known:
+    """Return the longest of the `known` suffixes that the name of `path` ends in, whatever its case."""
+    name = Path(path).name.lower()
+    fitting = [suffix for suffix in known if name.endswith(suffix) and name != suffix]
+    if not fitting:
+        suffix = Path(path).suffix.lower()
         what = f"unknown extension {suffix!r}" if suffix else "no extension"
         raise FileFormatError(f"{path}: {what}, expected {' or '.join(sorted(known))}")
-    return suffix
+    return max(fitting, key=len)
 
 
 def check_folder(path: PathLike) -> None:

@@ -190,7 +190,7 @@ ASCII = GOOD.replace("binary", "ascii")
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        ("ply\nformat ascii 1.0\n", r"expected the header of a PCD file, got b'ply\n'"),
+        ("PCD\nformat ascii 1.0\n", r"expected the header of a PCD file, got b'PCD\n'"),
         ("", "expected the header of a PCD file, got b''"),
         ("FIELDS x y z\n", "expected the header of a PCD file, got b''"),
         ("DATA ascii\n", "its header has no FIELDS"),

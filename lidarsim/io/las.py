@@ -1,0 +1,351 @@
+"""LAS and LAZ, the formats of surveying (``.las``, ``.laz``): LAS 1.4, point format 6, or 7 where there are colours.
+
+=================  ==============================================================================================
+lidarsim           LAS
+=================  ==============================================================================================
+xyz                X, Y, Z: whole multiples of 0.1 mm from an offset in whole metres near the first points, so that
+                   UTM coordinates keep 0.05 mm; they reach 214 km from there. NaN cannot be held.
+intensity          intensity, 10 000 for a white diffuser at normal incidence, 65 535 for all that return more than
+                   6.5535 times that
+time               gps_time, in seconds since the start of the scan
+return_number,     return number, number of returns: 0 to 15
+return_count
+label              classification: 0 to 255, where 2 is ground and 6 building by the standard
+scan_angle         scan angle, in steps of 0.006°. lidarsim gives no such field: it depends on what the nadir and the
+                   line of flight are. Set it, in rad, to have it written.
+normal             extra dimensions NormalX, NormalY, NormalZ
+all others         extra dimensions of the same name and type; those of shape (n, m) one a component. Names of other
+                   dimensions of LAS (user_data, point_source_id, red, …) go there. bool cannot be held.
+=================  ==============================================================================================
+
+All come back bit for bit but `xyz`, `intensity` and `scan_angle`, which are rounded. A file has the first six in any
+case, 0 where the cloud had no such field; of LAS's other dimensions those that are 0 throughout are not loaded.
+
+Format: https://github.com/ASPRSorg/LAS, revision R15.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._extras import import_extra
+from lidarsim._files import PathLike, atomic_writer, check_suffix
+from lidarsim.errors import FileFormatError
+from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
+from lidarsim.io._units import fitting
+from lidarsim.pointcloud import Fields, PointCloud, register_format
+
+__all__ = ["Writer", "read"]
+
+NORMAL = ("NormalX", "NormalY", "NormalZ")
+CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
+NAMES = {"time": "gps_time", "label": "classification", "return_count": "number_of_returns"}
+AXES = ("x", "y", "z")
+UNUSED = {
+    *("synthetic", "key_point", "withheld", "overlap", "scanner_channel", "scan_direction_flag"),
+    *("edge_of_flight_line", "user_data", "scan_angle", "point_source_id"),
+}
+"""Dimensions that every file has, by lidarsim's names, and that few writers set."""
+
+SCALE = 1e-4
+WHITE = 10_000  # of intensity
+ANGLE = np.radians(0.006)  # of the scan angle
+
+
+class Writer:
+    """Write clouds one after the other into one LAS or LAZ file, such as the frames of a flight.
+
+    A context manager: the file takes its name when the block ends well.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, ``.las`` or ``.laz``.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is another.
+    MissingExtraError
+        If laspy, or for LAZ lazrs, is not installed.
+
+    Examples
+    --------
+    >>> with Writer("/tmp/flight.laz") as flight:
+    ...     for x in range(3):
+    ...         flight.write(PointCloud(xyz=[[500_000 + x, 5_400_000, 300]], label=[2]))
+    >>> len(PointCloud.load("/tmp/flight.laz"))
+    3
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        self._path = path
+        self._compress = check_suffix(path, (".las", ".laz")) == ".laz"
+        self._stack = ExitStack()
+        self._points: _Points | None = None
+        _import(self._compress)
+
+    def __enter__(self) -> Self:
+        """Open a temporary file."""
+        file = self._stack.enter_context(atomic_writer(self._path))
+        self._points = self._stack.enter_context(_Points(file, compress=self._compress))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the file its name, unless there was an error."""
+        self._points = None
+        self._stack.__exit__(kind, error, trace)
+
+    def write(self, cloud: PointCloud) -> None:
+        """Append the points of a cloud.
+
+        Parameters
+        ----------
+        cloud : PointCloud
+            With the same fields, of the same dtypes, as all clouds before it.
+
+        Raises
+        ------
+        FileFormatError
+            If a field does not fit.
+        ValueError
+            If the fields are not those of the first cloud, or the file is not open.
+        """
+        if self._points is None:
+            raise ValueError(f"{self._path}: expected to be written in a with block")
+        self._points.write({name: getattr(cloud, name) for name in cloud.fields})
+
+
+def read(path: PathLike) -> Iterator[PointCloud]:
+    """Read a LAS or LAZ file piece by piece, however large it is.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Yields
+    ------
+    PointCloud
+        Some thousand points, in the order of the file, with a field for every dimension that the file has.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged or not LAS.
+    OSError
+        If it cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        pieces = _read(file)
+        while True:
+            try:
+                piece = next(pieces, None)
+            except (ImportError, OSError):
+                raise
+            except Exception as error:
+                raise FileFormatError(f"{path}: not a readable LAS file: {error}") from error
+            if piece is None:
+                return
+            yield PointCloud(to_fields(piece, NORMAL))
+
+
+def save(fields: Fields, file: BinaryIO, *, compress: bool) -> None:
+    """Write one cloud."""
+    with _Points(file, compress=compress) as points:
+        points.write(fields)
+
+
+def load(file: BinaryIO) -> Fields:
+    """Read all points."""
+    columns = joined(_read(file))
+    return to_fields({name: column for name, column in columns.items() if name not in UNUSED or column.any()}, NORMAL)
+
+
+class _Points:
+    """The points of an open file, the first of which set its offset and its dimensions."""
+
+    def __init__(self, file: BinaryIO, *, compress: bool) -> None:
+        self._laspy = _import(compress)
+        self._file, self._compress = file, compress
+        self._writer: Any = None
+        self._dtypes: dict[str, np.dtype[Any]] = {}
+        self._targets: dict[str, str] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            if self._writer is None:
+                self.write({"xyz": np.empty((0, 3))})
+            self._writer.close()
+
+    def write(self, fields: Fields) -> None:
+        columns = to_columns(fields, NORMAL, CODES)
+        dtypes = {name: column.dtype for name, column in columns.items()}
+        if self._writer is None:
+            self._dtypes, self._targets = dtypes, _targets(columns)
+            self._writer = self._open(fields["xyz"], columns)
+        elif dtypes != self._dtypes:
+            raise ValueError(f"cloud: expected the fields {', '.join(self._dtypes)}, got {', '.join(dtypes)}")
+        header = self._writer.header
+        for block in blocks(columns):
+            record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)
+            for name, column in block.items():
+                _set(record, name, self._targets[name], column)
+            self._writer.write_points(record)
+
+    def _open(self, xyz: npt.NDArray[Any], columns: Fields) -> Any:
+        laspy = self._laspy
+        colours = {"red", "green", "blue"} <= columns.keys()
+        header = laspy.LasHeader(version="1.4", point_format=7 if colours else 6)
+        header.global_encoding.wkt = True  # as the standard wants of these point formats
+        header.generating_software = "lidarsim"
+        header.creation_date = None  # the same cloud gives the same bytes on any day
+        header.scales = np.full(3, SCALE)
+        with np.errstate(invalid="ignore"):
+            middle = (xyz.min(axis=0) + xyz.max(axis=0)) / 2 if len(xyz) else np.zeros(3)
+        header.offsets = np.rint(np.nan_to_num(middle.astype(np.float64)))
+        standard = set(header.point_format.dimension_names)
+        header.add_extra_dims(
+            [
+                laspy.ExtraBytesParams(name, column.dtype)
+                for name, column in columns.items()
+                if name not in AXES and self._targets[name] not in standard
+            ]
+        )
+        backend = laspy.LazBackend.Lazrs if self._compress else None
+        return laspy.LasWriter(self._file, header, self._compress, backend, closefd=False)
+
+
+def _targets(columns: Fields) -> dict[str, str]:
+    """Return the dimension of each column, after checking that LAS can have them beside each other."""
+    targets = {name: NAMES.get(name, name) for name in columns}
+    for name, target in targets.items():
+        if name in {"X", "Y", "Z"} or list(targets.values()).count(target) > 1 or len(target) > 32:
+            raise FileFormatError(f"{name}: LAS cannot hold a field of this name beside the others; save without it")
+    return targets
+
+
+def _set(record: Any, name: str, target: str, column: npt.NDArray[Any]) -> None:
+    """Put a column where LAS has it."""
+    if target in AXES:
+        offset = record.offsets[AXES.index(target)]
+        near = f"coordinates within 214 km of {offset:g} m, the middle of the first points"
+        record[target.upper()] = _steps(name, column, (column - offset) / SCALE, (-(2**31), 2**31 - 1), near)
+    elif target == "intensity":
+        record[target] = _steps(name, column, np.minimum(column * WHITE, 65_535), (0, 65_535), "numbers >= 0")
+    elif target == "scan_angle":
+        record[target] = _steps(name, column, column / ANGLE, (-30_000, 30_000), "angles from -π to π")
+    else:
+        dimension = record.point_format.dimension_by_name(target)
+        if dimension.is_standard and target != "gps_time":
+            column = fitting(name, column, np.uint16, f"LAS's {target}", at_most=2**dimension.num_bits - 1)
+        record[target] = column
+
+
+def _steps(
+    name: str, values: npt.NDArray[Any], steps: npt.NDArray[Any], span: tuple[int, int], expected: str
+) -> npt.NDArray[Any]:
+    """Return the steps rounded, after checking that they lie in the span; `values` are what they stand for."""
+    rounded: npt.NDArray[Any] = np.rint(steps)
+    wrong = ~((rounded >= span[0]) & (rounded <= span[1]))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise FileFormatError(f"{name}: expected {expected}, got {name}[{i}] = {values[i]:g}")
+    return rounded
+
+
+def _read(file: BinaryIO) -> Iterator[Fields]:
+    """Yield the dimensions of the points piece by piece, at least once."""
+    laspy = _import(compress=False)
+    size = os.fstat(file.fileno()).st_size
+    _check_head(file.read(104), size)
+    file.seek(0)
+    with _panics():
+        reader = laspy.LasReader(file, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
+    header = reader.header
+    each = header.point_format.size
+    if header.are_points_compressed:
+        _import(compress=True)
+        vlrs = header.vlrs.get("LasZipVlr")
+        if not vlrs or import_extra("lazrs", "formats", "LAZ").LazVlr(vlrs[0].record_data).item_size() != each:
+            raise FileFormatError("its description of the compression does not fit its points")
+    elif header.point_count * each > size - header.offset_to_point_data:
+        raise FileFormatError(
+            f"it is truncated: {(size - header.offset_to_point_data) // each} of {header.point_count} points"
+        )
+    yield _dimensions(laspy.ScaleAwarePointRecord.zeros(0, header=header))
+    read = 0
+    while read < header.point_count:
+        with _panics():
+            points = reader.read_points(BLOCK)
+        read += len(points)
+        check_expansion(read * each, size)
+        yield _dimensions(points)
+
+
+def _check_head(head: bytes, size: int) -> None:
+    """Check what laspy would take the header's word for."""
+    if len(head) < 104 or not head.startswith(b"LASF"):
+        raise FileFormatError("it does not begin as a LAS file does")
+    if head[24] != 1 or head[25] > 4:
+        raise FileFormatError(f"it is of the unknown version {head[24]}.{head[25]}")
+    start, points, records = struct.unpack("<HII", head[94:104])
+    if not start <= points <= size or records * 54 > points - start:  # 54 bytes: the least that a record takes
+        raise FileFormatError(f"it is truncated: its header claims points at byte {points} after {records} records")
+
+
+def _dimensions(points: Any) -> Fields:
+    """Return the dimensions of a piece by lidarsim's names, in its units."""
+    ours = {theirs: name for name, theirs in NAMES.items()}
+    columns: Fields = {axis: np.array(points[axis], np.float64) for axis in "xyz"}
+    for dimension in points.point_format.dimensions:
+        name, values = dimension.name, np.array(points[dimension.name])
+        if name == "intensity":
+            values = (values / WHITE).astype(np.float32)
+        elif name == "scan_angle":
+            values = values * ANGLE
+        elif name == "scan_angle_rank":
+            name, values = "scan_angle", np.radians(values.astype(np.float64))
+        elif name in {"X", "Y", "Z"}:
+            continue
+        if values.ndim == 2:
+            columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
+        else:
+            columns[ours.get(name, name)] = values
+    return columns
+
+
+def _import(compress: bool) -> ModuleType:
+    if compress:
+        import_extra("lazrs", "formats", "LAZ files")
+    return import_extra("laspy", "formats", "LAS files")
+
+
+@contextmanager
+def _panics() -> Iterator[None]:
+    """Turn a panic of lazrs, which is no `Exception`, into an error."""
+    try:
+        yield
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
+        raise FileFormatError(f"its compressed data is damaged: {error}") from None
+
+
+for suffix in (".las", ".laz"):
+    register_format(suffix, save=partial(save, compress=suffix == ".laz"), load=load, signature=b"LASF")
