@@ -1,5 +1,15 @@
 """File formats: one module a format, which registers itself."""
 
-from lidarsim.io import kitti, las, npz, nuscenes, pcd, ply, semantickitti, text  # noqa: F401 - each registers itself
+from lidarsim.io import (  # noqa: F401 - each registers itself
+    kitti,
+    las,
+    npz,
+    nuscenes,
+    pcd,
+    ply,
+    rosbag,
+    semantickitti,
+    text,
+)
 
-__all__ = ["las", "semantickitti"]
+__all__ = ["las", "rosbag", "semantickitti"]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
+from lidarsim.pointcloud import Fields
+
+if TYPE_CHECKING:
+    from lidarsim.sensor import Lidar
 
 
 def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.NDArray[np.uint8]:
@@ -32,3 +36,10 @@ def fitting(
         i = int(np.argmax(wrong))
         raise FileFormatError(f"{name}: expected {low} to {high} for {what}, got {name}[{i}] = {values[i]}")
     return values.astype(dtype)
+
+
+def vendor_range(fields: Fields, lidar: Lidar | None) -> npt.NDArray[np.float64]:
+    """Return the range as the vendor counts it, m: from where the sensor has its zero, which may differ by the ring."""
+    offset = np.asarray(getattr(lidar, "range_offset", 0.0))
+    shifted: npt.NDArray[np.float64] = fields["range"] + (offset[fields["ring"]] if offset.ndim else offset)
+    return shifted

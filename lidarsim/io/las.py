@@ -81,11 +81,13 @@ class Writer:
 
     Examples
     --------
-    >>> with Writer("/tmp/flight.laz") as flight:
-    ...     for x in range(3):
-    ...         flight.write(PointCloud(xyz=[[500_000 + x, 5_400_000, 300]], label=[2]))
-    >>> len(PointCloud.load("/tmp/flight.laz"))
-    3
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Writer(f"{folder}/flight.laz") as flight:
+    ...         for x in range(3):
+    ...             flight.write(PointCloud(xyz=[[500_000 + x, 5_400_000, 300]], label=[2]))
+    ...     print(PointCloud.load(f"{folder}/flight.laz").xyz[:, 0])
+    [500000. 500001. 500002.]
     """
 
     def __init__(self, path: PathLike) -> None:
