@@ -1,7 +1,8 @@
-"""Output files that are whole or not there: checked before the work, replaced in one step after it."""
+"""Files: written whole or not at all, and what is said of those that cannot be read."""
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Collection, Iterator
@@ -62,3 +63,19 @@ def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
         if isinstance(error, OSError):
             raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
         raise
+
+
+@contextmanager
+def parsing(path: PathLike, kind: str) -> Iterator[None]:
+    """Let parsers of a file fail as they will, and raise a `FileFormatError` of one line that names the file.
+
+    A missing package, and a disk that cannot be read, pass as they are; not so a seek to where no file has bytes, which
+    is what a damaged file claims.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, ImportError) or (isinstance(error, OSError) and error.errno != errno.EINVAL):
+            raise
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise FileFormatError(f"{path}: not a readable {kind}: {reason}") from error

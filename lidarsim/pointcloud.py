@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
-from lidarsim.errors import FileFormatError
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix, parsing
 
 if TYPE_CHECKING:
     import open3d
@@ -240,13 +239,8 @@ class PointCloud:
             with path.open("rb") as file:
                 suffix = _recognised(file.read(_HEAD)) or check_suffix(path, _FORMATS)
                 file.seek(0)
-                try:
+                with parsing(path, f"{suffix} point cloud"):
                     return cls(_FORMATS[suffix].load(file))
-                except (ImportError, OSError):
-                    raise
-                except Exception as error:  # parsers of damaged files fail in any way
-                    reason = str(error).partition("\n")[0] or type(error).__name__
-                    raise FileFormatError(f"{path}: not a readable {suffix} point cloud: {reason}") from error
         except FileNotFoundError:
             raise FileNotFoundError(f"{path}: no such file") from None
         except OSError as error:

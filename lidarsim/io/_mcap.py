@@ -1,10 +1,12 @@
-"""Whether the chunks of an MCAP file are what they claim: rosbags decompresses them whatever their size becomes.
+"""What keeps rosbags, which reads MCAP files on their word, from allocating what a hostile one claims.
 
 Format: https://mcap.dev/spec.
 """
 
 from __future__ import annotations
 
+import io
+import os
 import struct
 import sys
 from pathlib import Path
@@ -17,6 +19,23 @@ from lidarsim.io._records import check_expansion
 MAGIC = b"\x89MCAP0\r\n"
 CHUNK = 6  # code of its record
 PIECE = 1 << 20
+
+
+class CappedPath(type(Path())):  # type: ignore[misc]
+    """A path whose file allocates no more for a read than it has bytes left."""
+
+    def open(self, mode: str = "r", *arguments: Any, **options: Any) -> Any:
+        """Open the file."""
+        return _Capped(io.FileIO(self)) if mode == "rb" else super().open(mode, *arguments, **options)
+
+
+class _Capped(io.BufferedReader):
+    def __init__(self, raw: io.FileIO) -> None:
+        super().__init__(raw)
+        self._size = os.fstat(raw.fileno()).st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        return super().read(size if size is None or size < 0 else min(size, max(self._size - self.tell(), 0)))
 
 
 class Chunk(NamedTuple):

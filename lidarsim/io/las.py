@@ -39,7 +39,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer, check_suffix
+from lidarsim._files import PathLike, atomic_writer, check_suffix, parsing
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
 from lidarsim.io._units import fitting
@@ -153,15 +153,11 @@ def read(path: PathLike) -> Iterator[PointCloud]:
     with Path(path).open("rb") as file:
         pieces = _read(file)
         while True:
-            try:
-                piece = next(pieces, None)
-            except (ImportError, OSError):
-                raise
-            except Exception as error:
-                raise FileFormatError(f"{path}: not a readable LAS file: {error}") from error
-            if piece is None:
-                return
-            yield PointCloud(to_fields(piece, NORMAL))
+            with parsing(path, "LAS file"):
+                if (piece := next(pieces, None)) is None:
+                    return
+                cloud = PointCloud(to_fields(piece, NORMAL))
+            yield cloud
 
 
 def save(fields: Fields, file: BinaryIO, *, compress: bool) -> None:
@@ -283,9 +279,8 @@ def _read(file: BinaryIO) -> Iterator[Fields]:
     each = header.point_format.size
     if header.are_points_compressed:
         _import(compress=True)
-        vlrs = header.vlrs.get("LasZipVlr")
-        if not vlrs or import_extra("lazrs", "formats", "LAZ").LazVlr(vlrs[0].record_data).item_size() != each:
-            raise FileFormatError("its description of the compression does not fit its points")
+        with _panics():
+            _check_chunks(file, size, header)
     elif header.point_count * each > size - header.offset_to_point_data:
         raise FileFormatError(
             f"it is truncated: {(size - header.offset_to_point_data) // each} of {header.point_count} points"
@@ -309,6 +304,41 @@ def _check_head(head: bytes, size: int) -> None:
     start, points, records = struct.unpack("<HII", head[94:104])
     if not start <= points <= size or records * 54 > points - start:  # 54 bytes: the least that a record takes
         raise FileFormatError(f"it is truncated: its header claims points at byte {points} after {records} records")
+
+
+def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
+    """Check the sizes that lazrs would allocate on the word of a LAZ file; an allocation that fails ends the process.
+
+    The points begin with the place of the table of chunks. Each chunk of the point formats from 6 on begins with a
+    point, the number of its points and the sizes of its layers: 9 of the point, then those of colours and wave packets,
+    and one of each extra byte. Format: LASzip, https://github.com/LASzip/LASzip.
+    """
+    lazrs = import_extra("lazrs", "formats", "LAZ files")
+    records = header.vlrs.get("LasZipVlr")
+    each, start, here = header.point_format.size, header.offset_to_point_data, file.tell()
+    if not records or lazrs.LazVlr(records[0].record_data).item_size() != each:
+        raise FileFormatError("its description of the compression does not fit its points")
+    file.seek(start)
+    table = int.from_bytes(file.read(8), "little", signed=True)
+    if table == -1:  # written as a stream, its place is at the end
+        file.seek(-8, os.SEEK_END)
+        table = int.from_bytes(file.read(8), "little", signed=True)
+    if not start + 8 <= table <= size - 8:
+        raise FileFormatError("it is truncated: its table of chunks is not there")
+    file.seek(table + 4)
+    if int.from_bytes(file.read(4), "little") * each > size:
+        raise FileFormatError("its table claims more chunks than the file has bytes for")
+    if header.point_format.id >= 6:
+        layers = 9 + {7: 1, 8: 2, 9: 1, 10: 3}.get(header.point_format.id, 0) + header.point_format.num_extra_bytes
+        file.seek(start)
+        place = start + 8
+        for _, length in lazrs.read_chunk_table(file, lazrs.LazVlr(records[0].record_data)):
+            file.seek(place + each + 4)
+            sizes = np.frombuffer(file.read(4 * layers), "<u4")
+            if len(sizes) < layers or sizes.sum(dtype=np.uint64) > table - place:
+                raise FileFormatError("it is truncated inside a chunk")
+            place += length
+    file.seek(here)
 
 
 def _dimensions(points: Any) -> Fields:

@@ -38,7 +38,7 @@ import sqlite3
 import struct
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
 from types import TracebackType
@@ -49,7 +49,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_folder, check_suffix
+from lidarsim._files import PathLike, check_folder, check_suffix, parsing
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
@@ -423,14 +423,9 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     """
     messages = _read(Path(path), topic)
     while True:
-        try:
-            message = next(messages, None)
-        except (ImportError, OSError):
-            raise
-        except Exception as error:  # parsers of damaged files fail in any way
-            raise FileFormatError(f"{path}: not a readable ROS 2 bag: {error or type(error).__name__}") from error
-        if message is None:
-            return
+        with parsing(path, "ROS 2 bag"):
+            if (message := next(messages, None)) is None:
+                return
         yield message
 
 
@@ -457,13 +452,13 @@ def load(file: BinaryIO) -> Fields:
 
 def _read(path: Path, topic: str | None) -> Iterator[Message]:
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
-    chunks = {file: _mcap.check_chunks(file) for file in (path.glob("*.mcap") if path.is_dir() else [path])}
+    chunks = {str(file): _mcap.check_chunks(file) for file in (path.glob("*.mcap") if path.is_dir() else [path])}
     ros = _typestore()
-    with rosbag2.Reader(path) as bag:
+    with rosbag2.Reader(_mcap.CappedPath(path)) as bag:
         if bag.compression_mode == "message":
             raise FileFormatError("its messages are compressed one by one: convert it with ros2 bag convert")
         for storage in getattr(bag.storage, "storages", [bag.storage]):
-            _mcap.check_index(storage, chunks.get(storage.path, {}))
+            _mcap.check_index(storage, chunks.get(str(storage.path), {}))
         connections = [connection for connection in bag.connections if topic is None or connection.topic == topic]
         clouds = [connection for connection in connections if connection.msgtype in {_CLOUD, _CUSTOM}]
         if not clouds:
@@ -517,6 +512,7 @@ def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
     return frame, seconds * 10**9 + nanoseconds, cloud
 
 
+@cache
 def _typestore() -> Any:
     typesys = import_extra("rosbags.typesys", "formats", "ROS bags")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -12,7 +12,6 @@ import sys
 import tempfile
 import time
 import warnings
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -91,7 +90,10 @@ def samples(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]
             for connection, stamp, data in old.messages():
                 if connection.id not in topics:
                     topics[connection.id] = new.add_connection(
-                        connection.topic, connection.msgtype, msgdef=connection.msgdef.data, rihs01=connection.digest or "x"
+                        connection.topic,
+                        connection.msgtype,
+                        msgdef=connection.msgdef.data,
+                        rihs01=connection.digest or "x",
                     )
                 new.write(topics[connection.id], stamp, data)
     yield ".mcap zstd", folder / "zstd" / "zstd.mcap", PointCloud.load
@@ -104,7 +106,9 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
         if not data:
             break
         near = min(len(data), 400)
-        place = int([rng.integers(near), len(data) - 1 - rng.integers(near), *rng.integers(len(data), size=2)][rng.integers(4)])
+        place = int(
+            [rng.integers(near), len(data) - 1 - rng.integers(near), *rng.integers(len(data), size=2)][rng.integers(4)]
+        )
         number = NUMBERS[rng.integers(len(NUMBERS))]
         match rng.integers(8):
             case 0:
@@ -128,7 +132,9 @@ def mutated(content: bytes, rng: np.random.Generator) -> bytes:
     return bytes(data)
 
 
-def faults(name: str, path: Path, read: Callable[[Path], object], count: int, seed: int) -> tuple[Counter[str], list[str]]:
+def faults(
+    name: str, path: Path, read: Callable[[Path], object], count: int, seed: int
+) -> tuple[Counter[str], list[str]]:
     """Read mutations of a file; return how often each outcome came, and what should never happen."""
     content, rng = path.read_bytes(), np.random.default_rng(seed)
     damaged = path.with_name(f"damaged{''.join(path.suffixes[-2:])}")
@@ -163,8 +169,11 @@ def main(count: int = 300, seed: int = 0, *suffixes: str) -> int:
             begin = time.perf_counter()
             outcomes, wrong = faults(name, path, read, count, seed)
             peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
-            print(f"{name:18} {dict(outcomes)}, {len(wrong)} faults, {time.perf_counter() - begin:.0f} s, peak {peak} MB", flush=True)
-            print(*(f"    {line}" for line in wrong[:5]), sep="\n", end="\n" if wrong else "")
+            seconds = time.perf_counter() - begin
+            report = f"{name:22} {outcomes['read']:6} read, {outcomes['refused']:6} refused, {len(wrong)} faults"
+            sys.stdout.write(f"{report}, {seconds:.0f} s, peak {peak} MB\n")
+            sys.stdout.writelines(f"    {line}\n" for line in wrong[:5])
+            sys.stdout.flush()
             total += len(wrong)
     return total
 
