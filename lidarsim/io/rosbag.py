@@ -254,6 +254,7 @@ class Writer:
         records, last = to_layout(cloud, layout, lidar, stamp)
         header = self._header(stamp, frame_id or name)
         message = self._custom(header, records) if layout == "livox" else self._cloud(header, records)
+        del records  # rosbags makes copies enough
         with self._writing():
             self._advance(stamp, stamp + last)
             self._send(f"/{name}/points", _CUSTOM if layout == "livox" else _CLOUD, stamp + last, message)
@@ -403,14 +404,14 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     Parameters
     ----------
     path : path-like
-        A ``.mcap`` or ``.db3`` file, or a bag's folder.
+        A ``.mcap`` or ``.db3`` file; of a bag that is a folder, one of those in it.
     topic : str, optional
         Only clouds of this topic.
 
     Yields
     ------
     Message
-        In the order of their recording.
+        In the order of the file.
 
     Raises
     ------
@@ -427,6 +428,7 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
             if (message := next(messages, None)) is None:
                 return
         yield message
+        del message  # or it would be kept while the next is read
 
 
 def save(fields: Fields, file: BinaryIO, *, suffix: str) -> None:
@@ -443,31 +445,30 @@ def load(file: BinaryIO) -> Fields:
     """Read the only cloud of a bag."""
     messages = _read(Path(file.name), None)
     first = next(messages, None)
-    if first is None:
-        raise FileFormatError("its topics of point clouds have no messages")
-    if next(messages, None) is not None:
+    if first is None or next(messages, None) is not None:
         raise FileFormatError("it holds several clouds: read them one by one with lidarsim.io.rosbag.read")
     return {name: getattr(first.cloud, name) for name in first.cloud.fields}
 
 
 def _read(path: Path, topic: str | None) -> Iterator[Message]:
-    rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
-    chunks = {str(file): _mcap.check_chunks(file) for file in (path.glob("*.mcap") if path.is_dir() else [path])}
     ros = _typestore()
-    with rosbag2.Reader(_mcap.CappedPath(path)) as bag:
-        if bag.compression_mode == "message":
-            raise FileFormatError("its messages are compressed one by one: convert it with ros2 bag convert")
-        for storage in getattr(bag.storage, "storages", [bag.storage]):
-            _mcap.check_index(storage, chunks.get(str(storage.path), {}))
-        connections = [connection for connection in bag.connections if topic is None or connection.topic == topic]
-        clouds = [connection for connection in connections if connection.msgtype in {_CLOUD, _CUSTOM}]
-        if not clouds:
-            there = ", ".join(f"{connection.topic} ({connection.msgtype})" for connection in bag.connections) or "none"
-            which = "no topic of point clouds" if topic is None else f"no point clouds under {topic}"
-            raise FileFormatError(f"it has {which}; its topics are {there}")
-        for connection, _, data in bag.messages(clouds):
-            parse = _parsed_cloud if connection.msgtype == _CLOUD else _parsed_custom
-            yield Message(connection.topic, *parse(ros, memoryview(data)))
+    parsers = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom}
+    topics: dict[str, str] = {}
+    for name, kind, data in _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path):
+        topics[name] = kind
+        if kind in parsers and topic in {None, name}:
+            yield Message(name, *parsers[kind](ros, data))
+    if not any(kind in parsers and topic in {None, name} for name, kind in topics.items()):
+        there = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
+        raise FileFormatError(f"it has no point clouds{f' under {topic}' if topic else ''}; its topics are {there}")
+
+
+def _rows(path: Path) -> Iterator[tuple[str, str, memoryview]]:
+    """Yield topic, type and data of each message of a bag in SQLite's storage."""
+    rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
+    with rosbag2.Reader(path) as bag:
+        for connection, _, data in bag.messages(bag.connections):
+            yield connection.topic, connection.msgtype, memoryview(data)
 
 
 def _parsed_cloud(ros: Any, data: memoryview) -> tuple[str, int, PointCloud]:
@@ -502,13 +503,15 @@ def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
     seconds, nanoseconds, length = struct.unpack_from("<iII", body)
     start = -(-(12 + length) // 8) * 8  # timebase is aligned to 8 bytes
     base, _, _, _, points = struct.unpack_from("<QIB3sI", body, start)
-    dtype = LAYOUTS["livox"]
-    rest = bytes(body[start + 20 :])
-    if points * dtype.itemsize > len(rest) + 1:
-        raise FileFormatError(f"it is truncated: {(len(rest) + 1) // dtype.itemsize} of {points} points")
-    records = np.frombuffer(rest + b"\0", dtype, points)
+    point = LAYOUTS["livox"]
+    if points * point.itemsize > len(body) - start - 19:
+        raise FileFormatError(f"it is truncated: {(len(body) - start - 19) // point.itemsize} of {points} points")
+    columns = {
+        name: np.ndarray(points, place[0], body, start + 20 + place[1], point.itemsize)
+        for name, place in (point.fields or {}).items()
+    }
     frame = bytes(body[12 : 11 + length]).decode()
-    cloud = to_cloud({name: records[name] for name in dtype.names or ()}, base)
+    cloud = to_cloud(columns, base)
     return frame, seconds * 10**9 + nanoseconds, cloud
 
 
