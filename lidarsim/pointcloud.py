@@ -237,7 +237,7 @@ class PointCloud:
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
         try:
             with path.open("rb") as file:
-                suffix = _recognised(file.read(_HEAD)) or check_suffix(path, _FORMATS)
+                suffix = _recognised(file.read(_HEAD), path)
                 file.seek(0)
                 with parsing(path, f"{suffix} point cloud"):
                     return cls(_FORMATS[suffix].load(file))
@@ -404,7 +404,8 @@ def _format(path: PathLike) -> _Format:
     return _FORMATS[check_suffix(path, _FORMATS)]
 
 
-def _recognised(head: bytes) -> str | None:
-    """Return the suffix of the format that the first bytes of a file tell, or None."""
-    known = ((suffix, format_.signature) for suffix, format_ in _FORMATS.items())
-    return next((suffix for suffix, signature in known if signature and head.startswith(signature)), None)
+def _recognised(head: bytes, path: Path) -> str:
+    """Return the suffix of the format of a file, by its first bytes or else by its name."""
+    told = {suffix for suffix, format_ in _FORMATS.items() if format_.signature and head.startswith(format_.signature)}
+    own = path.suffix.lower()
+    return own if own in told else min(told) if told else check_suffix(path, _FORMATS)

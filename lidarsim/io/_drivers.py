@@ -102,7 +102,8 @@ _COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
     "t": lambda points: points.whole("time in ns", points.nanoseconds, "t"),
     "time_stamp": lambda points: points.whole("time in ns", points.nanoseconds, "time_stamp"),
     "offset_time": lambda points: points.whole("time in ns", points.nanoseconds, "offset_time"),
-    "timestamp": lambda points: (points.stamp + points.nanoseconds) / 1e9,
+    # Seconds and the rest apart: in nanoseconds since 1970 a float64 has steps of 256.
+    "timestamp": lambda points: points.stamp // 10**9 + (points.stamp % 10**9 + points.nanoseconds) / 1e9,
     "range": lambda points: points.whole("range in mm", np.rint(points.fields["range"] * 1e3), "range"),
     "ambient": lambda points: np.zeros(len(points.fields["xyz"]), np.uint16),
     "azimuth": lambda points: np.arctan2(points.fields["xyz"][:, 1], points.fields["xyz"][:, 0]),
@@ -139,7 +140,8 @@ def to_cloud(columns: Fields, stamp: int) -> PointCloud:
     for name in ("t", "time_stamp", "offset_time", "timestamp"):
         if name in columns and "time" not in columns:
             values = columns.pop(name)
-            columns["time"] = values / 1e9 if values.dtype.kind == "u" else values.astype(np.float64) - stamp / 1e9
+            absolute = values.dtype.kind == "f"
+            columns["time"] = values - np.float64(stamp // 10**9) - stamp % 10**9 / 1e9 if absolute else values / 1e9
     for name in ("channel", "line"):
         if name in columns and "ring" not in columns:
             columns["ring"] = columns.pop(name)

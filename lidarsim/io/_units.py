@@ -22,8 +22,8 @@ def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.
     User Manual 63-9243; Ouster's retro-reflective part is logarithmic, of which no formula is published), Hesai's line
     is this one (PandarXT and Pandar64 User Manuals, linear mapping), and Livox ends it at 150 (Mid-360 User Manual).
     """
-    scaled: npt.NDArray[np.float32] = np.rint(np.nan_to_num(intensity) * np.float32(diffuse))
-    return np.clip(scaled, 0, 255).astype(np.uint8)
+    held = np.clip(np.nan_to_num(intensity), 0, np.float32(255 / diffuse))
+    return np.rint(held * np.float32(diffuse)).astype(np.uint8)
 
 
 def fitting(

@@ -157,7 +157,8 @@ def read(path: PathLike) -> Iterator[PointCloud]:
                 if (piece := next(pieces, None)) is None:
                     return
                 cloud = PointCloud(to_fields(piece, NORMAL))
-            yield cloud
+            if len(cloud):
+                yield cloud
 
 
 def save(fields: Fields, file: BinaryIO, *, compress: bool) -> None:
@@ -190,6 +191,8 @@ class _Points:
             if self._writer is None:
                 self.write({"xyz": np.empty((0, 3))})
             self._writer.close()
+            self._file.seek(90)
+            self._file.write(bytes(4))  # no date of creation: the same cloud gives the same bytes on any day
 
     def write(self, fields: Fields) -> None:
         columns = to_columns(fields, NORMAL, CODES)
@@ -212,7 +215,6 @@ class _Points:
         header = laspy.LasHeader(version="1.4", point_format=7 if colours else 6)
         header.global_encoding.wkt = True  # as the standard wants of these point formats
         header.generating_software = "lidarsim"
-        header.creation_date = None  # the same cloud gives the same bytes on any day
         header.scales = np.full(3, SCALE)
         with np.errstate(invalid="ignore"):
             middle = (xyz.min(axis=0) + xyz.max(axis=0)) / 2 if len(xyz) else np.zeros(3)
@@ -277,7 +279,7 @@ def _read(file: BinaryIO) -> Iterator[Fields]:
         reader = laspy.LasReader(file, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
     header = reader.header
     each = header.point_format.size
-    if header.are_points_compressed:
+    if header.are_points_compressed and header.point_count:
         _import(compress=True)
         with _panics():
             _check_chunks(file, size, header)

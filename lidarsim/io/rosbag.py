@@ -487,6 +487,8 @@ def _parsed_cloud(ros: Any, data: memoryview) -> tuple[str, int, PointCloud]:
         size = np.dtype(types[field.datatype]).itemsize * field.count
         if field.offset + size > message.point_step or not field.count:
             raise FileFormatError(f"its field {field.name} ends outside a point of {message.point_step} bytes")
+        if field.name in layout["names"]:
+            raise FileFormatError(f"it has two fields named {field.name!r}")
         layout["names"].append(field.name)
         layout["formats"].append((types[field.datatype], (field.count,)) if field.count > 1 else types[field.datatype])
         layout["offsets"].append(field.offset)
@@ -507,7 +509,7 @@ def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
     if points * point.itemsize > len(body) - start - 19:
         raise FileFormatError(f"it is truncated: {(len(body) - start - 19) // point.itemsize} of {points} points")
     columns = {
-        name: np.ndarray(points, place[0], body, start + 20 + place[1], point.itemsize)
+        name: np.ndarray(points, place[0], body, start + 20 + place[1], point.itemsize) if points else np.empty(0)
         for name, place in (point.fields or {}).items()
     }
     frame = bytes(body[12 : 11 + length]).decode()
