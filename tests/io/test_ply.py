@@ -130,6 +130,10 @@ HEAD = "ply\nformat ascii 1.0\n"
             HEAD + "element vertex 2\nproperty float x\nend_header\n0\n",
             "it is truncated: its header claims 2 of the element 'vertex'",
         ),
+        (
+            "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\nend_header\n",
+            "it is truncated: its header claims 1000000000000 of the element 'vertex'",
+        ),
         (HEAD + "element vertex two\nend_header\n", "line 3: expected integer count"),
         (HEAD + "element vertex 2\n", "its header has no end"),
     ],

@@ -559,8 +559,7 @@ def test_no_part_of_a_bag_is_taken_for_a_whole(suffix: str, cloud: PointCloud, t
         path.write_bytes(content[:size])
         try:
             loaded = PointCloud.load(path)
-        except FileFormatError as error:
-            assert "\n" not in str(error)
+        except FileFormatError:
             refused += 1
         else:  # what follows the messages may be missing: an index, a page of SQLite
             np.testing.assert_array_equal(loaded.xyz, cloud.xyz.astype(np.float32))
