@@ -23,7 +23,8 @@ def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.
     is this one (PandarXT and Pandar64 User Manuals, linear mapping), and Livox ends it at 150 (Mid-360 User Manual).
     """
     held = np.clip(np.nan_to_num(intensity), 0, np.float32(255 / diffuse))
-    return np.rint(held * np.float32(diffuse)).astype(np.uint8)
+    scaled: npt.NDArray[np.uint8] = np.rint(held * np.float32(diffuse)).astype(np.uint8)
+    return scaled
 
 
 def fitting(

@@ -311,15 +311,17 @@ def _check_head(head: bytes, size: int) -> None:
 def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
     """Check the sizes that lazrs would allocate on the word of a LAZ file; an allocation that fails ends the process.
 
-    The points begin with the place of the table of chunks. Each chunk of the point formats from 6 on begins with a
-    point, the number of its points and the sizes of its layers: 9 of the point, then those of colours and wave packets,
-    and one of each extra byte. Format: LASzip, https://github.com/LASzip/LASzip.
+    The points begin with the place of the table of chunks. Each chunk of the point formats from 6 on is a point, the
+    number of its points, the sizes of its layers and the layers: 9 of the point, those of colours and wave packets, and
+    one of each extra byte. Format: LASzip, https://github.com/LASzip/LASzip.
     """
     lazrs = import_extra("lazrs", "formats", "LAZ files")
     records = header.vlrs.get("LasZipVlr")
     each, start, here = header.point_format.size, header.offset_to_point_data, file.tell()
     if not records or lazrs.LazVlr(records[0].record_data).item_size() != each:
         raise FileFormatError("its description of the compression does not fit its points")
+    if records[0].record_data[:2] == b"\x01\0":  # of before 2011: one stream, without chunks
+        return
     file.seek(start)
     table = int.from_bytes(file.read(8), "little", signed=True)
     if table == -1:  # written as a stream, its place is at the end
@@ -330,14 +332,17 @@ def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
     file.seek(table + 4)
     if int.from_bytes(file.read(4), "little") * each > size:
         raise FileFormatError("its table claims more chunks than the file has bytes for")
+    file.seek(start)
+    chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(records[0].record_data))
+    points, place = sum(count for count, _ in chunks), start + 8
+    if points < header.point_count or place + sum(length for _, length in chunks) > table:
+        raise FileFormatError(f"it is truncated: {points} of {header.point_count} points")
     if header.point_format.id >= 6:
         layers = 9 + {7: 1, 8: 2, 9: 1, 10: 3}.get(header.point_format.id, 0) + header.point_format.num_extra_bytes
-        file.seek(start)
-        place = start + 8
-        for _, length in lazrs.read_chunk_table(file, lazrs.LazVlr(records[0].record_data)):
+        for _, length in chunks:
             file.seek(place + each + 4)
             sizes = np.frombuffer(file.read(4 * layers), "<u4")
-            if len(sizes) < layers or sizes.sum(dtype=np.uint64) > table - place:
+            if len(sizes) < layers or each + 4 + 4 * layers + int(sizes.sum(dtype=np.uint64)) != length:
                 raise FileFormatError("it is truncated inside a chunk")
             place += length
     file.seek(here)
