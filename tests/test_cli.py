@@ -73,6 +73,24 @@ def test_several_frames_are_numbered() -> None:
     assert not np.array_equal(first.range_error[:100], second.range_error[:100])
 
 
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_a_bag_holds_all_frames(suffix: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(f"drive{suffix}")
+    assert lidarsim("scan", "run.yaml", "-o", str(path), "--frames", "3", "--frame", "5") == 0
+    assert sorted(Path().iterdir()) == [path, Path("run.yaml")]
+    assert capsys.readouterr().out.endswith(f" s: {path}\n")
+    run = ls.config.load("run.yaml", ["first_frame=5", "frames=3"])
+    messages = list(ls.io.rosbag.read(path))
+    assert [message.stamp - messages[0].stamp for message in messages] == [0, 100_000_000, 200_000_000]
+    for message, frame in zip(messages, run.frames, strict=True):
+        cloud = run.scan(frame).point_cloud()
+        assert message.frame_id == "lidar"
+        np.testing.assert_array_equal(message.cloud.xyz, cloud.xyz.astype(np.float32))
+        np.testing.assert_array_equal(message.cloud.ring, cloud.ring)
+    assert lidarsim("scan", "run.yaml", "-o", str(path), "--set", "cloud.frame=world") == 0
+    assert [message.frame_id for message in ls.io.rosbag.read(path)] == ["map"]
+
+
 def test_overrides_and_seed() -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.npz", "--set", "scene.1.label=9", "--set", "sensor.noise=none") == 0
     exact = ls.PointCloud.load("a.npz")

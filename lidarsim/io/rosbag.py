@@ -88,14 +88,14 @@ class Writer:
     ----------
     path : path-like
         The file: ``.mcap``, or ``.db3`` for the older storage, SQLite.
-    sensors : mapping of str to pose, optional
+    sensors : mapping of str to pose, or to something that has a pose as `mount`, optional
         Name and mount of each sensor. The name is that of its frame, and ``/<name>/points`` is its topic; the mount
         maps sensor to body, as a RigidTransform or (4, 4) array_like. Default: one "lidar", at the body's origin.
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
-        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: by the name of the `Lidar`: ouster-…,
-        hesai-…, robosense-…, livox-…, and velodyne for all others.
+        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: by the name of the `Lidar`, that of a preset:
+        ouster-…, hesai-…, robosense-… and livox-… have their driver's, all others velodyne's.
     start : float
         Time of the ROS clock at time 0 of the scans, s since 1970. Default: the start of 2020.
     rate : float
@@ -146,7 +146,7 @@ class Writer:
         self._suffix = check_suffix(path, SUFFIXES)
         self._path = path
         self._mounts = {
-            _name("sensors", name): _validation.pose(f"sensors[{name!r}]", mount)
+            _name("sensors", name): _validation.pose(f"sensors[{name!r}]", getattr(mount, "mount", mount))
             for name, mount in ({"lidar": np.eye(4)} if sensors is None else sensors).items()
         }
         self._layouts = _layouts(layout, self._mounts)

@@ -358,7 +358,7 @@ def test_several_sensors(cloud: PointCloud, ros: Any, tmp_path: Path) -> None:
     scene.add(ls.Sphere((0, 0, 0), 20.0))
     lidar = ls.Lidar.preset("velodyne-vlp16")
     scans = {"left": lidar.scan(scene), "right": replace(lidar, name="ouster-like").scan(scene)}
-    sensors = {"left": np.eye(4), "right": RigidTransform.from_translation((0, 0, 1))}
+    sensors = {"left": SimpleNamespace(mount=np.eye(4)), "right": RigidTransform.from_translation((0, 0, 1))}
     with rosbag.Writer(tmp_path / "drive.mcap", sensors=sensors, layout={"left": "hesai"}) as bag:
         bag.write(scans)
         bag.write_cloud(cloud, 0.1, sensor="left", frame_id="map")
