@@ -131,8 +131,10 @@ def view(
 
 @app.command()
 def check(config: Configuration, overrides: Overrides = None) -> None:
-    """Check CONFIG, build what it describes, and say what that is."""
+    """Check CONFIG, build what it describes, scan its first and last frame, and say what that is."""
     run = _load(config, overrides)
+    for frame in sorted({run.frames[0], run.frames[-1]}):
+        run.scan(frame).point_cloud(**run.cloud)
     table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "without area")
     for index, item in enumerate(run.scene.objects):
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None

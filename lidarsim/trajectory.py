@@ -20,7 +20,8 @@ class Trajectory:
     """Rigid poses over time: where a sensor, or an object, is at each moment.
 
     Between two given poses the position is linear in time, and the orientation turns at a constant rate about a fixed
-    axis (Slerp).
+    axis (Slerp). For a scan it has to last to the end of the frame, 1/rate after its start: a firing cycle that is then
+    under way is completed at the velocities that the trajectory ends with.
 
     Parameters
     ----------

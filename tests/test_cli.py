@@ -30,6 +30,14 @@ scene:
   - {shape: plane, normal: [0, 0, 1], label: 40}
   - {shape: sphere, center_m: [5, 0, 2], radius_m: 1, label: 7}
 """
+MOVING = """\
+frames: 2
+sensor: {preset: velodyne-vlp16}
+pose:
+  - {time_s: 0, position_m: [0, 0, 2]}
+  - {time_s: 0.2, position_m: [2, 0, 2]}
+scene: [{shape: plane, normal: [0, 0, 1]}]
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -122,6 +130,16 @@ def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
 
 
+def test_check_and_scan_agree_on_a_trajectory_as_long_as_the_frames() -> None:
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
+    for deskew in ("deskew=end", "deskew=middle", "deskew_s=0.05"):
+        assert lidarsim("check", "moving.yaml", "--set", f"cloud.{deskew}") == 0
+        assert lidarsim("scan", "moving.yaml", "-o", "scan.npz", "--set", f"cloud.{deskew}") == 0
+        run = ls.config.load("moving.yaml", [f"cloud.{deskew}"])
+        moment = {"deskew=end": 0.1}.get(deskew, 0.05)
+        assert np.array_equal(ls.PointCloud.load("scan_0001.npz").xyz, run.scan(1).point_cloud(deskew=moment).xyz)
+
+
 def test_the_configurations_in_the_repository_are_right() -> None:
     runs = sorted((ROOT / "configs").glob("*.yaml"))
     assert len(runs) >= 3
@@ -171,6 +189,28 @@ MISTAKES = {
         "--set scene.1.radius_m=-1: expected a finite number > 0, got -1.0"
     ),
     "scan run.yaml -o a.pcd --frames 0": "--set frames=0: expected a value >= 1, got 0",
+    "check run.yaml --set sensor.noise=true": "--set sensor.noise=true: expected none or datasheet, got true",
+    "check run.yaml --set sensor.mode=1": "--set sensor.mode=1: expected the name of a mode, got 1",
+    "check run.yaml --set cloud.deskew=mid": (
+        "--set cloud.deskew=mid: expected true, false, start, middle, end, or seconds as deskew_s, got 'mid'"
+    ),
+    "check run.yaml --set cloud.deskew_s=1 --set cloud.deskew=end": (
+        "--set cloud.deskew_s=1: expected either deskew or deskew_s, got both"
+    ),
+    # what check builds, and scan refuses
+    "check moving.yaml --set frames=3": (
+        "pose: expected a trajectory over all pulses, got one from 0 to 0.2 s and pulse 0 at 0.20000563200000002 s"
+    ),
+    "check moving.yaml --set cloud.deskew_s=0.15": (
+        "deskew: expected a moment within the trajectory, 0.0 to 0.2 s, got 0.15, at 0.25 s"
+    ),
+    "check run.yaml --set first_frame=4294967296": "frame: expected an integer from 0 to 4294967295, got 4294967296",
+    "check run.yaml --set first_frame=4294967295 --set frames=2": (
+        "frame: expected an integer from 0 to 4294967295, got 4294967296"
+    ),
+    "check run.yaml --set scene.0.reflectivity_per=face --set scene.0.reflectivity=[1]": (
+        "object 0: expected a TriangleMesh for a reflectivity per face, got Plane"
+    ),
     "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
     # outputs
     "scan run.yaml -o a.xyz": "a.xyz: unknown extension '.xyz', expected .npz or .pcd or .ply",
@@ -198,6 +238,7 @@ MISTAKES = {
 @pytest.mark.parametrize(("arguments", "message"), MISTAKES.items(), ids=[text[:50] for text in MISTAKES])
 def test_a_mistake_gets_one_line(arguments: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("folder.pcd").mkdir()
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
     Path("broken.yaml").write_text("sensor: {preset: velodyne-vlp16}\nscene: [{shape: sphere, radius: 1}]")
     before = set(Path().iterdir())
     assert lidarsim(*arguments.split()) == 2

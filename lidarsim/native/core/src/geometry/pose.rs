@@ -1,0 +1,274 @@
+//! Rigid poses, sensor to world, and how they change with time.
+
+use crate::arith::elementary::{RECIPROCAL_FACTORIALS, polynomial, sin_cos};
+use crate::geometry::vector::Point;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    rotation: [Point; 3],
+    translation: Point,
+}
+
+impl Pose {
+    /// From the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
+    ///
+    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which takes a matrix kept in float32 to rounding, and leave the
+    /// bits of an exactly orthonormal one.
+    pub fn from_rows(rows: [[f64; 4]; 3]) -> Self {
+        let mut rotation = rows.map(|r| [r[0], r[1], r[2]]);
+        for _ in 0..2 {
+            let column = |j: usize| [rotation[0][j], rotation[1][j], rotation[2][j]];
+            let correction: [Point; 3] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| (f64::from(u8::from(i == j)) * 3.0 - dot(column(i), column(j))) / 2.0)
+            });
+            rotation = product(rotation, correction);
+        }
+        Pose { rotation, translation: rows.map(|r| r[3]) }
+    }
+
+    pub fn rows(&self) -> [[f64; 4]; 3] {
+        std::array::from_fn(|i| {
+            let [x, y, z] = self.rotation[i];
+            [x, y, z, self.translation[i]]
+        })
+    }
+
+    /// A direction of the sensor frame in the world.
+    #[inline(always)]
+    pub fn turn(&self, v: Point) -> Point {
+        self.rotation.map(|row| dot(row, v))
+    }
+
+    /// A point of the sensor frame in the world.
+    #[inline(always)]
+    pub fn place(&self, p: Point) -> Point {
+        let turned = self.turn(p);
+        std::array::from_fn(|i| turned[i] + self.translation[i])
+    }
+
+    /// A direction of the world in the sensor frame.
+    #[inline(always)]
+    pub fn turn_back(&self, v: Point) -> Point {
+        std::array::from_fn(|j| self.rotation[0][j] * v[0] + self.rotation[1][j] * v[1] + self.rotation[2][j] * v[2])
+    }
+
+    /// `self`, as seen from the sensor frame of `base`.
+    pub fn relative_to(&self, base: &Pose) -> Pose {
+        let columns: [Point; 3] = std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
+        Pose {
+            rotation: std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i])),
+            translation: base.turn_back(sub(self.translation, base.translation)),
+        }
+    }
+}
+
+/// A pose for each moment.
+#[derive(Clone, Debug)]
+pub enum Path {
+    Still(Pose),
+    /// Constant velocities in the sensor's own, moving frame, from time 0 on and before.
+    Twist {
+        start: Pose,
+        linear: Point,
+        angular: Point,
+    },
+    /// Between knots the position is linear in time and the orientation turns at a constant rate (Slerp): from knot i to
+    /// knot i+1 by the rotation vector `turns[i]`, in the frame of knot i. Times rise. From the last knot to `end` both
+    /// velocities stay what they were before it; a single knot stays where it is.
+    Knots {
+        times: Vec<f64>,
+        poses: Vec<Pose>,
+        turns: Vec<Point>,
+        end: f64,
+    },
+}
+
+impl Path {
+    /// The times for which there is a pose.
+    pub fn span(&self) -> [f64; 2] {
+        match self {
+            Path::Still(_) | Path::Twist { .. } => [f64::NEG_INFINITY, f64::INFINITY],
+            Path::Knots { times, end, .. } => [times[0], *end],
+        }
+    }
+
+    /// The same poses, and those of a span that goes on to `until`.
+    #[must_use]
+    pub fn held(&self, until: f64) -> Path {
+        let mut path = self.clone();
+        if let Path::Knots { end, .. } = &mut path {
+            *end = end.max(until);
+        }
+        path
+    }
+
+    /// The pose at a time, which past the span goes on at the velocities of its end.
+    pub fn at(&self, time: f64) -> Pose {
+        match self {
+            Path::Still(pose) => *pose,
+            Path::Twist { start, linear, angular } => {
+                let turn = Turn::new(angular.map(|x| x * time));
+                let travelled = start.turn(turn.travel(linear.map(|x| x * time)));
+                Pose {
+                    rotation: product(start.rotation, turn.matrix()),
+                    translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
+                }
+            }
+            Path::Knots { times, poses, turns, .. } => {
+                let i = times.partition_point(|&t| t <= time).saturating_sub(1);
+                if time == times[i] || turns.is_empty() {
+                    return poses[i];
+                }
+                let i = i.min(turns.len() - 1);
+                let from = poses[i];
+                let u = (time - times[i]) / (times[i + 1] - times[i]);
+                let to = poses[i + 1].translation;
+                Pose {
+                    rotation: product(from.rotation, Turn::new(turns[i].map(|x| x * u)).matrix()),
+                    translation: std::array::from_fn(|k| from.translation[k] + u * (to[k] - from.translation[k])),
+                }
+            }
+        }
+    }
+}
+
+/// A rotation vector φ with the three factors that its exponentials need (T. D. Barfoot, State Estimation for Robotics, §7.1):
+/// a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|.
+struct Turn {
+    vector: Point,
+    a: f64,
+    b: f64,
+    c: f64,
+}
+
+impl Turn {
+    fn new(vector: Point) -> Self {
+        let square = dot(vector, vector);
+        let angle = square.sqrt();
+        let [a, b, c] = if angle <= 1.0 {
+            // Where the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! + …, 1/3! − θ²/5! + …
+            [1, 2, 3]
+                .map(|first| polynomial::<9>(std::array::from_fn(|i| RECIPROCAL_FACTORIALS[first + 2 * i]), -square))
+        } else {
+            let (sin, cos) = sin_cos(angle);
+            [sin / angle, (1.0 - cos) / square, (angle - sin) / (square * angle)]
+        };
+        Turn { vector, a, b, c }
+    }
+
+    /// I + a[φ] + b[φ]².
+    fn matrix(&self) -> [Point; 3] {
+        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| self.series(e, self.a, self.b));
+        std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]))
+    }
+
+    /// Where a velocity, constant in the turning frame, leads: (I + b[φ] + c[φ]²)·v.
+    fn travel(&self, v: Point) -> Point {
+        self.series(v, self.b, self.c)
+    }
+
+    fn series(&self, v: Point, first: f64, second: f64) -> Point {
+        let once = cross(self.vector, v);
+        let twice = cross(self.vector, once);
+        std::array::from_fn(|i| v[i] + first * once[i] + second * twice[i])
+    }
+}
+
+#[inline(always)]
+pub fn dot(a: Point, b: Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+pub fn cross(a: Point, b: Point) -> Point {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[inline(always)]
+pub fn sub(a: Point, b: Point) -> Point {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn product(a: [Point; 3], b: [Point; 3]) -> [Point; 3] {
+    std::array::from_fn(|i| std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROWS: [[f64; 4]; 3] = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0]];
+
+    fn assert_close(a: Point, b: Point) {
+        assert!((0..3).all(|i| (a[i] - b[i]).abs() < 1e-14), "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn an_exact_rotation_keeps_its_bits_and_a_rounded_one_becomes_orthonormal() {
+        assert_eq!(Pose::from_rows(ROWS).rows(), ROWS);
+        let turned = Turn::new([0.3, -0.8, 0.5]).matrix();
+        let rounded =
+            Pose::from_rows(turned.map(|r| [r[0] as f32 as f64, r[1] as f32 as f64, r[2] as f32 as f64, 0.0]));
+        for v in [[1.0, 0.0, 0.0], [0.6, 0.0, 0.8]] {
+            assert!((dot(rounded.turn(v), rounded.turn(v)) - 1.0).abs() < 1e-15);
+            assert_close(rounded.turn_back(rounded.turn(v)), v);
+        }
+    }
+
+    #[test]
+    fn place_and_relative_to_undo_each_other() {
+        let (base, pose) = (
+            Pose::from_rows(ROWS),
+            Path::Twist { start: Pose::from_rows(ROWS), linear: [1.0, 2.0, 3.0], angular: [0.1, 0.2, 0.3] }.at(2.0),
+        );
+        let p = [0.3, 0.2, 0.1];
+        assert_close(base.place(pose.relative_to(&base).place(p)), pose.place(p));
+    }
+
+    #[test]
+    fn a_twist_drives_a_circle() {
+        // 1 m/s ahead and 0.5 rad/s to the left: radius 2, whole turns at multiples of 4π s.
+        let path = Path::Twist {
+            start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+            linear: [1.0, 0.0, 0.0],
+            angular: [0.0, 0.0, 0.5],
+        };
+        for (time, x, y) in [(0.0, 0.0, 0.0), (std::f64::consts::PI, 2.0, 2.0), (2.0 * std::f64::consts::PI, 0.0, 4.0)]
+        {
+            assert_close(path.at(time).place([0.0; 3]), [x, y, 0.0]);
+        }
+        // On either side of the angle where the series gives way to the quotients.
+        assert_close(path.at(2.0).place([1.0; 3]), path.at(2.0_f64.next_up()).place([1.0; 3]));
+    }
+
+    #[test]
+    fn knots_are_met_and_halves_are_between() {
+        let first = Pose::from_rows(ROWS);
+        let turn = [0.0, 0.0, 1.5];
+        let second = Pose { rotation: product(first.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], turns: vec![turn], end: 3.0 };
+        assert_eq!((path.at(1.0), path.at(3.0), path.span()), (first, second, [1.0, 3.0]));
+        let half = path.at(2.0);
+        assert_eq!(half.translation, [6.0, 6.0, 7.0]);
+        let (sin, cos) = sin_cos(0.75);
+        assert_close(half.turn([1.0, 0.0, 0.0]), first.turn([cos, sin, 0.0]));
+    }
+
+    #[test]
+    fn a_held_path_goes_on_at_constant_velocity() {
+        let start = Pose::from_rows(ROWS);
+        let turn = [0.0, 0.0, 1.5];
+        let end = Pose { rotation: product(start.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], turns: vec![turn], end: 3.0 };
+        let held = path.held(4.0);
+        assert_eq!((held.span(), held.held(2.0).span()), ([1.0, 4.0], [1.0, 4.0]));
+        for time in [1.0, 1.7, 2.9, 3.0] {
+            assert_eq!(held.at(time), path.at(time));
+        }
+        let (sin, cos) = sin_cos(2.25);
+        assert_eq!(held.at(4.0).translation, [8.0, 6.0, 7.0]);
+        assert_close(held.at(4.0).turn([1.0, 0.0, 0.0]), start.turn([cos, sin, 0.0]));
+        let one = Path::Knots { times: vec![1.0], poses: vec![start], turns: vec![], end: 1.0 }.held(2.0);
+        assert_eq!((one.at(1.5), one.span()), (start, [1.0, 2.0]));
+    }
+}
