@@ -1,7 +1,8 @@
 """ROS 2 bags (``.mcap``, ``.db3``): point clouds as the drivers of real sensors publish them; ROS need not be there.
 
-A file is a whole bag: ``ros2 bag play drive.mcap`` plays it. Beside the clouds it holds the transforms to the sensors
-(``/tf_static``), ``/clock`` and, if the body's trajectory is known, its true pose and velocity (``/tf``, ``/odom``).
+A file is a whole bag, without the folder and the metadata.yaml of ROS's own recorder. Beside the clouds it holds
+``/clock``, the transforms to the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
+velocity (``/tf``, ``/odom``).
 
 Each cloud goes out in one of these layouts, by the sensor's name or as asked:
 
@@ -32,12 +33,13 @@ https://github.com/HesaiTechnology/HesaiLidar_ROS_2.0, https://github.com/autowa
 from __future__ import annotations
 
 import itertools
+import os
 import re
 import shutil
 import sqlite3
 import struct
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
 from tempfile import TemporaryDirectory, mkdtemp
@@ -94,8 +96,8 @@ class Writer:
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
-        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: by the name of the `Lidar`, that of a preset:
-        ouster-…, hesai-…, robosense-… and livox-… have their driver's, all others velodyne's.
+        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: by the name of the `Lidar`, as presets have
+        them: ouster-…, hesai-…, robosense-… and livox-… get their driver's, all others velodyne's.
     start : float
         Time of the ROS clock at time 0 of the scans, s since 1970. Default: the start of 2020.
     rate : float
@@ -158,7 +160,7 @@ class Writer:
         self._rate = _validation.real("rate", rate, above=0.0)
         self._world, self._body = _name("world", world), _name("body", body)
         self._ros = _typestore()
-        self._folder = Path()
+        self._stack = ExitStack()
         self._bag: Any = None
         self._topics: dict[str, Any] = {}
         self._ticks: Iterator[int] = iter(())
@@ -168,13 +170,15 @@ class Writer:
         """Open a temporary bag beside the file to be."""
         check_folder(self._path)
         rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
-        target = Path(self._path).resolve()
-        self._folder = Path(mkdtemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent))
         storage = rosbag2.StoragePlugin.MCAP if self._suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
-        with self._writing():
+        target = Path(self._path).resolve()
+        with self._writing(), ExitStack() as stack:
+            folder = Path(mkdtemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent))
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
             # Version 8 writes qualities of service as numbers, which readers from ROS Humble on understand.
-            self._bag = rosbag2.Writer(self._folder / "bag", version=8, storage_plugin=storage)
+            self._bag = rosbag2.Writer(folder / "bag", version=8, storage_plugin=storage)
             self._bag.open()
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(
@@ -182,18 +186,18 @@ class Writer:
     ) -> None:
         """Give the file its name, unless there was an error."""
         bag, self._bag = self._bag, None
-        try:
-            if kind is not None:
-                bag.abort()
-                return
-            with self._writing():
-                bag.close()
-                (file,) = self._folder.glob(f"bag/*{self._suffix}")
-                file.replace(Path(self._path).resolve())
-        finally:
-            with suppress(Exception):
-                bag.abort()
-            shutil.rmtree(self._folder, ignore_errors=True)
+        with self._stack:
+            try:
+                if kind is None:
+                    with self._writing():
+                        bag.close()
+                        (written,) = bag.path.glob(f"*{self._suffix}")
+                        with written.open("rb") as file:
+                            os.fsync(file.fileno())  # the content is on disk before the name is
+                        written.replace(Path(self._path).resolve())
+            finally:
+                with suppress(Exception):  # it may be closed already
+                    bag.abort()
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
         """Write a scan, or those of several sensors.

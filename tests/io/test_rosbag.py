@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 from mcap.reader import make_reader
+from mcap.writer import CompressionType
+from mcap.writer import Writer as McapWriter
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.interfaces import QosDurability
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin
@@ -169,6 +172,9 @@ def test_livox_custom_messages(count: int, suffix: str, cloud: PointCloud, ros: 
     with rosbag.Writer(path, layout="livox", sensors={"mid360": np.eye(4)}) as bag:
         bag.write_cloud(cloud, 1.5)
     ((_, message),) = messages(path, ros)["/mid360/points"]
+    with Reader(path) as bag:
+        (data,) = (bytes(data) for connection, _, data in bag.messages() if connection.msgtype == CUSTOM)
+    assert data == bytes(ros.serialize_cdr(message, CUSTOM))
     assert (message.point_num, message.lidar_id, message.rsvd.tolist()) == (count, 0, [0, 0, 0])
     assert message.timebase == START + 1_500_000_000
     assert (message.header.stamp.sec * 10**9 + message.header.stamp.nanosec) == message.timebase
@@ -533,6 +539,27 @@ def test_compressed_bags(ros: Any, tmp_path: Path) -> None:
         PointCloud.load(path)
 
 
+@pytest.mark.parametrize("compression", list(CompressionType))
+def test_we_read_what_mcap_writes(compression: CompressionType, ros: Any, tmp_path: Path) -> None:
+    message = point_cloud(ros, np.zeros(2000, THREE.dtype))
+    definition, _ = ros.generate_msgdef(CLOUD, ros_version=2)
+    path = tmp_path / "other.mcap"
+    writer = McapWriter(str(path), compression=compression)
+    writer.start(profile="ros2", library="")
+    schema = writer.register_schema(CLOUD, "ros2msg", definition.encode())
+    channel = writer.register_channel("/points", "cdr", schema)
+    writer.add_message(channel, 5, bytes(ros.serialize_cdr(message, CLOUD)), 5)
+    writer.finish()
+    content = path.read_bytes()
+    (read,) = rosbag.read(path)
+    assert (read.topic, len(read.cloud)) == ("/points", 2000)
+    if compression is CompressionType.NONE:
+        place = content.index(b"PointCloud2") + 20_000
+        path.write_bytes(content[:place] + b"\1" + content[place + 1 :])
+        with pytest.raises(FileFormatError, match="a chunk is damaged"):
+            list(rosbag.read(path))
+
+
 def test_a_bomb(ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     message = point_cloud(ros, np.zeros(200_000, THREE.dtype))
     path = write_bag(tmp_path / "zeros.mcap", ros, ("/points", CLOUD, message), compress=CompressionMode.STORAGE)
@@ -546,8 +573,12 @@ def test_a_bomb(ros: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     changed = bytearray(content)
     changed[size - 4 : size + 4] = (1000).to_bytes(8, "little")
     path.write_bytes(changed)
+    tracemalloc.start()
     with pytest.raises(FileFormatError, match="a chunk is damaged: it claims 1,000 bytes"):
         PointCloud.load(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1_000_000, "it is not decompressed to its 2.4 MB"
 
 
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
