@@ -181,8 +181,9 @@ class Lidar:
             The file.
         **options
             What the file leaves open. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
-            `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV:
-            `firing_times` (the other CSV), `rate`, `noise`. Livox scan pattern CSV: `rate`, `pulse_rate`, `noise`.
+            `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV
+            or DAT: `firing_times` (the other CSV), `rate`, `noise`. RoboSense angle CSV: `rate`, `noise`. Livox scan
+            pattern CSV: `rate`, `pulse_rate`, `noise`.
 
         Returns
         -------

@@ -140,8 +140,9 @@ def test_own_yaml_is_a_sensor(tmp_path: Path) -> None:
         (
             b"{}",
             (
-                "expected a file of one of these kinds: Hesai angle correction CSV, Hesai firetime correction CSV, "
-                "Livox scan pattern CSV, Ouster metadata JSON, Velodyne calibration YAML, lidarsim YAML"
+                "expected a file of one of these kinds: Hesai angle correction CSV, Hesai angle correction DAT, "
+                "Hesai firetime correction CSV, Livox scan pattern CSV, Ouster metadata JSON, RoboSense angle CSV, "
+                "Velodyne calibration YAML, lidarsim YAML"
             ),
         ),
     ],

@@ -325,7 +325,7 @@ def test_sensors_of_sensors() -> None:
     assert (run.lidar.name, run.lidar.min_range, run.lidar.max_range) == ("mine", 2, 30)
     lidar = ls.Lidar.from_file("sensors/nearer.yaml", noise="datasheet")
     assert (lidar.name, lidar.max_range) == ("velodyne-vlp16", 30)
-    assert lidar.measurement.range_sigma > 0
+    assert lidar.measurement.channel_bias_sigma > 0
 
 
 def test_a_scene_of_its_own() -> None:

@@ -82,6 +82,13 @@ def vendors_points(path: Path) -> list[tuple[int, int, float, float, float]]:
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
+def test_range_counts_from_where_the_published_formula_does(path: Path) -> None:
+    *_, n = published_xyz(flattened(path), 0, 0, 0.0)
+    assert 12.0 < n < 28.0
+    assert ls.Lidar.from_file(path).range_offset == pytest.approx(n / 1e3, rel=1e-15)
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda path: path.stem)
 def test_points_are_those_of_the_vendors_table(path: Path) -> None:
     pulses = ls.Lidar.from_file(path).pattern.pulses()
     *_, n = published_xyz(flattened(path), 0, 0, 0.0)

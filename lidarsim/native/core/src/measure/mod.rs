@@ -313,7 +313,7 @@ impl<'a, C: Caster> Scan<'a, C> {
                     }
                 }
                 Some(beam) => {
-                    waveform.echoes(beam, rays, i, &mut echoes);
+                    waveform.echoes(self.level, beam, rays, i, &mut echoes);
                     for (echo, number) in echoes.iter_mut().zip(0..) {
                         *echo = self.received(*echo, rays, i, number);
                     }
