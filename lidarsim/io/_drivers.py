@@ -46,7 +46,7 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
 """The layouts of a point, by the name of a driver."""
 
 VENDORS = {"ouster": "ouster", "hesai": "hesai", "robosense": "hesai", "livox": "livox"}
-"""The layout of a sensor, by the first part of its name; that of all others is velodyne."""
+"""The layout of a sensor, by the vendor in its name; that of all others is velodyne."""
 
 LAST, FIRST, STRONGEST, SECOND, SECOND_STRONGEST = 1, 2, 3, 7, 8
 """Types of returns, as Autoware's nebula drivers number them; 0 is unknown."""
@@ -54,7 +54,8 @@ LAST, FIRST, STRONGEST, SECOND, SECOND_STRONGEST = 1, 2, 3, 7, 8
 
 def layout_of(lidar: Lidar | None) -> str:
     """Return the layout in which the driver of a sensor publishes."""
-    return VENDORS.get(lidar.name.partition("-")[0] if lidar else "", "velodyne")
+    name = lidar.name.lower() if lidar else ""
+    return next((layout for vendor, layout in VENDORS.items() if vendor in name), "velodyne")
 
 
 class _Points(NamedTuple):

@@ -28,14 +28,17 @@ def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.
 
 
 def fitting(
-    name: str, values: npt.NDArray[Any], dtype: npt.DTypeLike, what: str, *, at_most: int | None = None
+    name: str, values: npt.NDArray[Any], dtype: npt.DTypeLike, what: str, *, at_most: int | None = None, first: int = 0
 ) -> npt.NDArray[Any]:
-    """Return whole numbers as integers of `dtype`, after checking that each of them fits there; `what` says where."""
+    """Return whole numbers as integers of `dtype`, after checking that each of them fits there.
+
+    `what` says where, and `first` is the number of the first point of a block.
+    """
     low, high = np.iinfo(dtype).min, np.iinfo(dtype).max if at_most is None else at_most
     wrong = ~((values >= low) & (values <= high))
     if wrong.any():
         i = int(np.argmax(wrong))
-        raise FileFormatError(f"{name}: expected {low} to {high} for {what}, got {name}[{i}] = {values[i]}")
+        raise FileFormatError(f"{name}: expected {low} to {high} for {what}, got {name}[{first + i}] = {values[i]}")
     return values.astype(dtype)
 
 

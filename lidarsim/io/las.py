@@ -203,10 +203,10 @@ class _Points:
         elif dtypes != self._dtypes:
             raise ValueError(f"cloud: expected the fields {', '.join(self._dtypes)}, got {', '.join(dtypes)}")
         header = self._writer.header
-        for block in blocks(columns):
+        for number, block in enumerate(blocks(columns)):
             record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)
             for name, column in block.items():
-                _set(record, name, self._targets[name], column)
+                _set(record, name, self._targets[name], column, number * BLOCK)
             self._writer.write_points(record)
 
     def _open(self, xyz: npt.NDArray[Any], columns: Fields) -> Any:
@@ -240,32 +240,36 @@ def _targets(columns: Fields) -> dict[str, str]:
     return targets
 
 
-def _set(record: Any, name: str, target: str, column: npt.NDArray[Any]) -> None:
-    """Put a column where LAS has it."""
+def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: int) -> None:
+    """Put a column, from point number `first` on, where LAS has it."""
     if target in AXES:
         offset = record.offsets[AXES.index(target)]
         near = f"coordinates within 214 km of {offset:g} m, the middle of the first points"
-        record[target.upper()] = _steps(name, column, (column - offset) / SCALE, (-(2**31), 2**31 - 1), near)
+        steps = (column - offset) / SCALE
+        record[target.upper()] = _rounded(name, column, steps, near, first, low=-(2**31), high=2**31 - 1)
     elif target == "intensity":
-        record[target] = _steps(name, column, np.minimum(column * WHITE, 65_535), (0, 65_535), "numbers >= 0")
+        steps = np.minimum(column, np.float32(65_535 / WHITE)) * WHITE
+        record[target] = _rounded(name, column, steps, "numbers >= 0", first, low=0, high=65_535)
     elif target == "scan_angle":
-        record[target] = _steps(name, column, column / ANGLE, (-30_000, 30_000), "angles from -π to π")
+        steps = column / ANGLE
+        record[target] = _rounded(name, column, steps, "angles from -π to π", first, low=-30_000, high=30_000)
     else:
         dimension = record.point_format.dimension_by_name(target)
         if dimension.is_standard and target != "gps_time":
-            column = fitting(name, column, np.uint16, f"LAS's {target}", at_most=2**dimension.num_bits - 1)
+            most = 2**dimension.num_bits - 1
+            column = fitting(name, column, np.uint16, f"LAS's {target}", at_most=most, first=first)
         record[target] = column
 
 
-def _steps(
-    name: str, values: npt.NDArray[Any], steps: npt.NDArray[Any], span: tuple[int, int], expected: str
+def _rounded(
+    name: str, values: npt.NDArray[Any], steps: npt.NDArray[Any], expected: str, first: int, *, low: int, high: int
 ) -> npt.NDArray[Any]:
-    """Return the steps rounded, after checking that they lie in the span; `values` are what they stand for."""
+    """Return the steps that stand for `values` rounded, after checking that each lies from `low` to `high`."""
     rounded: npt.NDArray[Any] = np.rint(steps)
-    wrong = ~((rounded >= span[0]) & (rounded <= span[1]))
+    wrong = ~((rounded >= low) & (rounded <= high))
     if wrong.any():
         i = int(np.argmax(wrong))
-        raise FileFormatError(f"{name}: expected {expected}, got {name}[{i}] = {values[i]:g}")
+        raise FileFormatError(f"{name}: expected {expected}, got {name}[{first + i}] = {values[i]:g}")
     return rounded
 
 
@@ -292,6 +296,8 @@ def _read(file: BinaryIO) -> Iterator[Fields]:
     while read < header.point_count:
         with _panics():
             points = reader.read_points(BLOCK)
+        if not points:
+            raise FileFormatError(f"it is truncated: {read} of {header.point_count} points")
         read += len(points)
         check_expansion(read * each, size)
         yield _dimensions(points)

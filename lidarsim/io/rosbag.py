@@ -96,8 +96,8 @@ class Writer:
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
-        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: by the name of the `Lidar`, as presets have
-        them: ouster-…, hesai-…, robosense-… and livox-… get their driver's, all others velodyne's.
+        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: that of the vendor in the name of the
+        `Lidar` (ouster, hesai, robosense or livox, as presets have it), and velodyne's for all others.
     start : float
         Time of the ROS clock at time 0 of the scans, s since 1970. Default: the start of 2020.
     rate : float

@@ -179,6 +179,15 @@ def test_what_does_not_fit(fields: dict[str, list[float]], message: str, tmp_pat
     assert list(tmp_path.iterdir()) == [path]
 
 
+def test_a_misfit_after_the_first_block_is_told_by_its_place(tmp_path: Path) -> None:
+    for name, wrong in {"label": 256, "intensity": -1.0, "xyz": [1e9, 0, 0]}.items():
+        cloud = PointCloud(xyz=np.zeros((COUNT, 3)), label=np.zeros(COUNT), intensity=np.zeros(COUNT))
+        getattr(cloud, name)[COUNT - 1] = wrong
+        cloud = cloud if name != "xyz" else PointCloud(xyz=np.concatenate((cloud.xyz, -cloud.xyz)))
+        with pytest.raises(FileFormatError, match=rf"\[{COUNT - 1}\] = "):
+            cloud.save(tmp_path / "cloud.las")
+
+
 @pytest.mark.parametrize("suffix", [".las", ".laz"])
 def test_frames_of_a_flight_go_into_one_file(cloud: PointCloud, tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"flight{suffix}"
