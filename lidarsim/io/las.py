@@ -190,7 +190,8 @@ class _Points:
         if kind is None:
             if self._writer is None:
                 self.write({"xyz": np.empty((0, 3))})
-            self._writer.close()
+            with _lost_writes():
+                self._writer.close()
             self._file.seek(90)
             self._file.write(bytes(4))  # no date of creation: the same cloud gives the same bytes on any day
 
@@ -207,7 +208,8 @@ class _Points:
             record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)
             for name, column in block.items():
                 _set(record, name, self._targets[name], column, number * BLOCK)
-            self._writer.write_points(record)
+            with _lost_writes():
+                self._writer.write_points(record)
 
     def _open(self, xyz: npt.NDArray[Any], columns: Fields) -> Any:
         laspy = self._laspy
@@ -379,6 +381,17 @@ def _import(compress: bool) -> ModuleType:
     if compress:
         import_extra("lazrs", "formats", "LAZ files")
     return import_extra("laspy", "formats", "LAS files")
+
+
+@contextmanager
+def _lost_writes() -> Iterator[None]:
+    """Turn lazrs's own error into the `OSError` that it hides: all that can fail while it compresses is the file."""
+    try:
+        yield
+    except Exception as error:
+        if type(error).__name__ != "LazrsError":
+            raise
+        raise OSError(str(error)) from error
 
 
 @contextmanager

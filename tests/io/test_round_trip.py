@@ -155,3 +155,22 @@ def test_memory(suffix: str, tmp_path: Path) -> None:
 
 def size(cloud: PointCloud) -> int:
     return sum(getattr(cloud, name).nbytes for name in cloud.fields)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz", ".csv", ".xyz", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"])
+def test_a_full_disk_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource", reason="Windows has no limit on the size of a file")
+    path = tmp_path / f"cloud{suffix}"
+    points = np.random.default_rng(0).normal(size=(50_000, 3))
+    PointCloud(xyz=np.ones((2, 3)), label=[1, 2]).save(path)
+    before = path.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, hard))
+    try:
+        with pytest.raises(OSError, match="cannot be written") as caught:
+            PointCloud(xyz=points, label=np.ones(len(points))).save(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(caught.value).startswith(f"{path}: cannot be written: ")
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
