@@ -173,6 +173,17 @@ def load(file: BinaryIO) -> Fields:
     return to_fields({name: column for name, column in columns.items() if name not in UNUSED or column.any()}, NORMAL)
 
 
+@contextmanager
+def _lost_writes() -> Iterator[None]:
+    """Turn lazrs's own error into the `OSError` that it hides: all that can fail while it compresses is the file."""
+    try:
+        yield
+    except Exception as error:
+        if type(error).__name__ != "LazrsError":
+            raise
+        raise OSError(str(error)) from error
+
+
 class _Points:
     """The points of an open file, the first of which set its offset and its dimensions."""
 
@@ -186,15 +197,16 @@ class _Points:
     def __enter__(self) -> Self:
         return self
 
+    @_lost_writes()
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         if kind is None:
             if self._writer is None:
                 self.write({"xyz": np.empty((0, 3))})
-            with _lost_writes():
-                self._writer.close()
+            self._writer.close()
             self._file.seek(90)
             self._file.write(bytes(4))  # no date of creation: the same cloud gives the same bytes on any day
 
+    @_lost_writes()
     def write(self, fields: Fields) -> None:
         columns = to_columns(fields, NORMAL, CODES)
         dtypes = {name: column.dtype for name, column in columns.items()}
@@ -208,8 +220,7 @@ class _Points:
             record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)
             for name, column in block.items():
                 _set(record, name, self._targets[name], column, number * BLOCK)
-            with _lost_writes():
-                self._writer.write_points(record)
+            self._writer.write_points(record)
 
     def _open(self, xyz: npt.NDArray[Any], columns: Fields) -> Any:
         laspy = self._laspy
@@ -381,17 +392,6 @@ def _import(compress: bool) -> ModuleType:
     if compress:
         import_extra("lazrs", "formats", "LAZ files")
     return import_extra("laspy", "formats", "LAS files")
-
-
-@contextmanager
-def _lost_writes() -> Iterator[None]:
-    """Turn lazrs's own error into the `OSError` that it hides: all that can fail while it compresses is the file."""
-    try:
-        yield
-    except Exception as error:
-        if type(error).__name__ != "LazrsError":
-            raise
-        raise OSError(str(error)) from error
 
 
 @contextmanager
