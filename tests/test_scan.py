@@ -259,7 +259,7 @@ def around() -> ls.Scene:
     scene.add(ls.Sphere((10, 5, 0), 2.0), name="ball", label=1)
     scene.add(ls.Box((2, 2, 2), center=(10, -5, 0)), name="box", label=2)
     scene.add(ls.Cylinder((-8, 0, -9), (-8, 0, 9), 0.4), name="pole", label=3)
-    scene.add(ls.Box((1, 20, 1), center=(30, 0, 5)), name="plate", label=4)
+    scene.add(ls.Box((1, 20, 2), center=(30, 0, 5)), name="plate", label=4)
     return scene
 
 
