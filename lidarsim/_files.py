@@ -22,7 +22,8 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
     if not fitting:
         suffix = Path(path).suffix.lower()
         what = f"unknown extension {suffix!r}" if suffix else "no extension"
-        raise FileFormatError(f"{path}: {what}, expected {' or '.join(sorted(known))}")
+        *others, last = sorted(known)
+        raise FileFormatError(f"{path}: {what}, expected {', '.join(others)}{' or ' if others else ''}{last}")
     return max(fitting, key=len)
 
 

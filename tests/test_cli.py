@@ -22,6 +22,7 @@ FIELDS = (
     "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, label, incidence, "
     "range_error"
 )
+FORMATS = ".bin, .csv, .db3, .label, .las, .laz, .mcap, .npz, .pcd, .pcd.bin, .ply or .xyz"
 CONFIG = """\
 seed: 3
 sensor: {preset: velodyne-vlp16, noise: datasheet}
@@ -213,8 +214,8 @@ MISTAKES = {
     ),
     "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
     # outputs
-    "scan run.yaml -o a.xyz": "a.xyz: unknown extension '.xyz', expected .npz or .pcd or .ply",
-    "scan run.yaml -o a": "a: no extension, expected .npz or .pcd or .ply",
+    "scan run.yaml -o a.e57": f"a.e57: unknown extension '.e57', expected {FORMATS}",
+    "scan run.yaml -o a": f"a: no extension, expected {FORMATS}",
     "scan run.yaml -o gone/a.pcd": "gone/a.pcd: the folder gone does not exist",
     "scan run.yaml -o run.yaml/a.pcd": "run.yaml/a.pcd: run.yaml is not a folder",
     "scan run.yaml -o folder.pcd": "folder.pcd: expected a file to write, got a folder",

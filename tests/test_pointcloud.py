@@ -182,9 +182,9 @@ class TestSaving:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("scan.e57", "unknown extension '.e57', expected .bin or "),
-        ("scan", "no extension, expected .bin or "),
-        (".pcd", "no extension, expected .bin or "),
+        ("scan.e57", "unknown extension '.e57', expected .bin, .csv, "),
+        ("scan", "no extension, expected .bin, .csv, "),
+        (".pcd", "no extension, expected .bin, .csv, "),
     ],
 )
 def test_unknown_extension(cloud: PointCloud, tmp_path: Path, name: str, message: str) -> None:

@@ -384,7 +384,7 @@ class Writer:
 class Message(NamedTuple):
     """A point cloud of a bag.
 
-    Attributes
+    Parameters
     ----------
     topic : str
         Where it was published.
