@@ -44,6 +44,6 @@ def fitting(
 
 def vendor_range(fields: Fields, lidar: Lidar | None) -> npt.NDArray[np.float64]:
     """Return the range as the vendor counts it, m: from where the sensor has its zero, which may differ by the ring."""
-    offset = np.asarray(getattr(lidar, "range_offset", 0.0))
+    offset = np.asarray(lidar.range_offset if lidar else 0.0)
     shifted: npt.NDArray[np.float64] = fields["range"] + (offset[fields["ring"]] if offset.ndim else offset)
     return shifted

@@ -272,6 +272,23 @@ def test_the_vendors_zero_of_range_may_differ_by_the_ring(cloud: PointCloud, ros
     np.testing.assert_array_equal(got, np.rint(1000 * (cloud.range + np.where(cloud.ring == 0, 0.5, -0.25))))
 
 
+def test_ousters_range_by_its_own_formula(ros: Any, tmp_path: Path) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Sphere((0, 0, 0), 20.0))
+    scan = ls.Lidar.preset("ouster-os1-128").scan(scene)
+    with rosbag.Writer(tmp_path / "drive.mcap") as bag:
+        bag.write(scan)
+    got = points(only(tmp_path / "drive.mcap", ros))
+    # The maker's formula puts a point (range − n) from the beam's origin, which is n = 15.806 mm from the axis; half a
+    # millimetre is lost as range is whole ones, and as much as float32 loses at 20 m.
+    direction = scan.pulses.directions[scan.status == ls.Status.hit]
+    origin = scan.pulses.origins[scan.status == ls.Status.hit]
+    np.testing.assert_allclose(np.hypot(*origin[:, :2].T), 0.015806, rtol=0, atol=1e-9)
+    xyz = origin + (got["range"] / 1000 - 0.015806)[:, None] * direction
+    for axis, name in enumerate("xyz"):
+        np.testing.assert_allclose(got[name], xyz[:, axis], rtol=0, atol=0.5e-3 + 2.0**-20)
+
+
 def test_points_are_dense_and_in_firing_order(cloud: PointCloud, ros: Any, tmp_path: Path) -> None:
     mixed = cloud[np.random.default_rng(1).permutation(COUNT)]
     mixed.xyz[::5, 1] = np.nan
