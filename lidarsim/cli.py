@@ -87,8 +87,7 @@ def scan(
             cloud = result.point_cloud(**run.cloud)
             seconds = time.perf_counter() - begin
             if bag:
-                world = "map" if run.cloud["frame"] == "world" else None
-                bag.write_cloud(cloud, run.time(number), lidar=run.lidar, frame_id=world)
+                bag.write(result)  # as the sensor's driver publishes it, however CONFIG wants its clouds
             else:
                 cloud.save(_numbered(output, f"{number:04}", run))
             if screenshot:

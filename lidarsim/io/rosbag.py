@@ -224,7 +224,6 @@ class Writer:
         *,
         sensor: str | None = None,
         lidar: Lidar | None = None,
-        frame_id: str | None = None,
     ) -> None:
         """Write a point cloud.
 
@@ -238,8 +237,6 @@ class Writer:
             Name of the sensor; not needed if there is one alone.
         lidar : Lidar
             The sensor, which says the layout if none is asked for, the vendor's zero of range and the kind of returns.
-        frame_id : str, optional
-            The frame of the points, if not that of the sensor.
 
         Raises
         ------
@@ -256,7 +253,7 @@ class Writer:
         stamp = self._stamp(time)
         layout = self._layouts.get(name) or layout_of(lidar)
         records, last = to_layout(cloud, layout, lidar, stamp)
-        header = self._header(stamp, frame_id or name)
+        header = self._header(stamp, name)
         message = self._custom(header, records) if layout == "livox" else self._cloud(header, records)
         del records  # rosbags makes copies enough
         with self._writing():

@@ -384,12 +384,12 @@ def test_several_sensors(cloud: PointCloud, ros: Any, tmp_path: Path) -> None:
     sensors = {"left": SimpleNamespace(mount=np.eye(4)), "right": RigidTransform.from_translation((0, 0, 1))}
     with rosbag.Writer(tmp_path / "drive.mcap", sensors=sensors, layout={"left": "hesai"}) as bag:
         bag.write(scans)
-        bag.write_cloud(cloud, 0.1, sensor="left", frame_id="map")
+        bag.write_cloud(cloud, 0.1, sensor="left")
     found = messages(tmp_path / "drive.mcap", ros)
     ((_, static),) = found["/tf_static"]
     assert [transform.child_frame_id for transform in static.transforms] == ["left", "right"]
     assert [len(found[f"/{name}/points"]) for name in sensors] == [2, 1]
-    assert [message.header.frame_id for _, message in found["/left/points"]] == ["left", "map"]
+    assert [message.header.frame_id for _, message in found["/left/points"]] == ["left", "left"]
     assert found["/left/points"][0][1].fields[-1].name == "timestamp"
     assert found["/right/points"][0][1].fields[-1].name == "range"
     assert [message.topic for message in rosbag.read(tmp_path / "drive.mcap", topic="/left/points")] == [
