@@ -7,10 +7,10 @@ from lidarsim import config, errors, io, patterns, viewers  # noqa: F401 (viewer
 from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
-from lidarsim.pointcloud import PointCloud
+from lidarsim.pointcloud import PointCloud, register_format, register_view
 from lidarsim.scan import Scan, Status
 from lidarsim.scene import Scene, SceneObject
-from lidarsim.sensor import Lidar
+from lidarsim.sensor import Lidar, register_lidar_reader
 from lidarsim.shapes import (
     Box,
     Cylinder,
@@ -52,6 +52,9 @@ __all__ = [
     "errors",
     "io",
     "patterns",
+    "register_format",
+    "register_lidar_reader",
+    "register_view",
 ]
 
 __version__ = "0.1.0"

@@ -13,16 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim import scan as _scan
-from lidarsim._validation import array, real
+from lidarsim._validation import Transform, array, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-    from scipy.spatial.transform import RigidTransform
-
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
     from lidarsim.trajectory import Trajectory
@@ -101,7 +98,7 @@ class Lidar:
     def scan(
         self,
         scene: Scene,
-        pose: RigidTransform | npt.ArrayLike | Trajectory | None = None,
+        pose: Transform | Trajectory | None = None,
         *,
         time: float = 0.0,
         frame: int = 0,

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native, _validation
-from lidarsim._validation import Floats, array
+from lidarsim._validation import Floats, Transform, array
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -62,7 +62,7 @@ class Trajectory:
     @classmethod
     def from_twist(
         cls,
-        pose: RigidTransform | npt.ArrayLike,
+        pose: Transform,
         linear: npt.ArrayLike = (0.0, 0.0, 0.0),
         angular: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> Trajectory:

@@ -386,9 +386,9 @@ SENSOR_KEYS = (
     "datasheet, sources"
 )
 SHAPE_NAMES = (
-    "'plane', 'sphere', 'ellipsoid', 'box', 'cylinder', 'triangle', 'polygon', 'mesh', 'heightfield', 'scene_file'"
+    "'plane', 'mesh', 'heightfield', 'scene_file', 'box', 'cylinder', 'ellipsoid', 'polygon', 'sphere', 'triangle'"
 )
-PATTERN_NAMES = "'spinning', 'grid', 'risley', 'oscillating_mirror', 'polygon_mirror', 'palmer', 'mid360', 'table'"
+PATTERN_NAMES = "'table', 'grid', 'mid360', 'oscillating_mirror', 'palmer', 'polygon_mirror', 'risley', 'spinning'"
 VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
 
 
