@@ -13,7 +13,7 @@ from lidarsim.io._units import fitting, reflectivity, vendor_range
 from lidarsim.pointcloud import Fields, PointCloud
 
 if TYPE_CHECKING:
-    from lidarsim.sensor import Lidar
+    from lidarsim.scan import Sensor
 
 _XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
 LAYOUTS: dict[str, np.dtype[np.void]] = {
@@ -52,7 +52,7 @@ LAST, FIRST, STRONGEST, SECOND, SECOND_STRONGEST = 1, 2, 3, 7, 8
 """Types of returns, as Autoware's nebula drivers number them; 0 is unknown."""
 
 
-def layout_of(lidar: Lidar | None) -> str:
+def layout_of(lidar: Sensor | None) -> str:
     """Return the layout in which the driver of a sensor publishes."""
     name = lidar.name.lower() if lidar else ""
     return next((layout for vendor, layout in VENDORS.items() if vendor in name), "velodyne")
@@ -60,7 +60,7 @@ def layout_of(lidar: Lidar | None) -> str:
 
 class _Points(NamedTuple):
     fields: Fields
-    lidar: Lidar | None
+    lidar: Sensor | None
     stamp: int  # ns
     layout: str
 
@@ -116,7 +116,7 @@ _COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
 }
 
 
-def to_layout(cloud: PointCloud, layout: str, lidar: Lidar | None, stamp: int) -> tuple[npt.NDArray[np.void], int]:
+def to_layout(cloud: PointCloud, layout: str, lidar: Sensor | None, stamp: int) -> tuple[npt.NDArray[np.void], int]:
     """Return the finite points in firing order in a layout, and how long after the stamp the last was measured, ns."""
     n = len(cloud)
     fields: Fields = {"time": np.zeros(n), "intensity": np.zeros(n, np.float32)}

@@ -11,7 +11,7 @@ from lidarsim.errors import FileFormatError
 from lidarsim.pointcloud import Fields
 
 if TYPE_CHECKING:
-    from lidarsim.sensor import Lidar
+    from lidarsim.scan import Sensor
 
 
 def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.NDArray[np.uint8]:
@@ -42,7 +42,7 @@ def fitting(
     return values.astype(dtype)
 
 
-def vendor_range(fields: Fields, lidar: Lidar | None) -> npt.NDArray[np.float64]:
+def vendor_range(fields: Fields, lidar: Sensor | None) -> npt.NDArray[np.float64]:
     """Return the range as the vendor counts it, m: from where the sensor has its zero, which may differ by the ring."""
     offset = np.asarray(lidar.range_offset if lidar else 0.0)
     shifted: npt.NDArray[np.float64] = fields["range"] + (offset[fields["ring"]] if offset.ndim else offset)

@@ -60,11 +60,8 @@ from lidarsim.scan import Scan
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from scipy.spatial.transform import RigidTransform
-
-    from lidarsim.sensor import Lidar
-
-    Pose = RigidTransform | npt.ArrayLike
+    from lidarsim._validation import Transform
+    from lidarsim.scan import Sensor
 
 __all__ = ["LAYOUTS", "SUFFIXES", "Message", "Writer", "read"]
 
@@ -137,8 +134,8 @@ class Writer:
         self,
         path: PathLike,
         *,
-        sensors: Mapping[str, Pose] | None = None,
-        trajectory: Trajectory | Pose | None = None,
+        sensors: Mapping[str, Transform] | None = None,
+        trajectory: Trajectory | Transform | None = None,
         layout: str | Mapping[str, str] | None = None,
         start: float = _START,
         rate: float = 100.0,
@@ -223,7 +220,7 @@ class Writer:
         time: float = 0.0,
         *,
         sensor: str | None = None,
-        lidar: Lidar | None = None,
+        lidar: Sensor | None = None,
     ) -> None:
         """Write a point cloud.
 
