@@ -3,7 +3,7 @@
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import config, errors, io, patterns, viewers  # noqa: F401 (io and viewers register what they offer)
+from lidarsim import config, errors, io, patterns, viewers  # noqa: F401 (viewers register what they offer)
 from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
@@ -50,6 +50,7 @@ __all__ = [
     "__version__",
     "config",
     "errors",
+    "io",
     "patterns",
     "register_format",
     "register_lidar_reader",

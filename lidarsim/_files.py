@@ -1,7 +1,8 @@
-"""Output files that are whole or not there: checked before the work, replaced in one step after it."""
+"""Files: written whole or not at all, and what is said of those that cannot be read."""
 
 from __future__ import annotations
 
+import errno
 import os
 import secrets
 from collections.abc import Collection, Iterator
@@ -15,12 +16,15 @@ PathLike = str | os.PathLike[str]
 
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
-    """Return the suffix of `path` in lower case, after checking that it is one of the `known`."""
-    suffix = Path(path).suffix.lower()
-    if suffix not in known:
+    """Return the longest of the `known` suffixes that the name of `path` ends in, whatever its case."""
+    name = Path(path).name.lower()
+    fitting = [suffix for suffix in known if name.endswith(suffix) and name != suffix]
+    if not fitting:
+        suffix = Path(path).suffix.lower()
         what = f"unknown extension {suffix!r}" if suffix else "no extension"
-        raise FileFormatError(f"{path}: {what}, expected {' or '.join(sorted(known))}")
-    return suffix
+        *others, last = sorted(known)
+        raise FileFormatError(f"{path}: {what}, expected {', '.join(others)}{' or ' if others else ''}{last}")
+    return max(fitting, key=len)
 
 
 def check_folder(path: PathLike) -> None:
@@ -60,3 +64,19 @@ def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
         if isinstance(error, OSError):
             raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
         raise
+
+
+@contextmanager
+def parsing(path: PathLike, kind: str) -> Iterator[None]:
+    """Let parsers of a file fail as they will, and raise a `FileFormatError` of one line that names the file.
+
+    A missing package, and a disk that cannot be read, pass as they are; not so a seek to where no file has bytes, which
+    is what a damaged file claims.
+    """
+    try:
+        yield
+    except Exception as error:
+        if isinstance(error, ImportError) or (isinstance(error, OSError) and error.errno != errno.EINVAL):
+            raise
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        raise FileFormatError(f"{path}: not a readable {kind}: {reason}") from error

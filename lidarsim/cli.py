@@ -6,6 +6,7 @@ import dataclasses
 import sys
 import time
 from collections.abc import Iterable, Sequence
+from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -20,6 +21,7 @@ from rich.table import Table
 import lidarsim as ls
 from lidarsim._extras import import_extra
 from lidarsim.errors import LidarsimError
+from lidarsim.io import rosbag
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output
 from lidarsim.sensor import preset_path
@@ -56,7 +58,9 @@ ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Field that colou
 def scan(
     config: Configuration,
     *,
-    output: Annotated[Path, _option("--output -o", "OUT", "A .pcd, .ply or .npz; several frames get numbers.")],
+    output: Annotated[
+        Path, _option("--output -o", "OUT", "A point cloud, or a ROS 2 bag (.mcap, .db3) of all frames.")
+    ],
     overrides: Overrides = None,
     seed: Seed = None,
     frame: Frame = None,
@@ -72,13 +76,20 @@ def scan(
     reasons = [status.name.replace("_", " ") for status in ls.Status]
     table = _table("frame", "pulses", *reasons, "points", "ms", "points/s")
     points = 0
-    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+    bag = rosbag.Writer(output, trajectory=run.pose) if output.suffix.lower() in rosbag.SUFFIXES else None
+    with (
+        bag or nullcontext(),
+        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
+    ):
         for number in progress.track(run.frames, description="scanning"):
             begin = time.perf_counter()
             result = run.scan(number)
             cloud = result.point_cloud(**run.cloud)
             seconds = time.perf_counter() - begin
-            cloud.save(_numbered(output, f"{number:04}", run))
+            if bag:
+                bag.write(result)  # as the sensor's driver publishes it, however CONFIG wants its clouds
+            else:
+                cloud.save(_numbered(output, f"{number:04}", run))
             if screenshot:
                 picture = _numbered(screenshot, f"{number:04}", run)
                 pyvista.render(cloud, picture, color_by=color_by, pose=_viewpoint(run, number))
@@ -86,7 +97,8 @@ def scan(
             _row(table, number, len(result), *counts, len(cloud), 1e3 * seconds, len(cloud) / seconds)
             points += len(cloud)
     _print(table)
-    files = ", ".join(str(_numbered(path, "*", run)) for path in (output, screenshot) if path)
+    paths = (output if bag else _numbered(output, "*", run), screenshot and _numbered(screenshot, "*", run))
+    files = ", ".join(str(path) for path in paths if path)
     _print(f"{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
 

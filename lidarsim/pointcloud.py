@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
-from lidarsim.errors import FileFormatError
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix, parsing
 
 if TYPE_CHECKING:
     import open3d
@@ -171,43 +170,52 @@ class PointCloud:
     def _arrays(self) -> Fields:
         return {name: getattr(self, name) for name in self.fields}
 
-    def save(self, path: PathLike, *, float32: bool = False) -> None:
-        """Write all fields to a file, whose suffix says the format: ``.npz``, ``.pcd`` or ``.ply``.
+    def save(self, path: PathLike, *, fields: Sequence[str] | None = None, float32: bool = False) -> None:
+        """Write the points to a file, whose suffix says the format.
 
-        `load` gives back every number and dtype as it is here. The file takes its name when it is complete: a failure
-        leaves the old file, or none. In a PCD file the normals are float64 like `xyz`, since Open3D misreads others. In
-        a PLY file int8, int16 and uint32 are int32 or, where they do not fit, float64, since Open3D passes over them;
-        a comment in it names the type that `load` gives back.
+        What a format holds of the fields, in which types and units, stands in the documentation of its module in
+        `lidarsim.io`. The file takes its name when it is complete: a failure leaves the old file, or none.
 
         Parameters
         ----------
         path : path-like
             The file, in a folder that exists.
+        fields : sequence of str, optional
+            The fields to write besides `xyz`. Default: all that there are.
         float32 : bool
-            Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer take.
+            Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer take, in a
+            format that leaves the choice.
 
         Raises
         ------
         FileFormatError
-            If the suffix is unknown, or the format cannot hold a field's dtype.
+            If the suffix is unknown, or the format cannot hold a field's dtype or values.
+        MissingExtraError
+            If the format needs a package that is not installed.
         OSError
             If the file cannot be written.
+        TypeError, ValueError
+            If `fields` is not a sequence of names of fields.
         """
-        fields = self._arrays()
+        arrays = self._arrays()
+        if fields is not None:
+            arrays = {name: arrays[name] for name in ("xyz", *_chosen(fields, self.fields))}
         if float32:
-            fields["xyz"] = fields["xyz"].astype(np.float32)
+            arrays["xyz"] = arrays["xyz"].astype(np.float32)
         check_output(path)
         with atomic_writer(path) as file:
-            _format(path).save(fields, file)
+            _format(path).save(arrays, file)
 
     @classmethod
     def load(cls, path: PathLike) -> PointCloud:
         """Read a file that `save` or another program wrote.
 
+        The format is told by the first bytes of the file where it has a signature, else by the suffix.
+
         Parameters
         ----------
         path : path-like
-            A ``.npz``, ``.pcd`` or ``.ply`` file.
+            The file.
 
         Returns
         -------
@@ -218,28 +226,25 @@ class PointCloud:
         Raises
         ------
         FileFormatError
-            If the suffix is unknown, or the file is damaged, of another format, or not a point cloud.
+            If the format is unknown, or the file is damaged, not what its suffix says, or not a point cloud.
         MissingExtraError
-            If it is a PLY or a compressed PCD file, and the extra ``formats`` is not installed.
+            If the format needs a package that is not installed.
         OSError
             If the file cannot be read.
         """
-        format_ = _format(path)
         path = Path(path)
         if path.is_dir():
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
         try:
             with path.open("rb") as file:
-                return cls(format_.load(file))
+                suffix = _recognised(file.read(_HEAD), path)
+                file.seek(0)
+                with parsing(path, f"{suffix} point cloud"):
+                    return cls(_FORMATS[suffix].load(file))
         except FileNotFoundError:
             raise FileNotFoundError(f"{path}: no such file") from None
         except OSError as error:
             raise OSError(f"{path}: cannot be read: {error.strerror or error}") from error
-        except ImportError:
-            raise
-        except Exception as error:  # parsers of damaged files fail in any way
-            reason = str(error).partition("\n")[0] or type(error).__name__
-            raise FileFormatError(f"{path}: not a readable {path.suffix.lower()} point cloud: {reason}") from error
 
     def to_open3d(self) -> open3d.t.geometry.PointCloud:
         """Return an Open3D tensor point cloud with all fields as attributes.
@@ -321,12 +326,24 @@ def _extent(array: npt.NDArray[Any]) -> str:
     return " … ".join(f"({', '.join(end)})" if array.ndim == 2 else end[0] for end in ends)
 
 
+def _chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
+    """Return the fields to write besides `xyz`, in their order, after checking that they are known."""
+    if isinstance(names, str):
+        raise TypeError(f"fields: expected a sequence of names, got {names!r}")
+    for name in names:
+        if name not in known:
+            raise ValueError(f"fields: expected fields of this point cloud ({', '.join(known)}), got {name!r}")
+    return [name for name in known if name in names and name != "xyz"]
+
+
 @dataclass(frozen=True, slots=True)
 class _Format:
     save: Callable[[Fields, BinaryIO], None]
     load: Callable[[BinaryIO], Fields]
+    signature: bytes
 
 
+_HEAD = 16  # bytes of a file, no fewer than any signature has
 _FORMATS: dict[str, _Format] = {}
 _VIEWS: dict[str, Callable[[PointCloud], Any]] = {}
 
@@ -336,19 +353,22 @@ def register_format(
     *,
     save: Callable[[Fields, BinaryIO], None],
     load: Callable[[BinaryIO], Fields],
+    signature: bytes = b"",
 ) -> None:
     """Let `PointCloud.save` and `PointCloud.load` handle files of a suffix.
 
     Parameters
     ----------
     suffix : str
-        With its dot, in lower case.
+        With its dot, in lower case; it may have several parts, such as ".pcd.bin".
     save : callable
         Writes the fields of a cloud, in their order, into an open binary file.
     load : callable
         Returns the fields that an open binary file holds; the message of any exception says why it cannot.
+    signature : bytes
+        First bytes of every file of the format, by which it is known whatever its name; none, if it has none.
     """
-    _FORMATS[suffix] = _Format(save, load)
+    _FORMATS[suffix] = _Format(save, load, signature)
 
 
 def register_view(name: str, function: Callable[[PointCloud], Any]) -> None:
@@ -421,3 +441,10 @@ def check_output(path: PathLike) -> None:
 
 def _format(path: PathLike) -> _Format:
     return _FORMATS[check_suffix(path, _FORMATS)]
+
+
+def _recognised(head: bytes, path: Path) -> str:
+    """Return the suffix of the format of a file, by its first bytes or else by its name."""
+    told = {suffix for suffix, format_ in _FORMATS.items() if format_.signature and head.startswith(format_.signature)}
+    own = path.suffix.lower()
+    return own if own in told else min(told) if told else check_suffix(path, _FORMATS)

@@ -22,6 +22,7 @@ FIELDS = (
     "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, label, incidence, "
     "range_error"
 )
+FORMATS = ".bin, .csv, .db3, .label, .las, .laz, .mcap, .npz, .pcd, .pcd.bin, .ply or .xyz"
 CONFIG = """\
 seed: 3
 sensor: {preset: velodyne-vlp16, noise: datasheet}
@@ -79,6 +80,24 @@ def test_several_frames_are_numbered() -> None:
     expected = ls.config.load("run.yaml").scan(10).point_cloud()
     assert np.array_equal(second.range, expected.range)
     assert not np.array_equal(first.range_error[:100], second.range_error[:100])
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_a_bag_holds_all_frames(suffix: str, capsys: pytest.CaptureFixture[str]) -> None:
+    path = Path(f"drive{suffix}")
+    assert lidarsim("scan", "run.yaml", "-o", str(path), "--frames", "3", "--frame", "5") == 0
+    assert sorted(Path().iterdir()) == [path, Path("run.yaml")]
+    assert capsys.readouterr().out.endswith(f" s: {path}\n")
+    run = ls.config.load("run.yaml", ["first_frame=5", "frames=3"])
+    messages = list(ls.io.rosbag.read(path))
+    assert [message.stamp - messages[0].stamp for message in messages] == [0, 100_000_000, 200_000_000]
+    for message, frame in zip(messages, run.frames, strict=True):
+        cloud = run.scan(frame).point_cloud()
+        assert message.frame_id == "lidar"
+        np.testing.assert_array_equal(message.cloud.xyz, cloud.xyz.astype(np.float32))
+        np.testing.assert_array_equal(message.cloud.ring, cloud.ring)
+    assert lidarsim("scan", "run.yaml", "-o", str(path), "--frame", "7", "--set", "cloud.frame=world") == 0
+    np.testing.assert_array_equal(ls.PointCloud.load(path).xyz, messages[2].cloud.xyz)
 
 
 def test_overrides_and_seed() -> None:
@@ -195,8 +214,8 @@ MISTAKES = {
     ),
     "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
     # outputs
-    "scan run.yaml -o a.xyz": "a.xyz: unknown extension '.xyz', expected .npz or .pcd or .ply",
-    "scan run.yaml -o a": "a: no extension, expected .npz or .pcd or .ply",
+    "scan run.yaml -o a.e57": f"a.e57: unknown extension '.e57', expected {FORMATS}",
+    "scan run.yaml -o a": f"a: no extension, expected {FORMATS}",
     "scan run.yaml -o gone/a.pcd": "gone/a.pcd: the folder gone does not exist",
     "scan run.yaml -o run.yaml/a.pcd": "run.yaml/a.pcd: run.yaml is not a folder",
     "scan run.yaml -o folder.pcd": "folder.pcd: expected a file to write, got a folder",

@@ -182,16 +182,57 @@ class TestSaving:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("scan.xyz", "unknown extension '.xyz', expected .npz or .pcd or .ply"),
-        ("scan", "no extension, expected .npz or .pcd or .ply"),
+        ("scan.e57", "unknown extension '.e57', expected .bin, .csv, "),
+        ("scan", "no extension, expected .bin, .csv, "),
+        (".pcd", "no extension, expected .bin, .csv, "),
     ],
 )
 def test_unknown_extension(cloud: PointCloud, tmp_path: Path, name: str, message: str) -> None:
     path = tmp_path / name
-    for use in (cloud.save, check_output, PointCloud.load):
+    for use in (cloud.save, check_output):
         with pytest.raises(FileFormatError) as caught:
             use(path)
-        assert str(caught.value) == f"{path}: {message}"
+        assert str(caught.value).startswith(f"{path}: {message}")
+    assert not list(tmp_path.iterdir())
+    path.write_text("anything")
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".pcd", ".ply", ".las", ".laz"])
+@pytest.mark.parametrize("name", ["scan", "scan.dat", "scan.ply", "scan.csv"])
+def test_content_tells_the_format_whatever_the_name(cloud: PointCloud, tmp_path: Path, name: str, suffix: str) -> None:
+    cloud.save(tmp_path / f"saved{suffix}")
+    (tmp_path / f"saved{suffix}").rename(tmp_path / name)
+    assert PointCloud.load(tmp_path / name).ring.tolist() == [3, 7]
+
+
+def test_the_longest_suffix_tells_the_format(cloud: PointCloud, tmp_path: Path) -> None:
+    cloud.save(tmp_path / "SCAN.PCD.BIN")
+    assert (tmp_path / "SCAN.PCD.BIN").stat().st_size == 2 * 20
+    cloud.save(tmp_path / "scan.bin")
+    assert (tmp_path / "scan.bin").stat().st_size == 2 * 16
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".pcd", ".ply", ".las", ".laz", ".csv", ".xyz"])
+def test_chosen_fields(cloud: PointCloud, tmp_path: Path, suffix: str) -> None:
+    cloud.save(tmp_path / f"a{suffix}", fields=["ring"])
+    loaded = PointCloud.load(tmp_path / f"a{suffix}")
+    assert loaded.ring.tolist() == [3, 7]
+    assert not hasattr(loaded, "flow")
+    np.testing.assert_array_equal(loaded.xyz, XYZ)
+    cloud.save(tmp_path / f"a{suffix}", fields=["flow", "xyz"])
+    assert not hasattr(PointCloud.load(tmp_path / f"a{suffix}"), "ring")
+
+
+def test_chosen_fields_must_be_there(cloud: PointCloud, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="fields: expected") as caught:
+        cloud.save(tmp_path / "a.pcd", fields=["label"])
+    known = "xyz, intensity, ring, flow"
+    assert str(caught.value) == f"fields: expected fields of this point cloud ({known}), got 'label'"
+    with pytest.raises(TypeError, match=r"^fields: expected a sequence of names, got 'ring'$"):
+        cloud.save(tmp_path / "a.pcd", fields="ring")
     assert not list(tmp_path.iterdir())
 
 

@@ -1,3 +1,15 @@
 """File formats: one module a format, which registers itself."""
 
-from lidarsim.io import npz, pcd, ply  # noqa: F401 - each registers itself
+from lidarsim.io import (  # noqa: F401 - each registers itself
+    kitti,
+    las,
+    npz,
+    nuscenes,
+    pcd,
+    ply,
+    rosbag,
+    semantickitti,
+    text,
+)
+
+__all__ = ["las", "rosbag", "semantickitti"]

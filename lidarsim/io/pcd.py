@@ -1,12 +1,16 @@
-"""PCD files of the Point Cloud Library: written binary; read binary, compressed or ASCII.
+"""PCD files of the Point Cloud Library (``.pcd``): written binary; read binary, compressed or ASCII.
 
+All fields are kept, vectors other than `xyz` and `normal` as one field a component; bool cannot be held.
 Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html.
 """
 
 from __future__ import annotations
 
+import itertools
 import os
 import struct
+import sys
+from collections.abc import Iterator
 from typing import BinaryIO
 
 import numpy as np
@@ -14,7 +18,17 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import to_fields, to_records
+from lidarsim.io._records import (
+    BLOCK,
+    blocks,
+    check_expansion,
+    from_records,
+    joined,
+    record_of,
+    to_columns,
+    to_fields,
+    to_records,
+)
 from lidarsim.pointcloud import Fields, register_format
 
 NORMAL = ("normal_x", "normal_y", "normal_z")
@@ -29,23 +43,25 @@ def save(fields: Fields, file: BinaryIO) -> None:
     """
     if "normal" in fields:
         fields = fields | {"normal": fields["normal"].astype(fields["xyz"].dtype)}
-    records = to_records(fields, NORMAL, CODES)
-    columns = [(name, records.dtype[name]) for name in records.dtype.names or ()]
+    columns = to_columns(fields, NORMAL, CODES)
+    record = record_of(columns)
+    parts = [record[name] for name in columns]
+    points = len(fields["xyz"])
     header = f"""\
 # .PCD v0.7 - Point Cloud Data file format
 VERSION 0.7
-FIELDS {" ".join(name for name, _ in columns)}
-SIZE {" ".join(str(dtype.itemsize) for _, dtype in columns)}
-TYPE {" ".join(dtype.kind.upper() for _, dtype in columns)}
-COUNT {" ".join("1" for _ in columns)}
-WIDTH {len(records)}
+FIELDS {" ".join(columns)}
+SIZE {" ".join(str(part.itemsize) for part in parts)}
+TYPE {" ".join(part.kind.upper() for part in parts)}
+COUNT {" ".join("1" for _ in parts)}
+WIDTH {points}
 HEIGHT 1
 VIEWPOINT 0 0 0 1 0 0 0
-POINTS {len(records)}
+POINTS {points}
 DATA binary
 """
     file.write(header.encode("ascii"))
-    file.write(records.data)
+    file.writelines(records.data for records in to_records(columns, record))
 
 
 def load(file: BinaryIO) -> Fields:
@@ -54,19 +70,15 @@ def load(file: BinaryIO) -> Fields:
     points, dtype = _layout(header)
     encoding = header["DATA"][0]
     if encoding == "ascii":
-        lines = [line for line in file if not line.isspace()][:points]
-        records = np.loadtxt(lines, dtype, comments=None, ndmin=1) if lines else np.empty(0, dtype)
+        parts = _parsed(file, points, dtype)
     elif encoding == "binary":
-        # Not file.read(points * itemsize): a damaged count must not ask for that much memory.
-        rest = os.fstat(file.fileno()).st_size - file.tell()
-        records = np.frombuffer(file.read(min(points, rest // dtype.itemsize) * dtype.itemsize), dtype)
+        parts = from_records(file, dtype, points)
     elif encoding == "binary_compressed":
-        records = _decompressed(file, points, dtype) if points else np.empty(0, dtype)
+        parts = blocks(_decompressed(file, points, dtype) if points else _columns(np.empty(0, dtype)))
     else:
         raise FileFormatError(f"its DATA is {encoding!r}, expected ascii, binary or binary_compressed")
-    if len(records) < points:
-        raise FileFormatError(f"it is truncated: {len(records)} of {points} points")
-    return to_fields({name: records[name] for name in dtype.names or () if not name.startswith("_ ")}, NORMAL)
+    columns = joined(parts)
+    return to_fields({name: column for name, column in columns.items() if not name.startswith("_ ")}, NORMAL)
 
 
 def _header(file: BinaryIO) -> dict[str, list[str]]:
@@ -104,25 +116,42 @@ def _layout(header: dict[str, list[str]]) -> tuple[int, np.dtype[np.void]]:
     return int(header["WIDTH"][0]) * int(header["HEIGHT"][0]), np.dtype(parts)
 
 
-def _decompressed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> npt.NDArray[np.void]:
-    """Return the records of ``DATA binary_compressed``: LZF over the fields, one after the other."""
+def _parsed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Iterator[Fields]:
+    """Yield the columns of ``DATA ascii``, a point a line."""
+    lines = itertools.islice((line for line in file if not line.isspace()), min(points, sys.maxsize))
+    read = 0
+    yield _columns(np.empty(0, dtype))
+    while part := list(itertools.islice(lines, BLOCK)):
+        records = np.loadtxt(part, dtype, comments=None, ndmin=1)
+        read += len(records)
+        yield _columns(records)
+    if read < points:
+        raise FileFormatError(f"it is truncated: {read} of {points} points")
+
+
+def _columns(records: npt.NDArray[np.void]) -> Fields:
+    return {name: records[name] for name in records.dtype.names or ()}
+
+
+def _decompressed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Fields:
+    """Return the columns of ``DATA binary_compressed``: LZF over the fields, one after the other."""
     lzf = import_extra("lzf", "formats", "reading compressed PCD files")
     sizes = file.read(8)
     compressed, size = struct.unpack("<II", sizes) if len(sizes) == 8 else (1, 0)
-    block = file.read(compressed)
-    if len(block) < compressed:
+    if compressed > os.fstat(file.fileno()).st_size - file.tell():
         raise FileFormatError("it is truncated inside its compressed data")
     if size != points * dtype.itemsize:
         raise FileFormatError(f"its compressed data holds {size} bytes, expected {points * dtype.itemsize}")
-    data = lzf.decompress(block, size)
+    check_expansion(size, compressed)
+    data = lzf.decompress(file.read(compressed), size)
     if data is None or len(data) != size:
         raise FileFormatError("its compressed data is damaged")
-    records = np.empty(points, dtype)
+    columns: Fields = {}
     offset = 0
     for name in dtype.names or ():
-        records[name] = np.ndarray(points, dtype[name], data, offset)
+        columns[name] = np.ndarray((points, *dtype[name].shape), dtype[name].base, data, offset)
         offset += points * dtype[name].itemsize
-    return records
+    return columns
 
 
-register_format(".pcd", save=save, load=load)
+register_format(".pcd", save=save, load=load, signature=b"# .PCD")

@@ -1,13 +1,18 @@
-"""PLY files: written binary little-endian; read in any encoding."""
+"""PLY files (``.ply``): written binary little-endian; read in any encoding.
+
+All fields are kept, vectors other than `xyz` and `normal` as one property a component; bool, int64 and uint64 cannot be
+held.
+"""
 
 from __future__ import annotations
 
+import os
 from io import BytesIO
 from typing import BinaryIO
 
 from lidarsim._extras import import_extra
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import to_fields, to_records
+from lidarsim.io._records import record_of, to_columns, to_fields, to_records
 from lidarsim.pointcloud import Fields, narrowed, register_format
 
 NORMAL = ("nx", "ny", "nz")
@@ -22,28 +27,26 @@ def save(fields: Fields, file: BinaryIO) -> None:
     and uint32, too: these are widened, and a comment names what they were.
     """
     widened = {name: array for name, array in fields.items() if array.dtype.str[1:] in WIDENED}
-    records = to_records(fields | {name: narrowed(name, array) for name, array in widened.items()}, NORMAL, CODES)
+    columns = to_columns(fields | {name: narrowed(name, array) for name, array in widened.items()}, NORMAL, CODES)
+    record = record_of(columns)
     header = [
         "ply",
         "format binary_little_endian 1.0",
         *(f"comment type {name} {array.dtype.name}" for name, array in widened.items()),
-        f"element vertex {len(records)}",
-        *(f"property {records.dtype[name].name} {name}" for name in records.dtype.names or ()),
+        f"element vertex {len(fields['xyz'])}",
+        *(f"property {record[name].name} {name}" for name in columns),
         "end_header\n",
     ]
     file.write("\n".join(header).encode("ascii"))
-    file.write(records.data)
+    file.writelines(records.data for records in to_records(columns, record))
 
 
 def load(file: BinaryIO) -> Fields:
     """Read the element ``vertex``, lists left out; faces and other elements are passed over."""
     plyfile = import_extra("plyfile", "formats", "reading PLY files")
-    head = file.read(1000)
-    if not head.startswith(b"ply"):
-        raise FileFormatError("it does not begin with 'ply'")
-    file.seek(0)
+    text = _check_counts(file)
     # A binary file is mapped into memory, which is fast; a text file would be left open.
-    ply = plyfile.PlyData.read(BytesIO(file.read()) if b"format ascii" in head else file)
+    ply = plyfile.PlyData.read(BytesIO(file.read()) if text else file)
     if "vertex" not in ply:
         elements = ", ".join(element.name for element in ply) or "(none)"
         raise FileFormatError(f"it has no element 'vertex' among its elements {elements}")
@@ -57,4 +60,31 @@ def load(file: BinaryIO) -> Fields:
     return fields
 
 
-register_format(".ply", save=save, load=load)
+def _check_counts(file: BinaryIO) -> bool:
+    """Return whether the file is text, after checking that it has the bytes for the elements that its header claims.
+
+    A property of an element takes at least a byte, in text two with the space or line end after it.
+    """
+    if file.read(3) != b"ply":
+        raise FileFormatError("it does not begin with 'ply'")
+    elements: list[tuple[str, int, int]] = []
+    text = False
+    while (line := file.readline(1 << 16)).strip() != b"end_header":
+        if not line:
+            raise FileFormatError("its header has no end")
+        words = line.decode("ascii", "replace").split()
+        if words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
+            elements.append((words[1], int(words[2]), 0))
+        elif words[:1] == ["property"] and elements:
+            name, count, properties = elements[-1]
+            elements[-1] = name, count, properties + 1
+        text |= words[:2] == ["format", "ascii"]
+    rest = os.fstat(file.fileno()).st_size - file.tell() + 1  # the last line of a text need not end
+    for name, count, properties in elements:
+        if count * max(properties, 1) * (1 + text) > rest:
+            raise FileFormatError(f"it is truncated: its header claims {count} of the element {name!r}")
+    file.seek(0)
+    return text
+
+
+register_format(".ply", save=save, load=load, signature=b"ply")

@@ -1,6 +1,8 @@
 """NPZ beside NumPy itself."""
 
+from io import BytesIO
 from pathlib import Path
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 import pytest
@@ -54,3 +56,32 @@ def test_a_bare_array(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError) as caught:
         PointCloud.load(path)
     assert str(caught.value) == f"{path}: not a readable .npz point cloud: it does not begin as a NumPy archive does"
+
+
+def archive(path: Path, header: dict[str, object], data: bytes = b"", version: tuple[int, int] = (1, 0)) -> None:
+    """Write an archive of one array with any header."""
+    entry = BytesIO()
+    write = np.lib.format.write_array_header_1_0 if version == (1, 0) else np.lib.format.write_array_header_2_0
+    write(entry, header)
+    with ZipFile(path, "w", ZIP_DEFLATED) as file:
+        file.writestr("xyz.npy", entry.getvalue() + data)
+
+
+def test_an_array_that_claims_more_than_it_has(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.npz"
+    for version in ((1, 0), (2, 0)):
+        archive(path, {"descr": "<f8", "fortran_order": False, "shape": (10**12, 3)}, bytes(24), version)
+        with pytest.raises(FileFormatError) as caught:
+            PointCloud.load(path)
+        assert "xyz: its array claims 24,000,000,000,000 bytes of " in str(caught.value)
+    archive(path, {"descr": "<f8", "fortran_order": False, "shape": (2, 3)}, bytes(48), (2, 0))
+    assert len(PointCloud.load(path)) == 2
+
+
+def test_a_bomb(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.npz"
+    points = 4_000_000
+    archive(path, {"descr": "<f8", "fortran_order": False, "shape": (points, 3)}, bytes(points * 24))
+    assert path.stat().st_size < points * 24 // 100
+    with pytest.raises(FileFormatError, match="more than 100 times as many: refused as a decompression bomb"):
+        PointCloud.load(path)

@@ -149,6 +149,19 @@ def test_compressed_counts(tmp_path: Path) -> None:
         assert str(caught.value) == f"{path}: not a readable .pcd point cloud: {reason}"
 
 
+def test_a_bomb(tmp_path: Path) -> None:
+    import lzf
+
+    path = tmp_path / "cloud.pcd"
+    points = 8_000_000
+    block = lzf.compress(bytes(points * 12))
+    text = header("x y z", "4 4 4", "F F F", "1 1 1", width=points, data="binary_compressed").encode()
+    path.write_bytes(text + np.array([100, points * 12], "<u4").tobytes() + block[:100])
+    with pytest.raises(FileFormatError, match="its 100 bytes claim to hold 96,000,000, more than 100 times as many"):
+        PointCloud.load(path)
+    assert len(block) * 100 > points * 12, "what LZF can do is allowed"
+
+
 def test_old_organised_ascii_without_count(tmp_path: Path) -> None:
     path = tmp_path / "cloud.pcd"
     path.write_text(
@@ -190,7 +203,7 @@ ASCII = GOOD.replace("binary", "ascii")
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        ("ply\nformat ascii 1.0\n", r"expected the header of a PCD file, got b'ply\n'"),
+        ("PCD\nformat ascii 1.0\n", r"expected the header of a PCD file, got b'PCD\n'"),
         ("", "expected the header of a PCD file, got b''"),
         ("FIELDS x y z\n", "expected the header of a PCD file, got b''"),
         ("DATA ascii\n", "its header has no FIELDS"),
@@ -201,6 +214,8 @@ ASCII = GOOD.replace("binary", "ascii")
         (GOOD.replace("WIDTH 2", "WIDTH -2"), "its WIDTH is -2, expected a count"),
         (GOOD.replace("x y z", "x y q") + "0" * 24, "it has no z among its fields x, y, q"),
         (GOOD.replace("binary", "zipped"), "its DATA is 'zipped', expected ascii, binary or binary_compressed"),
+        (GOOD.replace("COUNT 1 1 1", "COUNT 0 0 0"), "its points have no bytes"),
+        (ASCII.replace("WIDTH 2", f"WIDTH {10**30}") + "1 2 3\n", f"it is truncated: 1 of {10**30} points"),
         (GOOD + "0" * 23, "it is truncated: 1 of 2 points"),
         (GOOD.replace("WIDTH 2", "WIDTH 9999999999999") + "0" * 24, "it is truncated: 2 of 9999999999999 points"),
         (ASCII + "1 2 3\n", "it is truncated: 1 of 2 points"),

@@ -143,7 +143,7 @@ HEAD = "ply\nformat ascii 1.0\n"
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        ("# .PCD v0.7\n", "it does not begin with 'ply'"),
+        ("PLY\n", "it does not begin with 'ply'"),
         (HEAD + "end_header\n", "it has no element 'vertex' among its elements (none)"),
         (HEAD + "element face 0\nend_header\n", "it has no element 'vertex' among its elements face"),
         (
@@ -152,9 +152,14 @@ HEAD = "ply\nformat ascii 1.0\n"
         ),
         (
             HEAD + "element vertex 2\nproperty float x\nend_header\n0\n",
-            "element 'vertex': row 1: early end-of-file",
+            "it is truncated: its header claims 2 of the element 'vertex'",
         ),
-        (HEAD + "element vertex two\n", "line 3: expected integer count"),
+        (
+            "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\nend_header\n",
+            "it is truncated: its header claims 1000000000000 of the element 'vertex'",
+        ),
+        (HEAD + "element vertex two\nend_header\n", "line 3: expected integer count"),
+        (HEAD + "element vertex 2\n", "its header has no end"),
     ],
 )
 def test_bad_files(content: str, reason: str, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """What every format promises: bit for bit what was saved, and an error for any part of a file."""
 
 import math
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,8 @@ def test_foreign_content_is_one_clear_line(suffix: str, content: bytes, tmp_path
     with pytest.raises(FileFormatError) as caught:
         PointCloud.load(path)
     message = str(caught.value)
-    assert message.startswith(f"{path}: not a readable {suffix} point cloud: ")
+    taken_for = ".npz" if content.startswith(b"PK") else suffix
+    assert message.startswith(f"{path}: not a readable {taken_for} point cloud: ")
     assert "\n" not in message
 
 
@@ -114,3 +116,61 @@ def test_a_dtype_that_a_format_cannot_hold(suffix: str, dtype: str, tmp_path: Pa
         cloud.save(tmp_path / f"cloud{suffix}")
     assert str(caught.value) == f"extra: this format cannot hold {dtype}; convert it, or save as .npz"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "suffix", [*FORMATS, ".las", ".laz", ".csv", ".xyz", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"]
+)
+def test_memory(suffix: str, tmp_path: Path) -> None:
+    """Writing takes at most twice the memory of the cloud besides it, reading at most twice that of what it gives."""
+    points = 65_536
+    rng = np.random.default_rng(1)
+    cloud = PointCloud(
+        {
+            name: rng.integers(0, 15, (points, *shape)).astype(dtype)
+            if issubclass(dtype, np.integer)
+            else rng.random((points, *shape)).astype(dtype)
+            for name, (shape, dtype) in CANONICAL.items()
+        }
+    )
+    path = tmp_path / f"cloud{suffix}"
+    cloud[:2].save(path)  # imports what it needs
+    peaks = []
+    tracemalloc.start()
+    try:
+        cloud.save(path)
+        peaks.append(tracemalloc.get_traced_memory()[1])
+        if suffix != ".label":
+            PointCloud.load(path)  # imports what it needs
+            tracemalloc.reset_peak()
+            before = tracemalloc.get_traced_memory()[0]
+            loaded = PointCloud.load(path)
+            peaks.append(tracemalloc.get_traced_memory()[1] - before)
+    finally:
+        tracemalloc.stop()
+    assert peaks[0] < 2 * size(cloud)
+    if suffix != ".label":
+        assert peaks[1] < 2 * size(loaded)
+
+
+def size(cloud: PointCloud) -> int:
+    return sum(getattr(cloud, name).nbytes for name in cloud.fields)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz", ".csv", ".xyz", ".bin", ".pcd.bin", ".label", ".mcap", ".db3"])
+def test_a_full_disk_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
+    resource = pytest.importorskip("resource", reason="Windows has no limit on the size of a file")
+    path = tmp_path / f"cloud{suffix}"
+    points = np.random.default_rng(0).normal(size=(50_000, 3))
+    PointCloud(xyz=np.ones((2, 3)), label=[1, 2]).save(path)
+    before = path.read_bytes()
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, hard))
+    try:
+        with pytest.raises(OSError, match="cannot be written") as caught:
+            PointCloud(xyz=points, label=np.ones(len(points))).save(path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert str(caught.value).startswith(f"{path}: cannot be written: ")
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]

@@ -1,0 +1,151 @@
+"""Points in the layouts in which the ROS drivers of real sensors publish them, and back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim.io._records import to_fields
+from lidarsim.io._units import fitting, reflectivity, vendor_range
+from lidarsim.pointcloud import Fields, PointCloud
+
+if TYPE_CHECKING:
+    from lidarsim.scan import Sensor
+
+_XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+LAYOUTS: dict[str, np.dtype[np.void]] = {
+    "velodyne": np.dtype([*_XYZ, ("intensity", "<f4"), ("ring", "<u2"), ("time", "<f4")]),
+    "ouster": np.dtype(
+        {
+            "names": ["x", "y", "z", "intensity", "t", "reflectivity", "ring", "ambient", "range"],
+            "formats": ["<f4", "<f4", "<f4", "<f4", "<u4", "<u2", "<u2", "<u2", "<u4"],
+            "offsets": [0, 4, 8, 16, 20, 24, 26, 28, 32],  # of a struct that PCL aligns to 16 bytes
+            "itemsize": 48,
+        }
+    ),
+    "hesai": np.dtype([*_XYZ, ("intensity", "<f4"), ("ring", "<u2"), ("timestamp", "<f8")]),
+    "autoware": np.dtype(
+        [
+            *_XYZ,
+            *(("intensity", "u1"), ("return_type", "u1"), ("channel", "<u2")),
+            *(("azimuth", "<f4"), ("elevation", "<f4"), ("distance", "<f4"), ("time_stamp", "<u4")),
+        ]
+    ),
+    "livox": np.dtype(
+        {
+            "names": ["offset_time", "x", "y", "z", "reflectivity", "tag", "line"],
+            "formats": ["<u4", "<f4", "<f4", "<f4", "u1", "u1", "u1"],
+            "offsets": [0, 4, 8, 12, 16, 17, 18],
+            "itemsize": 20,  # CDR aligns the next point to 4 bytes; the last one ends after 19
+        }
+    ),
+}
+"""The layouts of a point, by the name of a driver."""
+
+VENDORS = {"ouster": "ouster", "hesai": "hesai", "robosense": "hesai", "livox": "livox"}
+"""The layout of a sensor, by the vendor in its name; that of all others is velodyne."""
+
+LAST, FIRST, STRONGEST, SECOND, SECOND_STRONGEST = 1, 2, 3, 7, 8
+"""Types of returns, as Autoware's nebula drivers number them; 0 is unknown."""
+
+
+def layout_of(lidar: Sensor | None) -> str:
+    """Return the layout in which the driver of a sensor publishes."""
+    name = lidar.name.lower() if lidar else ""
+    return next((layout for vendor, layout in VENDORS.items() if vendor in name), "velodyne")
+
+
+class _Points(NamedTuple):
+    fields: Fields
+    lidar: Sensor | None
+    stamp: int  # ns
+    layout: str
+
+    @property
+    def nanoseconds(self) -> npt.NDArray[np.float64]:
+        rounded: npt.NDArray[np.float64] = np.rint(self.fields["time"] * 1e9)
+        return rounded
+
+    @property
+    def reflectivity(self) -> npt.NDArray[np.uint8]:
+        return reflectivity(self.fields["intensity"], 150 if self.layout == "livox" else 100)
+
+    def whole(self, name: str, values: npt.NDArray[Any], column: str) -> npt.NDArray[Any]:
+        """Return whole numbers after checking that they fit in a column of the layout."""
+        return fitting(name, values, LAYOUTS[self.layout][column], f"{column} in the {self.layout} layout")
+
+
+def _return_types(points: _Points) -> npt.NDArray[Any]:
+    """Return what each return is, by how the sensor chooses them; see `Measurement.returns`."""
+    number, count = points.fields["return_number"], points.fields["return_count"]
+    returns = points.lidar.measurement.returns if points.lidar else None
+    if returns == "dual":  # the strongest, then the last or, if they are the same, the next strongest, which is nearer
+        nearer = np.diff(points.fields["range"], prepend=np.inf) < 0
+        return np.select([number == 1, nearer], [STRONGEST, SECOND_STRONGEST], LAST)
+    if isinstance(returns, int):  # from the nearest on
+        return np.select([number == 1, number == count, number == 2], [FIRST, LAST, SECOND], 0)
+    return np.full(len(number), {"strongest": STRONGEST, "first": FIRST, "last": LAST}.get(returns or "", 0))
+
+
+_COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
+    "x": lambda points: points.fields["xyz"][:, 0],
+    "y": lambda points: points.fields["xyz"][:, 1],
+    "z": lambda points: points.fields["xyz"][:, 2],
+    "intensity": lambda points: points.reflectivity,
+    "reflectivity": lambda points: points.reflectivity,
+    "ring": lambda points: points.whole("ring", points.fields["ring"], "ring"),
+    "channel": lambda points: points.whole("ring", points.fields["ring"], "channel"),
+    "line": lambda points: points.whole("ring", points.fields["ring"], "line"),
+    "time": lambda points: points.fields["time"],
+    "t": lambda points: points.whole("time in ns", points.nanoseconds, "t"),
+    "time_stamp": lambda points: points.whole("time in ns", points.nanoseconds, "time_stamp"),
+    "offset_time": lambda points: points.whole("time in ns", points.nanoseconds, "offset_time"),
+    # Seconds and the rest apart: in nanoseconds since 1970 a float64 has steps of 256.
+    "timestamp": lambda points: points.stamp // 10**9 + (points.stamp % 10**9 + points.nanoseconds) / 1e9,
+    "range": lambda points: points.whole("range in mm", np.rint(points.fields["range"] * 1e3), "range"),
+    "ambient": lambda points: np.zeros(len(points.fields["xyz"]), np.uint16),
+    "azimuth": lambda points: np.arctan2(points.fields["xyz"][:, 1], points.fields["xyz"][:, 0]),
+    "elevation": lambda points: np.arctan2(points.fields["xyz"][:, 2], np.hypot(*points.fields["xyz"][:, :2].T)),
+    "distance": lambda points: np.linalg.norm(points.fields["xyz"], axis=1),
+    "return_type": _return_types,
+    # Bits 4 and 5 are the number of the return, from 0 on.
+    "tag": lambda points: np.clip(points.fields["return_number"].astype(np.int64) - 1, 0, 3) << 4,
+}
+
+
+def to_layout(cloud: PointCloud, layout: str, lidar: Sensor | None, stamp: int) -> tuple[npt.NDArray[np.void], int]:
+    """Return the finite points in firing order in a layout, and how long after the stamp the last was measured, ns."""
+    n = len(cloud)
+    fields: Fields = {"time": np.zeros(n), "intensity": np.zeros(n, np.float32)}
+    fields |= {name: np.zeros(n, np.uint16) for name in ("ring", "range", "return_number", "return_count")}
+    fields |= {name: getattr(cloud, name) for name in cloud.fields if name in {"xyz", *fields}}
+    if hasattr(cloud, "range"):
+        fields["range"] = vendor_range(fields, lidar)
+    finite = np.isfinite(cloud.xyz).all(axis=1) & np.isfinite(fields["time"])
+    if not finite.all() or (np.diff(fields["time"]) < 0).any():
+        order = np.flatnonzero(finite)[np.argsort(fields["time"][finite], kind="stable")]
+        fields = {name: array[order] for name, array in fields.items()}
+    points = _Points(fields, lidar, stamp, layout)
+    records = np.zeros(len(fields["xyz"]), LAYOUTS[layout])
+    for name in LAYOUTS[layout].names or ():
+        records[name] = _COLUMNS[name](points)
+    return records, int(max(points.nanoseconds.max(initial=0), 0))
+
+
+def to_cloud(columns: Fields, stamp: int) -> PointCloud:
+    """Return the points of a message: what lidarsim has a name for gets it, all else keeps its own."""
+    columns = dict(columns)
+    for name in ("t", "time_stamp", "offset_time", "timestamp"):
+        if name in columns and "time" not in columns:
+            values = columns.pop(name)
+            absolute = values.dtype.kind == "f"
+            columns["time"] = values - np.float64(stamp // 10**9) - stamp % 10**9 / 1e9 if absolute else values / 1e9
+    for name in ("channel", "line"):
+        if name in columns and "ring" not in columns:
+            columns["ring"] = columns.pop(name)
+    if "range" in columns and columns["range"].dtype.kind == "u":
+        columns["range"] = columns["range"] / 1e3
+    return PointCloud(to_fields(columns, ("normal_x", "normal_y", "normal_z")))

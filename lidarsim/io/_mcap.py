@@ -1,0 +1,101 @@
+"""The messages of an MCAP file in its own order, whatever its index says, and with no more memory than a chunk takes.
+
+rosbags writes such files, but reads them on their word: it allocates what they claim, and decompresses without a limit.
+
+Format: https://mcap.dev/spec.
+"""
+
+from __future__ import annotations
+
+import struct
+import sys
+import zlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from lidarsim._extras import import_extra
+from lidarsim.errors import FileFormatError
+from lidarsim.io._records import check_expansion
+
+MAGIC = b"\x89MCAP0\r\n"
+SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
+
+
+def messages(path: Path) -> Iterator[tuple[str, str, memoryview]]:
+    """Yield topic, type and data of each message."""
+    types: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    with path.open("rb") as file:
+        if file.read(len(MAGIC)) != MAGIC:
+            raise FileFormatError("it does not begin as an MCAP file does")
+        for code, body in _records(file):
+            if code == SCHEMA:
+                types[_number(body, 2)] = _text(body, 2)
+            elif code == CHANNEL:
+                channels[_number(body, 2)] = _text(body, 4), types.get(_number(body[2:], 2), "(no type)")
+            elif code == MESSAGE:
+                topic, kind = channels[_number(body, 2)]
+                yield topic, kind, body[22:]
+
+
+def _records(file: BinaryIO) -> Iterator[tuple[int, memoryview]]:
+    """Yield the records of the data section, those in chunks among them."""
+    place = file.tell()
+    size = file.seek(0, 2)
+    file.seek(place)
+    while True:
+        head = file.read(9)
+        length = _number(memoryview(head)[1:], 8)
+        if length > size - file.tell():
+            raise FileFormatError("it is truncated inside a record")
+        if head[0] == DATA_END:
+            return
+        if head[0] not in {SCHEMA, CHANNEL, MESSAGE, CHUNK}:
+            file.seek(length, 1)
+        elif head[0] == CHUNK:
+            yield from _inside(_chunk(memoryview(file.read(length))))
+        else:
+            yield head[0], memoryview(file.read(length))
+
+
+def _inside(chunk: memoryview) -> Iterator[tuple[int, memoryview]]:
+    """Yield the records of a chunk."""
+    while chunk:
+        length = _number(chunk[1:], 8)
+        if length > len(chunk) - 9:
+            raise FileFormatError("it is truncated inside a chunk")
+        yield chunk[0], chunk[9 : 9 + length]
+        chunk = chunk[9 + length :]
+
+
+def _chunk(body: memoryview) -> memoryview:
+    """Return the records of a chunk, decompressed to the size that it claims and no further."""
+    _, _, size, checksum, letters = struct.unpack_from("<QQQII", body)
+    compression, data = _text(body, 28), body[40 + letters :]
+    if len(data) != _number(body[32 + letters :], 8):
+        raise FileFormatError("it is truncated inside a chunk")
+    check_expansion(size, len(data))
+    if compression:
+        modules = {"zstd": ("backports.zstd", "ZstdDecompressor"), "lz4": ("lz4.frame", "LZ4FrameDecompressor")}
+        if sys.version_info >= (3, 14):
+            modules["zstd"] = "compression.zstd", "ZstdDecompressor"
+        if compression not in modules:
+            raise FileFormatError(f"its chunks are compressed by {compression!r}, expected zstd or lz4")
+        module, name = modules[compression]
+        decompressor = getattr(import_extra(module, "formats", "reading compressed ROS bags"), name)()
+        data = memoryview(decompressor.decompress(data, max_length=size + 1))
+    if len(data) != size or (checksum and zlib.crc32(data) != checksum):
+        raise FileFormatError(f"a chunk is damaged: it claims {size:,} bytes and has others, or of another number")
+    return data
+
+
+def _number(body: memoryview, size: int) -> int:
+    if len(body) < size:
+        raise FileFormatError("it is truncated")
+    return int.from_bytes(body[:size], "little")
+
+
+def _text(body: memoryview, place: int) -> str:
+    length = _number(body[place:], 4)
+    return bytes(body[place + 4 : place + 4 + length]).decode()

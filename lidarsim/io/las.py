@@ -1,0 +1,409 @@
+"""LAS and LAZ, the formats of surveying (``.las``, ``.laz``): LAS 1.4, point format 6, or 7 where there are colours.
+
+=================  ==============================================================================================
+lidarsim           LAS
+=================  ==============================================================================================
+xyz                X, Y, Z: whole multiples of 0.1 mm from an offset in whole metres near the first points, so that
+                   UTM coordinates keep 0.05 mm; they reach 214 km from there. NaN cannot be held.
+intensity          intensity, 10 000 for a white diffuser at normal incidence, 65 535 for all that return more than
+                   6.5535 times that
+time               gps_time, in seconds since the start of the scan
+return_number,     return number, number of returns: 0 to 15
+return_count
+label              classification: 0 to 255, where 2 is ground and 6 building by the standard
+scan_angle         scan angle, in steps of 0.006°. lidarsim gives no such field: it depends on what the nadir and the
+                   line of flight are. Set it, in rad, to have it written.
+normal             extra dimensions NormalX, NormalY, NormalZ
+all others         extra dimensions of the same name and type; those of shape (n, m) one a component. Names of other
+                   dimensions of LAS (user_data, point_source_id, red, …) go there. bool cannot be held.
+=================  ==============================================================================================
+
+All come back bit for bit but `xyz`, `intensity` and `scan_angle`, which are rounded. A file has the first six in any
+case, 0 where the cloud had no such field; of LAS's other dimensions those that are 0 throughout are not loaded.
+
+Format: https://github.com/ASPRSorg/LAS, revision R15.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from functools import partial
+from pathlib import Path
+from types import ModuleType, TracebackType
+from typing import Any, BinaryIO, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._extras import import_extra
+from lidarsim._files import PathLike, atomic_writer, check_suffix, parsing
+from lidarsim.errors import FileFormatError
+from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
+from lidarsim.io._units import fitting
+from lidarsim.pointcloud import Fields, PointCloud, register_format
+
+__all__ = ["Writer", "read"]
+
+NORMAL = ("NormalX", "NormalY", "NormalZ")
+CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
+NAMES = {"time": "gps_time", "label": "classification", "return_count": "number_of_returns"}
+AXES = ("x", "y", "z")
+UNUSED = {
+    *("synthetic", "key_point", "withheld", "overlap", "scanner_channel", "scan_direction_flag"),
+    *("edge_of_flight_line", "user_data", "scan_angle", "point_source_id"),
+}
+"""Dimensions that every file has, by lidarsim's names, and that few writers set."""
+
+SCALE = 1e-4
+WHITE = 10_000  # of intensity
+ANGLE = np.radians(0.006)  # of the scan angle
+
+
+class Writer:
+    """Write clouds one after the other into one LAS or LAZ file, such as the frames of a flight.
+
+    A context manager: the file takes its name when the block ends well.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, ``.las`` or ``.laz``.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is another.
+    MissingExtraError
+        If laspy, or for LAZ lazrs, is not installed.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Writer(f"{folder}/flight.laz") as flight:
+    ...         for x in range(3):
+    ...             flight.write(PointCloud(xyz=[[500_000 + x, 5_400_000, 300]], label=[2]))
+    ...     print(PointCloud.load(f"{folder}/flight.laz").xyz[:, 0])
+    [500000. 500001. 500002.]
+    """
+
+    def __init__(self, path: PathLike) -> None:
+        self._path = path
+        self._compress = check_suffix(path, (".las", ".laz")) == ".laz"
+        self._stack = ExitStack()
+        self._points: _Points | None = None
+        _import(self._compress)
+
+    def __enter__(self) -> Self:
+        """Open a temporary file."""
+        file = self._stack.enter_context(atomic_writer(self._path))
+        self._points = self._stack.enter_context(_Points(file, compress=self._compress))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the file its name, unless there was an error."""
+        self._points = None
+        self._stack.__exit__(kind, error, trace)
+
+    def write(self, cloud: PointCloud) -> None:
+        """Append the points of a cloud.
+
+        Parameters
+        ----------
+        cloud : PointCloud
+            With the same fields, of the same dtypes, as all clouds before it.
+
+        Raises
+        ------
+        FileFormatError
+            If a field does not fit.
+        ValueError
+            If the fields are not those of the first cloud, or the file is not open.
+        """
+        if self._points is None:
+            raise ValueError(f"{self._path}: expected to be written in a with block")
+        self._points.write({name: getattr(cloud, name) for name in cloud.fields})
+
+
+def read(path: PathLike) -> Iterator[PointCloud]:
+    """Read a LAS or LAZ file piece by piece, however large it is.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Yields
+    ------
+    PointCloud
+        Some thousand points, in the order of the file, with a field for every dimension that the file has.
+
+    Raises
+    ------
+    FileFormatError
+        If the file is damaged or not LAS.
+    OSError
+        If it cannot be read.
+    """
+    with Path(path).open("rb") as file:
+        pieces = _read(file)
+        while True:
+            with parsing(path, "LAS file"):
+                if (piece := next(pieces, None)) is None:
+                    return
+                cloud = PointCloud(to_fields(piece, NORMAL))
+            if len(cloud):
+                yield cloud
+
+
+def save(fields: Fields, file: BinaryIO, *, compress: bool) -> None:
+    """Write one cloud."""
+    with _Points(file, compress=compress) as points:
+        points.write(fields)
+
+
+def load(file: BinaryIO) -> Fields:
+    """Read all points."""
+    columns = joined(_read(file))
+    return to_fields({name: column for name, column in columns.items() if name not in UNUSED or column.any()}, NORMAL)
+
+
+@contextmanager
+def _lost_writes() -> Iterator[None]:
+    """Turn lazrs's own error into the `OSError` that it hides: all that can fail while it compresses is the file."""
+    try:
+        yield
+    except Exception as error:
+        if type(error).__name__ != "LazrsError":
+            raise
+        raise OSError(str(error)) from error
+
+
+class _Points:
+    """The points of an open file, the first of which set its offset and its dimensions."""
+
+    def __init__(self, file: BinaryIO, *, compress: bool) -> None:
+        self._laspy = _import(compress)
+        self._file, self._compress = file, compress
+        self._writer: Any = None
+        self._dtypes: dict[str, np.dtype[Any]] = {}
+        self._targets: dict[str, str] = {}
+
+    def __enter__(self) -> Self:
+        return self
+
+    @_lost_writes()
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is None:
+            if self._writer is None:
+                self.write({"xyz": np.empty((0, 3))})
+            self._writer.close()
+            self._file.seek(90)
+            self._file.write(bytes(4))  # no date of creation: the same cloud gives the same bytes on any day
+
+    @_lost_writes()
+    def write(self, fields: Fields) -> None:
+        columns = to_columns(fields, NORMAL, CODES)
+        dtypes = {name: column.dtype for name, column in columns.items()}
+        if self._writer is None:
+            self._dtypes, self._targets = dtypes, _targets(columns)
+            self._writer = self._open(fields["xyz"], columns)
+        elif dtypes != self._dtypes:
+            raise ValueError(f"cloud: expected the fields {', '.join(self._dtypes)}, got {', '.join(dtypes)}")
+        header = self._writer.header
+        for number, block in enumerate(blocks(columns)):
+            record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)
+            for name, column in block.items():
+                _set(record, name, self._targets[name], column, number * BLOCK)
+            self._writer.write_points(record)
+
+    def _open(self, xyz: npt.NDArray[Any], columns: Fields) -> Any:
+        laspy = self._laspy
+        colours = {"red", "green", "blue"} <= columns.keys()
+        header = laspy.LasHeader(version="1.4", point_format=7 if colours else 6)
+        header.global_encoding.wkt = True  # as the standard wants of these point formats
+        header.generating_software = "lidarsim"
+        header.scales = np.full(3, SCALE)
+        with np.errstate(invalid="ignore"):
+            middle = (xyz.min(axis=0) + xyz.max(axis=0)) / 2 if len(xyz) else np.zeros(3)
+        header.offsets = np.rint(np.nan_to_num(middle.astype(np.float64)))
+        standard = set(header.point_format.dimension_names)
+        header.add_extra_dims(
+            [
+                laspy.ExtraBytesParams(name, column.dtype)
+                for name, column in columns.items()
+                if name not in AXES and self._targets[name] not in standard
+            ]
+        )
+        backend = laspy.LazBackend.Lazrs if self._compress else None
+        return laspy.LasWriter(self._file, header, self._compress, backend, closefd=False)
+
+
+def _targets(columns: Fields) -> dict[str, str]:
+    """Return the dimension of each column, after checking that LAS can have them beside each other."""
+    targets = {name: NAMES.get(name, name) for name in columns}
+    for name, target in targets.items():
+        if name in {"X", "Y", "Z"} or list(targets.values()).count(target) > 1 or len(target) > 32:
+            raise FileFormatError(f"{name}: LAS cannot hold a field of this name beside the others; save without it")
+    return targets
+
+
+def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: int) -> None:
+    """Put a column, from point number `first` on, where LAS has it."""
+    if target in AXES:
+        offset = record.offsets[AXES.index(target)]
+        near = f"coordinates within 214 km of {offset:g} m, the middle of the first points"
+        steps = (column - offset) / SCALE
+        record[target.upper()] = _rounded(name, column, steps, near, first, low=-(2**31), high=2**31 - 1)
+    elif target == "intensity":
+        steps = np.minimum(column, np.float32(65_535 / WHITE)) * WHITE
+        record[target] = _rounded(name, column, steps, "numbers >= 0", first, low=0, high=65_535)
+    elif target == "scan_angle":
+        steps = column / ANGLE
+        record[target] = _rounded(name, column, steps, "angles from -π to π", first, low=-30_000, high=30_000)
+    else:
+        dimension = record.point_format.dimension_by_name(target)
+        if dimension.is_standard and target != "gps_time":
+            most = 2**dimension.num_bits - 1
+            column = fitting(name, column, np.uint16, f"LAS's {target}", at_most=most, first=first)
+        record[target] = column
+
+
+def _rounded(
+    name: str, values: npt.NDArray[Any], steps: npt.NDArray[Any], expected: str, first: int, *, low: int, high: int
+) -> npt.NDArray[Any]:
+    """Return the steps that stand for `values` rounded, after checking that each lies from `low` to `high`."""
+    rounded: npt.NDArray[Any] = np.rint(steps)
+    wrong = ~((rounded >= low) & (rounded <= high))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise FileFormatError(f"{name}: expected {expected}, got {name}[{first + i}] = {values[i]:g}")
+    return rounded
+
+
+def _read(file: BinaryIO) -> Iterator[Fields]:
+    """Yield the dimensions of the points piece by piece, at least once."""
+    laspy = _import(compress=False)
+    size = os.fstat(file.fileno()).st_size
+    _check_head(file.read(104), size)
+    file.seek(0)
+    with _panics():
+        reader = laspy.LasReader(file, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
+    header = reader.header
+    each = header.point_format.size
+    if header.are_points_compressed and header.point_count:
+        _import(compress=True)
+        with _panics():
+            _check_chunks(file, size, header)
+    elif header.point_count * each > size - header.offset_to_point_data:
+        raise FileFormatError(
+            f"it is truncated: {(size - header.offset_to_point_data) // each} of {header.point_count} points"
+        )
+    yield _dimensions(laspy.ScaleAwarePointRecord.zeros(0, header=header))
+    read = 0
+    while read < header.point_count:
+        with _panics():
+            points = reader.read_points(BLOCK)
+        if not points:
+            raise FileFormatError(f"it is truncated: {read} of {header.point_count} points")
+        read += len(points)
+        check_expansion(read * each, size)
+        yield _dimensions(points)
+
+
+def _check_head(head: bytes, size: int) -> None:
+    """Check what laspy would take the header's word for."""
+    if len(head) < 104 or not head.startswith(b"LASF"):
+        raise FileFormatError("it does not begin as a LAS file does")
+    if head[24] != 1 or head[25] > 4:
+        raise FileFormatError(f"it is of the unknown version {head[24]}.{head[25]}")
+    start, points, records = struct.unpack("<HII", head[94:104])
+    if not start <= points <= size or records * 54 > points - start:  # 54 bytes: the least that a record takes
+        raise FileFormatError(f"it is truncated: its header claims points at byte {points} after {records} records")
+
+
+def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
+    """Check the sizes that lazrs would allocate on the word of a LAZ file; an allocation that fails ends the process.
+
+    The points begin with the place of the table of chunks. Each chunk of the point formats from 6 on is a point, the
+    number of its points, the sizes of its layers and the layers: 9 of the point, those of colours and wave packets, and
+    one of each extra byte. Format: LASzip, https://github.com/LASzip/LASzip.
+    """
+    lazrs = import_extra("lazrs", "formats", "LAZ files")
+    records = header.vlrs.get("LasZipVlr")
+    each, start, here = header.point_format.size, header.offset_to_point_data, file.tell()
+    if not records or lazrs.LazVlr(records[0].record_data).item_size() != each:
+        raise FileFormatError("its description of the compression does not fit its points")
+    if records[0].record_data[:2] == b"\x01\0":  # of before 2011: one stream, without chunks
+        return
+    file.seek(start)
+    table = int.from_bytes(file.read(8), "little", signed=True)
+    if table == -1:  # written as a stream, its place is at the end
+        file.seek(-8, os.SEEK_END)
+        table = int.from_bytes(file.read(8), "little", signed=True)
+    if not start + 8 <= table <= size - 8:
+        raise FileFormatError("it is truncated: its table of chunks is not there")
+    file.seek(table + 4)
+    if int.from_bytes(file.read(4), "little") * each > size:
+        raise FileFormatError("its table claims more chunks than the file has bytes for")
+    file.seek(start)
+    chunks = lazrs.read_chunk_table(file, lazrs.LazVlr(records[0].record_data))
+    points, place = sum(count for count, _ in chunks), start + 8
+    if points < header.point_count or place + sum(length for _, length in chunks) > table:
+        raise FileFormatError(f"it is truncated: {points} of {header.point_count} points")
+    if header.point_format.id >= 6:
+        layers = 9 + {7: 1, 8: 2, 9: 1, 10: 3}.get(header.point_format.id, 0) + header.point_format.num_extra_bytes
+        for _, length in chunks:
+            file.seek(place + each + 4)
+            sizes = np.frombuffer(file.read(4 * layers), "<u4")
+            if len(sizes) < layers or each + 4 + 4 * layers + int(sizes.sum(dtype=np.uint64)) != length:
+                raise FileFormatError("it is truncated inside a chunk")
+            place += length
+    file.seek(here)
+
+
+def _dimensions(points: Any) -> Fields:
+    """Return the dimensions of a piece by lidarsim's names, in its units."""
+    ours = {theirs: name for name, theirs in NAMES.items()}
+    columns: Fields = {axis: np.array(points[axis], np.float64) for axis in "xyz"}
+    for dimension in points.point_format.dimensions:
+        name, values = dimension.name, np.array(points[dimension.name])
+        if name == "intensity":
+            values = (values / WHITE).astype(np.float32)
+        elif name == "scan_angle":
+            values = values * ANGLE
+        elif name == "scan_angle_rank":
+            name, values = "scan_angle", np.radians(values.astype(np.float64))
+        elif name in {"X", "Y", "Z"}:
+            continue
+        if values.ndim == 2:
+            columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
+        else:
+            columns[ours.get(name, name)] = values
+    return columns
+
+
+def _import(compress: bool) -> ModuleType:
+    if compress:
+        import_extra("lazrs", "formats", "LAZ files")
+    return import_extra("laspy", "formats", "LAS files")
+
+
+@contextmanager
+def _panics() -> Iterator[None]:
+    """Turn a panic of lazrs, which is no `Exception`, into an error."""
+    try:
+        yield
+    except BaseException as error:
+        if type(error).__name__ != "PanicException":
+            raise
+        raise FileFormatError(f"its compressed data is damaged: {error}") from None
+
+
+for suffix in (".las", ".laz"):
+    register_format(suffix, save=partial(save, compress=suffix == ".laz"), load=load, signature=b"LASF")

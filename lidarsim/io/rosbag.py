@@ -1,0 +1,580 @@
+"""ROS 2 bags (``.mcap``, ``.db3``): point clouds as the drivers of real sensors publish them; ROS need not be there.
+
+A file is a whole bag, without the folder and the metadata.yaml of ROS's own recorder. Beside the clouds it holds
+``/clock``, the transforms to the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
+velocity (``/tf``, ``/odom``).
+
+Each cloud goes out in one of these layouts, by the sensor's name or as asked:
+
+=========  ==========================================================================================================
+layout     fields, with their types as NumPy writes them
+=========  ==========================================================================================================
+velodyne   x y z intensity f4, ring u2, time f4 (s since the stamp); also for sensors of no vendor below
+ouster     x y z intensity f4, t u4 (ns since the stamp), reflectivity ring ambient u2, range u4 (mm)
+hesai      x y z intensity f4, ring u2, timestamp f8 (s, absolute); RoboSense's driver has the same
+autoware   x y z f4, intensity return_type u1, channel u2, azimuth elevation distance f4, time_stamp u4 (ns)
+livox      offset_time u4 (ns), x y z f4, reflectivity tag line u1: ``livox_ros_driver2/msg/CustomMsg``, no PointCloud2
+=========  ==========================================================================================================
+
+Points are dense, without NaN, in firing order, in the frame that the sensor had when it fired each, stamped with the
+start of their frame and recorded when its last point was measured. Intensity and reflectivity are the vendor's byte:
+0 to 100 (Livox: 150) for what a diffuse target reflects, in percent, and up to 255 for retro-reflectors. Range counts
+from where the vendor's does. Photon counts and ambient light are not modelled: Ouster's intensity is its reflectivity,
+and ambient is 0. What a layout has no room for is lost, and what the cloud has not is 0.
+
+When a bag is read, `time` is in s since the stamp, `ring` is what a layout calls ring, channel or line, and a `range`
+in mm becomes m; everything else is as the message has it, intensity in the vendor's units too.
+
+Layouts: https://github.com/ros-drivers/velodyne, https://github.com/ouster-lidar/ouster-ros,
+https://github.com/HesaiTechnology/HesaiLidar_ROS_2.0, https://github.com/autowarefoundation/autoware_core
+(autoware_point_types), https://github.com/Livox-SDK/livox_ros_driver2.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import re
+import shutil
+import sqlite3
+import struct
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from functools import cache, partial
+from pathlib import Path
+from tempfile import TemporaryDirectory, mkdtemp
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim import _validation
+from lidarsim._extras import import_extra
+from lidarsim._files import PathLike, check_folder, check_suffix, parsing
+from lidarsim.errors import FileFormatError
+from lidarsim.io import _mcap
+from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
+from lidarsim.pointcloud import Fields, PointCloud, register_format
+from lidarsim.scan import Scan
+from lidarsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lidarsim._validation import Transform
+    from lidarsim.scan import Sensor
+
+__all__ = ["LAYOUTS", "SUFFIXES", "Message", "Writer", "read"]
+
+SUFFIXES = (".mcap", ".db3")
+
+_START = 1_577_836_800.0  # 2020-01-01T00:00:00Z: to ROS a stamp of 0 is none
+_CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # of sensor_msgs/msg/PointField
+_CLOUD, _CUSTOM = "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg"
+_CUSTOM_DEFINITIONS = {
+    "livox_ros_driver2/msg/CustomPoint": "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
+    "uint8 reflectivity\nuint8 tag\nuint8 line\n",
+    _CUSTOM: "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+    "CustomPoint[] points\n",
+}
+
+
+class Writer:
+    """Write scans into a ROS 2 bag, one after the other.
+
+    A context manager: the file takes its name when the block ends well.
+
+    Parameters
+    ----------
+    path : path-like
+        The file: ``.mcap``, or ``.db3`` for the older storage, SQLite.
+    sensors : mapping of str to pose, or to something that has a pose as `mount`, optional
+        Name and mount of each sensor. The name is that of its frame, and ``/<name>/points`` is its topic; the mount
+        maps sensor to body, as a RigidTransform or (4, 4) array_like. Default: one "lidar", at the body's origin.
+    trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
+        The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
+    layout : str or mapping of str to str, optional
+        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: that of the vendor in the name of the
+        `Lidar` (ouster, hesai, robosense or livox, as presets have it), and velodyne's for all others.
+    start : float
+        Time of the ROS clock at time 0 of the scans, s since 1970. Default: the start of 2020.
+    rate : float
+        Rate of ``/tf``, ``/odom`` and ``/clock``, Hz.
+    world, body : str
+        Names of the frames of the world and of the body.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is another.
+    MissingExtraError
+        If rosbags is not installed.
+    TypeError, ValueError
+        If an argument is of the wrong type or out of its range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lidarsim as ls
+    >>> scene = ls.Scene()
+    >>> _ = scene.add(ls.Plane((0, 0, 1), -1.8))
+    >>> lidar = ls.Lidar.preset("velodyne-vlp16")
+    >>> drive = ls.Trajectory.from_twist(np.eye(4), linear=(10, 0, 0))
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     with Writer(f"{folder}/drive.mcap", trajectory=drive) as bag:
+    ...         for frame in range(3):
+    ...             bag.write(lidar.scan(scene, drive, time=frame / 10, frame=frame))
+    ...     for message in read(f"{folder}/drive.mcap"):
+    ...         print(message.topic, message.stamp, *message.cloud.fields)
+    /lidar/points 1577836800000000000 xyz intensity time ring
+    /lidar/points 1577836800100000000 xyz intensity time ring
+    /lidar/points 1577836800200000000 xyz intensity time ring
+    """
+
+    def __init__(
+        self,
+        path: PathLike,
+        *,
+        sensors: Mapping[str, Transform] | None = None,
+        trajectory: Trajectory | Transform | None = None,
+        layout: str | Mapping[str, str] | None = None,
+        start: float = _START,
+        rate: float = 100.0,
+        world: str = "map",
+        body: str = "base_link",
+    ) -> None:
+        self._suffix = check_suffix(path, SUFFIXES)
+        self._path = path
+        self._mounts = {
+            _name("sensors", name): _validation.pose(f"sensors[{name!r}]", getattr(mount, "mount", mount))
+            for name, mount in ({"lidar": np.eye(4)} if sensors is None else sensors).items()
+        }
+        self._layouts = _layouts(layout, self._mounts)
+        if trajectory is None or isinstance(trajectory, Trajectory):
+            self._trajectory = trajectory
+        else:
+            self._trajectory = Trajectory.from_twist(_validation.pose("trajectory", trajectory))
+        self._start = round(_validation.real("start", start, at_least=0.0) * 1e9)
+        self._rate = _validation.real("rate", rate, above=0.0)
+        self._world, self._body = _name("world", world), _name("body", body)
+        self._ros = _typestore()
+        self._stack = ExitStack()
+        self._bag: Any = None
+        self._topics: dict[str, Any] = {}
+        self._ticks: Iterator[int] = iter(())
+        self._next = -1
+
+    def __enter__(self) -> Self:
+        """Open a temporary bag beside the file to be."""
+        check_folder(self._path)
+        rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
+        storage = rosbag2.StoragePlugin.MCAP if self._suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+        target = Path(self._path).resolve()
+        with self._writing(), ExitStack() as stack:
+            folder = Path(mkdtemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent))
+            stack.callback(shutil.rmtree, folder, ignore_errors=True)
+            # Version 8 writes qualities of service as numbers, which readers from ROS Humble on understand.
+            self._bag = rosbag2.Writer(folder / "bag", version=8, storage_plugin=storage)
+            self._bag.open()
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Give the file its name, unless there was an error."""
+        bag, self._bag = self._bag, None
+        with self._stack:
+            try:
+                if kind is None:
+                    with self._writing():
+                        bag.close()
+                        (written,) = bag.path.glob(f"*{self._suffix}")
+                        with written.open("rb") as file:
+                            os.fsync(file.fileno())  # the content is on disk before the name is
+                        written.replace(Path(self._path).resolve())
+            finally:
+                with suppress(Exception):  # it may be closed already
+                    bag.abort()
+
+    def write(self, scans: Scan | Mapping[str, Scan]) -> None:
+        """Write a scan, or those of several sensors.
+
+        Parameters
+        ----------
+        scans : Scan, or mapping of str to Scan
+            A scan of the only sensor, or scans by the sensor's name.
+
+        Raises
+        ------
+        FileFormatError
+            If a ring or a time does not fit in the layout.
+        ValueError
+            If there is no sensor of that name, or the bag is not open.
+        """
+        for name, scan in (scans if isinstance(scans, Mapping) else {self._only(): scans}).items():
+            self.write_cloud(scan.point_cloud(), scan.time, sensor=name, lidar=scan.lidar)
+
+    def write_cloud(
+        self,
+        cloud: PointCloud,
+        time: float = 0.0,
+        *,
+        sensor: str | None = None,
+        lidar: Sensor | None = None,
+    ) -> None:
+        """Write a point cloud.
+
+        Parameters
+        ----------
+        cloud : PointCloud
+            In the frame of the sensor. Points that are not finite are left out; points whose `time` falls are sorted.
+        time : float
+            When its frame starts, s.
+        sensor : str, optional
+            Name of the sensor; not needed if there is one alone.
+        lidar : Lidar
+            The sensor, which says the layout if none is asked for, the vendor's zero of range and the kind of returns.
+
+        Raises
+        ------
+        FileFormatError
+            If a ring or a time does not fit in the layout.
+        ValueError
+            If there is no sensor of that name, or the bag is not open.
+        """
+        if self._bag is None:
+            raise ValueError(f"{self._path}: expected to be written in a with block")
+        name = self._only() if sensor is None else sensor
+        if name not in self._mounts:
+            raise ValueError(f"sensor: expected one of {', '.join(self._mounts)}, got {name!r}")
+        stamp = self._stamp(time)
+        layout = self._layouts.get(name) or layout_of(lidar)
+        records, last = to_layout(cloud, layout, lidar, stamp)
+        header = self._header(stamp, name)
+        message = self._custom(header, records) if layout == "livox" else self._cloud(header, records)
+        del records  # rosbags makes copies enough
+        with self._writing():
+            self._advance(stamp, stamp + last)
+            self._send(f"/{name}/points", _CUSTOM if layout == "livox" else _CLOUD, stamp + last, message)
+
+    def _only(self) -> str:
+        if len(self._mounts) != 1:
+            raise ValueError(f"sensor: expected the name of one of {', '.join(self._mounts)}, got none")
+        return next(iter(self._mounts))
+
+    def _stamp(self, time: float) -> int:
+        stamp = self._start + round(_validation.real("time", time) * 1e9)
+        if not 0 <= stamp < 2**31 * 10**9:
+            raise ValueError(f"time: expected a time from 1970 to 2038 on the clock of the bag, got {stamp / 1e9:g} s")
+        return stamp
+
+    def _advance(self, since: int, until: int) -> None:
+        """Write clock and poses up to a moment; before the first of them, where the sensors sit on the body."""
+        if self._next < 0:
+            self._ticks = (since + round(tick / self._rate * 1e9) for tick in itertools.count())
+            self._next = next(self._ticks)
+            transforms = [self._transform(since, self._body, name, mount) for name, mount in self._mounts.items()]
+            self._send_new("/tf_static", "tf2_msgs/msg/TFMessage", since, transforms=transforms)
+        while self._next <= until:
+            self._send_new("/clock", "rosgraph_msgs/msg/Clock", self._next, clock=self._time(self._next))
+            if self._trajectory is not None:
+                self._move(self._next, self._trajectory)
+            self._next = next(self._ticks)
+
+    def _move(self, stamp: int, trajectory: Trajectory) -> None:
+        """Write the body's pose and velocity, if the trajectory reaches so far."""
+        time = (stamp - self._start) * 1e-9
+        first, last = trajectory.span
+        if not first <= time <= last:
+            return
+        pose = trajectory.at(time).as_matrix()
+        self._send_new(
+            "/tf", "tf2_msgs/msg/TFMessage", stamp, transforms=[self._transform(stamp, self._world, self._body, pose)]
+        )
+        linear, angular = _velocity(trajectory, time)
+        new = self._ros.types
+        twist = new["geometry_msgs/msg/Twist"](
+            new["geometry_msgs/msg/Vector3"](*linear), new["geometry_msgs/msg/Vector3"](*angular)
+        )
+        position, orientation = _parts(pose)
+        where = new["geometry_msgs/msg/Pose"](
+            new["geometry_msgs/msg/Point"](*position), new["geometry_msgs/msg/Quaternion"](*orientation)
+        )
+        exact = np.zeros(36)
+        self._send_new(
+            "/odom",
+            "nav_msgs/msg/Odometry",
+            stamp,
+            header=self._header(stamp, self._world),
+            child_frame_id=self._body,
+            pose=new["geometry_msgs/msg/PoseWithCovariance"](where, exact),
+            twist=new["geometry_msgs/msg/TwistWithCovariance"](twist, exact),
+        )
+
+    def _transform(self, stamp: int, parent: str, child: str, pose: npt.NDArray[np.float64]) -> Any:
+        new = self._ros.types
+        position, orientation = _parts(pose)
+        transform = new["geometry_msgs/msg/Transform"](
+            new["geometry_msgs/msg/Vector3"](*position), new["geometry_msgs/msg/Quaternion"](*orientation)
+        )
+        return new["geometry_msgs/msg/TransformStamped"](self._header(stamp, parent), child, transform)
+
+    def _time(self, stamp: int) -> Any:
+        return self._ros.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9))
+
+    def _header(self, stamp: int, frame: str) -> Any:
+        return self._ros.types["std_msgs/msg/Header"](self._time(stamp), frame)
+
+    def _cloud(self, header: Any, records: npt.NDArray[np.void]) -> memoryview:
+        """Return a PointCloud2 as CDR."""
+        new, dtype = self._ros.types, records.dtype
+        fields = [
+            new["sensor_msgs/msg/PointField"](name, place[1], _CODES[place[0].str[1:]], 1)
+            for name, place in (dtype.fields or {}).items()
+        ]
+        message = new[_CLOUD](
+            header=header,
+            height=1,
+            width=len(records),
+            fields=fields,
+            is_bigendian=False,
+            point_step=dtype.itemsize,
+            row_step=records.nbytes,
+            data=records.view(np.uint8),
+            is_dense=True,
+        )
+        data: memoryview = self._ros.serialize_cdr(message, _CLOUD, little_endian=True)
+        return data
+
+    def _custom(self, header: Any, records: npt.NDArray[np.void]) -> bytes:
+        """Return a CustomMsg as CDR: that of one without points, and then the points, which rosbags has one by one."""
+        new = self._ros.types
+        stamp = header.stamp.sec * 10**9 + header.stamp.nanosec
+        message = new[_CUSTOM](header, stamp, len(records), 0, np.zeros(3, np.uint8), [])
+        head = bytes(self._ros.serialize_cdr(message, _CUSTOM, little_endian=True))
+        return head[:-4] + struct.pack("<I", len(records)) + records.tobytes()[:-1]
+
+    def _send_new(self, topic: str, kind: str, stamp: int, **parts: Any) -> None:
+        message = self._ros.types[kind](**parts)
+        self._send(topic, kind, stamp, self._ros.serialize_cdr(message, kind, little_endian=True))
+
+    def _send(self, topic: str, kind: str, stamp: int, data: bytes | memoryview) -> None:
+        if topic not in self._topics:
+            qualities = [_quality(latched=topic == "/tf_static")]
+            self._topics[topic] = self._bag.add_connection(
+                topic, kind, typestore=self._ros, offered_qos_profiles=qualities
+            )
+        self._bag.write(self._topics[topic], stamp, data)
+
+    @contextmanager
+    def _writing(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, sqlite3.Error) as error:
+            reason = getattr(error, "strerror", None) or error
+            raise OSError(f"{self._path}: cannot be written: {reason}") from error
+
+
+class Message(NamedTuple):
+    """A point cloud of a bag.
+
+    Parameters
+    ----------
+    topic : str
+        Where it was published.
+    frame_id : str
+        Name of the frame of its points.
+    stamp : int
+        Time of its header, ns.
+    cloud : PointCloud
+        Its points.
+    """
+
+    topic: str
+    frame_id: str
+    stamp: int
+    cloud: PointCloud
+
+
+def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
+    """Read the point clouds of a ROS 2 bag, one after the other.
+
+    Parameters
+    ----------
+    path : path-like
+        A ``.mcap`` or ``.db3`` file; of a bag that is a folder, one of those in it.
+    topic : str, optional
+        Only clouds of this topic.
+
+    Yields
+    ------
+    Message
+        In the order of the file.
+
+    Raises
+    ------
+    FileFormatError
+        If the bag is damaged, has no point clouds, or has other messages under that topic.
+    MissingExtraError
+        If rosbags is not installed.
+    OSError
+        If it cannot be read.
+    """
+    messages = _read(Path(path), topic)
+    while True:
+        with parsing(path, "ROS 2 bag"):
+            if (message := next(messages, None)) is None:
+                return
+        yield message
+        del message  # or it would be kept while the next is read
+
+
+def save(fields: Fields, file: BinaryIO, *, suffix: str) -> None:
+    """Write a bag with one cloud."""
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"cloud{suffix}"
+        with Writer(path) as bag:
+            bag.write_cloud(PointCloud(fields))
+        with path.open("rb") as written:
+            shutil.copyfileobj(written, file)
+
+
+def load(file: BinaryIO) -> Fields:
+    """Read the only cloud of a bag."""
+    messages = _read(Path(file.name), None)
+    first = next(messages, None)
+    if first is None or next(messages, None) is not None:
+        raise FileFormatError("it holds several clouds: read them one by one with lidarsim.io.rosbag.read")
+    return {name: getattr(first.cloud, name) for name in first.cloud.fields}
+
+
+def _read(path: Path, topic: str | None) -> Iterator[Message]:
+    ros = _typestore()
+    parsers = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom}
+    topics: dict[str, str] = {}
+    for name, kind, data in _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path):
+        topics[name] = kind
+        if kind in parsers and topic in {None, name}:
+            yield Message(name, *parsers[kind](ros, data))
+    if not any(kind in parsers and topic in {None, name} for name, kind in topics.items()):
+        there = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
+        raise FileFormatError(f"it has no point clouds{f' under {topic}' if topic else ''}; its topics are {there}")
+
+
+def _rows(path: Path) -> Iterator[tuple[str, str, memoryview]]:
+    """Yield topic, type and data of each message of a bag in SQLite's storage."""
+    rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
+    with rosbag2.Reader(path) as bag:
+        for connection, _, data in bag.messages(bag.connections):
+            yield connection.topic, connection.msgtype, memoryview(data)
+
+
+def _parsed_cloud(ros: Any, data: memoryview) -> tuple[str, int, PointCloud]:
+    message = ros.deserialize_cdr(data, _CLOUD)
+    stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
+    points = message.width * message.height
+    if message.row_step != message.width * message.point_step or points * message.point_step != len(message.data):
+        raise FileFormatError(
+            f"{message.width} × {message.height} points of {message.point_step} bytes have {len(message.data)} together"
+        )
+    types = {code: f"{'><'[not message.is_bigendian]}{name}" for name, code in _CODES.items()}
+    layout: dict[str, list[Any]] = {"names": [], "formats": [], "offsets": []}
+    for field in message.fields:
+        if field.datatype not in types:
+            raise FileFormatError(f"its field {field.name} has the unknown type {field.datatype}")
+        size = np.dtype(types[field.datatype]).itemsize * field.count
+        if field.offset + size > message.point_step or not field.count:
+            raise FileFormatError(f"its field {field.name} ends outside a point of {message.point_step} bytes")
+        if field.name in layout["names"]:
+            raise FileFormatError(f"it has two fields named {field.name!r}")
+        layout["names"].append(field.name)
+        layout["formats"].append((types[field.datatype], (field.count,)) if field.count > 1 else types[field.datatype])
+        layout["offsets"].append(field.offset)
+    dtype = np.dtype({**layout, "itemsize": message.point_step})  # type: ignore[call-overload]
+    records = np.frombuffer(message.data, dtype) if points else np.empty(0, dtype)
+    return message.header.frame_id, stamp, to_cloud({name: records[name] for name in layout["names"]}, stamp)
+
+
+def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
+    """Read what `Writer._custom` writes; rosbags would make an object of each point."""
+    if bytes(data[:2]) != b"\x00\x01":
+        raise FileFormatError("its CustomMsg is not in little-endian CDR")
+    body = data[4:]
+    seconds, nanoseconds, length = struct.unpack_from("<iII", body)
+    start = -(-(12 + length) // 8) * 8  # timebase is aligned to 8 bytes
+    base, _, _, _, points = struct.unpack_from("<QIB3sI", body, start)
+    point = LAYOUTS["livox"]
+    if points * point.itemsize > len(body) - start - 19:
+        raise FileFormatError(f"it is truncated: {(len(body) - start - 19) // point.itemsize} of {points} points")
+    columns = {
+        name: np.ndarray(points, place[0], body, start + 20 + place[1], point.itemsize) if points else np.empty(0)
+        for name, place in (point.fields or {}).items()
+    }
+    frame = bytes(body[12 : 11 + length]).decode()
+    cloud = to_cloud(columns, base)
+    return frame, seconds * 10**9 + nanoseconds, cloud
+
+
+@cache
+def _typestore() -> Any:
+    typesys = import_extra("rosbags.typesys", "formats", "ROS bags")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    for name, definition in _CUSTOM_DEFINITIONS.items():
+        store.register(typesys.get_types_from_msg(definition, name))
+    return store
+
+
+def _quality(*, latched: bool) -> Any:
+    """Return the quality of service of a topic: reliable; what is latched reaches those who come later, too."""
+    ros = import_extra("rosbags.interfaces", "formats", "writing ROS bags")
+    never = ros.QosTime(0, 0)
+    return ros.Qos(
+        ros.QosHistory.KEEP_LAST,
+        1 if latched else 10,
+        ros.QosReliability.RELIABLE,
+        ros.QosDurability.TRANSIENT_LOCAL if latched else ros.QosDurability.VOLATILE,
+        never,
+        never,
+        ros.QosLiveliness.AUTOMATIC,
+        never,
+        False,
+    )
+
+
+def _name(argument: str, name: str) -> str:
+    if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+        raise ValueError(f"{argument}: expected a name of letters, digits and _, got {name!r}")
+    return name
+
+
+def _layouts(layout: str | Mapping[str, str] | None, names: Mapping[str, object]) -> dict[str, str]:
+    given = layout if isinstance(layout, Mapping) else dict.fromkeys(names, layout) if layout is not None else {}
+    for name, value in given.items():
+        if name not in names:
+            raise ValueError(f"layout: expected names of the sensors {', '.join(names)}, got {name!r}")
+        if value not in LAYOUTS:
+            raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)}, got {value!r}")
+    return dict(given)
+
+
+def _parts(pose: npt.NDArray[np.float64]) -> tuple[list[float], list[float]]:
+    """Return the position and the quaternion x, y, z, w of a pose."""
+    from scipy.spatial.transform import Rotation
+
+    return pose[:3, 3].tolist(), Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True).tolist()
+
+
+def _velocity(trajectory: Trajectory, time: float) -> tuple[list[float], list[float]]:
+    """Return the linear and the angular velocity in the body's frame, m/s and rad/s: central differences over 2 ms."""
+    first, last = trajectory.span
+    before, after = max(time - 1e-3, first), min(time + 1e-3, last)
+    if before >= after:
+        return [0.0] * 3, [0.0] * 3
+    here, ends = trajectory.at(time), trajectory.at([before, after])
+    linear = here.rotation.inv().apply(np.diff(ends.translation, axis=0)[0] / (after - before))
+    angular = (ends[0].rotation.inv() * ends[1].rotation).as_rotvec() / (after - before)
+    return linear.tolist(), angular.tolist()
+
+
+for _suffix, _signature in zip(SUFFIXES, (_mcap.MAGIC, b"SQLite format 3\0"), strict=True):
+    register_format(_suffix, save=partial(save, suffix=_suffix), load=load, signature=_signature)

@@ -1,0 +1,183 @@
+"""Damage files in every way that pays, and see that a reader gives a cloud or a clear error, in little memory.
+
+    python tests/io/mutations.py [mutations a reader] [seed] [suffix ...]
+
+On Linux a limit on the address space makes an allocation of more than `ROOM` a `MemoryError`, which counts as a fault.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import plyfile
+import pypcd4
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Reader as BagReader
+from rosbags.rosbag2 import Writer as BagWriter
+
+from lidarsim import PointCloud, io
+from lidarsim.errors import FileFormatError
+from lidarsim.io import rosbag
+from lidarsim.io.semantickitti import read_labels
+
+ROOM = 1 << 30
+NUMBERS = (0, 1, 2, 255, 65_535, 2**31 - 1, 2**31, 2**32 - 1, 10**12, 2**63 - 1, 2**64 - 1)
+
+
+def cloud(points: int = 60) -> PointCloud:
+    rng = np.random.default_rng(5)
+    return PointCloud(
+        xyz=rng.normal(scale=30, size=(points, 3)),
+        range=rng.random(points) * 50,
+        intensity=rng.random(points),
+        time=np.sort(rng.random(points)) * 0.1,
+        ring=rng.integers(0, 16, points),
+        return_number=np.ones(points),
+        return_count=np.ones(points),
+        label=rng.integers(0, 99, points),
+        normal=rng.normal(size=(points, 3)),
+        flow=rng.normal(size=(points, 2)),
+    )
+
+
+def samples(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
+    """Name, file and reader of a sound file of each kind."""
+    for suffix in (".npz", ".pcd", ".ply", ".las", ".laz", ".bin", ".pcd.bin", ".csv", ".xyz", ".mcap", ".db3"):
+        path = folder / f"plain{suffix}"
+        cloud().save(path)
+        yield suffix, path, PointCloud.load
+    path = folder / "labels.label"
+    cloud().save(path)
+    yield ".label", path, read_labels
+
+    path = folder / "deflated.npz"
+    np.savez_compressed(path, **{name: getattr(cloud(), name) for name in cloud().fields})
+    yield ".npz deflated", path, PointCloud.load
+
+    points = np.column_stack((cloud().xyz, cloud().intensity)).astype(np.float32)
+    for encoding in (pypcd4.Encoding.ASCII, pypcd4.Encoding.BINARY_COMPRESSED):
+        path = folder / f"{encoding.name}.pcd"
+        pypcd4.PointCloud.from_xyzi_points(points).save(path, encoding)
+        yield f".pcd {encoding.name.lower()}", path, PointCloud.load
+
+    vertices = np.zeros(20, [("x", "f4"), ("y", "f4"), ("z", "f4"), ("near", "O")])
+    vertices["near"] = [[1.0, 2.0]] * 20
+    faces = np.array([([0, 1, 2],)] * 5, [("vertex_indices", "O")])
+    for text in (True, False):
+        path = folder / f"lists{text}.ply"
+        elements = [plyfile.PlyElement.describe(vertices, "vertex"), plyfile.PlyElement.describe(faces, "face")]
+        plyfile.PlyData(elements, text=text).write(path)
+        yield f".ply lists {'text' if text else 'binary'}", path, PointCloud.load
+
+    custom = folder / "custom.mcap"
+    with rosbag.Writer(custom, layout="livox", trajectory=np.eye(4)) as bag:
+        bag.write_cloud(cloud())
+    yield ".mcap livox", custom, PointCloud.load
+
+    with BagReader(folder / "plain.mcap") as old:
+        new = BagWriter(folder / "zstd", version=8, storage_plugin=StoragePlugin.MCAP)
+        new.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with new:
+            topics = {}
+            for connection, stamp, data in old.messages():
+                if connection.id not in topics:
+                    topics[connection.id] = new.add_connection(
+                        connection.topic,
+                        connection.msgtype,
+                        msgdef=connection.msgdef.data,
+                        rihs01=connection.digest or "x",
+                    )
+                new.write(topics[connection.id], stamp, data)
+    yield ".mcap zstd", folder / "zstd" / "zstd.mcap", PointCloud.load
+
+
+def mutated(content: bytes, rng: np.random.Generator) -> bytes:
+    """Change one to three places, half of them near an end, where headers and indices are."""
+    data = bytearray(content)
+    for _ in range(rng.integers(1, 4)):
+        if not data:
+            break
+        near = min(len(data), 400)
+        place = int(
+            [rng.integers(near), len(data) - 1 - rng.integers(near), *rng.integers(len(data), size=2)][rng.integers(4)]
+        )
+        number = NUMBERS[rng.integers(len(NUMBERS))]
+        match rng.integers(8):
+            case 0:
+                data[place] ^= 1 << int(rng.integers(8))
+            case 1:
+                data[place] = int(rng.integers(256))
+            case 2 | 3:
+                size = int(rng.choice([1, 2, 4, 8]))
+                data[place : place + size] = (number % 2 ** (8 * size)).to_bytes(size, "little")
+            case 4:
+                del data[place:]
+            case 5:
+                del data[place : place + int(rng.integers(1, 20))]
+            case 6:
+                data[place:place] = bytes(data[place : place + int(rng.integers(1, 60))])
+            case 7:  # another number where the text of a header has one
+                end = place
+                while end < len(data) and chr(data[end]).isdigit():
+                    end += 1
+                data[place:end] = str(number).encode()
+    return bytes(data)
+
+
+def faults(
+    name: str, path: Path, read: Callable[[Path], object], count: int, seed: int
+) -> tuple[Counter[str], list[str]]:
+    """Read mutations of a file; return how often each outcome came, and what should never happen."""
+    content, rng = path.read_bytes(), np.random.default_rng(seed)
+    damaged = path.with_name(f"damaged{''.join(path.suffixes[-2:])}")
+    outcomes: Counter[str] = Counter()
+    wrong = []
+    for index in range(count):
+        damaged.write_bytes(mutated(content, rng))
+        try:
+            read(damaged)
+            outcomes["read"] += 1
+        except FileFormatError as error:
+            outcomes["refused"] += 1
+            if "\n" in str(error) or str(damaged) not in str(error) or isinstance(error.__cause__, MemoryError):
+                wrong.append(f"{name}, mutation {index}: {error!r}, from {error.__cause__!r}")
+        except BaseException as error:  # noqa: BLE001 - that is what is looked for
+            wrong.append(f"{name}, mutation {index}: {error!r}")
+    return outcomes, wrong
+
+
+def main(count: int = 300, seed: int = 0, *suffixes: str) -> int:
+    """Run all, and return how many faults there were."""
+    warnings.simplefilter("error")
+    assert io, "the formats register themselves on import"
+    total = 0
+    with tempfile.TemporaryDirectory() as folder:
+        everything = [sample for sample in samples(Path(folder)) if not suffixes or sample[0] in suffixes]
+        for _, path, read in everything:
+            read(path)  # imports what it needs before the limit
+        if sys.platform == "linux":
+            import resource
+
+            used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+            resource.setrlimit(resource.RLIMIT_AS, (used + ROOM, resource.RLIM_INFINITY))
+        for name, path, read in everything:
+            begin = time.perf_counter()
+            outcomes, wrong = faults(name, path, read, count, seed)
+            seconds = time.perf_counter() - begin
+            report = f"{name:22} {outcomes['read']:6} read, {outcomes['refused']:6} refused, {len(wrong)} faults"
+            sys.stdout.write(f"{report}, {seconds:.0f} s\n")
+            sys.stdout.writelines(f"    {line}\n" for line in wrong[:5])
+            sys.stdout.flush()
+            total += len(wrong)
+    return total
+
+
+if __name__ == "__main__":
+    sys.exit(min(main(*map(int, sys.argv[1:3]), *sys.argv[3:]), 1))

@@ -1,0 +1,313 @@
+"""LAS and LAZ beside laspy."""
+
+import sys
+from pathlib import Path
+
+import laspy
+import numpy as np
+import pytest
+
+from lidarsim import io
+from lidarsim.errors import FileFormatError, MissingExtraError
+from lidarsim.io import _records
+from lidarsim.io.las import Writer, read
+from lidarsim.pointcloud import PointCloud
+
+assert io, "the formats register themselves on import"
+
+COUNT = 20_000  # more than a block
+UTM = np.array([500_000.0, 5_400_000.0, 300.0])
+HALF_A_STEP = 0.5e-4 + 2 * np.spacing(5.4e6)  # of 0.1 mm, and the roundings of offset + step · scale and of its inverse
+
+
+def make(count: int = COUNT) -> PointCloud:
+    rng = np.random.default_rng(0)
+    return PointCloud(
+        xyz=UTM + rng.uniform(-200, 200, (count, 3)),
+        range=rng.random(count) * 100,
+        intensity=rng.random(count),
+        time=rng.random(count),
+        ring=rng.integers(0, 65536, count),
+        return_number=rng.integers(1, 16, count),
+        return_count=rng.integers(1, 16, count),
+        object_id=rng.integers(-1, 2**31, count),
+        label=rng.integers(0, 256, count),
+        normal=rng.normal(size=(count, 3)),
+        flow=rng.normal(size=(count, 2)),
+        scan_angle=rng.uniform(-3, 3, count),
+    )
+
+
+@pytest.fixture(scope="module")
+def cloud() -> PointCloud:
+    return make()
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_laspy_reads_every_field(cloud: PointCloud, tmp_path: Path, suffix: str) -> None:
+    cloud.save(tmp_path / f"cloud{suffix}")
+    las = laspy.read(tmp_path / f"cloud{suffix}")
+    assert (str(las.header.version), las.header.point_format.id, las.header.are_points_compressed) == (
+        "1.4",
+        6,
+        suffix == ".laz",
+    )
+    assert las.header.global_encoding.wkt
+    np.testing.assert_allclose(las.xyz, cloud.xyz, rtol=0, atol=HALF_A_STEP)
+    np.testing.assert_array_equal(las.intensity, np.rint(cloud.intensity * np.float32(10_000)))
+    np.testing.assert_array_equal(las.scan_angle, np.rint(np.degrees(cloud.scan_angle) / 0.006))
+    same = {
+        "gps_time": cloud.time,
+        "return_number": cloud.return_number,
+        "number_of_returns": cloud.return_count,
+        "classification": cloud.label,
+    }
+    extra = {name: getattr(cloud, name) for name in ("range", "ring", "object_id")}
+    extra |= {f"Normal{axis}": column for axis, column in zip("XYZ", cloud.normal.T, strict=True)}
+    extra |= {f"flow.{i}": column for i, column in enumerate(cloud.flow.T)}
+    assert set(las.point_format.extra_dimension_names) == set(extra)
+    for name, column in (same | extra).items():
+        assert np.asarray(las[name]).dtype.kind == column.dtype.kind
+        np.testing.assert_array_equal(las[name], column)
+    for name, column in extra.items():
+        assert las[name].dtype == column.dtype
+    counts = np.bincount(cloud.return_number, minlength=16)[1:]
+    np.testing.assert_array_equal(las.header.number_of_points_by_return, counts)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_every_field_comes_back(cloud: PointCloud, tmp_path: Path, suffix: str) -> None:
+    cloud.save(tmp_path / f"cloud{suffix}")
+    loaded = PointCloud.load(tmp_path / f"cloud{suffix}")
+    assert loaded.fields == cloud.fields
+    np.testing.assert_allclose(loaded.xyz, cloud.xyz, rtol=0, atol=HALF_A_STEP)
+    # Half a step of 1e-4, and the rounding to float32 of numbers below 1.
+    np.testing.assert_allclose(loaded.intensity, cloud.intensity, rtol=0, atol=0.5e-4 + 2**-24)
+    np.testing.assert_allclose(loaded.scan_angle, cloud.scan_angle, rtol=0, atol=np.radians(0.003) + 1e-15)
+    for name in set(cloud.fields) - {"xyz", "intensity", "scan_angle"}:
+        assert getattr(loaded, name).dtype == getattr(cloud, name).dtype
+        np.testing.assert_array_equal(getattr(loaded, name), getattr(cloud, name))
+
+
+def test_fields_that_every_file_has(tmp_path: Path) -> None:
+    PointCloud(xyz=np.zeros((2, 3))).save(tmp_path / "cloud.las")
+    loaded = PointCloud.load(tmp_path / "cloud.las")
+    assert loaded.fields == ("xyz", "intensity", "time", "return_number", "return_count", "label")
+    assert not any(getattr(loaded, name).any() for name in loaded.fields)
+
+
+def test_no_points(tmp_path: Path) -> None:
+    for suffix in (".las", ".laz"):
+        make(0).save(tmp_path / f"cloud{suffix}")
+        assert PointCloud.load(tmp_path / f"cloud{suffix}").fields[:3] == ("xyz", "range", "intensity")
+        assert len(laspy.read(tmp_path / f"cloud{suffix}").x) == 0
+
+
+def test_brighter_than_the_scale_is_the_brightest(tmp_path: Path) -> None:
+    PointCloud(xyz=np.zeros((4, 3)), intensity=[0, 1, 6.5535, np.inf]).save(tmp_path / "cloud.las")
+    assert laspy.read(tmp_path / "cloud.las").intensity.tolist() == [0, 10_000, 65_535, 65_535]
+
+
+def test_dimensions_of_las_by_their_own_names(tmp_path: Path) -> None:
+    fields = {name: [1, 2] for name in ("user_data", "point_source_id", "red", "green", "blue")}
+    PointCloud(xyz=np.zeros((2, 3)), **fields).save(tmp_path / "cloud.las")
+    las = laspy.read(tmp_path / "cloud.las")
+    assert las.point_format.id == 7
+    assert not list(las.point_format.extra_dimension_names)
+    loaded = PointCloud.load(tmp_path / "cloud.las")
+    for name in fields:
+        assert las[name].tolist() == [1, 2]
+        assert getattr(loaded, name).tolist() == [1, 2]
+
+
+def test_we_read_what_laspy_writes(tmp_path: Path) -> None:
+    header = laspy.LasHeader(version="1.2", point_format=3)
+    header.scales, header.offsets = np.full(3, 0.25), np.array([10.0, 20.0, 30.0])
+    las = laspy.LasData(header)
+    las.xyz = [[10.25, 20.5, 30.75], [11, 21, 31]]
+    las.intensity, las.classification, las.scan_angle_rank = [100, 200], [2, 6], [-15, 30]
+    las.gps_time, las.red = [1.5, 2.5], [7, 8]
+    las.add_extra_dim(laspy.ExtraBytesParams("vector", "3f4"))
+    las["vector"] = [[1, 2, 3], [4, 5, 6]]
+    las.write(tmp_path / "cloud.las")
+    loaded = PointCloud.load(tmp_path / "cloud.las")
+    assert loaded.xyz.tolist() == [[10.25, 20.5, 30.75], [11, 21, 31]]
+    assert loaded.intensity.tolist() == [np.float32(0.01), np.float32(0.02)]
+    assert loaded.label.tolist() == [2, 6]
+    assert loaded.time.tolist() == [1.5, 2.5]
+    assert loaded.red.tolist() == [7, 8]
+    assert loaded.vector.tolist() == [[1, 2, 3], [4, 5, 6]]
+    np.testing.assert_array_equal(loaded.scan_angle, np.radians([-15, 30]))
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"label": [0, 256]}, "label: expected 0 to 255 for LAS's classification, got label[1] = 256"),
+        (
+            {"return_count": [16, 0]},
+            "return_count: expected 0 to 15 for LAS's number_of_returns, got return_count[0] = 16",
+        ),
+        ({"intensity": [0, -0.5]}, "intensity: expected numbers >= 0, got intensity[1] = -0.5"),
+        ({"intensity": [np.nan, 0]}, "intensity: expected numbers >= 0, got intensity[0] = nan"),
+        ({"scan_angle": [0, 180.0]}, "scan_angle: expected angles from -π to π, got scan_angle[1] = 180"),
+        ({"user_data": [1, -1]}, "user_data: expected 0 to 255 for LAS's user_data, got user_data[1] = -1"),
+        ({"X": [0, 0]}, "X: LAS cannot hold a field of this name beside the others; save without it"),
+        ({"a" * 33: [0, 0]}, f"{'a' * 33}: LAS cannot hold a field of this name beside the others; save without it"),
+        (
+            {"time": [0, 0], "gps_time": [0, 0]},
+            "time: LAS cannot hold a field of this name beside the others; save without it",
+        ),
+        ({"on": [True, False]}, "on: this format cannot hold bool; convert it, or save as .npz"),
+        (
+            {"xyz": [[0, 0, 0], [0, 0, 1e6]]},
+            "z: expected coordinates within 214 km of 500000 m, the middle of the first points, got z[0] = 0",
+        ),
+        (
+            {"xyz": [[0, 0, 0], [np.nan, 0, 0]]},
+            "x: expected coordinates within 214 km of 0 m, the middle of the first points, got x[1] = nan",
+        ),
+    ],
+)  # fmt: skip
+def test_what_does_not_fit(fields: dict[str, list[float]], message: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.las"
+    path.write_bytes(b"old")
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud(**({"xyz": np.zeros((2, 3))} | fields)).save(path)
+    assert str(caught.value) == message
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_misfit_after_the_first_block_is_told_by_its_place(tmp_path: Path) -> None:
+    for name, wrong in {"label": 256, "intensity": -1.0, "xyz": [1e9, 0, 0]}.items():
+        cloud = PointCloud(xyz=np.zeros((COUNT, 3)), label=np.zeros(COUNT), intensity=np.zeros(COUNT))
+        getattr(cloud, name)[COUNT - 1] = wrong
+        cloud = cloud if name != "xyz" else PointCloud(xyz=np.concatenate((cloud.xyz, -cloud.xyz)))
+        with pytest.raises(FileFormatError, match=rf"\[{COUNT - 1}\] = "):
+            cloud.save(tmp_path / "cloud.las")
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+def test_frames_of_a_flight_go_into_one_file(cloud: PointCloud, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"flight{suffix}"
+    with Writer(path) as flight:
+        for start in range(0, COUNT, 5000):
+            flight.write(cloud[start : start + 5000])
+            assert not path.exists()
+    assert list(tmp_path.iterdir()) == [path]
+    np.testing.assert_allclose(laspy.read(path).xyz, cloud.xyz, rtol=0, atol=HALF_A_STEP)
+    pieces = list(read(path))
+    assert len(pieces) == 2
+    assert not {"synthetic", "user_data"} & set(PointCloud.load(path).fields)
+    assert {"synthetic", "user_data"} < set(pieces[0].fields)
+    np.testing.assert_array_equal(np.concatenate([piece.object_id for piece in pieces]), cloud.object_id)
+
+
+def test_an_error_in_the_block_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "flight.laz"
+    path.write_bytes(b"old")
+    with pytest.raises(KeyboardInterrupt), Writer(path) as flight:  # noqa: PT012
+        flight.write(make(10))
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_frames_have_the_same_fields(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="cloud: expected the fields") as caught, Writer(tmp_path / "a.las") as flight:  # noqa: PT012
+        flight.write(PointCloud(xyz=[[0, 0, 0]], ring=[1]))
+        flight.write(PointCloud(xyz=[[0, 0, 0]]))
+    assert str(caught.value) == "cloud: expected the fields x, y, z, ring, got x, y, z"
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(ValueError, match="expected to be written in a with block"):
+        Writer(tmp_path / "a.las").write(make(1))
+    with pytest.raises(FileFormatError, match=r"unknown extension '.pcd', expected .las or .laz"):
+        Writer(tmp_path / "a.pcd")
+
+
+def test_the_same_cloud_gives_the_same_bytes_on_any_day(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Later(laspy.header.date):
+        @classmethod
+        def today(cls) -> "Later":
+            return cls(2031, 5, 4)
+
+    make(100).save(tmp_path / "a.laz")
+    monkeypatch.setattr(laspy.header, "date", Later)
+    make(100).save(tmp_path / "b.laz")
+    assert (tmp_path / "a.laz").read_bytes() == (tmp_path / "b.laz").read_bytes()
+
+
+def changed(content: bytes, *changes: tuple[int, bytes]) -> bytes:
+    data = bytearray(content)
+    for place, new in changes:
+        data[place : place + len(new)] = new
+    return bytes(data)
+
+
+MANY = (10**12).to_bytes(8, "little")
+COUNT_AT = 247  # of the 64-bit number of points in a header of version 1.4
+
+
+@pytest.mark.parametrize(
+    ("suffix", "changes", "reason"),
+    [
+        (".las", [(25, b"\x09")], "it is of the unknown version 1.9"),
+        (".las", [(COUNT_AT, MANY)], "it is truncated: 300 of 1000000000000 points"),
+        (".laz", [(COUNT_AT, MANY)], None),
+        (".las", [(96, b"\xff" * 4)], "it is truncated: its header claims points at byte 4294967295 after 1 records"),
+        (".las", [(100, b"\xff" * 4)], None),
+    ],
+)
+def test_damaged_files(suffix: str, changes: list[tuple[int, bytes]], reason: str | None, tmp_path: Path) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    make(300).save(path)
+    path.write_bytes(changed(path.read_bytes(), *changes))
+    for load in (PointCloud.load, lambda path: list(read(path))):
+        with pytest.raises(FileFormatError) as caught:
+            load(path)
+        assert str(caught.value).startswith(f"{path}: not a readable ")
+        assert reason is None or str(caught.value).endswith(f": {reason}")
+
+
+def test_a_table_of_chunks_that_claims_too_many(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.laz"
+    make(300).save(path)
+    content = path.read_bytes()
+    start = int.from_bytes(content[96:100], "little")
+    table = int.from_bytes(content[start : start + 8], "little")
+    path.write_bytes(changed(content, (table + 4, b"\xff" * 4)))
+    with pytest.raises(FileFormatError, match="its table claims more chunks than the file has bytes for"):
+        PointCloud.load(path)
+    point = int.from_bytes(content[105:107], "little")
+    path.write_bytes(changed(content, (start + 8 + point + 4, b"\xff" * 4)))  # the size of the first layer
+    with pytest.raises(FileFormatError, match="it is truncated inside a chunk"):
+        PointCloud.load(path)
+
+
+def test_a_bomb(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "cloud.laz"
+    PointCloud(xyz=np.zeros((200_000, 3))).save(path)
+    assert len(PointCloud.load(path)) == 200_000
+    assert path.stat().st_size < 200_000 * 30 // 100
+    monkeypatch.setattr(_records, "SMALL", 1 << 16)
+    with pytest.raises(FileFormatError, match="refused as a decompression bomb"):
+        PointCloud.load(path)
+
+
+@pytest.mark.parametrize(
+    ("package", "suffix", "what"), [("laspy", ".las", "LAS files"), ("lazrs", ".laz", "LAZ files")]
+)
+def test_without_the_extra(
+    package: str, suffix: str, what: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    make(3).save(path)
+    before = path.read_bytes()
+    monkeypatch.setitem(sys.modules, package, None)
+    for use in (PointCloud.load, make(3).save):
+        with pytest.raises(MissingExtraError) as caught:
+            use(path)
+        assert str(caught.value) == f'{what} needs {package}: pip install "lidarsim[formats]"'
+    assert path.read_bytes() == before
+    assert list(tmp_path.iterdir()) == [path]
