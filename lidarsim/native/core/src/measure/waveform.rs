@@ -4,7 +4,6 @@ use super::Rays;
 use super::beam::Beam;
 use super::echo::{Echo, Light};
 use crate::arith::elementary::exp;
-use crate::arith::simd::{self, Isa, Level, Task};
 use crate::geometry::pose::dot;
 
 /// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
@@ -35,7 +34,8 @@ pub(super) struct Waveform {
 
 impl Waveform {
     /// The echoes of the `pulse`-th pulse of the batch, by rising range.
-    pub(super) fn echoes(&mut self, level: Level, beam: &Beam, rays: &Rays, pulse: usize, echoes: &mut Vec<Echo>) {
+    #[inline(always)]
+    pub(super) fn echoes(&mut self, beam: &Beam, rays: &Rays, pulse: usize, echoes: &mut Vec<Echo>) {
         let Waveform { lights, .. } = self;
         echoes.clear();
         lights.clear();
@@ -48,7 +48,7 @@ impl Waveform {
             return;
         }
         lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
-        self.look(level, beam, rays, pulse);
+        self.look(beam, rays, pulse);
         let (mut first, mut falls) = (0, false);
         for (slope, before) in self.slopes.iter().zip(&self.before) {
             if *slope > 0.0 && falls && *before > first {
@@ -63,7 +63,8 @@ impl Waveform {
     /// The slope of the waveform at each light, and between each two where a valley between them would show: the light of the one
     /// falls most steeply against the rise of the other's at a from the first and b from the second with a·b = σ², if they
     /// are of one width and more than 2σ apart. Else they have no valley of their own, but others may make one: half way.
-    fn look(&mut self, level: Level, beam: &Beam, rays: &Rays, pulse: usize) {
+    #[inline(always)]
+    fn look(&mut self, beam: &Beam, rays: &Rays, pulse: usize) {
         let Waveform { lights, variances, places, before, slopes } = self;
         let first = pulse * beam.len();
         let to_next = |light: &Light| rays.to_next_sub_ray(light, first);
@@ -92,25 +93,7 @@ impl Waveform {
         }
         slopes.clear();
         slopes.resize(places.len(), 0.0);
-        simd::dispatch(level, Slopes { lights, variances, places, slopes });
-    }
-}
-
-/// The slopes at all places, compiled for each instruction set.
-struct Slopes<'a> {
-    lights: &'a [Light],
-    variances: &'a [f64],
-    places: &'a [f64],
-    slopes: &'a mut [f64],
-}
-
-impl Task for Slopes<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<I: Isa>(self) {
-        let Slopes { lights, variances, places, slopes } = self;
-        for (light, variance) in lights.iter().zip(variances) {
+        for (light, variance) in lights.iter().zip(&*variances) {
             // Of a black surface there is no light, and no variance where it is grazed.
             if light.clear_power > 0.0 {
                 let (sigma, weight) = (variance.sqrt(), light.clear_power / variance);
