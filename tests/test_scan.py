@@ -348,8 +348,13 @@ def drive() -> ls.Trajectory:
 
 @pytest.mark.parametrize(
     "trajectory",
-    [drive(), ls.Trajectory.from_twist(TURNED, linear=(10, 0, 1), angular=(0, 0.2, 1.0))],
-    ids=["knots", "twist"],
+    [
+        drive(),
+        ls.Trajectory.from_twist(TURNED, linear=(10, 0, 1), angular=(0, 0.2, 1.0)),
+        ls.Trajectory(drive().times, drive().poses, interpolation="spline"),
+        drive() @ TURNED,
+    ],
+    ids=["knots", "twist", "spline", "mounted"],
 )
 def test_each_pulse_is_fired_from_its_own_pose(trajectory: ls.Trajectory) -> None:
     scene, sensor = room(), lidar()

@@ -1,5 +1,7 @@
 //! Rigid poses, sensor to world, and how they change with time.
 
+use std::sync::Arc;
+
 use crate::elementary::{RECIPROCAL_FACTORIALS, polynomial, sin_cos};
 use crate::vector::Point;
 
@@ -52,6 +54,11 @@ impl Pose {
         std::array::from_fn(|j| self.rotation[0][j] * v[0] + self.rotation[1][j] * v[1] + self.rotation[2][j] * v[2])
     }
 
+    /// The pose of what has the pose `inner` in the frame of `self`.
+    pub fn then(&self, inner: &Pose) -> Pose {
+        Pose { rotation: product(self.rotation, inner.rotation), translation: self.place(inner.translation) }
+    }
+
     /// `self`, as seen from the sensor frame of `base`.
     pub fn relative_to(&self, base: &Pose) -> Pose {
         let columns: [Point; 3] = std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
@@ -72,13 +79,48 @@ pub enum Path {
         linear: Point,
         angular: Point,
     },
-    /// Between knots the position is linear in time and the orientation turns at a constant rate (Slerp): from knot i to
-    /// knot i+1 by the rotation vector `turns[i]`, in the frame of knot i. Times rise.
+    /// Each pose is met at its time, and `steps[i]` leads from pose i to the next. Times rise.
     Knots {
         times: Vec<f64>,
         poses: Vec<Pose>,
-        turns: Vec<Point>,
+        steps: Vec<Step>,
     },
+    /// Of a sensor mounted on a body: its pose in the frame of the body, which is none of those above standing still.
+    Mounted {
+        body: Arc<Path>,
+        mount: Pose,
+    },
+}
+
+/// How a body moves on from a knot, while u grows from 0 to 1: the position by `shift`, in the world, and the orientation
+/// by the rotation vector `turn`, in the frame of the knot. With linear terms alone that is linear interpolation and Slerp.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub shift: Cubic,
+    pub turn: Cubic,
+}
+
+/// a u + b u² + c u³.
+#[derive(Clone, Copy, Debug)]
+pub struct Cubic(pub [Point; 3]);
+
+impl Cubic {
+    fn at(&self, u: f64) -> Point {
+        let Cubic([a, b, c]) = self;
+        std::array::from_fn(|i| u * (a[i] + u * (b[i] + u * c[i])))
+    }
+
+    fn derivative(&self, u: f64) -> Point {
+        let Cubic([a, b, c]) = self;
+        std::array::from_fn(|i| a[i] + u * (2.0 * b[i] + u * 3.0 * c[i]))
+    }
+}
+
+/// Linear velocity in the world and angular velocity in the moving frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Velocity {
+    pub linear: Point,
+    pub angular: Point,
 }
 
 impl Path {
@@ -87,6 +129,16 @@ impl Path {
         match self {
             Path::Still(_) | Path::Twist { .. } => [f64::NEG_INFINITY, f64::INFINITY],
             Path::Knots { times, .. } => [times[0], times[times.len() - 1]],
+            Path::Mounted { body, .. } => body.span(),
+        }
+    }
+
+    /// The path of a sensor with the pose `mount` on what moves along `self`.
+    pub fn mounted(self: &Arc<Self>, mount: &Pose) -> Path {
+        match &**self {
+            Path::Still(pose) => Path::Still(pose.then(mount)),
+            Path::Mounted { body, mount: outer } => Path::Mounted { body: body.clone(), mount: outer.then(mount) },
+            _ => Path::Mounted { body: self.clone(), mount: *mount },
         }
     }
 
@@ -102,18 +154,42 @@ impl Path {
                     translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
                 }
             }
-            Path::Knots { times, poses, turns } => {
+            Path::Knots { times, poses, steps } => {
                 let i = times.partition_point(|&t| t <= time).saturating_sub(1);
                 let from = poses[i];
                 if time == times[i] {
                     return from;
                 }
                 let u = (time - times[i]) / (times[i + 1] - times[i]);
-                let to = poses[i + 1].translation;
+                let Step { shift, turn } = &steps[i];
+                let shift = shift.at(u);
                 Pose {
-                    rotation: product(from.rotation, Turn::new(turns[i].map(|x| x * u)).matrix()),
-                    translation: std::array::from_fn(|k| from.translation[k] + u * (to[k] - from.translation[k])),
+                    rotation: product(from.rotation, Turn::new(turn.at(u)).matrix()),
+                    translation: std::array::from_fn(|k| from.translation[k] + shift[k]),
                 }
+            }
+            Path::Mounted { body, mount } => body.at(time).then(mount),
+        }
+    }
+
+    /// The velocity at a time of the span: at a knot that with which it is left, at the last that with which it is reached.
+    pub fn velocity(&self, time: f64) -> Velocity {
+        match self {
+            Path::Still(_) => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
+            Path::Twist { linear, angular, .. } => Velocity { linear: self.at(time).turn(*linear), angular: *angular },
+            Path::Knots { steps, .. } if steps.is_empty() => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
+            Path::Knots { times, steps, .. } => {
+                let i = times.partition_point(|&t| t <= time).saturating_sub(1).min(steps.len() - 1);
+                let length = times[i + 1] - times[i];
+                let u = (time - times[i]) / length;
+                let Step { shift, turn } = &steps[i];
+                let turning = Turn::new(turn.at(u)).rate(turn.derivative(u));
+                Velocity { linear: shift.derivative(u).map(|x| x / length), angular: turning.map(|x| x / length) }
+            }
+            Path::Mounted { body, mount } => {
+                let Velocity { linear, angular } = body.velocity(time);
+                let swung = body.at(time).turn(cross(angular, mount.translation));
+                Velocity { linear: std::array::from_fn(|i| linear[i] + swung[i]), angular: mount.turn_back(angular) }
             }
         }
     }
@@ -152,6 +228,11 @@ impl Turn {
     /// Where a velocity, constant in the turning frame, leads: (I + b[φ] + c[φ]²)·v.
     fn travel(&self, v: Point) -> Point {
         self.series(v, self.b, self.c)
+    }
+
+    /// The angular velocity in the turned frame, when the vector changes at `derivative`: (I − b[φ] + c[φ]²)·φ̇.
+    fn rate(&self, derivative: Point) -> Point {
+        self.series(derivative, -self.b, self.c)
     }
 
     fn series(&self, v: Point, first: f64, second: f64) -> Point {
@@ -233,11 +314,35 @@ mod tests {
         let first = Pose::from_rows(ROWS);
         let turn = [0.0, 0.0, 1.5];
         let second = Pose { rotation: product(first.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
-        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], turns: vec![turn] };
+        let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
+        let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], steps };
         assert_eq!((path.at(1.0), path.at(3.0), path.span()), (first, second, [1.0, 3.0]));
         let half = path.at(2.0);
         assert_eq!(half.translation, [6.0, 6.0, 7.0]);
         let (sin, cos) = sin_cos(0.75);
         assert_close(half.turn([1.0, 0.0, 0.0]), first.turn([cos, sin, 0.0]));
+    }
+
+    #[test]
+    fn a_mount_swings_with_its_body() {
+        // A body that turns to the left in place, and a sensor 2 m ahead of its center, which looks to its left.
+        let body = Arc::new(Path::Twist {
+            start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+            linear: [0.0; 3],
+            angular: [0.0, 0.0, 0.5],
+        });
+        let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+        let sensor = Arc::new(body.mounted(&mount));
+        let quarter = std::f64::consts::PI;
+        assert_close(sensor.at(quarter).place([0.0; 3]), [0.0, 2.0, 0.0]);
+        assert_close(sensor.at(quarter).turn([1.0, 0.0, 0.0]), [-1.0, 0.0, 0.0]);
+        assert_close(sensor.velocity(quarter).linear, [-1.0, 0.0, 0.0]);
+        assert_close(sensor.velocity(quarter).angular, [0.0, 0.0, 0.5]);
+        // Mounts on mounts are one mount, and on what stands still they stand still.
+        let twice = sensor.mounted(&mount);
+        assert_eq!(twice.at(quarter), body.at(quarter).then(&mount.then(&mount)));
+        let Path::Still(pose) = Arc::new(Path::Still(mount)).mounted(&mount) else { panic!("it moves") };
+        assert_eq!(pose, mount.then(&mount));
     }
 }

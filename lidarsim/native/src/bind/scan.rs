@@ -1,7 +1,7 @@
 //! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
 
 use std::borrow::Cow;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use numpy::ndarray::Dimension;
 use numpy::{
@@ -16,7 +16,7 @@ use super::{Points, PyScene, SLICE, level, pieces, points};
 use crate::measure::{
     Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, Returns, Rows, Scan,
 };
-use crate::pose::{Path, Pose};
+use crate::pose::{Cubic, Path, Pose, Step, Velocity};
 use crate::rng::{self, Stream};
 use crate::vector::Point;
 use crate::{memory, parallel};
@@ -27,7 +27,7 @@ const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
 /// Where the sensor is at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
 pub struct PyPath {
-    path: Path,
+    path: Arc<Path>,
 }
 
 type Matrix = [[f64; 4]; 4];
@@ -36,26 +36,52 @@ fn pose([x, y, z, _]: Matrix) -> Pose {
     Pose::from_rows([x, y, z])
 }
 
+impl From<Path> for PyPath {
+    fn from(path: Path) -> Self {
+        PyPath { path: Arc::new(path) }
+    }
+}
+
 #[pymethods]
 impl PyPath {
     #[staticmethod]
     fn still(matrix: Matrix) -> Self {
-        PyPath { path: Path::Still(pose(matrix)) }
+        Path::Still(pose(matrix)).into()
     }
 
     /// Constant velocities in the moving frame, which is at `matrix` at time 0.
     #[staticmethod]
     fn twist(matrix: Matrix, linear: Point, angular: Point) -> Self {
-        PyPath { path: Path::Twist { start: pose(matrix), linear, angular } }
+        Path::Twist { start: pose(matrix), linear, angular }.into()
     }
 
-    /// Rising times, as many poses, and the rotation vectors from one pose to the next.
+    /// n rising times; the matrix at each, (n, 16); and how each leads to the next, (n - 1, 18): the three coefficients of
+    /// the way, and those of the rotation vector.
     #[staticmethod]
-    fn knots(times: Vec<f64>, matrices: Vec<Matrix>, turns: Vec<Point>) -> PyResult<Self> {
-        if times.is_empty() || matrices.len() != times.len() || turns.len() + 1 != times.len() {
-            return Err(PyValueError::new_err("times, matrices, turns: expected n, n and n - 1 of them, n > 0"));
+    fn knots(
+        times: PyReadonlyArray1<'_, f64>,
+        matrices: PyReadonlyArray2<'_, f64>,
+        steps: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<Self> {
+        let (times, matrices, steps) = (times.as_array(), matrices.as_array(), steps.as_array());
+        let n = times.len();
+        if n == 0 || matrices.dim() != (n, 16) || steps.dim() != (n - 1, 18) {
+            return Err(PyValueError::new_err(
+                "times, matrices, steps: expected shapes (n,), (n, 16) and (n - 1, 18), n > 0",
+            ));
         }
-        Ok(PyPath { path: Path::Knots { times, poses: matrices.into_iter().map(pose).collect(), turns } })
+        let poses =
+            matrices.rows().into_iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
+        let steps = steps.rows().into_iter().map(|s| {
+            let cubic = |first| Cubic(std::array::from_fn(|i| std::array::from_fn(|k| s[first + 3 * i + k])));
+            Step { shift: cubic(0), turn: cubic(9) }
+        });
+        Ok(Path::Knots { times: times.to_vec(), poses: poses.collect(), steps: steps.collect() }.into())
+    }
+
+    /// The path of a sensor that is mounted so on what moves along this one.
+    fn mounted(&self, matrix: Matrix) -> Self {
+        self.path.mounted(&pose(matrix)).into()
     }
 
     /// First and last time for which there is a pose.
@@ -74,6 +100,19 @@ impl PyPath {
             })
             .collect();
         Ok(matrices.into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
+    }
+
+    /// Velocities (n, 2, 3) at times of the span: linear in the world, angular in the moving frame.
+    fn velocity<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
+        let times = times.as_array();
+        let velocities: Vec<f64> = times
+            .iter()
+            .flat_map(|&time| {
+                let Velocity { linear, angular } = self.path.velocity(time);
+                [linear, angular].into_iter().flatten()
+            })
+            .collect();
+        Ok(velocities.into_pyarray(py).reshape([times.len(), 2, 3])?.into_any())
     }
 }
 
@@ -364,8 +403,9 @@ fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {
         }
         Fault::Time => {
             let ([first, last], time) = (frame.path.span(), frame.start + frame.times[i]);
+            let pulse = frame.indices.map_or(i as u64, |indices| indices[i]);
             format!(
-                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse {i} at {time} s"
+                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse {pulse} at {time} s"
             )
         }
     }
@@ -414,11 +454,11 @@ pub fn points_of<'py>(
     path: &PyPath,
     frame: &str,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let path = &path.path;
+    let path: &Path = &path.path;
     let coordinates = match (frame, path) {
         ("world", _) => Coordinates::World,
-        ("start", Path::Twist { .. } | Path::Knots { .. }) => Coordinates::Start(path.at(scan.time)),
-        ("sensor" | "start", _) => Coordinates::Sensor,
+        ("sensor", _) | ("start", Path::Still(_)) => Coordinates::Sensor,
+        ("start", _) => Coordinates::Start(path.at(scan.time)),
         _ => return Err(PyValueError::new_err(format!("frame: unknown {frame:?}"))),
     };
     let pulses = &scan.pulses;
