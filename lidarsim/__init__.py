@@ -8,6 +8,7 @@ from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud
+from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan import Scan, Status
 from lidarsim.scene import Scene, SceneObject
 from lidarsim.sensor import Lidar
@@ -38,6 +39,8 @@ __all__ = [
     "Plane",
     "PointCloud",
     "Polygon",
+    "Rig",
+    "RigSensor",
     "Scan",
     "Scene",
     "SceneObject",
