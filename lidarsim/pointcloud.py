@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
 from lidarsim.errors import FileFormatError
 
@@ -171,7 +173,7 @@ class PointCloud:
     def _arrays(self) -> Fields:
         return {name: getattr(self, name) for name in self.fields}
 
-    def save(self, path: PathLike, *, float32: bool = False) -> None:
+    def save(self, path: PathLike, *, float32: bool = False, pose: npt.ArrayLike | None = None) -> None:
         """Write all fields to a file, whose suffix says the format: ``.npz``, ``.pcd`` or ``.ply``.
 
         `load` gives back every number and dtype as it is here. The file takes its name when it is complete: a failure
@@ -183,11 +185,16 @@ class PointCloud:
             The file, in a folder that exists.
         float32 : bool
             Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer take.
+        pose : RigidTransform or array_like, shape (4, 4), optional
+            Rigid transform that takes the points into the world: that of the sensor, if they are in its frame. It
+            becomes the VIEWPOINT of a PCD file; the other formats have no place for it and leave it out.
 
         Raises
         ------
         FileFormatError
             If the suffix is unknown, or the format cannot hold a field's dtype.
+        TypeError, ValueError
+            If the pose is not rigid.
         OSError
             If the file cannot be written.
         """
@@ -195,8 +202,10 @@ class PointCloud:
         if float32:
             fields["xyz"] = fields["xyz"].astype(np.float32)
         check_output(path)
+        save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
+        options = {"pose": where} if "pose" in inspect.signature(save).parameters else {}
         with atomic_writer(path) as file:
-            _format(path).save(fields, file)
+            save(fields, file, **options)
 
     @classmethod
     def load(cls, path: PathLike) -> PointCloud:
@@ -318,7 +327,7 @@ def _extent(array: npt.NDArray[Any]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Format:
-    save: Callable[[Fields, BinaryIO], None]
+    save: Callable[..., None]
     load: Callable[[BinaryIO], Fields]
 
 
@@ -329,7 +338,7 @@ _VIEWS: dict[str, Callable[[PointCloud], Any]] = {}
 def register_format(
     suffix: str,
     *,
-    save: Callable[[Fields, BinaryIO], None],
+    save: Callable[..., None],
     load: Callable[[BinaryIO], Fields],
 ) -> None:
     """Let `PointCloud.save` and `PointCloud.load` handle files of a suffix.
@@ -339,7 +348,8 @@ def register_format(
     suffix : str
         With its dot, in lower case.
     save : callable
-        Writes the fields of a cloud, in their order, into an open binary file.
+        ``save(fields, file)`` writes the fields of a cloud, in their order, into an open binary file. A format that has
+        a place for the pose that `PointCloud.save` is given takes it as the keyword `pose`: a 4×4 array, or None.
     load : callable
         Returns the fields that an open binary file holds; the message of any exception says why it cannot.
     """
