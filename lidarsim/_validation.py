@@ -6,6 +6,8 @@ Each error names the argument, what was expected and what was got; in an array i
 from __future__ import annotations
 
 import math
+import operator
+import reprlib
 from collections.abc import Sequence
 from typing import Any
 
@@ -13,6 +15,9 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
+
+DEGREES = "; degrees?"
+"""What ends the error of an angle that is too great for one in radians."""
 
 
 def real(
@@ -27,17 +32,15 @@ def real(
     """Return `value` as a float inside the bounds; NaN never passes, ±inf only with `infinite`."""
     expected = "a real number" if infinite else "a finite number"
     if above > -math.inf:
-        expected += f" > {above:g}"
-    if at_least > -math.inf:
-        expected += f" >= {at_least:g}"
-    if at_most < math.inf:
-        expected += f" <= {at_most:g}"
+        expected += f" > {above:g}" if at_most == math.inf else f" > {above:g} and <= {at_most:g}"
+    else:
+        expected += _between(*(f"{end:g}" if math.isfinite(end) else None for end in (at_least, at_most)))
     if isinstance(value, bool | str | bytes):
         raise TypeError(f"{name}: expected {expected}, got {value!r}")
     try:
         number = float(value)  # type: ignore[arg-type]
     except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected {expected}, got {value!r}") from None
+        raise TypeError(f"{name}: expected {expected}, got {_shown(value)}") from None
     if (
         math.isnan(number)
         or (math.isinf(number) and not infinite)
@@ -50,17 +53,40 @@ def real(
 
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """Return `value` as an int inside the bounds."""
-    expected = "an integer"
-    if at_least is not None:
-        expected += f" >= {at_least}"
-    if at_most is not None:
-        expected += f" <= {at_most}"
-    if isinstance(value, bool) or not hasattr(value, "__index__"):
-        raise TypeError(f"{name}: expected {expected}, got {value!r}")
-    number = int(value.__index__())
+    expected = "an integer" + _between(*(None if end is None else str(end) for end in (at_least, at_most)))
+    try:  # that of an array exists, and fails unless it is of a single integer
+        number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
+    except TypeError:
+        number = None
+    if number is None:
+        raise TypeError(f"{name}: expected {expected}, got {_shown(value)}")
     if (at_least is not None and number < at_least) or (at_most is not None and number > at_most):
         raise ValueError(f"{name}: expected {expected}, got {number}")
     return number
+
+
+def angle(
+    name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf
+) -> float:
+    """Return `value` as a float inside the bounds, rad; one beyond them may have been meant in degrees."""
+    try:
+        return real(name, value, at_least=at_least, above=above, at_most=at_most)
+    except ValueError as error:
+        number = float(value)  # type: ignore[arg-type]
+        if not at_most < abs(number) < math.inf:
+            raise
+        raise ValueError(f"{error}{DEGREES}") from None
+
+
+def angles(name: str, values: Floats, *, at_most: float) -> Floats:
+    """Return `values` after checking that each is an angle of `at_most` so many rad, either way."""
+    wrong = np.abs(values) > at_most
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(
+            f"{name}: expected numbers from {-at_most:g} to {at_most:g}, got {name}[{i}] = {values[i]:g}{DEGREES}"
+        )
+    return values
 
 
 def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
@@ -143,3 +169,17 @@ def affine(name: str, value: Any) -> Floats:
     if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
         raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(matrix[3].tolist())}")
     return matrix
+
+
+def _between(low: str | None, high: str | None) -> str:
+    """Return what follows the kind of number that is expected, if anything: " from 0 to 1"."""
+    if low and high:
+        return f" from {low} to {high}"
+    return f" >= {low}" if low else f" <= {high}" if high else ""
+
+
+def _shown(value: object) -> str:
+    """Return what an error shows of a value: all of it only if that is short."""
+    if isinstance(value, np.ndarray) and value.ndim:
+        return f"an array of shape {value.shape}"
+    return reprlib.repr(value)

@@ -23,10 +23,12 @@ from lidarsim._files import atomic_writer
 from lidarsim.errors import LidarsimError
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output
+from lidarsim.scan import moment_and_pose
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import open3d, pattern, pyvista
 
 if TYPE_CHECKING:
+    from lidarsim._validation import Floats
     from lidarsim.config.loader import Run
 
 app = typer.Typer(
@@ -67,8 +69,9 @@ def scan(
 ) -> None:
     """Scan the scene of CONFIG and write the point cloud.
 
-    Each of several frames gets a file, and beside the clouds come the poses of the sensor at the start of each frame
-    (OUT_poses.tum) and the times of these starts (OUT_times.txt). With a rig each sensor has its own files.
+    Each of several frames gets a file, and beside the clouds come the poses of the sensor (OUT_poses.tum), at the start
+    of each frame or at the moment that its points are deskewed to, and the times of the starts (OUT_times.txt). With a
+    rig each sensor has its own files.
     """
     check_output(output)
     _check_screenshot(screenshot)
@@ -78,7 +81,7 @@ def scan(
     reasons = [status.name.replace("_", " ") for status in ls.Status]
     table = _table("frame", "pulses", *reasons, "points", "ms", "points/s")
     points = 0
-    starts: dict[str, list[tuple[float, Any]]] = {}
+    track: dict[str, list[tuple[float, float, Floats]]] = {}
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         for number in progress.track(run.frames, description="scanning"):
             begin = time.perf_counter()
@@ -86,22 +89,22 @@ def scan(
             clouds = {name: result.point_cloud(**run.cloud) for name, result in scans.items()}
             seconds = time.perf_counter() - begin
             for name, cloud in clouds.items():
-                pose = _start_pose(scans[name])
+                moment, pose = moment_and_pose(scans[name], **run.cloud)
                 in_world = run.cloud["frame"] == "world"
                 cloud.save(_of_frame(output, run, name, f"{number:04}"), pose=None if in_world else pose)
                 if screenshot:
                     picture = _of_frame(screenshot, run, name, f"{number:04}")
                     pyvista.render(cloud, picture, color_by=color_by, pose=pose if in_world else None)
-                starts.setdefault(name, []).append((scans[name].time, pose))
+                track.setdefault(name, []).append((scans[name].time, moment, pose))
             counts = np.sum([list(result.summary().values()) for result in scans.values()], axis=0)
             found = sum(map(len, clouds.values()))
             _row(table, number, sum(map(len, scans.values())), *counts, found, 1e3 * seconds, found / seconds)
             points += found
-    for name, frames_of_it in starts.items() if len(run.frames) > 1 else ():
-        times, poses = zip(*frames_of_it, strict=True)
-        ls.Trajectory(times, np.array(poses)).save(_named(output, name, "poses").with_suffix(".tum"))
+    for name, frames_of_it in track.items() if len(run.frames) > 1 else ():
+        starts, moments, poses = zip(*frames_of_it, strict=True)
+        ls.Trajectory(moments, np.array(poses)).save(_named(output, name, "poses").with_suffix(".tum"))
         with atomic_writer(_named(output, name, "times").with_suffix(".txt")) as file:
-            file.writelines(f"{moment!r}\n".encode("ascii") for moment in times)
+            file.writelines(f"{moment!r}\n".encode("ascii") for moment in starts)
     _print(table)
     files = ", ".join(str(_of_frame(path, run, "*", "*")) for path in (output, screenshot) if path)
     _print(f"{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
@@ -135,8 +138,12 @@ def view(
 
 @app.command()
 def check(config: Configuration, overrides: Overrides = None) -> None:
-    """Check CONFIG, build what it describes, and say what that is."""
+    """Check CONFIG, build what it describes, scan its first and last frame, and say what that is."""
     run = _load(config, overrides)
+    run.scans()  # of a rig some sensors may have no scan in these two frames, and all are tried here
+    for frame in sorted({run.frames[0], run.frames[-1]}):
+        for result in next(dataclasses.replace(run, frames=range(frame, frame + 1)).scans()).values():
+            result.point_cloud(**run.cloud)
     table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "without area")
     for index, item in enumerate(run.scene.objects):
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
@@ -245,20 +252,15 @@ def _check_screenshot(path: Path | None) -> None:
         import_extra("pyvista", "pyvista", "--screenshot")
 
 
-def _start_pose(scan: ls.Scan) -> Any:
-    """Return the pose of the sensor at the start of a scan, a 4x4 array."""
-    return scan.pose if isinstance(scan.pose, np.ndarray) else scan.pose.at(scan.time).as_matrix()
-
-
 def _seen(run: Run) -> tuple[ls.PointCloud, Any]:
     """Return the cloud of the first frame, and from where it is seen in its own coordinates; None for their origin."""
     scans = next(run.scans())
     if "" in scans:
         cloud = scans[""].point_cloud(**run.cloud)
-        return cloud, None if run.cloud["frame"] == "sensor" else _start_pose(scans[""])
+        return cloud, None if run.cloud["frame"] == "sensor" else moment_and_pose(scans[""], "world")[1]
     clouds = [scan.point_cloud("world") for scan in scans.values()]  # where those of several sensors fit together
     fields = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in clouds[0].fields}
-    return ls.PointCloud(fields), _start_pose(next(iter(scans.values())))
+    return ls.PointCloud(fields), moment_and_pose(next(iter(scans.values())), "world")[1]
 
 
 def _named(path: Path, *parts: str) -> Path:

@@ -177,7 +177,9 @@ class PointCloud:
         """Write all fields to a file, whose suffix says the format: ``.npz``, ``.pcd`` or ``.ply``.
 
         `load` gives back every number and dtype as it is here. The file takes its name when it is complete: a failure
-        leaves the old file, or none. In a PCD file the normals are float64 like `xyz`, since Open3D misreads others.
+        leaves the old file, or none. In a PCD file the normals are float64 like `xyz`, since Open3D misreads others. In
+        a PLY file int8, int16 and uint32 are int32 or, where they do not fit, float64, since Open3D passes over them;
+        a comment in it names the type that `load` gives back.
 
         Parameters
         ----------
@@ -252,8 +254,9 @@ class PointCloud:
         """Return an Open3D tensor point cloud with all fields as attributes.
 
         `xyz` becomes ``positions`` and `normal` ``normals``, Open3D's names; the others keep theirs, with shape (n, 1)
-        where it was (n,), as Open3D's own algorithms and writers require. Every dtype stays but that of the normals:
-        they are widened to float64 like the positions, since Open3D's writers take both to be of one type.
+        where it was (n,), and other vector fields become their columns ``flow.0``, ``flow.1``, …, as Open3D's own
+        algorithms and writers require. These also restrict the types: normals are widened to float64 like the
+        positions, booleans are uint8, and integers but uint8 and uint16 are int32 or, where they do not fit, float64.
 
         Returns
         -------
@@ -264,6 +267,8 @@ class PointCloud:
         ------
         MissingExtraError
             If Open3D is not installed.
+        ValueError
+            If an integer is beyond 2⁵³, which none of these types holds.
         """
         converted: open3d.t.geometry.PointCloud = _VIEWS["open3d"](self)
         return converted
@@ -367,6 +372,42 @@ def register_view(name: str, function: Callable[[PointCloud], Any]) -> None:
         Takes a cloud and returns what that library works on.
     """
     _VIEWS[name] = function
+
+
+def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a field in one of the types that Open3D reads and writes in every format.
+
+    Parameters
+    ----------
+    name : str
+        Name of the field, for the error.
+    array : ndarray
+        Its values, of any type that a field can have.
+
+    Returns
+    -------
+    ndarray
+        As it is if it is uint8, uint16, int32, float32 or float64. Booleans become uint8; other integers int32 or,
+        where one of them does not fit, float64.
+
+    Raises
+    ------
+    ValueError
+        If an integer is beyond 2⁵³, up to which float64 has them all.
+    """
+    if array.dtype.str[1:] in {"u1", "u2", "i4", "f4", "f8"}:
+        return array
+    if array.dtype == np.bool_:
+        return array.astype(np.uint8)
+    low, high = (int(array.min()), int(array.max())) if array.size else (0, 0)
+    if low >= -(2**31) and high < 2**31:
+        return array.astype(np.int32)
+    if low < -(2**53) or high > 2**53:
+        raise ValueError(
+            f"{name}: expected integers from -2**53 to 2**53, the most that Open3D's types hold, "
+            f"got {low if low < -(2**53) else high}"
+        )
+    return array.astype(np.float64)
 
 
 def check_output(path: PathLike) -> None:

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import enum
+import math
 import weakref
 import zlib
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +15,8 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._validation import Floats, integer, real
 from lidarsim.materials import Material
+from lidarsim.patterns._pulses import Pulses, pulses_of
+from lidarsim.patterns.raster import projection, rows_and_columns
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene, SceneObject
 from lidarsim.shapes import TriangleMesh
@@ -22,10 +25,9 @@ from lidarsim.trajectory import Trajectory
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-    from lidarsim.patterns import Pulses
     from lidarsim.sensor import Lidar
 
-__all__ = ["Scan", "Status", "Summary", "scan"]
+__all__ = ["Scan", "Status", "Summary", "moment_and_pose", "scan"]
 
 
 class Status(enum.IntEnum):
@@ -51,6 +53,13 @@ class Summary(dict[str, int]):
     __repr__ = __str__
 
 
+_MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
+"""Moments of a scan that `deskew` may name, in periods of the pattern."""
+
+_MISSING = {"label": 0, "object_id": -1, "return_count": 0}
+"""What an image of integers shows where there is no pulse, if it is not the greatest of their type."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
     """A frame of a sensor: for each of n pulses, in firing order, up to k returns, and why there is none.
@@ -64,7 +73,8 @@ class Scan:
     range : ndarray of float64, shape (n, k)
         Measured distance from the beam's origin along the pulse, m; nan where there is no return.
     true_range : ndarray of float64, shape (n, k)
-        Exact distance along the direction that the pulse really took, to within 1 ulp, m.
+        Distance along the direction that the pulse really took, m: the exact value to a relative 2.3e-16, for two
+        roundings, of the ray parameter and of its product with the length of the direction.
     range_error : ndarray of float64, shape (n, k)
         Measured minus true range, m.
     intensity : ndarray of float32, shape (n, k)
@@ -91,6 +101,9 @@ class Scan:
         Start of the scan, s.
     frame : int
         Number of the frame.
+    true_direction : ndarray of float64, shape (n, k, 3), or None
+        Direction in which the light of each return really came and went, in the sensor frame; None where that is
+        the direction of the pulse: without angular jitter and beam.
 
     Notes
     -----
@@ -113,12 +126,26 @@ class Scan:
     pose: Floats | Trajectory
     time: float
     frame: int
+    true_direction: Floats | None = None
 
     def __len__(self) -> int:
         """Return the number of pulses."""
         return len(self.status)
 
-    def point_cloud(self, frame: Literal["sensor", "world"] = "sensor", *, deskew: bool = False) -> PointCloud:
+    @property
+    def poses(self) -> Floats:
+        """Pose of the sensor when it fired each pulse, sensor to world: ndarray of float64, shape (n, 4, 4)."""
+        if isinstance(self.pose, Trajectory):
+            return self.pose._native.at(self.time + self.pulses.time)
+        still = _native.Path.still(self.pose.tolist()).at(np.zeros(1))  # orthonormal to rounding, as pulses are fired
+        return np.broadcast_to(still[0], (len(self), 4, 4))
+
+    def point_cloud(
+        self,
+        frame: Literal["sensor", "world"] = "sensor",
+        *,
+        deskew: bool | Literal["start", "middle", "end"] | float = False,
+    ) -> PointCloud:
         """Return the returns as points, with all fields.
 
         Parameters
@@ -127,9 +154,11 @@ class Scan:
             Coordinates of points and normals. "sensor": as a driver gives them, each point in the frame that the
             sensor had when it fired the pulse, so that the cloud of a moving sensor is skewed. "world": through the
             pose at that time, so that it is not.
-        deskew : bool
-            Give the points of frame "sensor" in the one frame that the sensor had at the start of the scan, by the
-            true poses.
+        deskew : bool, {"start", "middle", "end"} or float
+            Give the points of frame "sensor" in the one frame that the sensor had at some moment, by the true poses.
+            "start" or True: when the scan starts. "end": one period of the pattern, 1/rate, later, whenever the last
+            pulse was fired. "middle": half a period after the start. A number: so many seconds after the start.
+            Points of frame "world", and those of a sensor that stands still, are not skewed: they stay as they are.
 
         Returns
         -------
@@ -139,25 +168,137 @@ class Scan:
 
         Raises
         ------
+        TypeError, ValueError
+            If `frame` or `deskew` is none of these, or the trajectory has no pose at that moment.
+        """
+        if frame not in {"sensor", "world"}:
+            raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
+        offset = self._moment(deskew)
+        if not isinstance(self.pose, Trajectory):
+            return PointCloud(_native.points_of(self, _native.Path.still(self.pose.tolist()), frame, None))
+        moment = None if offset is None or frame == "world" else self.time + offset
+        first, last = self.pose.span
+        # The start, the period, their sum and the end are each rounded, by half an ulp of the greatest at most.
+        if moment is not None and not first <= moment <= last + 2.0 * math.ulp(last):
+            raise ValueError(
+                f"deskew: expected a moment within the trajectory, {first} to {last} s, got {deskew!r}, at {moment} s"
+            )
+        return PointCloud(_native.points_of(self, self.pose._native, frame, moment))
+
+    def _moment(self, deskew: object) -> float | None:
+        """Return the moment that `deskew` names, s after the start of the scan; None for raw points."""
+        if isinstance(deskew, bool | np.bool_):
+            return 0.0 if deskew else None
+        if isinstance(deskew, str) and deskew in _MOMENTS:
+            return _MOMENTS[deskew] / self.lidar.pattern.rate
+        try:
+            return real("deskew", deskew)
+        except TypeError:
+            expected = "True, False, 'start', 'middle', 'end' or seconds from the start of the scan"
+            error = ValueError if isinstance(deskew, str) else TypeError
+            raise error(f"deskew: expected {expected}, got {deskew!r}") from None
+
+    def image(
+        self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None
+    ) -> npt.NDArray[Any]:
+        """Return a field as an image of what the sensor sees: upright, left on the left.
+
+        A row is a ring, the highest first, and a column a step of azimuth, which falls from left to right; rings whose
+        channels look aside are moved by whole columns until they stand one above the other. A sensor that looks all
+        around gives as many columns as there are in a turn, with azimuth 0 in the middle and the seam behind. That
+        takes a pattern whose rings keep to one elevation each and turn one way, once around at most.
+
+        Other patterns, and any for which `size` is given, are projected: rows and columns are equal steps of elevation
+        and azimuth between the outermost pulses of the frame. Of those that fall into one pixel the one with the
+        nearest return shows.
+
+        Parameters
+        ----------
+        field : str
+            An array of this scan or of its pulses: "range", "label", "normal", "status", "time" (of firing, since the
+            start of the scan), …; normals are in the world, directions and origins in the sensor frame.
+        return_number : int
+            Which return of each pulse, from 1 on. It decides what is nearest, too.
+        size : tuple of int, optional
+            Rows and columns of a projection.
+
+        Returns
+        -------
+        ndarray, shape (rows, columns) or (rows, columns, 3)
+            Of the dtype of the field. Entries that the scan does not use are what they are in the scan. Where there is
+            no pulse, an image of a floating-point field is nan, "label" and "return_count" 0, "object_id" -1, and any
+            other integer the greatest of its type.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no such field or return, `size` is not two integers >= 1, or it is missing and the pattern has
+            no rows and columns.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> ball = scene.add(ls.Sphere((10, 0, 2), 2.5), label=7)
+        >>> scan = ls.Lidar.preset("ouster-os1-64").scan(scene)
+        >>> image = scan.image("label")
+        >>> image.shape, image[20, 512].item(), image[20, 0].item()
+        ((64, 1024), 7, 0)
+        """
+        own, of_pulses = _arrays(self), _arrays(self.pulses)
+        if field not in own | of_pulses:
+            raise ValueError(f"field: expected one of {', '.join(own | of_pulses)}, got {field!r}")
+        entry = integer("return_number", return_number, at_least=1, at_most=self.range.shape[1]) - 1
+        values = of_pulses[field] if field in of_pulses else own[field]
+        if field in own and values.ndim > 1:
+            values = values[:, entry]
+        frame = pulses_of(self.lidar.pattern, self.frame)
+        if size is None:
+            row, column, shape = rows_and_columns(frame, self.pulses)
+        else:
+            row, column, shape = projection(frame, self.pulses, size)
+        whole = values.dtype.kind in "iu"
+        missing = _MISSING.get(field, np.iinfo(values.dtype).max) if whole else np.nan
+        image = np.full((*shape, *values.shape[1:]), missing, values.dtype)
+        if size is None:  # to each pulse its pixel
+            image[row, column] = values
+        else:  # what is written last shows: the nearest return, after the farther ones and the pulses without one
+            order = np.argsort(self.range[:, entry], kind="stable")[::-1]
+            image[row[order], column[order]] = values[order]
+        return image
+
+    def true_points(self, frame: Literal["sensor", "world"] = "sensor") -> Floats:
+        """Return where the light of each return really came from, whatever jitter, beam or noise made of it.
+
+        Parameters
+        ----------
+        frame : {"sensor", "world"}
+            Coordinates, as in `point_cloud`: of the sensor when it fired the pulse, or of the world.
+
+        Returns
+        -------
+        ndarray of float64, shape (m, 3)
+            A point for each of `point_cloud`, in the same order, m. It lies on the surface of its `object_id`, at
+            `true_range` in the direction that the pulse really took; with a beam, at the sub-ray that the truth is of.
+
+        Raises
+        ------
         ValueError
             If `frame` is neither.
         """
         if frame not in {"sensor", "world"}:
             raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
-        coordinates = "start" if frame == "sensor" and deskew else frame
-        return PointCloud(_native.points_of(self, _path(self.pose), coordinates))
-
-    def range_image(self) -> npt.NDArray[np.float64]:
-        """Return the ranges as an image.
-
-        Returns
-        -------
-        ndarray of float64, shape (rings, columns)
-            Range of the first entry of each pulse, m; nan where there is no return, or no pulse.
-        """
-        image = np.full(self.lidar.pattern.shape, np.nan)
-        image[self.pulses.ring, self.pulses.column] = self.range[:, 0]
-        return image
+        returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
+        pulse = np.nonzero(returned)[0]
+        took = self.pulses.directions[pulse] if self.true_direction is None else self.true_direction[returned]
+        # A direction may be of unit length to float32 only, and the range is a distance.
+        reach = self.true_range[returned] / np.linalg.norm(took, axis=1)
+        points: Floats = self.pulses.origins[pulse] + reach[:, None] * took
+        if frame == "sensor":
+            return points
+        poses = self.poses[pulse]
+        turned: Floats = (poses[:, :3, :3] @ points[:, :, None])[:, :, 0]
+        return turned + poses[:, :3, 3]
 
     def summary(self) -> Summary:
         """Return the numbers of pulses by status, which print as a table.
@@ -217,7 +358,8 @@ def scan(
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
     where = _where(pose)
-    pulses = lidar.pattern.pulses(frame)
+    pulses = pulses_of(lidar.pattern, frame)
+    path = _path(where, pulses, time, 1.0 / lidar.pattern.rate)
     chosen = None if indices is None else _indices(indices, len(pulses))
     if chosen is not None:
         pulses = replace(
@@ -227,15 +369,45 @@ def scan(
     arrays = _native.scan(
         scene.native,
         _appearances(scene),
-        _path(where),
+        path,
         pulses,
         chosen,
-        lidar.measurement,
-        (lidar.min_range, lidar.max_range),
+        lidar,
         time,
         (seed, zlib.crc32(lidar.name.encode()), frame),
     )
     return Scan(**arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame)
+
+
+def moment_and_pose(
+    scan: Scan,
+    frame: Literal["sensor", "world"] = "sensor",
+    *,
+    deskew: bool | Literal["start", "middle", "end"] | float = False,
+) -> tuple[float, Floats]:
+    """Return the moment that a point cloud is of, and where the sensor then was.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+    frame, deskew
+        As `Scan.point_cloud` was given them.
+
+    Returns
+    -------
+    moment : float
+        That of the sensor frame that the points are in, s; the start of the scan if they are not in one, since they are
+        in the world or raw.
+    pose : ndarray of float64, shape (4, 4)
+        Sensor to world at that moment.
+    """
+    offset = None if frame == "world" else scan._moment(deskew)
+    moment = scan.time + (offset or 0.0)
+    if not isinstance(scan.pose, Trajectory):
+        return moment, scan.pose
+    pose: Floats = scan.pose._native.at(np.array([moment]))[0]
+    return moment, pose
 
 
 def _where(pose: RigidTransform | npt.ArrayLike | Trajectory | None) -> Floats | Trajectory:
@@ -244,8 +416,26 @@ def _where(pose: RigidTransform | npt.ArrayLike | Trajectory | None) -> Floats |
     return np.eye(4) if pose is None else _validation.pose("pose", pose)
 
 
-def _path(pose: Floats | Trajectory) -> _native.Path:
-    return pose._native if isinstance(pose, Trajectory) else _native.Path.still(pose.tolist())
+def _path(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:
+    """Return where the sensor is while it fires a frame.
+
+    A trajectory to the end of the frame is enough: it is held, at the velocities of its end, for the rest of a firing
+    cycle that begins before the end of the frame and runs on after it.
+    """
+    if not isinstance(pose, Trajectory):
+        return _native.Path.still(pose.tolist())
+    end = start + pulses.time.max(initial=-math.inf)
+    if end > pose.span[1]:
+        late, over = start + pulses.time > pose.span[1], pulses.time >= period
+        if not (late & ~over).any() and np.isin(pulses.column[late], pulses.column[~over]).all():
+            return pose._native.held(end)
+    return pose._native
+
+
+def _arrays(what: Scan | Pulses) -> dict[str, npt.NDArray[Any]]:
+    """Return the arrays by name that have an entry a pulse."""
+    values = {field.name: getattr(what, field.name) for field in fields(what) if field.name != "pose"}
+    return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 
 
 def _indices(value: npt.ArrayLike, pulses: int) -> npt.NDArray[np.uint64]:

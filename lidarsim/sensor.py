@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim import scan as _scan
-from lidarsim._validation import integer, real
+from lidarsim._validation import array, integer, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
+from lidarsim.patterns._pulses import check_pattern, pulses_of
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -66,7 +67,10 @@ class Lidar:
     measurement : Measurement
         Noise and other effects; all of them are off by default.
     min_range, max_range : float
-        Ranges that the sensor reports, m, both included.
+        Ranges that the sensor reports, m, both included. They are its own ranges, as measured.
+    range_offset : float or sequence of float, one a ring
+        What the sensor's own range is more than the range from the beam's origin, m, where its maker counts from
+        another zero. Quantisation and the gate act on the sensor's own range; `Scan.range` is from the beam's origin.
     name : str
         Name of the sensor. Sensors of different names draw different noise from the same seed.
 
@@ -81,18 +85,19 @@ class Lidar:
     measurement: Measurement = field(default_factory=Measurement)
     min_range: float = 0.0
     max_range: float = math.inf
+    range_offset: float | Sequence[float] = 0.0
     name: str = ""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        if not isinstance(self.pattern, Pattern):
-            raise TypeError(f"pattern: expected a scan pattern (rate, shape, pulses), got {self.pattern!r}")
+        check_pattern(self.pattern)
         if not isinstance(self.measurement, Measurement):
             raise TypeError(f"measurement: expected a Measurement, got {self.measurement!r}")
         if not isinstance(self.name, str):
             raise TypeError(f"name: expected a string, got {self.name!r}")
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
+        object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
 
     def scan(
         self,
@@ -232,8 +237,9 @@ class Lidar:
             The file.
         **options
             What the file leaves open. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
-            `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV:
-            `firing_times` (the other CSV), `rate`, `noise`. Livox scan pattern CSV: `rate`, `pulse_rate`, `noise`.
+            `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV
+            or DAT: `firing_times` (the other CSV), `rate`, `noise`. RoboSense angle CSV: `rate`, `noise`. Livox scan
+            pattern CSV: `rate`, `pulse_rate`, `noise`.
 
         Returns
         -------
@@ -296,11 +302,21 @@ def checked_pose(
     """
     where: Floats | Trajectory = np.eye(4)
     for frame in sorted({frames.start, max(frames.start, frames.stop - 1)}):
-        fired = lidar.pattern.pulses(frame).time
+        fired = pulses_of(lidar.pattern, frame).time
         ends = [int(fired.argmin()), int(fired.argmax())] if len(fired) and frames else []
         time = frame / lidar.pattern.rate + offset
         where = _scan.scan(lidar, scene, pose, time=time, frame=frame, seed=seed, indices=ends).pose
     return where.copy() if isinstance(where, np.ndarray) else where
+
+
+def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:
+    if not isinstance(value, np.ndarray | list | tuple):
+        return real("range_offset", value)
+    offsets = array("range_offset", value, ("rings",))
+    rings = pattern.shape[0]
+    if len(offsets) != rings:
+        raise ValueError(f"range_offset: expected one number or one a ring, {rings} of them, got {len(offsets)}")
+    return tuple(offsets.tolist())
 
 
 def preset_path(name: str) -> Path:

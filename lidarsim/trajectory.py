@@ -41,6 +41,9 @@ class Trajectory:
     turns at a constant rate about a fixed axis (Slerp). With "spline" both are cubic, and velocity and acceleration,
     angular ones too, are continuous.
 
+    For a scan it has to last to the end of the frame, 1/rate after its start: a firing cycle that is then under way is
+    completed at the velocities that the trajectory ends with.
+
     Parameters
     ----------
     times : array_like, shape (n,)

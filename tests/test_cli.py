@@ -30,6 +30,14 @@ scene:
   - {shape: plane, normal: [0, 0, 1], label: 40}
   - {shape: sphere, center_m: [5, 0, 2], radius_m: 1, label: 7}
 """
+MOVING = """\
+frames: 2
+sensor: {preset: velodyne-vlp16}
+pose:
+  - {time_s: 0, position_m: [0, 0, 2]}
+  - {time_s: 0.2, position_m: [2, 0, 2]}
+scene: [{shape: plane, normal: [0, 0, 1]}]
+"""
 
 
 @pytest.fixture(autouse=True)
@@ -100,6 +108,26 @@ def test_several_frames_come_with_their_poses_and_times(pose: str) -> None:
     assert still or poses.at(0.4).rotation.magnitude() == pytest.approx(np.radians(8))
 
 
+@pytest.mark.parametrize(
+    ("deskew", "moment"), [("deskew=start", 0.0), ("deskew=middle", 0.05), ("deskew=end", 0.1), ("deskew_s=0.03", 0.03)]
+)
+def test_the_poses_are_those_of_the_moment_that_points_are_deskewed_to(deskew: str, moment: float) -> None:
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
+    assert lidarsim("scan", "moving.yaml", "-o", "a.pcd", "--set", f"cloud.{deskew}") == 0
+    assert lidarsim("scan", "moving.yaml", "-o", "b.npz", "--set", "cloud.frame=world") == 0
+    tum = np.loadtxt("a_poses.tum")
+    assert np.array_equal(tum[:, 0], [0.0 + moment, 0.1 + moment])
+    assert np.abs(tum[:, 1] - 10 * tum[:, 0]).max() < 1e-14
+    assert np.loadtxt("a_times.txt").tolist() == [0.0, 0.1]
+    assert np.loadtxt("b_poses.tum")[:, 0].tolist() == [0.0, 0.1]
+    for k, pose in enumerate(tum):
+        cloud, world = ls.PointCloud.load(f"a_{k:04}.pcd"), ls.PointCloud.load(f"b_{k:04}.npz")
+        assert viewpoint(f"a_{k:04}.pcd")[:3] == pose[1:4].tolist()
+        assert len(cloud) > 5000
+        # Straight ahead: no rotation. Three roundings of numbers below 128, half an ulp of which is 2**-47.
+        assert np.abs(cloud.xyz + pose[1:4] - world.xyz).max() < 4 * 2.0**-47
+
+
 def test_a_single_frame_has_its_pose_in_the_pcd_file_alone() -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.pcd", "--set", DRIVE, "--frame", "1") == 0
     assert sorted(path.name for path in Path().iterdir()) == ["a.pcd", "run.yaml"]
@@ -158,6 +186,14 @@ def test_a_rig_is_checked_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert Path("rig.png").stat().st_size > 10_000
 
 
+def test_a_rig_is_checked_for_its_moments(capsys: pytest.CaptureFixture[str]) -> None:
+    rig()
+    for command in ("check rig.yaml", "scan rig.yaml -o a.pcd"):
+        assert lidarsim(*command.split(), "--set", "cloud.deskew_s=0.95") == 2
+        assert "deskew: expected a moment within the trajectory, 0.0 to 1.0 s, got 0.95, at " in capsys.readouterr().err
+    assert lidarsim("check", "rig.yaml", "--set", "cloud.deskew=end") == 0
+
+
 def test_a_trajectory_that_ends_too_soon_is_told_before_the_work(capsys: pytest.CaptureFixture[str]) -> None:
     rig()
     before = set(Path().iterdir())
@@ -197,6 +233,16 @@ def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     assert ["1", "TriangleMesh", "flat", "0", "1", "2", "1"] in rows
     assert ["sensor", "velodyne-vlp16"] in rows
     assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
+
+
+def test_check_and_scan_agree_on_a_trajectory_as_long_as_the_frames() -> None:
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
+    for deskew in ("deskew=end", "deskew=middle", "deskew_s=0.05"):
+        assert lidarsim("check", "moving.yaml", "--set", f"cloud.{deskew}") == 0
+        assert lidarsim("scan", "moving.yaml", "-o", "scan.npz", "--set", f"cloud.{deskew}") == 0
+        run = ls.config.load("moving.yaml", [f"cloud.{deskew}"])
+        moment = {"deskew=end": 0.1}.get(deskew, 0.05)
+        assert np.array_equal(ls.PointCloud.load("scan_0001.npz").xyz, run.scan(1).point_cloud(deskew=moment).xyz)
 
 
 def test_the_configurations_in_the_repository_are_right() -> None:
@@ -251,6 +297,28 @@ MISTAKES = {
     'scan run.yaml -o a.pcd --set pose={"file":"gone.tum"}': (
         '--set pose={"file":"gone.tum"}: pose.file: cannot read gone.tum: No such file or directory'
     ),
+    "check run.yaml --set sensor.noise=true": "--set sensor.noise=true: expected none or datasheet, got true",
+    "check run.yaml --set sensor.mode=1": "--set sensor.mode=1: expected the name of a mode, got 1",
+    "check run.yaml --set cloud.deskew=mid": (
+        "--set cloud.deskew=mid: expected true, false, start, middle, end, or seconds as deskew_s, got 'mid'"
+    ),
+    "check run.yaml --set cloud.deskew_s=1 --set cloud.deskew=end": (
+        "--set cloud.deskew_s=1: expected either deskew or deskew_s, got both"
+    ),
+    # what check builds, and scan refuses
+    "check moving.yaml --set frames=3": (
+        "pose: expected a trajectory over all pulses, got one from 0 to 0.2 s and pulse 0 at 0.20000563200000002 s"
+    ),
+    "check moving.yaml --set cloud.deskew_s=0.15": (
+        "deskew: expected a moment within the trajectory, 0.0 to 0.2 s, got 0.15, at 0.25 s"
+    ),
+    "check run.yaml --set first_frame=4294967296": "frame: expected an integer from 0 to 4294967295, got 4294967296",
+    "check run.yaml --set first_frame=4294967295 --set frames=2": (
+        "frame: expected an integer from 0 to 4294967295, got 4294967296"
+    ),
+    "check run.yaml --set scene.0.reflectivity_per=face --set scene.0.reflectivity=[1]": (
+        "object 0: expected a TriangleMesh for a reflectivity per face, got Plane"
+    ),
     "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
     # outputs
     "scan run.yaml -o a.xyz": "a.xyz: unknown extension '.xyz', expected .npz or .pcd or .ply",
@@ -278,6 +346,7 @@ MISTAKES = {
 @pytest.mark.parametrize(("arguments", "message"), MISTAKES.items(), ids=[text[:50] for text in MISTAKES])
 def test_a_mistake_gets_one_line(arguments: str, message: str, capsys: pytest.CaptureFixture[str]) -> None:
     Path("folder.pcd").mkdir()
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
     Path("broken.yaml").write_text("sensor: {preset: velodyne-vlp16}\nscene: [{shape: sphere, radius: 1}]")
     before = set(Path().iterdir())
     assert lidarsim(*arguments.split()) == 2

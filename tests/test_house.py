@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import dataclasses
 import enum
+import graphlib
 import importlib.metadata
 import inspect
 import re
@@ -30,6 +31,14 @@ CHECKS = {
     *("SS01", "SS02", "SS03", "SS04", "SS05", "SS06"),
     *("PR01", "PR02", "PR03", "PR04", "PR05", "PR07", "PR10", "RT01", "RT03", "YD01"),
 }
+
+
+NATIVE = ROOT / "lidarsim" / "native"
+
+# Of the Rust core, from the lowest to the highest: a layer may use those before it alone.
+LAYERS = ["testing", "memory", "parallel", "arith", "geometry", "shapes", "bvh", "scene", "cast", "measure"]
+
+RustModule = tuple[str, ...]
 
 
 def blocks(language: str) -> list[str]:
@@ -105,10 +114,133 @@ def test_only_the_top_imports_the_package_as_a_whole() -> None:
     assert users == {"bench", "cli.py"}
 
 
+class RustSources:
+    """The modules of a Rust crate, by their paths, and what each imports."""
+
+    def __init__(self, folder: Path) -> None:
+        files = {path.relative_to(folder).with_suffix("").parts: path for path in folder.rglob("*.rs")}
+        self.sources: dict[RustModule, str] = {
+            parts[:-1] if parts[-1] in {"lib", "mod"} else parts: re.sub(r"//.*", "", path.read_text(encoding="utf-8"))
+            for parts, path in files.items()
+        }
+
+    def imports(self) -> set[tuple[RustModule, RustModule]]:
+        """Of each path from the crate or from a parent, the module it is in and the one that defines what it names."""
+        found = set()
+        for module, source in self.sources.items():
+            inline = [
+                range(*match.span())
+                for match in re.finditer(r"^(pub )?mod \w+ \{\n.*?^\}", source, re.DOTALL | re.MULTILINE)
+            ]
+            for match in re.finditer(r"\b(crate|super)::", source):
+                inside = any(match.start() in span for span in inline)
+                for path in self.leaves(source[match.start() :]):
+                    found.add((module, self.resolve((*module, "tests") if inside else module, path)))
+        return {(user, used) for user, used in found if user != used}
+
+    def leaves(self, source: str) -> list[list[str]]:
+        """The paths of a tree of imports, such as a::{b, c::{self, d}}."""
+        head = re.match(r"\s*(?:(?:r#)?\w+|\*)?(?:::(?:(?:r#)?\w+|\*))*(?:::(?=\{))?", source)
+        assert head is not None
+        start = [name.removeprefix("r#") for name in head[0].strip().split("::") if name]
+        rest = source[head.end() :]
+        if not rest.startswith("{"):
+            return [start]
+        parts, depth = [""], 0
+        for character in rest:
+            depth += {"{": 1, "}": -1}.get(character, 0)
+            if depth == 0:
+                break
+            if character == "," and depth == 1:
+                parts.append("")
+            elif (character, depth) != ("{", 1):
+                parts[-1] += character
+        return [start + leaf for part in parts if part.strip() for leaf in self.leaves(part)]
+
+    def resolve(self, module: RustModule, path: list[str]) -> RustModule:
+        """The module whose file defines what a path names: where it is only passed on, the one that it comes from."""
+        for k, name in enumerate(path):
+            if name in {"crate", "self"}:
+                module = () if name == "crate" else module
+            elif name == "super":
+                module = module[:-1]
+            elif (*module, name) in self.sources:
+                module = (*module, name)
+            else:
+                for match in re.finditer(r"^pub(?:\(crate\))? use ", self.sources[module], re.MULTILINE):
+                    for passed in self.leaves(self.sources[module][match.end() :]):
+                        if passed[-1] == name:
+                            return self.resolve(module, [*passed[:-1], *path[k:]])
+                break
+        return module
+
+    def siblings(self) -> dict[RustModule, dict[str, set[str]]]:
+        """Of each module with others in it, which of these uses which; its own file and what uses that do not count."""
+        graphs: dict[RustModule, dict[str, set[str]]] = {}
+        for module in self.sources:
+            for k, name in enumerate(module):
+                graphs.setdefault(module[:k], {}).setdefault(name, set())
+        for user, used in self.imports():
+            k = next((k for k, (a, b) in enumerate(zip(user, used, strict=False)) if a != b), None)
+            if k is not None:
+                graphs[user[:k]][user[k]].add(used[k])
+        return graphs
+
+
+def rust_faults(sources: RustSources, layers: list[str]) -> list[str]:
+    """Cycles of imports between modules of one parent, and imports from a lower layer of a higher one."""
+    found = []
+    for parent, graph in sources.siblings().items():
+        try:
+            graphlib.TopologicalSorter(graph).prepare()
+        except graphlib.CycleError as error:
+            found.append(f"cycle in {'::'.join(('crate', *parent))}: {' -> '.join(reversed(error.args[1]))}")
+    top = sources.siblings()[()]
+    found += [f"{name} is in no layer" for name in top.keys() - set(layers)]
+    known = {name: used & set(layers) for name, used in top.items() if name in layers}
+    found += [
+        f"{name} uses {other}"
+        for name, used in known.items()
+        for other in used
+        if layers.index(other) > layers.index(name)
+    ]
+    return sorted(found)
+
+
+def test_the_check_of_rust_imports_finds_faults(tmp_path: Path) -> None:
+    files = {
+        "lib.rs": "mod low;\nmod high;\nmod lost;\npub use high::High;\n",
+        "low/mod.rs": "mod a;\npub mod b;\nmod c;\npub use a::{A, Other};\nuse c::C;\n",
+        "low/a.rs": "use super::c::{self, C as D};\nuse crate::{High, low::b};\n",
+        "low/b.rs": "// use crate::high;\nuse super::A;\n",
+        "low/c.rs": "fn f() { let x = super::b::B; }\nmod tests {\n    use super::*;\n    use super::super::Low;\n}\n",
+        "high.rs": "use crate::low::{b::{B, X}, A};\n",
+        "lost.rs": "",
+    }
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    sources = RustSources(tmp_path)
+    a, b, c, high = ("low", "a"), ("low", "b"), ("low", "c"), ("high",)
+    assert sources.imports() == {(a, c), (a, high), (a, b), (b, a), (c, b), (c, ("low",)), (high, a), (high, b)}
+    cycle, *others = rust_faults(sources, ["low", "high"])
+    assert cycle.startswith("cycle in crate: ")
+    assert others[0].startswith("cycle in crate::low: ")
+    assert others[1:] == ["lost is in no layer", "low uses high"]
+
+
+def test_rust_imports_run_one_way() -> None:
+    core, python = RustSources(NATIVE / "core" / "src"), RustSources(NATIVE / "python" / "src")
+    assert len(core.imports()) > 100
+    assert rust_faults(core, LAYERS) == []
+    assert rust_faults(python, ["shape", "scene", "scan"]) == []
+    assert not any(re.search(r"\b(pyo3|numpy)\b", source) for source in core.sources.values())
+
+
 def test_versions_agree() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    crate = tomllib.loads((ROOT / "lidarsim/native/Cargo.toml").read_text(encoding="utf-8"))["package"]
-    assert lidarsim.__version__ == importlib.metadata.version("lidarsim") == project["version"] == crate["version"]
+    native = tomllib.loads((NATIVE / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]["package"]
+    assert lidarsim.__version__ == importlib.metadata.version("lidarsim") == project["version"] == native["version"]
 
 
 def test_top_level_holds_the_four_folders_alone() -> None:

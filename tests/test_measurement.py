@@ -7,16 +7,18 @@ import math
 import re
 import statistics
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
-from scipy import integrate, optimize, stats
+from scipy import integrate, optimize, signal, stats
+from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
 from lidarsim import _native
+from lidarsim.scan import scan as fire
 
 Floats = npt.NDArray[np.float64]
 
@@ -159,9 +161,93 @@ def test_what_noise_puts_out_of_the_gate_is_not_reported() -> None:
     assert np.nanmax(far.range) <= 50.0
 
 
-def test_noise_does_not_bring_back_what_is_out_of_the_gate() -> None:
-    scan = measured(before_wall(np.full(1000, 50.1)), wall(), range_sigma=0.5, max_range=50.0)
-    assert (scan.status == ls.Status.beyond_max_range).all()
+@pytest.mark.parametrize(
+    ("truth", "gate", "inside"),
+    [
+        (0.395, {"min_range": 0.4}, stats.norm.sf(0.005 / 0.03)),
+        (50.01, {"max_range": 50.0}, stats.norm.cdf(-0.01 / 0.03)),
+    ],
+)
+def test_the_gate_acts_on_what_is_measured(truth: float, gate: dict[str, float], inside: float) -> None:
+    count = 20_000
+    scan = measured(before_wall(np.full(count, truth)), wall(), range_sigma=0.03, **gate)
+    hits = int((scan.status == ls.Status.hit).sum())
+    assert stats.binomtest(hits, count, inside).pvalue > 1e-3
+
+
+def test_the_gate_comes_last() -> None:
+    """What rounds to the limit is inside; what is too weak or dropped is so, wherever it is."""
+    ranges = [0.94, 0.96, 9.04, 9.06]
+    scan = measured(before_wall(ranges), wall(), range_resolution=0.1, min_range=1.0, max_range=9.0)
+    below, hit, beyond = ls.Status.below_min_range, ls.Status.hit, ls.Status.beyond_max_range
+    assert scan.status.tolist() == [below, hit, hit, beyond]
+    far = {"max_range": 5.0, "detection": ls.Detection(0.1, 5.0)}
+    assert measured(before_wall([9.0]), wall(0.1), **far).status.tolist() == [ls.Status.below_threshold]
+    assert measured(before_wall([9.0]), wall(), dropout=1.0, max_range=5.0).status.tolist() == [ls.Status.dropped]
+
+
+# Biases and zeros of the channels
+
+
+def rings_before_wall(rings: int, columns: int, distance: float = 20.0) -> ls.patterns.Table:
+    """Pulses at right angles to the plane x = 0, those of a ring one after the other."""
+    directions = np.tile([1.0, 0.0, 0.0], (rings * columns, 1))
+    ring = np.repeat(np.arange(rings), columns)
+    return ls.patterns.Table(directions, origins=directions * -distance, rings=ring, rate=10.0)
+
+
+def test_a_channel_has_one_bias_in_all_frames() -> None:
+    lidar = ls.Lidar(rings_before_wall(64, 16), measurement=ls.Measurement(channel_bias_sigma=0.02), name="unit")
+    errors = lidar.scan(wall(), seed=3).range_error.reshape(64, 16)
+    assert (errors == errors[:, :1]).all()
+    assert len(np.unique(errors)) == 64
+    for frame in (1, 9, 2**32 - 1):
+        assert np.array_equal(lidar.scan(wall(), seed=3, frame=frame).range_error.reshape(64, 16), errors)
+    for other in (dataclasses.replace(lidar, name="other").scan(wall(), seed=3), lidar.scan(wall(), seed=4)):
+        assert not (other.range_error.reshape(64, 16) == errors).any()
+    draws = [uniform(3, "unit", frame=0, pulse=ring, effect=4) for ring in range(64)]
+    expected = 0.02 * np.array([statistics.NormalDist().inv_cdf(u) for u in draws])
+    # 20 m and the bias are added and subtracted: two roundings of numbers near 20.
+    assert np.allclose(errors[:, 0], expected, rtol=0, atol=2 * math.ulp(20.0))
+
+
+def test_biases_of_channels_are_gaussian_and_beside_the_noise() -> None:
+    count = 60_000
+    pattern = rings_before_wall(count, 1)
+    biases = measured(pattern, wall(), channel_bias_sigma=0.5).range_error[:, 0]
+    assert stats.kstest(biases / 0.5, "norm").pvalue > 1e-3
+    noise = measured(pattern, wall(), range_sigma=0.5).range_error[:, 0]
+    both = measured(pattern, wall(), range_sigma=0.5, channel_bias_sigma=0.5, range_bias=1.0).range_error[:, 0]
+    # A few roundings of numbers near 20.
+    assert np.allclose(both, noise + biases + 1.0, rtol=0, atol=8 * math.ulp(20.0))
+    assert abs(np.corrcoef(noise, biases)[0, 1]) < SIGMAS / math.sqrt(count)
+
+
+def test_the_sensors_own_range_is_what_is_rounded_and_gated() -> None:
+    ranges = np.array([0.96, 0.99, 4.987, 7.5, 8.97, 8.99])
+    lidar = ls.Lidar(
+        before_wall(ranges), min_range=1.0, max_range=9.0, range_offset=0.025,
+        measurement=ls.Measurement(range_resolution=0.01),
+    )  # fmt: skip
+    scan = lidar.scan(wall())
+    below, hit, beyond = ls.Status.below_min_range, ls.Status.hit, ls.Status.beyond_max_range
+    assert scan.status.tolist() == [below, hit, hit, hit, hit, beyond]
+    own = scan.range[1:-1, 0] + 0.025
+    assert np.allclose(own, np.rint((ranges[1:-1] + 0.025) * 100) / 100, rtol=0, atol=1e-14)
+    # The points stay where the surface is, to half of a step.
+    assert np.abs(scan.range_error[1:-1]).max() <= 0.005 + 1e-14
+    still = dataclasses.replace(lidar, measurement=ls.Measurement()).scan(wall())
+    assert np.allclose(still.range[1:-1, 0], ranges[1:-1], rtol=0, atol=math.ulp(9.0))
+
+
+def test_each_ring_has_its_own_zero() -> None:
+    offsets = [0.0, 0.012, -0.028]
+    pattern = rings_before_wall(3, 4)
+    lidar = ls.Lidar(pattern, range_offset=np.array(offsets), measurement=ls.Measurement(range_resolution=1.0))
+    scan = lidar.scan(wall())
+    assert np.allclose(scan.range.reshape(3, 4).T, 20.0 - np.array(offsets), rtol=0, atol=1e-14)
+    some = fire(lidar, wall(), indices=[5, 1])
+    assert np.array_equal(some.range, scan.range[[5, 1]])
 
 
 # Angles
@@ -244,9 +330,8 @@ def cut(scan: ls.Scan) -> float:
 
 def test_detection_cuts_exactly_at_its_range() -> None:
     ranges = [math.nextafter(150.0, 0.0), 150.0, math.nextafter(150.0, 151.0)]
-    for extinction in (0.0, 1e-3):
-        scan = measured(before_wall(ranges), wall(0.1), detection=ls.Detection(0.1, 150.0), extinction=extinction)
-        assert scan.status[:2].tolist() == [ls.Status.hit, ls.Status.hit]
+    scan = measured(before_wall(ranges), wall(0.1), detection=ls.Detection(0.1, 150.0))
+    assert scan.status[:2].tolist() == [ls.Status.hit, ls.Status.hit]
     # One ulp further the quotient I/R² may still round to the same.
     further = measured(before_wall([150.0 * (1 + 1e-15)]), wall(0.1), detection=ls.Detection(0.1, 150.0))
     assert further.status.tolist() == [ls.Status.below_threshold]
@@ -262,15 +347,45 @@ def test_detection_cuts_where_it_should(reflectivity: float, angle: float, extin
     pattern = beams(np.tile(direction, (len(ranges), 1)), -np.outer(ranges, direction))
     scan = measured(pattern, wall(reflectivity), detection=ls.Detection(least, seen_to), extinction=extinction)
 
-    def power(rho: float, r: float) -> float:
-        return rho * math.exp(-2 * extinction * r) / r**2
-
     def excess(r: float) -> float:
-        return power(reflectivity * math.cos(angle), r) - power(least, seen_to)
+        in_clear_air = least / seen_to**2
+        return reflectivity * math.cos(angle) * math.exp(-2 * extinction * r) / r**2 - in_clear_air
 
     expected = optimize.brentq(excess, 1.0, 1000.0, xtol=1e-9)
     step = ranges[1] - ranges[0]
     assert expected - step <= cut(scan) <= expected
+
+
+def test_extinction_only_ever_hides() -> None:
+    """The denser the air, the fewer echoes are seen, and none that was not seen before."""
+    generator = np.random.default_rng(5)
+    directions = generator.normal(size=(300, 3))
+    limit = ls.Detection(0.1, 12.0)
+    hidden = kept = 0
+    for number in range(20):
+        scene = ls.Scene()
+        for _ in range(60):
+            material = ls.Material(reflectivity=float(generator.uniform(0.02, 1.0)))
+            scene.add(ls.Sphere(generator.uniform(-20, 20, 3), 1.5), material=material)
+        for beam, returns in ((None, 1), (ls.Beam(0.1, pulse_length=2e-9, rays=37), 37)):
+            pattern = beams(directions / np.linalg.norm(directions, axis=1)[:, None])
+            before = None
+            for extinction in (0.0, 1e-3, 0.01, 0.03, 0.1):
+                parameters = {"detection": limit, "extinction": extinction, "beam": beam, "returns": returns}
+                scan = measured(pattern, scene, seed=number, **parameters)
+                if before is not None:
+                    assert (scan.return_count <= before.return_count).all()
+                    hidden += int((before.return_count - scan.return_count).sum())
+                    kept += int(scan.return_count.sum())
+                before = scan
+    assert hidden > 500
+    assert kept > 500
+
+
+def test_a_dark_wall_is_seen_no_better_through_fog() -> None:
+    for extinction in (0.0, 0.03):
+        scan = measured(before_wall([60.0]), wall(0.02), detection=ls.Detection(0.1, 100.0), extinction=extinction)
+        assert scan.status.tolist() == [ls.Status.below_threshold]
 
 
 def test_dropout_has_its_rate() -> None:
@@ -290,7 +405,7 @@ def test_what_is_too_weak_is_not_dropped_too() -> None:
 
 
 SLOW_PULSE = 2 * 0.75 / 299_792_458.0
-"""Echoes closer than 0.75 m are one."""
+"""A pulse that is 0.75 m long: of equal echoes, those closer than 0.64 m are one."""
 
 
 def footprint_mean(range_of: Callable[[float, float], tuple[float, float]], divergence: float) -> float:
@@ -370,6 +485,124 @@ def test_an_edge_gives_mixed_pixels_whose_share_falls_with_divergence() -> None:
     expected = np.array([8e-3, 4e-3, 2e-3, 1e-3, 0.0]) / 0.02
     assert (shares <= expected + 1 / 4001).all()
     assert (shares >= expected * (1 - 2 / 11) - 1 / 4001).all()
+
+
+def tilted(around: float, slope: float) -> Floats:
+    """Normal of a plane across the x axis, whose distance changes by `slope` a metre towards that angle."""
+    normal = np.array([-1.0, slope * math.cos(around), slope * math.sin(around)])
+    return normal / np.linalg.norm(normal)
+
+
+@pytest.mark.parametrize("rays", [7, 19, 37, 61, 91])
+def test_a_slanted_plane_is_one_return_however_far_apart_its_sub_rays_lie(rays: int) -> None:
+    beam = ls.Beam(6e-3, 2e-3, pulse_length=1e-9, rays=rays)
+    extents = []
+    for slope in (0.5, 3.0, 10.0, 30.0, 60.0):
+        for around in np.linspace(0.0, 2 * np.pi, 25):
+            scene = ls.Scene()
+            scene.add(ls.Plane.from_point((50.0, 0.0, 0.0), tilted(around, slope)))
+            scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=min(rays, 20))
+            assert scan.return_count.tolist() == [1], (slope, around)
+            extents.append(50.0 * slope * math.hypot(6e-3 * math.cos(around), 2e-3 * math.sin(around)))
+    # From far below the length of the pulse, 0.15 m, to far above it.
+    assert min(extents) < 0.1
+    assert max(extents) > 10.0
+
+
+def waveform(scene: ls.Scene, divergence: float, pulse_length: float, rays: int = 6000) -> tuple[Floats, Floats]:
+    """The light over range that a receiver sees along x, of so many rays of equal energy; no part of lidarsim's beams.
+
+    A spiral by the golden angle fills the footprint, its radii by the quantiles of the Gaussian profile.
+    """
+    energy = (np.arange(rays) + 0.5) / rays
+    radius = divergence / 2.0 * np.sqrt(-0.5 * np.log(1.0 - energy * (1.0 - math.exp(-2.0))))
+    angle = np.arange(rays) * np.pi * (3.0 - math.sqrt(5.0))
+    directions = np.column_stack([np.ones(rays), radius * np.cos(angle), radius * np.sin(angle)])
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    hits = scene.cast(np.zeros((rays, 3)), directions)
+    t, cosine = hits.t[hits.hit], np.abs((hits.normal * directions).sum(axis=1))[hits.hit]
+    sigma = 299_792_458.0 / 2.0 * pulse_length / math.sqrt(8.0 * math.log(2.0))
+    step = sigma / 50.0
+    ranges = np.arange(t.min() - 6.0 * sigma, t.max() + 6.0 * sigma, step)
+    light = np.histogram(t, np.append(ranges, ranges[-1] + step) - step / 2.0, weights=cosine / t**2)[0]
+    kernel = np.exp(-0.5 * (np.arange(-300, 301) / 50.0) ** 2)
+    return ranges, signal.fftconvolve(light, kernel, "same")
+
+
+def canopy(seed: int) -> ls.Scene:
+    """Leaves of 10 cm, in any attitude, from 100 m to 110 m: 0.3 m² of them a m³."""
+    generator = np.random.default_rng(seed)
+    corners = 0.1 / math.sqrt(3.0) * np.array([[math.cos(a), math.sin(a), 0.0] for a in 2 * np.pi * np.arange(3) / 3])
+    count = int(0.3 * 10.0 * 0.8**2 / (math.sqrt(3.0) / 4.0 * 0.1**2))
+    attitudes = np.linalg.qr(generator.normal(size=(count, 3, 3)))[0]
+    places = generator.uniform((100.0, -0.4, -0.4), (110.0, 0.4, 0.4), (count, 3))
+    vertices = places[:, None] + corners @ attitudes
+    scene = ls.Scene()
+    scene.add(ls.TriangleMesh(vertices.reshape(-1, 3), np.arange(3 * count).reshape(-1, 3)))
+    return scene
+
+
+def test_a_canopy_has_as_many_returns_as_its_waveform_has_peaks() -> None:
+    divergence, pulse_length, trees = 4e-3, 5e-9, 100
+    scenes = [canopy(seed) for seed in range(trees)]
+    peaks = np.mean([len(signal.find_peaks(waveform(scene, divergence, pulse_length)[1])[0]) for scene in scenes])
+    assert peaks > 4
+    counts = {}
+    for rays in (7, 19, 37, 61, 91):
+        beam = ls.Beam(divergence, pulse_length=pulse_length, rays=rays)
+        scans = [measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=rays) for scene in scenes]
+        counts[rays] = np.mean([scan.return_count[0] for scan in scans])
+    assert counts[7] < counts[19] < counts[37]
+    assert abs(counts[37] / counts[91] - 1.0) < 0.05
+    for rays in (37, 61, 91):
+        assert abs(counts[rays] / peaks - 1.0) < 0.15
+
+
+def strips(gap: float, order: Sequence[int]) -> ls.Scene:
+    """Upright strips of 0.5 mrad side by side, together as wide as the beam; the n-th at 100 m + `gap`·order[n]."""
+    scene = ls.Scene()
+    for n, step in enumerate(order):
+        x = 100.0 + gap * step
+        left, right = (-2e-3 + 5e-4 * n) * x, (-2e-3 + 5e-4 * (n + 1)) * x
+        scene.add(ls.Polygon([[x, left, -2.0], [x, right, -2.0], [x, right, 2.0], [x, left, 2.0]]))
+    return scene
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3, 4, 5, 6, 7), (0, 4, 1, 5, 2, 6, 3, 7), (3, 7, 2, 6, 1, 5, 0, 4)])
+def test_strips_too_close_to_be_told_apart_give_the_peaks_of_their_waveform(order: tuple[int, ...]) -> None:
+    scene = strips(0.6, order)
+    ranges, light = waveform(scene, 4e-3, 5e-9)
+    # Peaks that rise from their surroundings by more than the waveform is sampled to.
+    peaks = ranges[signal.find_peaks(light, prominence=0.02 * light.max())[0]]
+    assert len(peaks) in {1, 2}
+    for rays in (19, 61, 91):
+        scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=ls.Beam(4e-3, rays=rays), returns=7)
+        assert scan.return_count.tolist() == [len(peaks)], rays
+        assert np.allclose(scan.range[0, : len(peaks)], peaks, rtol=0, atol=0.3), rays
+
+
+@pytest.mark.parametrize("rays", [19, 37, 61, 91])
+def test_strips_that_can_be_told_apart_are_separate_returns(rays: int) -> None:
+    scan = measured(beams([1.0, 0.0, 0.0]), strips(1.5, range(8)), beam=ls.Beam(4e-3, rays=rays), returns=8)
+    assert scan.return_count.tolist() == [8]
+    # A strip is flat: its range changes by 100 m·(2e-3)²/2 over the beam.
+    assert np.allclose(scan.range[0], 100.0 + 1.5 * np.arange(8), rtol=0, atol=2.2e-4)
+
+
+def test_two_surfaces_are_told_apart_from_two_standard_deviations_on() -> None:
+    """Sparrow's criterion; of equal powers, so that the one that is further reflects the more."""
+    sigma = 299_792_458.0 / 2.0 * 5e-9 / math.sqrt(8.0 * math.log(2.0))
+    for distance in (20.0, 2000.0, 1e6):
+        for widths, returns in ((1.0, 1), (1.99, 1), (2.01, 2), (3.0, 2), (100.0, 2), (1e6, 2)):
+            scene = ls.Scene()
+            far = distance + widths * sigma
+            # Half of the sub-rays meet each; that on the axis, none.
+            for x, side, reflectivity in ((distance, 1, 1.0), (far, -1, (far / distance) ** 2)):
+                corners = np.array([[x, 1e-9, -5e4], [x, 1e-9, 5e4], [x, 5e4, 5e4], [x, 5e4, -5e4]]) * [1, side, 1]
+                scene.add(ls.Polygon(corners), material=ls.Material(reflectivity=reflectivity))
+            beam = ls.Beam(1e-6, pulse_length=5e-9, rays=7)
+            scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=beam, returns=2)
+            assert scan.return_count.tolist() == [returns], (distance, widths)
 
 
 def test_echoes_apart_are_separate_returns() -> None:
@@ -483,6 +716,111 @@ def test_a_surface_at_distance_zero() -> None:
         assert scan.range.tolist() == [[0.0]]
 
 
+# Where the beams really ended
+
+
+ROUNDED = 22 * math.sqrt(3.0) * 12.0 * math.sqrt(3.0) * 2.0**-53
+"""Distance by which 22 roundings of each coordinate move a point of the room, which is at most 12·√3 m away."""
+
+
+def room() -> tuple[ls.Scene, list[Callable[[Floats], Floats]]]:
+    """Walls, floor and ceiling about the origin, and spheres in between; and how far points are from each surface."""
+    scene = ls.Scene()
+    away: list[Callable[[Floats], Floats]] = []
+    for normal in (*np.eye(3), *-np.eye(3)):
+        scene.add(ls.Plane(normal, 12.0))
+        away.append(lambda points, normal=normal: points @ normal - 12.0)
+    for center in np.random.default_rng(11).uniform(-9.0, 9.0, (40, 3)):
+        if np.linalg.norm(center) > 4.0:
+            scene.add(ls.Sphere(center, 0.8))
+            away.append(lambda points, center=center: np.linalg.norm(points - center, axis=1) - 0.8)
+    return scene, away
+
+
+def furthest(points: Floats, object_id: npt.NDArray[np.int32], away: list[Callable[[Floats], Floats]]) -> float:
+    """The greatest distance of a point from the surface that it is said to be on."""
+    return max(float(np.abs(distance(points[object_id == i])).max(initial=0.0)) for i, distance in enumerate(away))
+
+
+STRAYING: dict[str, dict[str, Any]] = {
+    "straight": {},
+    "noise": {"range_sigma": 0.5, "range_resolution": 0.1, "dropout": 0.3},
+    "jitter": {"azimuth_sigma": 0.05, "elevation_sigma": 0.02},
+    "beam": {"beam": ls.Beam(0.1, pulse_length=1e-9, rays=19), "returns": 5},
+    "all": {
+        "azimuth_sigma": 0.05, "elevation_sigma": 0.02, "range_sigma": 0.5, "dropout": 0.3,
+        "beam": ls.Beam(0.1, 0.05, pulse_length=1e-9, rays=37), "returns": "dual",
+    },
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("motion", [False, True], ids=["still", "moving"])
+@pytest.mark.parametrize("straying", STRAYING)
+def test_true_points_lie_on_the_surfaces(straying: str, motion: bool) -> None:
+    pattern = ls.patterns.Spinning(
+        np.linspace(-0.5, 0.5, 12), columns=90, firing_times=np.arange(12) * 1e-4, beam_origins=[(0.1, 0.0, 0.2)] * 12
+    )
+    pose = np.eye(4)
+    pose[:3, :3] = Rotation.from_rotvec([0.3, -0.2, 1.1]).as_matrix()
+    pose[:3, 3] = (0.4, -0.3, 0.2)
+    path = ls.Trajectory.from_twist(pose, (3.0, 1.0, 0.0), (0.5, -1.0, 4.0)) if motion else pose
+    scene, away = room()
+    lidar = ls.Lidar(pattern, measurement=ls.Measurement(**STRAYING[straying]))
+    scan = lidar.scan(scene, path, time=0.7, seed=2)
+    cloud = scan.point_cloud("world")
+    world = scan.true_points("world")
+    assert world.shape == cloud.xyz.shape
+    assert len(world) > 700
+    # The core ends its ray on the surface, but for the rounding of t; the point is the end of the same ray, worked out
+    # from the sensor's frame. Each coordinate of it is rounded: in the core 3 times for the direction's turn and 3 for
+    # the origin's place; for the point 3 for its length, 2 for its end, 4 for its place; 4 for the pose's not being
+    # quite a rotation; and 3 for the distance that is looked at.
+    assert len(np.unique(cloud.object_id)) > 20
+    assert furthest(world, cloud.object_id, away) < ROUNDED
+    # In the sensor's frame the way from the beam's origin is the true range.
+    local = scan.true_points()
+    pulse = np.repeat(np.arange(len(scan)), scan.return_count)
+    way = local - scan.pulses.origins[pulse]
+    assert np.allclose(np.linalg.norm(way, axis=1), cloud.true_range, rtol=1e-15, atol=0)
+    astray = np.linalg.norm(np.cross(way, scan.pulses.directions[pulse]), axis=1) / cloud.true_range
+    if straying in {"straight", "noise"}:
+        assert scan.true_direction is None
+        assert astray.max() < 1e-15
+    else:
+        assert astray.mean() > 1e-3
+        assert astray.max() < 0.5
+    # The moving sensor's frames are those of the points, pulse by pulse.
+    times = 0.7 + scan.pulses.time[pulse]
+    poses = path.at(times).as_matrix() if isinstance(path, ls.Trajectory) else np.broadcast_to(pose, (len(pulse), 4, 4))
+    expected = np.einsum("nij,nj->ni", poses[:, :3, :3], local) + poses[:, :3, 3]
+    assert np.allclose(expected, world, rtol=0, atol=ROUNDED)
+
+
+def test_true_points_are_the_points_where_nothing_errs() -> None:
+    scan = ls.Lidar(ls.patterns.Spinning([-0.1, 0.1], columns=64)).scan(room()[0], np.eye(4))
+    for frame in ("sensor", "world"):
+        assert np.allclose(scan.true_points(frame), scan.point_cloud(frame).xyz, rtol=0, atol=8 * 2.0**-49)
+    with pytest.raises(ValueError, match=r"^frame: expected 'sensor' or 'world', got 'start'$"):
+        scan.true_points("start")  # type: ignore[arg-type]
+
+
+def test_true_points_of_directions_that_are_unit_to_float32_only() -> None:
+    directions = np.random.default_rng(1).normal(size=(500, 3))
+    directions = (directions / np.linalg.norm(directions, axis=1)[:, None]).astype(np.float32).astype(float)
+
+    class Rounded:
+        rate = 10.0
+        shape = (1, 500)
+
+        def pulses(self, frame: int = 0) -> ls.patterns.Pulses:
+            return dataclasses.replace(beams(np.eye(3)[:1], count=500).pulses(frame), directions=directions)
+
+    scene, away = room()
+    scan = ls.Lidar(Rounded()).scan(scene)
+    assert np.ptp(np.linalg.norm(scan.pulses.directions, axis=1)) > 1e-8
+    assert furthest(scan.true_points(), scan.point_cloud().object_id, away) < ROUNDED
+
+
 # Draws
 
 
@@ -541,6 +879,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "dropout": {"dropout": 0.3},
     "noise": {"range_sigma": 0.1},
     "bias": {"range_bias": 0.5},
+    "channel bias": {"channel_bias_sigma": 1e-9},
     "quantisation": {"range_resolution": 1e-9},
     "detection": {"detection": ls.Detection(0.1, 1000.0)},
     "extinction": {"extinction": 1e-3},
@@ -583,11 +922,12 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"range_sigma": math.nan}, "range_sigma: expected a finite number >= 0, got nan"),
         ({"range_sigma_slope": -1e-3}, "range_sigma_slope: expected a finite number >= 0, got -0.001"),
         ({"range_bias": math.inf}, "range_bias: expected a finite number, got inf"),
+        ({"channel_bias_sigma": -0.1}, "channel_bias_sigma: expected a finite number >= 0, got -0.1"),
         ({"range_resolution": -0.1}, "range_resolution: expected a finite number >= 0, got -0.1"),
-        ({"azimuth_sigma": -0.1}, "azimuth_sigma: expected a finite number >= 0 <= 1, got -0.1"),
-        ({"elevation_sigma": 2}, "elevation_sigma: expected a finite number >= 0 <= 1, got 2.0"),
-        ({"dropout": 1.5}, "dropout: expected a finite number >= 0 <= 1, got 1.5"),
-        ({"dropout": -0.5}, "dropout: expected a finite number >= 0 <= 1, got -0.5"),
+        ({"azimuth_sigma": -0.1}, "azimuth_sigma: expected a finite number from 0 to 1, got -0.1"),
+        ({"elevation_sigma": 2}, "elevation_sigma: expected a finite number from 0 to 1, got 2.0"),
+        ({"dropout": 1.5}, "dropout: expected a finite number from 0 to 1, got 1.5"),
+        ({"dropout": -0.5}, "dropout: expected a finite number from 0 to 1, got -0.5"),
         ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
         ({"range_sigma": []}, "range_sigma: expected shape (n, 2), got (0,)"),
         ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected at least one row (range, sigma), got none"),
@@ -628,7 +968,7 @@ def test_values_that_cannot_be_are_refused(parameters: dict[str, Any], message: 
     ("parameters", "message"),
     [
         ({"range_sigma": "2 cm"}, "range_sigma: expected a finite number >= 0, got '2 cm'"),
-        ({"dropout": None}, "dropout: expected a finite number >= 0 <= 1, got None"),
+        ({"dropout": None}, "dropout: expected a finite number from 0 to 1, got None"),
         ({"detection": 0.1}, "detection: expected a Detection or None, got 0.1"),
         ({"beam": 0.003}, "beam: expected a Beam or None, got 0.003"),
         ({"returns": 1.5}, "returns: expected an integer >= 1, got 1.5"),
@@ -645,8 +985,8 @@ def test_wrong_types_are_refused(parameters: dict[str, Any], message: str) -> No
     [
         (lambda: ls.Detection(0.0, 10.0), "reflectivity: expected a finite number > 0, got 0.0"),
         (lambda: ls.Detection(0.1, -1.0), "range: expected a finite number > 0, got -1.0"),
-        (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number >= 0 <= 1, got -0.001"),
-        (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number >= 0 <= 1, got inf"),
+        (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number from 0 to 1, got -0.001"),
+        (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number from 0 to 1, got inf"),
         (lambda: ls.Beam(1e-3, pulse_length=0.0), "pulse_length: expected a finite number > 0, got 0.0"),
         (lambda: ls.Beam(1e-3, rays=10), "rays: expected 7, 19, 37, 61 or 91, got 10"),
     ],

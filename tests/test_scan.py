@@ -7,6 +7,7 @@ import dataclasses
 import math
 import os
 import re
+import types
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -162,17 +163,6 @@ def test_summary_counts_and_prints() -> None:
     ]
 
 
-def test_range_image() -> None:
-    scan = lidar(EVERYTHING).scan(room())
-    image = scan.range_image()
-    assert image.shape == (16, 180)
-    assert np.array_equal(image[scan.pulses.ring, scan.pulses.column], scan.range[:, 0], equal_nan=True)
-    assert 500 < np.isfinite(image).sum() < image.size
-    # A pulse that is not fired is nan.
-    few = scan_pulses(lidar(), room(), indices=[5, 900])
-    assert np.isfinite(few.range_image()).sum() == np.isfinite(few.range).sum() <= 2
-
-
 def test_an_empty_scene_is_all_misses() -> None:
     scan = lidar().scan(ls.Scene())
     assert (scan.status == ls.Status.miss).all()
@@ -260,6 +250,139 @@ def test_reflectivities_that_do_not_fit_are_refused(shape: ls.Shape, material: l
         lidar().scan(scene)
 
 
+# Images
+
+
+def around() -> ls.Scene:
+    """A ball ahead to the left, a box ahead to the right, a pole behind and a plate high up ahead."""
+    scene = ls.Scene()
+    scene.add(ls.Sphere((10, 5, 0), 2.0), name="ball", label=1)
+    scene.add(ls.Box((2, 2, 2), center=(10, -5, 0)), name="box", label=2)
+    scene.add(ls.Cylinder((-8, 0, -9), (-8, 0, 9), 0.4), name="pole", label=3)
+    scene.add(ls.Box((1, 20, 1), center=(30, 0, 5)), name="plate", label=4)
+    return scene
+
+
+def middle_of(image: npt.NDArray[Any], label: int) -> tuple[float, float]:
+    """Return the mean row and column of a label, as parts of the image."""
+    rows, columns = np.nonzero(image == label)
+    assert len(rows) > 5
+    return float(rows.mean() / image.shape[0]), float(columns.mean() / image.shape[1])
+
+
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        ("ouster-os1-128", None),
+        ("velodyne-vlp16", None),
+        ("velodyne-hdl32e", None),
+        ("hesai-pandar64", None),
+        ("hesai-qt64", None),
+        ("robosense-rs32", None),
+        ("livox-mid360", (60, 360)),
+        ("ouster-os1-64", (40, 500)),
+    ],
+)
+def test_an_image_is_what_the_sensor_sees(name: str, size: tuple[int, int] | None) -> None:
+    scan = ls.Lidar.preset(name).scan(around())
+    image = scan.image("label", size=size)
+    assert image.shape == (size or (scan.lidar.pattern.shape[0], image.shape[1]))
+    (ball_row, ball), (_, box), (plate_row, plate) = (middle_of(image, label) for label in (1, 2, 4))
+    assert ball < 0.49 < plate < 0.51 < box
+    assert plate_row < ball_row
+    _, behind = np.nonzero(image == 3)
+    assert (np.abs(behind / image.shape[1] - 0.5) > 0.47).all()
+    if size is None:
+        assert np.isfinite(scan.image("time")).sum() == len(scan)  # each pulse has a pixel of its own
+        assert np.array_equal(np.sort(image[image > 0]), np.sort(scan.label[scan.label > 0]))
+
+
+def test_a_field_of_view_is_seen_from_its_left_to_its_right() -> None:
+    for name, size in (
+        ("hesai-at128", None),
+        ("livox-avia", (60, 60)),
+        ("sick-lms111", None),
+        ("hokuyo-utm30lx", None),
+    ):
+        image = ls.Lidar.preset(name).scan(around()).image("label", size=size)
+        assert middle_of(image, 1)[1] < 0.49, name
+        assert middle_of(image, 2)[1] > 0.51, name
+
+
+def test_every_field_has_an_image() -> None:
+    scan = lidar(EVERYTHING).scan(room(), seed=4)
+    row, column = 15 - scan.pulses.ring.astype(int), scan.pulses.column
+    for number in (1, 2):
+        for name in ("range", "true_range", "range_error", "intensity", "object_id", "label", "normal", "incidence"):
+            image, field = scan.image(name, return_number=number), getattr(scan, name)[:, number - 1]
+            assert (image.shape, image.dtype) == ((16, 180, *field.shape[1:]), field.dtype), name
+            assert np.array_equal(image[row, column], field, equal_nan=image.dtype.kind == "f"), name
+    assert 2 < np.isfinite(scan.image(return_number=2)).sum() < np.isfinite(scan.image()).sum() < 16 * 180
+    for name in ("status", "return_count"):
+        assert np.array_equal(scan.image(name)[row, column], getattr(scan, name))
+    for name in ("time", "ring", "column", "directions", "origins"):
+        image = scan.image(name)
+        assert image.dtype == getattr(scan.pulses, name).dtype
+        assert np.array_equal(image[row, column], getattr(scan.pulses, name))
+
+
+def test_pixels_without_a_pulse() -> None:
+    few = scan_pulses(lidar(), room(), indices=[5, 900])
+    empty = np.ones((16, 180), bool)
+    empty[15 - few.pulses.ring.astype(int), few.pulses.column] = False
+    assert empty.sum() == 16 * 180 - 2
+    for name, missing in (
+        ("range", np.nan), ("normal", np.nan), ("label", 0), ("object_id", -1), ("return_count", 0), ("status", 255),
+        ("ring", 65535), ("column", 2**32 - 1),
+    ):  # fmt: skip
+        pixels = few.image(name)[empty]
+        assert np.array_equal(pixels, np.full_like(pixels, missing), equal_nan=name in {"range", "normal"}), name
+
+
+def test_the_nearest_of_a_pixel_shows() -> None:
+    # Azimuths 40, 39 (nearer), 20 and -20 degrees, the last at another elevation, in two rows and three columns.
+    angles = np.radians([[40, 10], [39, 10], [20, 10], [-20, -10]])
+    directions = np.column_stack(
+        [np.cos(angles[:, 1]) * np.cos(angles[:, 0]), np.cos(angles[:, 1]) * np.sin(angles[:, 0]), np.sin(angles[:, 1])]
+    )
+    scene = ls.Scene()
+    for direction, distance in zip(directions, (10.0, 5.0, 7.0, 3.0), strict=True):
+        scene.add(ls.Sphere(direction * distance, 0.05))
+    scan = ls.Lidar(ls.patterns.Table(directions, rate=10.0)).scan(scene)
+    assert scan.image(size=(2, 3)).round(2).tolist()[0][:2] == [4.95, 6.95]
+    assert scan.image("object_id", size=(2, 3)).tolist() == [[1, 2, -1], [-1, -1, 3]]
+    missed = dataclasses.replace(scan, range=np.where(scan.object_id == 1, np.nan, scan.range))
+    assert missed.image("object_id", size=(2, 3)).tolist() == [[0, 2, -1], [-1, -1, 3]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "error", "message"),
+    [
+        ({"field": "smell"}, ValueError, "field: expected one of range, true_range, "),
+        ({"return_number": 2}, ValueError, "return_number: expected an integer from 1 to 1, got 2"),
+        ({"size": 5}, TypeError, "size: expected (rows, columns), got 5"),
+        ({"size": (0, 5)}, ValueError, "size: expected an integer >= 1, got 0"),
+        (
+            {},
+            ValueError,
+            "size: expected (rows, columns) of the image, since the pattern has none of its own, got None",
+        ),
+    ],
+)
+def test_images_that_cannot_be_are_refused(arguments: Any, error: type[Exception], message: str) -> None:
+    scan = ls.Lidar.preset("livox-mid40").scan(ls.Scene())
+    with pytest.raises(error, match=f"^{re.escape(message)}"):
+        scan.image(**arguments)
+
+
+@pytest.mark.parametrize("name", ["leica-als50", "riegl-vq780i", "riegl-vq880g", "livox-avia", "livox-mid360"])
+def test_patterns_without_rows_and_columns_need_a_size(name: str) -> None:
+    scan = ls.Lidar.preset(name).scan(ls.Scene())
+    with pytest.raises(ValueError, match=r"^size: expected \(rows, columns\) of the image"):
+        scan.image()
+    assert scan.image("status", size=(3, 4)).shape == (3, 4)
+
+
 # Points
 
 
@@ -302,10 +425,13 @@ def test_world_points_lie_on_the_surfaces() -> None:
 
 def test_a_still_sensor_has_nothing_to_deskew() -> None:
     scan = lidar().scan(room(), TURNED)
-    raw, deskewed = scan.point_cloud(), scan.point_cloud(deskew=True)
-    assert raw.fields == deskewed.fields
-    for name in raw.fields:
-        assert np.array_equal(getattr(raw, name), getattr(deskewed, name)), name
+    raw = scan.point_cloud()
+    for moment in (True, "start", "middle", "end", 7.0, -7.0):
+        deskewed = scan.point_cloud(deskew=moment)  # type: ignore[arg-type]
+        assert raw.fields == deskewed.fields
+        for name in raw.fields:
+            assert np.array_equal(getattr(raw, name), getattr(deskewed, name)), name
+    assert np.array_equal(scan.poses, np.tile(TURNED.as_matrix(), (len(scan), 1, 1)))
 
 
 def test_poses_may_be_given_in_three_ways() -> None:
@@ -386,6 +512,51 @@ def test_each_pulse_is_fired_from_its_own_pose(trajectory: ls.Trajectory) -> Non
     assert moved.max() > 0.3
 
 
+@pytest.mark.parametrize(
+    ("deskew", "moment"),
+    [(True, 0.0), ("start", 0.0), ("middle", 0.05), ("end", 0.1), (0.03, 0.03), (np.float32(0.125), 0.125), (0, 0.0)],
+)
+@pytest.mark.parametrize(
+    "sensor", [lidar(), dataclasses.replace(lidar(), pattern=ls.patterns.Grid([0.1, -0.1], [0.0], rate=10.0))]
+)
+def test_points_are_put_in_the_frame_of_any_moment(deskew: Any, moment: float, sensor: ls.Lidar) -> None:
+    trajectory = drive()
+    scan = sensor.scan(room(), trajectory, time=2.05)
+    world, deskewed = scan.point_cloud("world"), scan.point_cloud(deskew=deskew)
+    assert len(world) >= 2
+    pose = trajectory.at(2.05 + moment)
+    # Roundings as above, of another product of matrices.
+    bound = 2 * rounding(world)
+    assert (np.linalg.norm(pose.apply(deskewed.xyz) - world.xyz, axis=1) < bound).all()
+    assert np.allclose(pose.rotation.apply(deskewed.normal), world.normal, atol=1e-6)
+    again = scan.point_cloud("world", deskew=deskew)
+    assert np.array_equal(again.xyz, world.xyz)
+
+
+@pytest.mark.parametrize(
+    ("deskew", "error", "message"),
+    [
+        ("mid", ValueError, "True, False, 'start', 'middle', 'end' or seconds from the start of the scan, got 'mid'"),
+        (None, TypeError, "True, False, 'start', 'middle', 'end' or seconds from the start of the scan, got None"),
+        (math.nan, ValueError, "a finite number, got nan"),
+        (-0.1, ValueError, "a moment within the trajectory, 2.0 to 2.2 s, got -0.1, at 1.9 s"),
+        (0.25, ValueError, "a moment within the trajectory, 2.0 to 2.2 s, got 0.25, at 2.25 s"),
+    ],
+)
+def test_moments_that_cannot_be_are_refused(deskew: Any, error: type[Exception], message: str) -> None:
+    scan = lidar().scan(room(), drive(), time=2.0)
+    with pytest.raises(error, match=f"^deskew: expected {re.escape(message)}$"):
+        scan.point_cloud(deskew=deskew)
+
+
+def test_each_pulse_has_its_pose() -> None:
+    scan = lidar().scan(room(), drive(), time=2.0)
+    assert scan.poses.shape == (len(scan), 4, 4)
+    # SciPy makes rotations orthonormal anew, to within some 2⁻⁵³.
+    assert np.allclose(scan.poses, drive().at(2.0 + scan.pulses.time).as_matrix(), rtol=0, atol=1e-15)
+    assert (scan.poses[0] != scan.poses[-1]).any()
+
+
 def test_a_trajectory_of_one_pose_is_that_pose() -> None:
     still = lidar().scan(room(), TURNED)
     for trajectory in (
@@ -406,6 +577,83 @@ def test_a_trajectory_must_cover_all_pulses() -> None:
     message = "pose: expected a trajectory over all pulses, got one from 0 to 0.025 s and pulse 0 at -0.5 s"
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         sensor.scan(room(), short, time=-0.5)
+
+
+def straight(end: float, *, until: float | None = None) -> ls.Trajectory:
+    """10 m/s ahead and 1 rad/s to the left from 0 to `end` s; known `until` a later time, at that very velocity."""
+    times = [0.0, end] if until is None else [0.0, end, until]
+    poses = [RigidTransform.from_components([10.0 * time, 0.0, 0.0], turn(time)) for time in times]
+    return ls.Trajectory(times, RigidTransform.concatenate(poses))
+
+
+@pytest.mark.parametrize("name", ["velodyne-vlp16", "velodyne-hdl64e-s3", "robosense-rs32"])
+def test_a_trajectory_to_the_end_of_the_frame_is_enough(name: str) -> None:
+    sensor = ls.Lidar.preset(name)
+    period = 1 / sensor.pattern.rate
+    overrun = 0
+    for frame in range(5):
+        start, end = frame / sensor.pattern.rate, (frame + 1) / sensor.pattern.rate
+        held = sensor.scan(room(), straight(end), time=start, frame=frame)
+        late = start + held.pulses.time > end
+        overrun += late.sum()
+        # Within its span the poses are those that they were; after it, those of a trajectory that goes on so.
+        known = sensor.scan(room(), straight(end, until=end + period), time=start, frame=frame)
+        for field in ("range", "object_id", "intensity", "incidence"):
+            assert np.array_equal(getattr(held, field)[~late], getattr(known, field)[~late], equal_nan=True)
+        assert np.allclose(held.poses[late], known.poses[late], rtol=0, atol=1e-14)
+        assert np.array_equal(np.isfinite(held.range), np.isfinite(known.range))
+        assert len(held.point_cloud(deskew="end")) == len(known.point_cloud())
+        part = scan_pulses(sensor, room(), straight(end), time=start, frame=frame, indices=np.flatnonzero(late))
+        assert_same(part, held, late)
+        # It is held for the pulses after the end of the frame alone.
+        short = np.nextafter(start + held.pulses.time[held.pulses.time < period].max(), 0.0)
+        with pytest.raises(ValueError, match=r"^pose: expected a trajectory over all pulses, got one from 0 to "):
+            sensor.scan(room(), straight(short), time=start, frame=frame)
+    assert overrun > 5
+
+
+@pytest.mark.parametrize("mount", [None, TURNED], ids=["spline", "mounted"])
+def test_a_spline_is_held_at_the_velocities_of_its_end(mount: RigidTransform | None) -> None:
+    sensor, scene = ls.Lidar.preset("velodyne-hdl64e-s3"), room()
+    end = 1 / sensor.pattern.rate
+    times = np.linspace(0.0, end, 5)
+    # It brakes, and turns about an axis that turns itself.
+    poses = [
+        RigidTransform.from_components([9 * t - 20 * t * t, t, 0.0], turn(2 * t) * Rotation.from_euler("x", 9 * t * t))
+        for t in times
+    ]
+    body = ls.Trajectory(times, RigidTransform.concatenate(poses), interpolation="spline")
+    mounted = RigidTransform.identity() if mount is None else mount
+    scan = sensor.scan(scene, body if mount is None else body @ mount)
+    late = scan.pulses.time > end
+    assert late.sum() >= 20
+    linear, angular = body.velocity(end)
+    assert np.linalg.norm(linear) > 3
+    assert np.linalg.norm(angular) > 2
+    after = scan.pulses.time[late] - end
+    last = body.at(end)
+    at = RigidTransform.from_components(
+        last.translation + after[:, None] * linear, last.rotation * Rotation.from_rotvec(after[:, None] * angular)
+    )
+    at = at * mounted
+    assert np.abs(scan.poses[late] - at.as_matrix()).max() < 1e-14
+    hits = scene.cast(at.apply(scan.pulses.origins[late]), at.rotation.apply(scan.pulses.directions[late]))
+    assert hits.hit.sum() >= 10
+    assert np.array_equal(scan.object_id[late, 0], hits.object_id)
+    reached, rays = scan.true_range[late, 0][hits.hit], hits.t[hits.hit]
+    # The poses are off by 1e-14, in position and direction, and so are the ranges, over the cosine of the incidence.
+    assert (np.abs(reached - rays) < 1e-14 * (rays + 10) / np.cos(scan.incidence[late, 0][hits.hit])).all()
+
+
+def test_a_trajectory_is_not_held_for_another_cycle() -> None:
+    """A pattern of a user's own that fires a whole column after the end of its frame."""
+    pattern = Given(np.tile([1.0, 0.0, 0.0], (3, 1)), np.zeros((3, 3)), np.array([0.0, 0.09, 0.11]))
+    with pytest.raises(ValueError, match=r"got one from 0 to 0.1 s and pulse 2 at 0.11 s$"):
+        ls.Lidar(pattern).scan(room(), straight(0.1))
+    assert len(ls.Lidar(pattern).scan(room(), straight(0.11))) == 3
+    one = ls.Trajectory([0.0], [TURNED.as_matrix()])
+    with pytest.raises(ValueError, match=r"got one from 0 to 0 s and pulse 1 at 0.09 s$"):
+        ls.Lidar(pattern).scan(room(), one)
 
 
 # The same bits
@@ -498,11 +746,11 @@ def test_a_forked_child_scans() -> None:
 @pytest.mark.parametrize(
     ("keywords", "error", "message"),
     [
-        ({"seed": -1}, ValueError, "seed: expected an integer >= 0 <= 18446744073709551615, got -1"),
-        ({"seed": 2**64}, ValueError, f"seed: expected an integer >= 0 <= {2**64 - 1}, got {2**64}"),
-        ({"seed": 1.5}, TypeError, "seed: expected an integer >= 0 <= 18446744073709551615, got 1.5"),
-        ({"frame": -1}, ValueError, "frame: expected an integer >= 0 <= 4294967295, got -1"),
-        ({"frame": 2**32}, ValueError, "frame: expected an integer >= 0 <= 4294967295, got 4294967296"),
+        ({"seed": -1}, ValueError, "seed: expected an integer from 0 to 18446744073709551615, got -1"),
+        ({"seed": 2**64}, ValueError, f"seed: expected an integer from 0 to {2**64 - 1}, got {2**64}"),
+        ({"seed": 1.5}, TypeError, "seed: expected an integer from 0 to 18446744073709551615, got 1.5"),
+        ({"frame": -1}, ValueError, "frame: expected an integer from 0 to 4294967295, got -1"),
+        ({"frame": 2**32}, ValueError, "frame: expected an integer from 0 to 4294967295, got 4294967296"),
         ({"time": math.nan}, ValueError, "time: expected a finite number, got nan"),
         ({"pose": np.eye(3)}, ValueError, "pose: expected shape (4, 4), got (3, 3)"),
         ({"scene": "street"}, TypeError, "scene: expected a Scene, got 'street'"),
@@ -572,7 +820,7 @@ class Given:
         ),
         (
             {"time": [0.0, 0.0]},
-            "pulses: expected directions, origins and time of equal length, got 3, 3 and 2",
+            "time: expected shape (3,), got (2,)",
         ),
         (
             {"time": [0.0, math.nan, 0.0]},
@@ -597,6 +845,84 @@ def test_pulses_that_cannot_be_fired_are_refused(
     parts.update({name: np.array(values, dtype=float) for name, values in wrong.items()})
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         ls.Lidar(Given(**parts), measurement=measurement).scan(room())
+
+
+class Raw:
+    """A pattern that knows nothing of lidarsim: what its pulses are like is up to the test."""
+
+    rate = 10
+    shape = (1, 3)
+
+    def __init__(self, **arrays: Any) -> None:
+        self.arrays = {
+            "directions": [[1, 0, 0], [0.8, 0.6, 0], [0.6, 0.8, 0]],
+            "origins": [[0, 0, 0]] * 3,
+            "time": [0, 1e-3, 2e-3],
+            "ring": [0, 0, 0],
+            "column": [0, 1, 2],
+            **arrays,
+        }
+
+    def pulses(self, frame: int = 0) -> Any:
+        del frame
+        return types.SimpleNamespace(**self.arrays)
+
+
+@pytest.mark.parametrize(
+    "arrays",
+    [
+        {},
+        {"directions": np.float32([[1, 0, 0], [0.8, 0.6, 0], [0.6, 0.8, 0]])},
+        {"directions": np.asfortranarray([[1, 0, 0], [0.8, 0.6, 0], [0.6, 0.8, 0]])},
+        {"time": np.array([0, 0, 0]), "ring": np.zeros(3), "column": np.arange(6, dtype=np.uint32)[::2]},
+    ],
+    ids=["lists", "float32", "Fortran", "other types"],
+)
+def test_pulses_of_any_kind_are_converted(arrays: dict[str, Any]) -> None:
+    scan = ls.Lidar(Raw(**arrays)).scan(room())
+    given = Given(np.array([[1, 0, 0], [0.8, 0.6, 0], [0.6, 0.8, 0]]), np.zeros((3, 3)), np.zeros(3))
+    # Directions in float32 are off by 2⁻²⁴, which a grazing wall makes at most ten times as much of.
+    assert np.allclose(scan.range, ls.Lidar(given).scan(room()).range, rtol=1e-6, atol=0)
+    assert np.isfinite(scan.range).all()
+    assert len(scan.point_cloud()) == np.isfinite(scan.image()).sum() == 3
+    assert [getattr(scan.pulses, name).dtype.name for name in ("directions", "ring", "column")] == [
+        "float64", "uint16", "uint32",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arrays", "error", "message"),
+    [
+        ({"directions": [1, 0, 0]}, ValueError, "directions: expected shape (n, 3), got (3,)"),
+        ({"directions": [["x"] * 3]}, TypeError, "directions: expected real numbers of shape (n, 3), got dtype <U1"),
+        ({"origins": [0, 0, 0]}, ValueError, "origins: expected shape (3, 3), got (3,)"),
+        ({"time": 0.0}, ValueError, "time: expected shape (3,), got ()"),
+        ({"ring": np.zeros(2, np.uint16)}, ValueError, "ring: expected shape (3,), got (2,)"),
+        ({"ring": [0, -1, 0]}, ValueError, "ring: expected integers from 0 to 65535, got ring[1] = -1"),
+        ({"ring": [0, [0], 0]}, ValueError, "ring: expected numbers of shape (3,), got a ragged sequence"),
+        ({"ring": [0, 0, 0.5]}, ValueError, "ring: expected integers from 0 to 65535, got ring[2] = 0.5"),
+        (
+            {"column": [0, 2**32, 0]},
+            ValueError,
+            "column: expected integers from 0 to 4294967295, got column[1] = 4.29497e+09",
+        ),
+    ],
+)
+def test_pulses_that_are_none_are_refused_by_name(arrays: Any, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=f"^{re.escape(message)}$"):
+        ls.Lidar(Raw(**arrays)).scan(room())
+
+
+def test_a_pattern_must_give_pulses() -> None:
+    class Wrong(Raw):
+        def pulses(self, frame: int = 0) -> Any:
+            return np.zeros((frame + 3, 3))
+
+    message = (
+        "pattern.pulses: expected Pulses, with directions, origins, time, ring, column, got ndarray without directions"
+    )
+    with pytest.raises(TypeError, match=f"^{re.escape(message)}$"):
+        ls.Lidar(Wrong()).scan(room())
 
 
 def test_directions_kept_in_float32_will_do() -> None:

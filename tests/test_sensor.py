@@ -22,6 +22,28 @@ def test_defaults_limit_and_add_nothing() -> None:
     assert (lidar.min_range, lidar.max_range, lidar.name, lidar.measurement) == (0.0, math.inf, "", ls.Measurement())
 
 
+def test_range_offset_is_a_number_or_one_a_ring() -> None:
+    assert ls.Lidar(PATTERN, range_offset=1).range_offset == 1.0
+    each = ls.Lidar(PATTERN, range_offset=np.array([0.012, 0.028]))
+    assert each.range_offset == (0.012, 0.028)
+    assert each == ls.Lidar(PATTERN, range_offset=[0.012, 0.028])
+
+
+def test_rings_without_an_offset_are_named() -> None:
+    class MoreRings:
+        rate = 5.0
+        shape = (2, 8)
+
+        def pulses(self, frame: int = 0) -> ls.patterns.Pulses:
+            pulses = PATTERN.pulses(frame)
+            return dataclasses.replace(pulses, ring=pulses.ring + np.uint16(1))
+
+    lidar = ls.Lidar(MoreRings(), range_offset=(0.1, 0.2))
+    message = "range_offset: expected an offset for each ring of the pulses, got 2 of them and pulses.ring[1] = 2"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        lidar.scan(ls.Scene())
+
+
 def test_lidar_is_frozen_and_varied_by_replace() -> None:
     lidar = ls.Lidar(PATTERN, max_range=50.0, name="front")
     with pytest.raises(dataclasses.FrozenInstanceError):
@@ -51,6 +73,11 @@ def test_own_pattern_needs_no_base_class() -> None:
         ({"min_range": 2.0, "max_range": 1.0}, "max_range: expected a real number >= 2, got 1.0"),
         ({"max_range": math.nan}, "max_range: expected a real number >= 0, got nan"),
         ({"name": 3}, "name: expected a string, got 3"),
+        ({"range_offset": math.inf}, "range_offset: expected a finite number, got inf"),
+        ({"range_offset": "12 mm"}, "range_offset: expected a finite number, got '12 mm'"),
+        ({"range_offset": [0.1]}, "range_offset: expected one number or one a ring, 2 of them, got 1"),
+        ({"range_offset": [[0.1], [0.2]]}, "range_offset: expected shape (rings,), got (2, 1)"),
+        ({"range_offset": (0.1, math.nan)}, "range_offset: expected finite numbers, got range_offset[1] = nan"),
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:
@@ -113,8 +140,9 @@ def test_own_yaml_is_a_sensor(tmp_path: Path) -> None:
         (
             b"{}",
             (
-                "expected a file of one of these kinds: Hesai angle correction CSV, Hesai firetime correction CSV, "
-                "Livox scan pattern CSV, Ouster metadata JSON, Velodyne calibration YAML, lidarsim YAML"
+                "expected a file of one of these kinds: Hesai angle correction CSV, Hesai angle correction DAT, "
+                "Hesai firetime correction CSV, Livox scan pattern CSV, Ouster metadata JSON, RoboSense angle CSV, "
+                "Velodyne calibration YAML, lidarsim YAML"
             ),
         ),
     ],

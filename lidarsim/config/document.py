@@ -16,6 +16,7 @@ from typing import Any, TypeVar
 
 import yaml
 
+from lidarsim._validation import DEGREES
 from lidarsim.errors import ConfigError, LidarsimError
 
 Node = yaml.Node
@@ -224,7 +225,7 @@ class Place:
         except ConfigError:
             raise
         except (LidarsimError, OSError, TypeError, ValueError) as error:
-            argument, _, problem = str(error).partition(": ")
+            argument, _, problem = str(error).removesuffix(DEGREES).partition(": ")
             if keys and argument in keys:
                 key, addition = keys[argument]
                 raise (self / key).error(problem + (addition if re.search(r"\d", problem) else "")) from error

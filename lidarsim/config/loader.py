@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import pydantic
 import yaml
 
-from lidarsim.config import recognise
+from lidarsim.config import recognise, schema
 from lidarsim.config.document import Node, Place, entries, merge, override, plain, read, replace, without
 from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose, build_rig
 from lidarsim.errors import ConfigError
@@ -154,7 +154,7 @@ def load(path: Path, overrides: Sequence[str]) -> Run:
         pose=build_pose(config.pose, place / "pose"),
         seed=config.seed,
         frames=range(config.first_frame, config.first_frame + config.frames),
-        cloud=config.cloud.model_dump(),
+        cloud=config.cloud.build(place / "cloud"),
     )
 
 
@@ -194,7 +194,7 @@ def _include(root: Node) -> Node:
 def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
     """Return the sensor `node` with its preset or file, mode and noise merged in; a vendor's file stays a ``file``."""
     if not isinstance(node, yaml.MappingNode):
-        return node
+        raise place.error(f"expected a mapping with preset, file or pattern, got {_describe(plain(node))}")
     preset, file, mode, noise = (_text(node, key, place) for key in ("preset", "file", "mode", "noise"))
     if preset is not None and file is not None:
         raise (place / "file").error("expected a preset or a file, got both")
@@ -245,7 +245,8 @@ def _text(node: Node, key: str, place: Place) -> str | None:
         return None
     value = plain(entries(node)[key][1])
     if not isinstance(value, str):
-        raise (place / key).error(f"expected text, got {_describe(value)}")
+        expected = {"mode": "the name of a mode", "noise": "none or datasheet"}.get(key, "text")
+        raise (place / key).error(f"expected {expected}, got {_describe(value)}")
     return value
 
 
@@ -271,7 +272,7 @@ _EXPECTED = {
     "list_type": "a list",
     "literal_error": "{expected}",
     "model_attributes_type": "a mapping",
-    "model_type": "a mapping",
+    "model_type": "a mapping with keys {keys}",
     "string_type": "text",
     "too_long": "at most {max_length} items",
     "too_short": "at least {min_length} items",
@@ -291,7 +292,8 @@ def _problem(place: Place, error: Any) -> tuple[Place, str]:
         key = context["discriminator"].strip("'")
         return place / key, f"expected one of {context['expected_tags']}, got {_describe(got[key])}"
     if kind in _EXPECTED:
-        return place, f"expected {_EXPECTED[kind].format(**context)}, got {_describe(got)}"
+        keys = ", ".join(getattr(schema, context["class_name"]).model_fields) if kind == "model_type" else ""
+        return place, f"expected {_EXPECTED[kind].format(keys=keys, **context)}, got {_describe(got)}"
     return place, error["msg"]
 
 

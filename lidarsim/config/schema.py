@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
@@ -601,6 +601,7 @@ class Effects(Model):
     range_sigma_m: SigmaTable = 0.0
     range_sigma_slope: float = 0.0
     range_bias_m: float = 0.0
+    channel_bias_sigma_m: float = 0.0
     range_resolution_m: float = 0.0
     azimuth_sigma_deg: float = 0.0
     elevation_sigma_deg: float = 0.0
@@ -626,6 +627,10 @@ class _Limits(Model):
     measurement: Effects = Effects()
     min_range_m: float = 0.0
     max_range_m: float = float("inf")
+    range_offset_m: Numbers = 0.0
+
+
+_LIMITS = _Limits.model_fields.keys() - {"measurement"}
 
 
 class Sensor(_Limits):
@@ -644,7 +649,7 @@ class Sensor(_Limits):
             "pattern": self.pattern.build(place / "pattern"),
             "measurement": self.measurement.build(place / "measurement", Measurement()),
         }
-        return construct(Lidar, self, ["name", "min_range_m", "max_range_m"], place, **parts)
+        return construct(Lidar, self, _LIMITS, place, **parts)
 
 
 class VendorSensor(_Limits):
@@ -668,7 +673,7 @@ class VendorSensor(_Limits):
         lidar = construct(Lidar.from_file, self, ["mode", "model", "rate_hz", "pulse_rate_khz"], place, **files)
         measurement = self.measurement.build(place / "measurement", lidar.measurement)
         differ = partial(dataclasses.replace, lidar)
-        return construct(differ, self, ["name", "min_range_m", "max_range_m"], place, measurement=measurement)
+        return construct(differ, self, _LIMITS, place, measurement=measurement)
 
 
 # Runs
@@ -702,7 +707,24 @@ class Cloud(Model):
     """How points are given."""
 
     frame: Literal["sensor", "world"] = "sensor"
-    deskew: bool = False
+    deskew: bool | Literal["start", "middle", "end"] = False
+    deskew_s: float | None = None
+
+    @field_validator("deskew", mode="before")
+    @classmethod
+    def _name(cls, value: object) -> object:
+        if not isinstance(value, bool) and value not in ("start", "middle", "end"):
+            expected = "expected true, false, start, middle, end, or seconds as deskew_s, got {got}"
+            raise PydanticCustomError("deskew", expected, {"got": repr(value)})
+        return value
+
+    def build(self, place: Place) -> dict[str, Any]:
+        """Return the arguments of `Scan.point_cloud`."""
+        if self.deskew_s is None:
+            return {"frame": self.frame, "deskew": self.deskew}
+        if "deskew" in self.model_fields_set:
+            raise (place / "deskew_s").error("expected either deskew or deskew_s, got both")
+        return {"frame": self.frame, "deskew": self.deskew_s}
 
 
 class Config(Model):

@@ -2,31 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from dataclasses import dataclass, fields
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
+
+from lidarsim._validation import array, integer, real
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pulses:
     """The pulses of one frame, in the sensor frame (x forward, y left, z up) and in firing order.
 
-    The arrays are read-only: a pattern whose frames are all alike gives the same ones for each.
+    Anything that NumPy makes such an array of is converted. The arrays are read-only: a pattern whose frames are all
+    alike gives the same ones for each. Arrays that already are of the right kind are shared, not copied; the caller's
+    own stay writable.
 
-    Attributes
+    Parameters
     ----------
-    directions : ndarray of float64, shape (n, 3)
+    directions : array_like, shape (n, 3)
         Unit direction of each beam.
-    origins : ndarray of float64, shape (n, 3)
+    origins : array_like, shape (n, 3)
         Where each beam leaves the sensor, m.
-    time : ndarray of float64, shape (n,)
+    time : array_like, shape (n,)
         Firing time since the start of the frame, s.
-    ring : ndarray of uint16, shape (n,)
-        Channel that fired.
-    column : ndarray of uint32, shape (n,)
-        Column (firing cycle) of the frame.
+    ring : array_like of int, shape (n,)
+        Channel that fired, kept as uint16.
+    column : array_like of int, shape (n,)
+        Column (firing cycle) of the frame, kept as uint32.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not hold numbers, has the wrong shape, or is a ring or column that is no such integer.
+        Whether directions are of unit length and all is finite is checked when the pulses are fired.
+
+    Examples
+    --------
+    >>> from lidarsim.patterns import Pulses
+    >>> pulses = Pulses([[1, 0, 0], [0, 1, 0]], [[0, 0, 0]] * 2, time=[0, 1e-5], ring=[0, 0], column=[0, 1])
+    >>> pulses.ring.dtype, len(pulses)
+    (dtype('uint16'), 2)
     """
 
     directions: npt.NDArray[np.float64]
@@ -36,12 +53,36 @@ class Pulses:
     column: npt.NDArray[np.uint32]
 
     def __post_init__(self) -> None:
-        """Check the arguments."""
-        for values in (self.directions, self.origins, self.time, self.ring, self.column):
-            values.setflags(write=False)
+        """Check and convert the arguments."""
+        directions = array("directions", self.directions, ("n", 3), finite=False)
+        count = len(directions)
+        converted = {
+            "directions": directions,
+            "origins": array("origins", self.origins, (count, 3), finite=False),
+            "time": array("time", self.time, (count,), finite=False),
+            "ring": _numbered("ring", self.ring, count, np.uint16),
+            "column": _numbered("column", self.column, count, np.uint32),
+        }
+        for name, values in converted.items():
+            shared = values.view()
+            shared.setflags(write=False)
+            object.__setattr__(self, name, shared)
 
     def __len__(self) -> int:
         return len(self.directions)
+
+
+def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
+    """Return `value` as a C-contiguous array of `count` integers that fit `dtype`."""
+    if isinstance(value, np.ndarray) and value.dtype == dtype and value.shape == (count,):
+        return np.ascontiguousarray(value)
+    given = array(name, value, (count,), finite=False)
+    most = np.iinfo(dtype).max
+    wrong = ~((given >= 0) & (given <= most) & (given == np.floor(given)))
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(f"{name}: expected integers from 0 to {most}, got {name}[{i}] = {given[i]:g}")
+    return given.astype(dtype)
 
 
 @runtime_checkable
@@ -53,7 +94,7 @@ class Pattern(Protocol):
     rate : float
         Frames per second, Hz. Frame k starts k/rate after frame 0.
     shape : tuple of int
-        Rings and columns of a frame, the shape of its range image.
+        Rings and columns of a frame.
     """
 
     @property
@@ -80,3 +121,58 @@ class Pattern(Protocol):
             In firing order.
         """
         ...
+
+
+def check_pattern(pattern: object) -> None:
+    """Check that something is a scan pattern; what its frames hold is checked when they are fired.
+
+    Parameters
+    ----------
+    pattern : object
+        Anything that has `rate`, `shape` and `pulses`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it lacks one of them, its rate is not a number > 0, or its shape not two integers >= 0.
+    """
+    if not isinstance(pattern, Pattern) or isinstance(pattern, type):
+        raise TypeError(f"pattern: expected a scan pattern (rate, shape, pulses), got {pattern!r}")
+    real("pattern.rate", pattern.rate, above=0.0)
+    shape = pattern.shape
+    if not isinstance(shape, tuple | list) or len(shape) != 2:
+        raise TypeError(f"pattern.shape: expected (rings, columns), got {shape!r}")
+    for count in shape:
+        integer("pattern.shape", count, at_least=0)
+
+
+def pulses_of(pattern: Pattern, frame: int) -> Pulses:
+    """Return the pulses of a frame of any pattern.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Its `pulses` may return anything that has the attributes of `Pulses`.
+    frame : int
+        Number of the frame.
+
+    Returns
+    -------
+    Pulses
+        What the pattern returns, checked and converted.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the pattern returns something else, or arrays that are not such pulses.
+    """
+    given: Any = pattern.pulses(frame)
+    if isinstance(given, Pulses):
+        return given
+    names = [field.name for field in fields(Pulses)]
+    missing = [name for name in names if not hasattr(given, name)]
+    if missing:
+        raise TypeError(
+            f"pattern.pulses: expected Pulses, with {', '.join(names)}, got {type(given).__name__} without {missing[0]}"
+        )
+    return Pulses(*(getattr(given, name) for name in names))

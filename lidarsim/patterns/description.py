@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarsim.patterns._pulses import Pattern
+from lidarsim.patterns._pulses import Pattern, pulses_of
 
 FRAMES = 10
 """Frames over which rates are averaged: those of a sensor whose cycles do not fit into its frames differ."""
@@ -76,8 +76,8 @@ def describe(pattern: Pattern) -> Description:
     >>> describe(Spinning([0.0, 0.1], columns=500, rate=20.0)).pulses_per_second
     20000.0
     """
-    first, second = pattern.pulses(0), pattern.pulses(1)
-    count = len(first) + len(second) + sum(len(pattern.pulses(frame)) for frame in range(2, FRAMES))
+    first, second = pulses_of(pattern, 0), pulses_of(pattern, 1)
+    count = len(first) + len(second) + sum(len(pulses_of(pattern, frame)) for frame in range(2, FRAMES))
     x, y, z = first.directions.T
     azimuth, elevation = np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))
 

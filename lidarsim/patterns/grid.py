@@ -8,8 +8,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, integer, real
-from lidarsim.patterns._parts import directions_of, frozen, rings
+from lidarsim._validation import Floats, angles, array, integer, real
+from lidarsim.patterns._parts import TURN, directions_of, frozen, rings
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -54,8 +54,9 @@ class Grid:
         self, azimuths: npt.ArrayLike, elevations: npt.ArrayLike, *, rate: float, column_period: float = 0.0
     ) -> None:
         set_ = object.__setattr__
-        set_(self, "azimuths", frozen(array("azimuths", azimuths, ("columns",))))
-        set_(self, "elevations", frozen(array("elevations", elevations, ("rings",))))
+        set_(self, "azimuths", frozen(angles("azimuths", array("azimuths", azimuths, ("columns",)), at_most=TURN)))
+        tilts = array("elevations", elevations, ("rings",))
+        set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
         rings("elevations", len(self.elevations), at_least=0)
         set_(self, "rate", real("rate", rate, above=0.0))
         longest = 1.0 / self.rate / max(len(self.azimuths), 1)

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from lidarsim._validation import Floats, real
+from lidarsim._validation import Floats, angle, real
 from lidarsim.patterns._parts import TURN, Ticks, directions_of, fired_together
 from lidarsim.patterns._pulses import Pulses
 
@@ -59,7 +59,7 @@ class OscillatingMirror:
     def __post_init__(self) -> None:
         """Check the arguments."""
         set_ = object.__setattr__
-        set_(self, "field_of_view", real("field_of_view", self.field_of_view, above=0.0, at_most=TURN))
+        set_(self, "field_of_view", angle("field_of_view", self.field_of_view, above=0.0, at_most=TURN))
         set_(self, "scan_rate", real("scan_rate", self.scan_rate, above=0.0))
         set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
         set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))

@@ -8,7 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from lidarsim._validation import real
+from lidarsim._validation import angle, real
 from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined
 from lidarsim.patterns._pulses import Pulses
 
@@ -53,7 +53,7 @@ class Palmer:
     def __post_init__(self) -> None:
         """Check the arguments."""
         set_ = object.__setattr__
-        set_(self, "half_angle", real("half_angle", self.half_angle, above=0.0, at_most=TURN / 2))
+        set_(self, "half_angle", angle("half_angle", self.half_angle, above=0.0, at_most=TURN / 2))
         set_(self, "scan_rate", real("scan_rate", self.scan_rate, above=0.0))
         set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
         set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))

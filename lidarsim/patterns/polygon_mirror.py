@@ -9,8 +9,9 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, real
+from lidarsim._validation import Floats, angle, angles, array, real
 from lidarsim.patterns._parts import (
+    TURN,
     Ticks,
     fired_in_cycles,
     firing_times_within,
@@ -92,14 +93,16 @@ class PolygonMirror:
         firing_times: npt.ArrayLike = 0.0,
     ) -> None:
         set_ = object.__setattr__
-        set_(self, "elevations", frozen(array("elevations", np.atleast_1d(elevations), ("channels",))))
+        tilts = array("elevations", np.atleast_1d(elevations), ("channels",))
+        set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
         channels = rings("elevations", len(self.elevations))
-        set_(self, "sweep", real("sweep", sweep, above=0.0))
-        set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=self.sweep))
+        set_(self, "sweep", angle("sweep", sweep, above=0.0, at_most=2.0 * TURN))
+        set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=min(self.sweep, TURN)))
         set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
         set_(self, "line_rate", real("line_rate", line_rate, above=0.0, at_most=self.pulse_rate))
         set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
-        set_(self, "azimuth_offsets", per_channel("azimuth_offsets", azimuth_offsets, channels))
+        offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
+        set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
         set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
 
     @property

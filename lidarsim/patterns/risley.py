@@ -10,7 +10,7 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, nonzero_vectors, real
+from lidarsim._validation import Floats, angle, array, nonzero_vectors, real
 from lidarsim.patterns._parts import TURN, Ticks, fired_together, frozen, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
@@ -34,7 +34,7 @@ class Prism:
     Raises
     ------
     TypeError, ValueError
-        If an argument is not a finite number, or a tilt is not between -pi/2 and pi/2.
+        If an argument is not a finite number, a tilt not between -pi/2 and pi/2, or the phase more than a turn.
     """
 
     rotation_rate: float
@@ -45,10 +45,9 @@ class Prism:
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        for name in ("rotation_rate", "phase"):
-            object.__setattr__(self, name, real(name, getattr(self, name)))
-        for name in ("entry_tilt", "exit_tilt"):
-            object.__setattr__(self, name, real(name, getattr(self, name), at_least=-TURN / 4, at_most=TURN / 4))
+        object.__setattr__(self, "rotation_rate", real("rotation_rate", self.rotation_rate))
+        for name, most in (("phase", TURN), ("entry_tilt", TURN / 4), ("exit_tilt", TURN / 4)):
+            object.__setattr__(self, name, angle(name, getattr(self, name), at_least=-most, at_most=most))
 
 
 @dataclass(frozen=True, eq=False, init=False)

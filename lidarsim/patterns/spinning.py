@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, real
+from lidarsim._validation import Floats, angle, angles, array, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
@@ -105,9 +105,11 @@ class Spinning:
         start_azimuth: float | None = None,
     ) -> None:
         set_ = object.__setattr__
-        set_(self, "elevations", frozen(array("elevations", elevations, ("channels",))))
+        tilts = array("elevations", elevations, ("channels",))
+        set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
         channels = rings("elevations", len(self.elevations))
-        set_(self, "azimuth_offsets", per_channel("azimuth_offsets", azimuth_offsets, channels))
+        offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
+        set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
         set_(self, "rate", real("rate", rate, above=0.0))
         if columns is not None and column_period is not None:
             raise ValueError(f"columns, column_period: expected one of them, got {columns!r} and {column_period!r}")
@@ -124,10 +126,10 @@ class Spinning:
         if not isinstance(clockwise, bool | np.bool_):
             raise TypeError(f"clockwise: expected True or False, got {clockwise!r}")
         set_(self, "clockwise", bool(clockwise))
-        set_(self, "field_of_view", real("field_of_view", field_of_view, above=0.0, at_most=TURN))
+        set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=TURN))
         if start_azimuth is None:
             start_azimuth = (0.5 if self.clockwise else -0.5) * self.field_of_view
-        set_(self, "start_azimuth", real("start_azimuth", start_azimuth))
+        set_(self, "start_azimuth", angle("start_azimuth", start_azimuth, at_least=-TURN, at_most=TURN))
 
     @property
     def columns_per_turn(self) -> float:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, integer, nonzero_vectors, real
+from lidarsim._validation import Floats, angles, array, integer, nonzero_vectors, real
 from lidarsim.errors import FileFormatError
-from lidarsim.patterns._parts import directions_of, frozen, per_channel, unit
+from lidarsim.patterns._parts import TURN, directions_of, frozen, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -137,6 +137,9 @@ class Table:
             raise ValueError(f"unknown columns {', '.join(sorted(unknown))}")
         if "time_s" in columns and pulse_rate is not None:
             raise ValueError(f"pulse_rate: expected none beside the column time_s, got {pulse_rate!r}")
+        if "elevation_rad" in names:
+            angles("azimuth_rad", columns["azimuth_rad"], at_most=TURN)
+            angles("elevation_rad", columns["elevation_rad"], at_most=TURN / 4)
         directions = _DIRECTIONS[names](*(columns[name] for name in names))
         times: Floats | float = columns.get("time_s", 0.0)
         if pulse_rate is not None:

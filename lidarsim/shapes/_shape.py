@@ -87,9 +87,9 @@ class Shape:
         Returns
         -------
         ndarray of float64, shape (n, k)
-            Every t, of either sign, at which the line meets the surface: ascending, distinct, padded with NaN. A line
-            that touches the surface in one point has one t there. k is the most that the shape can have, or that the
-            lines given do have for a mesh.
+            Every t, of either sign, at which the line meets the surface, correctly rounded: ascending, distinct but for
+            rounding, padded with NaN. A line that touches the surface in one point has one t there. k is the most that
+            the shape can have, or that the lines given do have for a mesh.
 
         Raises
         ------

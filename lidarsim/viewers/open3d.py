@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarsim._extras import import_extra
-from lidarsim.pointcloud import PointCloud, register_view
+from lidarsim.pointcloud import Fields, PointCloud, narrowed, register_view
 from lidarsim.viewers._colors import BACKGROUND, coloring
 from lidarsim.viewers._display import require_display
 
@@ -46,14 +46,18 @@ def import_open3d() -> ModuleType:
 def to_open3d(cloud: PointCloud) -> open3d.t.geometry.PointCloud:
     """Convert as `PointCloud.to_open3d` documents."""
     o3d = import_open3d()
-    converted: open3d.t.geometry.PointCloud = o3d.t.geometry.PointCloud()
-    for name in cloud.fields:
-        array = getattr(cloud, name)
+    columns: Fields = {"positions": cloud.xyz}
+    for name in cloud.fields[1:]:
+        array = narrowed(name, getattr(cloud, name))
         if name == "normal":
-            array = array.astype(np.float64)
-        if array.ndim == 1:
-            array = array[:, np.newaxis]
-        converted.point[{"xyz": "positions", "normal": "normals"}.get(name, name)] = o3d.core.Tensor(array)
+            columns["normals"] = array.astype(np.float64)
+        elif array.ndim == 1:
+            columns[name] = array[:, np.newaxis]
+        else:
+            columns |= {f"{name}.{i}": np.ascontiguousarray(array[:, [i]]) for i in range(array.shape[1])}
+    converted: open3d.t.geometry.PointCloud = o3d.t.geometry.PointCloud()
+    for name, array in columns.items():
+        converted.point[name] = o3d.core.Tensor(array)
     return converted
 
 

@@ -12,6 +12,7 @@ from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
 from lidarsim._validation import Floats, integer
 from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
+from lidarsim.patterns._pulses import pulses_of
 from lidarsim.viewers._colors import BACKGROUND, SEQUENTIAL
 from lidarsim.viewers.pyvista import check_screenshot
 
@@ -53,7 +54,7 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
         If `frames` is not a whole number >= 1.
     """
     check_screenshot(path)
-    parts = [lidar.pattern.pulses(frame) for frame in range(integer("frames", frames, at_least=1))]
+    parts = [pulses_of(lidar.pattern, frame) for frame in range(integer("frames", frames, at_least=1))]
     figures = import_extra("matplotlib.figure", "pyvista", "this picture")
     count = sum(map(len, parts))
     every = max(1, math.ceil(count / MOST))

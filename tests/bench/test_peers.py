@@ -49,7 +49,7 @@ def test_casters_find_what_is_there(
         assert error.max_ulp is not None
         if name == "lidarsim":
             assert (error.lost, error.invented, error.other) == (0, 0, 0)
-            assert error.max_ulp <= 1
+            assert error.max_ulp <= 0.5
         else:
             assert error.lost + error.invented + (error.other or 0) <= 4
             assert error.median_mm < (1e-7 if name in DOUBLE else 0.1)

@@ -187,6 +187,7 @@ def test_patterns_without_a_preset() -> None:
 MEASUREMENT = """
     range_sigma_m: [[1, 0.01], [10, 0.02]]
     range_bias_m: 0.1
+    channel_bias_sigma_m: 0.03
     range_resolution_m: 0.004
     azimuth_sigma_deg: 0.01
     elevation_sigma_deg: 0.02
@@ -203,6 +204,7 @@ def test_every_effect_of_the_measurement() -> None:
     assert measurement == ls.Measurement(
         range_sigma=[(1, 0.01), (10, 0.02)],
         range_bias=0.1,
+        channel_bias_sigma=0.03,
         range_resolution=0.004,
         azimuth_sigma=radians(0.01),
         elevation_sigma=radians(0.02),
@@ -219,16 +221,27 @@ def test_every_effect_of_the_measurement() -> None:
     } == arguments
 
 
+def test_range_offset_is_a_number_or_a_list() -> None:
+    rings = [0.001 * ring for ring in range(16)]
+    assert load(f"sensor: {{preset: velodyne-vlp16, range_offset_m: {rings}}}\nscene: []").lidar.range_offset == tuple(
+        rings
+    )
+    assert load(f"sensor: {{file: {OUSTER}, range_offset_m: 0.028}}\nscene: []").lidar.range_offset == 0.028
+    assert refusal("sensor:\n  preset: velodyne-vlp16\n  range_offset_m: [0.1]\nscene: []") == (
+        "run.yaml:3: sensor.range_offset_m: expected one number or one a ring, 16 of them, got 1"
+    )
+
+
 @pytest.mark.parametrize(
     ("measurement", "message"),
     [
-        ("dropout: 2", "dropout: expected a finite number >= 0 <= 1, got 2.0"),
+        ("dropout: 2", "dropout: expected a finite number from 0 to 1, got 2.0"),
         ("range_sigma_m: -1", "range_sigma_m: expected a finite number >= 0, got -1.0"),
         ("range_sigma_m: [[2, 1], [1, 1]]", "range_sigma_m: expected rising ranges, got 1.0 after 2.0 in row 1"),
         ("detection: {range_m: 5}", "detection: missing key 'reflectivity'"),
         ("detection: {reflectivity: 0, range_m: 5}", "detection.reflectivity: expected a finite number > 0, got 0.0"),
         ("beam: {divergence_azimuth_mrad: -1}",
-         "beam.divergence_azimuth_mrad: expected a finite number >= 0 <= 1, got -0.001 (in rad)"),
+         "beam.divergence_azimuth_mrad: expected a finite number from 0 to 1, got -0.001 (in rad)"),
         ("beam: {divergence_azimuth_mrad: 1, rays: 8}", "beam.rays: expected 7, 19, 37, 61 or 91, got 8"),
         ("returns: dual", "returns: expected at most 1, since a pulse has one echo without a beam, got 'dual'"),
         ("returns: all", "returns: expected 'strongest', 'first', 'last', 'dual' or a number, got 'all'"),
@@ -460,7 +473,7 @@ def test_sensors_of_sensors() -> None:
     assert (run.lidar.name, run.lidar.min_range, run.lidar.max_range) == ("mine", 2, 30)
     lidar = ls.Lidar.from_file("sensors/nearer.yaml", noise="datasheet")
     assert (lidar.name, lidar.max_range) == ("velodyne-vlp16", 30)
-    assert lidar.measurement.range_sigma > 0
+    assert lidar.measurement.channel_bias_sigma > 0
 
 
 def test_a_scene_of_its_own() -> None:
@@ -471,7 +484,7 @@ def test_a_scene_of_its_own() -> None:
     assert load(text).scene.objects[0].name == "box"
     assert load(text, "scene.0.name=cube").scene.objects[0].name == "cube"
     assert refusal(text, "scene.0.label=-1") == (
-        "--set scene.0.label=-1: expected an integer >= 0 <= 4294967295, got -1"
+        "--set scene.0.label=-1: expected an integer from 0 to 4294967295, got -1"
     )
 
 
@@ -517,7 +530,8 @@ def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
 
 
 SENSOR_KEYS = (
-    "name, measurement, min_range_m, max_range_m, pattern, description, datasheet_noise, modes, datasheet, sources"
+    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, description, datasheet_noise, modes, "
+    "datasheet, sources"
 )
 SHAPE_NAMES = (
     "'plane', 'sphere', 'ellipsoid', 'box', 'cylinder', 'triangle', 'polygon', 'mesh', 'heightfield', 'scene_file'"
@@ -548,7 +562,12 @@ VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
         ("[1, 2, 3]\n    radius", "3\n    radius", "run.yaml:17: scene.1.center_m: expected a list, got 3"),
         ("[0, 0, 1]", "[0, 1]", "run.yaml:15: scene.0.normal: expected at least 3 items, got a list of 2"),
         ("[0, 0, 1]", "[0, 0, up]", "run.yaml:15: scene.0.normal.2: expected a number, got 'up'"),
-        ("{yaw: 90}", "90", "run.yaml:13: pose.rotation_deg: expected a mapping, got 90"),
+        ("{yaw: 90}", "90", "run.yaml:13: pose.rotation_deg: expected a mapping with keys roll, pitch, yaw, got 90"),
+        ("{yaw: 90}", "[0, 0, 90]",
+         "run.yaml:13: pose.rotation_deg: expected a mapping with keys roll, pitch, yaw, got a list of 3"),
+        ("columns: 32", "start_azimuth_deg: 400",
+         ("run.yaml:8: sensor.pattern.start_azimuth_deg: expected a finite number from -6.28319 to 6.28319, "
+          f"got {radians(400)} (in rad)")),
         ("  - {shape: plane", "  - 5\n  - {shape: plane", "run.yaml:15: scene.0: expected a mapping, got 5"),
         # choices
         ("shape: sphere", "shape: spheer", f"run.yaml:16: scene.1.shape: expected one of {SHAPE_NAMES}, got 'spheer'"),
@@ -558,14 +577,14 @@ VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
         ("radius_m: 0.5", "radius_m: -0.5", "run.yaml:18: scene.1.radius_m: expected a finite number > 0, got -0.5"),
         ("radius_m: 0.5", "radius_m: .nan", "run.yaml:18: scene.1.radius_m: expected a finite number > 0, got nan"),
         ("[0, 0, 1]", "[0, 0, 0]", "run.yaml:15: scene.0.normal: expected non-zero vectors, got normal = (0, 0, 0)"),
-        ("label: 40", "label: -1", "run.yaml:15: scene.0.label: expected an integer >= 0 <= 4294967295, got -1"),
+        ("label: 40", "label: -1", "run.yaml:15: scene.0.label: expected an integer from 0 to 4294967295, got -1"),
         ("reflectivity: 0.2", "reflectivity: -1",
          "run.yaml:15: scene.0.reflectivity: expected a finite number >= 0, got -1.0"),
         ("max_range_m: 50", "max_range_m: -5",
          "run.yaml:10: sensor.max_range_m: expected a real number >= 0, got -5.0"),
         ("columns: 32", "columns: 0", "run.yaml:8: sensor.pattern.columns: expected a finite number >= 1, got 0.0"),
         ("columns: 32", "field_of_view_deg: 400",
-         ("run.yaml:8: sensor.pattern.field_of_view_deg: expected a finite number > 0 <= 6.28319, "
+         ("run.yaml:8: sensor.pattern.field_of_view_deg: expected a finite number > 0 and <= 6.28319, "
          f"got {radians(400)} (in rad)")),
         ("columns: 32", "columns: 32\n    column_period_us: 9",
          "run.yaml:5: sensor.pattern: columns, column_period: expected one of them, got 32.0 and 9e-06"),
@@ -583,7 +602,7 @@ def test_bad_value(old: str, new: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("sensor", "message"),
     [
-        ("5", "run.yaml:1: sensor: expected a mapping, got 5"),
+        ("5", "run.yaml:1: sensor: expected a mapping with preset, file or pattern, got 5"),
         ("{}", "run.yaml:1: sensor: expected one of the keys preset, file, pattern, got none of them"),
         ("{preset: 5}", "run.yaml:1: sensor.preset: expected text, got 5"),
         ("{preset: velodyne-vlp17}", f"run.yaml:1: sensor.preset: unknown sensor 'velodyne-vlp17'; {VLP}"),
@@ -686,7 +705,8 @@ def test_missing_configuration() -> None:
 
 
 def test_a_document_that_is_no_mapping() -> None:
-    assert refusal("- 1") == "run.yaml:1: expected a mapping, got a list of 1"
+    keys = "scene, sensor, pose, seed, first_frame, frames, cloud"
+    assert refusal("- 1") == f"run.yaml:1: expected a mapping with keys {keys}, got a list of 1"
 
 
 def test_reading_a_sensor_says_what_is_wrong_with_its_options() -> None:

@@ -79,7 +79,6 @@ def test_agrees_with_the_oracle(sample, rays):
         judge_roots(sample.spec(), origins, directions, shape.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first
-        assert verdict.worst <= 1, verdict.first
         assert verdict.rounded == verdict.values
 
 
@@ -98,7 +97,7 @@ def test_transform_is_exact(sample, name):
         judge_roots(spec, origins, directions, shape.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first
-        assert verdict.worst <= 2, verdict.first
+        assert verdict.rounded == verdict.values
     judge = spec.judge()
     for i in np.flatnonzero(hits.hit)[:20]:
         ray = oracle.Ray.of(origins[i].tolist(), directions[i].tolist())
@@ -125,7 +124,7 @@ def test_scene_composes_transforms_exactly(sample):
     for i, crossing in enumerate(want):
         assert hits.object_id[i] == (-1 if crossing is None else 1)
         if crossing is not None:
-            assert crossing.t.ulps(float(hits.t[i])) <= 2
+            assert hits.t[i] == float(crossing.t)
 
 
 @every_sample

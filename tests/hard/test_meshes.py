@@ -25,7 +25,7 @@ def judged(vertices, faces, origins, directions):
         judge_roots(spec, origins, directions, mesh.roots(origins, directions)),
     ):
         assert verdict.wrong == 0, verdict.first
-        assert verdict.worst <= 1, verdict.first
+        assert verdict.rounded == verdict.values, "not the exact value correctly rounded"
     return hits
 
 

@@ -7,11 +7,14 @@ the oracle.
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 
 import lidarsim as ls
 from lidarsim.bench import cases, oracle
+from lidarsim.bench.accuracy import judge_cast
 
 
 def terrain(shift=0.0, scale=1.0):
@@ -162,3 +165,57 @@ def test_bundled_rays(world, frame, instruction_sets, monkeypatch, slow):
             number, crossing = want
             assert hits.t[i] == float(crossing.t)
             assert hits.primitive_id[i] == (min(crossing.faces) if judge.shapes[number].primitives else 0)
+
+
+def assert_cast_alone_and_exactly(spec, origins, directions, instruction_sets, monkeypatch):
+    """Assert that rays find together what each finds alone, which is the exact answer, and return the hits."""
+    shape = spec.build()
+    hits = shape.cast(origins, directions)
+    verdict = judge_cast(spec, origins, directions, hits.t, primitives=hits.primitive_id)
+    assert (verdict.wrong, verdict.rounded) == (0, verdict.values), verdict.first
+    for isa in instruction_sets:
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        assert same(shape.cast(origins, directions), hits)
+        for i in range(len(origins)):
+            assert same(shape.cast(origins[i : i + 1], directions[i : i + 1]), part(hits, slice(i, i + 1))), i
+    return hits
+
+
+# Packets hold rays whose largest coordinate is between 1e±30: the first mix is of these, the second of all lengths.
+@pytest.mark.parametrize("reach", [98, 1000])
+@pytest.mark.parametrize("matrix", [None, "shear", "uneven", "turn-utm"])
+@pytest.mark.parametrize("kind", cases.basic_specs())
+def test_directions_of_every_length_at_once(kind, matrix, reach, instruction_sets, monkeypatch):
+    spec = cases.basic_specs()[kind]
+    rng = np.random.default_rng(reach)
+    n = 96
+    # From one corner, so that all point into one octant, and from places around it.
+    origins = np.array((-2.0, -3.0, -4.0)) + rng.choice([0.0, 0.25], (n, 1)) * rng.random((n, 3))
+    directions = rng.uniform(-0.7, 0.7, (n, 3)) - origins
+    if matrix is not None:
+        linear, offset = cases.transforms()[matrix][:3, :3], cases.transforms()[matrix][:3, 3]
+        origins, directions = origins @ linear.T + offset, directions @ linear.T
+        spec = cases.Spec(spec.kind, spec.args, cases.transforms()[matrix])
+    directions *= 2.0 ** np.linspace(-reach, reach, n)[rng.permutation(n), None].round()
+    hits = assert_cast_alone_and_exactly(spec, origins, directions, instruction_sets, monkeypatch)
+    assert hits.hit.sum() >= 10
+
+
+@pytest.mark.parametrize(("scale", "wall"), [(0.3, 1e-21), (1e-3, 1e-21), (1e-34, 1e-30)])
+def test_short_rays_whose_sign_is_lost_beside_long_ones(scale, wall, instruction_sets, monkeypatch):
+    """In the coordinates of a mesh that was sheared, the x of short rays is what the rounding of their numbers left."""
+    matrix = np.eye(4)
+    matrix[0, 2] = scale
+    z = np.random.default_rng(5).uniform(0.7, 0.9, 400)
+    off = np.array([float(Fraction(scale * x) - Fraction(scale) * Fraction(x)) for x in z.tolist()])
+    z, off = (x[off < -scale * 2.0**-56][:48] for x in (z, off))
+    assert len(z) == 48
+    # A wall at x = -wall, as high as the highest hit.
+    top = wall * float((z / -off).max()) * 10
+    mesh = cases.Spec("TriangleMesh", ([(-wall, -top, 0), (-wall, top, 0), (-wall, 0, top)], [(0, 1, 2)]), matrix)
+    for apart in (98, 116, 180):
+        short = np.ldexp(np.stack([scale * z, np.zeros(48), z], axis=1), -apart // 2)
+        long = np.ldexp(np.tile((0.05 + 0.7 * scale, 0, 0.7), (16, 1)), apart // 2)
+        directions = np.concatenate([short, long])
+        hits = assert_cast_alone_and_exactly(mesh, np.zeros_like(directions), directions, instruction_sets, monkeypatch)
+        assert hits.hit.tolist() == [True] * 48 + [False] * 16

@@ -218,9 +218,14 @@ def test_scene_grows_between_casts():
 BAD_OBJECTS = [
     ({"shape": "a ball"}, TypeError, "shape: expected a lidarsim shape, got str"),
     ({"name": 3}, TypeError, "name: expected a string, got 3"),
-    ({"label": -1}, ValueError, "label: expected an integer >= 0 <= 4294967295, got -1"),
-    ({"label": 2**32}, ValueError, "label: expected an integer >= 0 <= 4294967295, got 4294967296"),
-    ({"label": 1.5}, TypeError, "label: expected an integer >= 0 <= 4294967295, got 1.5"),
+    ({"label": -1}, ValueError, "label: expected an integer from 0 to 4294967295, got -1"),
+    ({"label": 2**32}, ValueError, "label: expected an integer from 0 to 4294967295, got 4294967296"),
+    (
+        {"label": np.arange(12)},
+        TypeError,
+        "label: expected an integer from 0 to 4294967295, got an array of shape (12,)",
+    ),
+    ({"label": 1.5}, TypeError, "label: expected an integer from 0 to 4294967295, got 1.5"),
     ({"material": 0.5}, TypeError, "material: expected a Material, got float"),
 ]
 

@@ -30,8 +30,11 @@ def cloud() -> PointCloud:
         return_count=rng.integers(0, 256, COUNT),
         object_id=rng.integers(-(2**31), 2**31, COUNT),
         label=rng.integers(0, 2**32, COUNT),
+        column=rng.integers(0, 2**31, COUNT),
         normal=rng.normal(size=(COUNT, 3)),
         flow=rng.normal(size=(COUNT, 2)),
+        tiny=rng.integers(-128, 128, COUNT, np.int8),
+        small=rng.integers(-(2**15), 2**15, COUNT, np.int16),
     )
 
 
@@ -43,8 +46,9 @@ def test_plyfile_reads_every_field(cloud: PointCloud, tmp_path: Path) -> None:
     columns |= {f"flow.{i}": column for i, column in enumerate(cloud.flow.T)}
     columns |= {name: getattr(cloud, name) for name in cloud.fields if getattr(cloud, name).ndim == 1}
     assert set(data.dtype.names) == set(columns)
+    wider = {"label": np.float64, "column": np.int32, "tiny": np.int32, "small": np.int32}
     for name, column in columns.items():
-        assert data[name].dtype == column.dtype
+        assert data[name].dtype == wider.get(name, column.dtype)
         np.testing.assert_array_equal(data[name], column)
 
 
@@ -53,10 +57,30 @@ def test_open3d_reads_the_same_points(cloud: PointCloud, tmp_path: Path) -> None
     read = import_open3d().t.io.read_point_cloud(str(tmp_path / "cloud.ply"))
     np.testing.assert_array_equal(read.point.positions.numpy(), cloud.xyz)
     np.testing.assert_array_equal(read.point.normals.numpy(), cloud.normal)
-    for name in ("intensity", "time", "ring", "return_count", "object_id"):  # it knows no uint32, that of the label
-        got = read.point[name].numpy()[:, 0]
-        assert got.dtype == getattr(cloud, name).dtype
-        np.testing.assert_array_equal(got, getattr(cloud, name))
+    for name in ("intensity", "time", "ring", "column", "return_count", "object_id", "label", "tiny", "small"):
+        np.testing.assert_array_equal(read.point[name].numpy()[:, 0], getattr(cloud, name))
+    assert len(list(read.point.items())) == len(cloud.fields) + 1  # flow is in two columns
+
+
+@pytest.mark.parametrize("greatest", [2**31 - 1, 2**31, 2**32 - 1])
+def test_numbers_of_types_that_open3d_passes_over_come_back_in_them(greatest: int, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    kind = "int32" if greatest < 2**31 else "float64"
+    cloud = PointCloud(
+        xyz=np.zeros((2, 3)),
+        label=[1, greatest],
+        cluster=np.array([0, greatest], np.uint32),
+        pair=np.array([[1, -2], [3, -4]], np.int16),
+    )
+    cloud.save(path)
+    header = path.read_bytes().partition(b"end_header")[0].decode().splitlines()
+    assert [line for line in header if line.startswith("property")][3:] == [
+        f"property {kind} label", f"property {kind} cluster", "property int32 pair.0", "property int32 pair.1",
+    ]  # fmt: skip
+    read = PointCloud.load(path)
+    for name in cloud.fields:
+        assert getattr(read, name).dtype == getattr(cloud, name).dtype
+        np.testing.assert_array_equal(getattr(read, name), getattr(cloud, name))
 
 
 def test_pyvista_reads_the_same_points(cloud: PointCloud, tmp_path: Path) -> None:

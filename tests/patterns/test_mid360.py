@@ -40,5 +40,5 @@ def test_frame_rate_only_cuts_differently() -> None:
 
 @pytest.mark.parametrize(("rate", "error"), [(0.0, ValueError), ("fast", TypeError), (1e6, ValueError)])
 def test_bad_rate_is_named(rate: object, error: type[Exception]) -> None:
-    with pytest.raises(error, match=r"^rate: expected a finite number > 0 <= 50000, got "):
+    with pytest.raises(error, match=r"^rate: expected a finite number > 0 and <= 50000, got "):
         Mid360(rate=rate)  # type: ignore[arg-type]

@@ -44,11 +44,11 @@ def test_mirror_is_at_constant_speed_but_for_its_turns(turn: float) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"field_of_view": 0.0}, "field_of_view: expected a finite number > 0 <= 6.28319, got 0.0"),
+        ({"field_of_view": 0.0}, "field_of_view: expected a finite number > 0 and <= 6.28319, got 0.0"),
         ({"scan_rate": -1.0}, "scan_rate: expected a finite number > 0, got -1.0"),
         ({"pulse_rate": np.inf}, "pulse_rate: expected a finite number > 0, got inf"),
-        ({"rate": 1e5}, "rate: expected a finite number > 0 <= 10000, got 100000.0"),
-        ({"turn": 1.5}, "turn: expected a finite number >= 0 <= 1, got 1.5"),
+        ({"rate": 1e5}, "rate: expected a finite number > 0 and <= 10000, got 100000.0"),
+        ({"turn": 1.5}, "turn: expected a finite number from 0 to 1, got 1.5"),
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:

@@ -20,10 +20,10 @@ def test_beam_goes_round_a_cone_from_left_to_up() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"half_angle": 4.0}, "half_angle: expected a finite number > 0 <= 3.14159, got 4.0"),
+        ({"half_angle": 4.0}, "half_angle: expected a finite number > 0 and <= 3.14159, got 4.0; degrees?"),
         ({"scan_rate": 0.0}, "scan_rate: expected a finite number > 0, got 0.0"),
         ({"pulse_rate": True}, "pulse_rate: expected a finite number > 0, got True"),
-        ({"rate": 5e3}, "rate: expected a finite number > 0 <= 4000, got 5000.0"),
+        ({"rate": 5e3}, "rate: expected a finite number > 0 and <= 4000, got 5000.0"),
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:

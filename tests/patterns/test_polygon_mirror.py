@@ -45,10 +45,10 @@ def test_only_the_field_of_view_is_fired_into() -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"field_of_view": 2.0}, "field_of_view: expected a finite number > 0 <= 1.5, got 2.0"),
-        ({"sweep": 0.0}, "sweep: expected a finite number > 0, got 0.0"),
-        ({"line_rate": np.nan}, "line_rate: expected a finite number > 0 <= 15000, got nan"),
-        ({"line_rate": 2e4}, "line_rate: expected a finite number > 0 <= 15000, got 20000.0"),
+        ({"field_of_view": 2.0}, "field_of_view: expected a finite number > 0 and <= 1.5, got 2.0; degrees?"),
+        ({"sweep": 0.0}, "sweep: expected a finite number > 0 and <= 12.5664, got 0.0"),
+        ({"line_rate": np.nan}, "line_rate: expected a finite number > 0 and <= 15000, got nan"),
+        ({"line_rate": 2e4}, "line_rate: expected a finite number > 0 and <= 15000, got 20000.0"),
         ({"elevations": []}, "elevations: expected 1 to 65536 of them, got 0"),
         ({"elevations": [0.0, 0.1], "azimuth_offsets": [0.0]}, "azimuth_offsets: expected shape (2,), got (1,)"),
         (

@@ -66,7 +66,7 @@ def test_total_reflection_is_refused() -> None:
         ({"prisms": [1.0]}, "prisms: expected Prism objects, got prisms[0] = 1.0"),
         ({"refractive_index": 0.9}, "refractive_index: expected a finite number >= 1, got 0.9"),
         ({"pulse_rate": 0.0}, "pulse_rate: expected a finite number > 0, got 0.0"),
-        ({"rate": 200.0}, "rate: expected a finite number > 0 <= 100, got 200.0"),
+        ({"rate": 200.0}, "rate: expected a finite number > 0 and <= 100, got 200.0"),
         ({"beams": [[0, 0, 0]]}, "beams: expected non-zero vectors, got beams[0] = (0, 0, 0)"),
         ({"beams": np.empty((0, 3))}, "beams: expected 1 to 65536 of them, got 0"),
         ({"beams": [1, 0, 0]}, "beams: expected shape (beams, 3), got (3,)"),
@@ -81,7 +81,7 @@ def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> Non
     ("arguments", "message"),
     [
         ({"rotation_rate": np.nan}, "rotation_rate: expected a finite number, got nan"),
-        ({"exit_tilt": 2.0}, "exit_tilt: expected a finite number >= -1.5708 <= 1.5708, got 2.0"),
+        ({"exit_tilt": 2.0}, "exit_tilt: expected a finite number from -1.5708 to 1.5708, got 2.0; degrees?"),
     ],
 )
 def test_bad_prisms_are_named(arguments: dict[str, Any], message: str) -> None:

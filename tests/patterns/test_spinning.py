@@ -113,7 +113,7 @@ def test_counter_clockwise_is_the_mirror_image() -> None:
             {"columns": 10, "column_period": 1e-3},
             "columns, column_period: expected one of them, got 10 and 0.001",
         ),
-        ({"column_period": 0.2}, "column_period: expected a finite number > 0 <= 0.1, got 0.2"),
+        ({"column_period": 0.2}, "column_period: expected a finite number > 0 and <= 0.1, got 0.2"),
         ({"rate": 0.0}, "rate: expected a finite number > 0, got 0.0"),
         ({"rate": "10"}, "rate: expected a finite number > 0, got '10'"),
         (
@@ -127,8 +127,8 @@ def test_counter_clockwise_is_the_mirror_image() -> None:
         ({"beam_origins": [[0, 0, 0]] * 3}, "beam_origins: expected shape (2, 3), got (3, 3)"),
         ({"beam_origins": [0, 0]}, "beam_origins: expected shape (3,), got (2,)"),
         ({"clockwise": 1}, "clockwise: expected True or False, got 1"),
-        ({"field_of_view": 7.0}, "field_of_view: expected a finite number > 0 <= 6.28319, got 7.0"),
-        ({"start_azimuth": np.nan}, "start_azimuth: expected a finite number, got nan"),
+        ({"field_of_view": 7.0}, "field_of_view: expected a finite number > 0 and <= 6.28319, got 7.0; degrees?"),
+        ({"start_azimuth": np.nan}, "start_azimuth: expected a finite number from -6.28319 to 6.28319, got nan"),
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:

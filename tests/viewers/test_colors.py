@@ -1,10 +1,13 @@
 """Colours by a field."""
 
+from collections.abc import Sequence
+
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import QUALITATIVE, SEQUENTIAL, coloring
+from lidarsim.viewers._colors import BACKGROUND, QUALITATIVE, SEQUENTIAL, coloring
 
 
 def cloud(**fields: object) -> PointCloud:
@@ -36,13 +39,59 @@ def test_limits_pass_over_outliers_and_nan() -> None:
 def test_categories_have_a_colour_each_and_keep_their_names() -> None:
     colors = coloring(cloud(label=[40, 10, 40, 81]), "label")
     assert colors.names == ["10", "40", "81"]
-    assert [f"#{bytes(rgb).hex()}" for rgb in colors.rgb()] == [QUALITATIVE[i] for i in (1, 0, 1, 2)]
+    assert [f"#{bytes(rgb).hex()}" for rgb in colors.rgb()] == [QUALITATIVE[i] for i in (40, 10, 40, 81)]
 
 
-def test_more_categories_than_colours_repeat_them() -> None:
-    labels = np.arange(20)
-    colors = coloring(PointCloud(xyz=np.zeros((20, 3)), label=labels), "label")
-    assert [f"#{bytes(rgb).hex()}" for rgb in colors.rgb()] == [QUALITATIVE[i % len(QUALITATIVE)] for i in labels]
+def test_a_category_has_one_colour_whatever_others_there_are() -> None:
+    labels = np.array([0, 7, 40, 259, 4_000_000_000])
+    together = coloring(PointCloud(xyz=np.zeros((5, 3)), label=labels), "label").rgb()
+    for label, rgb in zip(labels, together, strict=True):
+        for others in ([], [1, 2, 3], [39, 41, 4_000_000_001]):
+            alone = coloring(PointCloud(xyz=np.zeros((1 + len(others), 3)), label=[label, *others]), "label")
+            assert alone.rgb()[0].tolist() == rgb.tolist()
+    assert coloring(cloud(object_id=[-1, 0, 1, 2]), "object_id").rgb().shape == (4, 3)
+
+
+def linear(colors: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    """Return sRGB as linear light (IEC 61966-2-1)."""
+    part = colors / 255
+    return np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4)
+
+
+def oklab(colors: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
+    """Return colours in OKLab (B. Ottosson, 2020), in which 0.02 is about the least difference that one sees."""
+    to_cones = [[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
+                [0.0883024619, 0.2817188376, 0.6299787005]]  # fmt: skip
+    to_lab = [[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
+              [0.0259040371, 0.7827717662, -0.8086757660]]  # fmt: skip
+    lab: npt.NDArray[np.float64] = np.cbrt(linear(colors) @ np.transpose(to_cones)) @ np.transpose(to_lab)
+    return lab
+
+
+# Classes of SemanticKITTI, semantic-kitti.yaml of its API.
+KITTI = (
+    0, 1, 10, 11, 13, 15, 16, 18, 20, 30, 31, 32, 40, 44, 48, 49, 50, 51, 52, 60, 70, 71, 72, 80, 81, 99,
+    252, 253, 254, 255, 256, 257, 258, 259,
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("labels", "least"),
+    [(range(20), 0.13), (range(34), 0.11), (KITTI, 0.09), (range(260), 0.045)],
+    ids=["first 20", "first 34", "SemanticKITTI", "all"],
+)
+def test_categories_differ_for_the_eye(labels: Sequence[int], least: float) -> None:
+    lab = oklab(np.array([list(bytes.fromhex(QUALITATIVE[label][1:])) for label in labels], np.uint8))
+    apart = np.linalg.norm(lab[:, None] - lab, axis=-1)[np.triu_indices(len(lab), 1)]
+    assert apart.min() >= least
+
+
+def test_categories_are_seen_before_the_background() -> None:
+    # Contrast as WCAG 2.1 defines it, of 3 to 1 at least, as it wants of graphics.
+    colors = np.array([list(bytes.fromhex(color[1:])) for color in (BACKGROUND, *QUALITATIVE)], np.uint8)
+    luminance = linear(colors) @ [0.2126, 0.7152, 0.0722]
+    assert len(luminance) == 261
+    assert ((luminance[1:] + 0.05) / (luminance[0] + 0.05)).min() >= 3.0
 
 
 @pytest.mark.parametrize("field", ["label", "range", "height"])

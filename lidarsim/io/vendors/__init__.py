@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from lidarsim.io.vendors import hesai, livox, ouster, velodyne
+from lidarsim.io.vendors import hesai, livox, ouster, robosense, velodyne
 
-__all__ = ["hesai", "livox", "ouster", "velodyne"]
+__all__ = ["hesai", "livox", "ouster", "robosense", "velodyne"]

@@ -1,55 +1,80 @@
-"""Hesai's corrections: one CSV with the angles of the channels, and one with their firing times.
+"""Hesai's corrections: a CSV or, of the AT128, a DAT with the angles of the channels; a CSV with their firing times.
 
-Hesai's x points to the right and y to the front of the sensor, and azimuths grow clockwise. Channel i, fired while the
-rotor stands at azimuth a, looks from the optical centre, which turns with the rotor, at azimuth a + Azimuth[i] and
-elevation Elevation[i]. Here the front is x and azimuths grow counter-clockwise, so that those of a rotor change their
-sign. In an AT128 a mirror turns instead: its azimuths are 2 (block - start) - Azimuth[i], and keep it.
+Hesai's x points to the right and y to the front of the sensor, and azimuths grow clockwise from y. Channel i, fired
+while the rotor stands at azimuth a, looks from the optical centre, which turns with the rotor, at azimuth
+a + Azimuth[i] and elevation Elevation[i]. Here the front is x and azimuths grow counter-clockwise, so that those of the
+files change their sign.
 
-Source: HesaiTechnology/HesaiLidar_SDK_2.0, libhesai/UdpParser/src.
+A range counts from the axis of the rotor: it is |o + r u| for an optical centre o and a beam u that measures r. To
+first order in o/r that is r + o.u; what is left out, (|o|^2 - (o.u)^2) / 2r, is less than 1 mm from 0.5 m on.
+
+In an AT128 a mirror turns instead, and its front is at azimuth 90 degrees. While the encoder stands at e, between the
+start of a facet and its end, the DAT file's channel i looks at::
+
+    azimuth   = 2 (e - start) - azimuth[i] + azimuth_adjust[i](e)
+    elevation = elevation[i] + elevation_adjust[i](e)
+
+with adjustments that are listed every 2 degrees of e and linear between. So its azimuth[i] is the opposite of what a
+CSV of angles gives, and the same as the azimuth offset here.
+
+Source: HesaiTechnology/HesaiLidar_SDK_2.0, libhesai/UdpParser: src/general_parser.cc, udp1_4_parser.cc,
+udp3_2_parser.cc and udp4_3_parser.cc, include/general_parser.h (where a range counts from) and udp4_3_parser.h.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import math
 import re
+import struct
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+import numpy.typing as npt
 
-from lidarsim._validation import Floats, array
+from lidarsim._validation import Floats, array, real
 from lidarsim.errors import FileFormatError
 from lidarsim.io.vendors._reading import refusals
-from lidarsim.patterns import PolygonMirror, Spinning
+from lidarsim.patterns import PolygonMirror, Spinning, Table
+from lidarsim.patterns._parts import directions_of
 from lidarsim.patterns.table import columns_of
 from lidarsim.sensor import Lidar, register_lidar_reader
 
 ANGLES = "Hesai angle correction CSV"
+MIRROR_ANGLES = "Hesai angle correction DAT"
 FIRING_TIMES = "Hesai firetime correction CSV"
 
 
 class Model(NamedTuple):
-    """How a model is told by its angles."""
+    """How a model is told by its angles, degrees."""
 
     name: str
     channels: int
     top: float
     bottom: float
-    preset: str | None = None
+    widest: float
+    """Greatest azimuth of a channel, of either sign."""
+    preset: str | None
 
 
 MODELS = (
-    Model("Pandar40P", 40, 15.0, -25.0, "hesai-pandar40p"),
-    Model("Pandar64", 64, 15.0, -25.0, "hesai-pandar64"),
-    Model("PandarQT64", 64, 52.1, -52.1, "hesai-qt64"),
-    Model("PandarXT32", 32, 15.0, -16.0, "hesai-xt32"),
-    Model("XT32M2X", 32, 19.5, -20.8, "hesai-xt32m2x"),
-    Model("PandarQT128", 128, 52.6, -52.6),
-    Model("Pandar128 or OT128", 128, 15.0, -25.0),
-    Model("AT128", 128, 12.9, -12.5, "hesai-at128"),
+    Model("Pandar40P", 40, 15.0, -25.0, 5.2, "hesai-pandar40p"),
+    Model("Pandar64", 64, 15.0, -25.0, 5.2, "hesai-pandar64"),
+    Model("PandarQT64", 64, 52.1, -52.1, 8.7, "hesai-qt64"),
+    Model("PandarXT32", 32, 15.0, -16.0, 0.0, "hesai-xt32"),
+    Model("XT32M2X", 32, 19.5, -20.8, 0.0, "hesai-xt32m2x"),
+    Model("QT128C2X", 128, 52.6, -52.6, 10.1, None),
+    Model("Pandar128E3X", 128, 14.4, -25.0, 7.8, "hesai-pandar128"),
+    Model("OT128", 128, 15.0, -24.8, 4.6, "hesai-ot128"),
+    Model("AT128", 128, 12.9, -12.5, 2.4, "hesai-at128"),
 )
 MARGIN = 1.5
 """How far the outer channels of a unit may be from its model's, degrees; units differ by less than half a degree."""
+
+Firings = list[tuple[npt.NDArray[np.intp], Floats]]
+"""Which channels fire in a column, and when, s from its start: one entry for each kind of column, which take turns."""
 
 
 def recognise_angles(path: Path, text: str) -> bool:
@@ -58,10 +83,23 @@ def recognise_angles(path: Path, text: str) -> bool:
     return re.match(r"(EEFF.*\n)?(Channel|Laser id)\s*,\s*Elevation\s*,\s*Azimuth\s", text, re.IGNORECASE) is not None
 
 
+def recognise_mirror_angles(path: Path, text: str) -> bool:
+    """Return whether the file `path`, whose head is `text`, is an angle correction DAT."""
+    if not text.startswith("\ufffd\ufffd"):  # what the two bytes of its mark are as text
+        return False
+    with path.open("rb") as file:
+        return file.read(2) == b"\xee\xff"
+
+
 def recognise_firing_times(path: Path, text: str) -> bool:
     """Return whether `text`, the head of the file `path`, is that of a firetime correction CSV."""
     del path
-    return re.match(r"Channel\s*,\s*fire ?time", text, re.IGNORECASE) is not None
+    heads = (
+        r"Channel\s*,\s*fire ?time",
+        r"([\d.]+,distance.*\n)?operation(al state| mode)\s*,",
+        r"EEFF.*\n.*LoopNum",
+    )
+    return re.match("|".join(heads), text, re.IGNORECASE) is not None
 
 
 def read(
@@ -69,14 +107,16 @@ def read(
 ) -> Lidar:
     """Return the sensor whose angles a Hesai angle correction CSV lists.
 
-    Everything else is that of the preset of the model, which is told by the number and the span of the channels.
+    Everything else is that of the preset of the model, which is told by the number and the angles of the channels.
 
     Parameters
     ----------
     path : path-like
         The file.
     firing_times : path-like, optional
-        The firetime correction CSV of the sensor. Default: the preset's firing times.
+        The firetime correction CSV of the sensor. Of a Pandar128E3X and an OT128 the standard mode is taken, at far
+        ranges, in which two sets of firing times take turns from column to column. Of a QT128C2X it is needed: in each
+        column only 96 of its channels fire. Default: the preset's firing times.
     rate : float, optional
         Turns, and so frames, per second, Hz. Default: the preset's.
     noise : {"datasheet"}, optional
@@ -94,23 +134,72 @@ def read(
     """
     with refusals(path, ANGLES):
         elevations, azimuths = _by_channel(path, "elevation", "azimuth")
-        model = _model(elevations)
-        if model.preset is None:
-            raise ValueError(f"recognised a {model.name}, which is not covered: its firing times are missing")
-    lidar = Lidar.preset(model.preset, noise=noise)
-    pattern = cast("PolygonMirror | Spinning", lidar.pattern)
-    mirror = isinstance(pattern, PolygonMirror)
-    offsets = np.radians(azimuths if mirror else -azimuths)
-    changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": offsets}
+        model = _model(elevations, azimuths)
+        if model.preset is None and firing_times is None:
+            raise ValueError(
+                f"recognised a {model.name}, whose channels do not all fire in each column: give the {FIRING_TIMES} as "
+                "its firing_times"
+            )
+    lidar = _qt128(noise) if model.preset is None else Lidar.preset(model.preset, noise=noise)
+    changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": np.radians(-azimuths)}
     if rate is not None:
+        mirror = isinstance(lidar.pattern, PolygonMirror)
         changes |= {"rate": rate, "line_rate": rate} if mirror else {"rate": rate}
+    firings: Firings = []
     if firing_times is not None:
-        with refusals(Path(firing_times), FIRING_TIMES):
-            (times,) = _by_channel(Path(firing_times), "fire")
-            if len(times) != model.channels:
-                raise ValueError(f"expected the {model.channels} channels of a {model.name}, got {len(times)}")
-            changes["firing_times"] = (times - times.min()) / 1e6
-    return dataclasses.replace(lidar, pattern=dataclasses.replace(pattern, **changes))
+        firings = _firings(Path(firing_times), model)
+        if len(firings) == 1:
+            changes["firing_times"] = firings[0][1]
+    pattern = dataclasses.replace(cast("PolygonMirror | Spinning", lidar.pattern), **changes)
+    if isinstance(pattern, PolygonMirror):
+        return dataclasses.replace(lidar, pattern=pattern)
+    beams = directions_of(pattern.azimuth_offsets, pattern.elevations)
+    return dataclasses.replace(
+        lidar,
+        pattern=_taking_turns(pattern, firings) if len(firings) > 1 else pattern,
+        range_offset=(pattern.beam_origins * beams).sum(axis=-1).tolist(),
+    )
+
+
+def read_mirror(
+    path: Path, *, firing_times: str | Path | None = None, rate: float | None = None, noise: str | None = None
+) -> Lidar:
+    """Return the AT128 that a Hesai angle correction DAT describes.
+
+    A frame is the line of one of its facets, which differ: where each begins, and how it bends the beams, is that of
+    the file. The decoder rounds the adjustments to 0.01 degrees; here they are linear between those listed.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, of version 1.5.
+    firing_times : path-like, optional
+        The firetime correction CSV of the sensor. Default: the preset's firing times.
+    rate : float, optional
+        Frames per second, Hz. Default: the preset's.
+    noise : {"datasheet"}, optional
+        As in `Lidar.preset`.
+
+    Returns
+    -------
+    Lidar
+        The sensor: a `Table` of one turn of the mirror, otherwise as the preset.
+
+    Raises
+    ------
+    FileFormatError
+        If a file is not whole, or not that of an AT128.
+    """
+    lidar = Lidar.preset("hesai-at128", noise=noise)
+    preset = cast("PolygonMirror", lidar.pattern)
+    model = MODELS[-1]
+    with refusals(path, MIRROR_ANGLES):
+        mirror = _Mirror.from_bytes(path.read_bytes(), model)
+    times = preset.firing_times
+    if firing_times is not None:
+        ((_, times),) = _firings(Path(firing_times), model)
+    rate = preset.rate if rate is None else real("rate", rate, above=0.0)
+    return dataclasses.replace(lidar, pattern=mirror.turn(preset, times, rate))
 
 
 def refuse_firing_times(path: Path) -> Lidar:
@@ -119,6 +208,170 @@ def refuse_firing_times(path: Path) -> Lidar:
         f"{path}: {FIRING_TIMES}: the angles of the channels are missing: "
         f"give the {ANGLES} as the file and this one as its firing_times"
     )
+
+
+class _Mirror(NamedTuple):
+    """What a DAT file says, in degrees."""
+
+    starts: Floats
+    """Where the encoder stands when each facet begins, shape (facets,)."""
+    azimuth: Floats
+    elevation: Floats
+    azimuth_adjust: Floats
+    """Of each channel, every 2 degrees of the encoder, shape (channels, 180)."""
+    elevation_adjust: Floats
+
+    @classmethod
+    def from_bytes(cls, data: bytes, model: Model) -> _Mirror:
+        """Return what the bytes of a file say, after checking their length and hash.
+
+        They are a header (mark, version, numbers of channels, mirrors and frames, eight bytes of the frames' order, and
+        a resolution, so that the unit of the angles is 1/25600 of it and that of the adjustments 1/100 of it, degrees);
+        then, in little-endian order, starts and ends of the frames (uint32), azimuths and elevations (int32), azimuth
+        and elevation adjustments (int8); and the SHA-256 of all of this.
+        """
+        header = struct.Struct("<2x5B8xB")
+        if len(data) < header.size:
+            raise ValueError(f"expected a header of {header.size} bytes, got {len(data)}")
+        major, minor, channels, _, frames, resolution = header.unpack_from(data)
+        if (major, minor) != (1, 5):
+            raise ValueError(f"expected version 1.5, got {major}.{minor}")
+        if channels != model.channels:
+            raise ValueError(f"expected the {model.channels} channels of an {model.name}, got {channels}")
+        angles, adjusts, digest = 4 * (2 * frames + 2 * channels), 2 * channels * 180, hashlib.sha256().digest_size
+        size = header.size + angles + adjusts + digest
+        if len(data) != size:
+            raise ValueError(f"expected {size} bytes, got {len(data)}")
+        if hashlib.sha256(data[:-digest]).digest() != data[-digest:]:
+            raise ValueError("expected the SHA-256 of the rest of the file at its end, got another")
+        whole = np.frombuffer(data, "<i4", 2 * frames + 2 * channels, header.size) * (resolution / 25600.0)
+        small = np.frombuffer(data, "i1", adjusts, header.size + angles) * (resolution / 100.0)
+        azimuth, elevation = whole[2 * frames :].reshape(2, channels)
+        return cls(whole[:frames], azimuth, elevation, *small.reshape(2, channels, 180))
+
+    def turn(self, preset: PolygonMirror, firing_times: Floats, rate: float) -> Table:
+        """Return one turn of the mirror, each facet a frame, with the field of view and pulse rate of `preset`."""
+        used = math.degrees(preset.field_of_view) / 2.0  # of the encoder; the mirror turns the beams twice as fast
+        before = (90.0 - used) / 2.0  # so that the middle of what is used is the front
+        speed = rate * 360.0 / len(self.starts)
+        past = (self.starts - self.starts[0]) % 360.0
+        even = np.arange(len(past)) * 360.0 / len(past)
+        past += max(0.0, (even - past).max())  # no line begins before its frame
+        channels = np.arange(len(firing_times))
+        tables = []
+        for start, since in zip(self.starts, past, strict=True):
+            first, end = (math.ceil(angle / speed * preset.pulse_rate) for angle in (since, since + used))
+            cycle = np.arange(first, end)[:, None]
+            time = cycle / preset.pulse_rate + firing_times
+            turned = before + speed * time - since  # since the start of the facet
+            azimuth = 90.0 - 2.0 * turned + self.azimuth - self._adjusted(self.azimuth_adjust, start + turned)
+            elevation = self.elevation + self._adjusted(self.elevation_adjust, start + turned)
+            directions = directions_of(np.radians(azimuth), np.radians(elevation))
+            rings, columns = np.broadcast_arrays(channels, cycle - first)
+            tables.append((directions.reshape(-1, 3), time.ravel(), rings.ravel(), columns.ravel()))
+        directions, times, rings, columns = (np.concatenate(parts) for parts in zip(*tables, strict=True))
+        return Table(directions, times=times, rings=rings, columns=columns, rate=rate)
+
+    @staticmethod
+    def _adjusted(table: Floats, encoder: Floats) -> Floats:
+        """Return the adjustments of the channels, one row of `table` each, at encoder angles of shape (n, channels)."""
+        place = encoder % 360.0 / 2.0
+        before = np.floor(place).astype(np.intp)
+        part = place - before
+        channel = np.arange(len(table))
+        low, high = table[channel, before % 180], table[channel, (before + 1) % 180]
+        result: Floats = (1.0 - part) * low + part * high
+        return result
+
+
+def _qt128(noise: str | None) -> Lidar:
+    """Return a QT128C2X without the angles of its channels."""
+    if noise is not None:
+        raise ValueError(f"noise: expected none, since there is no data sheet of a QT128C2X here, got {noise!r}")
+    # Source: tier4/nebula nebula_hesai_decoders, pandar_qt128.hpp: ranges, and 0.4 degrees a column at 10 Hz; optical
+    # centre: HesaiLidar_SDK_2.0, udp3_2_parser.cc.
+    pattern = Spinning(np.zeros(128), column_period=1.0 / 9000.0, beam_origins=(0.0354, -0.0072, 0.0))
+    return Lidar(pattern, min_range=0.05, max_range=50.0, name="hesai-qt128")
+
+
+def _taking_turns(rotor: Spinning, firings: Firings) -> Table:
+    """Return one turn of a rotor with `firings` that take turns from column to column, and a whole number of each."""
+    kinds = len(firings)
+    columns = round(rotor.columns_per_turn / kinds)
+    channel = np.concatenate([channels for channels, _ in firings])
+    kind = np.repeat(np.arange(kinds), [len(channels) for channels, _ in firings])
+    period = 1.0 / (columns * kinds * rotor.rate)
+    pulses = Spinning(
+        rotor.elevations[channel],
+        azimuth_offsets=rotor.azimuth_offsets[channel],
+        columns=columns,
+        rate=rotor.rate,
+        firing_times=np.concatenate([times for _, times in firings]) + kind * period,
+        beam_origins=rotor.beam_origins[channel],
+    ).pulses()
+    return Table(
+        pulses.directions,
+        times=pulses.time,
+        rings=channel[pulses.ring],
+        columns=pulses.column * kinds + kind[pulses.ring],
+        origins=pulses.origins,
+        rate=rotor.rate,
+    )
+
+
+def _firings(path: Path, model: Model) -> Firings:
+    """Return which channels fire when, counted from the first, as a firetime correction CSV lists it."""
+    with refusals(path, FIRING_TIMES):
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        cells = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
+        if cells and cells[0][0].upper() == "EEFF":
+            firings = _loops(cells)
+        elif any(row[0].lower().startswith("operation") for row in cells[:2]):
+            firings = _states(cells)
+        else:
+            (times,) = _by_channel(path, "fire")
+            firings = [(np.arange(len(times)), times / 1e6)]
+        fired = np.unique(np.concatenate([channels for channels, _ in firings]))
+        if not np.array_equal(fired, np.arange(model.channels)):
+            raise ValueError(f"expected the {model.channels} channels of a {model.name}, got {len(fired)}")
+        earliest = min(times.min() for _, times in firings)
+        return [(channels, times - earliest) for channels, times in firings]
+
+
+def _states(cells: list[list[str]]) -> Firings:
+    """Return the firings of the standard mode: the columns of operation mode 2, at far ranges, one for each state.
+
+    Times are microseconds or, in the files that tell far from near in their first line, nanoseconds.
+    """
+    near_and_far = "distance" in "".join(cells[0])
+    (modes, states, *rows), unit = (cells[1:], 1e-9) if near_and_far else (cells, 1e-6)
+    columns: dict[str, int] = {}
+    for column, (mode, state) in enumerate(zip(modes, states, strict=True)):
+        if mode == "2":
+            columns.setdefault(state, column)  # far is the first of each state
+    if not columns or any(len(row) != len(modes) for row in rows):
+        raise ValueError(f"expected rows of {len(modes)} cells, and some of them in operation mode 2")
+    channel = _channels([row[0] for row in rows])
+    return [
+        (channel, array("fire times", [float(row[column]) for row in rows], (len(rows),)) * unit)
+        for column in columns.values()
+    ]
+
+
+def _loops(cells: list[list[str]]) -> Firings:
+    """Return the firings of loops, two columns each: a channel, or 0 in rows that are left over, and its time, us."""
+    rows = array("rows", [[float(cell) for cell in row] for row in cells[3:]], ("n", len(cells[2])))
+    loops = np.split(rows, rows.shape[1] // 2, axis=1)
+    fired = [loop[loop[:, 0] > 0.0] for loop in loops]
+    return [(loop[:, 0].astype(np.intp) - 1, loop[:, 1] / 1e6) for loop in fired]
+
+
+def _channels(numbers: list[str]) -> npt.NDArray[np.intp]:
+    """Return the places of channels that are numbered from 1."""
+    channel = np.array([int(number) for number in numbers], dtype=np.intp)
+    if not np.array_equal(np.sort(channel), np.arange(1, len(channel) + 1)):
+        raise ValueError(f"expected each of the channels 1 to {len(channel)} once")
+    return channel - 1
 
 
 def _by_channel(path: Path, *names: str) -> list[Floats]:
@@ -140,16 +393,21 @@ def _by_channel(path: Path, *names: str) -> list[Floats]:
     return [array(name, named[name], (count,))[order] for name in names]
 
 
-def _model(elevations: Floats) -> Model:
-    top, bottom = elevations.max(), elevations.min()
+def _model(elevations: Floats, azimuths: Floats) -> Model:
+    top, bottom, widest = elevations.max(), elevations.min(), np.abs(azimuths).max()
     for model in MODELS:
-        if model.channels == len(elevations) and max(abs(model.top - top), abs(model.bottom - bottom)) <= MARGIN:
+        apart = max(abs(model.top - top), abs(model.bottom - bottom), abs(model.widest - widest))
+        if model.channels == len(elevations) and apart <= MARGIN:
             return model
-    known = ", ".join(f"{model.name} ({model.channels}, {model.top} to {model.bottom})" for model in MODELS)
+    known = ", ".join(
+        f"{model.name} ({model.channels}, {model.top} to {model.bottom}, +-{model.widest})" for model in MODELS
+    )
     raise ValueError(
-        f"expected the channels of one of {known}, got {len(elevations)} channels from {top:g} to {bottom:g} degrees"
+        f"expected channels, elevations and azimuths of one of {known}, got {len(elevations)} channels, "
+        f"{top:g} to {bottom:g}, +-{widest:g} degrees"
     )
 
 
 register_lidar_reader(ANGLES, recognise_angles, read)
+register_lidar_reader(MIRROR_ANGLES, recognise_mirror_angles, read_mirror)
 register_lidar_reader(FIRING_TIMES, recognise_firing_times, refuse_firing_times)

@@ -67,7 +67,8 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
     Returns
     -------
     Lidar
-        The sensor, with the limits of the OS0, OS1 or OS2 preset. Its range is measured from the beams' origin.
+        The sensor, with the limits of the OS0, OS1 or OS2 preset. Its range is measured from the beams' origin, and its
+        range offset is n.
 
     Raises
     ------
@@ -84,12 +85,14 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
         product = str(keys.get("prod_line", ""))
         if product[:4] not in PRESETS:
             raise ValueError(f"prod_line: expected a product that starts with {', '.join(PRESETS)}, got {product!r}")
-        pattern = _pattern(keys, product, mode)
+        origin = _beam_origin(keys, product)
+        pattern = _pattern(keys, origin, mode)
     preset = Lidar.preset(PRESETS[product[:4]], noise=noise)
-    return dataclasses.replace(preset, pattern=pattern, name=f"ouster-{product.lower()}")
+    offset = math.hypot(*origin) / 1e3
+    return dataclasses.replace(preset, pattern=pattern, range_offset=offset, name=f"ouster-{product.lower()}")
 
 
-def _pattern(keys: dict[str, Any], product: str, mode: str | None) -> Spinning:
+def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning:
     for key in ("beam_altitude_angles", "beam_azimuth_angles"):
         if key not in keys:
             raise ValueError(f"{key} is missing")
@@ -118,7 +121,7 @@ def _pattern(keys: dict[str, Any], product: str, mode: str | None) -> Spinning:
         azimuth_offsets=-np.radians(azimuths),
         columns=columns,
         rate=rate,
-        beam_origins=(_beam_origin(keys, product) + to_sensor[:3, 3]) / 1e3,
+        beam_origins=(origin + to_sensor[:3, 3]) / 1e3,
         field_of_view=2.0 * math.pi * (count / columns),
         start_azimuth=math.atan2(to_sensor[1, 0], to_sensor[0, 0]) - 2.0 * math.pi * (first / columns),
     )

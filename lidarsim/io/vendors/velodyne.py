@@ -44,14 +44,14 @@ class Model(NamedTuple):
 
 
 # Source: ros-drivers/velodyne rawdata.cc and rawdata.h; valgur/velodyne_decoder src/packet_decoder.cpp, which cites the
-# manuals; VLP-16 User Manual 63-9243 Rev D p. 49; VLS-128 User Manual 63-9483 Rev A p. 49.
+# manuals and has the times of a VLS-128 since firmware 5.2.3.0; VLP-16 User Manual 63-9243 Rev D p. 49.
 MODELS = {
     "velodyne-vlp16": Model(16, lambda laser: 2.304 * laser),
     "velodyne-vlp32c": Model(32, lambda laser: 2.304 * (laser // 2)),
     "velodyne-hdl32e": Model(32, lambda laser: 1.152 * laser),
     "velodyne-hdl64e-s2": Model(64, lambda laser: _fours(laser % 32, 6.0, (0.0, 1.26, 2.46, 3.66))),
     "velodyne-hdl64e-s3": Model(64, lambda laser: _fours(laser % 32, 7.2, (0.0, 1.3, 2.5, 3.7))),
-    "velodyne-vls128": Model(128, lambda laser: 2.665 * (laser // 8 + laser // 64)),
+    "velodyne-vls128": Model(128, lambda laser: 2.89 * (laser // 8 + laser // 64)),
 }
 
 

@@ -111,6 +111,18 @@ def text(lasers: int, extra: str = "", **changes: str) -> str:
     return f"lasers:\n{listed}num_lasers: {lasers}\n{extra}"
 
 
+def test_vls128_fires_in_steps_of_its_later_firmware(tmp_path: Path) -> None:
+    path = tmp_path / "vls128.yaml"
+    path.write_text(text(128))  # elevations rise with the ids, so that rings are ids
+    laser = np.arange(128)
+    times = spinning(path).firing_times * 1e6
+    np.testing.assert_allclose(times, 2.89 * (laser // 8 + laser // 64), atol=1e-9)
+    preset = ls.Lidar.preset("velodyne-vls128").pattern
+    assert isinstance(preset, Spinning)
+    assert preset.column_period == pytest.approx(20 * 2.89e-6, rel=1e-15)
+    np.testing.assert_allclose(np.sort(preset.firing_times * 1e6), np.sort(times), atol=1e-9)
+
+
 @pytest.mark.parametrize(
     ("content", "options", "message"),
     [

@@ -1,0 +1,94 @@
+"""RoboSense's angles of a unit: a CSV without names, one line a channel, as the ROS driver keeps it.
+
+A line gives the elevation of a channel and, for the RS-LiDAR-32, its azimuth relative to the head, clockwise, degrees.
+Lines are in the order of the channels, which is not that of their elevations.
+
+Source: RoboSense-LiDAR/ros_rslidar, rslidar_pointcloud/data/rs_lidar_16/angle.csv and rs_lidar_32/angle.csv; firing
+times: RoboSense-LiDAR/rs_driver, decoder_RS16.hpp and decoder_RS32.hpp.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from pathlib import Path
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from lidarsim._validation import array
+from lidarsim.io.vendors._reading import refusals
+from lidarsim.patterns import Spinning
+from lidarsim.sensor import Lidar, register_lidar_reader
+
+KIND = "RoboSense angle CSV"
+
+
+class Model(NamedTuple):
+    """What the angles do not say; the rest is that of the preset."""
+
+    preset: str
+    firing_us: list[float]
+    """Firing time of each channel since the start of its cycle, microseconds."""
+
+
+MODELS = {
+    (16, 1): Model("robosense-rs16", [2.8 * channel for channel in range(16)]),
+    (32, 2): Model(
+        "robosense-rs32",
+        [start + 2.88 * step for start in (0.0, 1.44) for step in (*range(15), 15.5)],
+    ),
+}
+"""By lines, and numbers a line."""
+
+
+def recognise(path: Path, text: str) -> bool:
+    """Return whether `text`, the head of the file `path`, is that of a RoboSense angle CSV."""
+    del path
+    number = r"[ \t]*-?\d+(\.\d+)?[ \t]*"
+    return re.fullmatch(rf"({number}(\r?\n|$)){{16}}|({number},{number}(\r?\n|$)){{32}}", text) is not None
+
+
+def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> Lidar:
+    """Return the sensor whose angles a RoboSense CSV lists: an RS-LiDAR-16 or an RS-LiDAR-32, told by its lines.
+
+    Rings count upwards from the lowest channel, as in the ROS driver.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    rate : float, optional
+        Turns, and so frames, per second, Hz. Default: the preset's.
+    noise : {"datasheet"}, optional
+        As in `Lidar.preset`.
+
+    Returns
+    -------
+    Lidar
+        The sensor, otherwise as its preset.
+
+    Raises
+    ------
+    FileFormatError
+        If the file cannot be read.
+    """
+    with refusals(path, KIND):
+        rows = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
+        angles = array("angles", rows, ("n", "of each"))
+    model = MODELS[angles.shape]
+    lidar = Lidar.preset(model.preset, noise=noise)
+    pattern = cast("Spinning", lidar.pattern)
+    rings = np.argsort(angles[:, 0], kind="stable")
+    elevation, azimuth = np.radians(np.c_[angles, np.zeros(len(angles))][rings, :2].T)  # of 16 without azimuths: 0
+    pattern = dataclasses.replace(
+        pattern,
+        elevations=elevation,
+        azimuth_offsets=-azimuth,
+        firing_times=np.array(model.firing_us)[rings] / 1e6,
+        rate=pattern.rate if rate is None else rate,
+    )
+    return dataclasses.replace(lidar, pattern=pattern)
+
+
+register_lidar_reader(KIND, recognise, read)

@@ -1,0 +1,393 @@
+//! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, §3.3).
+//!
+//! The bound is a weight times a size. Sizes add up and multiply as the numbers do; weights depend on the formula alone, so that the compiler works
+//! them out.
+
+use std::cmp::Ordering;
+
+use super::lanes::{Lanes, OfRays, One};
+use super::{Interval, Kinds, Number, PAD, Root, UNDERFLOW, UNIT, Uncertain};
+use crate::arith::simd::Floats;
+
+/// Real numbers, a lane each, within `weight`·`size` of `value`. An infinite or NaN bound means: unknown.
+#[derive(Clone, Copy, Debug)]
+pub struct Balls<L: Lanes<N>, const N: usize> {
+    value: L::Floats,
+    /// |value| at least.
+    size: L::Floats,
+    /// 0 if the numbers are exact, else at least the unit roundoff.
+    weight: f64,
+    /// Of lanes whose number is exactly zero the bit is clear.
+    nonzero: u32,
+    lanes: L,
+}
+
+pub type Ball = Balls<One, 1>;
+
+/// The weight where a bound is given: a power of two near that of ordinary formulas, so that the size remains near the value. Products of
+/// several sizes that were much larger would be larger by as many factors.
+const GIVEN: f64 = 8.0 * UNIT;
+
+impl<L: Lanes<N>, const N: usize> OfRays<L, N> for Balls<L, N> {
+    #[inline(always)]
+    fn of_rays(value: L::Floats, lanes: L) -> Self {
+        Self::rounded(value, 0.0, lanes)
+    }
+}
+
+impl<L: Lanes<N>, const N: usize> Balls<L, N> {
+    #[inline(always)]
+    pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
+        // In this order, a NaN for an error stays one.
+        let size = value.abs().max(error.mul(splat::<L, N>(1.0 / GIVEN)));
+        Balls { value, size, weight: GIVEN, nonzero: u32::MAX, lanes }
+    }
+
+    /// Numbers that are exact, or rounded once, and zero only where the truth is.
+    #[inline(always)]
+    fn rounded(value: L::Floats, weight: f64, lanes: L) -> Self {
+        let size = value.abs();
+        Balls { value, size, weight, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
+    }
+
+    /// The number and how far it may be off.
+    #[inline(always)]
+    pub fn parts(self) -> (L::Floats, L::Floats) {
+        (self.value, self.error())
+    }
+
+    #[inline(always)]
+    fn error(self) -> L::Floats {
+        if self.weight == 0.0 { splat::<L, N>(0.0) } else { self.size.mul(splat::<L, N>(self.weight * PAD)) }
+    }
+
+    /// `a` where 0 ≤ `by`, else `b`.
+    #[inline(always)]
+    fn pick(by: L::Floats, a: Self, b: Self) -> Self {
+        let zero = splat::<L, N>(0.0);
+        Balls {
+            value: zero.le_pick(by, a.value, b.value),
+            size: zero.le_pick(by, a.size, b.size),
+            weight: larger(a.weight, b.weight),
+            nonzero: a.nonzero | b.nonzero,
+            lanes: a.lanes.or(b.lanes),
+        }
+    }
+
+    /// With ρ = 1/b rounded and q ≥ ε_b/|b|, q ≤ ½: |a/b − v| ≤ (ε_a + |a/b|·ε_b)/(|b| − ε_b) + 3u·|v| for v = a·ρ, rounded, and
+    /// 1/(|b| − ε_b) ≤ |1/b|·(1 + 2q). A ρ so small that it might have lost bits is refused. The size is that sum in units of 3u.
+    #[inline(always)]
+    fn over(self, b: Self) -> Result<Self, Uncertain> {
+        const WEIGHT: f64 = 3.0 * UNIT;
+        let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
+        let inverse = splat::<L, N>(1.0).div(b.value);
+        let slope = inverse.abs();
+        let value = self.value.mul(inverse);
+        let lanes = self.lanes.or(b.lanes);
+        let ordinary = splat::<L, N>(f64::MIN_POSITIVE).lt(slope);
+        let mut operands = underflow;
+        if self.weight != 0.0 {
+            operands = self.size.fused(splat::<L, N>(self.weight / WEIGHT * PAD), operands);
+        }
+        let size = if b.weight == 0.0 {
+            lanes.keep(ordinary)?;
+            operands.mul(slope)
+        } else {
+            let q = b.error().mul(slope).mul(pad);
+            lanes.keep(ordinary & q.le(splat::<L, N>(0.5)))?;
+            operands = value.abs().fused(b.size.mul(splat::<L, N>(b.weight / WEIGHT * PAD)), operands);
+            operands.mul(slope).mul(q.fused(splat::<L, N>(2.0), splat::<L, N>(1.0)))
+        };
+        let size = size.fused(pad, value.abs()).fused(pad, underflow);
+        Ok(Balls { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
+    }
+
+    /// For a true x ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where the ball reaches zero, 0 ≤ √x ≤ √(v + ε).
+    #[inline(always)]
+    fn sqrt(self) -> Self {
+        let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
+        let error = self.error();
+        let value = self.value.sqrt();
+        let units = error.mul(splat::<L, N>(1.0 / UNIT));
+        let size = value.add(units.div(value)).fused(pad, underflow);
+        let root = Balls { value, size, weight: UNIT, ..self };
+        let away = error.lt(self.value);
+        if away & self.lanes.asked() == self.lanes.asked() {
+            return root;
+        }
+        let zero = splat::<L, N>(0.0);
+        let reach = self.value.max(zero).add(error).mul(pad).sqrt().mul(splat::<L, N>(PAD / UNIT));
+        Balls { value: self.value.le_pick(error, zero, value), size: self.value.le_pick(error, reach, size), ..root }
+    }
+
+    /// Stable forms of (b ± √disc)/a: where b and ±√disc cancel, c/(b ∓ √disc) is the same root.
+    #[inline(always)]
+    fn of_root(root: &Root<Self>) -> Result<Self, Uncertain> {
+        if let Some(t) = root.t {
+            return Ok(t);
+        }
+        if root.branch == 0 {
+            return root.b.over(root.a);
+        }
+        let s = root.disc.sqrt();
+        let by = root.b.value;
+        if root.branch > 0 {
+            Self::pick(by, root.b.plus(&s), root.c).over(Self::pick(by, root.a, root.b.minus(&s)))
+        } else {
+            Self::pick(by, root.c, root.b.minus(&s)).over(Self::pick(by, root.b.plus(&s), root.a))
+        }
+    }
+}
+
+/// As `f64::max`, where there are no NaN.
+#[inline(always)]
+const fn larger(x: f64, y: f64) -> f64 {
+    if x > y { x } else { y }
+}
+
+/// One number for every lane.
+#[inline(always)]
+pub(super) fn splat<L: Lanes<N>, const N: usize>(x: f64) -> L::Floats {
+    L::Floats::splat(x)
+}
+
+/// [value − error, value + error], rounded outward: with m = (ε + 4u·|v|)·PAD the rounding of v ± m, at most u·(|v| + m), is within m − ε.
+#[inline(always)]
+pub(super) fn interval<L: Lanes<N>, const N: usize>(
+    value: L::Floats,
+    error: L::Floats,
+    lanes: L,
+) -> Result<Interval<L::Floats>, Uncertain> {
+    let margin = error.add(value.abs().mul(splat::<L, N>(4.0 * UNIT)));
+    let margin = margin.mul(splat::<L, N>(PAD)).add(splat::<L, N>(UNDERFLOW));
+    lanes.keep(value.abs().add(margin).lt(splat::<L, N>(f64::INFINITY)))?;
+    Ok(Interval { low: value.sub(margin), high: value.add(margin) })
+}
+
+/// With the same weight in any case, so that the compiler knows it.
+impl<L: Lanes<N>, const N: usize> From<&Ball> for Balls<L, N> {
+    #[inline(always)]
+    fn from(ball: &Ball) -> Self {
+        let Balls { value, size, weight, nonzero, .. } = *ball;
+        let size = larger(size, size * (weight * PAD / GIVEN));
+        let nonzero = if nonzero & 1 == 0 { 0 } else { u32::MAX };
+        let (value, size) = (splat::<L, N>(value), splat::<L, N>(size));
+        Balls { value, size, weight: GIVEN, nonzero, lanes: L::OF_NO_RAY }
+    }
+}
+
+impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
+    type Floats = L::Floats;
+
+    #[inline(always)]
+    fn exact(x: f64) -> Self {
+        Self::rounded(splat::<L, N>(x), 0.0, L::OF_NO_RAY)
+    }
+
+    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x + s_y, rounded: rounding is monotone. A sum of
+    /// float64 numbers that is subnormal is exact, so that nothing is lost to underflow.
+    #[inline(always)]
+    fn plus(&self, other: &Self) -> Self {
+        let (value, lanes) = (self.value.add(other.value), self.lanes.or(other.lanes));
+        if self.weight == 0.0 && other.weight == 0.0 {
+            return Self::rounded(value, UNIT, lanes);
+        }
+        let weight = (larger(self.weight, other.weight) + UNIT) * PAD;
+        Balls { value, size: self.size.add(other.size), weight, nonzero: self.nonzero | other.nonzero, lanes }
+    }
+
+    #[inline(always)]
+    fn minus(&self, other: &Self) -> Self {
+        self.plus(&other.negated())
+    }
+
+    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s = s_x·s_y, rounded. The half of the smallest subnormal
+    /// that z may lose to underflow is less than half of what `PAD` adds, as w·s ≥ u·`UNDERFLOW`.
+    #[inline(always)]
+    fn times(&self, other: &Self) -> Self {
+        let (v, w) = (self.weight, other.weight);
+        Balls {
+            value: self.value.mul(other.value),
+            size: self.size.fused(other.size, splat::<L, N>(UNDERFLOW)),
+            weight: (v + w + v * w + UNIT) * PAD,
+            nonzero: self.nonzero & other.nonzero,
+            lanes: self.lanes.or(other.lanes),
+        }
+    }
+
+    #[inline(always)]
+    fn negated(&self) -> Self {
+        Balls { value: self.value.negated(), ..*self }
+    }
+
+    /// What overflows has an infinite size, too.
+    #[inline(always)]
+    fn doubled(&self) -> Self {
+        Balls { value: self.value.add(self.value), size: self.size.add(self.size), ..*self }
+    }
+
+    #[inline(always)]
+    fn sign(&self) -> Result<Ordering, Uncertain> {
+        let error = self.error();
+        self.lanes.agree(self.value.lt(error.negated()), !self.nonzero, error.lt(self.value))
+    }
+
+    #[inline(always)]
+    fn sign_of_surd(p: &Self, q: &Self, d: &Self) -> Result<Ordering, Uncertain> {
+        p.plus(&q.times(&d.sqrt())).sign()
+    }
+
+    #[inline(always)]
+    fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain> {
+        Balls::of_root(a)?.minus(&Balls::of_root(b)?).sign()
+    }
+
+    #[inline(always)]
+    fn locate(root: &Root<Self>) -> Result<Option<Self>, Uncertain> {
+        Ok(Some(Balls::of_root(root)?))
+    }
+
+    #[inline(always)]
+    fn round(_: &Root<Self>) -> Result<L::Floats, Uncertain> {
+        Err(Uncertain)
+    }
+
+    fn split(&self) -> (L::Floats, Self) {
+        (self.value, Self::within(splat::<L, N>(0.0), self.error(), self.lanes))
+    }
+
+    #[inline(always)]
+    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
+        K::convert(kinds.ball())
+    }
+
+    #[inline(always)]
+    fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
+        Balls::of_root(root)
+    }
+
+    #[inline(always)]
+    fn proportions(_: &[Self; 3]) -> Result<[L::Floats; 3], Uncertain> {
+        Err(Uncertain)
+    }
+
+    #[inline(always)]
+    fn enclose(root: &Root<Self>) -> Result<Interval<L::Floats>, Uncertain> {
+        let t = Balls::of_root(root)?;
+        interval::<L, N>(t.value, t.error(), t.lanes)
+    }
+}
+
+#[cfg(test)]
+impl<L: Lanes<N>, const N: usize> super::tests::Rounded<N> for Balls<L, N> {
+    fn holds(&self, lane: usize, x: &super::Dyadic) -> bool {
+        super::tests::within(x, self.value.store()[lane], 0.0, self.error().store()[lane])
+    }
+
+    fn is_certain(&self, lane: usize) -> bool {
+        self.value.abs().store()[lane] > self.error().store()[lane]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::Dyadic;
+    use crate::testing::{assert_slack, worst};
+
+    fn share(found: Ball, x: &Dyadic) -> f64 {
+        x.minus(&Dyadic::exact(found.value)).split().0.abs() / found.error()
+    }
+
+    fn draw(_: usize, next: &mut dyn FnMut() -> f64) -> f64 {
+        1.0 + next()
+    }
+
+    /// Off by all that it may be, which is eight roundings.
+    fn given(x: f64, up: bool) -> (Ball, Dyadic) {
+        let error = GIVEN * x;
+        let truth = Dyadic::exact(x).plus(&Dyadic::exact(if up { error } else { -error }));
+        (Ball::within(x, error, One), truth)
+    }
+
+    fn exact(x: f64, _: bool) -> (Ball, Dyadic) {
+        (Ball::exact(x), Dyadic::exact(x))
+    }
+
+    type Given = fn(f64, bool) -> (Ball, Dyadic);
+
+    fn of_quotient([x, y]: &[f64; 2], of: Given) -> f64 {
+        let mut largest: f64 = 0.0;
+        for up in [false, true] {
+            let ((a, p), (b, q)) = (of(*x, up), of(*y, !up));
+            if let (Ok(found), Ok(x)) = (a.over(b), Dyadic::value(&Root::linear(p, q, 0))) {
+                largest = largest.max(share(found, &x));
+            }
+        }
+        largest
+    }
+
+    fn of_square_root([x]: &[f64; 1], of: Given) -> f64 {
+        let mut largest: f64 = 0.0;
+        for up in [false, true] {
+            let (a, p) = of(*x, up);
+            let zero = Dyadic::exact(0.0);
+            let [_, Some(root)] = Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
+            else {
+                return 0.0;
+            };
+            largest = largest.max(Dyadic::value(&root).map_or(0.0, |x| share(a.sqrt(), &x)));
+        }
+        largest
+    }
+
+    /// Exact operands show the roundings of the operation itself, others what it makes of their errors.
+    #[test]
+    fn operations_are_as_near_as_their_bounds_say() {
+        let kinds: [(Given, [f64; 4]); 2] = [(exact, [1.0, 0.976, 0.632, 0.99]), (given, [1.0, 0.997, 0.942, 0.554])];
+        for (of, known) in kinds {
+            let sum = |x: &[f64; 2]| {
+                let ((a, p), (b, q)) = (of(x[0], true), of(x[1], true));
+                share(a.plus(&b), &p.plus(&q))
+            };
+            let product = |x: &[f64; 2]| {
+                let ((a, p), (b, q)) = (of(x[0], true), of(x[1], true));
+                share(a.times(&b), &p.times(&q))
+            };
+            let found = [
+                worst(4, 1000, draw, sum).0,
+                worst(4, 1000, draw, product).0,
+                worst(4, 1000, draw, |x| of_quotient(x, of)).0,
+                worst(4, 1000, draw, |x| of_square_root(x, of)).0,
+            ];
+            for (k, what) in ["sum", "product", "quotient", "square root"].into_iter().enumerate() {
+                assert_slack(what, found[k], known[k]);
+            }
+        }
+    }
+
+    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of the ball, where one may be lost.
+    #[test]
+    fn an_interval_reaches_beyond_its_ball() {
+        let (least, _) = worst(2, 1000, draw, |x: &[f64; 2]| {
+            let error = (x[1] - 1.0) * 1e-10 * x[0];
+            let ends = interval::<One, 1>(x[0], error, One);
+            let ends = ends.unwrap_or(Interval { low: x[0], high: x[0] });
+            let beyond = |end: f64, sign: f64| {
+                let ball = Dyadic::exact(x[0]).plus(&Dyadic::exact(sign * error));
+                sign * Dyadic::exact(end).minus(&ball).split().0 / (UNIT * x[0])
+            };
+            -beyond(ends.low, -1.0).min(beyond(ends.high, 1.0))
+        });
+        assert!((3.0..4.0).contains(&-least), "{least}");
+    }
+
+    /// `PAD` makes up for eight roundings downward and one of its own product; `UNDERFLOW` is far above what 32 operations may lose, so that processors
+    /// need not multiply by subnormal numbers.
+    #[test]
+    fn pads_cover_what_they_should() {
+        let eight = (0..9).fold(Dyadic::exact(PAD), |x, _| x.times(&Dyadic::exact(1.0 - UNIT)));
+        assert_eq!(eight.minus(&Dyadic::exact(1.0)).sign(), Ok(Ordering::Greater));
+        assert!(UNDERFLOW >= 32.0 * f64::from_bits(1) && UNDERFLOW * 2.0_f64.powi(-100) >= f64::MIN_POSITIVE);
+    }
+}

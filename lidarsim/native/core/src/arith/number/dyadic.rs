@@ -1,0 +1,354 @@
+//! Exact arithmetic: integers times powers of two. Every float64 is one, and sums and products stay such.
+
+use std::cmp::Ordering;
+
+use num_bigint::{BigInt, BigUint, Sign};
+
+use super::{Interval, Kinds, Number, Root, Uncertain};
+
+/// The number `mantissa · 2^exponent`.
+#[derive(Clone, Debug)]
+pub struct Dyadic {
+    mantissa: BigInt,
+    exponent: i64,
+}
+
+/// Bits of a root that is only to be near: rounded to float64, it is the nearest or one beside that.
+const NEAR: i64 = 64;
+
+/// Bits of a root beyond those of the longest coefficient; see `value`.
+const BEYOND: i64 = 128;
+
+impl Dyadic {
+    fn zero() -> Self {
+        Dyadic { mantissa: BigInt::ZERO, exponent: 0 }
+    }
+
+    fn ordering(&self) -> Ordering {
+        match self.mantissa.sign() {
+            Sign::Minus => Ordering::Less,
+            Sign::NoSign => Ordering::Equal,
+            Sign::Plus => Ordering::Greater,
+        }
+    }
+
+    /// √self for self ≥ 0: exact where the root is dyadic, else cut after this many bits or more.
+    fn sqrt(&self, bits: i64) -> Self {
+        let m = self.mantissa.magnitude();
+        if m.bits() == 0 {
+            return Dyadic::zero();
+        }
+        let mut shift = (2 * bits - m.bits() as i64).max(0);
+        if (self.exponent - shift) % 2 != 0 {
+            shift += 1;
+        }
+        let root = (m << shift as u64).sqrt();
+        Dyadic { mantissa: BigInt::from(root), exponent: (self.exponent - shift) / 2 }
+    }
+
+    /// The quotient rounded to the nearest float64, ties to even; ±∞ on overflow.
+    fn ratio(&self, den: &Self) -> f64 {
+        let (n, d) = (self.mantissa.magnitude(), den.mantissa.magnitude());
+        if n.bits() == 0 {
+            return 0.0;
+        }
+        // A quotient of at least 66 bits, and a sticky bit below it.
+        let shift = (d.bits() as i64 - n.bits() as i64 + 66).max(0);
+        let scaled = n << shift as u64;
+        let quotient = &scaled / d;
+        let sticky = &quotient * d != scaled;
+        let quotient = (quotient << 1u32) + BigUint::from(u8::from(sticky));
+        let magnitude = round(&quotient, self.exponent - den.exponent - shift - 1);
+        if self.mantissa.sign() == den.mantissa.sign() { magnitude } else { -magnitude }
+    }
+
+    /// The root as a quotient of sums in which nothing cancels, as in `Ball::of_root`, with its square root cut after `bits`.
+    fn fraction(root: &Root<Self>, bits: i64) -> (Self, Self) {
+        if root.branch == 0 {
+            return (root.b.clone(), root.a.clone());
+        }
+        let s = root.disc.sqrt(bits);
+        let s = if root.branch < 0 { s.negated() } else { s };
+        let sign = root.b.ordering();
+        if sign != Ordering::Equal && (sign == Ordering::Greater) != (root.branch > 0) {
+            (root.c.clone(), root.b.minus(&s))
+        } else {
+            (root.b.plus(&s), root.a.clone())
+        }
+    }
+
+    /// How the root compares with x: the sign of (b − x·a) + branch·√disc, as a > 0.
+    fn compare_with(root: &Root<Self>, x: &Self) -> Ordering {
+        Self::surd(&root.b.minus(&x.times(&root.a)), &Self::exact(f64::from(root.branch)), &root.disc)
+    }
+
+    /// How the root compares with the number halfway between two neighbours, of which infinity counts as ±2¹⁰²⁴, as it does where numbers are
+    /// rounded.
+    fn compare_with_middle(root: &Root<Self>, low: f64, high: f64) -> Ordering {
+        Self::compare_with(root, &Self::exact(low).plus(&Self::exact(high)).times(&Self::exact(0.5)))
+    }
+
+    /// Sign of p + x·√d + y·√e, for d, e ≥ 0: once both sides of a comparison have the same sign, they may be squared.
+    fn sign_of_two_surds(p: &Self, x: &Self, d: &Self, y: &Self, e: &Self) -> Ordering {
+        let left = Self::surd(p, x, d);
+        let right = surd_term(&y.negated(), e);
+        if left != right || left == Ordering::Equal {
+            return left.cmp(&right);
+        }
+        // left² − right² = (p² + x²d − y²e) + 2px·√d
+        let squared = p.squared().plus(&x.squared().times(d)).minus(&y.squared().times(e));
+        let twice = Dyadic::exact(2.0).times(p).times(x);
+        let order = Self::surd(&squared, &twice, d);
+        if left == Ordering::Greater { order } else { order.reverse() }
+    }
+
+    fn surd(p: &Self, q: &Self, d: &Self) -> Ordering {
+        let (left, right) = (p.ordering(), surd_term(&q.negated(), d));
+        if left != right || left == Ordering::Equal {
+            return left.cmp(&right);
+        }
+        let order = p.squared().minus(&q.squared().times(d)).ordering();
+        if left == Ordering::Greater { order } else { order.reverse() }
+    }
+}
+
+/// Sign of q·√d.
+fn surd_term(q: &Dyadic, d: &Dyadic) -> Ordering {
+    if d.ordering() == Ordering::Equal { Ordering::Equal } else { q.ordering() }
+}
+
+/// `mantissa · 2^exponent`, mantissa > 0, to the nearest float64, ties to even.
+fn round(mantissa: &BigUint, exponent: i64) -> f64 {
+    let top = mantissa.bits() as i64 + exponent; // 2^(top−1) ≤ value < 2^top
+    if top > 1024 {
+        return f64::INFINITY;
+    }
+    let last = (top - 53).max(-1074); // exponent of the last bit that a float64 of this size has
+    let cut = last - exponent;
+    let mut kept = if cut > 0 { mantissa >> cut as u64 } else { mantissa << (-cut) as u64 };
+    if cut > 0 {
+        let half = mantissa.bit(cut as u64 - 1);
+        let beyond = mantissa.trailing_zeros().is_some_and(|zeros| (zeros as i64) < cut - 1);
+        if half && (beyond || kept.bit(0)) {
+            kept += 1u32;
+        }
+    }
+    // At most 2^53, so exact; the product is exact too, or overflows.
+    let kept = kept.iter_u64_digits().next().unwrap_or(0) as f64;
+    scale(kept, last)
+}
+
+/// x · 2^k for −1074 ≤ k ≤ 971; exact unless it overflows.
+fn scale(x: f64, k: i64) -> f64 {
+    let power = |k: i64| f64::from_bits(((k + 1023) as u64) << 52);
+    if k < -1000 { x * power(k + 200) * power(-200) } else { x * power(k) }
+}
+
+impl Number for Dyadic {
+    type Floats = f64;
+
+    /// Of ±∞ this makes ±2¹⁰²⁴.
+    fn exact(x: f64) -> Self {
+        let bits = x.to_bits();
+        let biased = ((bits >> 52) & 0x7ff) as i64;
+        let fraction = bits & ((1 << 52) - 1);
+        let (mantissa, exponent) = if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
+        if mantissa == 0 {
+            return Dyadic::zero();
+        }
+        let zeros = mantissa.trailing_zeros();
+        let sign = if x < 0.0 { Sign::Minus } else { Sign::Plus };
+        Dyadic {
+            mantissa: BigInt::from_biguint(sign, BigUint::from(mantissa >> zeros)),
+            exponent: exponent + i64::from(zeros),
+        }
+    }
+
+    fn plus(&self, other: &Self) -> Self {
+        if self.mantissa.sign() == Sign::NoSign {
+            return other.clone();
+        }
+        if other.mantissa.sign() == Sign::NoSign {
+            return self.clone();
+        }
+        let (fine, coarse) = if self.exponent <= other.exponent { (self, other) } else { (other, self) };
+        let aligned = &coarse.mantissa << (coarse.exponent - fine.exponent) as u64;
+        Dyadic { mantissa: aligned + &fine.mantissa, exponent: fine.exponent }
+    }
+
+    fn minus(&self, other: &Self) -> Self {
+        self.plus(&other.negated())
+    }
+
+    fn times(&self, other: &Self) -> Self {
+        Dyadic { mantissa: &self.mantissa * &other.mantissa, exponent: self.exponent + other.exponent }
+    }
+
+    fn negated(&self) -> Self {
+        Dyadic { mantissa: -&self.mantissa, exponent: self.exponent }
+    }
+
+    fn sign(&self) -> Result<Ordering, Uncertain> {
+        Ok(self.ordering())
+    }
+
+    fn sign_of_surd(p: &Self, q: &Self, d: &Self) -> Result<Ordering, Uncertain> {
+        Ok(Self::surd(p, q, d))
+    }
+
+    fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain> {
+        // t₁ − t₂ has the sign of (b₁a₂ − b₂a₁) + β₁a₂·√disc₁ − β₂a₁·√disc₂, as a₁, a₂ > 0.
+        let p = a.b.times(&b.a).minus(&b.b.times(&a.a));
+        let x = Dyadic::exact(f64::from(a.branch)).times(&b.a);
+        let y = Dyadic::exact(f64::from(-b.branch)).times(&a.a);
+        Ok(Self::sign_of_two_surds(&p, &x, &a.disc, &y, &b.disc))
+    }
+
+    fn locate(_: &Root<Self>) -> Result<Option<Self>, Uncertain> {
+        Ok(None)
+    }
+
+    /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is near enough to that. So the root
+    /// itself is compared with the midpoints around a float64 near it.
+    fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
+        let (num, den) = Self::fraction(root, NEAR);
+        let near = num.ratio(&den);
+        if root.branch == 0 {
+            return Ok(near);
+        }
+        let (below, above) = (near.next_down(), near.next_up());
+        let is_odd = near.to_bits() & 1 != 0;
+        Ok(match Self::compare_with_middle(root, below, near) {
+            Ordering::Less => below,
+            Ordering::Equal if is_odd => below,
+            _ => match Self::compare_with_middle(root, near, above) {
+                Ordering::Greater => above,
+                Ordering::Equal if is_odd => above,
+                _ => near,
+            },
+        })
+    }
+
+    /// What is left of the origin and t·d in a normal may be smaller than these by as many bits as the longest coefficient has.
+    fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
+        let longest = [&root.a, &root.b, &root.c, &root.disc].map(|x| x.mantissa.bits() as i64).into_iter().max();
+        let bits = longest.unwrap_or(0) + BEYOND;
+        let (num, den) = Self::fraction(root, bits);
+        let (n, d) = (&num.mantissa, &den.mantissa);
+        let shift = (d.bits() as i64 - n.bits() as i64 + bits).max(0);
+        Ok(Dyadic { mantissa: (n << shift as u64) / d, exponent: num.exponent - den.exponent - shift })
+    }
+
+    fn split(&self) -> (f64, Self) {
+        let near = self.ratio(&Dyadic::exact(1.0)).clamp(f64::MIN, f64::MAX);
+        (near, self.minus(&Dyadic::exact(near)))
+    }
+
+    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
+        kinds.dyadic().clone()
+    }
+
+    fn proportions(v: &[Self; 3]) -> Result<[f64; 3], Uncertain> {
+        let top = |x: &Dyadic| x.exponent + x.mantissa.bits() as i64;
+        let exponent = v.iter().filter(|x| x.mantissa.sign() != Sign::NoSign).map(top).max().unwrap_or(0);
+        let unit = Dyadic { mantissa: BigInt::from(1), exponent };
+        Ok(v.each_ref().map(|x| x.ratio(&unit)))
+    }
+
+    fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain> {
+        let t = Self::round(root)?;
+        Ok(Interval { low: t.next_down(), high: t.next_up() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rounds_quotients_like_the_processor() {
+        let numbers = [1.0, 3.0, -7.0, 0.1, 1e-300, -2.5e300, 5e-324, 1.7976931348623157e308, 6.0];
+        let mut checked = 0;
+        for a in numbers {
+            for b in numbers {
+                assert_eq!(Dyadic::exact(a).ratio(&Dyadic::exact(b)).to_bits(), (a / b).to_bits(), "{a} / {b}");
+                checked += 1;
+            }
+        }
+        assert_eq!(checked, 81);
+    }
+
+    #[test]
+    fn square_roots_round_like_the_processor() {
+        for x in [2.0, 4.0, 0.3, 1e-310, 5e-324, 1e300, 9007199254740993.0] {
+            let root = Dyadic::exact(x).sqrt(256).ratio(&Dyadic::exact(1.0));
+            assert_eq!(root.to_bits(), f64::sqrt(x).to_bits(), "√{x}");
+        }
+    }
+
+    /// Both roots of t² − 2bt + b² − disc = 0.
+    fn roots(b: Dyadic, disc: Dyadic) -> [Root<Dyadic>; 2] {
+        let c = b.squared().minus(&disc);
+        match Root::quadratic(Dyadic::exact(1.0), b, c, disc, Ordering::Greater, 0) {
+            [Some(first), Some(second)] => [first, second],
+            _ => unreachable!("there are two"),
+        }
+    }
+
+    #[test]
+    fn roots_next_to_midpoints_are_rounded_to_nearest() {
+        let number = |mantissa: i64, exponent| Dyadic { mantissa: BigInt::from(mantissa), exponent };
+        let mut checked = 0;
+        for x in [1.0, 1.0_f64.next_up(), 2.0, -3.0, 5e-324, 1e-320, f64::MIN_POSITIVE, 1e300, f64::MAX.next_down()] {
+            for (low, high) in [(x, x.next_up()), (x.next_down(), x)] {
+                let even = if low.to_bits() & 1 == 0 { low } else { high };
+                let middle = number(1, -1).times(&Dyadic::exact(low).plus(&Dyadic::exact(high)));
+                for away in [-1, -60, -200, -256, -300, -1000, -5000] {
+                    // b ± √disc is the midpoint, or beside it by less than 2^away of the root of the discriminant.
+                    let s = number(3, middle.exponent);
+                    for (off, expected) in [(-1, [low, high]), (0, [even, even]), (1, [high, low])] {
+                        let disc = s.squared().times(&number(1, 0).plus(&number(off, away)));
+                        // The second root is above b, the first below; both cross the midpoint with the discriminant.
+                        for (branch, b) in [(1, middle.minus(&s)), (0, middle.plus(&s))] {
+                            let near = Dyadic::compare_with_middle(&roots(b.clone(), disc.clone())[branch], low, high);
+                            assert_eq!(near, if branch == 1 { off.cmp(&0) } else { 0.cmp(&off) });
+                            if away < -1 {
+                                let rounded = Dyadic::round(&roots(b, disc.clone())[branch]);
+                                assert_eq!(rounded, Ok(expected[1 - branch]), "{x}, {away}, {off}, {branch}");
+                                checked += 1;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        assert_eq!(checked, 9 * 2 * 6 * 3 * 2);
+    }
+
+    #[test]
+    fn roots_beyond_the_largest_number_are_infinite_from_its_midpoint_on() {
+        let number = |mantissa: i64, exponent| Dyadic { mantissa: BigInt::from(mantissa), exponent };
+        let middle = Dyadic::exact(f64::MAX).plus(&number(1, 970));
+        for (off, expected) in [(-1, f64::MAX), (0, f64::INFINITY), (1, f64::INFINITY)] {
+            let disc = number(1, 0).plus(&number(off, -3000));
+            let [_, root] = roots(middle.minus(&number(1, 0)), disc.clone());
+            assert_eq!(Dyadic::round(&root), Ok(expected));
+            let [root, _] = roots(middle.negated().plus(&number(1, 0)), disc);
+            assert_eq!(Dyadic::round(&root), Ok(-expected));
+        }
+    }
+
+    #[test]
+    fn compares_sums_of_surds() {
+        let n = Dyadic::exact;
+        // √2 + √3 against 3.1462643699419723 (rounded down) and its successor.
+        let below = 3.146264369941972_f64;
+        for (p, expected) in [(below, Ordering::Greater), (below.next_up(), Ordering::Less)] {
+            let order = Dyadic::sign_of_two_surds(&n(-p), &n(1.0), &n(2.0), &n(1.0), &n(3.0));
+            assert_eq!(order, expected);
+        }
+        // 1 + √4 − √9 = 0
+        let order = Dyadic::sign_of_two_surds(&n(1.0), &n(1.0), &n(4.0), &n(-1.0), &n(9.0));
+        assert_eq!(order, Ordering::Equal);
+    }
+}

@@ -1,0 +1,147 @@
+//! Numbers that know how far they may be wrong.
+//!
+//! Every formula of the core is written once, over [`Number`], and evaluated in up to three kinds of arithmetic:
+//! [`Ball`] (float64 with a running error bound), [`DdBall`] (double-double with a running error bound) and
+//! [`Dyadic`] (exact). A decision that the first kind cannot certify is [`Uncertain`]; [`certify`] then asks the next
+//! kind, and the last one always knows. So no formula holds an epsilon, and every decision is exact for the float64
+//! numbers that were given.
+//!
+//! The first two exist for one ray and for several side by side ([`Balls`], [`DdBalls`]).
+
+mod ball;
+mod dd;
+mod dyadic;
+mod lanes;
+#[cfg(test)]
+mod tests;
+
+use std::cmp::Ordering;
+
+pub use ball::{Ball, Balls};
+pub use dd::{DdBall, DdBalls};
+pub use dyadic::Dyadic;
+pub use lanes::{Lanes, Many, OfRays, One};
+
+/// This kind of arithmetic cannot tell; the next one may.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Uncertain;
+
+/// A real number, known exactly or to within a bound that it carries.
+pub trait Number: Clone {
+    /// Float64 numbers, a lane each.
+    type Floats: Copy;
+
+    fn exact(x: f64) -> Self;
+    fn plus(&self, other: &Self) -> Self;
+    fn minus(&self, other: &Self) -> Self;
+    fn times(&self, other: &Self) -> Self;
+    fn negated(&self) -> Self;
+    fn sign(&self) -> Result<Ordering, Uncertain>;
+    /// Sign of `p + q·√d`, for d ≥ 0.
+    fn sign_of_surd(p: &Self, q: &Self, d: &Self) -> Result<Ordering, Uncertain>;
+    fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain>;
+    /// The root as a number of this kind, if roots are compared by it.
+    fn locate(root: &Root<Self>) -> Result<Option<Self>, Uncertain>;
+    /// The root rounded to the nearest float64.
+    fn round(root: &Root<Self>) -> Result<Self::Floats, Uncertain>;
+    /// The root as a number of this kind; the exact kind cuts it, so late that a normal there is as `proportions` says.
+    fn value(root: &Root<Self>) -> Result<Self, Uncertain>;
+    /// Float64 numbers in the proportions of `v`, to within 2⁻⁶⁰ of the largest and a rounding; the largest is neither huge nor tiny.
+    fn proportions(v: &[Self; 3]) -> Result<[Self::Floats; 3], Uncertain>;
+    /// Float64 numbers that hold the root between them.
+    fn enclose(root: &Root<Self>) -> Result<Interval<Self::Floats>, Uncertain>;
+
+    /// Float64 numbers near these, and what these are beyond them.
+    fn split(&self) -> (Self::Floats, Self);
+
+    /// What is kept in this kind of number.
+    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self>;
+
+    #[inline(always)]
+    fn doubled(&self) -> Self {
+        self.plus(self)
+    }
+
+    #[inline(always)]
+    fn squared(&self) -> Self {
+        self.times(self)
+    }
+
+    #[inline(always)]
+    fn is_zero(&self) -> Result<bool, Uncertain> {
+        Ok(self.sign()? == Ordering::Equal)
+    }
+}
+
+/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with branch 0, t = b/a.
+///
+/// The coefficients come from formulas that keep them accurate each on its own, so that `disc` is not evaluated as
+/// b² − a·c, and c is there to avoid the cancellation between b and √disc.
+#[derive(Clone, Debug)]
+pub struct Root<N> {
+    pub a: N,
+    pub b: N,
+    pub c: N,
+    pub disc: N,
+    pub branch: i8,
+    /// t, where it was worked out already.
+    pub t: Option<N>,
+    /// Which part of the surface was met: a face of a box, the side or a cap of a cylinder.
+    pub feature: u8,
+}
+
+/// What is worked out once and kept in each kind of number of one lane.
+pub trait Kinds {
+    type In<N: Clone>: Clone;
+
+    fn ball(&self) -> &Self::In<Ball>;
+    fn dd(&self) -> &Self::In<DdBall>;
+    fn dyadic(&self) -> &Self::In<Dyadic>;
+    /// The same in a kind of number that holds this one.
+    fn convert<N: Clone, M: Clone + for<'a> From<&'a N>>(kept: &Self::In<N>) -> Self::In<M>;
+}
+
+/// A closed interval of float64 numbers, or one a lane.
+#[derive(Clone, Copy, Debug)]
+pub struct Interval<F = f64> {
+    pub low: F,
+    pub high: F,
+}
+
+impl Interval {
+    pub fn point(x: f64) -> Self {
+        Interval { low: x, high: x }
+    }
+}
+
+/// A question that any kind of [`Number`] of one lane may try to answer.
+pub trait Question {
+    type Answer;
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain>;
+}
+
+/// Answers a question with the cheapest arithmetic that is certain of it.
+#[inline]
+pub fn certify<Q: Question>(question: &Q) -> Q::Answer {
+    question.ask::<Ball>().unwrap_or_else(|Uncertain| certify_finely(question))
+}
+
+/// As [`certify`], for questions that float64 can hardly ever answer.
+#[cold]
+#[inline(never)]
+pub fn certify_finely<Q: Question>(question: &Q) -> Q::Answer {
+    question
+        .ask::<DdBall>()
+        .or_else(|Uncertain| question.ask::<Dyadic>())
+        .unwrap_or_else(|Uncertain| unreachable!("exact arithmetic is never uncertain"))
+}
+
+/// Unit roundoff of float64, 2⁻⁵³.
+pub const UNIT: f64 = f64::EPSILON / 2.0;
+
+/// Covers the roundings made while an error bound itself is summed up: fewer than 8 of relative size `UNIT` each.
+pub(crate) const PAD: f64 = 1.0 + 8.0 * f64::EPSILON;
+
+/// Covers what up to 32 operations lose when they underflow: half the smallest subnormal, 2⁻¹⁰⁷⁵, each. It is as large as 2⁻⁹⁰⁰ since
+/// processors are slow to multiply by subnormal numbers, which products of it and ordinary numbers shall not be either.
+pub(crate) const UNDERFLOW: f64 = f64::from_bits((1023 - 900) << 52);

@@ -1,0 +1,198 @@
+//! Every kind of number holds what exact arithmetic says, in every lane and with every instruction set.
+
+use std::cell::Cell;
+use std::cmp::Ordering;
+
+use super::*;
+use crate::arith::simd::{Floats, Isa, LaneTask, Level, Task, dispatch};
+
+/// A kind of number whose errors the tests may look at.
+pub(super) trait Rounded<const N: usize>: Number {
+    /// Whether the bounds of a lane hold x; true where they are infinite or NaN.
+    fn holds(&self, lane: usize, x: &Dyadic) -> bool;
+    /// Whether the bounds of a lane are finite and shut zero out.
+    fn is_certain(&self, lane: usize) -> bool;
+}
+
+/// Whether |x − (high + low)| ≤ error; true where that says nothing.
+pub(super) fn within(x: &Dyadic, high: f64, low: f64, error: f64) -> bool {
+    if !(high.is_finite() && low.is_finite() && error.is_finite()) {
+        return !(error < f64::INFINITY) || !high.is_finite();
+    }
+    let off = x.minus(&Dyadic::exact(high)).minus(&Dyadic::exact(low));
+    let bound = Dyadic::exact(error);
+    off.minus(&bound).sign() != Ok(Ordering::Greater) && off.plus(&bound).sign() != Ok(Ordering::Less)
+}
+
+/// Numbers of every size, and neighbours whose difference is small.
+fn numbers() -> impl FnMut() -> f64 {
+    let mut state = 0x9e37_79b9_7f4a_7c15_u64;
+    let mut next = move || {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        state
+    };
+    move || {
+        let (kind, bits) = (next() % 16, next());
+        let ordinary = f64::from_bits(bits & !(0x7ff << 52) | (1015 + bits % 16) << 52);
+        match kind {
+            0 => 0.0,
+            1 => -0.0,
+            2 => f64::from_bits(bits % 64),                          // subnormal
+            3 => f64::from_bits(bits & !(0x7ff << 52) | 3 << 52),    // all but subnormal
+            4 => f64::from_bits(bits & !(0x7ff << 52) | 511 << 52),  // whose square is subnormal
+            5 => f64::from_bits(bits & !(0x7ff << 52) | 1530 << 52), // whose square is huge
+            6 => (bits % 5) as f64 - 2.0,
+            7 | 8 => 1.0 + (bits % 8) as f64 * f64::EPSILON,
+            _ => ordinary,
+        }
+    }
+}
+
+/// Sums and products of sums and products, and what the processor has to say of them.
+fn formulas<N: Number>(x: &[N; 4]) -> [N; 12] {
+    let [a, b, c, d] = x;
+    let (ab, cd) = (a.times(b), c.times(d));
+    let (difference, cross) = (a.minus(b), ab.minus(&cd));
+    let square = difference.squared();
+    let deep = cross.times(&difference).plus(&ab.negated().times(&square));
+    let mixed = [c.plus(&cd), deep.times(d), deep.times(&cross), cross.doubled()];
+    let [p, q, r, s] = mixed;
+    let sum = a.plus(b);
+    [ab, cd, difference, cross, square, deep, p, q, r, s, sum.minus(c), sum.times(c)]
+}
+
+/// A quotient, both roots of a quadratic equation, and the root of a square that is mostly rounding, of numbers that were rounded.
+fn root<N: Number>(which: usize, x: &[N; 4]) -> Result<Root<N>, Uncertain> {
+    let [a, b, c, d] = x;
+    let positive = a.squared().plus(&d.squared()).plus(&N::exact(1e-30));
+    if which == 0 {
+        return Ok(Root::linear(b.times(c), positive, 0));
+    }
+    // t² − 2bt + (b² − disc) = 0
+    let (middle, disc) = match which {
+        1 | 2 => (b.clone(), positive),
+        _ => (N::exact(0.0), a.times(b).minus(&c.times(d)).squared()),
+    };
+    let rest = middle.squared().minus(&disc);
+    let order = disc.sign()?;
+    let [first, second] = Root::quadratic(N::exact(1.0), middle, rest, disc, order, 0);
+    (if which == 1 { first } else { second }).ok_or(Uncertain)
+}
+
+struct Balled;
+struct DoubleDoubled;
+
+impl LaneTask for Balled {
+    type Output = [usize; 2];
+
+    fn run<F: Floats<f64, N>, const N: usize>(self) -> [usize; 2] {
+        let asked = Cell::new(0);
+        check::<Balls<Many<F>, N>, N>(&asked, |v| Balls::of_rays(F::load(v), Many::new(&asked)))
+    }
+}
+
+impl LaneTask for DoubleDoubled {
+    type Output = [usize; 2];
+
+    fn run<F: Floats<f64, N>, const N: usize>(self) -> [usize; 2] {
+        let asked = Cell::new(0);
+        check::<DdBalls<Many<F>, N>, N>(&asked, |v| DdBalls::of_rays(F::load(v), Many::new(&asked)))
+    }
+}
+
+/// Returns how many certain numbers and how many roots it has checked.
+fn check<K: Rounded<N>, const N: usize>(asked: &Cell<u32>, of_rays: impl Fn(&[f64; N]) -> K) -> [usize; 2] {
+    let (mut certain, mut known) = (0, 0);
+    let mut number = numbers();
+    for _ in 0..300 {
+        let values: [[f64; N]; 4] = std::array::from_fn(|_| std::array::from_fn(|_| number()));
+        let x = values.each_ref().map(&of_rays);
+        let exactly = |lane: usize| values.map(|v| Dyadic::exact(v[lane]));
+        let found = formulas(&x);
+        for lane in 0..N {
+            for (k, (found, exact)) in found.iter().zip(&formulas(&exactly(lane))).enumerate() {
+                assert!(found.holds(lane, exact), "formula {k} of {:?}", values.map(|v| v[lane]));
+                certain += usize::from(found.is_certain(lane));
+            }
+        }
+        for k in 0..4 {
+            asked.set((1 << N) - 1);
+            let Ok(found) = root(k, &x).and_then(|root| K::value(&root)) else { continue };
+            for lane in (0..N).filter(|lane| asked.get() & 1 << lane != 0) {
+                let exact = root(k, &exactly(lane)).and_then(|root| Dyadic::value(&root));
+                assert!(exact.is_ok_and(|t| found.holds(lane, &t)), "root {k} of {:?}", values.map(|v| v[lane]));
+                known += 1;
+            }
+        }
+    }
+    [certain, known]
+}
+
+struct Each<T>(fn() -> T);
+
+impl<T: LaneTask> Task for Each<T> {
+    type Output = Option<T::Output>;
+
+    fn run<I: Isa>(self) -> Self::Output {
+        I::apart(self.0())
+    }
+}
+
+#[test]
+fn lanes_hold_the_exact_numbers() {
+    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+        for [certain, known] in
+            [dispatch(level, Each(|| Balled)), dispatch(level, Each(|| DoubleDoubled))].into_iter().flatten()
+        {
+            assert!(certain > 2000 && known > 500, "{level:?}: {certain}, {known}");
+        }
+    }
+}
+
+#[test]
+fn one_lane_holds_the_exact_numbers() {
+    let asked = Cell::new(0);
+    for [certain, known] in
+        [check::<Ball, 1>(&asked, |v| Ball::exact(v[0])), check::<DdBall, 1>(&asked, |v| DdBall::exact(v[0]))]
+    {
+        assert!(certain > 500 && known > 200, "{certain}, {known}");
+    }
+}
+
+#[test]
+fn exact_zeros_are_certain() {
+    let zero = [-0.0, 5.0, 0.0, 1e-320].map(Ball::exact);
+    assert_eq!(zero[0].times(&zero[1]).sign(), Ok(Ordering::Equal));
+    assert_eq!(zero[3].squared().sign(), Err(Uncertain));
+    assert_eq!(zero[0].times(&zero[1]).plus(&zero[3].squared()).sign(), Err(Uncertain));
+    let zero = [-0.0, 5.0, 0.0, 1e-320].map(DdBall::exact);
+    assert_eq!(zero[0].times(&zero[1]).sign(), Ok(Ordering::Equal));
+    assert_eq!(zero[3].squared().sign(), Err(Uncertain));
+    assert_eq!(zero[0].times(&zero[1]).plus(&zero[3].squared()).sign(), Err(Uncertain));
+}
+
+/// Signs that differ are settled group by group, and what is not known is left.
+#[test]
+fn lanes_that_disagree_are_asked_in_turn() {
+    let values = [[3.0, -1.0, 0.0, 2.0, 1e-200, -4.0, 0.0, -0.0]];
+    let mut left = 0b0111_1111;
+    let mut answers = [None; 8];
+    while left != 0 {
+        let asked = Cell::new(left);
+        let lanes = Many::<[f64; 8]>::new(&asked);
+        let x = Balls::<_, 8>::of_rays(values[0], lanes);
+        // The square of what is tiny is lost.
+        let answer = x.times(&x).times(&x).sign();
+        for lane in (0..8).filter(|lane| asked.get() & 1 << lane != 0) {
+            answers[lane] = Some(answer);
+        }
+        assert_ne!(left & asked.get(), 0);
+        left &= !asked.get();
+    }
+    let (less, equal, greater) = (Ok(Ordering::Less), Ok(Ordering::Equal), Ok(Ordering::Greater));
+    let expected = [greater, less, equal, greater, Err(Uncertain), less, equal].map(Some);
+    assert_eq!(answers[..7], expected);
+    assert_eq!(answers[7], None);
+}

@@ -1,0 +1,654 @@
+//! A bounding volume hierarchy, eight children wide.
+//!
+//! Boxes are float32, relative to a float64 centre and rounded outward, so that a box never loses what it holds. They only
+//! choose which primitives are asked; every decision is made elsewhere, in the numbers that were given.
+
+mod build;
+mod packet;
+mod span;
+
+use packet::{FewMeeting, Hull, Slabs};
+pub use packet::{HUGE, LANES, Mask, Packet, Rays, TINY, all, part_of_mask, take};
+pub use span::Span;
+
+use crate::arith::number::Interval;
+use crate::arith::simd::Isa;
+use crate::geometry::vector::Point;
+
+pub const WIDTH: usize = 8;
+
+/// Most primitives a leaf may hold.
+pub const LEAF: usize = 8;
+
+/// Eight boxes, an axis after the other, and what they hold. An absent child has a box that nothing meets.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+struct Node {
+    low: [[f32; WIDTH]; 3],
+    high: [[f32; WIDTH]; 3],
+    child: [Child; WIDTH],
+}
+
+/// The index of a node or of a leaf.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Child(u32);
+
+impl Child {
+    const LEAF_BIT: u32 = 1 << 31;
+    /// What follows the last: no node has the root for a child.
+    const END: Child = Child::node(0);
+
+    const fn node(index: usize) -> Self {
+        Child(index as u32)
+    }
+
+    fn leaf(index: usize) -> Self {
+        Child(Self::LEAF_BIT | index as u32)
+    }
+
+    #[inline(always)]
+    fn is_leaf(self) -> bool {
+        self.0 & Self::LEAF_BIT != 0
+    }
+
+    #[inline(always)]
+    fn index(self) -> usize {
+        (self.0 & !Self::LEAF_BIT) as usize
+    }
+}
+
+/// What rays that go alone do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
+pub trait Visitor<L> {
+    /// Gets up to `WALKS` rays, each of which may meet a leaf of its own, and says which of them want less than before.
+    fn visit<I: Isa>(&mut self, stack: &mut Stack, lanes: &[usize], leaves: &[&L]) -> Mask;
+
+    /// The t beyond which nothing is wanted of each ray.
+    fn limits(&self) -> &[f64; LANES];
+}
+
+/// A hierarchy over leaves of whatever kind.
+#[derive(Clone, Debug)]
+pub struct Bvh<L> {
+    center: Point,
+    nodes: Vec<Node>,
+    leaves: Vec<L>,
+}
+
+impl<L: Send> Bvh<L> {
+    /// Over primitives 0 to `count`; those without a box (none) are left out. `leaf` makes a leaf of up to `most` primitives, at
+    /// most `LEAF`.
+    pub fn new(
+        count: usize,
+        bounds: impl Fn(u32) -> Option<[Interval; 3]> + Sync,
+        most: usize,
+        leaf: impl Fn(&[u32]) -> L + Sync,
+    ) -> Self {
+        build::build(count, bounds, most.min(LEAF), leaf)
+    }
+
+    pub fn center(&self) -> Point {
+        self.center
+    }
+
+    /// The leaf, if there is but one.
+    pub fn only_leaf(&self) -> Option<&L> {
+        if self.leaves.len() == 1 { self.leaves.first() } else { None }
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.nodes.len() * size_of::<Node>() + self.leaves.len() * size_of::<L>()
+    }
+
+    /// Offers the leaves that the ray may meet, nearest box first: `visit` answers with the t beyond which nothing is wanted
+    /// any more. It may traverse another hierarchy on the same stack.
+    pub fn traverse(&self, span: &mut Span, stack: &mut Stack, mut visit: impl FnMut(&mut Stack, &L) -> f64) {
+        if self.nodes.is_empty() {
+            return;
+        }
+        let base = stack.len;
+        stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
+        while let Some(entry) = stack.pop(base) {
+            if entry.near > span.limit() {
+                continue;
+            }
+            if entry.child.is_leaf() {
+                span.shorten(visit(stack, &self.leaves[entry.child.index()]));
+                continue;
+            }
+            let node = &self.nodes[entry.child.index()];
+            let (near, far) = span.meet(&node.low, &node.high);
+            let first = stack.len;
+            for i in 0..WIDTH {
+                if near[i] <= far[i] {
+                    stack.push_sorted(first, Entry { near: near[i], child: node.child[i], mask: 0 });
+                }
+            }
+        }
+    }
+
+    /// Sends rays of a packet, which has entered the hierarchy, on their way together.
+    #[inline(always)]
+    pub fn set_out<I: Isa>(&self, walk: &mut PacketWalk, active: Mask, stack: &mut Stack) {
+        walk.base = stack.len;
+        if !self.nodes.is_empty() {
+            walk.hull = walk.packet.hull_of_all::<I>();
+            stack.push_if(active != 0, Entry { near: 0.0, child: Child::node(0), mask: active });
+        }
+    }
+
+    /// The leaf that a packet has come to; none if it is at a node.
+    #[inline(always)]
+    pub fn leaf(&self, walk: &PacketWalk) -> Option<&L> {
+        if walk.child.is_leaf() { Some(&self.leaves[walk.child.index()]) } else { None }
+    }
+
+    /// Looks into the node that a packet has come to.
+    #[inline(always)]
+    pub fn open<I: Isa>(&self, walk: &PacketWalk, stack: &mut Stack) {
+        let PacketWalk { packet, hull, mask, .. } = walk;
+        let node = &self.nodes[walk.child.index()];
+        // The farthest first, and no branch hangs on a single look.
+        if mask.count_ones() > FEW {
+            let meeting = hull.meet::<I>(&packet.heading, node);
+            for (&near, &i) in meeting.near.iter().zip(&meeting.child).take(meeting.count) {
+                let (child, mask) = (node.child[i as usize], packet.meet::<I>(*mask, &meeting, i as usize));
+                self.prefetch::<I>(if mask != 0 { child } else { walk.child });
+                stack.push_if(mask != 0, Entry { near, child, mask });
+            }
+        } else {
+            let FewMeeting { count, child, near, masks } = packet.meet_few::<I>(*mask, hull, node);
+            for (&near, &i) in near.iter().zip(&child).take(count) {
+                let (child, mask) = (node.child[i as usize], masks[i as usize]);
+                self.prefetch::<I>(child);
+                stack.push_if(true, Entry { near, child, mask });
+            }
+        }
+    }
+
+    /// As `traverse`, for rays of a packet one by one: some at once, which all do a step before one does the next. While one waits for memory the
+    /// others go on, and since those at nodes and those at leaves have their turns apart, no branch hangs on where a single ray goes.
+    #[inline(always)]
+    pub fn traverse_each<I: Isa>(
+        &self,
+        packet: &Packet,
+        active: Mask,
+        stack: &mut Stack,
+        visitor: &mut impl Visitor<L>,
+    ) {
+        let Some(leaf) = self.leaves.first() else { return };
+        let heading = packet.heading;
+        let mut walks = [RayWalk::EMPTY; WALKS];
+        let (mut waiting, mut places) = (active, Places { idle: all(WALKS), at_leaves: 0 });
+        loop {
+            while waiting != 0
+                && let Some(k) = take(&mut places.idle)
+                && let Some(lane) = take(&mut waiting)
+            {
+                walks[k].start(lane, packet, &mut stack.piles[k]);
+            }
+            let mut at_nodes = all(WALKS) & !(places.idle | places.at_leaves);
+            let mut at_leaves = std::mem::take(&mut places.at_leaves);
+            if at_nodes | at_leaves == 0 {
+                return;
+            }
+            while let Some(k) = take(&mut at_nodes) {
+                let (walk, pile) = (&mut walks[k], &mut stack.piles[k]);
+                let node = &self.nodes[walk.child.index()];
+                let Slabs { near, far, .. } = walk.hull.slabs::<I>(&heading, node, walk.limit);
+                pile.push::<I>(near, far, &node.child);
+                walk.child = pile.pop();
+                self.prefetch::<I>(walk.child);
+                places.note(k, walk.child);
+            }
+            let (mut lanes, mut leaves, mut count) = ([0; WALKS], [leaf; WALKS], 0);
+            let mut left = at_leaves;
+            while let Some(k) = take(&mut left) {
+                (lanes[count], leaves[count]) = (walks[k].lane, &self.leaves[walks[k].child.index()]);
+                count += 1;
+            }
+            let nearer = if count > 0 { visitor.visit::<I>(stack, &lanes[..count], &leaves[..count]) } else { 0 };
+            while let Some(k) = take(&mut at_leaves) {
+                let (walk, pile) = (&mut walks[k], &mut stack.piles[k]);
+                if nearer & 1 << walk.lane != 0 {
+                    walk.limit = packet.limit_of(visitor.limits()[walk.lane]);
+                    pile.keep_within(walk.limit, walk.base);
+                }
+                walk.child = pile.pop();
+                self.prefetch::<I>(walk.child);
+                places.note(k, walk.child);
+            }
+        }
+    }
+
+    /// Brings a node or a leaf into the cache. No branch hangs on which it is: there will be one when it is visited.
+    #[inline(always)]
+    fn prefetch<I: Isa>(&self, child: Child) {
+        let leaf: *const [u8; 64] = self.leaves.as_ptr().wrapping_add(child.index()).cast();
+        let node: *const [u8; 64] = self.nodes.as_ptr().wrapping_add(child.index()).cast();
+        let start = if child.is_leaf() { leaf } else { node };
+        for line in 0..size_of::<Node>().max(size_of::<L>()).div_ceil(64) {
+            I::prefetch(start.wrapping_add(line));
+        }
+    }
+}
+
+/// Rays of a packet on their way through a hierarchy together.
+pub struct PacketWalk {
+    pub packet: Packet,
+    hull: Hull,
+    /// Where the node or leaf is, and the rays that may meet it.
+    child: Child,
+    mask: Mask,
+    /// Rays that want less than the packet knows.
+    nearer: Mask,
+    /// Where its part of the stack begins.
+    base: usize,
+}
+
+impl PacketWalk {
+    pub fn new() -> Self {
+        PacketWalk { packet: Packet::empty(), hull: Hull::EMPTY, child: Child::node(0), mask: 0, nearer: 0, base: 0 }
+    }
+
+    /// The rays that may meet what the packet has come to.
+    #[inline(always)]
+    pub fn mask(&self) -> Mask {
+        self.mask
+    }
+
+    /// These rays will want less.
+    #[inline(always)]
+    pub fn shorten(&mut self, nearer: Mask) {
+        self.nearer = nearer;
+    }
+
+    /// Goes to the nearest of what is left; false if nothing is. Nothing beyond `limits` is wanted of the rays.
+    #[inline(always)]
+    pub fn go_on<I: Isa>(&mut self, stack: &mut Stack, limits: &[f64; LANES]) -> bool {
+        if self.nearer != 0 {
+            self.packet.set_limits::<I>(limits);
+            self.nearer = 0;
+        }
+        while let Some(Entry { near, child, mask }) = stack.pop(self.base) {
+            let mask = self.packet.within::<I>(mask, near);
+            if mask != 0 {
+                (self.child, self.mask) = (child, mask);
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Goes nowhere.
+    pub fn stay(&mut self, stack: &Stack) {
+        self.base = stack.len;
+    }
+}
+
+/// A ray on its way through a hierarchy alone.
+#[derive(Clone, Copy)]
+struct RayWalk {
+    lane: usize,
+    hull: Hull,
+    limit: f32,
+    child: Child,
+    /// Where its part of its pile begins.
+    base: usize,
+}
+
+impl RayWalk {
+    const EMPTY: RayWalk = RayWalk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), base: 0 };
+
+    #[inline(always)]
+    fn start(&mut self, lane: usize, packet: &Packet, pile: &mut Pile) {
+        self.lane = lane;
+        packet.put_hull_of_one(lane, &mut self.hull);
+        self.limit = packet.limit(lane);
+        self.child = Child::node(0);
+        pile.child[pile.len] = Child::END.0;
+        pile.len += 1;
+        self.base = pile.len;
+    }
+}
+
+/// Which walks have come to their end and which to a leaf, a bit each; the others are at nodes.
+struct Places {
+    idle: Mask,
+    at_leaves: Mask,
+}
+
+impl Places {
+    #[inline(always)]
+    fn note(&mut self, k: usize, child: Child) {
+        self.idle |= Mask::from(child == Child::END) << k;
+        self.at_leaves |= Mask::from(child.is_leaf()) << k;
+    }
+}
+
+/// A subtree still to be visited, and how near it may be.
+#[derive(Clone, Copy)]
+struct Entry {
+    near: f32,
+    child: Child,
+    /// The rays of a packet that may meet it.
+    mask: Mask,
+}
+
+/// Up to as many rays each look at all boxes of a node, where more look at one box after the other.
+const FEW: u32 = 16;
+
+/// Rays that go alone at once.
+pub const WALKS: usize = 16;
+
+/// What is still to be visited, to be used again and again: by rays together, and a pile for each ray that goes alone. They are deep enough for a
+/// hierarchy within a hierarchy: each level pops one entry and pushes at most `WIDTH`.
+pub struct Stack {
+    /// One more than are wanted may be written.
+    entries: [Entry; Stack::SIZE + 1],
+    len: usize,
+    piles: [Pile; WALKS],
+}
+
+/// The subtrees that a single ray has still to visit, none beyond its limit, and how near they may be; of those of one node the nearest last.
+#[derive(Clone, Copy)]
+struct Pile {
+    near: [f32; Pile::SIZE],
+    child: [u32; Pile::SIZE],
+    len: usize,
+}
+
+impl Pile {
+    /// With an end for each of two hierarchies. A push writes `WIDTH` entries, whether they count or not.
+    const SIZE: usize = Stack::SIZE + 2 + WIDTH;
+
+    /// Pushes the children whose boxes the ray enters before it leaves them.
+    #[inline(always)]
+    fn push<I: Isa>(&mut self, near: I::F32x8, far: I::F32x8, children: &[Child; WIDTH]) {
+        let (count, near, children) = I::by_distance(near, far, &children.map(|child| child.0));
+        self.near[self.len..self.len + WIDTH].copy_from_slice(&near);
+        self.child[self.len..self.len + WIDTH].copy_from_slice(&children);
+        self.len += count;
+    }
+
+    #[inline(always)]
+    fn pop(&mut self) -> Child {
+        self.len -= 1;
+        Child(self.child[self.len])
+    }
+
+    /// Drops those from `base` on that are beyond the limit.
+    #[inline(always)]
+    fn keep_within(&mut self, limit: f32, base: usize) {
+        let mut kept = base;
+        for i in base..self.len {
+            let (near, child) = (self.near[i], self.child[i]);
+            (self.near[kept], self.child[kept]) = (near, child);
+            kept += usize::from(near <= limit);
+        }
+        self.len = kept;
+    }
+}
+
+impl Default for Stack {
+    fn default() -> Self {
+        Stack::new()
+    }
+}
+
+impl Stack {
+    const SIZE: usize = 2 * ((WIDTH - 1) * build::DEPTH + 1);
+
+    pub fn new() -> Self {
+        let empty = Entry { near: 0.0, child: Child(0), mask: 0 };
+        let pile = Pile { near: [0.0; Pile::SIZE], child: [0; Pile::SIZE], len: 0 };
+        Stack { entries: [empty; Stack::SIZE + 1], len: 0, piles: [pile; WALKS] }
+    }
+
+    #[inline(always)]
+    fn pop(&mut self, base: usize) -> Option<Entry> {
+        if self.len <= base {
+            return None;
+        }
+        self.len -= 1;
+        Some(self.entries[self.len])
+    }
+
+    #[inline(always)]
+    fn push_if(&mut self, wanted: bool, entry: Entry) {
+        self.entries[self.len] = entry;
+        self.len += usize::from(wanted);
+    }
+
+    /// Keeps the entries from `first` on in descending order of `near`, so that the nearest is popped first.
+    fn push_sorted(&mut self, first: usize, entry: Entry) {
+        let mut i = self.len;
+        while i > first && self.entries[i - 1].near < entry.near {
+            self.entries[i] = self.entries[i - 1];
+            i -= 1;
+        }
+        self.entries[i] = entry;
+        self.len += 1;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::simd::{Level, Task, dispatch};
+
+    type Whole = [i64; 3];
+
+    /// All corners, origins and directions are whole numbers, so that brute force over the boxes is exact.
+    struct Cube {
+        low: Whole,
+        high: Whole,
+    }
+
+    /// The numerator and the denominator, which is positive, of where a ray enters a box; none where it passes by.
+    fn entry(cube: &Cube, origin: Whole, direction: Whole) -> Option<(i64, i64)> {
+        let (mut near, mut far) = ((0, 1), (i64::MAX, 1));
+        for axis in 0..3 {
+            let (low, high, o, d) = (cube.low[axis], cube.high[axis], origin[axis], direction[axis]);
+            if d == 0 {
+                if o < low || high < o {
+                    return None;
+                }
+                continue;
+            }
+            let (first, last) = if d > 0 { (low - o, high - o) } else { (o - high, o - low) };
+            let less =
+                |a: (i64, i64), b: (i64, i64)| i128::from(a.0) * i128::from(b.1) < i128::from(b.0) * i128::from(a.1);
+            if less(near, (first, d.abs())) {
+                near = (first, d.abs());
+            }
+            if less((last, d.abs()), far) {
+                far = (last, d.abs());
+            }
+            if less(far, near) {
+                return None;
+            }
+        }
+        Some(near)
+    }
+
+    /// Whole numbers from 0 to `below`, from a linear congruential generator.
+    fn numbers() -> impl FnMut(i64) -> i64 {
+        let mut state = 1_u64;
+        move |below| {
+            state = state.wrapping_mul(6364136223846793005).wrapping_add(1442695040888963407);
+            (state >> 33) as i64 % below
+        }
+    }
+
+    /// Notes who was offered what; rays that look for the first box want nothing beyond it.
+    struct Notes<'a> {
+        cubes: &'a [Cube],
+        rays: &'a [(Whole, Whole)],
+        first_only: bool,
+        offered: Vec<Vec<u32>>,
+        limits: [f64; LANES],
+    }
+
+    impl Visitor<Vec<u32>> for Notes<'_> {
+        fn visit<I: Isa>(&mut self, _: &mut Stack, lanes: &[usize], leaves: &[&Vec<u32>]) -> Mask {
+            let mut nearer = 0;
+            for (&lane, leaf) in lanes.iter().zip(leaves) {
+                self.offered[lane].extend_from_slice(leaf);
+                for &id in leaf.iter().filter(|_| self.first_only) {
+                    let (origin, direction) = self.rays[lane];
+                    let t =
+                        entry(&self.cubes[id as usize], origin, direction).map(|(num, den)| num as f64 / den as f64);
+                    if let Some(t) = t.filter(|t| *t < self.limits[lane]) {
+                        self.limits[lane] = t;
+                        nearer |= 1 << lane;
+                    }
+                }
+            }
+            nearer
+        }
+
+        fn limits(&self) -> &[f64; LANES] {
+            &self.limits
+        }
+    }
+
+    struct Traverse<'a, 'b> {
+        bvh: &'a Bvh<Vec<u32>>,
+        seen: &'a Rays,
+        active: Mask,
+        together: bool,
+        notes: &'a mut Notes<'b>,
+    }
+
+    impl Task for Traverse<'_, '_> {
+        type Output = ();
+
+        fn run<I: Isa>(self) {
+            let Traverse { bvh, seen, active, together, notes } = self;
+            let (mut walk, mut stack) = (PacketWalk::new(), Stack::new());
+            walk.packet.enter::<I>(seen, bvh.center(), 0.0, &[f64::MAX; LANES]);
+            if together {
+                bvh.set_out::<I>(&mut walk, active, &mut stack);
+                while walk.go_on::<I>(&mut stack, notes.limits()) {
+                    let Some(leaf) = bvh.leaf(&walk) else {
+                        bvh.open::<I>(&walk, &mut stack);
+                        continue;
+                    };
+                    let (mut nearer, mut left) = (0, walk.mask());
+                    while let Some(lane) = take(&mut left) {
+                        nearer |= notes.visit::<I>(&mut stack, &[lane], &[leaf]);
+                    }
+                    walk.shorten(nearer);
+                }
+            } else {
+                bvh.traverse_each::<I>(&walk.packet, active, &mut stack, notes);
+            }
+            assert!(stack.len == 0 && stack.piles.iter().all(|pile| pile.len == 0));
+        }
+    }
+
+    fn cubes(count: usize, next: &mut impl FnMut(i64) -> i64) -> Vec<Cube> {
+        let cube = |_| {
+            let low = [0; 3].map(|_| next(2000) - 1000);
+            Cube { low, high: low.map(|x| x + [0, 10, 60, 400][next(4) as usize]) }
+        };
+        (0..count).map(cube).collect()
+    }
+
+    /// Rays of one octant, from one corner of the scene or from anywhere, close together or many along an axis, each as far off as its errors allow.
+    fn rays(
+        octant: u32,
+        [origin_error, error]: [i64; 2],
+        next: &mut impl FnMut(i64) -> i64,
+    ) -> (Vec<(Whole, Whole)>, Rays) {
+        let sign = |axis: usize| if octant >> axis & 1 != 0 { -1 } else { 1 };
+        let (apart, narrow) = (next(2) * 1000, next(2) == 0);
+        let mut seen = Rays::empty();
+        (seen.octant, seen.count) = (octant, 40 + next(25) as usize);
+        let ray = |lane: usize| {
+            let origin = [0, 1, 2].map(|axis| -300 * sign(axis) + if apart > 0 { next(apart) - 500 } else { 0 });
+            // Of errors alone may a direction be zero where the octant is negative.
+            let least = |axis: usize| i64::from(error == 0 && sign(axis) < 0);
+            let mut direction = [0, 1, 2].map(|axis: usize| {
+                let size = if narrow { 30 + 7 * axis as i64 + next(3) } else { [0, 1, 7, next(40)][next(4) as usize] };
+                sign(axis) * size.max(least(axis))
+            });
+            if direction == [0; 3] {
+                direction[0] = sign(0);
+            }
+            let given = [0, 1, 2].map(|axis| {
+                let d = direction[axis] + error * (next(3) - 1);
+                if (d < 0) == (sign(axis) < 0) { d } else { sign(axis).min(0) }
+            });
+            seen.set(lane, origin.map(|x| (x + origin_error * (next(3) - 1)) as f64), given.map(|x| x as f64));
+            (seen.origin_error[lane], seen.direction_error[lane]) = (origin_error as f64, error as f64);
+            (origin, direction)
+        };
+        let true_rays = (0..LANES).map(ray).collect();
+        (true_rays, seen)
+    }
+
+    #[test]
+    fn rays_alone_and_together_are_offered_all_that_they_meet() {
+        let mut next = numbers();
+        let (mut met, mut offered, mut possible) = (0, 0, 0);
+        for (count, most) in [(0, 8), (1, 8), (7, 1), (300, 8), (1500, 1), (1500, 4)] {
+            let cubes = cubes(count, &mut next);
+            let bounds = |id: u32| {
+                let Cube { low, high } = &cubes[id as usize];
+                Some([0, 1, 2].map(|i| Interval { low: low[i] as f64, high: high[i] as f64 }))
+            };
+            let bvh = Bvh::new(count, bounds, most, <[u32]>::to_vec);
+            for octant in 0..8 {
+                for (errors, first_only) in [([0, 0], false), ([5, 0], false), ([0, 1], false), ([0, 0], true)] {
+                    let (rays, seen) = rays(octant, errors, &mut next);
+                    let entries_of = |&(o, d): &(Whole, Whole)| cubes.iter().map(|cube| entry(cube, o, d)).collect();
+                    let entries: Vec<Vec<_>> = rays.iter().map(entries_of).collect();
+                    let some = all(seen.count) & (next(1 << 30) as u64 | (next(1 << 30) as u64) << 30 | 3 << 60);
+                    for (level, together) in Level::ALL.into_iter().flat_map(|level| [(level, false), (level, true)]) {
+                        if level > Level::best() {
+                            continue;
+                        }
+                        let mut notes = Notes {
+                            cubes: &cubes,
+                            rays: &rays,
+                            first_only,
+                            offered: vec![Vec::new(); LANES],
+                            limits: [f64::MAX; LANES],
+                        };
+                        dispatch(level, Traverse { bvh: &bvh, seen: &seen, active: some, together, notes: &mut notes });
+                        for (lane, &(origin, direction)) in rays.iter().enumerate() {
+                            let found = &mut notes.offered[lane];
+                            if some & 1 << lane == 0 {
+                                assert!(found.is_empty(), "a ray that takes no part");
+                                continue;
+                            }
+                            let count = found.len();
+                            found.sort_unstable();
+                            found.dedup();
+                            // Where the sign of no axis is known, absent children are met, too, and lead to the first leaf.
+                            assert!(errors[1] > 0 || found.len() == count, "a leaf comes twice");
+                            if first_only {
+                                let t = entries[lane].iter().flatten().map(|&(num, den)| num as f64 / den as f64);
+                                assert_eq!(notes.limits[lane], t.fold(f64::MAX, f64::min), "{level:?} {together}");
+                                continue;
+                            }
+                            for (id, _) in entries[lane].iter().enumerate().filter(|(_, entry)| entry.is_some()) {
+                                let is_offered = found.binary_search(&(id as u32)).is_ok();
+                                assert!(is_offered, "{level:?} {together}: {origin:?} + t·{direction:?}, box {id}");
+                                met += 1;
+                            }
+                            if errors == [0, 0] && !together && most == 1 {
+                                offered += found.len();
+                                possible += cubes.len();
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        // Many are met, and few are offered: of boxes that no ray came near, hardly any.
+        assert!(met > 10_000, "{met}");
+        assert!(20 * offered < possible, "{offered} of {possible}");
+    }
+}

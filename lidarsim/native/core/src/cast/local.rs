@@ -1,0 +1,228 @@
+//! Rays of a packet in the coordinates of a mesh that was moved.
+
+use std::cell::Cell;
+
+use crate::arith::number::{Balls, Many, PAD, UNDERFLOW};
+use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
+use crate::bvh::{HUGE, LANES, Mask, Rays, TINY, part_of_mask, take};
+use crate::geometry::affine::{Inverse, Placement};
+use crate::geometry::ray::{Bounds, Ray};
+use crate::geometry::vector::Point;
+use crate::geometry::vector::of_rays;
+use crate::scene::Object;
+
+/// Rays that have entered a mesh, in its coordinates, where they may point into several octants.
+pub struct Local {
+    all: Rays,
+    /// Which of them point backward, by axis.
+    backward: [Mask; 3],
+    /// Those of one octant.
+    pub rays: Rays,
+}
+
+impl Local {
+    pub fn new() -> Self {
+        Local { all: Rays::empty(), backward: [0; 3], rays: Rays::empty() }
+    }
+
+    /// Takes up these rays of the world, and says which of them packets hold.
+    #[inline(always)]
+    pub fn take_up<I: Isa>(&mut self, object: &Object, world: &Rays, mask: Mask) -> Mask {
+        self.backward = [0; 3];
+        let mut held = 0;
+        if mask & (mask - 1) != 0
+            && let Some(placement) = object.placement()
+        {
+            held = I::apart(TakeUp { placement, world, mask, local: self }).unwrap_or(0);
+        }
+        let mut left = mask & !held;
+        while let Some(lane) = take(&mut left) {
+            held |= Mask::from(self.take_up_one(object, world, lane)) << lane;
+        }
+        held
+    }
+
+    fn take_up_one(&mut self, object: &Object, world: &Rays, lane: usize) -> bool {
+        let [o, d] = object.enclose(world.origin(lane), world.direction(lane));
+        let ((origin, origin_error), (direction, direction_error)) = (middle_of_one(o), middle_of_one(d));
+        if !(Rays::holds(origin, direction) && origin_error < HUGE && direction_error < HUGE) {
+            return false;
+        }
+        self.all.set(lane, origin, direction);
+        (self.all.origin_error[lane], self.all.direction_error[lane]) = (origin_error, direction_error);
+        for axis in 0..3 {
+            self.backward[axis] |= Mask::from(direction[axis] < 0.0) << lane;
+        }
+        true
+    }
+
+    /// Makes ready those of `left` that point into one octant, which are the outcome.
+    pub fn next(&mut self, left: Mask) -> Mask {
+        let first = left.trailing_zeros();
+        let (mut next, mut octant) = (left, 0);
+        for (axis, backward) in self.backward.iter().enumerate() {
+            let is_backward = backward >> first & 1 != 0;
+            next &= if is_backward { *backward } else { !*backward };
+            octant |= u32::from(is_backward) << axis;
+        }
+        self.rays.take_only(&self.all, next, octant);
+        next
+    }
+}
+
+/// Takes up rays, a register at a time; the outcome are those that are certain, and that packets hold.
+struct TakeUp<'a> {
+    placement: &'a Inverse,
+    world: &'a Rays,
+    mask: Mask,
+    local: &'a mut Local,
+}
+
+impl LaneTask for TakeUp<'_> {
+    type Output = Mask;
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) -> Mask {
+        let TakeUp { placement, world, mask, local } = self;
+        let mut held = 0;
+        for i in 0..LANES / N {
+            let asked = Cell::new(part_of_mask::<N>(mask, i));
+            if asked.get() == 0 {
+                continue;
+            }
+            let (o, d): ([F; 3], [F; 3]) = (lanes::part(&world.origin, i), lanes::part(&world.direction, i));
+            let origin = of_rays::<Balls<Many<F>, N>, _, N>(o, Many::new(&asked));
+            let ray = Ray { origin, direction: of_rays(d, Many::new(&asked)), weight: None };
+            if let Ok([o, d]) = placement.local(ray).enclose() {
+                held |= Mask::from(local.put(i, o, d) & asked.get()) << (i * N);
+            }
+        }
+        for backward in &mut local.backward {
+            *backward &= held;
+        }
+        held
+    }
+}
+
+impl Local {
+    /// Takes up part `i`, and says which of its rays packets hold: as `Rays::holds`.
+    #[inline(always)]
+    fn put<F: Floats<f64, N>, const N: usize>(&mut self, i: usize, origin: Bounds<F>, direction: Bounds<F>) -> u32 {
+        let ((o, origin_error), (d, direction_error)) = (middle(origin), middle(direction));
+        let huge = F::splat(HUGE);
+        let mut fit = origin_error.lt(huge) & direction_error.lt(huge);
+        let mut largest = F::splat(0.0);
+        for axis in 0..3 {
+            self.all.origin[axis].as_chunks_mut().0[i] = o[axis].store();
+            self.all.direction[axis].as_chunks_mut().0[i] = d[axis].store();
+            self.backward[axis] |= Mask::from(d[axis].lt(F::splat(0.0))) << (i * N);
+            fit &= o[axis].abs().lt(huge) & d[axis].abs().lt(huge);
+            largest = d[axis].abs().max(largest);
+        }
+        self.all.origin_error.as_chunks_mut().0[i] = origin_error.store();
+        self.all.direction_error.as_chunks_mut().0[i] = direction_error.store();
+        self.all.length.as_chunks_mut().0[i] = d[0].abs().add(d[1].abs()).add(d[2].abs()).store();
+        fit & F::splat(TINY).lt(largest)
+    }
+}
+
+/// The middles of boxes, and how far any coordinate of a point of the box is from it.
+#[inline(always)]
+fn middle<F: Floats<f64, N>, const N: usize>(v: Bounds<F>) -> ([F; 3], F) {
+    let (half, mut m, mut error) = (F::splat(0.5), [F::splat(0.0); 3], F::splat(0.0));
+    for (m, x) in m.iter_mut().zip(v) {
+        *m = x.low.mul(half).add(x.high.mul(half));
+        error = m.sub(x.low).max(x.high.sub(*m)).max(error);
+    }
+    // The differences are rounded once.
+    (m, error.fused(F::splat(PAD), F::splat(UNDERFLOW)))
+}
+
+fn middle_of_one(v: Bounds<f64>) -> (Point, f64) {
+    let ([x, y, z], error) = middle::<f64, 1>(v);
+    ([x, y, z], error)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cmp::Ordering;
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::arith::number::{Dyadic, Number};
+    use crate::arith::simd::{Level, Task, dispatch};
+    use crate::bvh::all;
+    use crate::geometry::affine::Affine;
+    use crate::scene::Geometry;
+    use crate::scene::TriangleMesh;
+    use crate::testing::numbers;
+
+    struct Enter<'a>(&'a Object, &'a Rays, &'a mut Local);
+
+    impl Task for Enter<'_> {
+        type Output = Mask;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Mask {
+            self.2.take_up::<I>(self.0, self.1, all(self.1.count))
+        }
+    }
+
+    /// Moved once or twice, to places near and far, stretched, and some of them reflected.
+    fn object(round: usize, number: &mut impl FnMut() -> f64) -> Option<Object> {
+        let mesh = TriangleMesh::new(Vec::new(), Vec::new())?;
+        let mut object = Object::new(Geometry::Mesh(Arc::new(mesh)), false);
+        for _ in 0..=round % 2 {
+            let place = [0.0, 1.0, 5e6][round % 3];
+            let linear = [0; 3].map(|_: u8| [0; 3].map(|_: u8| 3.0 * (number() - 0.5)));
+            object = object.moved(Affine::new(linear, [0; 3].map(|_: u8| place * (number() + 0.5))))?;
+        }
+        Some(object)
+    }
+
+    #[test]
+    fn rays_are_as_near_as_it_says() {
+        let mut number = numbers();
+        let (mut checked, mut close) = (0, 0);
+        for round in 0..60 {
+            let Some(object) = object(round, &mut number) else { continue };
+            let mut world = Rays::empty();
+            world.count = 64;
+            for lane in 0..world.count {
+                let place = [0.0, 100.0, 5e6][round % 3];
+                world.set(lane, [0; 3].map(|_: u8| place + number()), [0; 3].map(|_: u8| number() - 0.5));
+            }
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let mut local = Local::new();
+                let mut left = dispatch(level, Enter(&object, &world, &mut local));
+                assert_eq!(left, all(64), "{level:?}");
+                while left != 0 {
+                    let mut next = local.next(left);
+                    left &= !next;
+                    while let Some(lane) = take(&mut next) {
+                        let (rays, ray) = (&local.rays, Ray::new(world.origin(lane), world.direction(lane)));
+                        let truth: Ray<Dyadic> = object.placement().local(ray);
+                        let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
+                        let given = [
+                            (&truth.origin, rays.origin(lane), rays.origin_error[lane]),
+                            (&truth.direction, rays.direction(lane), rays.direction_error[lane]),
+                        ];
+                        for (truth, middle, error) in given {
+                            for axis in 0..3 {
+                                let off = truth[axis].minus(&weight.times(&Dyadic::exact(middle[axis])));
+                                let reach = weight.times(&Dyadic::exact(error));
+                                assert!(reach.minus(&off).sign() != Ok(Ordering::Less), "{level:?}, {round}");
+                                assert!(reach.plus(&off).sign() != Ok(Ordering::Less), "{level:?}, {round}");
+                                checked += 1;
+                            }
+                            close += usize::from(error < 1e-6 * middle.iter().fold(0.0_f64, |m, x| m.max(x.abs())));
+                        }
+                        let backward = rays.direction(lane).map(|x| x < 0.0);
+                        assert_eq!([1, 2, 4].map(|bit| rays.octant & bit != 0), backward);
+                    }
+                }
+            }
+        }
+        assert!(checked > 20_000 && 4 * close > checked, "{checked}, {close}");
+    }
+}

@@ -1,0 +1,431 @@
+//! An order of rays in which neighbours point the same way and start near each other.
+
+use crate::arith::simd::{Floats, Isa};
+use crate::bvh::LANES;
+use crate::geometry::vector::Point;
+
+/// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
+pub const NEAR: usize = 1024;
+
+/// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their keys have.
+pub const MOST: usize = 1 << 15;
+
+/// Bits of a key for the direction within its octant, an axis, and for the origin, an axis. Above them is the octant.
+const DIRECTION: u32 = 6;
+const ORIGIN: u32 = 3;
+
+/// Bits of the direction that count where origins differ.
+const COARSE: u32 = 4;
+
+/// Groups of rays, one after the other, each in a coherent order. Kept from some rays to others, so that its memory is used again.
+#[derive(Default)]
+pub struct Order {
+    /// The longest side of the scene.
+    size: f64,
+    group: usize,
+    start: usize,
+    places: Vec<u32>,
+    octants: Vec<u32>,
+    keys: Vec<u32>,
+    /// Whether a ray is near the one before it.
+    near: Vec<u32>,
+    items: Vec<u32>,
+    sorted: Vec<u32>,
+    order: Vec<u32>,
+}
+
+impl Order {
+    /// Begins anew with other rays, which point this way.
+    pub fn restart(&mut self, directions: &[Point], size: f64) {
+        self.group = if are_scattered(directions) { MOST } else { NEAR };
+        (self.size, self.start) = (size, 0);
+        self.keys.clear();
+    }
+
+    /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a
+    /// Z-curve, so that tiles of directions stay together.
+    #[inline(always)]
+    pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
+        let group = self.start..directions.len().min(self.start + self.group);
+        if group.is_empty() {
+            return false;
+        }
+        self.start = group.end;
+        let (low, high) = self.find_places::<I>(&directions[group.clone()]);
+        self.direction_keys(low, high);
+        if self.group == NEAR {
+            self.find_near(low, high);
+        } else {
+            self.add_cells::<I>(&origins[group.clone()]);
+            self.near.clear();
+            self.near.resize(self.keys.len(), 0);
+        }
+        self.radix_sort(group.start);
+        true
+    }
+
+    /// Indices of the rays of the group.
+    #[inline(always)]
+    pub fn sorted(&self) -> &[u32] {
+        &self.order[..self.keys.len()]
+    }
+
+    /// Finds the octant of each direction, and its place on its face of the octahedron |x| + |y| + |z| = 1: two coordinates of 16 bits, of which
+    /// it returns the least and the largest.
+    #[inline(always)]
+    fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
+        self.places.clear();
+        self.octants.clear();
+        let (mut low, mut high) = ([u32::MAX; 2], [0; 2]);
+        for block in directions.chunks(BLOCK) {
+            let d = narrow::<I>(halves::<I>(block));
+            let (mut place, mut octant) = ([0; BLOCK], [0; BLOCK]);
+            let (mut least, mut most) = ([[0_u32; BLOCK]; 2], [[0_u32; BLOCK]; 2]);
+            for k in 0..BLOCK {
+                let [x, y, z] = [d[0][k], d[1][k], d[2][k]];
+                // What overflows or is no number gives some key: extreme directions only sort badly.
+                let scale = 65535.0 / (x.abs() + y.abs() + z.abs());
+                let u = (x.abs() * scale + WHOLE).to_bits() & 0xffff;
+                let v = (y.abs() * scale + WHOLE).to_bits() & 0xffff;
+                place[k] = u | v << 16;
+                octant[k] = x.to_bits() >> 31 | y.to_bits() >> 31 << 1 | z.to_bits() >> 31 << 2;
+                (least[0][k], least[1][k], most[0][k], most[1][k]) = (u, v, u, v);
+            }
+            for k in 0..BLOCK {
+                for i in 0..2 {
+                    low[i] = low[i].min(least[i][k]);
+                    high[i] = high[i].max(most[i][k]);
+                }
+            }
+            self.places.extend_from_slice(&place);
+            self.octants.extend_from_slice(&octant);
+        }
+        self.places.truncate(directions.len());
+        self.octants.truncate(directions.len());
+        (low, high)
+    }
+
+    /// Makes a key of each octant, and of the place on a grid over what the group covers.
+    #[inline(always)]
+    fn direction_keys(&mut self, low: [u32; 2], high: [u32; 2]) {
+        const END: u32 = (1 << DIRECTION) - 1;
+        let widest = (high[0] - low[0]).max(high[1] - low[1]).max(1);
+        // The same scale for both, so that tiles are square.
+        let scale = END as f32 / widest as f32;
+        let [u0, v0] = low;
+        self.keys.clear();
+        self.keys.resize(self.places.len(), 0);
+        for ((key, place), octant) in self.keys.iter_mut().zip(&self.places).zip(&self.octants) {
+            let (u, v) = ((place & 0xffff) - u0, (place >> 16) - v0);
+            let u = (u as f32 * scale + WHOLE).to_bits() & END;
+            let v = (v as f32 * scale + WHOLE).to_bits() & END;
+            *key = octant << (2 * DIRECTION) | spread2(u) | spread2(v) << 1;
+        }
+    }
+
+    /// Finds which rays are near the ones before them: runs of them are sorted as one, and taken up by the same packet.
+    #[inline(always)]
+    fn find_near(&mut self, low: [u32; 2], high: [u32; 2]) {
+        let n = self.places.len();
+        // As far as a run may reach across the tile that a packet has of what the group covers.
+        let area = (f64::from(high[0] - low[0]) + 1.0) * (f64::from(high[1] - low[1]) + 1.0);
+        let tile = (area * LANES as f64 / n as f64).sqrt();
+        let step = (tile / (RUN - 1) as f64) as u32;
+        self.near.clear();
+        self.near.resize(n, 0);
+        let pairs = self.places.windows(2).zip(self.octants.windows(2));
+        for (near, (places, octants)) in self.near[1..].iter_mut().zip(pairs) {
+            let u = (places[0] & 0xffff).abs_diff(places[1] & 0xffff);
+            let v = (places[0] >> 16).abs_diff(places[1] >> 16);
+            *near = u32::from((u <= step) & (v <= step) & (octants[0] == octants[1]));
+        }
+    }
+
+    /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins are close together, against the size of
+    /// the scene.
+    #[inline(always)]
+    fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
+        const FINE: u32 = 2 * DIRECTION;
+        const CELLS: u32 = 1 << ORIGIN;
+        let (mut least, mut most) = (origins[0].map(I::F64x8::splat), origins[0].map(I::F64x8::splat));
+        for block in origins.chunks(BLOCK) {
+            for half in halves::<I>(block) {
+                for i in 0..3 {
+                    (least[i], most[i]) = (Floats::min(half[i], least[i]), Floats::max(half[i], most[i]));
+                }
+            }
+        }
+        let low = least.map(|x| x.smallest());
+        let size = (0..3).fold(0.0_f64, |m, i| m.max(most[i].largest() - low[i]));
+        if !(size > self.size / 64.0) {
+            return;
+        }
+        let (low, scale) = (low.map(I::F64x8::splat), I::F64x8::splat(f64::from(CELLS) / size));
+        for (keys, block) in self.keys.chunks_mut(BLOCK).zip(origins.chunks(BLOCK)) {
+            let mut halves = halves::<I>(block);
+            for half in &mut halves {
+                for i in 0..3 {
+                    half[i] = half[i].sub(low[i]).mul(scale);
+                }
+            }
+            let [x, y, z] = narrow::<I>(halves);
+            let mut cells = [0; BLOCK];
+            for k in 0..BLOCK {
+                // A half more is rounded to the number of the cell, from 1 on.
+                let cell = |x: f32| ((x + 0.5 + WHOLE).to_bits() & 0xffff).clamp(1, CELLS) - 1;
+                cells[k] = spread3(cell(x[k])) | spread3(cell(y[k])) << 1 | spread3(cell(z[k])) << 2;
+            }
+            for (key, cell) in keys.iter_mut().zip(cells) {
+                let (octant, within) = (*key >> FINE, *key & ((1 << FINE) - 1));
+                *key = (octant << (3 * ORIGIN) | cell) << COARSE | within >> (FINE - COARSE);
+            }
+        }
+    }
+
+    /// Sorts the indices by their keys; equal keys keep their order.
+    #[inline(always)]
+    fn radix_sort(&mut self, first: usize) {
+        const DIGITS: usize = 2;
+        let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
+        let mut ends = [[0_u32; 1 << 8]; DIGITS];
+        // An index, with a bit that tells whether it is of a run or of a single ray.
+        self.items.clear();
+        for (run, keys) in self.keys.chunks(RUN).enumerate() {
+            let start = RUN * run;
+            let whole =
+                keys.len() == RUN && self.near[start + 1..start + RUN].iter().fold(1, |all, near| all & near) == 1;
+            for (i, key) in keys[..if whole { 1 } else { keys.len() }].iter().enumerate() {
+                let item = key << 16 | ((start + i) as u32) << 1 | u32::from(whole);
+                for k in 0..DIGITS {
+                    ends[k][digit(item, k)] += 1;
+                }
+                self.items.push(item);
+            }
+        }
+        self.sorted.clear();
+        self.sorted.resize(self.items.len(), 0);
+        for k in 0..DIGITS {
+            // All of one digit: in order already.
+            if ends[k][digit(self.items[0], k)] as usize == self.items.len() {
+                continue;
+            }
+            let mut sum = 0;
+            for end in &mut ends[k] {
+                (*end, sum) = (sum, sum + *end);
+            }
+            for &item in &self.items {
+                let place = &mut ends[k][digit(item, k)];
+                self.sorted[*place as usize] = item;
+                *place += 1;
+            }
+            std::mem::swap(&mut self.items, &mut self.sorted);
+        }
+        // What a run would have beyond a single ray is written over by the next.
+        self.order.resize(self.keys.len() + RUN - 1, 0);
+        let mut end = 0;
+        for item in &self.items {
+            let at = first as u32 + ((item & 0xffff) >> 1);
+            for (i, place) in self.order[end..end + RUN].iter_mut().enumerate() {
+                *place = at + i as u32;
+            }
+            end += if item & 1 != 0 { RUN } else { 1 };
+        }
+    }
+}
+
+/// Most rays of a run.
+const RUN: usize = 4;
+
+/// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
+const WHOLE: f32 = 8_388_608.0;
+
+/// Points that are looked at side by side.
+const BLOCK: usize = 16;
+
+/// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point fills it.
+#[inline(always)]
+fn halves<I: Isa>(block: &[Point]) -> [[I::F64x8; 3]; 2] {
+    match block.first_chunk() {
+        Some(block) => columns::<I>(block),
+        None => {
+            let mut all = [block[0]; BLOCK];
+            all[..block.len()].copy_from_slice(block);
+            columns::<I>(&all)
+        }
+    }
+}
+
+#[inline(always)]
+fn columns<I: Isa>([a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]: &[Point; BLOCK]) -> [[I::F64x8; 3]; 2] {
+    [I::columns([a, b, c, d, e, f, g, h]), I::columns([i, j, k, l, m, n, o, p])]
+}
+
+/// As float32, an axis after the other.
+#[inline(always)]
+fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
+    [I::narrow(low[0], high[0]).store(), I::narrow(low[1], high[1]).store(), I::narrow(low[2], high[2]).store()]
+}
+
+/// Whether neighbours point elsewhere: then it is worth sorting rays in larger numbers.
+pub fn are_scattered(directions: &[Point]) -> bool {
+    const SAMPLES: usize = 16;
+    let n = directions.len();
+    let apart = |i: usize| {
+        let (a, b) = (directions[i], directions[i + 1]);
+        let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        // More than 30°.
+        dot(a, b) < 0.866 * (dot(a, a) * dot(b, b)).sqrt()
+    };
+    // Knuth's multiplicative hash: equal steps could fall on the ends of all columns.
+    let somewhere = |k: usize| (k as u32).wrapping_mul(2_654_435_769) as usize % (n - 1);
+    n > 1 && (0..SAMPLES).filter(|&k| apart(somewhere(k))).count() > SAMPLES / 2
+}
+
+/// A zero between any two of the lowest 16 bits.
+#[inline(always)]
+fn spread2(x: u32) -> u32 {
+    let x = (x | x << 8) & 0x00ff_00ff;
+    let x = (x | x << 4) & 0x0f0f_0f0f;
+    let x = (x | x << 2) & 0x3333_3333;
+    (x | x << 1) & 0x5555_5555
+}
+
+/// Two zeros between any two of the lowest 4 bits.
+#[inline(always)]
+fn spread3(x: u32) -> u32 {
+    (x & 1) | (x & 2) << 2 | (x & 4) << 4 | (x & 8) << 6
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::simd::{Level, Task, dispatch};
+    use crate::testing::numbers;
+
+    /// A sensor that turns: neighbours point nearly the same way.
+    fn sweep(n: usize) -> Vec<Point> {
+        let azimuth = |i: usize| i as f64 * 0.01;
+        (0..n).map(|i| [azimuth(i).cos(), azimuth(i).sin(), 0.3 - (i % 16) as f64 * 0.04]).collect()
+    }
+
+    fn scattered(n: usize) -> Vec<Point> {
+        let mut number = numbers();
+        (0..n).map(|_| [0; 3].map(|_: u8| number() - 0.5)).collect()
+    }
+
+    /// Anywhere in a cube, whatever the directions.
+    fn places(n: usize, side: f64) -> Vec<Point> {
+        scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
+    }
+
+    struct All<'a>(&'a [Point], &'a [Point], f64);
+
+    impl Task for All<'_> {
+        type Output = Vec<Vec<u32>>;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let All(origins, directions, size) = self;
+            let mut groups = Vec::new();
+            let mut order = Order::default();
+            // Whatever it was used for before.
+            order.restart(&[[1.0, 0.0, 0.0]; 2], 1.0);
+            assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
+            order.restart(directions, size);
+            while order.advance::<I>(origins, directions) {
+                groups.push(order.sorted().to_vec());
+            }
+            groups
+        }
+    }
+
+    fn groups(origins: &[Point], directions: &[Point], size: f64) -> Vec<Vec<u32>> {
+        dispatch(Level::best(), All(origins, directions, size))
+    }
+
+    fn octant(d: Point) -> [bool; 3] {
+        d.map(|x| x < 0.0)
+    }
+
+    #[test]
+    fn gives_each_ray_once_and_octants_together() {
+        for n in [0, 1, 2, 15, 16, 17, 1023, 1024, 1025, 65_535, 65_536, 65_537, 70_000] {
+            for (directions, near) in [(sweep(n), true), (scattered(n), false)] {
+                let groups = groups(&places(n, 100.0), &directions, 100.0);
+                let most = if near { NEAR } else { MOST };
+                assert_eq!(groups.len(), n.div_ceil(most), "{n}");
+                let mut start = 0;
+                for group in groups {
+                    let mut all = group.clone();
+                    all.sort_unstable();
+                    let end = n.min(start + most);
+                    assert!(all.into_iter().eq(start as u32..end as u32));
+                    let mut octants: Vec<_> = group.iter().map(|&i| octant(directions[i as usize])).collect();
+                    octants.dedup();
+                    let runs = octants.len();
+                    octants.sort_unstable();
+                    octants.dedup();
+                    assert_eq!(octants.len(), runs, "an octant comes twice");
+                    assert!(runs > 1 || end - start < 100);
+                    start = end;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn neighbours_point_the_same_way() {
+        let directions = scattered(70_000);
+        assert!(are_scattered(&directions) && !are_scattered(&sweep(70_000)));
+        for far in [0.0, 100.0] {
+            let origins = places(70_000, far);
+            let order = groups(&origins, &directions, 100.0).concat();
+            let sorted: Vec<Point> = order.iter().map(|&i| directions[i as usize]).collect();
+            assert!(!are_scattered(&sorted));
+            // And start near each other where they start apart: closer than the mean distance in a cube, 0.66 of its side.
+            let step = |pair: &[u32]| {
+                let [a, b] = [pair[0], pair[1]].map(|i| origins[i as usize]);
+                (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
+            };
+            let mean = order.windows(2).map(step).sum::<f64>() / order.len() as f64;
+            assert!(mean <= 0.2 * far, "{mean}");
+        }
+    }
+
+    #[test]
+    fn equal_rays_keep_their_order() {
+        let few = scattered(7);
+        let turning = |n: usize| (0..n).map(|i| few[i / 100 % 7]).collect::<Vec<_>>();
+        let mixed = |n: usize| (0..n).map(|i| few[i * i % 7]).collect::<Vec<_>>();
+        for directions in [turning(1024), turning(5000), mixed(5000), mixed(70_000)] {
+            for group in groups(&vec![[1.0; 3]; directions.len()], &directions, 1.0) {
+                for kind in &few {
+                    let equal: Vec<u32> = group.iter().copied().filter(|&i| directions[i as usize] == *kind).collect();
+                    assert!(equal.is_sorted());
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_ray_is_lost_for_what_it_holds() {
+        let odd = [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 5e-324, -1e-300, 1e300, f64::MAX];
+        for n in [1, 17, 1025, 5000] {
+            for near in [true, false] {
+                let mut number = numbers();
+                let (mut origins, mut directions) = (scattered(n), if near { sweep(n) } else { scattered(n) });
+                for i in (0..n).step_by(3) {
+                    let v = if i % 2 == 0 { &mut origins[i] } else { &mut directions[i] };
+                    *v = v.map(|x| if number() < 0.7 { odd[(10.0 * number()) as usize] } else { x });
+                }
+                directions[n / 2] = [0.0; 3];
+                directions[0] = [f64::NAN; 3];
+                for size in [0.0, 1.0, f64::INFINITY, f64::NAN] {
+                    let mut all = groups(&origins, &directions, size).concat();
+                    all.sort_unstable();
+                    assert!(all.into_iter().eq(0..n as u32));
+                }
+            }
+        }
+    }
+}

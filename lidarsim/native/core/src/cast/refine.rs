@@ -1,0 +1,82 @@
+//! The last look at the nearest triangle, with twice the digits of float64.
+
+use crate::arith::simd::{Floats, Isa};
+use crate::bvh::{LANES, Mask, Rays, take};
+use crate::cast::search::Searches;
+use crate::scene::{Hit, Place, Scene, Sink};
+use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of};
+
+/// Hits on triangles that were not moved.
+pub struct Plain<'a> {
+    lanes: Mask,
+    object: [u32; LANES],
+    primitive: [u32; LANES],
+    corners: Corners<'a, LANES>,
+    /// As refined.
+    t: [f64; LANES],
+    normal: [[f64; LANES]; 3],
+}
+
+impl<'a> Plain<'a> {
+    pub fn new() -> Self {
+        let corners = [[NOWHERE; 3]; LANES];
+        let (t, normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
+        Plain { lanes: 0, object: [0; LANES], primitive: [0; LANES], corners, t, normal }
+    }
+
+    /// Takes the nearest hits of these lanes.
+    #[inline(always)]
+    pub fn take_up(&mut self, searches: &Searches, lanes: Mask) {
+        self.lanes = lanes;
+        (self.object, self.primitive) = searches.triangles();
+    }
+
+    /// Brings the corners of the triangles into the cache.
+    #[inline(always)]
+    pub fn prefetch<I: Isa>(&mut self, scene: &'a Scene) {
+        let mut left = self.lanes;
+        while let Some(lane) = take(&mut left) {
+            self.corners[lane] = scene.objects()[self.object[lane] as usize].corners(self.primitive[lane]);
+            for corner in self.corners[lane] {
+                I::prefetch(corner);
+            }
+        }
+    }
+
+    /// Puts the hits of the packet.
+    #[inline(always)]
+    pub fn refine<I: Isa>(&mut self, scene: &Scene, rays: &Rays, hits: &mut (impl Sink + ?Sized)) {
+        // All are calculated before the first is put: that waits for long chains of operations.
+        let (mut certain, mut left) = (0, self.lanes);
+        while left != 0 {
+            let eight = left.trailing_zeros() as usize / 8;
+            left &= !(0xff << (8 * eight));
+            certain |= Mask::from(self.refine_eight::<I>(rays, eight)) << (8 * eight);
+        }
+        while let Some(lane) = take(&mut self.lanes) {
+            let (at, object, primitive) = (rays.at[lane] as usize, self.object[lane], self.primitive[lane]);
+            // No hit is put together first: to read back in one piece what was written in two takes long.
+            if certain & 1 << lane != 0 {
+                let normal = [self.normal[0][lane], self.normal[1][lane], self.normal[2][lane]];
+                let primitive = scene.objects()[object as usize].reported(primitive);
+                hits.put(at, Hit { t: self.t[lane], normal, object: object as i32, primitive });
+            } else {
+                let place = &Place::of_triangle(object, primitive);
+                hits.put(at, scene.hit(place, rays.origin(lane), rays.direction(lane)));
+            }
+        }
+    }
+
+    /// Says which hits of an eighth part are certain.
+    #[inline(always)]
+    fn refine_eight<I: Isa>(&mut self, rays: &Rays, eight: usize) -> u32 {
+        let corners = corners_of::<I>(&self.corners.as_chunks().0[eight]);
+        let crossing = Crossing::<I>::new(corners, rays.origins::<I>(eight), rays.directions::<I>(eight));
+        let (t, normal, certain) = crossing.rounded();
+        self.t.as_chunks_mut().0[eight] = t.store();
+        for axis in 0..3 {
+            self.normal[axis].as_chunks_mut().0[eight] = normal[axis].store();
+        }
+        certain
+    }
+}

@@ -1,0 +1,36 @@
+//! How many rays are cast at a time.
+
+use std::ops::Range;
+
+use super::order::{MOST, NEAR, are_scattered};
+use crate::geometry::vector::Point;
+use crate::parallel;
+
+/// Rays between two looks of the caller at what else is to be done, so that Ctrl-C ends a long cast.
+const SLICE: usize = 1 << 18;
+
+/// The slices of 0..n, one after the other, where each of the n takes so many `rays`.
+pub fn slices(n: usize, rays: usize) -> impl Iterator<Item = Range<usize>> {
+    let slice = (SLICE / rays).max(1);
+    (0..n).step_by(slice).map(move |start| start..n.min(start + slice))
+}
+
+/// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough that neighbours can be sorted
+/// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
+/// together. Rays whose neighbours point elsewhere are worth sorting in larger numbers, as many for each thread.
+pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
+    let (threads, all) = (parallel::threads(), directions.len() * rays);
+    let turns = all.div_ceil(threads * MOST).max(1);
+    let even = all.div_ceil(turns * threads).max(NEAR);
+    let scattered = are_scattered(directions);
+    let (mut pieces, mut start) = (Vec::new(), 0);
+    while start < directions.len() {
+        let left = (directions.len() - start) * rays;
+        let falling = left.div_ceil(4 * threads).next_multiple_of(NEAR).min(8 * NEAR);
+        let size = if scattered { even } else { falling };
+        let end = directions.len().min(start + (size / rays).max(1));
+        pieces.push(start..end);
+        start = end;
+    }
+    pieces
+}

@@ -1,0 +1,284 @@
+//! The search for the nearest hit: of one ray, and of the rays of a packet side by side.
+
+use std::cmp::Ordering;
+
+use crate::arith::number::{self, Interval};
+use crate::arith::simd::{Floats, Isa};
+use crate::bvh::{LANES, Rays, Span, Stack};
+use crate::geometry::vector::Point;
+use crate::scene::TriangleMesh;
+use crate::scene::{Candidates, Geometry, Place, Scene};
+
+/// The search for the nearest hit of one ray.
+pub struct Search<'a> {
+    scene: &'a Scene,
+    origin: Point,
+    direction: Point,
+    t_min: f64,
+    t_max: f64,
+    /// The nearest hit so far, if `low` is finite; nothing beyond `limit` is nearer.
+    place: Place,
+    low: f64,
+    limit: f64,
+}
+
+impl<'a> Search<'a> {
+    /// A t beyond what float64 holds is a miss.
+    pub fn new(scene: &'a Scene, origin: Point, direction: Point, (t_min, t_max): (f64, f64)) -> Self {
+        let t_max = t_max.min(f64::MAX);
+        let place = Place::of_triangle(0, 0);
+        Search { scene, origin, direction, t_min, t_max, place, low: f64::INFINITY, limit: t_max }
+    }
+
+    /// The nearest hit, with bounds of t.
+    pub fn found(&self) -> Option<(Place, Interval)> {
+        if self.low < f64::INFINITY { Some((self.place, bounds(self.low, self.limit))) } else { None }
+    }
+
+    /// Searches the whole scene.
+    pub fn run(&mut self, stack: &mut Stack) {
+        let index = self.scene.index();
+        for &object in &index.unbounded {
+            self.consider(object, 0);
+        }
+        let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
+        let mut span = Span::new(o, d, index.bounded.center(), self.t_min, self.limit);
+        index.bounded.traverse(&mut span, stack, |stack, leaf| {
+            match &self.scene.objects()[*leaf as usize].geometry {
+                Geometry::Simple(_) => self.consider(*leaf, 0),
+                Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
+            }
+            self.limit
+        });
+    }
+
+    /// Searches one mesh.
+    pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
+        let [o, d] = self.scene.objects()[id as usize].enclose(self.origin, self.direction);
+        let hierarchy = mesh.hierarchy();
+        let mut span = Span::new(o, d, hierarchy.center(), self.t_min, self.limit);
+        hierarchy.traverse(&mut span, stack, |_, block| {
+            for &primitive in block.ids() {
+                self.consider(id, primitive);
+            }
+            self.limit
+        });
+    }
+
+    /// Keeps the primitive's first hit in range if it is the nearest so far.
+    fn consider(&mut self, id: u32, primitive: u32) {
+        let found = number::certify(&self.candidates(id, primitive));
+        self.take_first(id, primitive, found);
+    }
+
+    /// As `consider`, where float64 is not enough.
+    fn decide(&mut self, id: u32, primitive: u32) {
+        let found = number::certify_finely(&self.candidates(id, primitive));
+        self.take_first(id, primitive, found);
+    }
+
+    fn candidates(&self, id: u32, primitive: u32) -> Candidates<'a> {
+        let (origin, direction) = (self.origin, self.direction);
+        Candidates { object: &self.scene.objects()[id as usize], primitive, origin, direction }
+    }
+
+    fn take_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8)>; 2]) {
+        for (index, &(t, feature)) in (0..).zip(found.iter().flatten()) {
+            if self.takes(Place { object: id, primitive, index, feature }, t) {
+                return;
+            }
+        }
+    }
+
+    /// Keeps a hit, within bounds of t, if it is in range and the nearest so far; tells whether t ≥ t_min, so that later hits of the same
+    /// primitive are of no interest.
+    fn takes(&mut self, at: Place, t: Interval) -> bool {
+        // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
+        if t.high < self.t_min || (t.low < self.t_min && self.rounded(at) < self.t_min) {
+            return false;
+        }
+        if t.low > self.limit || (t.high > self.t_max && self.rounded(at) > self.t_max) {
+            return true;
+        }
+        if t.high < self.low || self.is_before(at) {
+            let high = if t.high < self.t_max { t.high } else { self.t_max };
+            (self.place, self.low, self.limit) = (at, t.low, high);
+        }
+        true
+    }
+
+    fn rounded(&self, at: Place) -> f64 {
+        self.scene.t(&at, self.origin, self.direction)
+    }
+
+    fn is_before(&self, at: Place) -> bool {
+        let best = &self.place;
+        match self.scene.compare(&at, best, self.origin, self.direction) {
+            Ordering::Less => true,
+            Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
+            Ordering::Greater => false,
+        }
+    }
+}
+
+/// The rounded t is in range, so that t itself may be beyond the limit by less than an ulp.
+#[inline(always)]
+fn bounds(low: f64, limit: f64) -> Interval {
+    Interval { low, high: limit.next_up() }
+}
+
+/// The searches of the rays of a packet, a lane each: what every `Search` would find.
+#[repr(C, align(64))]
+pub struct Searches<'a> {
+    low: [f64; LANES],
+    limit: [f64; LANES],
+    object: [u32; LANES],
+    primitive: [u32; LANES],
+    index: [u8; LANES],
+    feature: [u8; LANES],
+    scene: &'a Scene,
+    t_min: f64,
+    t_max: f64,
+}
+
+impl<'a> Searches<'a> {
+    pub fn new(scene: &'a Scene, (t_min, t_max): (f64, f64)) -> Self {
+        Searches {
+            low: [f64::INFINITY; LANES],
+            limit: [0.0; LANES],
+            object: [0; LANES],
+            primitive: [0; LANES],
+            index: [0; LANES],
+            feature: [0; LANES],
+            scene,
+            t_min,
+            t_max: t_max.min(f64::MAX),
+        }
+    }
+
+    /// Begins anew with other rays.
+    #[inline(always)]
+    pub fn restart<I: Isa>(&mut self) {
+        for eight in 0..LANES / 8 {
+            self.low.as_chunks_mut().0[eight] = I::F64x8::splat(f64::INFINITY).store();
+            self.limit.as_chunks_mut().0[eight] = I::F64x8::splat(self.t_max).store();
+        }
+    }
+
+    #[inline(always)]
+    pub fn t_min(&self) -> f64 {
+        self.t_min
+    }
+
+    /// Nothing beyond these t is nearer.
+    #[inline(always)]
+    pub fn limits(&self) -> &[f64; LANES] {
+        &self.limit
+    }
+
+    /// Objects and primitives of the nearest hits.
+    #[inline(always)]
+    pub fn triangles(&self) -> ([u32; LANES], [u32; LANES]) {
+        (self.object, self.primitive)
+    }
+
+    #[inline(always)]
+    pub fn has_found(&self, lane: usize) -> bool {
+        self.low[lane] < f64::INFINITY
+    }
+
+    /// The object that the nearest hit of a lane is on.
+    #[inline(always)]
+    pub fn object(&self, lane: usize) -> u32 {
+        self.object[lane]
+    }
+
+    /// Bounds of t of the nearest hit of a lane.
+    #[inline(always)]
+    pub fn bounds(&self, lane: usize) -> Interval {
+        bounds(self.low[lane], self.limit[lane])
+    }
+
+    #[inline(always)]
+    pub fn place(&self, lane: usize) -> Place {
+        let (object, primitive) = (self.object[lane], self.primitive[lane]);
+        Place { object, primitive, index: self.index[lane], feature: self.feature[lane] }
+    }
+
+    #[inline(always)]
+    pub fn put(&mut self, lane: usize, place: Place) {
+        (self.object[lane], self.primitive[lane]) = (place.object, place.primitive);
+        (self.index[lane], self.feature[lane]) = (place.index, place.feature);
+    }
+
+    /// As `Search::takes`.
+    #[inline(always)]
+    pub fn takes(&mut self, rays: &Rays, lane: usize, at: Place, t: Interval) -> bool {
+        if t.high < self.t_min {
+            return false;
+        }
+        if self.t_min <= t.low {
+            if self.limit[lane] < t.low {
+                return true;
+            }
+            if t.high <= self.t_max && t.high < self.low[lane] {
+                self.put(lane, at);
+                (self.low[lane], self.limit[lane]) = (t.low, t.high);
+                return true;
+            }
+        }
+        self.takes_narrowly(rays, lane, at, t)
+    }
+
+    /// As `takes`, where there is no other hit of the primitive.
+    #[inline(always)]
+    pub fn offer(&mut self, rays: &Rays, lane: usize, at: Place, t: Interval) {
+        if t.low <= self.limit[lane] && self.t_min <= t.high {
+            self.takes(rays, lane, at, t);
+        }
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn takes_narrowly(&mut self, rays: &Rays, lane: usize, at: Place, t: Interval) -> bool {
+        let mut search = self.of_lane(rays, lane);
+        let takes = search.takes(at, t);
+        self.set_lane(lane, &search);
+        takes
+    }
+
+    /// Keeps the primitive's first hit in range if it is the nearest so far.
+    #[inline(never)]
+    pub fn consider(&mut self, rays: &Rays, lane: usize, id: u32, primitive: u32) {
+        let mut search = self.of_lane(rays, lane);
+        search.consider(id, primitive);
+        self.set_lane(lane, &search);
+    }
+
+    /// As `consider`, of a primitive that float64 could not tell whether the ray meets.
+    #[inline(never)]
+    pub fn decide(&mut self, rays: &Rays, lane: usize, id: u32, primitive: u32) {
+        let mut search = self.of_lane(rays, lane);
+        search.decide(id, primitive);
+        self.set_lane(lane, &search);
+    }
+
+    /// As `Search::enter`.
+    pub fn enter(&mut self, rays: &Rays, lane: usize, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
+        let mut search = self.of_lane(rays, lane);
+        search.enter(id, mesh, stack);
+        self.set_lane(lane, &search);
+    }
+
+    fn of_lane(&self, rays: &Rays, lane: usize) -> Search<'a> {
+        let Searches { scene, t_min, t_max, .. } = *self;
+        let (origin, direction) = (rays.origin(lane), rays.direction(lane));
+        let (low, limit) = (self.low[lane], self.limit[lane]);
+        Search { scene, origin, direction, t_min, t_max, place: self.place(lane), low, limit }
+    }
+
+    fn set_lane(&mut self, lane: usize, search: &Search) {
+        self.put(lane, search.place);
+        (self.low[lane], self.limit[lane]) = (search.low, search.limit);
+    }
+}

@@ -1,0 +1,482 @@
+//! Packets at simple shapes, a register of rays at a time: bounds of where they meet, and the double-double look at the nearest hits, also at those on
+//! meshes that were moved.
+//!
+//! What lanes together are not certain of is asked ray by ray.
+
+use std::cell::Cell;
+
+use crate::arith::number::{Balls, Interval, Many, Number, Uncertain};
+use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
+use crate::bvh::{LANES, Mask, Rays, part_of_mask, take};
+use crate::cast::search::Searches;
+use crate::geometry::affine::{AsMade, Placement};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::of_rays;
+use crate::geometry::vector::{self, Point};
+use crate::scene::TriangleMesh;
+use crate::scene::{Geometry, Hit, Place, Scene, Sink};
+use crate::shapes::finish::{Meeting, Target, finish};
+use crate::shapes::triangle::Triangles;
+use crate::shapes::{Surface, SurfaceTask};
+
+/// Part `i` of many numbers.
+#[inline(always)]
+fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
+    F::load(&x.as_chunks().0[i])
+}
+
+/// Offers the hits of the rays of `mask` on an object to their searches.
+#[inline(always)]
+pub fn meet<I: Isa>(scene: &Scene, id: u32, rays: &Rays, searches: &mut Searches, mask: Mask, met: &mut Met) {
+    let object = &scene.objects()[id as usize];
+    (met.count, met.unsure) = (0, mask);
+    let alone = mask & (mask - 1) == 0;
+    let mut asked = false;
+    if !alone && let Geometry::Simple(shape) = &object.geometry {
+        let (t_min, met) = (searches.t_min(), &mut *met);
+        let done = match object.placement() {
+            None => shape.apart::<I, _>(Meet { placement: AsMade, rays, t_min, met }),
+            Some(placement) => shape.apart::<I, _>(Meet { placement, rays, t_min, met }),
+        };
+        asked = done.is_some();
+    }
+    let place = |index: usize, feature| Place { object: id, primitive: 0, index: index as u8, feature };
+    for some in &met.some[..met.count] {
+        let mut left = Mask::from(some.lanes);
+        while let Some(lane) = take(&mut left) {
+            for (index, roots) in some.roots[..some.count].iter().enumerate() {
+                let t = Interval { low: roots.low[lane], high: roots.high[lane] };
+                if searches.takes(rays, some.start + lane, place(index, roots.feature), t) {
+                    break;
+                }
+            }
+        }
+    }
+    while let Some(lane) = take(&mut met.unsure) {
+        if asked {
+            searches.decide(rays, lane, id, 0);
+        } else {
+            searches.consider(rays, lane, id, 0);
+        }
+    }
+}
+
+/// What a packet finds on a surface. Kept from one to the next, as it is large.
+pub struct Met {
+    some: [Alike; LANES],
+    count: usize,
+    /// Rays to be asked one by one.
+    unsure: Mask,
+}
+
+/// Rays side by side for which the same is true of a surface.
+#[derive(Clone, Copy)]
+struct Alike {
+    /// A bit each, from lane `start` of the packet on.
+    lanes: u32,
+    start: usize,
+    /// The first root, and the second too where the first may lie before the range.
+    roots: [Roots; 2],
+    count: usize,
+}
+
+/// Lanes of the widest register.
+const WIDEST: usize = 8;
+
+/// Bounds of a root of each, on one part of the surface.
+#[derive(Clone, Copy)]
+struct Roots {
+    feature: u8,
+    low: [f64; WIDEST],
+    high: [f64; WIDEST],
+}
+
+impl Roots {
+    const NONE: Roots = Roots { feature: 0, low: [0.0; WIDEST], high: [0.0; WIDEST] };
+
+    #[inline(always)]
+    fn set<F: Floats<f64, N>, const N: usize>(&mut self, feature: u8, t: Interval<F>) {
+        self.feature = feature;
+        self.low.as_chunks_mut().0[0] = t.low.store();
+        self.high.as_chunks_mut().0[0] = t.high.store();
+    }
+}
+
+impl Met {
+    pub fn new() -> Self {
+        Met { some: [Alike { lanes: 0, start: 0, roots: [Roots::NONE; 2], count: 0 }; LANES], count: 0, unsure: 0 }
+    }
+}
+
+/// Bounds of the roots of the rays that `met` is unsure of.
+struct Meet<'a, P> {
+    placement: P,
+    rays: &'a Rays,
+    t_min: f64,
+    met: &'a mut Met,
+}
+
+impl<P: Placement> SurfaceTask for Meet<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
+        let Meet { placement, rays, t_min, met } = self;
+        let mask = std::mem::take(&mut met.unsure);
+        for i in 0..LANES / N {
+            let mut left = part_of_mask::<N>(mask, i);
+            if left == 0 {
+                continue;
+            }
+            let asked = Cell::new(left);
+            let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
+            let (origin, direction) = (of_rays(o, Many::new(&asked)), of_rays(d, Many::new(&asked)));
+            let world = Ray { origin, direction, weight: None };
+            let ray = placement.local(world);
+            while left != 0 {
+                asked.set(left);
+                if met.bound(i, surface, &ray, &asked, t_min).is_err() {
+                    met.unsure |= Mask::from(asked.get()) << (i * N);
+                }
+                left &= !asked.get();
+            }
+        }
+    }
+}
+
+impl Met {
+    /// The rays of part `i` that are still asked.
+    #[inline(always)]
+    fn bound<F: Floats<f64, N>, S: Surface, const N: usize>(
+        &mut self,
+        i: usize,
+        surface: &S,
+        ray: &Ray<Balls<Many<F>, N>>,
+        asked: &Cell<u32>,
+        t_min: f64,
+    ) -> Result<(), Uncertain> {
+        let [first, second] = surface.roots(ray)?;
+        let Some(first) = first else { return Ok(()) };
+        let t = Number::enclose(&first)?;
+        let behind = t.low.lt(F::splat(t_min));
+        // As many as there are rays are enough: each ray has its place in one alone.
+        let alike = &mut self.some[self.count];
+        alike.roots[0].set(first.feature, t);
+        alike.count = 1;
+        if behind & asked.get() != 0
+            && let Some(second) = second
+        {
+            alike.roots[1].set(second.feature, Number::enclose(&second)?);
+            alike.count = 2;
+        }
+        (alike.lanes, alike.start) = (asked.get(), i * N);
+        self.count += 1;
+        Ok(())
+    }
+}
+
+/// Hits on simple shapes and on moved meshes that wait for others on the same part of the same object, to be finished together.
+pub struct Pending {
+    groups: Vec<Group>,
+}
+
+/// Parts of objects that may wait at once; where two of them meet in one group, the first makes way.
+const GROUPS: usize = 32;
+
+/// Hits that may wait of one part of an object: two of the widest registers, of which one is worked on while the other waits for its quotients.
+const SEATS: usize = 2 * WIDEST;
+
+#[derive(Clone, Copy)]
+struct Group {
+    /// Of all but for the primitive, and for `index`, which says which root.
+    place: Place,
+    primitive: [u32; SEATS],
+    index: [u8; SEATS],
+    count: usize,
+    at: [u32; SEATS],
+    origin: [[f64; SEATS]; 3],
+    direction: [[f64; SEATS]; 3],
+    /// Of t.
+    low: [f64; SEATS],
+    high: [f64; SEATS],
+}
+
+impl Pending {
+    pub fn new() -> Self {
+        let empty = Group {
+            place: Place { object: 0, primitive: 0, index: 0, feature: 0 },
+            primitive: [0; SEATS],
+            count: 0,
+            at: [0; SEATS],
+            index: [0; SEATS],
+            origin: [[0.0; SEATS]; 3],
+            direction: [[1.0; SEATS]; 3],
+            low: [0.0; SEATS],
+            high: [0.0; SEATS],
+        };
+        Pending { groups: vec![empty; GROUPS] }
+    }
+
+    /// Takes a hit, with the ray and bounds of t.
+    #[inline(always)]
+    pub fn push<I: Isa>(
+        &mut self,
+        scene: &Scene,
+        at: u32,
+        place: Place,
+        (origin, direction, bounds): (Point, Point, Interval),
+        hits: &mut (impl Sink + ?Sized),
+    ) {
+        let group = &mut self.groups[(7 * place.object as usize + usize::from(place.feature)) % GROUPS];
+        if (group.place.object, group.place.feature) != (place.object, place.feature) {
+            group.flush::<I>(scene, hits);
+            group.place = place;
+        }
+        let seat = group.count;
+        (group.at[seat], group.primitive[seat], group.index[seat]) = (at, place.primitive, place.index);
+        for axis in 0..3 {
+            group.origin[axis][seat] = origin[axis];
+            group.direction[axis][seat] = direction[axis];
+        }
+        (group.low[seat], group.high[seat]) = (bounds.low, bounds.high);
+        group.count += 1;
+        if group.count == SEATS {
+            group.flush::<I>(scene, hits);
+        }
+    }
+
+    #[inline(always)]
+    pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        for group in &mut self.groups {
+            group.flush::<I>(scene, hits);
+        }
+    }
+}
+
+impl Group {
+    #[inline(always)]
+    fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        if self.count == 0 {
+            return;
+        }
+        let object = &scene.objects()[self.place.object as usize];
+        let mut found = Found { known: 0, t: [0.0; SEATS], normal: [[0.0; SEATS]; 3] };
+        let (group, known) = (&*self, &mut found);
+        match (&object.geometry, object.placement()) {
+            (Geometry::Simple(shape), None) => {
+                shape.apart::<I, _>(Finish { placement: AsMade, group, found: known });
+            }
+            (Geometry::Simple(shape), Some(placement)) => {
+                shape.apart::<I, _>(Finish { placement, group, found: known });
+            }
+            (Geometry::Mesh(mesh), Some(placement)) => {
+                I::apart(FinishTriangles { placement, corners: &group.corners(mesh), group, found: known });
+            }
+            // Hits on meshes that were not moved do not wait here.
+            (Geometry::Mesh(_), None) => {}
+        }
+        for seat in 0..self.count {
+            let (at, primitive) = (self.at[seat] as usize, self.primitive[seat]);
+            // No hit is put together first: to read back in one piece what was written in several takes long.
+            if found.known & (1 << seat) != 0 {
+                let (normal, primitive) = (pick(&found.normal, seat), object.reported(primitive));
+                hits.put(at, Hit { t: found.t[seat], normal, object: self.place.object as i32, primitive });
+            } else {
+                let bounds = Interval { low: self.low[seat], high: self.high[seat] };
+                let place = Place { primitive, index: self.index[seat], ..self.place };
+                let (origin, direction) = (pick(&self.origin, seat), pick(&self.direction, seat));
+                hits.put(at, scene.hit_within(&place, bounds, origin, direction));
+            }
+        }
+        self.count = 0;
+    }
+
+    /// Of the triangles, by corner and axis; empty seats have that of the first.
+    #[inline(always)]
+    fn corners(&self, mesh: &TriangleMesh) -> [[[f64; SEATS]; 3]; 3] {
+        let mut corners = [[[0.0; SEATS]; 3]; 3];
+        for seat in 0..SEATS {
+            let primitive = self.primitive[if seat < self.count { seat } else { 0 }];
+            for (corner, point) in mesh.corners(primitive).into_iter().enumerate() {
+                for axis in 0..3 {
+                    corners[corner][axis][seat] = point[axis];
+                }
+            }
+        }
+        corners
+    }
+}
+
+#[inline(always)]
+fn pick(v: &[[f64; SEATS]; 3], seat: usize) -> Point {
+    [v[0][seat], v[1][seat], v[2][seat]]
+}
+
+/// t and a unit normal, of the hits that are certain.
+struct Found {
+    known: u32,
+    t: [f64; SEATS],
+    normal: [[f64; SEATS]; 3],
+}
+
+/// Finishes the hits of a group.
+struct Finish<'a, P> {
+    placement: P,
+    group: &'a Group,
+    found: &'a mut Found,
+}
+
+impl<P: Placement> SurfaceTask for Finish<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
+        for i in 0..self.group.count.div_ceil(N) {
+            let asked = Cell::new(self.group.seats::<N>(i));
+            self.found.finish::<F, N>(i, self.placement, surface, self.group, &asked);
+        }
+    }
+}
+
+/// Finishes the hits of a group that are on triangles of a mesh.
+struct FinishTriangles<'a, P> {
+    placement: P,
+    corners: &'a [[[f64; SEATS]; 3]; 3],
+    group: &'a Group,
+    found: &'a mut Found,
+}
+
+impl<P: Placement> LaneTask for FinishTriangles<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) {
+        let [a, b, c] = self.corners;
+        for i in 0..self.group.count.div_ceil(N) {
+            let asked = Cell::new(self.group.seats::<N>(i));
+            let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
+            self.found.finish::<F, N>(i, self.placement, &triangles, self.group, &asked);
+        }
+    }
+}
+
+impl Group {
+    /// The seats of part `i` that are taken, as bits of the lanes of a register.
+    #[inline(always)]
+    fn seats<const N: usize>(&self, i: usize) -> u32 {
+        ((1_u32 << self.count) - 1) >> (i * N) & ((1 << N) - 1)
+    }
+}
+
+impl Found {
+    /// Finishes part `i` of a group.
+    #[inline(always)]
+    fn finish<'a, F: Floats<f64, N>, const N: usize>(
+        &mut self,
+        i: usize,
+        placement: impl Placement,
+        target: &impl Target<Many<'a, F>, N>,
+        group: &Group,
+        asked: &'a Cell<u32>,
+    ) {
+        let bounds = Interval { low: load(&group.low, i), high: load(&group.high, i) };
+        let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&group.origin, i), lanes::part(&group.direction, i));
+        let meeting = Meeting { feature: group.place.feature, origin, direction, bounds };
+        if let Ok((t, normal)) = finish(placement, target, &meeting, Many::new(asked)) {
+            let [x, y, z] = vector::unit(normal);
+            self.t.as_chunks_mut().0[i] = t.store();
+            self.normal[0].as_chunks_mut().0[i] = x.store();
+            self.normal[1].as_chunks_mut().0[i] = y.store();
+            self.normal[2].as_chunks_mut().0[i] = z.store();
+            self.known |= asked.get() << (i * N);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::arith::simd::Level;
+    use crate::geometry::affine::Affine;
+    use crate::scene::Object;
+    use crate::shapes::{Box, Cylinder, Ellipsoid, Plane, Simple, Sphere, Triangle};
+    use crate::testing::with_large_frames;
+
+    fn shapes() -> Vec<Object> {
+        let turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        let cylinder = |capped| Cylinder { start: [0.0, 0.0, -1.0], end: [0.0, 0.0, 1.0], radius: 1.0, capped };
+        let simple: Vec<Simple> = vec![
+            Sphere { center: [0.0; 3], radius: 1.0 }.into(),
+            Box { size: [2.0; 3], center: [0.0; 3] }.into(),
+            cylinder(true).into(),
+            cylinder(false).into(),
+            Triangle([-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]).into(),
+            Plane::PointNormal { point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, 1.0] }.into(),
+        ];
+        let ellipsoid = Ellipsoid::new([0.0; 3], [1.0, 1.0, 2.0], turn).map(Simple::from);
+        let simple = simple.into_iter().chain(ellipsoid).map(Geometry::Simple);
+        let octahedron = TriangleMesh::new(
+            [0, 1, 2]
+                .iter()
+                .flat_map(|&axis| [-1.0, 1.0].map(|x| std::array::from_fn(|i| if i == axis { x } else { 0.0 })))
+                .collect(),
+            (0..8).map(|k| [k & 1, 2 + (k >> 1 & 1), 4 + (k >> 2)]).collect(),
+        );
+        let mesh = octahedron.map(|mesh| Geometry::Mesh(Arc::new(mesh)));
+        let objects = simple.chain(mesh).map(|geometry| Object::new(geometry, false));
+        let sheared = Affine::new([[1.0, 0.25, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -1.0]], [0.5, 0.0, 0.0]);
+        let twice = |object: &Object| object.moved(sheared)?.moved(Affine::new(turn, [0.0, 0.5, 0.0]));
+        objects.flat_map(|object| [twice(&object), object.moved(sheared), Some(object)]).flatten().collect()
+    }
+
+    /// From a few origins to the points of a grid, of which many are corners, on edges, or where a line touches; and past them.
+    fn rays() -> (Vec<Point>, Vec<Point>) {
+        let (mut origins, mut directions) = (Vec::new(), Vec::new());
+        for origin in [[0.0, 0.0, 3.0], [1.0, -4.0, 0.0], [0.25, 0.125, 0.0], [-3.0, 2.0, 1.0], [0.1, 0.2, 4.3]] {
+            for k in 0..343 {
+                let point = [k % 7, k / 7 % 7, k / 49].map(|i| f64::from(i) / 2.0 - 1.5);
+                let direction = [point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]];
+                if direction != [0.0; 3] {
+                    origins.push(origin);
+                    directions.push(direction);
+                }
+            }
+        }
+        (origins, directions)
+    }
+
+    #[test]
+    fn lanes_find_what_single_rays_do() {
+        with_large_frames(compare_levels);
+    }
+
+    fn compare_levels() {
+        let (origins, directions) = rays();
+        let (mut met, mut missed) = (0, 0);
+        let all = shapes();
+        let scenes = all.iter().map(|object| vec![object.clone()]).chain([all.clone()]);
+        for objects in scenes {
+            let scene = Scene::new(objects);
+            for range in [(0.0, f64::INFINITY), (1.0, 3.0)] {
+                let cast = |level| {
+                    let mut hits = vec![Hit::MISS; origins.len()];
+                    assert!(scene.cast(level, &origins, &directions, range, &mut hits[..]));
+                    hits
+                };
+                let expected = cast(Level::Scalar);
+                met += expected.iter().filter(|hit| hit.object >= 0).count();
+                missed += expected.iter().filter(|hit| hit.object < 0).count();
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    for (i, (hit, expected)) in cast(level).iter().zip(&expected).enumerate() {
+                        let bits =
+                            |hit: &Hit| (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object, hit.primitive);
+                        assert_eq!(bits(hit), bits(expected), "{level:?}: {:?} + t·{:?}", origins[i], directions[i]);
+                    }
+                }
+            }
+        }
+        assert!(met > 5_000 && missed > 5_000, "{met}, {missed}");
+    }
+}

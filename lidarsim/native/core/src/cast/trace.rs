@@ -1,0 +1,258 @@
+//! Casting many rays: sorted into packets that point the same way, traced through the hierarchies, and refined at the end.
+//!
+//! What is found does not depend on how the rays are grouped, nor on the instruction set: all float32 and most float64 work here
+//! only rules out what is certainly not the nearest hit, and the rest is decided exactly.
+
+use std::cell::Cell;
+
+use crate::arith::simd::{self, Isa, Level, Task};
+use crate::bvh::{LANES, Rays};
+use crate::cast::order::{NEAR, Order};
+use crate::cast::refine::Plain;
+use crate::cast::search::Search;
+use crate::cast::simple::{Met, Pending};
+use crate::cast::traversal::{self, Advance, Party, TRAVERSALS, Traversal};
+use crate::geometry::vector::Point;
+use crate::scene::{Hit, Scene, Sink};
+
+/// The nearest hit of each ray with t_min ≤ t ≤ t_max. The outcome is false if there was a ray with a number that is not finite, or with a
+/// zero direction; such a ray is a miss.
+pub struct Cast<'a, S: Sink + ?Sized> {
+    pub scene: &'a Scene,
+    pub origins: &'a [Point],
+    pub directions: &'a [Point],
+    pub t_min: f64,
+    pub t_max: f64,
+    pub hits: &'a mut S,
+}
+
+impl<S: Sink + ?Sized> Task for Cast<'_, S> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> bool {
+        let Cast { scene, origins, directions, t_min, t_max, hits } = self;
+        let mut room = ROOM.take().unwrap_or_default();
+        let Room { traversals, before, pending, met, order } = &mut *room;
+        order.restart(directions, scene.size());
+        let mut supply = Supply { origins, directions, order, start: 0, done: 0 };
+        let mut traversals = traversals.each_mut().map(|room| Traversal::new(scene, (t_min, t_max), room));
+        // Hits of one packet are refined when the next is through: meanwhile their vertices come.
+        let (mut plain, mut before) = (Plain::new(), before);
+        let mut sorting = Sorting { scene, pending, hits };
+        let mut legal = true;
+        loop {
+            for traversal in &mut traversals {
+                while traversal.is_idle() && supply.take_up::<I>(traversal.party.rays) {
+                    supply.prefetch::<I>(traversal.party.rays.count, sorting.hits);
+                    if traversal.party.rays.count > 0 {
+                        traversal.make_ready();
+                    } else {
+                        legal &= sorting.trace_alone(traversal, (t_min, t_max));
+                    }
+                }
+            }
+            plain.prefetch::<I>(scene);
+            let through = I::call(Advance { traversals: &mut traversals, met });
+            plain.refine::<I>(scene, before, sorting.hits);
+            let Some(k) = through else { break };
+            let party = &mut traversals[k].party;
+            sorting.sort_out::<I>(party, &mut plain);
+            std::mem::swap(&mut before, &mut party.rays);
+        }
+        sorting.pending.flush::<I>(scene, sorting.hits);
+        ROOM.set(Some(room));
+        legal
+    }
+}
+
+impl Scene {
+    /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes first, then the
+    /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
+    pub fn cast(
+        &self,
+        level: Level,
+        origins: &[Point],
+        directions: &[Point],
+        (t_min, t_max): (f64, f64),
+        hits: &mut (impl Sink + ?Sized),
+    ) -> bool {
+        simd::dispatch(level, Cast { scene: self, origins, directions, t_min, t_max, hits })
+    }
+}
+
+thread_local! {
+    /// What one cast leaves to the next, as it is large.
+    static ROOM: Cell<Option<Box<Room>>> = const { Cell::new(None) };
+}
+
+/// Room for a cast; whatever a cast has left there is of no meaning to the next.
+struct Room {
+    traversals: [traversal::Room; TRAVERSALS],
+    /// The rays of the packet whose hits are refined.
+    before: Rays,
+    pending: Pending,
+    met: Met,
+    order: Order,
+}
+
+impl Default for Room {
+    fn default() -> Self {
+        Room {
+            traversals: std::array::from_fn(|_| traversal::Room::new()),
+            before: Rays::empty(),
+            pending: Pending::new(),
+            met: Met::new(),
+            order: Order::default(),
+        }
+    }
+}
+
+/// The rays that are still to be traced.
+struct Supply<'a> {
+    origins: &'a [Point],
+    directions: &'a [Point],
+    order: &'a mut Order,
+    /// How many of those sorted last have been taken up, and where these begin.
+    start: usize,
+    done: usize,
+}
+
+impl Supply<'_> {
+    /// Takes up the next packet, or a single ray that no packet holds; false if there are no more.
+    #[inline(always)]
+    fn take_up<I: Isa>(&mut self, rays: &mut Rays) -> bool {
+        let end = self.order.sorted().len();
+        if self.start == end {
+            if !self.order.advance::<I>(self.origins, self.directions) {
+                return false;
+            }
+            (self.start, self.done) = (0, self.done + end);
+        }
+        rays.take_up::<I>(self.origins, self.directions, &self.order.sorted()[self.start..]);
+        self.start += rays.count.max(1);
+        true
+    }
+
+    /// Brings the rays of a coming packet into the cache, and the places of their hits.
+    #[inline(always)]
+    fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
+        let sorted = self.order.sorted();
+        if sorted.len() == NEAR {
+            // Of the rays that will be sorted next, as many as were taken up last.
+            let (end, next) = (self.origins.len(), self.done + NEAR + self.start);
+            let ahead = end.min(next - count)..end.min(next);
+            simd::prefetch::<I, _>(&self.origins[ahead.clone()]);
+            hits.prefetch::<I>(ahead);
+        } else {
+            for &i in &sorted[self.start..sorted.len().min(self.start + LANES)] {
+                let i = i as usize;
+                I::prefetch(&self.origins[i]);
+                I::prefetch(&self.directions[i]);
+                hits.prefetch::<I>(i..i + 1);
+            }
+        }
+    }
+}
+
+/// Passes hits on, each to what finishes its kind.
+struct Sorting<'a, S: ?Sized> {
+    scene: &'a Scene,
+    pending: &'a mut Pending,
+    hits: &'a mut S,
+}
+
+impl<'a, S: Sink + ?Sized> Sorting<'a, S> {
+    #[inline(always)]
+    fn sort_out<I: Isa>(&mut self, party: &Party, plain: &mut Plain<'a>) {
+        let Party { rays, searches, .. } = party;
+        let mut lanes = 0;
+        for lane in 0..rays.count {
+            if !searches.has_found(lane) {
+                self.hits.put(rays.at[lane] as usize, Hit::MISS);
+            } else if self.scene.objects()[searches.object(lane) as usize].is_plain_triangle() {
+                lanes |= 1 << lane;
+            } else {
+                let (place, bounds) = (searches.place(lane), searches.bounds(lane));
+                let meeting = (rays.origin(lane), rays.direction(lane), bounds);
+                self.pending.push::<I>(self.scene, rays.at[lane], place, meeting, self.hits);
+            }
+        }
+        plain.take_up(searches, lanes);
+    }
+
+    /// Traces a ray that packets do not hold; false if it is illegal.
+    fn trace_alone(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
+        let rays = &traversal.party.rays;
+        let (at, origin, direction) = (rays.at[0] as usize, rays.origin(0), rays.direction(0));
+        let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
+        let mut hit = Hit::MISS;
+        if legal {
+            let mut search = Search::new(self.scene, origin, direction, range);
+            search.run(traversal.stack());
+            if let Some((place, bounds)) = search.found() {
+                hit = self.scene.hit_within(&place, bounds, origin, direction);
+            }
+        }
+        self.hits.put(at, hit);
+        legal
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Place;
+    use crate::scene::tests::{LEVEL, object, tipped};
+    use crate::testing::with_large_frames;
+
+    /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there is y/8, exactly.
+    fn rays() -> (Vec<Point>, Vec<Point>) {
+        let points = (0..81).map(|k| [k % 9, k / 9].map(f64::from)).filter(|[x, y]| x + y <= 8.0);
+        let origins: Vec<Point> = points.map(|[x, y]| [x, y, 3.0]).collect();
+        let directions = vec![[0.0, 0.0, -1.0]; origins.len()];
+        (origins, directions)
+    }
+
+    #[test]
+    fn of_two_triangles_in_nearly_one_level_the_upper_is_met_and_else_the_lowest() {
+        with_large_frames(cast_at_two_triangles);
+    }
+
+    fn cast_at_two_triangles() {
+        let (origins, directions) = rays();
+        let (mut ties, mut upper) = (0, 0);
+        for z in [1.0, 1.0_f64.next_up(), 1.0_f64.next_down(), 1.5, 0.5] {
+            for others in [[0, 0], [0, 9], [9, 0], [20, 3]] {
+                let objects = vec![object(LEVEL, others[0]), object(tipped(z), others[1])];
+                for swapped in [false, true] {
+                    let mut objects = objects.clone();
+                    if swapped {
+                        objects.reverse();
+                    }
+                    let scene = Scene::new(objects);
+                    let at =
+                        [0, 1].map(|i: usize| Place::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
+                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                        let mut hits = vec![Hit::MISS; origins.len()];
+                        assert!(scene.cast(level, &origins, &directions, (0.0, f64::INFINITY), &mut hits[..]));
+                        for (hit, o) in hits.iter().zip(&origins) {
+                            // The surfaces part where the last vertex has a weight.
+                            let tie = z == 1.0 || o[1] == 0.0;
+                            let first = if tie { 0 } else { i32::from((z > 1.0) != swapped) };
+                            let Place { object, primitive, .. } = at[first as usize];
+                            assert_eq!(
+                                (hit.object, hit.primitive),
+                                (object as i32, primitive as i32),
+                                "{level:?} {z} {o:?}"
+                            );
+                            ties += usize::from(tie);
+                            upper += usize::from(!tie && first == 1);
+                        }
+                    }
+                }
+            }
+        }
+        assert!(ties > 500 && upper > 500, "{ties}, {upper}");
+    }
+}

@@ -1,0 +1,261 @@
+//! Affine maps, object to world, whose inverse is never rounded.
+
+use std::cmp::Ordering;
+
+use crate::arith::number::{Ball, DdBall, Dyadic, Interval, Kinds, Number, Uncertain};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::{self, Point, Vector};
+
+/// x ↦ linear·x + offset, with rows `linear[i]`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Affine {
+    linear: [[f64; 3]; 3],
+    offset: Point,
+}
+
+impl Affine {
+    /// From the upper rows of a 4×4 homogeneous matrix.
+    pub fn from_rows(m: [[f64; 4]; 3]) -> Self {
+        Affine { linear: m.map(|r| [r[0], r[1], r[2]]), offset: [m[0][3], m[1][3], m[2][3]] }
+    }
+
+    pub fn new(linear: [[f64; 3]; 3], offset: Point) -> Self {
+        Affine { linear, offset }
+    }
+
+    pub fn is_identity(&self) -> bool {
+        *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
+    }
+
+    /// A box around the offset that reaches as far along each axis as `reach` says of the row of that axis.
+    pub fn around(&self, reach: impl Fn([f64; 3]) -> f64) -> [Interval; 3] {
+        std::array::from_fn(|i| {
+            let reach = reach(self.linear[i]);
+            Interval { low: (self.offset[i] - reach).next_down(), high: (self.offset[i] + reach).next_up() }
+        })
+    }
+
+    /// The image of a box, rounded outward.
+    pub fn image(&self, bounds: [Interval; 3]) -> [Interval; 3] {
+        std::array::from_fn(|i| {
+            let mut low = self.offset[i];
+            let mut high = self.offset[i];
+            for j in 0..3 {
+                let m = self.linear[i][j];
+                let (a, b) = if m == 0.0 { (0.0, 0.0) } else { (m * bounds[j].low, m * bounds[j].high) };
+                low = (low + a.min(b).next_down()).next_down();
+                high = (high + a.max(b).next_up()).next_up();
+            }
+            Interval { low, high }
+        })
+    }
+}
+
+/// The inverse of an affine map, in each kind of [`Number`].
+#[derive(Clone, Debug)]
+pub struct Inverse {
+    pub ball: Adjugate<Ball>,
+    pub dd: Adjugate<DdBall>,
+    pub dyadic: Adjugate<Dyadic>,
+}
+
+impl Inverse {
+    /// None if there is none: the determinant is zero, exactly.
+    pub fn of(map: &Affine) -> Option<Self> {
+        let dyadic = Adjugate::<Dyadic>::of(map, false);
+        let reflects = match dyadic.determinant.sign() {
+            Ok(Ordering::Less) => true,
+            Ok(Ordering::Greater) => false,
+            Ok(Ordering::Equal) | Err(Uncertain) => return None,
+        };
+        Some(Inverse {
+            ball: Adjugate::of(map, reflects),
+            dd: Adjugate::of(map, reflects),
+            dyadic: Adjugate::of(map, reflects),
+        })
+    }
+
+    /// Of `first` and then `second`, whose inverse this is.
+    pub fn after(&self, first: &Self, second: &Affine) -> Self {
+        Inverse {
+            ball: self.ball.after(&first.ball, second),
+            dd: self.dd.after(&first.dd, second),
+            dyadic: self.dyadic.after(&first.dyadic, second),
+        }
+    }
+}
+
+impl Kinds for Inverse {
+    type In<N: Clone> = Adjugate<N>;
+
+    #[inline(always)]
+    fn ball(&self) -> &Adjugate<Ball> {
+        &self.ball
+    }
+
+    #[inline(always)]
+    fn dd(&self) -> &Adjugate<DdBall> {
+        &self.dd
+    }
+
+    #[inline(always)]
+    fn dyadic(&self) -> &Adjugate<Dyadic> {
+        &self.dyadic
+    }
+
+    #[inline(always)]
+    fn convert<N: Clone, M: Clone + for<'a> From<&'a N>>(kept: &Adjugate<N>) -> Adjugate<M> {
+        let [r0, r1, r2] = &kept.rows;
+        let rest = match &kept.rest {
+            None => None,
+            Some(rest) => Some(convert(rest)),
+        };
+        Adjugate {
+            rows: [convert(r0), convert(r1), convert(r2)],
+            offset: kept.offset,
+            rest,
+            determinant: M::from(&kept.determinant),
+        }
+    }
+}
+
+#[inline(always)]
+fn convert<N, M: for<'a> From<&'a N>>(v: &Vector<N>) -> Vector<M> {
+    [M::from(&v[0]), M::from(&v[1]), M::from(&v[2])]
+}
+
+/// How a surface is placed in the world.
+pub trait Placement: Copy {
+    /// A ray of the world in the coordinates of the surface.
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N>;
+    /// A normal of the surface in coordinates of the world, of any length.
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N>;
+}
+
+/// Not moved at all.
+#[derive(Clone, Copy)]
+pub struct AsMade;
+
+impl Placement for AsMade {
+    #[inline(always)]
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
+        ray
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
+        normal
+    }
+}
+
+impl Placement for &Inverse {
+    #[inline(always)]
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
+        N::of_kinds(self).apply(&ray)
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
+        N::of_kinds(self).normal(&normal)
+    }
+}
+
+impl<P: Placement> Placement for Option<P> {
+    #[inline(always)]
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
+        match self {
+            None => ray,
+            Some(placement) => placement.local(ray),
+        }
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
+        match self {
+            None => normal,
+            Some(placement) => placement.normal(normal),
+        }
+    }
+}
+
+/// The inverse of an affine map without its division: linear⁻¹ = adjugate/determinant. The signs of both are changed where the
+/// determinant is negative.
+#[derive(Clone, Debug)]
+pub struct Adjugate<N> {
+    rows: [Vector<N>; 3],
+    /// In float64, so that the difference to an origin near it keeps all its digits.
+    offset: Point,
+    /// What the true offset is beyond that; none if nothing.
+    rest: Option<Vector<N>>,
+    determinant: N,
+}
+
+impl<N: Number<Floats = f64>> Adjugate<N> {
+    fn of(map: &Affine, negate: bool) -> Self {
+        let [r0, r1, r2]: [Vector<N>; 3] = map.linear.map(vector::exact);
+        // The columns of the adjugate are the cross products of the rows.
+        let [c0, c1, c2] = [vector::cross(&r1, &r2), vector::cross(&r2, &r0), vector::cross(&r0, &r1)];
+        let determinant = vector::dot(&r0, &c0);
+        let rows: [Vector<N>; 3] = std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]);
+        let (rows, determinant) =
+            if negate { (rows.each_ref().map(vector::negated), determinant.negated()) } else { (rows, determinant) };
+        Adjugate { rows, offset: map.offset, rest: None, determinant }
+    }
+
+    /// x = L₂·(L₁·y + t₁) + t₂, so that adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.
+    fn after(&self, first: &Self, second: &Affine) -> Self {
+        let [r0, r1, r2] = &self.rows;
+        let columns: [Vector<N>; 3] = std::array::from_fn(|j| [r0[j].clone(), r1[j].clone(), r2[j].clone()]);
+        let (offset, rest) = if first.rest.is_none() && first.offset == [0.0; 3] {
+            (self.offset, self.rest.clone())
+        } else {
+            let (from, to) = (first.whole_offset(), self.whole_offset());
+            let parts = [0, 1, 2].map(|i| vector::dot(&vector::exact(second.linear[i]), &from).plus(&to[i]).split());
+            (parts.each_ref().map(|(near, _)| *near), Some(parts.map(|(_, rest)| rest)))
+        };
+        Adjugate {
+            rows: first.rows.each_ref().map(|row| columns.each_ref().map(|column| vector::dot(row, column))),
+            offset,
+            rest,
+            determinant: self.determinant.times(&first.determinant),
+        }
+    }
+
+    fn whole_offset(&self) -> Vector<N> {
+        let near = vector::exact(self.offset);
+        match &self.rest {
+            None => near,
+            Some(rest) => vector::add(&near, rest),
+        }
+    }
+}
+
+impl<N: Number> Adjugate<N> {
+    /// A world ray in the coordinates of the object.
+    #[inline(always)]
+    pub fn apply(&self, ray: &Ray<N>) -> Ray<N> {
+        let weight = match &ray.weight {
+            None => self.determinant.clone(),
+            Some(w) => w.times(&self.determinant),
+        };
+        let mut from = ray.origin_from(vector::exact(self.offset));
+        if let Some([x, y, z]) = self.rest.clone() {
+            from = vector::sub(&from, &[ray.weighted(x), ray.weighted(y), ray.weighted(z)]);
+        }
+        Ray { origin: self.times(&from), direction: self.times(&ray.direction), weight: Some(weight) }
+    }
+
+    #[inline(always)]
+    fn times(&self, v: &Vector<N>) -> Vector<N> {
+        [vector::dot(&self.rows[0], v), vector::dot(&self.rows[1], v), vector::dot(&self.rows[2], v)]
+    }
+
+    /// A normal of the object in world coordinates, times a positive number: linear⁻ᵀ·normal. The rows are those of the inverse
+    /// times |determinant|, so that outward stays outward through a reflection.
+    #[inline(always)]
+    pub fn normal(&self, n: &Vector<N>) -> Vector<N> {
+        let [r0, r1, r2] = &self.rows;
+        let sum = vector::add(&vector::scaled(r0, &n[0]), &vector::scaled(r1, &n[1]));
+        vector::add(&sum, &vector::scaled(r2, &n[2]))
+    }
+}

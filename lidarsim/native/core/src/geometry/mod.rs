@@ -1,0 +1,6 @@
+//! Vectors, rays, and the maps that they go through.
+
+pub mod affine;
+pub mod pose;
+pub mod ray;
+pub mod vector;

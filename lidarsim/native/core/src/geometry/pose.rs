@@ -1,0 +1,437 @@
+//! Rigid poses, sensor to world, and how they change with time.
+
+use std::sync::Arc;
+
+use crate::arith::elementary::{RECIPROCAL_FACTORIALS, polynomial, sin_cos};
+use crate::geometry::vector::Point;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    rotation: [Point; 3],
+    translation: Point,
+}
+
+impl Pose {
+    /// From the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
+    ///
+    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which takes a matrix kept in float32 to rounding, and leave the
+    /// bits of an exactly orthonormal one.
+    pub fn from_rows(rows: [[f64; 4]; 3]) -> Self {
+        let mut rotation = rows.map(|r| [r[0], r[1], r[2]]);
+        for _ in 0..2 {
+            let column = |j: usize| [rotation[0][j], rotation[1][j], rotation[2][j]];
+            let correction: [Point; 3] = std::array::from_fn(|i| {
+                std::array::from_fn(|j| (f64::from(u8::from(i == j)) * 3.0 - dot(column(i), column(j))) / 2.0)
+            });
+            rotation = product(rotation, correction);
+        }
+        Pose { rotation, translation: rows.map(|r| r[3]) }
+    }
+
+    pub fn rows(&self) -> [[f64; 4]; 3] {
+        std::array::from_fn(|i| {
+            let [x, y, z] = self.rotation[i];
+            [x, y, z, self.translation[i]]
+        })
+    }
+
+    /// A direction of the sensor frame in the world.
+    #[inline(always)]
+    pub fn turn(&self, v: Point) -> Point {
+        self.rotation.map(|row| dot(row, v))
+    }
+
+    /// A point of the sensor frame in the world.
+    #[inline(always)]
+    pub fn place(&self, p: Point) -> Point {
+        let turned = self.turn(p);
+        std::array::from_fn(|i| turned[i] + self.translation[i])
+    }
+
+    /// A direction of the world in the sensor frame.
+    #[inline(always)]
+    pub fn turn_back(&self, v: Point) -> Point {
+        std::array::from_fn(|j| self.rotation[0][j] * v[0] + self.rotation[1][j] * v[1] + self.rotation[2][j] * v[2])
+    }
+
+    /// The pose of what has the pose `inner` in the frame of `self`.
+    pub fn then(&self, inner: &Pose) -> Pose {
+        Pose { rotation: product(self.rotation, inner.rotation), translation: self.place(inner.translation) }
+    }
+
+    /// `self`, as seen from the sensor frame of `base`.
+    pub fn relative_to(&self, base: &Pose) -> Pose {
+        let columns: [Point; 3] = std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
+        Pose {
+            rotation: std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i])),
+            translation: base.turn_back(sub(self.translation, base.translation)),
+        }
+    }
+}
+
+/// A pose for each moment.
+#[derive(Clone, Debug)]
+pub enum Path {
+    Still(Pose),
+    /// Constant velocities in the sensor's own, moving frame, from time 0 on and before.
+    Twist {
+        start: Pose,
+        linear: Point,
+        angular: Point,
+    },
+    /// Each pose is met at its time, and `steps[i]` leads from pose i to the next. Times rise. From the last knot to `end` both
+    /// velocities stay what they are there; a single knot stays where it is.
+    Knots {
+        times: Vec<f64>,
+        poses: Vec<Pose>,
+        steps: Vec<Step>,
+        end: f64,
+    },
+    /// Of a sensor mounted on a body: its pose in the frame of the body, which is none of those above standing still.
+    Mounted {
+        body: Arc<Path>,
+        mount: Pose,
+    },
+}
+
+/// How a body moves on from a knot, while u grows from 0 to 1: the position by `shift`, in the world, and the orientation
+/// by the rotation vector `turn`, in the frame of the knot. With linear terms alone that is linear interpolation and Slerp.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub shift: Cubic,
+    pub turn: Cubic,
+}
+
+impl Step {
+    fn is_linear(&self) -> bool {
+        [&self.shift, &self.turn].iter().all(|Cubic([_, b, c])| [*b, *c] == [[0.0; 3]; 2])
+    }
+}
+
+/// a u + b u² + c u³.
+#[derive(Clone, Copy, Debug)]
+pub struct Cubic(pub [Point; 3]);
+
+impl Cubic {
+    fn at(&self, u: f64) -> Point {
+        let Cubic([a, b, c]) = self;
+        std::array::from_fn(|i| u * (a[i] + u * (b[i] + u * c[i])))
+    }
+
+    fn derivative(&self, u: f64) -> Point {
+        let Cubic([a, b, c]) = self;
+        std::array::from_fn(|i| a[i] + u * (2.0 * b[i] + u * 3.0 * c[i]))
+    }
+}
+
+/// Linear velocity in the world and angular velocity in the moving frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Velocity {
+    pub linear: Point,
+    pub angular: Point,
+}
+
+impl Path {
+    /// The times for which there is a pose.
+    pub fn span(&self) -> [f64; 2] {
+        match self {
+            Path::Still(_) | Path::Twist { .. } => [f64::NEG_INFINITY, f64::INFINITY],
+            Path::Knots { times, end, .. } => [times[0], *end],
+            Path::Mounted { body, .. } => body.span(),
+        }
+    }
+
+    /// The path of a sensor with the pose `mount` on what moves along `self`.
+    pub fn mounted(self: &Arc<Self>, mount: &Pose) -> Path {
+        match &**self {
+            Path::Still(pose) => Path::Still(pose.then(mount)),
+            Path::Mounted { body, mount: outer } => Path::Mounted { body: body.clone(), mount: outer.then(mount) },
+            _ => Path::Mounted { body: self.clone(), mount: *mount },
+        }
+    }
+
+    /// The same poses, and those of a span that goes on to `until`.
+    #[must_use]
+    pub fn held(&self, until: f64) -> Path {
+        let mut path = self.clone();
+        match &mut path {
+            Path::Still(_) | Path::Twist { .. } => {}
+            Path::Knots { end, .. } => *end = end.max(until),
+            Path::Mounted { body, .. } => *body = Arc::new(body.held(until)),
+        }
+        path
+    }
+
+    /// The pose at a time, which past the span goes on at the velocities of its end.
+    pub fn at(&self, time: f64) -> Pose {
+        match self {
+            Path::Still(pose) => *pose,
+            Path::Twist { start, linear, angular } => {
+                let turn = Turn::new(angular.map(|x| x * time));
+                let travelled = start.turn(turn.travel(linear.map(|x| x * time)));
+                Pose {
+                    rotation: product(start.rotation, turn.matrix()),
+                    translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
+                }
+            }
+            Path::Knots { times, poses, steps, .. } => {
+                let i = times.partition_point(|&t| t <= time).saturating_sub(1);
+                if time == times[i] || steps.is_empty() {
+                    return poses[i];
+                }
+                // Past the last knot a linear step just goes on; the terms of a spline would carry it away.
+                if i == steps.len() && !steps[i - 1].is_linear() {
+                    let (Velocity { linear, angular }, after) = (self.velocity(times[i]), time - times[i]);
+                    return Pose {
+                        rotation: product(poses[i].rotation, Turn::new(angular.map(|x| x * after)).matrix()),
+                        translation: std::array::from_fn(|k| poses[i].translation[k] + linear[k] * after),
+                    };
+                }
+                let i = i.min(steps.len() - 1);
+                let from = poses[i];
+                let u = (time - times[i]) / (times[i + 1] - times[i]);
+                let Step { shift, turn } = &steps[i];
+                let shift = shift.at(u);
+                Pose {
+                    rotation: product(from.rotation, Turn::new(turn.at(u)).matrix()),
+                    translation: std::array::from_fn(|k| from.translation[k] + shift[k]),
+                }
+            }
+            Path::Mounted { body, mount } => body.at(time).then(mount),
+        }
+    }
+
+    /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which it is reached.
+    pub fn velocity(&self, time: f64) -> Velocity {
+        match self {
+            Path::Still(_) => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
+            Path::Twist { linear, angular, .. } => Velocity { linear: self.at(time).turn(*linear), angular: *angular },
+            Path::Knots { steps, .. } if steps.is_empty() => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
+            Path::Knots { times, steps, .. } => {
+                let i = times.partition_point(|&t| t <= time).saturating_sub(1).min(steps.len() - 1);
+                let length = times[i + 1] - times[i];
+                let u = ((time - times[i]) / length).min(1.0);
+                let Step { shift, turn } = &steps[i];
+                let turning = Turn::new(turn.at(u)).rate(turn.derivative(u));
+                Velocity { linear: shift.derivative(u).map(|x| x / length), angular: turning.map(|x| x / length) }
+            }
+            Path::Mounted { body, mount } => {
+                let Velocity { linear, angular } = body.velocity(time);
+                let swung = body.at(time).turn(cross(angular, mount.translation));
+                Velocity { linear: std::array::from_fn(|i| linear[i] + swung[i]), angular: mount.turn_back(angular) }
+            }
+        }
+    }
+}
+
+/// A rotation vector φ with the three factors that its exponentials need (T. D. Barfoot, State Estimation for Robotics, §7.1):
+/// a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|.
+struct Turn {
+    vector: Point,
+    a: f64,
+    b: f64,
+    c: f64,
+}
+
+impl Turn {
+    fn new(vector: Point) -> Self {
+        let square = dot(vector, vector);
+        let angle = square.sqrt();
+        let [a, b, c] = if angle <= 1.0 {
+            // Where the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! + …, 1/3! − θ²/5! + …
+            [1, 2, 3]
+                .map(|first| polynomial::<9>(std::array::from_fn(|i| RECIPROCAL_FACTORIALS[first + 2 * i]), -square))
+        } else {
+            let (sin, cos) = sin_cos(angle);
+            [sin / angle, (1.0 - cos) / square, (angle - sin) / (square * angle)]
+        };
+        Turn { vector, a, b, c }
+    }
+
+    /// I + a[φ] + b[φ]².
+    fn matrix(&self) -> [Point; 3] {
+        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| self.series(e, self.a, self.b));
+        std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]))
+    }
+
+    /// Where a velocity, constant in the turning frame, leads: (I + b[φ] + c[φ]²)·v.
+    fn travel(&self, v: Point) -> Point {
+        self.series(v, self.b, self.c)
+    }
+
+    /// The angular velocity in the turned frame, when the vector changes at `derivative`: (I − b[φ] + c[φ]²)·φ̇.
+    fn rate(&self, derivative: Point) -> Point {
+        self.series(derivative, -self.b, self.c)
+    }
+
+    fn series(&self, v: Point, first: f64, second: f64) -> Point {
+        let once = cross(self.vector, v);
+        let twice = cross(self.vector, once);
+        std::array::from_fn(|i| v[i] + first * once[i] + second * twice[i])
+    }
+}
+
+#[inline(always)]
+pub fn dot(a: Point, b: Point) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+pub fn cross(a: Point, b: Point) -> Point {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+#[inline(always)]
+pub fn sub(a: Point, b: Point) -> Point {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn product(a: [Point; 3], b: [Point; 3]) -> [Point; 3] {
+    std::array::from_fn(|i| std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROWS: [[f64; 4]; 3] = [[0.0, -1.0, 0.0, 5.0], [1.0, 0.0, 0.0, 6.0], [0.0, 0.0, 1.0, 7.0]];
+
+    fn assert_close(a: Point, b: Point) {
+        assert!((0..3).all(|i| (a[i] - b[i]).abs() < 1e-14), "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn an_exact_rotation_keeps_its_bits_and_a_rounded_one_becomes_orthonormal() {
+        assert_eq!(Pose::from_rows(ROWS).rows(), ROWS);
+        let turned = Turn::new([0.3, -0.8, 0.5]).matrix();
+        let rounded =
+            Pose::from_rows(turned.map(|r| [r[0] as f32 as f64, r[1] as f32 as f64, r[2] as f32 as f64, 0.0]));
+        for v in [[1.0, 0.0, 0.0], [0.6, 0.0, 0.8]] {
+            assert!((dot(rounded.turn(v), rounded.turn(v)) - 1.0).abs() < 1e-15);
+            assert_close(rounded.turn_back(rounded.turn(v)), v);
+        }
+    }
+
+    #[test]
+    fn place_and_relative_to_undo_each_other() {
+        let (base, pose) = (
+            Pose::from_rows(ROWS),
+            Path::Twist { start: Pose::from_rows(ROWS), linear: [1.0, 2.0, 3.0], angular: [0.1, 0.2, 0.3] }.at(2.0),
+        );
+        let p = [0.3, 0.2, 0.1];
+        assert_close(base.place(pose.relative_to(&base).place(p)), pose.place(p));
+    }
+
+    #[test]
+    fn a_twist_drives_a_circle() {
+        // 1 m/s ahead and 0.5 rad/s to the left: radius 2, whole turns at multiples of 4π s.
+        let path = Path::Twist {
+            start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+            linear: [1.0, 0.0, 0.0],
+            angular: [0.0, 0.0, 0.5],
+        };
+        for (time, x, y) in [(0.0, 0.0, 0.0), (std::f64::consts::PI, 2.0, 2.0), (2.0 * std::f64::consts::PI, 0.0, 4.0)]
+        {
+            assert_close(path.at(time).place([0.0; 3]), [x, y, 0.0]);
+        }
+        // On either side of the angle where the series gives way to the quotients.
+        assert_close(path.at(2.0).place([1.0; 3]), path.at(2.0_f64.next_up()).place([1.0; 3]));
+    }
+
+    #[test]
+    fn knots_are_met_and_halves_are_between() {
+        let first = Pose::from_rows(ROWS);
+        let turn = [0.0, 0.0, 1.5];
+        let second = Pose { rotation: product(first.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
+        let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
+        let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], steps, end: 3.0 };
+        assert_eq!((path.at(1.0), path.at(3.0), path.span()), (first, second, [1.0, 3.0]));
+        let half = path.at(2.0);
+        assert_eq!(half.translation, [6.0, 6.0, 7.0]);
+        let (sin, cos) = sin_cos(0.75);
+        assert_close(half.turn([1.0, 0.0, 0.0]), first.turn([cos, sin, 0.0]));
+    }
+
+    #[test]
+    fn a_mount_swings_with_its_body() {
+        // A body that turns to the left in place, and a sensor 2 m ahead of its center, which looks to its left.
+        let body = Arc::new(Path::Twist {
+            start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+            linear: [0.0; 3],
+            angular: [0.0, 0.0, 0.5],
+        });
+        let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+        let sensor = Arc::new(body.mounted(&mount));
+        let quarter = std::f64::consts::PI;
+        assert_close(sensor.at(quarter).place([0.0; 3]), [0.0, 2.0, 0.0]);
+        assert_close(sensor.at(quarter).turn([1.0, 0.0, 0.0]), [-1.0, 0.0, 0.0]);
+        assert_close(sensor.velocity(quarter).linear, [-1.0, 0.0, 0.0]);
+        assert_close(sensor.velocity(quarter).angular, [0.0, 0.0, 0.5]);
+        // Mounts on mounts are one mount, and on what stands still they stand still.
+        let twice = sensor.mounted(&mount);
+        assert_eq!(twice.at(quarter), body.at(quarter).then(&mount.then(&mount)));
+        let Path::Still(pose) = Arc::new(Path::Still(mount)).mounted(&mount) else { panic!("it moves") };
+        assert_eq!(pose, mount.then(&mount));
+    }
+
+    #[test]
+    fn a_held_path_goes_on_at_constant_velocity() {
+        let start = Pose::from_rows(ROWS);
+        let turn = [0.0, 0.0, 1.5];
+        let end = Pose { rotation: product(start.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
+        let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
+        let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps, end: 3.0 };
+        let held = path.held(4.0);
+        assert_eq!((held.span(), held.held(2.0).span()), ([1.0, 4.0], [1.0, 4.0]));
+        for time in [1.0, 1.7, 2.9, 3.0] {
+            assert_eq!(held.at(time), path.at(time));
+        }
+        let (sin, cos) = sin_cos(2.25);
+        assert_eq!(held.at(4.0).translation, [8.0, 6.0, 7.0]);
+        assert_close(held.at(4.0).turn([1.0, 0.0, 0.0]), start.turn([cos, sin, 0.0]));
+        let one = Path::Knots { times: vec![1.0], poses: vec![start], steps: vec![], end: 1.0 }.held(2.0);
+        assert_eq!((one.at(1.5), one.span()), (start, [1.0, 2.0]));
+    }
+
+    #[test]
+    fn a_held_spline_goes_on_at_the_velocities_of_its_end() {
+        let start = Pose::from_rows(ROWS);
+        let step = Step {
+            shift: Cubic([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.25, -1.0]]),
+            turn: Cubic([[0.0, 0.0, 0.5], [0.0, 0.25, 0.0], [0.125, 0.0, 0.25]]),
+        };
+        let end = Pose {
+            rotation: product(start.rotation, Turn::new([0.125, 0.25, 0.75]).matrix()),
+            translation: [6.0, 6.75, 6.0],
+        };
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps: vec![step], end: 3.0 };
+        // A twist is at its start at time 0.
+        let Velocity { linear, angular } = path.velocity(3.0);
+        assert_close(linear, [0.5, 0.875, -1.5]);
+        let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5]]);
+        let swings = Path::Twist { start: end, linear: [0.0; 3], angular };
+        for (held, mount) in [
+            (path.held(4.0), Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])),
+            (Arc::new(path.clone()).mounted(&mount).held(4.0), mount),
+        ] {
+            assert_eq!(held.span(), [1.0, 4.0]);
+            for time in [3.0_f64.next_up(), 3.5, 4.0] {
+                let after = time - 3.0;
+                let moved: Point = std::array::from_fn(|k| linear[k] * after);
+                for p in [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] {
+                    let swung = swings.at(after).place(mount.place(p));
+                    assert_close(held.at(time).place(p), std::array::from_fn(|k| swung[k] + moved[k]));
+                }
+                let velocity = held.velocity(time);
+                assert_eq!(velocity.angular, mount.turn_back(angular));
+                let swing = swings.at(after).turn(cross(angular, mount.translation));
+                assert_close(velocity.linear, std::array::from_fn(|k| linear[k] + swing[k]));
+            }
+            for time in [1.0, 1.7, 2.9, 3.0] {
+                assert_eq!(held.at(time), path.at(time).then(&mount));
+            }
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Vectors over any [`Number`].
+
+use crate::arith::number::{Lanes, Number, OfRays};
+use crate::arith::simd::Floats;
+
+pub type Vector<N> = [N; 3];
+pub type Point = [f64; 3];
+
+#[inline(always)]
+pub fn exact<N: Number>(v: Point) -> Vector<N> {
+    [N::exact(v[0]), N::exact(v[1]), N::exact(v[2])]
+}
+
+#[inline(always)]
+pub fn add<N: Number>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
+    [a[0].plus(&b[0]), a[1].plus(&b[1]), a[2].plus(&b[2])]
+}
+
+#[inline(always)]
+pub fn sub<N: Number>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
+    [a[0].minus(&b[0]), a[1].minus(&b[1]), a[2].minus(&b[2])]
+}
+
+#[inline(always)]
+pub fn scaled<N: Number>(a: &Vector<N>, s: &N) -> Vector<N> {
+    [a[0].times(s), a[1].times(s), a[2].times(s)]
+}
+
+#[inline(always)]
+pub fn dot<N: Number>(a: &Vector<N>, b: &Vector<N>) -> N {
+    a[0].times(&b[0]).plus(&a[1].times(&b[1])).plus(&a[2].times(&b[2]))
+}
+
+#[inline(always)]
+pub fn cross<N: Number>(a: &Vector<N>, b: &Vector<N>) -> Vector<N> {
+    [
+        a[1].times(&b[2]).minus(&a[2].times(&b[1])),
+        a[2].times(&b[0]).minus(&a[0].times(&b[2])),
+        a[0].times(&b[1]).minus(&a[1].times(&b[0])),
+    ]
+}
+
+#[inline(always)]
+pub fn norm2<N: Number>(a: &Vector<N>) -> N {
+    dot(a, a)
+}
+
+#[inline(always)]
+pub fn negated<N: Number>(a: &Vector<N>) -> Vector<N> {
+    [a[0].negated(), a[1].negated(), a[2].negated()]
+}
+
+/// Vectors, one for each ray.
+#[inline(always)]
+pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>([x, y, z]: [L::Floats; 3], lanes: L) -> Vector<K> {
+    [K::of_rays(x, lanes), K::of_rays(y, lanes), K::of_rays(z, lanes)]
+}
+
+/// At least |v|, where each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) where that is a normal number.
+pub fn length_above(v: Point) -> f64 {
+    let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
+    if largest == 0.0 {
+        return 0.0;
+    }
+    // Fewer than 8 roundings of relative size 2⁻⁵³, and what coordinates lost if they are subnormal.
+    let [x, y, z] = v.map(|x| x / largest);
+    largest * ((x * x + y * y + z * z).sqrt() * (1.0 + 4.0 * f64::EPSILON)) + f64::from_bits(1)
+}
+
+/// The unit vector along `v`, whose squares neither overflow nor underflow.
+///
+/// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, nothing is left that would tell how they were worked out.
+#[inline(always)]
+pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
+    let large = v[0].abs().max(v[1].abs()).max(v[2].abs()).mul(F::splat(1.0 / 256.0));
+    let v = [rounded(v[0], large), rounded(v[1], large), rounded(v[2], large)];
+    let length = v[0].mul(v[0]).add(v[1].mul(v[1])).add(v[2].mul(v[2])).sqrt();
+    [v[0].div(length), v[1].div(length), v[2].div(length)]
+}
+
+/// `x` to the last place of `large`, where it is smaller by half.
+#[inline(always)]
+fn rounded<F: Floats<f64, N>, const N: usize>(x: F, large: F) -> F {
+    x.abs().le_pick(large.mul(F::splat(0.5)), x.add(large).sub(large), x)
+}

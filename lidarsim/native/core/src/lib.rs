@@ -1,0 +1,24 @@
+//! The core of lidarsim: exact ray casting and per-pulse measurement.
+//!
+//! Its layers, of which each uses those above it alone: `memory` and `parallel`, arithmetic, geometry and shapes, the bounding volume hierarchy,
+//! scenes, casts, measurement.
+
+mod arith;
+mod bvh;
+mod cast;
+mod geometry;
+pub mod measure;
+pub mod memory;
+mod parallel;
+mod scene;
+pub mod shapes;
+#[cfg(test)]
+mod testing;
+
+pub use arith::simd::Level;
+pub use cast::{Columns, slices};
+pub use geometry::affine::Affine;
+pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
+pub use geometry::vector::Point;
+pub use parallel::threads;
+pub use scene::{Geometry, Object, Scene, TriangleMesh};

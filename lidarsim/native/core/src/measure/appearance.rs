@@ -1,0 +1,39 @@
+//! What a lidar can tell of an object.
+
+use super::Caster;
+use crate::geometry::vector::Point;
+use crate::scene::Hit;
+
+/// What a lidar can tell of an object, besides where it is.
+#[derive(Clone, Debug)]
+pub struct Appearance {
+    pub label: u32,
+    pub reflectivity: Reflectivity,
+}
+
+/// How much light an object returns, as a share of what a white diffuser does.
+#[derive(Clone, Debug)]
+pub enum Reflectivity {
+    Object(f64),
+    /// One a triangle.
+    Face(Vec<f64>),
+    /// One a vertex, linear in between.
+    Vertex(Vec<f64>),
+}
+
+impl Reflectivity {
+    #[inline(always)]
+    pub(super) fn at(&self, hit: &Hit, origin: Point, direction: Point, caster: &impl Caster) -> f64 {
+        match self {
+            Reflectivity::Object(value) => *value,
+            Reflectivity::Face(values) => values[hit.primitive as usize],
+            Reflectivity::Vertex(values) => match caster.shares(hit, origin, direction) {
+                Some((vertices, [u, v, w])) => {
+                    let [a, b, c] = vertices.map(|i| values[i as usize]);
+                    u * a + v * b + w * c
+                }
+                None => f64::NAN,
+            },
+        }
+    }
+}

@@ -1,0 +1,82 @@
+//! Beams that widen, and their sub-rays.
+
+use crate::arith::elementary::{exp, sin_cos};
+
+/// A diverging beam as a few sub-rays.
+#[derive(Clone, Debug)]
+pub struct Beam {
+    /// Of each sub-ray, its tangent of azimuth and elevation against the axis, and its share of the energy. The first is the axis.
+    cells: Vec<([f64; 2], f64)>,
+    /// Standard deviation of the pulse, as a range, m.
+    pub(super) pulse_sigma: f64,
+}
+
+impl Beam {
+    /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half maximum, as a range, m.
+    ///
+    /// The ellipse that the angles bound is divided into a disc and m rings about it, m·(m+1)·3 + 1 = `rays`, each as wide as the
+    /// disc; ring k has 6k sub-rays. Each carries the energy that a Gaussian beam, of profile exp(−2r²/w²), has in its cell;
+    /// what lies outside of the ellipse is spread over all.
+    pub fn new(divergence: [f64; 2], rays: usize, pulse_length: f64) -> Self {
+        let rings = (1..).take_while(|m| 3 * m * (m + 1) < rays).count();
+        // In units of the half angle w.
+        let width = 1.0 / (rings as f64 + 0.5);
+        let inside = |radius: f64| 1.0 - exp(-2.0 * radius * radius);
+        let mut cells = vec![([0.0; 2], inside(width / 2.0) / inside(1.0))];
+        for k in 1..=rings {
+            let radius = k as f64 * width;
+            let energy = inside(radius + width / 2.0) - inside(radius - width / 2.0);
+            for j in 0..6 * k {
+                let (sin, cos) = sin_cos(std::f64::consts::TAU * j as f64 / (6 * k) as f64);
+                let offset = [radius * cos * divergence[0] / 2.0, radius * sin * divergence[1] / 2.0];
+                cells.push((offset, energy / inside(1.0) / (6 * k) as f64));
+            }
+        }
+        // A Gaussian is half of its maximum √(2 ln 2) standard deviations from its middle.
+        Beam { cells, pulse_sigma: pulse_length / (8.0 * std::f64::consts::LN_2).sqrt() }
+    }
+
+    /// The number of sub-rays.
+    pub(super) fn len(&self) -> usize {
+        self.cells.len()
+    }
+
+    pub(super) fn offset(&self, sub_ray: usize) -> [f64; 2] {
+        self.cells[sub_ray].0
+    }
+
+    /// Offset of each sub-ray.
+    pub(super) fn offsets(&self) -> impl Iterator<Item = [f64; 2]> {
+        self.cells.iter().map(|(offset, _)| *offset)
+    }
+
+    /// Of each sub-ray of the pulse, the ray and its share of the energy.
+    pub(super) fn sub_rays(&self, pulse: usize) -> impl Iterator<Item = (usize, f64)> {
+        (pulse * self.cells.len()..).zip(&self.cells).map(|(ray, (_, share))| (ray, *share))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_beam_has_all_of_its_energy_and_is_balanced() {
+        for (rays, rings) in [(7, 1), (19, 2), (37, 3), (61, 4), (91, 5)] {
+            let beam = Beam::new([2.0, 1.0], rays, 1.0);
+            assert_eq!(beam.cells.len(), rays);
+            assert_eq!(beam.cells[0].0, [0.0; 2]);
+            let sum = |of: fn([f64; 2]) -> f64| beam.cells.iter().map(|(at, share)| share * of(*at)).sum::<f64>();
+            assert!((sum(|_| 1.0) - 1.0).abs() < 1e-15);
+            assert!(
+                sum(|[x, _]| x).abs() < 1e-16 && sum(|[_, y]| y).abs() < 1e-16 && sum(|[x, y]| x * y).abs() < 1e-16
+            );
+            // ∫r²·exp(−2r²)·r dr over ∫exp(−2r²)·r dr, up to 1: half of it on each axis, of half angles 1 and 1/2.
+            let moment = (1.0 - 3.0 * (-2.0_f64).exp()) / (2.0 * (1.0 - (-2.0_f64).exp()));
+            assert!((sum(|[x, _]| x * x) / (moment / 2.0) - 1.0).abs() < 0.01);
+            assert!((sum(|[_, y]| y * y) / (moment / 8.0) - 1.0).abs() < 0.01);
+            let outermost = beam.cells.iter().map(|(at, _)| at[0]).fold(0.0, f64::max);
+            assert!((outermost - f64::from(rings) / (f64::from(rings) + 0.5)).abs() < 1e-15);
+        }
+    }
+}

@@ -1,0 +1,132 @@
+//! Directions: turned by a little, and of unit length to rounding.
+
+use crate::arith::elementary::sin_cos;
+use crate::geometry::pose::dot;
+use crate::geometry::vector::Point;
+
+/// `direction` with its azimuth and elevation increased. At a pole, where the azimuth is free, it is 0.
+#[inline(always)]
+pub fn turned(direction: Point, azimuth: f64, elevation: f64) -> Point {
+    let (level, [x, y]) = heading(direction);
+    let z = direction[2];
+    let (sin_az, cos_az) = sin_cos(azimuth);
+    let (sin_el, cos_el) = sin_cos(elevation);
+    let flat = level * cos_el - z * sin_el;
+    [flat * (x * cos_az - y * sin_az), flat * (x * sin_az + y * cos_az), z * cos_el + level * sin_el]
+}
+
+/// `direction`, unit, and to the left and upward of it by these tangents.
+#[inline(always)]
+pub fn beside(direction: Point, [left, up]: [f64; 2]) -> Point {
+    let (level, [x, y]) = heading(direction);
+    let [dx, dy, dz] = direction;
+    let v = [dx - left * y - up * dz * x, dy + left * x - up * dz * y, dz + up * level];
+    let length = (1.0 + left * left + up * up).sqrt();
+    v.map(|c| c / length)
+}
+
+/// Length and direction of the horizontal part; at a pole the direction is x.
+#[inline(always)]
+fn heading([x, y, _]: Point) -> (f64, [f64; 2]) {
+    let level = (x * x + y * y).sqrt();
+    if level > 0.0 { (level, [x / level, y / level]) } else { (0.0, [1.0, 0.0]) }
+}
+
+/// To within 1e-6: a unit vector kept in float32 is one to within 2⁻²².
+#[inline(always)]
+pub fn is_unit(d: Point) -> bool {
+    (dot(d, d) - 1.0).abs() <= 1e-6
+}
+
+#[inline(always)]
+pub fn is_finite([x, y, z]: Point) -> bool {
+    x.is_finite() & y.is_finite() & z.is_finite()
+}
+
+/// e = |d|² − 1, with an error below 2⁻⁷⁶ + u·|e| where d is unit to within 1e-6.
+///
+/// With h the coordinates rounded to multiples of 2⁻²⁶, |h|² is a multiple of 2⁻⁵² below 2, hence exact, and so is what is left of it less 1; and
+/// d² − h² = (d − h)(d + h). There |d − h| ≤ 2⁻²⁷ is exact, and the sum and the product round by u each: that is 2⁻⁷⁸·|dᵢ| a coordinate, less than
+/// 1.74 of these together. The two sums of three such terms, which are 2⁻²⁶·|dᵢ| at most, round by less than 1.42 and 1.74 of 2⁻⁷⁹. In all that is
+/// 3.3·2⁻⁷⁸, and the last sum rounds by u·|e|.
+#[inline(always)]
+fn excess(d: Point) -> f64 {
+    const ROUNDER: f64 = 1.5 * (1_u64 << 26) as f64;
+    let h = d.map(|x| (x + ROUNDER) - ROUNDER);
+    let rest: Point = std::array::from_fn(|k| (d[k] - h[k]) * (d[k] + h[k]));
+    (dot(h, h) - 1.0) + (rest[0] + rest[1] + rest[2])
+}
+
+/// t·|d| to within ½ + 2⁻¹⁶ ulp, for d unit to within 1e-6: √(1+e) = 1 + e/2 − e²/8 + e³/16 − …
+///
+/// With |e| < 1.01e-6 < 2⁻¹⁹ the factor beside t is less than 2⁻²⁰, and what it, its product with t and e round, less than 2⁻¹⁸·u in all; the next term
+/// of the series is less than 2⁻⁸⁰, 2⁻²⁷·u. So the last sum is that of t·|d| to within 2⁻¹⁷·u·t, and rounds once.
+#[inline(always)]
+pub fn distance(t: f64, d: Point) -> f64 {
+    let e = excess(d);
+    t + t * (e * (0.5 - e * (0.125 - e * 0.0625)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::{Dyadic, Number, UNIT};
+    use crate::geometry::vector;
+    use crate::testing::{assert_slack, worst};
+
+    #[test]
+    fn beside_is_left_and_up() {
+        let [x, y, z] = beside([1.0, 0.0, 0.0], [0.1, 0.2]);
+        assert!((y / x - 0.1).abs() < 1e-15 && (z / x - 0.2).abs() < 1e-15);
+        let [x, y, z] = beside([0.0, 1.0, 0.0], [0.1, 0.2]);
+        assert!((x / y + 0.1).abs() < 1e-15 && (z / y - 0.2).abs() < 1e-15);
+        // Straight up, left and up are as after a turn from straight ahead.
+        let [x, y, z] = beside([0.0, 0.0, 1.0], [0.1, 0.2]);
+        assert!((y / z - 0.1).abs() < 1e-15 && (x / z + 0.2).abs() < 1e-15);
+    }
+
+    /// Coordinates of unit vectors, or of vectors 1e-6 longer than that.
+    fn vector(x: &[f64; 4], longer: f64) -> Point {
+        let v = [x[0], x[1], x[2]];
+        let length = dot(v, v).sqrt();
+        v.map(|c| c / length * (1.0 + longer * (2.0 * x[3] - 1.0).clamp(-1.0, 1.0)))
+    }
+
+    #[test]
+    fn excess_is_as_near_as_it_says() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        for (longer, known) in [(1e-16, 0.5), (4.9e-7, 0.9)] {
+            let (found, _) = worst(8, 4000, draw, |x| {
+                let d = vector(x, longer);
+                let square = vector::norm2(&vector::exact::<Dyadic>(d));
+                let e = square.minus(&Dyadic::exact(1.0));
+                let off = e.minus(&Dyadic::exact(excess(d))).split().0.abs();
+                off / (2.0_f64.powi(-76) + UNIT * e.split().0.abs())
+            });
+            assert_slack("excess", found, known);
+        }
+    }
+
+    #[test]
+    fn distances_are_rounded_as_near_as_it_says() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        let (found, x) = worst(8, 4000, draw, |x: &[f64; 5]| {
+            let (d, t) = (vector(&[x[0], x[1], x[2], x[3]], 4.9e-7), 1.0 + x[4].abs());
+            let found = distance(t, d);
+            // x² against t²·|d|²: twice the relative error.
+            let square = vector::norm2(&vector::exact::<Dyadic>(d)).times(&Dyadic::exact(t).squared());
+            let off = Dyadic::exact(found).squared().minus(&square).split().0.abs() / (2.0 * found);
+            off / (found.next_up() - found)
+        });
+        assert!(0.5 < found && found <= 0.5 + 2.0_f64.powi(-16), "{found} at {x:?}");
+    }
+
+    #[test]
+    fn turned_adds_to_azimuth_and_elevation() {
+        let at = |azimuth: f64, elevation: f64| {
+            [azimuth.cos() * elevation.cos(), azimuth.sin() * elevation.cos(), elevation.sin()]
+        };
+        let (got, expected) = (turned(at(2.0, -0.5), 0.3, 0.1), at(2.3, -0.4));
+        assert!((0..3).all(|i| (got[i] - expected[i]).abs() < 3e-16));
+    }
+}

@@ -1,0 +1,138 @@
+//! From light that comes back to the returns that are reported.
+
+use super::Status;
+
+/// What a ray brings back.
+#[derive(Clone, Copy)]
+pub(super) struct Light {
+    pub(super) ray: usize,
+    pub(super) range: f64,
+    pub(super) intensity: f64,
+    /// Received, up to a constant: intensity/R².
+    pub(super) power: f64,
+    /// What it were without extinction. Echoes are told apart by it, so that extinction only ever weakens them.
+    pub(super) clear_power: f64,
+}
+
+/// Light that comes back from one surface or from some too close to be told apart.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Echo {
+    /// The truth: of the object with most of the power, the sub-ray nearest to the axis; and the range of that.
+    pub(super) ray: usize,
+    pub(super) true_range: f64,
+    /// The mean over the sub-rays, by power.
+    pub(super) range: f64,
+    pub(super) intensity: f64,
+    pub(super) power: f64,
+    /// The range with all that befalls it, or why there is none.
+    pub(super) measured: Result<f64, Status>,
+}
+
+impl Light {
+    /// A share of it.
+    pub(super) fn dimmed(self, share: f64) -> Self {
+        let Light { intensity, power, clear_power, .. } = self;
+        Light { intensity: share * intensity, power: share * power, clear_power: share * clear_power, ..self }
+    }
+}
+
+impl Echo {
+    #[inline(always)]
+    pub(super) fn status(&self) -> Status {
+        self.measured.err().unwrap_or(Status::Hit)
+    }
+
+    #[inline(always)]
+    pub(super) fn of(light: Light) -> Self {
+        let Light { ray, range, intensity, power, .. } = light;
+        Echo { ray, true_range: range, range, intensity, power, measured: Ok(range) }
+    }
+}
+
+/// Which echoes of a pulse are reported, and in which order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Returns {
+    Strongest,
+    First,
+    Last,
+    /// The strongest, then the last; where these are one, the next strongest.
+    Dual,
+    /// This many at most, from the nearest on.
+    Nearest(usize),
+}
+
+impl Returns {
+    /// The most returns a pulse can have.
+    pub fn most(self) -> usize {
+        match self {
+            Returns::Strongest | Returns::First | Returns::Last => 1,
+            Returns::Dual => 2,
+            Returns::Nearest(n) => n,
+        }
+    }
+
+    /// Of the `echoes` of a pulse, which rise in range, those that are reported, in their order; if all are lost, the strongest.
+    pub(super) fn choose(self, echoes: &[Echo], chosen: &mut Vec<Echo>) {
+        chosen.clear();
+        chosen.extend(echoes.iter().filter(|echo| echo.measured.is_ok()));
+        if chosen.is_empty() {
+            chosen.extend(echoes.get(strongest(echoes)));
+        }
+        if chosen.len() < 2 {
+            return;
+        }
+        let i = strongest(chosen);
+        match self {
+            Returns::First | Returns::Nearest(_) => {}
+            Returns::Last => chosen.reverse(),
+            Returns::Strongest => chosen.swap(0, i),
+            Returns::Dual => {
+                let first = chosen.remove(i);
+                let last = chosen.len() - 1;
+                let second = if i > last { strongest(chosen) } else { last };
+                chosen.swap(0, second);
+                chosen.insert(0, first);
+            }
+        }
+        chosen.truncate(self.most());
+    }
+}
+
+/// Index of the strongest echo; of equal ones, the first.
+fn strongest(echoes: &[Echo]) -> usize {
+    let mut best = (0, f64::NEG_INFINITY);
+    for (i, echo) in echoes.iter().enumerate() {
+        if echo.power > best.1 {
+            best = (i, echo.power);
+        }
+    }
+    best.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn chosen(returns: Returns, powers: &[f64]) -> Vec<f64> {
+        let echo =
+            |range: f64, power| Echo { ray: 0, true_range: range, range, intensity: power, power, measured: Ok(range) };
+        let echoes: Vec<Echo> = (1..).zip(powers).map(|(i, &power)| echo(f64::from(i), power)).collect();
+        let mut found = Vec::new();
+        returns.choose(&echoes, &mut found);
+        found.iter().map(|echo| echo.true_range).collect()
+    }
+
+    #[test]
+    fn returns_are_chosen_and_ordered() {
+        let powers = [1.0, 3.0, 2.0, 1.0];
+        assert_eq!(chosen(Returns::Strongest, &powers), [2.0]);
+        assert_eq!(chosen(Returns::First, &powers), [1.0]);
+        assert_eq!(chosen(Returns::Last, &powers), [4.0]);
+        assert_eq!(chosen(Returns::Dual, &powers), [2.0, 4.0]);
+        assert_eq!(chosen(Returns::Dual, &[1.0, 2.0, 3.0]), [3.0, 2.0]);
+        assert_eq!(chosen(Returns::Dual, &[1.0, 1.0]), [1.0, 2.0]);
+        assert_eq!(chosen(Returns::Dual, &[1.0]), [1.0]);
+        assert_eq!(chosen(Returns::Nearest(3), &powers), [1.0, 2.0, 3.0]);
+        assert_eq!(chosen(Returns::Nearest(9), &powers), [1.0, 2.0, 3.0, 4.0]);
+    }
+}

@@ -1,0 +1,532 @@
+//! From pulses to returns, each effect one small function.
+//!
+//! The order for a pulse: jitter of the beam, sub-rays over its footprint, cast, intensity, echoes, detection, drop-out, range
+//! noise and biases, quantisation, range gate, choice of returns. The last of what is done to a range is the gate: it knows of
+//! what was measured alone. An effect that is off costs nothing and draws nothing; what it draws ([`Effect`]) hangs on the pulse
+//! alone.
+
+mod appearance;
+mod beam;
+mod direction;
+mod echo;
+mod parameters;
+pub mod rng;
+mod share;
+mod waveform;
+
+use std::cell::Cell;
+use std::mem::MaybeUninit;
+use std::ops::Range;
+
+use crate::arith::elementary::first_quadrant_angle;
+use crate::arith::number::Interval;
+use crate::arith::simd::{self, Isa, Level, Task};
+use crate::geometry::pose::{Path, Pose, cross, dot, sub};
+use crate::geometry::vector::Point;
+use crate::measure::rng::{Effect, Stream};
+use crate::memory::split_off;
+use crate::scene::{Geometry, Hit, Scene};
+use direction::{beside, distance, is_finite, is_unit, turned};
+use echo::{Echo, Light};
+use waveform::Waveform;
+
+pub use appearance::{Appearance, Reflectivity};
+pub use beam::Beam;
+pub use echo::Returns;
+pub use parameters::{Detection, Measurement, RangeSigma};
+pub use share::ReturnRows;
+
+/// What finds the surfaces.
+pub trait Caster: Sync {
+    /// The nearest hit of each ray with t ≥ 0.
+    fn cast(&self, level: Level, origins: &[Point], directions: &[Point], hits: &mut [Hit]);
+
+    /// The vertices of the triangle of a mesh that was hit, and the share that each has of the hit.
+    fn shares(&self, hit: &Hit, origin: Point, direction: Point) -> Option<([u32; 3], [f64; 3])>;
+}
+
+impl Caster for Scene {
+    fn cast(&self, level: Level, origins: &[Point], directions: &[Point], hits: &mut [Hit]) {
+        // The rays are legal: `Frame::check` has seen them.
+        Scene::cast(self, level, origins, directions, (0.0, f64::INFINITY), hits);
+    }
+
+    fn shares(&self, hit: &Hit, origin: Point, direction: Point) -> Option<([u32; 3], [f64; 3])> {
+        let object = &self.objects()[hit.object as usize];
+        let Geometry::Mesh(mesh) = &object.geometry else { return None };
+        let vertices = mesh.faces()[hit.primitive as usize];
+        let [o, d] = object.enclose(origin, direction);
+        let middle = |x: Interval| x.low + 0.5 * (x.high - x.low);
+        // From the hit to the corners: a triangle far from the origin of coordinates keeps its digits.
+        let way = d.map(|x| hit.t * middle(x));
+        let [a, b, c] = vertices.map(|v| sub(sub(mesh.vertices()[v as usize], o.map(middle)), way));
+        // Twice the areas opposite to the corners; a hit on the rim may be outside by rounding.
+        let normal = cross(sub(b, a), sub(c, a));
+        let areas = [cross(b, c), cross(c, a), cross(a, b)].map(|n| dot(n, normal).max(0.0));
+        let all = areas[0] + areas[1] + areas[2];
+        Some((vertices, areas.map(|area| area / all)))
+    }
+}
+
+/// Why a pulse is or is not a point. The numbers are part of the interface.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub enum Status {
+    Hit = 0,
+    Miss = 1,
+    BelowMinRange = 2,
+    BeyondMaxRange = 3,
+    BelowThreshold = 4,
+    Dropped = 5,
+}
+
+/// One frame to be fired.
+pub struct Frame<'a> {
+    /// In the sensor frame; directions unit to rounding.
+    pub origins: &'a [Point],
+    pub directions: &'a [Point],
+    /// Since the start of the frame, s.
+    pub times: &'a [f64],
+    pub rings: &'a [u16],
+    /// Which pulses of the whole frame these are, if they are not all of them in order.
+    pub indices: Option<&'a [u64]>,
+    pub start: f64,
+    pub path: &'a Path,
+    pub stream: Stream,
+}
+
+impl Frame<'_> {
+    /// Whether each of some pulses has a pose.
+    #[inline(always)]
+    fn have_poses(&self, pulses: Range<usize>) -> bool {
+        // All at once, which is faster than to look for the first without.
+        self.times[pulses].iter().fold(true, |right, time| right & self.has_pose(*time))
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn first_bad(&self, pulses: Range<usize>) -> Result<(), BadPulse> {
+        for pulse in pulses {
+            let fault = if !is_unit(self.directions[pulse]) {
+                Fault::Direction
+            } else if !is_finite(self.origins[pulse]) {
+                Fault::Origin
+            } else if !self.has_pose(self.times[pulse]) {
+                Fault::Time
+            } else {
+                continue;
+            };
+            return Err(BadPulse { pulse, fault });
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    fn has_pose(&self, time: f64) -> bool {
+        let [first, last] = self.path.span();
+        let time = self.start + time;
+        time.is_finite() & (first <= time) & (time <= last)
+    }
+}
+
+/// A pulse that cannot be fired, and why.
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub struct BadPulse {
+    pub pulse: usize,
+    pub fault: Fault,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, PartialOrd)]
+pub enum Fault {
+    /// Its direction is not a unit vector.
+    Direction,
+    /// Its origin is not finite.
+    Origin,
+    /// There is no pose for its time.
+    Time,
+}
+
+/// Room for the result: for each pulse as many rows as it can have returns, and one status. All of it is written, unless a pulse is bad.
+pub struct Rows<'a> {
+    pub range: &'a mut [MaybeUninit<f64>],
+    pub true_range: &'a mut [MaybeUninit<f64>],
+    pub range_error: &'a mut [MaybeUninit<f64>],
+    pub intensity: &'a mut [MaybeUninit<f32>],
+    pub incidence: &'a mut [MaybeUninit<f32>],
+    pub normal: &'a mut [MaybeUninit<[f32; 3]>],
+    pub object_id: &'a mut [MaybeUninit<i32>],
+    pub label: &'a mut [MaybeUninit<u32>],
+    /// Or none, where each pulse goes where it should.
+    pub true_direction: &'a mut [MaybeUninit<Point>],
+    pub status: &'a mut [MaybeUninit<u8>],
+    pub return_count: &'a mut [MaybeUninit<u8>],
+}
+
+impl<'a> Rows<'a> {
+    /// Takes the rows of the first pulses, and leaves the others.
+    pub fn split_off(&mut self, pulses: usize, most: usize) -> Rows<'a> {
+        let rows = pulses * most;
+        let directions = rows.min(self.true_direction.len());
+        Rows {
+            range: split_off(&mut self.range, rows),
+            true_range: split_off(&mut self.true_range, rows),
+            range_error: split_off(&mut self.range_error, rows),
+            intensity: split_off(&mut self.intensity, rows),
+            incidence: split_off(&mut self.incidence, rows),
+            normal: split_off(&mut self.normal, rows),
+            object_id: split_off(&mut self.object_id, rows),
+            label: split_off(&mut self.label, rows),
+            true_direction: split_off(&mut self.true_direction, directions),
+            status: split_off(&mut self.status, pulses),
+            return_count: split_off(&mut self.return_count, pulses),
+        }
+    }
+
+    /// All but the incidence and the true direction.
+    #[inline(always)]
+    fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, label: u32) {
+        self.true_range[row].write(echo.true_range);
+        self.normal[row].write(hit.normal.map(|x| x as f32));
+        self.object_id[row].write(hit.object);
+        self.label[row].write(label);
+        let range = echo.measured.unwrap_or(f64::NAN);
+        self.range[row].write(range);
+        self.range_error[row].write(range - echo.true_range);
+        self.intensity[row].write(if echo.measured.is_ok() { echo.intensity as f32 } else { f32::NAN });
+    }
+
+    #[inline(always)]
+    fn clear(&mut self, row: usize) {
+        self.true_range[row].write(f64::NAN);
+        self.normal[row].write([f32::NAN; 3]);
+        self.object_id[row].write(-1);
+        self.label[row].write(0);
+        self.range[row].write(f64::NAN);
+        self.range_error[row].write(f64::NAN);
+        self.intensity[row].write(f32::NAN);
+        if let Some(direction) = self.true_direction.get_mut(row) {
+            direction.write([f64::NAN; 3]);
+        }
+    }
+}
+
+/// A frame fired at a scene.
+pub struct Scan<'a, C> {
+    frame: &'a Frame<'a>,
+    measurement: &'a Measurement,
+    appearances: &'a [Appearance],
+    caster: &'a C,
+    level: Level,
+    /// The least power that is detected.
+    threshold: Option<f64>,
+}
+
+thread_local! {
+    /// What one batch of pulses leaves to the next, so that its memory is used again.
+    static RAYS: Cell<Rays> = Cell::default();
+}
+
+/// Rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other.
+#[derive(Default)]
+struct Rays {
+    origins: Vec<Point>,
+    directions: Vec<Point>,
+    hits: Vec<Hit>,
+    /// Of each ray what it brings back; of one that hits nothing, anything.
+    range: Vec<f64>,
+    cosine: Vec<f64>,
+    /// In clear air.
+    intensity: Vec<f64>,
+    /// What extinction leaves of that, if there is any.
+    transmission: Vec<f64>,
+    /// Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
+    incidence: Vec<[f64; 2]>,
+    /// Of each pulse, its number in the whole frame.
+    index: Vec<u64>,
+    /// Of each pulse, what effects draw, and its direction with its jitter; of effects that are off these are empty. Further echoes draw their
+    /// noise as they come.
+    azimuth_jitter: Vec<f64>,
+    elevation_jitter: Vec<f64>,
+    axes: Vec<Point>,
+    dropout: Vec<f64>,
+    noise: Vec<f64>,
+    channel_bias: Vec<f64>,
+    /// Of each pulse, the sensor's own range less that from the beam's origin; empty if they are the same.
+    offset: Vec<f64>,
+}
+
+/// The work on some pulses, compiled for each instruction set.
+struct Batch<'a, 'b, 'c, C> {
+    scan: &'b Scan<'a, C>,
+    pulses: Range<usize>,
+    rays: &'b mut Rays,
+    rows: &'b mut Rows<'c>,
+}
+
+impl<C: Caster> Task for Batch<'_, '_, '_, C> {
+    type Output = Result<(), BadPulse>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Self::Output {
+        self.scan.measure_batch(self.pulses, self.rays, self.rows)
+    }
+}
+
+impl<'a, C: Caster> Scan<'a, C> {
+    pub fn new(
+        frame: &'a Frame<'a>,
+        measurement: &'a Measurement,
+        appearances: &'a [Appearance],
+        caster: &'a C,
+        level: Level,
+    ) -> Self {
+        let power = |d: Detection| d.reflectivity / (d.range * d.range);
+        Scan { frame, measurement, appearances, caster, level, threshold: measurement.detection.map(power) }
+    }
+
+    /// Measure some pulses, whose rows these are.
+    pub fn measure(&self, pulses: Range<usize>, rows: &mut Rows) -> Result<(), BadPulse> {
+        let mut rays = RAYS.take();
+        let outcome = simd::dispatch(self.level, Batch { scan: self, pulses, rays: &mut rays, rows });
+        RAYS.set(rays);
+        outcome
+    }
+
+    #[inline(always)]
+    fn measure_batch(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
+        self.cast(pulses.clone(), rays)?;
+        self.shine(rays);
+        let most = self.measurement.returns.most();
+        rays.incidence.resize(pulses.len() * most, [0.0; 2]);
+        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
+        for i in 0..pulses.len() {
+            let first = i * most;
+            let mut row = first;
+            let mut status = Status::Miss;
+            match &self.measurement.beam {
+                None => {
+                    if let Some(light) = rays.light(i) {
+                        let echo = self.received(Echo::of(light), rays, i, 0);
+                        status = echo.status();
+                        self.report(row, (i, pulses.start + i), &echo, rays, rows);
+                        row += 1;
+                    }
+                }
+                Some(beam) => {
+                    waveform.echoes(self.level, beam, rays, i, &mut echoes);
+                    for (echo, number) in echoes.iter_mut().zip(0..) {
+                        *echo = self.received(*echo, rays, i, number);
+                    }
+                    self.measurement.returns.choose(&echoes, &mut chosen);
+                    status = chosen.first().map_or(Status::Miss, Echo::status);
+                    for echo in &chosen {
+                        self.report(row, (i, pulses.start + i), echo, rays, rows);
+                        row += 1;
+                    }
+                }
+            }
+            rows.status[i].write(status as u8);
+            rows.return_count[i].write(if status == Status::Hit { (row - first) as u8 } else { 0 });
+            for row in row..first + most {
+                rows.clear(row);
+                rays.incidence[row] = [f64::NAN; 2];
+            }
+        }
+        for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(&rays.incidence) {
+            angle.write(first_quadrant_angle(squared_sin.sqrt(), *cos) as f32);
+        }
+        Ok(())
+    }
+
+    /// Writes an echo of the `i`-th pulse of the batch.
+    #[inline(always)]
+    fn report(&self, row: usize, (i, pulse): (usize, usize), echo: &Echo, rays: &mut Rays, rows: &mut Rows) {
+        let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
+        let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
+        rows.write(row, echo, hit, label);
+        let across = cross(hit.normal, direction);
+        rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
+        if let Some(direction) = rows.true_direction.get_mut(row) {
+            let axis = *rays.axes.get(i).unwrap_or(&self.frame.directions[pulse]);
+            let beam = self.measurement.beam.as_ref();
+            direction.write(beam.map_or(axis, |beam| beside(axis, beam.offset(echo.ray - i * beam.len()))));
+        }
+    }
+
+    #[inline(always)]
+    fn cast(&self, pulses: Range<usize>, rays: &mut Rays) -> Result<(), BadPulse> {
+        let (frame, measurement) = (self.frame, self.measurement);
+        if !frame.have_poses(pulses.clone()) {
+            return frame.first_bad(pulses);
+        }
+        self.draw(pulses.clone(), rays);
+        let count = pulses.len() * measurement.rays();
+        rays.origins.resize(count, [0.0; 3]);
+        rays.directions.resize(count, [0.0; 3]);
+        let (mut start, mut right) = (pulses.start, true);
+        while start < pulses.end {
+            // Pulses of one time are fired from one pose.
+            let pose = frame.path.at(frame.start + frame.times[start]);
+            let mut end = start + 1;
+            if let Path::Still(_) = frame.path {
+                end = pulses.end;
+            }
+            while end < pulses.end && frame.times[end] == frame.times[start] {
+                end += 1;
+            }
+            right &= self.aim(start..end, start - pulses.start, &pose, rays);
+            start = end;
+        }
+        if !right {
+            return frame.first_bad(pulses);
+        }
+        rays.hits.resize(count, Hit::MISS);
+        self.caster.cast(self.level, &rays.origins, &rays.directions, &mut rays.hits);
+        Ok(())
+    }
+
+    /// Draws what the effects need, and turns the directions by their jitter.
+    #[inline(always)]
+    fn draw(&self, pulses: Range<usize>, rays: &mut Rays) {
+        let (frame, measurement) = (self.frame, self.measurement);
+        rays.index.clear();
+        match frame.indices {
+            None => rays.index.extend(pulses.start as u64..pulses.end as u64),
+            Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
+        }
+        let Rays { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, channel_bias, offset, .. } = rays;
+        let wanted = |is: bool| if is { index.as_slice() } else { &[] };
+        frame.stream.normals(wanted(measurement.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
+        frame.stream.normals(wanted(measurement.elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
+        frame.stream.uniforms(wanted(measurement.dropout > 0.0), Effect::Dropout, 0, dropout);
+        frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
+        let rings = &frame.rings[pulses.clone()];
+        let channels: Vec<u64> = match measurement.channel_bias_sigma {
+            0.0 => Vec::new(),
+            _ => rings.iter().map(|ring| u64::from(*ring)).collect(),
+        };
+        frame.stream.of_unit().normals(&channels, Effect::ChannelBias, 0, channel_bias);
+        offset.clear();
+        match *measurement.range_offset.as_slice() {
+            [] => {}
+            [all] => offset.resize(rings.len(), all),
+            ref each => offset.extend(rings.iter().map(|ring| each[usize::from(*ring)])),
+        }
+        let jittered = wanted(measurement.jitters()).len();
+        azimuth_jitter.resize(jittered, 0.0);
+        elevation_jitter.resize(jittered, 0.0);
+        axes.resize(jittered, [0.0; 3]);
+        let jitters = azimuth_jitter.iter().zip(&*elevation_jitter);
+        for ((axis, direction), (azimuth, elevation)) in axes.iter_mut().zip(&frame.directions[pulses]).zip(jitters) {
+            let (azimuth, elevation) = (measurement.azimuth_sigma * azimuth, measurement.elevation_sigma * elevation);
+            *axis = turned(*direction, azimuth, elevation);
+        }
+    }
+
+    /// Fires pulses from a pose; the first of them is the k-th of the batch. False if one has no legal origin or direction.
+    #[inline(always)]
+    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Rays) -> bool {
+        let (origins, directions) = (&self.frame.origins[pulses.clone()], &self.frame.directions[pulses]);
+        let first = k * self.measurement.rays();
+        let mut rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
+        let is_legal = |(origin, direction): (&Point, &Point)| is_finite(*origin) & is_unit(*direction);
+        let mut right = true;
+        if self.measurement.beam.is_none() && !self.measurement.jitters() {
+            // Looked at while they are aimed, for one reading less.
+            for ((o, d), (origin, direction)) in rays_there.zip(origins.iter().zip(directions)) {
+                right &= is_legal((origin, direction));
+                (*o, *d) = (pose.place(*origin), pose.turn(*direction));
+            }
+            return right;
+        }
+        for pulse in origins.iter().zip(directions) {
+            right &= is_legal(pulse);
+        }
+        let axes = if self.measurement.jitters() { &rays.axes[k..k + origins.len()] } else { directions };
+        match &self.measurement.beam {
+            None => {
+                for ((o, d), (origin, axis)) in rays_there.zip(origins.iter().zip(axes)) {
+                    (*o, *d) = (pose.place(*origin), pose.turn(*axis));
+                }
+            }
+            Some(beam) => {
+                for (origin, axis) in origins.iter().zip(axes) {
+                    let origin = pose.place(*origin);
+                    for (offset, (o, d)) in beam.offsets().zip(&mut rays_there) {
+                        (*o, *d) = (origin, pose.turn(beside(*axis, offset)));
+                    }
+                }
+            }
+        }
+        right
+    }
+
+    /// Range, cosine of the incidence, intensity and its loss, of all rays: a formula at a time, in loops that become vector instructions.
+    #[inline(always)]
+    fn shine(&self, rays: &mut Rays) {
+        let Rays { origins, directions, hits, range, cosine, intensity, transmission, .. } = rays;
+        range.resize(hits.len(), 0.0);
+        cosine.resize(hits.len(), 0.0);
+        intensity.resize(hits.len(), 0.0);
+        for ((range, cosine), (hit, direction)) in range.iter_mut().zip(&mut *cosine).zip(hits.iter().zip(&*directions))
+        {
+            *range = distance(hit.t, *direction);
+            *cosine = dot(hit.normal, *direction).abs();
+        }
+        for (i, (intensity, hit)) in intensity.iter_mut().zip(&*hits).enumerate() {
+            if let Some(appearance) = self.appearances.get(hit.object as usize) {
+                *intensity = appearance.reflectivity.at(hit, origins[i], directions[i], self.caster);
+            }
+        }
+        for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
+            *intensity *= cosine;
+        }
+        transmission.resize(if self.measurement.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
+        for (transmission, range) in transmission.iter_mut().zip(&*range) {
+            *transmission = self.measurement.transmission(*range);
+        }
+    }
+
+    /// An echo as it is measured: of the `i`-th pulse of the batch, its echo `number`.
+    #[inline(always)]
+    fn received(&self, echo: Echo, rays: &Rays, i: usize, number: u16) -> Echo {
+        Echo { measured: self.measured(&echo, rays, i, number), ..echo }
+    }
+
+    #[inline(always)]
+    fn measured(&self, echo: &Echo, rays: &Rays, i: usize, number: u16) -> Result<f64, Status> {
+        let m = self.measurement;
+        // Of 0/0, a black surface at distance zero, this is false.
+        let seen = self.threshold.is_none_or(|least| echo.power >= least);
+        if !seen {
+            return Err(Status::BelowThreshold);
+        }
+        if rays.dropout.get(i).is_some_and(|uniform| *uniform < m.dropout) {
+            return Err(Status::Dropped);
+        }
+        let noise = match rays.noise.get(i) {
+            None => 0.0,
+            Some(&noise) if number == 0 => noise,
+            Some(_) => self.frame.stream.normal(rays.index[i], Effect::RangeNoise, number),
+        };
+        let of_pulse = |values: &[f64]| values.get(i).copied().unwrap_or(0.0);
+        let bias = m.range_bias + m.channel_bias_sigma * of_pulse(&rays.channel_bias);
+        let offset = of_pulse(&rays.offset);
+        let range = echo.range + (bias + m.range_sigma.at(echo.range) * noise);
+        Ok(m.gate(m.quantised(range + offset))? - offset)
+    }
+}
+
+impl Rays {
+    /// What a ray brings back, if it hits anything.
+    #[inline(always)]
+    fn light(&self, ray: usize) -> Option<Light> {
+        if self.hits[ray].object < 0 {
+            return None;
+        }
+        let (range, clear) = (self.range[ray], self.intensity[ray]);
+        let intensity = self.transmission.get(ray).map_or(clear, |transmission| clear * transmission);
+        let power = |intensity: f64| intensity / (range * range);
+        Some(Light { ray, range, intensity, power: power(intensity), clear_power: power(clear) })
+    }
+}

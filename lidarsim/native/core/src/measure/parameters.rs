@@ -1,0 +1,125 @@
+//! The parameters of a measurement, and the formulas that hang on these alone.
+
+use super::{Beam, Returns, Status};
+use crate::arith::elementary::exp;
+
+/// The parameters, each neutral while its effect is off.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    /// Standard deviations of the beam's direction, rad.
+    pub azimuth_sigma: f64,
+    pub elevation_sigma: f64,
+    /// α of e^(−2αR), 1/m.
+    pub extinction: f64,
+    pub detection: Option<Detection>,
+    /// Probability.
+    pub dropout: f64,
+    pub range_sigma: RangeSigma,
+    pub range_bias: f64,
+    /// Standard deviation of the bias of each channel, m.
+    pub channel_bias_sigma: f64,
+    pub beam: Option<Beam>,
+    pub returns: Returns,
+    /// Least significant bit of the range, m; 0 for none.
+    pub range_resolution: f64,
+    /// What the sensor's own range is more than that from the beam's origin, m: none for 0, one for all rings, or one a ring.
+    pub range_offset: Vec<f64>,
+    pub min_range: f64,
+    pub max_range: f64,
+}
+
+/// A target of this reflectivity at normal incidence is seen out to this range.
+#[derive(Clone, Copy, Debug)]
+pub struct Detection {
+    pub reflectivity: f64,
+    pub range: f64,
+}
+
+/// Standard deviation of the range, m.
+#[derive(Clone, Debug)]
+pub enum RangeSigma {
+    /// √(a² + (bR)²)
+    Formula { a: f64, b: f64 },
+    /// (range, sigma) with rising ranges: linear between, constant outside.
+    Table(Vec<[f64; 2]>),
+}
+
+impl Measurement {
+    /// Rays that a pulse takes.
+    pub fn rays(&self) -> usize {
+        self.beam.as_ref().map_or(1, |beam| beam.len())
+    }
+
+    /// Whether light need not come from where the pulse should have gone.
+    pub fn strays(&self) -> bool {
+        self.jitters() || self.beam.is_some()
+    }
+
+    #[inline(always)]
+    pub(super) fn jitters(&self) -> bool {
+        self.azimuth_sigma > 0.0 || self.elevation_sigma > 0.0
+    }
+
+    /// What is left of the light on the way there and back.
+    #[inline(always)]
+    pub(super) fn transmission(&self, range: f64) -> f64 {
+        exp(-2.0 * self.extinction * range)
+    }
+
+    /// To the nearest multiple of the resolution, halves to even.
+    #[inline(always)]
+    pub(super) fn quantised(&self, range: f64) -> f64 {
+        let step = self.range_resolution;
+        if step > 0.0 { (range / step).round_ties_even() * step } else { range }
+    }
+
+    /// A range that the sensor reports as such, or why it does not.
+    #[inline(always)]
+    pub(super) fn gate(&self, range: f64) -> Result<f64, Status> {
+        if range < self.min_range {
+            Err(Status::BelowMinRange)
+        } else if range > self.max_range {
+            Err(Status::BeyondMaxRange)
+        } else {
+            Ok(range)
+        }
+    }
+}
+
+impl RangeSigma {
+    #[inline(always)]
+    pub(super) fn is_zero(&self) -> bool {
+        matches!(self, RangeSigma::Formula { a: 0.0, b: 0.0 })
+    }
+
+    #[inline(always)]
+    pub(super) fn at(&self, range: f64) -> f64 {
+        match self {
+            // As most are; and nothing is rounded.
+            RangeSigma::Formula { a, b: 0.0 } => *a,
+            RangeSigma::Formula { a, b } => {
+                let slope = b * range;
+                (a * a + slope * slope).sqrt()
+            }
+            RangeSigma::Table(rows) => {
+                let above = rows.partition_point(|row| row[0] <= range);
+                let Some(&[r0, s0]) = rows[..above].last() else {
+                    return rows.first().map_or(0.0, |row| row[1]);
+                };
+                rows.get(above).map_or(s0, |[r1, s1]| s0 + (s1 - s0) * ((range - r0) / (r1 - r0)))
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sigma_comes_from_the_formula_or_the_table() {
+        assert_eq!(RangeSigma::Formula { a: 3.0, b: 0.4 }.at(10.0), 5.0);
+        let table = RangeSigma::Table(vec![[1.0, 0.1], [2.0, 0.2], [4.0, 0.1]]);
+        assert_eq!([0.5, 1.0, 2.0, 3.0, 4.0, 9.0].map(|r| table.at(r)), [0.1, 0.1, 0.2, 0.15000000000000002, 0.1, 0.1]);
+    }
+}

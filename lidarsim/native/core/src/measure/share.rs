@@ -1,0 +1,75 @@
+//! Scans shared among threads.
+
+use std::mem::MaybeUninit;
+use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+
+use super::{BadPulse, Caster, Rows, Scan};
+use crate::cast::{pieces, slices};
+use crate::parallel;
+
+impl<C: Caster> Scan<'_, C> {
+    /// The pulses that are measured in one go, one slice after the other.
+    pub fn slices(&self) -> impl Iterator<Item = Range<usize>> {
+        slices(self.frame.directions.len(), self.measurement.rays())
+    }
+
+    /// As `measure`, on all threads: takes the rows of these pulses, and leaves the others. Of bad pulses the first is the outcome.
+    pub fn share(&self, pulses: Range<usize>, rows: &mut Rows) -> Result<(), BadPulse> {
+        let (rays, most) = (self.measurement.rays(), self.measurement.returns.most());
+        let pieces: Vec<_> = pieces(&self.frame.directions[pulses.clone()], rays)
+            .into_iter()
+            .map(|piece| (pulses.start + piece.start, rows.split_off(piece.len(), most)))
+            .collect();
+        let bad = Mutex::new(None);
+        parallel::share(pieces.into_iter(), |(first, mut rows)| {
+            if let Err(found) = self.measure(first..first + rows.status.len(), &mut rows) {
+                let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
+                if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
+                    *bad = Some(found);
+                }
+            }
+        });
+        bad.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+    }
+}
+
+/// The returns of a scan: the row that each is in, and its pulse.
+pub struct ReturnRows {
+    row: Vec<usize>,
+    pulse: Vec<usize>,
+}
+
+impl ReturnRows {
+    /// Of pulses that have `most` rows each and so many returns.
+    pub fn new(counts: &[u8], most: usize) -> Self {
+        let room = counts.len() * most;
+        let (mut row, mut pulse, mut end) = (vec![0; room], vec![0; room], 0);
+        for (i, &count) in counts.iter().enumerate() {
+            // As many as there may be, so that no branch hangs on how many there are: what is too much the next pulse writes over.
+            for j in 0..most {
+                (row[end + j], pulse[end + j]) = (i * most + j, i);
+            }
+            end += most.min(count.into());
+        }
+        row.truncate(end);
+        pulse.truncate(end);
+        ReturnRows { row, pulse }
+    }
+
+    pub fn count(&self) -> usize {
+        self.row.len()
+    }
+
+    /// Writes a value of each return, by its row and its pulse, to the place of the return. All threads take part.
+    pub fn gather<T: Send>(&self, places: &mut [MaybeUninit<T>], value: impl Fn(usize, usize) -> T + Sync) {
+        const PIECE: usize = 1 << 13;
+        assert_eq!(places.len(), self.count());
+        let pieces = places.chunks_mut(PIECE).zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE)));
+        parallel::share(pieces, |(places, (rows, pulses))| {
+            for ((place, &row), &pulse) in places.iter_mut().zip(rows).zip(pulses) {
+                place.write(value(row, pulse));
+            }
+        });
+    }
+}

@@ -1,0 +1,163 @@
+//! Which light of a pulse a receiver can tell apart.
+
+use super::Rays;
+use super::beam::Beam;
+use super::echo::{Echo, Light};
+use crate::arith::elementary::exp;
+use crate::arith::simd::{self, Isa, Level, Task};
+use crate::geometry::pose::dot;
+
+/// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
+const REACH: f64 = 8.5;
+
+/// Light over range, as a receiver sees it: the sum of what the sub-rays bring back, each a Gaussian as wide as the pulse and of
+/// the sub-ray's power in all. Its peaks are the echoes, each with all light between the valleys on either side.
+///
+/// A sub-ray stands for its part of the footprint. Where the surface is slanted, the light of that part is spread in range, so
+/// that the Gaussian is the wider: σᵢ² = σ² + δᵢ²/2, with δᵢ by how much the tangent plane's range changes to the next
+/// sub-ray, where the light of this one has thus fallen to 1/e. So the sum over a plane has one peak, however few the
+/// sub-rays and however far apart in range, as that over a footprint without gaps has.
+///
+/// Of equal surfaces of one range each, two are told apart if they are more than 2σ apart, 0.85 of the pulse's full width at half
+/// maximum (Sparrow's criterion).
+///
+/// Here the room that it takes is kept from one pulse to the next.
+#[derive(Default)]
+pub(super) struct Waveform {
+    lights: Vec<Light>,
+    /// σᵢ² of each light.
+    variances: Vec<f64>,
+    /// Where the slope of the waveform is looked at, rising, and how many lights are nearer than that.
+    places: Vec<f64>,
+    before: Vec<usize>,
+    slopes: Vec<f64>,
+}
+
+impl Waveform {
+    /// The echoes of the `pulse`-th pulse of the batch, by rising range.
+    pub(super) fn echoes(&mut self, level: Level, beam: &Beam, rays: &Rays, pulse: usize, echoes: &mut Vec<Echo>) {
+        let Waveform { lights, .. } = self;
+        echoes.clear();
+        lights.clear();
+        lights.extend(beam.sub_rays(pulse).filter_map(|(ray, share)| Some(rays.light(ray)?.dimmed(share))));
+        let (least, most) = lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
+        // Where the slope is zero, the curvature has at most the sign of V/σ² − 1, with V a variance of the lights' ranges: (extent/2)²
+        // at most. So up to an extent of 2σ each such place is a peak, and there is one.
+        if most - least <= 2.0 * beam.pulse_sigma {
+            echoes.extend((!lights.is_empty()).then(|| rays.merge(lights)));
+            return;
+        }
+        lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
+        self.look(level, beam, rays, pulse);
+        let (mut first, mut falls) = (0, false);
+        for (slope, before) in self.slopes.iter().zip(&self.before) {
+            if *slope > 0.0 && falls && *before > first {
+                echoes.push(rays.merge(&self.lights[first..*before]));
+                first = *before;
+            }
+            falls = *slope < 0.0 || falls && *slope == 0.0;
+        }
+        echoes.push(rays.merge(&self.lights[first..]));
+    }
+
+    /// The slope of the waveform at each light, and between each two where a valley between them would show: the light of the one
+    /// falls most steeply against the rise of the other's at a from the first and b from the second with a·b = σ², if they
+    /// are of one width and more than 2σ apart. Else they have no valley of their own, but others may make one: half way.
+    fn look(&mut self, level: Level, beam: &Beam, rays: &Rays, pulse: usize) {
+        let Waveform { lights, variances, places, before, slopes } = self;
+        let first = pulse * beam.len();
+        let to_next = |light: &Light| rays.to_next_sub_ray(light, first);
+        let variance = |light| beam.pulse_sigma * beam.pulse_sigma + 0.5 * to_next(light);
+        variances.clear();
+        variances.extend(lights.iter().map(variance));
+        places.clear();
+        before.clear();
+        for (i, light) in lights.iter().enumerate() {
+            places.push(light.range);
+            before.push(i);
+            let Some(next) = lights.get(i + 1) else { break };
+            let gap = next.range - light.range;
+            let inside = |variance: f64| {
+                // Further apart, the one is dark where the other is.
+                let gap = gap.min(2.0 * REACH * variance.sqrt());
+                0.5 * (gap - (gap * gap - 4.0 * variance).max(0.0).sqrt())
+            };
+            let (low, high) = (light.range + inside(variances[i]), next.range - inside(variances[i + 1]));
+            places.push(low);
+            before.push(i + 1);
+            if low < high {
+                places.push(high);
+                before.push(i + 1);
+            }
+        }
+        slopes.clear();
+        slopes.resize(places.len(), 0.0);
+        simd::dispatch(level, Slopes { lights, variances, places, slopes });
+    }
+}
+
+/// The slopes at all places, compiled for each instruction set.
+struct Slopes<'a> {
+    lights: &'a [Light],
+    variances: &'a [f64],
+    places: &'a [f64],
+    slopes: &'a mut [f64],
+}
+
+impl Task for Slopes<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let Slopes { lights, variances, places, slopes } = self;
+        for (light, variance) in lights.iter().zip(variances) {
+            // Of a black surface there is no light, and no variance where it is grazed.
+            if light.clear_power > 0.0 {
+                let (sigma, weight) = (variance.sqrt(), light.clear_power / variance);
+                let (inverse, reach) = (1.0 / sigma, REACH * sigma);
+                let start = places.partition_point(|place| *place < light.range - reach);
+                let end = places.partition_point(|place| *place <= light.range + reach);
+                for (slope, place) in slopes[start..end].iter_mut().zip(&places[start..end]) {
+                    let way = (light.range - place) * inverse;
+                    *slope += weight * way * exp(-0.5 * (way * way));
+                }
+            }
+        }
+    }
+}
+
+impl Rays {
+    /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of what it hit, where that
+    /// changes most. `first`: the first ray of the pulse.
+    ///
+    /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR = −R·n·dd/(n·d). The first ray
+    /// is the axis, the next is to its left, and the two after that above it, to the left and to the right by half of the way.
+    fn to_next_sub_ray(&self, light: &Light, first: usize) -> f64 {
+        let normal = self.hits[light.ray].normal;
+        let [axis, left, above_left, above_right] = [0, 1, 2, 3].map(|k| dot(normal, self.directions[first + k]));
+        let (leftward, upward) = (left - axis, (above_left + above_right - 2.0 * axis) / 3.0_f64.sqrt());
+        let range = light.range / self.cosine[light.ray];
+        range * range * (leftward * leftward + upward * upward)
+    }
+
+    /// The echo of one light or more.
+    fn merge(&self, lights: &[Light]) -> Echo {
+        let object = |light: &Light| self.hits[light.ray].object;
+        let share = |of: i32| lights.iter().filter(|l| object(l) == of).map(|l| l.power).sum::<f64>();
+        let main = *lights.iter().fold(&lights[0], |best, light| {
+            let (a, b) = (object(light), object(best));
+            let better = if a == b { light.ray < best.ray } else { share(a) > share(b) };
+            if better { light } else { best }
+        });
+        let power: f64 = lights.iter().map(|l| l.power).sum();
+        let moment: f64 = lights.iter().map(|l| l.power * (l.range - main.range)).sum();
+        // No mean where no power comes back, from a black surface, or infinite power, from distance zero.
+        let mean = moment / power;
+        Echo {
+            range: main.range + if mean.is_finite() { mean } else { 0.0 },
+            intensity: lights.iter().map(|l| l.intensity).sum(),
+            power,
+            ..Echo::of(main)
+        }
+    }
+}

@@ -1,0 +1,97 @@
+//! Triangle mesh: triangles over shared vertices, with a hierarchy of their boxes.
+
+use std::sync::OnceLock;
+
+use crate::arith::number::Interval;
+use crate::arith::simd::Isa;
+use crate::bvh::Bvh;
+use crate::geometry::vector::Point;
+use crate::parallel;
+use crate::shapes::triangle::{Block, LEAF};
+use crate::shapes::{Surface, Triangle};
+
+#[derive(Debug)]
+pub struct TriangleMesh {
+    vertices: Vec<Point>,
+    faces: Vec<[u32; 3]>,
+    /// Found when it is first asked for, and not again for each scene that the mesh moves through.
+    bounds: OnceLock<Option<[Interval; 3]>>,
+    /// Built when it is first cast at.
+    hierarchy: OnceLock<Bvh<Block>>,
+}
+
+impl TriangleMesh {
+    /// None if a face names a vertex that is not there.
+    pub fn new(vertices: Vec<Point>, faces: Vec<[u32; 3]>) -> Option<Self> {
+        let known = |i: &u32| (*i as usize) < vertices.len();
+        let is_right = faces.iter().flatten().all(known);
+        is_right.then_some(TriangleMesh { vertices, faces, bounds: OnceLock::new(), hierarchy: OnceLock::new() })
+    }
+
+    pub fn vertices(&self) -> &[Point] {
+        &self.vertices
+    }
+
+    pub fn faces(&self) -> &[[u32; 3]] {
+        &self.faces
+    }
+
+    pub fn len(&self) -> usize {
+        self.faces.len()
+    }
+
+    pub fn is_empty(&self) -> bool {
+        self.faces.is_empty()
+    }
+
+    /// Brings what names the vertices of the triangle into the cache.
+    #[inline(always)]
+    pub fn prefetch_face<I: Isa>(&self, id: u32) {
+        I::prefetch(&self.faces[id as usize]);
+    }
+
+    #[inline(always)]
+    pub fn corners(&self, id: u32) -> [&Point; 3] {
+        self.faces[id as usize].map(|v| &self.vertices[v as usize])
+    }
+
+    #[inline(always)]
+    pub fn triangle(&self, id: u32) -> Triangle {
+        let [a, b, c] = self.corners(id);
+        Triangle(*a, *b, *c)
+    }
+
+    pub fn degenerate(&self) -> usize {
+        (0..self.len() as u32).filter(|&id| self.triangle(id).is_degenerate()).count()
+    }
+
+    pub fn hierarchy(&self) -> &Bvh<Block> {
+        // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work, and must not come back here.
+        self.hierarchy.get_or_init(|| {
+            parallel::run(|| {
+                Bvh::new(
+                    self.len(),
+                    |id| self.triangle(id).bounds(),
+                    LEAF,
+                    |ids| Block::new(ids, |id| self.triangle(id)),
+                )
+            })
+        })
+    }
+
+    pub fn bounds(&self) -> Option<[Interval; 3]> {
+        *self.bounds.get_or_init(|| {
+            let mut all = self.faces.iter().flatten().map(|&v| self.vertices[v as usize]);
+            let first = all.next()?.map(Interval::point);
+            Some(all.fold(first, |b, v| {
+                std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
+            }))
+        })
+    }
+
+    pub fn bytes(&self) -> usize {
+        self.vertices.len() * size_of::<Point>()
+            + self.faces.len() * size_of::<[u32; 3]>()
+            + self.hierarchy.get().map_or(0, Bvh::bytes)
+    }
+}

@@ -1,0 +1,78 @@
+//! Axis-aligned box with corners center ± size/2: the boundary of the intersection of three slabs.
+
+use std::cmp::Ordering;
+
+use super::Surface;
+use crate::arith::number::{Interval, Number, Uncertain};
+use crate::arith::root::{Chord, Root, Roots};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::{self, Point, Vector};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Box {
+    pub size: Point,
+    pub center: Point,
+}
+
+impl Box {
+    /// What the slab across an axis leaves of the chord; false if nothing is.
+    #[inline(always)]
+    fn cut<N: Number>(&self, axis: usize, ray: &Ray<N>, chord: &mut Chord<N>) -> Result<bool, Uncertain> {
+        // Twice the distances from the origin of the ray to both faces: so the halves of the size need not be rounded.
+        let middle = ray.weighted(N::exact(self.center[axis])).minus(&ray.origin[axis]).doubled();
+        let half = ray.weighted(N::exact(self.size[axis]));
+        let (low, high) = (middle.minus(&half), middle.plus(&half));
+        let slope = ray.direction[axis].doubled();
+        let (face, opposite) = (2 * axis as u8, 2 * axis as u8 + 1);
+        let (entry, exit) = match slope.sign()? {
+            Ordering::Greater => (Root::linear(low, slope.clone(), face), Root::linear(high, slope, opposite)),
+            Ordering::Less => {
+                let slope = slope.negated();
+                let entry = Root::linear(high.negated(), slope.clone(), opposite);
+                (entry, Root::linear(low.negated(), slope, face))
+            }
+            Ordering::Equal => {
+                return Ok(low.sign()? != Ordering::Greater && high.sign()? != Ordering::Less);
+            }
+        };
+        chord.cut(entry, exit)?;
+        Ok(true)
+    }
+}
+
+impl Surface for Box {
+    #[inline(always)]
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+        let mut chord = Chord::whole_line();
+        if self.cut(0, ray, &mut chord)? && self.cut(1, ray, &mut chord)? && self.cut(2, ray, &mut chord)? {
+            chord.roots()
+        } else {
+            Ok([None, None])
+        }
+    }
+
+    #[inline(always)]
+    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+        let axis = usize::from(feature / 2);
+        let from_middle = ray.origin[axis].minus(&ray.weighted(N::exact(self.center[axis]))).doubled();
+        let outward = if feature.is_multiple_of(2) { from_middle.negated() } else { from_middle };
+        outward.minus(&ray.weighted(N::exact(self.size[axis])))
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, _: &Ray<N>, feature: u8) -> Vector<N> {
+        let mut normal = [0.0; 3];
+        normal[usize::from(feature / 2)] = if feature.is_multiple_of(2) { -1.0 } else { 1.0 };
+        vector::exact(normal)
+    }
+
+    fn bounds(&self) -> Option<[Interval; 3]> {
+        Some(std::array::from_fn(|i| {
+            let half = self.size[i] / 2.0; // may round where the size is subnormal
+            Interval {
+                low: (self.center[i] - half.next_up()).next_down(),
+                high: (self.center[i] + half.next_up()).next_up(),
+            }
+        }))
+    }
+}

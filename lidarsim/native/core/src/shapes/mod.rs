@@ -1,0 +1,84 @@
+//! The shapes: their mathematics, one file each.
+//!
+//! To add one: write its file, implement [`Surface`], and name it once in `surfaces!` below.
+
+mod r#box;
+mod cylinder;
+mod ellipsoid;
+pub(crate) mod finish;
+mod plane;
+mod polygon;
+mod sphere;
+mod surface;
+pub(crate) mod triangle;
+
+pub use r#box::Box;
+pub use cylinder::Cylinder;
+pub use ellipsoid::Ellipsoid;
+pub use plane::Plane;
+pub use polygon::self_crossing;
+pub use sphere::Sphere;
+pub use surface::{Surface, SurfaceTask};
+pub use triangle::Triangle;
+
+use crate::arith::number::{Interval, Number, Uncertain};
+use crate::arith::root::Roots;
+use crate::arith::simd::{Floats, Isa, LaneTask};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::Vector;
+
+struct On<'a, S, T>(&'a S, T);
+
+impl<S: Surface, T: SurfaceTask> LaneTask for On<'_, S, T> {
+    type Output = T::Output;
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) -> T::Output {
+        self.1.run::<F, S, N>(self.0)
+    }
+}
+
+macro_rules! surfaces {
+    ($($name:ident),+ $(,)?) => {
+        /// Any surface that a line meets at most twice.
+        #[derive(Clone, Debug)]
+        pub enum Simple {
+            $($name($name)),+
+        }
+
+        $(impl From<$name> for Simple {
+            fn from(shape: $name) -> Self {
+                Simple::$name(shape)
+            }
+        })+
+
+        impl Simple {
+            /// Runs the task as a function of its own for each type of shape, which keeps these functions small; see `Isa::apart`.
+            #[inline(always)]
+            pub fn apart<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
+                match self { $(Simple::$name(shape) => I::apart(On(shape, task))),+ }
+            }
+        }
+
+        impl Surface for Simple {
+            #[inline]
+            fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+                match self { $(Simple::$name(shape) => shape.roots(ray)),+ }
+            }
+
+            fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+                match self { $(Simple::$name(shape) => shape.level(ray, feature)),+ }
+            }
+
+            fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N> {
+                match self { $(Simple::$name(shape) => shape.normal(ray, feature)),+ }
+            }
+
+            fn bounds(&self) -> Option<[Interval; 3]> {
+                match self { $(Simple::$name(shape) => shape.bounds()),+ }
+            }
+        }
+    };
+}
+
+surfaces!(Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle);

@@ -1,0 +1,66 @@
+//! Plane: t = n·(p − o)/(n·d).
+//!
+//! The plane keeps the numbers it was made from: the point form stays accurate far from the origin of coordinates, where
+//! n·p rounded once has already moved the plane.
+
+use super::Surface;
+use super::triangle::triangle_normal;
+use crate::arith::number::{Interval, Number, Uncertain};
+use crate::arith::root::{Root, Roots};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::{self, Point, Vector};
+
+#[derive(Clone, Copy, Debug)]
+pub enum Plane {
+    /// normal·x = distance.
+    Distance { normal: Point, distance: f64 },
+    /// normal·(x − point) = 0.
+    PointNormal { point: Point, normal: Point },
+    /// Through a, b, c, with the normal (b − a) × (c − a), which is not rounded.
+    Points(Point, Point, Point),
+}
+
+impl Plane {
+    #[inline(always)]
+    fn normal_of<N: Number>(&self) -> Vector<N> {
+        match *self {
+            Plane::Distance { normal, .. } | Plane::PointNormal { normal, .. } => vector::exact(normal),
+            Plane::Points(a, b, c) => triangle_normal(a, b, c),
+        }
+    }
+
+    /// Of the origin over the plane, times the length of the normal.
+    #[inline(always)]
+    fn height<N: Number>(&self, ray: &Ray<N>) -> N {
+        match *self {
+            Plane::Distance { distance, .. } => {
+                vector::dot(&self.normal_of(), &ray.origin).minus(&ray.weighted(N::exact(distance)))
+            }
+            Plane::PointNormal { point, .. } | Plane::Points(point, ..) => {
+                vector::dot(&self.normal_of(), &ray.origin_from(vector::exact(point)))
+            }
+        }
+    }
+}
+
+impl Surface for Plane {
+    #[inline(always)]
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+        let slope = vector::dot(&self.normal_of(), &ray.direction);
+        Ok([Root::ratio(self.height(ray).negated(), slope, 0)?, None])
+    }
+
+    #[inline(always)]
+    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+        self.height(ray).doubled()
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, _: &Ray<N>, _: u8) -> Vector<N> {
+        self.normal_of()
+    }
+
+    fn bounds(&self) -> Option<[Interval; 3]> {
+        None
+    }
+}

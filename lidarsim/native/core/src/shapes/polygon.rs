@@ -1,0 +1,81 @@
+//! Polygon: a set of triangles that share their vertices, hence exact and without leaks as a mesh is.
+//!
+//! What is its own is the check that the outline does not cross itself.
+
+use std::cmp::Ordering;
+
+use crate::arith::number::{Number, Question, Uncertain, certify};
+
+type Point2 = [f64; 2];
+
+/// The sign of the area of a, b, c: positive for a left turn.
+struct Turn(Point2, Point2, Point2);
+
+impl Question for Turn {
+    type Answer = Ordering;
+
+    fn ask<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
+        let [a, b, c] = [self.0, self.1, self.2].map(|p| p.map(N::exact));
+        let left = b[0].minus(&a[0]).times(&c[1].minus(&a[1]));
+        left.minus(&b[1].minus(&a[1]).times(&c[0].minus(&a[0]))).sign()
+    }
+}
+
+/// Whether `p`, on the line through a and b, lies between them.
+fn between(a: Point2, b: Point2, p: Point2) -> bool {
+    (0..2).all(|i| a[i].min(b[i]) <= p[i] && p[i] <= a[i].max(b[i]))
+}
+
+/// Whether two closed segments share a point.
+fn meet(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
+    let turns = [Turn(a, b, c), Turn(a, b, d), Turn(c, d, a), Turn(c, d, b)].map(|turn| certify(&turn));
+    let opposite = |x: Ordering, y: Ordering| x == y.reverse() && x != Ordering::Equal;
+    (opposite(turns[0], turns[1]) && opposite(turns[2], turns[3]))
+        || (turns[0] == Ordering::Equal && between(a, b, c))
+        || (turns[1] == Ordering::Equal && between(a, b, d))
+        || (turns[2] == Ordering::Equal && between(c, d, a))
+        || (turns[3] == Ordering::Equal && between(c, d, b))
+}
+
+/// The first two edges of a closed outline that touch where they should not; edge i runs from vertex i to the next.
+pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
+    let n = outline.len();
+    let edge = |i: usize| (outline[i % n], outline[(i + 1) % n]);
+    for i in 0..n {
+        let (a, b) = edge(i);
+        for j in i + 1..n {
+            let (c, d) = edge(j);
+            let touches = if j == i + 1 {
+                // Neighbours share b = c, and no more: d does not fold back.
+                certify(&Turn(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
+            } else if (j + 1) % n == i {
+                certify(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
+            } else {
+                meet(a, b, c, d)
+            };
+            if touches {
+                return Some((i, j));
+            }
+        }
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn finds_crossings_and_lets_simple_outlines_pass() {
+        let square = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]];
+        assert_eq!(self_crossing(&square), None);
+        let bow = [[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]];
+        assert_eq!(self_crossing(&bow), Some((0, 2)));
+        let fold = [[0.0, 0.0], [2.0, 0.0], [1.0, 0.0], [1.0, 1.0]];
+        assert_eq!(self_crossing(&fold), Some((0, 1)));
+        let notch = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 0.5], [0.0, 2.0]];
+        assert_eq!(self_crossing(&notch), None);
+        let touch = [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [1.0, 0.0], [0.0, 2.0]];
+        assert_eq!(self_crossing(&touch), Some((0, 2)));
+    }
+}

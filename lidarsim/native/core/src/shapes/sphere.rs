@@ -1,0 +1,56 @@
+//! Sphere: |f + t·d|² = r², with f = o − c.
+
+use std::cmp::Ordering;
+
+use super::Surface;
+use crate::arith::number::{Interval, Number, Uncertain};
+use crate::arith::root::{Root, Roots};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::{self, Point, Vector};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Sphere {
+    pub center: Point,
+    pub radius: f64,
+}
+
+/// The roots of |f + t·d|² = r².
+///
+/// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity this is the same number without the cancellation between
+/// two squares of the distance (E. Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019).
+#[inline(always)]
+pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<Roots<N>, Uncertain> {
+    let a = vector::norm2(d);
+    let r2 = r.squared();
+    let disc = r2.times(&a).minus(&vector::norm2(&vector::cross(f, d)));
+    let order = disc.sign()?;
+    if order == Ordering::Less {
+        return Ok([None, None]);
+    }
+    let b = vector::dot(f, d).negated();
+    let c = vector::norm2(f).minus(&r2);
+    Ok(Root::quadratic(a, b, c, disc, order, 0))
+}
+
+impl Surface for Sphere {
+    #[inline(always)]
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
+        let f = ray.origin_from(vector::exact(self.center));
+        roots_of_ball(&f, &ray.direction, &ray.weighted(N::exact(self.radius)))
+    }
+
+    #[inline(always)]
+    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+        let f = ray.origin_from(vector::exact(self.center));
+        vector::norm2(&f).minus(&ray.weighted(N::exact(self.radius)).squared())
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(&self, ray: &Ray<N>, _: u8) -> Vector<N> {
+        ray.origin_from(vector::exact(self.center))
+    }
+
+    fn bounds(&self) -> Option<[Interval; 3]> {
+        Some(self.center.map(|c| Interval { low: (c - self.radius).next_down(), high: (c + self.radius).next_up() }))
+    }
+}

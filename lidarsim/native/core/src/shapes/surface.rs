@@ -1,0 +1,28 @@
+//! What a surface has to say of rays.
+
+use crate::arith::number::{Interval, Number, Uncertain};
+use crate::arith::root::Roots;
+use crate::arith::simd::Floats;
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::Vector;
+
+/// A surface that a line meets at most twice.
+pub trait Surface {
+    /// Every t, of either sign, at which the line meets the surface: ascending and distinct.
+    fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
+
+    /// Where the ray begins: a function that is zero on part `feature` of the surface, and of degree two at most.
+    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;
+
+    /// Where the ray begins, on part `feature` of the surface or near it: an outward normal, half the gradient of `level`.
+    fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
+
+    /// An axis-aligned box around the surface; none if the surface has no end.
+    fn bounds(&self) -> Option<[Interval; 3]>;
+}
+
+/// What is to be done with a surface of known type and registers of N lanes: an always inlined `run`.
+pub trait SurfaceTask {
+    type Output;
+    fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) -> Self::Output;
+}

@@ -1,0 +1,604 @@
+//! Triangles of a mesh, eight side by side on a grid.
+
+use super::Triangle;
+use crate::arith::number::{Interval, UNIT};
+use crate::arith::simd::{self, Floats, Isa, lanes};
+use crate::geometry::pose::cross;
+use crate::geometry::vector::Point;
+
+/// Most triangles of a block: a register has a lane for each.
+pub const LEAF: usize = 8;
+
+/// A leaf: up to eight triangles side by side, their vertices on a grid.
+///
+/// What is decided here is certain for the vertices themselves, as the error of the grid is in every bound; the rest is left to
+/// exact arithmetic.
+#[derive(Clone, Debug)]
+#[repr(C, align(64))]
+pub struct Block {
+    /// By vertex and triangle, x in the lowest bits: a coordinate k stands for anchor + (1 + k/2²¹)·2^exponent.
+    grid: [[u64; LEAF]; 3],
+    id: [u32; LEAF],
+    anchor: Point,
+    /// How far any coordinate is off.
+    error: f32,
+    exponent: i16,
+    count: u8,
+    /// No triangle has an |N|₁, N = (b − a) × (c − a), above 8·2^(2·exponent − thinness).
+    thinness: u8,
+}
+
+/// Bits of a coordinate.
+const GRID: u32 = simd::FRACTION;
+
+type Lanes<I> = <I as Isa>::F64x8;
+
+/// The triangles of a block as a ray's origin sees them.
+pub struct Edges<I: Isa> {
+    /// a, b, c.
+    vertices: [[Lanes<I>; 3]; 3],
+    /// c × b, a × c, b × a.
+    normals: [[Lanes<I>; 3]; 3],
+    /// At least the largest coordinate of an edge, on the grid.
+    scale: f64,
+    /// At least the largest coordinate of a vertex, and the error of any of them.
+    reach: f64,
+    error: f64,
+    /// How far the volumes may be off, for each unit of a direction's length and of its error.
+    bound: [f64; 2],
+}
+
+/// The planes of a block's triangles, as a ray's origin sees them.
+pub struct Planes {
+    /// a·(c × b), with the sign of the volumes.
+    distance: [f64; LEAF],
+    /// Four times as much as the volumes' sum may be off, for each unit of a direction's length and of its error.
+    turned: [f64; 2],
+    /// The same of the distance.
+    moved: f64,
+}
+
+/// A ray's direction, at least |d|₁, and how far any coordinate is off.
+#[derive(Clone, Copy)]
+pub struct Bearing {
+    pub direction: Point,
+    pub length: f64,
+    pub error: f64,
+}
+
+impl Planes {
+    pub const NONE: Planes = Planes { distance: [0.0; LEAF], turned: [0.0; 2], moved: 0.0 };
+}
+
+impl Block {
+    /// Of up to `LEAF` triangles.
+    pub fn new(ids: &[u32], triangle: impl Fn(u32) -> Triangle) -> Self {
+        const STEPS: f64 = (1 << GRID) as f64;
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
+        for &id in ids {
+            let Triangle(a, b, c) = triangle(id);
+            for p in [a, b, c] {
+                for axis in 0..3 {
+                    (low[axis], high[axis]) = (low[axis].min(p[axis]), high[axis].max(p[axis]));
+                }
+            }
+        }
+        let side = larger(high[0] - low[0], larger(high[1] - low[1], high[2] - low[2]));
+        // A box this large leaves every decision to exact arithmetic.
+        let (side, mut error) = if side < f64::MAX / 4.0 { (side, 0.0) } else { (1.0, f64::INFINITY) };
+        // The power of two above the side, so that k < 2²¹ reaches over it.
+        let exponent = (side.to_bits() >> 52) as i16 - 1022;
+        let scale = power_of_two(exponent);
+        let anchor = low.map(|x| x - scale);
+        let (mut grid, mut all) = ([[0; LEAF]; 3], [0; LEAF]);
+        // The largest |N|₁, of sides in units of the scale: they are at most 1, so that less than 32 roundings are u each.
+        let mut thickness = 0.0;
+        for (lane, &id) in ids.iter().enumerate() {
+            all[lane] = id;
+            let Triangle(a, b, c) = triangle(id);
+            let edge = |p: Point| [0, 1, 2].map(|axis| (p[axis] - a[axis]) / scale);
+            let [x, y, z] = cross(edge(b), edge(c));
+            thickness = larger(thickness, x.abs() + y.abs() + z.abs());
+            for (vertex, p) in [a, b, c].into_iter().enumerate() {
+                for axis in 0..3 {
+                    let exact = p[axis] - anchor[axis];
+                    let k = ((exact / scale - 1.0) * STEPS).round_ties_even().clamp(0.0, STEPS - 1.0);
+                    grid[vertex][lane] |= (k as u64) << (GRID * axis as u32);
+                    // The difference itself is rounded, too.
+                    let off = (exact - (1.0 + k / STEPS) * scale).abs() + exact.abs() * (2.0 * UNIT);
+                    error = larger(error, off);
+                }
+            }
+        }
+        let error = (error as f32).next_up();
+        let above = ((thickness + 32.0 * UNIT).to_bits() >> 52) as i16 - 1022;
+        let thinness = (3 - above).clamp(0, u8::MAX.into()) as u8;
+        Block { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness }
+    }
+
+    #[inline(always)]
+    pub fn ids(&self) -> &[u32] {
+        &self.id[..self.count as usize]
+    }
+
+    #[inline(always)]
+    pub fn edges<I: Isa>(&self, origin: Point, origin_error: f64) -> Edges<I> {
+        let shift = [self.anchor[0] - origin[0], self.anchor[1] - origin[1], self.anchor[2] - origin[2]];
+        let scale = power_of_two(self.exponent);
+        let vertices = [
+            self.vertices::<I>(0, scale, shift),
+            self.vertices::<I>(1, scale, shift),
+            self.vertices::<I>(2, scale, shift),
+        ];
+        let [a, b, c] = vertices;
+        let farthest = larger(shift[0].abs(), larger(shift[1].abs(), shift[2].abs()));
+        let error = f64::from(self.error) + origin_error;
+        // The sum rounds; a trifle more is as good.
+        let reach = (farthest + 2.0 * scale + error) * (1.0 + 4.0 * UNIT);
+        Edges {
+            vertices,
+            normals: [lanes::fused_cross(c, b), lanes::fused_cross(a, c), lanes::fused_cross(b, a)],
+            scale,
+            reach,
+            error,
+            // In place of m: `reach` holds ε.
+            bound: [reach * (32.0 * UNIT * reach + 8.0 * error), 8.0 * reach * reach],
+        }
+    }
+
+    /// A vertex of each triangle, moved by `shift`.
+    #[inline(always)]
+    fn vertices<I: Isa>(&self, vertex: usize, scale: f64, shift: Point) -> [Lanes<I>; 3] {
+        let (grid, scale) = (&self.grid[vertex], Lanes::<I>::splat(scale));
+        [
+            I::fraction::<0>(grid).fused(scale, Lanes::<I>::splat(shift[0])),
+            I::fraction::<GRID>(grid).fused(scale, Lanes::<I>::splat(shift[1])),
+            I::fraction::<{ 2 * GRID }>(grid).fused(scale, Lanes::<I>::splat(shift[2])),
+        ]
+    }
+
+    /// The triangles that a ray may meet, a bit each, and those of them that it surely meets: by the three volumes d·(c × b), d·(a × c),
+    /// d·(b × a). Two of them with different signs rule a triangle out, three of one sign make a hit. Their sums go to `sums`.
+    ///
+    /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is off by δ = 3u·m + ε at most,
+    /// a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² a unit of |d|₁.
+    /// While δ ≤ m, which m ≥ ε brings about, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has
+    /// 32, 8 and 8 in these places to cover its own roundings.
+    #[inline(always)]
+    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, bearing: &Bearing, sums: &mut [f64; LEAF]) -> (u32, u32) {
+        let d = lanes::splat(bearing.direction);
+        let [n0, n1, n2] = edges.normals;
+        let (u, v, w) = (lanes::fused_dot(d, n0), lanes::fused_dot(d, n1), lanes::fused_dot(d, n2));
+        *sums = u.add(v).add(w).store();
+        let bound = I::fused(bearing.error, edges.bound[1], f64::MIN_POSITIVE);
+        let bound = I::fused(bearing.length, edges.bound[0], bound);
+        let least = Floats::min(Floats::min(u, v), w);
+        let most = Floats::max(Floats::max(u, v), w);
+        let (below, above) = (Lanes::<I>::splat(-bound), Lanes::<I>::splat(bound));
+        let apart = least.lt(below) & above.lt(most);
+        let together = above.lt(least) | most.lt(below);
+        let candidates = !apart & ((1 << self.count) - 1);
+        (candidates, candidates & together)
+    }
+
+    #[inline(always)]
+    pub fn planes<I: Isa>(&self, edges: &Edges<I>) -> Planes {
+        let off = edges.off();
+        // Where the square underflows, |N|₁ is less than what is added.
+        let size = edges.scale * edges.scale * power_of_two(3 - i16::from(self.thinness)) + f64::MIN_POSITIVE;
+        let square = edges.reach * edges.reach;
+        Planes {
+            distance: lanes::fused_dot(edges.normals[0], edges.vertices[0]).store(),
+            turned: [256.0 * UNIT * square, 4.0 * size],
+            moved: 4.0 * (size * off + 32.0 * UNIT * square * edges.reach) + f64::MIN_POSITIVE,
+        }
+    }
+
+    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), for triangle i, which the ray surely meets; none if they would be of no use.
+    ///
+    /// N is the negated sum of c × b, a × c and b × a, so that t is a·(c × b) over the sum of the volumes. With m as above, for the triangle as
+    /// it is seen: a minor rounds by 4u·m², so the distance by 12u·m³ and, as it is a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds
+    /// by 10u·m² a unit of |d|₁, and the sum of the three by 10u·m² more: 40. `planes` has 32 and 64.
+    ///
+    /// A vertex is off by δ = 3u·m + ε at most. The triangle seen is met in a mean of its vertices, so at most δ·|N|₁ off the true plane, |N|
+    /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice
+    /// all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that makes the four in `planes`.
+    /// The product with 1/(N·d) instead of a quotient rounds by 3u.
+    ///
+    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the ray surely meets the triangle, each
+    /// volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that
+    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is asked here. So it is beyond a tenth of this and nine of that:
+    /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ,
+    /// N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
+    #[inline(always)]
+    pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing, sums: &[f64; LEAF]) -> Option<Interval> {
+        let Bearing { length, error, .. } = *bearing;
+        let inverse = 1.0 / sums[i];
+        let t = planes.distance[i] * inverse;
+        let turned = I::fused(length, planes.turned[0], error * planes.turned[1]);
+        let moved = I::fused(t.abs(), turned, planes.moved);
+        let off = I::fused(moved, inverse.abs(), I::fused(t.abs(), 8.0 * UNIT, f64::MIN_POSITIVE));
+        let known = turned + f64::MIN_POSITIVE < sums[i].abs() && off < f64::INFINITY;
+        if known { Some(Interval { low: t - off, high: t + off }) } else { None }
+    }
+}
+
+impl<I: Isa> Edges<I> {
+    /// How far any coordinate of a vertex may be off.
+    fn off(&self) -> f64 {
+        3.0 * UNIT * self.reach + self.error
+    }
+}
+
+/// No NaN is met here; the comparison is one instruction.
+#[inline(always)]
+fn larger(x: f64, y: f64) -> f64 {
+    if x > y { x } else { y }
+}
+
+#[inline(always)]
+fn power_of_two(exponent: i16) -> f64 {
+    f64::from_bits(((i64::from(exponent) + 1023) as u64) << 52)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cmp::Ordering;
+
+    use super::*;
+    use crate::arith::number::{Dyadic, Number};
+    use crate::arith::simd::{Level, Portable, Task, dispatch};
+    use crate::geometry::ray::Ray;
+    use crate::shapes::Surface;
+    use crate::testing::{assert_slack, numbers, worst};
+
+    /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some without area.
+    fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> Vec<Triangle> {
+        let flat = if next() < 0.3 { 0.0 } else { 1.0 };
+        let mut vertices: Vec<Point> =
+            (0..9).map(|_| [1.0, 0.7, flat].map(|side| place + size * side * (next() - 0.5))).collect();
+        // Beside the first, by an ulp.
+        vertices.push([vertices[0][0].next_up(), vertices[0][1], vertices[0][2]]);
+        let mut vertex = || vertices[(10.0 * next()) as usize];
+        (0..count).map(|_| Triangle(vertex(), vertex(), vertex())).collect()
+    }
+
+    fn block(mesh: &[Triangle]) -> Block {
+        // Ids need be neither sorted nor complete.
+        let ids: Vec<u32> = (0..mesh.len() as u32).rev().collect();
+        let block = Block::new(&ids, |id| mesh[id as usize]);
+        assert_eq!(block.ids(), ids);
+        block
+    }
+
+    /// Whether |x − y| ≤ bound.
+    fn within(x: &Dyadic, y: &Dyadic, bound: f64) -> bool {
+        let (off, bound) = (x.minus(y), Dyadic::exact(bound));
+        off.minus(&bound).sign() != Ok(Ordering::Greater) && off.plus(&bound).sign() != Ok(Ordering::Less)
+    }
+
+    fn corners(mesh: &[Triangle], id: u32) -> [Point; 3] {
+        let Triangle(a, b, c) = mesh[id as usize];
+        [a, b, c]
+    }
+
+    /// Places and sizes of boxes.
+    const BOXES: [(f64, f64); 15] = [
+        (0.0, 1.0),
+        (0.0, 1e-9),
+        (0.0, 1e6),
+        (3.0, 0.01),
+        (5e6, 1e-3),
+        (5e6, 100.0),
+        (1e9, 1e-7),
+        (-1e15, 30.0),
+        (0.0, 0.0),
+        (5e6, 0.0),
+        (0.0, 1e-300),
+        (0.0, 5e-324),
+        (1e300, 0.0),
+        (1e300, 1e290),
+        (0.0, 1e36),
+    ];
+
+    #[test]
+    fn the_grid_is_as_near_as_it_says() {
+        let mut next = numbers();
+        for (place, size) in BOXES {
+            for count in 1..=LEAF {
+                let mesh = mesh(place, size, count, &mut next);
+                let block = block(&mesh);
+                let error = f64::from(block.error);
+                assert!(error > 0.0);
+                if error == f64::INFINITY {
+                    assert!(size.max(place) > 1e44, "{place}, {size}");
+                    continue;
+                }
+                // Half a step of the grid, but for what numbers at that place are rounded to, and float32 holds.
+                let half = power_of_two(block.exponent) / 4_194_304.0;
+                let rounded = place.abs() * (8.0 * UNIT) + f64::from(f32::MIN_POSITIVE);
+                assert!(error <= 1.01 * half + rounded && half <= size + rounded, "{place}, {size}: {error}");
+                let scale = Dyadic::exact(power_of_two(block.exponent));
+                for (lane, &id) in block.ids().iter().enumerate() {
+                    for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
+                        for axis in 0..3 {
+                            let k = block.grid[vertex][lane] >> (21 * axis) & 0x1f_ffff;
+                            let along = Dyadic::exact(1.0 + k as f64 / 2_097_152.0).times(&scale);
+                            let seen = Dyadic::exact(block.anchor[axis]).plus(&along);
+                            assert!(within(&seen, &Dyadic::exact(corner[axis]), error), "{place}, {size}: {corner:?}");
+                        }
+                    }
+                }
+            }
+        }
+    }
+
+    /// What a block says of a ray.
+    struct Said {
+        candidates: u32,
+        sure: u32,
+        /// Of those that are sure.
+        t: [Option<Interval>; LEAF],
+    }
+
+    struct Look<'a> {
+        block: &'a Block,
+        origin: (Point, f64),
+        directions: &'a [(Point, f64)],
+    }
+
+    impl Task for Look<'_> {
+        /// Vertices as they are seen from the origin, and how far they may be off.
+        type Output = ([[[f64; LEAF]; 3]; 3], f64, Vec<Said>);
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let (origin, origin_error) = self.origin;
+            let edges = self.block.edges::<I>(origin, origin_error);
+            let planes = self.block.planes::<I>(&edges);
+            let mut said = Vec::new();
+            for &(direction, direction_error) in self.directions {
+                let length = direction.iter().map(|x| x.abs()).sum();
+                let bearing = Bearing { direction, length, error: direction_error };
+                let mut sums = [0.0; LEAF];
+                let (candidates, sure) = self.block.candidates::<I>(&edges, &bearing, &mut sums);
+                let mut t = [None; LEAF];
+                for i in 0..LEAF {
+                    if sure & 1 << i != 0 {
+                        t[i] = Block::meet::<I>(i, &planes, &bearing, &sums);
+                    }
+                }
+                said.push(Said { candidates, sure, t });
+            }
+            let mut seen = [[[0.0; LEAF]; 3]; 3];
+            for vertex in 0..3 {
+                for axis in 0..3 {
+                    seen[vertex][axis] = edges.vertices[vertex][axis].store();
+                }
+            }
+            (seen, edges.off(), said)
+        }
+    }
+
+    /// A point of the triangle, often of its edges or a corner.
+    fn target(corners: [Point; 3], next: &mut impl FnMut() -> f64) -> Point {
+        let mut weights = [0; 3].map(|_: u8| if next() < 0.25 { 0.0 } else { next() });
+        if weights == [0.0; 3] {
+            weights[(3.0 * next()) as usize] = 1.0;
+        }
+        let sum = weights[0] + weights[1] + weights[2];
+        [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] / sum * corners[k][axis]).sum())
+    }
+
+    #[test]
+    fn what_a_block_is_sure_of_is_so() {
+        let mut next = numbers();
+        // Met, and of these sure, and of these with bounds of t; not met, and of these ruled out.
+        let (mut met, mut sure, mut bounded, mut missed, mut out) = (0, 0, 0, 0, 0);
+        for (place, size) in BOXES {
+            for round in 0..12 {
+                let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
+                let block = block(&mesh);
+                let distance = size.max(place.abs() * 1e-12) * [0.3, 3.0, 1e3, 1e6][round % 4];
+                // The true ray is somewhere within the errors of the one that the block is shown.
+                let vague = if round % 2 == 0 { 0.0 } else { 1e-9 * size };
+                let off = |next: &mut dyn FnMut() -> f64, by: f64| 0.9 * by * (2.0 * next() - 1.0);
+                let origin: Point = [0; 3].map(|_: u8| place + distance * (next() - 0.5));
+                let shown = origin.map(|x| x + off(&mut next, vague));
+                let shown_error = (0..3).fold(0.0_f64, |e, i| e.max((shown[i] - origin[i]).abs().next_up()));
+                let shown_error = if vague == 0.0 { 0.0 } else { shown_error };
+                let mut directions = Vec::new();
+                for _ in 0..40 {
+                    let id = (mesh.len() as f64 * next()) as u32;
+                    let to = target(corners(&mesh, id), &mut next);
+                    let direction: Point = [0, 1, 2].map(|axis| {
+                        let d = to[axis] - origin[axis];
+                        if next() < 0.1 { d + size * (next() - 0.5) } else { d }
+                    });
+                    let by = if vague == 0.0 { 0.0 } else { 1e-9 * direction[0].abs() };
+                    let seen = direction.map(|x| x + off(&mut next, by));
+                    let error = (0..3).fold(0.0_f64, |e, i| e.max((seen[i] - direction[i]).abs().next_up()));
+                    directions.push((direction, (seen, if by == 0.0 { 0.0 } else { error })));
+                }
+                let given: Vec<(Point, f64)> = directions.iter().map(|(_, given)| *given).collect();
+                let exact = |id: u32, d: Point| match mesh[id as usize].roots(&Ray::<Dyadic>::new(origin, d)) {
+                    Ok([root, _]) => root,
+                    Err(_) => unreachable!("exact arithmetic is never uncertain"),
+                };
+                let roots: Vec<Vec<_>> =
+                    directions.iter().map(|(d, _)| block.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let look = Look { block: &block, origin: (shown, shown_error), directions: &given };
+                    let (seen, seen_error, said) = dispatch(level, look);
+                    for (lane, &id) in block.ids().iter().enumerate() {
+                        for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
+                            for axis in 0..3 {
+                                let x = Dyadic::exact(corner[axis]).minus(&Dyadic::exact(origin[axis]));
+                                let seen = Dyadic::exact(seen[vertex][axis][lane]);
+                                assert!(
+                                    seen_error == f64::INFINITY || within(&x, &seen, seen_error),
+                                    "{place}, {size}"
+                                );
+                            }
+                        }
+                    }
+                    for (said, roots) in said.iter().zip(&roots) {
+                        assert_eq!((said.candidates >> block.ids().len(), said.sure & !said.candidates), (0, 0));
+                        for (lane, root) in roots.iter().enumerate() {
+                            let is = |mask: u32| mask >> lane & 1 != 0;
+                            let Some(root) = root else {
+                                assert!(!is(said.sure), "{level:?}: {place}, {size}");
+                                missed += 1;
+                                out += usize::from(!is(said.candidates));
+                                continue;
+                            };
+                            assert!(is(said.candidates), "{level:?}: {place}, {size}");
+                            met += 1;
+                            sure += usize::from(is(said.sure));
+                            if let Some(t) = &said.t[lane] {
+                                // t = b/a with a > 0.
+                                let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
+                                assert!(side(t.low) != Ok(Ordering::Greater), "{level:?}: {place}, {size}, {t:?}");
+                                assert!(side(t.high) != Ok(Ordering::Less), "{level:?}: {place}, {size}, {t:?}");
+                                bounded += 1;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        assert!(met > 8_000 && sure > 4_000 && bounded > 4_000, "{met}, {sure}, {bounded}");
+        assert!(missed > 50_000 && out > 20_000, "{missed}, {out}");
+    }
+
+    /// A triangle in a box of side 1, a ray towards a mean of its vertices, and how it is shown.
+    struct Shown {
+        block: Block,
+        /// Of the vertices, as the true ray sees them, and of the true direction.
+        vertices: [[Dyadic; 3]; 3],
+        direction: [Dyadic; 3],
+        edges: Edges<Portable>,
+        bearing: Bearing,
+    }
+
+    /// What errors come from: the numbers are given on the grid, or anywhere, with an origin or a direction that is off by so much.
+    #[derive(Clone, Copy)]
+    struct From {
+        on_grid: bool,
+        distance: f64,
+        origin_error: f64,
+        direction_error: f64,
+    }
+
+    const FROM: [From; 4] = [
+        From { on_grid: true, distance: 1e4, origin_error: 0.0, direction_error: 0.0 },
+        From { on_grid: false, distance: 3.0, origin_error: 0.0, direction_error: 0.0 },
+        From { on_grid: true, distance: 3.0, origin_error: 1e-5, direction_error: 0.0 },
+        From { on_grid: true, distance: 3.0, origin_error: 0.0, direction_error: 1e-5 },
+    ];
+
+    impl Shown {
+        fn new(x: &[f64; 18], from: From) -> Self {
+            const STEPS: f64 = (1 << GRID) as f64;
+            let place = |x: f64| {
+                let x = x.abs().min(0.999);
+                if from.on_grid { (x * STEPS).round() / STEPS } else { x }
+            };
+            let vertices: [Point; 3] = [0, 1, 2].map(|k| [0, 1, 2].map(|axis| place(x[3 * k + axis])));
+            let origin: Point = [0, 1, 2].map(|axis| from.distance * (2.0 * x[9 + axis] - 1.0));
+            let weights = [0, 1, 2].map(|k: usize| x[12 + k].abs() + 1e-9);
+            let sum: f64 = weights.iter().sum();
+            let direction: Point =
+                [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] / sum * vertices[k][axis]).sum::<f64>() - origin[axis]);
+            let off = |k: usize, by: f64| Dyadic::exact(by * (4.0 * x[15 + k] - 2.0).clamp(-1.0, 1.0));
+            let true_origin = [0, 1, 2].map(|k| Dyadic::exact(origin[k]).plus(&off(k, from.origin_error)));
+            let true_direction = [0, 1, 2].map(|k| Dyadic::exact(direction[k]).plus(&off(k, from.direction_error)));
+            let [a, b, c] = vertices;
+            let block = Block::new(&[0], |_| Triangle(a, b, c));
+            let edges = block.edges::<Portable>(origin, from.origin_error);
+            let length = direction.iter().map(|x| x.abs()).sum();
+            Shown {
+                vertices: vertices
+                    .map(|v| crate::geometry::vector::sub(&crate::geometry::vector::exact(v), &true_origin)),
+                direction: true_direction,
+                edges,
+                bearing: Bearing { direction, length, error: from.direction_error },
+                block,
+            }
+        }
+
+        /// The largest share of its bound that a volume is off by.
+        fn volumes(&self) -> f64 {
+            let [a, b, c] = &self.vertices;
+            let bound = self.bearing.length * self.edges.bound[0] + self.bearing.error * self.edges.bound[1];
+            let mut largest: f64 = 0.0;
+            for ((p, q), normal) in [(c, b), (a, c), (b, a)].into_iter().zip(self.edges.normals) {
+                let seen: [f64; 8] = lanes::fused_dot(lanes::splat(self.bearing.direction), normal);
+                let truth = crate::geometry::vector::dot(&self.direction, &crate::geometry::vector::cross(p, q));
+                largest = largest.max(truth.minus(&Dyadic::exact(seen[0])).split().0.abs() / bound);
+            }
+            largest
+        }
+
+        /// The share of its bound that t is off by, where there is one.
+        fn t(&self) -> f64 {
+            let mut sums = [0.0; LEAF];
+            let (_, sure) = self.block.candidates::<Portable>(&self.edges, &self.bearing, &mut sums);
+            let planes = self.block.planes::<Portable>(&self.edges);
+            if sure & 1 == 0 {
+                return 0.0;
+            }
+            let Some(t) = Block::meet::<Portable>(0, &planes, &self.bearing, &sums) else { return 0.0 };
+            let [a, b, c] = &self.vertices;
+            let normal = crate::shapes::triangle::normal_through(a, b, c);
+            let (num, den) =
+                (crate::geometry::vector::dot(&normal, a), crate::geometry::vector::dot(&normal, &self.direction));
+            let middle = Dyadic::exact(t.low).plus(&Dyadic::exact(t.high)).times(&Dyadic::exact(0.5));
+            let off = middle.times(&den).minus(&num).split().0 / den.split().0;
+            off.abs() / (0.5 * (t.high - t.low))
+        }
+    }
+
+    /// Where each error alone counts. The bounds go by `reach`, which is twice a side of the box or more above what vertices and edges may be, and by the
+    /// worst signs of all terms of a determinant, which cannot come together: that is what they have to spare.
+    #[test]
+    fn errors_of_a_block_are_the_share_of_their_bounds_that_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        let found = FROM.map(|from| {
+            let volume = worst(8, 1500, draw, |x| Shown::new(x, from).volumes()).0;
+            (volume, worst(8, 1500, draw, |x| Shown::new(x, from).t()).0)
+        });
+        for ((volume, t), known) in
+            found.into_iter().zip([(0.0347, 0.0065), (0.0742, 0.245), (0.0849, 0.25), (0.147, 0.25)])
+        {
+            assert_slack("volume", volume, known.0);
+            assert_slack("t", t, known.1);
+        }
+    }
+
+    #[test]
+    fn a_huge_box_leaves_all_to_exact_arithmetic() {
+        let mut next = numbers();
+        for (place, size) in [(0.0, 1e308), (0.0, f64::MAX), (1e308, 1e308), (0.0, 1e46), (1e300, 1e290)] {
+            for count in 1..=LEAF {
+                let mesh = mesh(place, size, count, &mut next);
+                let block = block(&mesh);
+                let directions: Vec<(Point, f64)> = (0..20)
+                    .map(|k| ([0; 3].map(|_: u8| (next() - 0.5) * [1e-29, 1.0, 1e29][k % 3]), [0.0, 1e-9][k % 2]))
+                    .collect();
+                for origin in [[0.0; 3], [1e29, -1e29, 3.0]] {
+                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                        let look = Look { block: &block, origin: (origin, 0.0), directions: &directions };
+                        for said in dispatch(level, look).2 {
+                            assert_eq!(
+                                (said.candidates, said.sure),
+                                ((1 << count) - 1, 0),
+                                "{level:?}: {place}, {size}"
+                            );
+                        }
+                    }
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,217 @@
+//! Where rays meet the planes of triangles, an own one each, with twice the digits of float64.
+
+use crate::arith::number::{Interval, UNIT};
+use crate::arith::pair::{Pair, V};
+use crate::arith::simd::{Floats, Isa, lanes};
+use crate::geometry::vector::Point;
+
+/// The corner of no triangle.
+pub const NOWHERE: &Point = &[0.0; 3];
+
+/// The corners of triangles, one for each lane.
+pub type Corners<'a, const N: usize> = [[&'a Point; 3]; N];
+
+/// 2^±400: what underflow loses is far below all bounds while numbers are between these.
+const TINY: f64 = f64::from_bits((1023 - 400) << 52);
+const HUGE: f64 = f64::from_bits((1023 + 400) << 52);
+
+/// What is left out of a sum of triple products, against these; see `Crossing`.
+pub const BOUND: f64 = 320.0 * UNIT * UNIT;
+
+/// What the correction of a quotient leaves out, against the parts that it is made of; see `Crossing`.
+const ROUNDINGS: f64 = 16.0 * UNIT;
+
+/// The corners of triangles, by corner and axis.
+#[inline(always)]
+pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I>; 3] {
+    [
+        I::columns([p0[0], p1[0], p2[0], p3[0], p4[0], p5[0], p6[0], p7[0]]),
+        I::columns([p0[1], p1[1], p2[1], p3[1], p4[1], p5[1], p6[1], p7[1]]),
+        I::columns([p0[2], p1[2], p2[2], p3[2], p4[2], p5[2], p6[2], p7[2]]),
+    ]
+}
+
+/// Where rays meet the planes of triangles: t = n·(a − o)/(n·d), n = (b − a) × (c − a), in pairs.
+///
+/// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of n is at most 5u·A_i, from fewer than 10 roundings,
+/// and leaves out two products of u²·A_i in all: so the coordinate is off by less than 52u²·A_i. The low part of n·(a − o) is at most
+/// 12u·ΣA_i|r_i|, from fewer than 16 roundings, and leaves out 5u²·ΣA_i|r_i|: with what n is off, less than 250u²·ΣA_i|r_i|. For n·d it is
+/// less. 320 covers the roundings of these bounds.
+///
+/// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d). With N, D the high and ν, δ the low parts of these sums, and p + q = T·D, exactly,
+/// ρ = ((N − p) − q) + (ν − T·δ). N − p is exact by Sterbenz's lemma, as T is within 2 % of t. Each of the other four operations rounds by u of what it
+/// gives: T·δ, ν − T·δ, N − p − q, which is ρ less that, and ρ. That makes u·(2|ρ| + 2|ν| + 3|T·δ|). The reciprocal is that of D + δ, rounded, and rounded
+/// itself, and its product with ρ is: 3u·|ρ/D|. So the correction is off by less than 5u·(|ν| + |T·δ| + |ρ|)/|D|, but for terms in u². `ROUNDINGS` is three
+/// times that, which covers these, and the roundings of the bound; the u·|T·D| beside ν and T·δ covers that of low ± error where t is rounded.
+pub struct Crossing<I: Isa> {
+    normal: [Pair<I>; 3],
+    /// A.
+    size: V<I>,
+    t: Pair<I>,
+    error: I::F64x8,
+    /// Lanes in which t and its error are of any use.
+    ordinary: u32,
+}
+
+impl<I: Isa> Crossing<I> {
+    #[inline(always)]
+    pub fn new([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Self {
+        let (e1, e2, r) = (Pair::<I>::differences(b, a), Pair::<I>::differences(c, a), Pair::<I>::differences(a, o));
+        let (normal, size) = Pair::cross(e1, e2);
+        let (num, den) = (Pair::dot(normal, r), Pair::dot_plain(normal, d));
+
+        let (unit, bound) = (I::F64x8::splat(UNIT), I::F64x8::splat(BOUND));
+        let (num_high, den_high) = (num.value(), den.value());
+        let inverse = I::F64x8::splat(1.0).div(den_high);
+        let first = num_high.mul(inverse);
+        let (p, q) = Pair::<I>::product(first, den.high);
+        let lows = num.low.sub(first.mul(den.low));
+        let correction = num.high.sub(p).sub(q).add(lows).mul(inverse);
+        let t = Pair::<I>::fast(first, correction);
+
+        let num_error = lanes::dot(size, [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()]).mul(bound);
+        let den_error = lanes::dot(size, lanes::abs(d)).mul(bound);
+        let parts = num.low.abs().add(first.mul(den.low).abs()).add(first.mul(den.high).abs().mul(unit));
+        let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(ROUNDINGS));
+        let error = num_error.add(first.abs().mul(den_error)).mul(inverse).abs();
+        let error = error.add(roundings).mul(I::F64x8::splat(1.0 + 1.0 / 16.0));
+        // den is at least 128 times its error and its low part, and num at least 8 times its low part, so that T is within 2 % of N/D and 20 % of
+        // the truth.
+        let (tiny, huge) = (I::F64x8::splat(TINY), I::F64x8::splat(HUGE));
+        let (num_size, den_size) = (num_high.abs(), den_high.abs());
+        let ordinary = tiny.lt(den_size)
+            & den_size.lt(huge)
+            & tiny.lt(num_size)
+            & num_size.lt(huge)
+            & den_error.add(den.low.abs()).mul(I::F64x8::splat(128.0)).lt(den_size)
+            & num.low.abs().mul(I::F64x8::splat(8.0)).lt(num_size);
+        Crossing { normal, size, t, error, ordinary }
+    }
+
+    /// t, correctly rounded, a unit normal, and the lanes in which both are certain.
+    #[inline(always)]
+    pub fn rounded(&self) -> (I::F64x8, V<I>, u32) {
+        let Crossing { normal: n, size, t, error, ordinary } = *self;
+        // Rounding is monotone: where both ends of the error round to the same number, so does the truth.
+        let up = t.high.add(t.low.add(error));
+        let down = t.high.add(t.low.sub(error));
+        let certain = ordinary & up.le(t.high) & t.high.le(down);
+
+        let n = [n[0].value(), n[1].value(), n[2].value()];
+        let square = lanes::dot(n, n);
+        let length = square.sqrt();
+        // The normal is right to 2⁻⁶⁰ of its length, and three roundings.
+        let total = size[0].add(size[1]).add(size[2]).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)));
+        let (tiny, huge) = (I::F64x8::splat(TINY), I::F64x8::splat(HUGE));
+        let fine = tiny.lt(square) & square.lt(huge) & total.lt(length);
+        let shrink = I::F64x8::splat(1.0).div(length);
+        (t.high, [n[0].mul(shrink), n[1].mul(shrink), n[2].mul(shrink)], certain & fine)
+    }
+
+    /// Bounds of t, and the lanes in which they are of any use.
+    #[inline(always)]
+    pub fn bounds(&self) -> (Interval<I::F64x8>, u32) {
+        let Pair { high, low } = self.t;
+        // The last term alone is four times what the sum or difference rounds, and this sum.
+        let off = self.error.add(low.abs()).add(high.abs().mul(I::F64x8::splat(8.0 * UNIT)));
+        (Interval { low: high.sub(off), high: high.add(off) }, self.ordinary)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::{Dyadic, Number};
+    use crate::arith::simd::Portable;
+    use crate::geometry::vector;
+    use crate::testing::{assert_slack, worst};
+
+    /// a, b, c, o, d.
+    fn points(x: &[f64; 15]) -> [Point; 5] {
+        std::array::from_fn(|k| std::array::from_fn(|axis| x[3 * k + axis]))
+    }
+
+    fn in_lanes(p: Point) -> V<Portable> {
+        p.map(|x| [x; 8])
+    }
+
+    fn exact(pair: Pair<Portable>) -> Dyadic {
+        Dyadic::exact(pair.high[0]).plus(&Dyadic::exact(pair.low[0]))
+    }
+
+    /// |x| / bound.
+    fn of_bound(x: &Dyadic, bound: f64) -> f64 {
+        if bound > 0.0 { x.split().0.abs() / bound } else { 0.0 }
+    }
+
+    /// Triangles with edges that are not float64 numbers: lows of differences, where errors come from.
+    fn draw(_: usize, next: &mut dyn FnMut() -> f64) -> f64 {
+        (next() - 0.5) * 2.0_f64.powi((4.0 * next()) as i32)
+    }
+
+    /// n·d, n·(a − o), and what bounds their errors, as `Crossing` has them.
+    fn sums(x: &[f64; 15]) -> ([(Pair<Portable>, f64); 2], [Dyadic; 2]) {
+        let [a, b, c, o, d] = points(x);
+        let lanes = [a, b, c, o, d].map(in_lanes);
+        let e1 = Pair::<Portable>::differences(lanes[1], lanes[0]);
+        let e2 = Pair::<Portable>::differences(lanes[2], lanes[0]);
+        let r = Pair::<Portable>::differences(lanes[0], lanes[3]);
+        let (normal, size) = Pair::cross(e1, e2);
+        let (num, den) = (Pair::dot(normal, r), Pair::dot_plain(normal, lanes[4]));
+        let bound = |v: [f64; 3]| BOUND * (0..3).map(|i| size[i][0] * v[i].abs()).sum::<f64>();
+        let n: [Dyadic; 3] =
+            crate::shapes::triangle::normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c));
+        let truth =
+            [vector::dot(&n, &vector::sub(&vector::exact(a), &vector::exact(o))), vector::dot(&n, &vector::exact(d))];
+        ([(num, bound(r.map(|r| r.high[0]))), (den, bound(d))], truth)
+    }
+
+    /// The bounds count roundings, which do not come all together: of the 250u² that were derived, and 320u² are kept, the search finds 10u².
+    #[test]
+    fn sums_of_triple_products_are_as_near_as_the_bound_says() {
+        let found = [0, 1].map(|which| {
+            let score = |x: &[f64; 15]| {
+                let (sums, truth) = sums(x);
+                of_bound(&exact(sums[which].0).minus(&truth[which]), sums[which].1)
+            };
+            worst(6, 1500, draw, score).0
+        });
+        assert_slack("n·(a − o)", found[0], 0.0317);
+        assert_slack("n·d", found[1], 0.0233);
+    }
+
+    /// Of t against the quotient of the two sums as they are.
+    #[test]
+    fn a_corrected_quotient_is_as_near_as_the_bound_says() {
+        let (found, _) = worst(6, 1500, draw, |x| {
+            let [a, b, c, o, d] = points(x).map(in_lanes);
+            let ([(num, _), (den, _)], _) = sums(x);
+            let Crossing { t, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+            if ordinary & 1 == 0 {
+                return 0.0;
+            }
+            // |t − N/D| = |t·D − N|/|D|
+            let off = exact(t).times(&exact(den)).minus(&exact(num)).split().0.abs() / den.value()[0].abs();
+            let first = num.value()[0] / den.value()[0];
+            let parts = num.low[0].abs() + (first * den.low[0]).abs() + UNIT * num.value()[0].abs();
+            let correction = (t.high[0] - first + t.low[0]).abs();
+            off / (ROUNDINGS * (parts / den.value()[0].abs() + correction))
+        });
+        assert_slack("ROUNDINGS", found, 0.163);
+    }
+
+    /// Of t against the truth: what `bounds` and the rounding of t go by.
+    #[test]
+    fn t_is_as_near_as_it_says() {
+        let (found, _) = worst(6, 1500, draw, |x| {
+            let [a, b, c, o, d] = points(x).map(in_lanes);
+            let (_, [num, den]) = sums(x);
+            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+            if ordinary & 1 == 0 {
+                return 0.0;
+            }
+            exact(t).times(&den).minus(&num).split().0.abs() / den.split().0.abs() / error[0]
+        });
+        assert_slack("error", found, 0.0149);
+    }
+}

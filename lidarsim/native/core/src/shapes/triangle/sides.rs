@@ -1,0 +1,175 @@
+//! Whether rays meet triangles, an own one each: in the numbers that were given and with twice the digits of float64.
+
+use super::crossing::BOUND;
+use crate::arith::pair::{Pair, V};
+use crate::arith::simd::{Floats, Isa, lanes};
+
+/// The lanes whose ray certainly meets its triangle, and those whose ray certainly does not: by the signs of the volumes d·(c × b), d·(a × c),
+/// d·(b × a), as in `Triangle`.
+///
+/// In pairs each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
+/// zero or between 2^±200, so that differences are zero or at least 2⁻²⁵². Then S, if it is not zero, is at least 2⁻⁷⁰⁴ and its u²-th part far above
+/// what underflow loses; and if S is zero, so is the volume.
+#[inline(always)]
+pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> (u32, u32) {
+    let ordinary = ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
+    let (a, b, c) = (Pair::<I>::differences(a, o), Pair::<I>::differences(b, o), Pair::<I>::differences(c, o));
+    let (u, v, w) = (side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d));
+    let (below, above) = (u.below | v.below | w.below, u.above | v.above | w.above);
+    let known = u.known() & v.known() & w.known();
+    (ordinary & known & (below ^ above), ordinary & below & above)
+}
+
+/// Lanes by the sign of a volume, where it is certain.
+struct Side {
+    below: u32,
+    zero: u32,
+    above: u32,
+}
+
+impl Side {
+    #[inline(always)]
+    fn known(&self) -> u32 {
+        self.below | self.zero | self.above
+    }
+}
+
+#[inline(always)]
+fn side<I: Isa>(p: [Pair<I>; 3], q: [Pair<I>; 3], d: V<I>) -> Side {
+    let (normal, size) = Pair::cross(p, q);
+    let volume = Pair::dot_plain(normal, d).value();
+    let bound = lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(BOUND));
+    Side { below: volume.lt(bound.negated()), zero: bound.le(I::F64x8::splat(0.0)), above: bound.lt(volume) }
+}
+
+/// Lanes in which all coordinates are zero or of a size between 2^±200.
+#[inline(always)]
+fn ordinary<I: Isa>(v: V<I>) -> u32 {
+    let (tiny, huge) =
+        (I::F64x8::splat(f64::from_bits((1023 - 200) << 52)), I::F64x8::splat(f64::from_bits((1023 + 200) << 52)));
+    let mut ordinary = 0xff;
+    for axis in 0..3 {
+        let size = v[axis].abs();
+        ordinary &= size.le(I::F64x8::splat(0.0)) | tiny.le(size) & size.le(huge);
+    }
+    ordinary
+}
+
+#[cfg(test)]
+mod tests {
+    use std::cmp::Ordering;
+
+    use super::super::{Crossing, Triangle, corners_of};
+    use super::*;
+    use crate::arith::number::{Dyadic, Number};
+    use crate::arith::simd::{Level, Task, dispatch};
+    use crate::geometry::ray::Ray;
+    use crate::geometry::vector::Point;
+    use crate::shapes::Surface;
+    use crate::testing::numbers;
+
+    /// Eight rays and a triangle each.
+    struct Look<'a> {
+        triangles: &'a [[Point; 3]; 8],
+        rays: &'a [(Point, Point); 8],
+    }
+
+    impl Task for Look<'_> {
+        /// What `sides` says, and bounds of t with the lanes in which they are known.
+        type Output = ((u32, u32), [f64; 8], [f64; 8], u32);
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let corners = corners_of::<I>(&self.triangles.each_ref().map(|triangle| triangle.each_ref()));
+            let (o, d) = (
+                I::columns(self.rays.each_ref().map(|ray| &ray.0)),
+                I::columns(self.rays.each_ref().map(|ray| &ray.1)),
+            );
+            let (t, known) = Crossing::<I>::new(corners, o, d).bounds();
+            (sides::<I>(corners, o, d), t.low.store(), t.high.store(), known)
+        }
+    }
+
+    /// A mean of the corners, often one on an edge, of weights that are exact.
+    fn target([a, b, c]: [Point; 3], next: &mut impl FnMut() -> f64) -> Point {
+        let [u, v, w] = [[4.0, 4.0, 0.0], [8.0, 0.0, 0.0], [2.0, 4.0, 2.0], [5.0, 6.0, -3.0]][(4.0 * next()) as usize];
+        [0, 1, 2].map(|i| (u * a[i] + v * b[i] + w * c[i]) / 8.0)
+    }
+
+    #[test]
+    fn what_is_certain_is_so() {
+        let mut next = numbers();
+        let (mut met, mut missed, mut unsure, mut bounded) = (0, 0, 0, 0);
+        for (place, size, whole) in [
+            (0.0, 16.0, true),
+            (5e6, 16.0, true),
+            (0.0, 1.0, false),
+            (5e6, 1e-3, false),
+            (0.0, 1e-40, false),
+            (0.0, 1e40, false),
+            (0.0, 1e-70, false),
+            (0.0, 1e100, false),
+        ] {
+            for _ in 0..150 {
+                let mut point = || -> Point {
+                    [0; 3].map(|_: u8| {
+                        let x = size * (2.0 * next() - 1.0);
+                        place + if whole { x.round() } else { x }
+                    })
+                };
+                let triangles = [0; 8].map(|_: u8| [0; 3].map(|_: u8| point()));
+                let origins = [0; 8].map(|_: u8| point());
+                let rays = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
+                    let to = target(triangles[lane], &mut next);
+                    (origins[lane], [0, 1, 2].map(|i| to[i] - origins[lane][i]))
+                });
+                let roots = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
+                    let [a, b, c] = triangles[lane];
+                    match Triangle(a, b, c).roots(&Ray::<Dyadic>::new(rays[lane].0, rays[lane].1)) {
+                        Ok([root, _]) => root,
+                        Err(_) => unreachable!("exact arithmetic is never uncertain"),
+                    }
+                });
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let ((meets, misses), low, high, known) =
+                        dispatch(level, Look { triangles: &triangles, rays: &rays });
+                    assert_eq!(meets & misses, 0);
+                    for (lane, root) in roots.iter().enumerate() {
+                        let is = |mask: u32| mask >> lane & 1 != 0;
+                        assert!(!(is(meets) && root.is_none()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
+                        assert!(!(is(misses) && root.is_some()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
+                        (met, missed) = (met + usize::from(is(meets)), missed + usize::from(is(misses)));
+                        unsure += usize::from(!is(meets | misses));
+                        if let (Some(root), true) = (root, is(meets & known)) {
+                            // t = b/a with a > 0.
+                            let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
+                            assert!(side(low[lane]) != Ok(Ordering::Greater), "{level:?}: {:?}", triangles[lane]);
+                            assert!(side(high[lane]) != Ok(Ordering::Less), "{level:?}: {:?}", triangles[lane]);
+                            // And they are of use.
+                            let middle = low[lane].abs().max(high[lane].abs());
+                            assert!(high[lane] - low[lane] <= 64.0 * f64::EPSILON * middle);
+                            bounded += 1;
+                        }
+                        // Numbers beyond 2^±200 are left to others.
+                        assert!(!(size == 1e-70 || size == 1e100) || !is(meets | misses));
+                    }
+                }
+            }
+        }
+        assert!(met > 5_000 && missed > 3_000 && bounded > 4_000, "{met}, {missed}, {bounded}");
+        // Those on edges, where coordinates are not whole, but for the rays that rounding puts aside far enough.
+        assert!(unsure > 3_000, "{unsure}");
+    }
+
+    #[test]
+    fn an_exact_zero_is_certain() {
+        // Whole numbers in a plane through the origin: the ray lies in the plane of an edge and the axis, exactly.
+        let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
+        let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
+        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            let (sides, low, high, known) = dispatch(level, Look { triangles: &triangles, rays: &rays });
+            assert_eq!((sides, known), ((0xff, 0), 0xff));
+            assert!(low.iter().zip(high).all(|(low, high)| *low <= 4.0 && 4.0 <= high));
+        }
+    }
+}

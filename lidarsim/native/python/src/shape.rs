@@ -1,0 +1,166 @@
+//! Shapes, as Python makes them. What Python has validated is not checked again, but for what exact arithmetic decides.
+
+use std::sync::Arc;
+
+use lidarsim_core::shapes::{self, Simple};
+use lidarsim_core::{Affine, Geometry, Object, Point, Scene, TriangleMesh, memory};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use pyo3::exceptions::PyValueError;
+use pyo3::prelude::*;
+
+use crate::{Points, interruptible, points, rays};
+
+/// A shape, placed by the maps it went through.
+#[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
+pub struct PyShape {
+    pub object: Object,
+}
+
+impl PyShape {
+    fn simple(shape: impl Into<Simple>) -> Self {
+        PyShape { object: Object::new(Geometry::Simple(shape.into()), false) }
+    }
+
+    fn mesh(&self) -> Option<&TriangleMesh> {
+        match &self.object.geometry {
+            Geometry::Mesh(mesh) => Some(mesh),
+            Geometry::Simple(_) => None,
+        }
+    }
+}
+
+#[pymethods]
+impl PyShape {
+    #[staticmethod]
+    fn plane(normal: Point, distance: f64) -> Self {
+        Self::simple(shapes::Plane::Distance { normal, distance })
+    }
+
+    #[staticmethod]
+    fn plane_from_point(point: Point, normal: Point) -> Self {
+        Self::simple(shapes::Plane::PointNormal { point, normal })
+    }
+
+    #[staticmethod]
+    fn plane_from_points(a: Point, b: Point, c: Point) -> PyResult<Self> {
+        not_on_a_line("a, b, c", a, b, c)?;
+        Ok(Self::simple(shapes::Plane::Points(a, b, c)))
+    }
+
+    #[staticmethod]
+    fn sphere(center: Point, radius: f64) -> Self {
+        Self::simple(shapes::Sphere { center, radius })
+    }
+
+    #[staticmethod]
+    fn ellipsoid(center: Point, radii: Point, rotation: [[f64; 3]; 3]) -> PyResult<Self> {
+        let shape = shapes::Ellipsoid::new(center, radii, rotation);
+        shape
+            .map(Self::simple)
+            .ok_or_else(|| PyValueError::new_err("rotation: expected an invertible matrix, got determinant 0"))
+    }
+
+    #[staticmethod]
+    fn r#box(size: Point, center: Point) -> Self {
+        Self::simple(shapes::Box { size, center })
+    }
+
+    #[staticmethod]
+    fn cylinder(start: Point, end: Point, radius: f64, capped: bool) -> Self {
+        Self::simple(shapes::Cylinder { start, end, radius, capped })
+    }
+
+    #[staticmethod]
+    fn triangle(a: Point, b: Point, c: Point) -> PyResult<Self> {
+        not_on_a_line("a, b, c", a, b, c)?;
+        Ok(Self::simple(shapes::Triangle(a, b, c)))
+    }
+
+    /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
+    #[staticmethod]
+    fn triangle_mesh(vertices: Points<'_>, faces: PyReadonlyArray2<'_, u32>, whole: bool) -> PyResult<Self> {
+        let wrong =
+            || PyValueError::new_err("faces: expected a C-contiguous array of shape (m, 3) that names vertices only");
+        let faces = memory::copy(faces.as_slice().map_err(|_| wrong())?.as_chunks().0);
+        let mesh = TriangleMesh::new(memory::copy(points("vertices", &vertices)?), faces).ok_or_else(wrong)?;
+        Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole) })
+    }
+
+    /// The image under a 4×4 affine matrix.
+    fn transformed(&self, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
+        let [x, y, z, _] = matrix;
+        match self.object.moved(Affine::from_rows([x, y, z])) {
+            Some(object) => Ok(PyShape { object }),
+            None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),
+        }
+    }
+
+    /// The vertices of a mesh, (n, 3).
+    fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let points = self.mesh().map_or(&[][..], TriangleMesh::vertices);
+        PyArray1::from_slice(py, points.as_flattened()).reshape([points.len(), 3])
+    }
+
+    /// The faces of a mesh, (m, 3).
+    fn faces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
+        let faces = self.mesh().map_or(&[][..], TriangleMesh::faces);
+        PyArray1::from_slice(py, faces.as_flattened()).reshape([faces.len(), 3])
+    }
+
+    /// The number of primitives that hits tell apart.
+    fn primitives(&self) -> usize {
+        self.mesh().map_or(1, TriangleMesh::len)
+    }
+
+    /// Triangles of a mesh that have no area.
+    fn degenerate(&self, py: Python<'_>) -> usize {
+        self.mesh().map_or(0, |mesh| py.detach(|| mesh.degenerate()))
+    }
+
+    /// Bytes held by a mesh and, once it was cast at, its hierarchy.
+    fn bytes(&self) -> usize {
+        self.mesh().map_or(size_of::<Object>(), TriangleMesh::bytes)
+    }
+
+    /// Every t of every line, in rows of equal length padded with NaN.
+    fn roots<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Points<'py>,
+        directions: Points<'py>,
+    ) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (o, d) = rays(&origins, &directions)?;
+        let scene = Scene::new(vec![self.object.clone()]);
+        py.detach(|| scene.prepare());
+        let least = match &self.object.geometry {
+            Geometry::Simple(Simple::Plane(_) | Simple::Triangle(_)) | Geometry::Mesh(_) => 1,
+            Geometry::Simple(_) => 2,
+        };
+        let mut roots: Vec<Vec<f64>> = Vec::with_capacity(o.len());
+        interruptible(py, o.len(), |slice| {
+            roots.extend(scene.roots_of_lines(0, &o[slice.clone()], &d[slice]));
+        })?;
+        let width = roots.iter().map(Vec::len).max().unwrap_or(0).max(least);
+        let flat: Vec<f64> =
+            roots.iter().flat_map(|t| t.iter().copied().chain(std::iter::repeat(f64::NAN)).take(width)).collect();
+        PyArray1::from_vec(py, flat).reshape([o.len(), width])
+    }
+}
+
+fn not_on_a_line(names: &str, a: Point, b: Point, c: Point) -> PyResult<()> {
+    if shapes::Triangle(a, b, c).is_degenerate() {
+        return Err(PyValueError::new_err(format!(
+            "{names}: expected three points that are not on one line, got {a:?}, {b:?}, {c:?}"
+        )));
+    }
+    Ok(())
+}
+
+/// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex i.
+#[pyfunction]
+pub fn self_crossing(outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
+    let flat = outline
+        .as_slice()
+        .map_err(|_| PyValueError::new_err("outline: expected a C-contiguous array of shape (n, 2)"))?;
+    Ok(shapes::self_crossing(flat.as_chunks().0))
+}

@@ -1,0 +1,121 @@
+"""Where the pulses of a pattern lie in an image."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats, integer
+from lidarsim.patterns._parts import TURN
+from lidarsim.patterns._pulses import Pulses
+
+Indices = npt.NDArray[np.intp]
+
+FIXED = 2.0**-22
+"""Most that the elevation of a ring varies by rounding, rad: between two directions kept in float32, each off by up to
+2**-24 a component and so by less than 2**-23 in all."""
+
+
+def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, tuple[int, int]]:
+    """Return the row and the column of each pulse in the image of its rings, and the image's shape.
+
+    Parameters
+    ----------
+    frame : Pulses
+        All pulses of the frame, which the image is laid out for.
+    pulses : Pulses
+        Those whose places are wanted, some or all of them.
+
+    Raises
+    ------
+    ValueError
+        If the rings do not keep to one elevation each, or do not turn one way and at most once around.
+    """
+    if not len(frame):
+        return pulses.ring.astype(np.intp), pulses.column.astype(np.intp), (0, 0)
+    order = np.lexsort((frame.column, frame.ring))
+    rings, starts = np.unique(frame.ring[order], return_index=True)
+    column = frame.column[order].astype(np.int64)
+    azimuth, elevation = _angles(frame.directions[order])
+    within = np.diff(frame.ring[order]) == 0
+    turns = _wrapped(np.diff(azimuth))
+    highest = np.maximum.reduceat(elevation, starts)
+    around = np.abs(np.add.reduceat(np.append(np.where(within, turns, 0.0), 0.0), starts))
+    rising = bool((turns[within] > 0.0).all())
+    if (
+        (highest - np.minimum.reduceat(elevation, starts) > FIXED).any()
+        or not (rising or (turns[within] < 0.0).all())
+        or (np.diff(column)[within] == 0).any()
+        or (around >= TURN).any()
+    ):
+        raise ValueError("size: expected (rows, columns) of the image, since the pattern has none of its own, got None")
+    row_of = np.empty(len(rings), np.intp)
+    row_of[np.argsort(-highest, kind="stable")] = np.arange(len(rings))
+
+    # Along a ring azimuths fall by a step a column, from left to right. How far it stands to the right of the first
+    # ring besides becomes whole columns, the same for all of it: no pixel is hit twice, and none between is left out.
+    first, last = column.min(), column.max()
+    apart = column[np.append(starts[1:], len(column)) - 1] - column[starts]
+    step = float(np.median(around[apart > 0] / apart[apart > 0])) if apart.any() else TURN
+    place = last - column[starts] if rising else column[starts] - first
+    aside = _wrapped(azimuth[starts[0]] - azimuth[starts] - step * (place - place[0])) / step
+    all_around = last - first + 2 > TURN / step
+    if all_around:
+        aside += (0.5 * TURN - azimuth[starts[0]]) / step - place[0]
+    # Half a column goes one way in all rings: angles kept in float32, up to 2**-23 off, leave no thousandth of a column
+    # in doubt where there are fewer than some 20,000 in a turn.
+    shift = np.floor(np.round(aside, 3) + 0.5).astype(np.int64)
+    width = math.ceil(round(TURN / step, 3)) if all_around else int(last - first + 1 + np.ptp(shift))
+
+    ring = np.searchsorted(rings, pulses.ring)
+    there = pulses.column.astype(np.int64)
+    there = (last - there if rising else there - first) + shift[ring] - (0 if all_around else shift.min())
+    return row_of[ring], (there % width).astype(np.intp), (len(rings), width)
+
+
+def projection(frame: Pulses, pulses: Pulses, size: tuple[int, int]) -> tuple[Indices, Indices, tuple[int, int]]:
+    """Return the row and the column of each pulse in equal steps of elevation and azimuth, and the image's shape.
+
+    Parameters
+    ----------
+    frame : Pulses
+        All pulses of the frame, between whose outermost angles the image lies.
+    pulses : Pulses
+        Those whose places are wanted, some or all of them.
+    size : tuple of int
+        Rows and columns.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `size` is not two integers >= 1.
+    """
+    if not isinstance(size, tuple | list) or len(size) != 2:
+        raise TypeError(f"size: expected (rows, columns), got {size!r}")
+    rows, columns = (integer("size", count, at_least=1) for count in size)
+    azimuths, elevations = _angles(frame.directions)
+    azimuth, elevation = _angles(pulses.directions)
+    if len(frame) and np.ptp(azimuths) > math.pi > np.ptp(azimuths % TURN):  # looks back, across the seam
+        azimuths, azimuth = azimuths % TURN, azimuth % TURN
+    return _cell(elevation, elevations, rows), _cell(azimuth, azimuths, columns), (rows, columns)
+
+
+def _cell(angle: Floats, angles: Floats, count: int) -> Indices:
+    """Return in which of `count` equal steps down from the greatest of `angles` to the least each `angle` lies."""
+    high, low = angles.max(initial=-math.inf), angles.min(initial=math.inf)
+    part = (high - angle) / (high - low) if high > low else np.zeros(len(angle))
+    return np.minimum(part * count, count - 1).astype(np.intp)
+
+
+def _angles(directions: Floats) -> tuple[Floats, Floats]:
+    """Return azimuth and elevation of some directions, rad."""
+    x, y, z = directions.T
+    return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
+
+
+def _wrapped(angle: Any) -> Any:
+    """Return angles between -pi and pi, whole turns taken off."""
+    return (angle + 0.5 * TURN) % TURN - 0.5 * TURN

@@ -1,0 +1,49 @@
+"""Pulses: what is converted, what is shared, and which patterns are none."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+from lidarsim.patterns import Pulses, Spinning
+
+
+def test_the_callers_arrays_stay_writable_and_ours_are_not() -> None:
+    given = (np.eye(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3, np.uint16), np.arange(3, dtype=np.uint32))
+    pulses = Pulses(*given)
+    for name, array in zip(("directions", "origins", "time", "ring", "column"), given, strict=True):
+        assert array.flags.writeable
+        assert np.shares_memory(array, getattr(pulses, name))
+        with pytest.raises(ValueError, match="read-only"):
+            getattr(pulses, name)[0] = 1
+
+
+class Described:
+    """A pattern of which only the description counts."""
+
+    def __init__(self, rate: Any = 10.0, shape: Any = (1, 3)) -> None:
+        self.rate, self.shape = rate, shape
+
+    def pulses(self, frame: int = 0) -> Pulses:
+        raise NotImplementedError(frame)
+
+
+@pytest.mark.parametrize(
+    ("pattern", "error", "message"),
+    [
+        (Described(rate="10"), TypeError, "pattern.rate: expected a finite number > 0, got '10'"),
+        (Described(rate=0), ValueError, "pattern.rate: expected a finite number > 0, got 0.0"),
+        (Described(shape=3), TypeError, "pattern.shape: expected (rings, columns), got 3"),
+        (Described(shape=(1, 2.5)), TypeError, "pattern.shape: expected an integer >= 0, got 2.5"),
+        (None, TypeError, "pattern: expected a scan pattern (rate, shape, pulses), got None"),
+        (Spinning, TypeError, f"pattern: expected a scan pattern (rate, shape, pulses), got {Spinning!r}"),
+    ],
+)
+def test_patterns_that_are_none_are_refused(pattern: Any, error: type[Exception], message: str) -> None:
+    assert ls.Lidar(Described()).pattern.rate == 10.0
+    with pytest.raises(error, match=f"^{re.escape(message)}$"):
+        ls.Lidar(pattern)
