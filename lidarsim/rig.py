@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._validation import Floats, integer, real
+from lidarsim.scan import sensor_id
 from lidarsim.sensor import Lidar, checked_pose
 from lidarsim.trajectory import Trajectory, mounted
 
@@ -59,7 +60,8 @@ class Rig(Mapping[str, RigSensor]):
     Raises
     ------
     TypeError, ValueError
-        If there are no sensors, a name is empty, or a sensor, mount or offset is not one.
+        If there are no sensors, a name is empty, two names have the same CRC-32 and so the same noise, or a sensor,
+        mount or offset is not one.
 
     Examples
     --------
@@ -86,6 +88,13 @@ class Rig(Mapping[str, RigSensor]):
         if not sensors:
             raise ValueError("sensors: expected at least one, got none")
         self._sensors = {name: _sensor(name, parts) for name, parts in sensors.items()}
+        names: dict[int, str] = {}
+        for name in self._sensors:
+            other = names.setdefault(sensor_id(name), name)
+            if other != name:
+                raise ValueError(
+                    f"sensors: expected names of different CRC-32, by which noise is drawn, got {other!r} and {name!r}"
+                )
 
     @property
     def rate(self) -> float:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from lidarsim.sensor import Lidar
 
-__all__ = ["Scan", "Status", "Summary", "moment_and_pose", "scan"]
+__all__ = ["Scan", "Status", "Summary", "moment_and_pose", "scan", "sensor_id"]
 
 
 class Status(enum.IntEnum):
@@ -374,7 +374,7 @@ def scan(
         chosen,
         lidar,
         time,
-        (seed, zlib.crc32(lidar.name.encode()), frame),
+        (seed, sensor_id(lidar.name), frame),
     )
     return Scan(**arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame)
 
@@ -408,6 +408,11 @@ def moment_and_pose(
         return moment, scan.pose
     pose: Floats = scan.pose._native.at(np.array([moment]))[0]
     return moment, pose
+
+
+def sensor_id(name: str) -> int:
+    """Return the number by which a sensor draws its noise: the CRC-32 of its name in UTF-8."""
+    return zlib.crc32(name.encode())
 
 
 def _where(pose: RigidTransform | npt.ArrayLike | Trajectory | None) -> Floats | Trajectory:

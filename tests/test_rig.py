@@ -236,6 +236,11 @@ def test_copies_of_rigs_scan_alike(again: Callable[[ls.Rig], ls.Rig]) -> None:
             ValueError,
             "sensors['a'], offset: expected a finite number, got inf",
         ),
+        (  # two names of the same CRC-32
+            {"plumless": (sensor(), None), "top": (sensor(), TOP), "buckeroo": (sensor(), LEFT)},
+            ValueError,
+            "sensors: expected names of different CRC-32, by which noise is drawn, got 'plumless' and 'buckeroo'",
+        ),
         ({"a": (sensor(), None, "1 s")}, TypeError, "sensors['a'], offset: expected a finite number, got '1 s'"),
     ],
 )

@@ -264,6 +264,7 @@ def _check(model: type[M], root: Node) -> M:
 _EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a mapping",
+    "finite_number": "a finite number",
     "float_type": "a number",
     "greater_than_equal": "a value >= {ge}",
     "int_from_float": "an integer",

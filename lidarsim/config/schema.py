@@ -688,7 +688,7 @@ class Mounted(Placement):
     """A sensor of a rig: its placement on the body, and how much later than the others its frames start."""
 
     sensor: AnySensor
-    offset_s: float = 0.0
+    offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
 
 
 def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:

@@ -403,8 +403,9 @@ def test_overrides_reach_into_a_rig() -> None:
          "run.yaml:8: rig.left.sensor: expected one of the keys preset, file, pattern, got none of them"),
         ("    sensor: {preset: velodyne-vlp16, noise: datasheet}\n", "", "run.yaml:4: rig.top: missing key 'sensor'"),
         ("offset_s: 0.05", "offset_s: late", "run.yaml:11: rig.left.offset_s: expected a number, got 'late'"),
-        ("offset_s: 0.05", "offset_s: .inf",
-         "run.yaml:3: rig: sensors['left'], offset: expected a finite number, got inf"),
+        ("offset_s: 0.05", "offset_s: .inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got inf"),
+        ("offset_s: 0.05", "offset_s: -.inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got -inf"),
+        ("offset_s: 0.05", "offset_s: .nan", "run.yaml:11: rig.left.offset_s: expected a finite number, got nan"),
         ("  top:", "  ../top:", "run.yaml:4: rig.../top: expected a name of letters, digits, _ and -"),
         ("position_m: [1, 0, 2]", "matrix: [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
          ("run.yaml:6: rig.top.matrix: expected a rigid transform (orthonormal rotation), got one 3 away from it, "
