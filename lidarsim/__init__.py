@@ -7,11 +7,11 @@ from lidarsim import config, errors, io, patterns, viewers  # noqa: F401 (io and
 from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
-from lidarsim.pointcloud import PointCloud
+from lidarsim.pointcloud import PointCloud, register_format, register_view
 from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan import Scan, Status
 from lidarsim.scene import Scene, SceneObject
-from lidarsim.sensor import Lidar
+from lidarsim.sensor import Lidar, register_lidar_reader
 from lidarsim.shapes import (
     Box,
     Cylinder,
@@ -54,6 +54,9 @@ __all__ = [
     "config",
     "errors",
     "patterns",
+    "register_format",
+    "register_lidar_reader",
+    "register_view",
 ]
 
 __version__ = "0.1.0"

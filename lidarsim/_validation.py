@@ -9,12 +9,21 @@ import math
 import operator
 import reprlib
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
 
+if TYPE_CHECKING:
+    from scipy.spatial.transform import RigidTransform
+
 Floats = npt.NDArray[np.float64]
+
+Vector = tuple[float, float, float]
+"""A point or vector, where the type of a value in a configuration is declared."""
+
+Transform: TypeAlias = "RigidTransform | npt.ArrayLike"
+"""A pose or placement: a `scipy.spatial.transform.RigidTransform`, or array_like of shape (4, 4)."""
 
 DEGREES = "; degrees?"
 """What ends the error of an angle that is too great for one in radians."""
@@ -142,7 +151,7 @@ def t_range(t_min: object, t_max: object) -> tuple[float, float]:
     return low, real("t_max", t_max, at_least=low, infinite=True)
 
 
-def pose(name: str, value: Any) -> Floats:
+def pose(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix from a `scipy.spatial.transform.RigidTransform` or a 4×4 rigid matrix.
 
     Rigid means that the rotation part is orthonormal to within 1e-6, what a float32 pose file keeps, and not a
@@ -161,7 +170,7 @@ def pose(name: str, value: Any) -> Floats:
     return matrix
 
 
-def affine(name: str, value: Any) -> Floats:
+def affine(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix with a last row of (0, 0, 0, 1); the core decides whether it can be inverted."""
     if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
         value = value.as_matrix()

@@ -14,9 +14,9 @@ pulse).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -55,6 +55,11 @@ class Detection:
     >>> ls.Detection(reflectivity=0.1, range=150.0)
     Detection(reflectivity=0.1, range=150.0)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "reflectivity": float,
+        "range_m": float,
+    }
 
     reflectivity: float
     range: float
@@ -107,6 +112,13 @@ class Beam:
     >>> ls.Beam(3.0e-3, 1.5e-3, pulse_length=6e-9)
     Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "divergence_azimuth_mrad": float,
+        "divergence_elevation_mrad": float,
+        "pulse_length_ns": float,
+        "rays": int,
+    }
 
     divergence_azimuth: float
     divergence_elevation: float | None = None
@@ -177,6 +189,21 @@ class Measurement:
     >>> noisy = ls.Measurement(range_sigma=0.02, dropout=0.01, detection=ls.Detection(0.1, 100.0))
     >>> table = ls.Measurement(range_sigma=[(0.1, 0.01), (10.0, 0.01), (30.0, 0.03)])
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "range_sigma_m": float | list[tuple[float, float]],
+        "range_sigma_slope": float,
+        "range_bias_m": float,
+        "channel_bias_sigma_m": float,
+        "range_resolution_m": float,
+        "azimuth_sigma_deg": float,
+        "elevation_sigma_deg": float,
+        "dropout": float,
+        "detection": Detection,
+        "extinction_per_m": float,
+        "beam": Beam,
+        "returns": int | str,
+    }
 
     range_sigma: float | Pairs = 0.0
     range_sigma_slope: float = 0.0

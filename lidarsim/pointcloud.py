@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
+from lidarsim._validation import Transform
 from lidarsim.errors import FileFormatError
 
 if TYPE_CHECKING:
@@ -173,7 +174,7 @@ class PointCloud:
     def _arrays(self) -> Fields:
         return {name: getattr(self, name) for name in self.fields}
 
-    def save(self, path: PathLike, *, float32: bool = False, pose: npt.ArrayLike | None = None) -> None:
+    def save(self, path: PathLike, *, float32: bool = False, pose: Transform | None = None) -> None:
         """Write all fields to a file, whose suffix says the format: ``.npz``, ``.pcd`` or ``.ply``.
 
         `load` gives back every number and dtype as it is here. The file takes its name when it is complete: a failure

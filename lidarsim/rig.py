@@ -8,17 +8,14 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from lidarsim import _validation
-from lidarsim._validation import Floats, integer, real
+from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim.scan import sensor_id
 from lidarsim.sensor import Lidar, checked_pose
 from lidarsim.trajectory import Trajectory, mounted
 
 if TYPE_CHECKING:
-    from scipy.spatial.transform import RigidTransform
-
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
 
@@ -104,7 +101,7 @@ class Rig(Mapping[str, RigSensor]):
     def frames(
         self,
         scene: Scene,
-        pose: RigidTransform | npt.ArrayLike | Trajectory | None,
+        pose: Transform | Trajectory | None,
         count: int,
         *,
         first: int = 0,

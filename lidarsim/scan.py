@@ -4,30 +4,42 @@ from __future__ import annotations
 
 import enum
 import math
-import weakref
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native, _validation
-from lidarsim._validation import Floats, integer, real
-from lidarsim.materials import Material
-from lidarsim.patterns._pulses import Pulses, pulses_of
+from lidarsim._validation import Floats, Transform, integer, real
+from lidarsim.measurement import Measurement
+from lidarsim.patterns import Pattern, Pulses
+from lidarsim.patterns._pulses import pulses_of
 from lidarsim.patterns.raster import projection, rows_and_columns
 from lidarsim.pointcloud import PointCloud
-from lidarsim.scene import Scene, SceneObject
-from lidarsim.shapes import TriangleMesh
+from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 
-if TYPE_CHECKING:
-    from scipy.spatial.transform import RigidTransform
-
-    from lidarsim.sensor import Lidar
-
 __all__ = ["Scan", "Status", "Summary", "moment_and_pose", "scan", "sensor_id"]
+
+
+class Sensor(Protocol):
+    """What a scan takes of a `lidarsim.Lidar`, which is a layer above."""
+
+    @property
+    def pattern(self) -> Pattern: ...
+    @property
+    def measurement(self) -> Measurement: ...
+    @property
+    def min_range(self) -> float: ...
+    @property
+    def max_range(self) -> float: ...
+    @property
+    def range_offset(self) -> float | Sequence[float]: ...
+    @property
+    def name(self) -> str: ...
 
 
 class Status(enum.IntEnum):
@@ -122,7 +134,7 @@ class Scan:
     status: npt.NDArray[np.uint8]
     return_count: npt.NDArray[np.uint8]
     pulses: Pulses
-    lidar: Lidar
+    lidar: Sensor
     pose: Floats | Trajectory
     time: float
     frame: int
@@ -313,9 +325,9 @@ class Scan:
 
 
 def scan(
-    lidar: Lidar,
+    lidar: Sensor,
     scene: Scene,
-    pose: RigidTransform | npt.ArrayLike | Trajectory | None = None,
+    pose: Transform | Trajectory | None = None,
     *,
     time: float = 0.0,
     frame: int = 0,
@@ -366,9 +378,10 @@ def scan(
             pulses,
             **{name: getattr(pulses, name)[chosen] for name in ("directions", "origins", "time", "ring", "column")},
         )
+    _, world, appearances = scene._core()
     arrays = _native.scan(
-        scene.native,
-        _appearances(scene),
+        world,
+        appearances,
         path,
         pulses,
         chosen,
@@ -415,7 +428,7 @@ def sensor_id(name: str) -> int:
     return zlib.crc32(name.encode())
 
 
-def _where(pose: RigidTransform | npt.ArrayLike | Trajectory | None) -> Floats | Trajectory:
+def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:
     if isinstance(pose, Trajectory):
         return pose
     return np.eye(4) if pose is None else _validation.pose("pose", pose)
@@ -452,32 +465,3 @@ def _indices(value: npt.ArrayLike, pulses: int) -> npt.NDArray[np.uint64]:
         i = int(np.argmax(outside))
         raise ValueError(f"indices: expected 0 to {pulses - 1}, got indices[{i}] = {given[i]}")
     return given.astype(np.uint64)
-
-
-_known_appearances: weakref.WeakKeyDictionary[Scene, tuple[int, _native.Appearances]] = weakref.WeakKeyDictionary()
-
-
-def _appearances(scene: Scene) -> _native.Appearances:
-    """Return labels and reflectivities of the objects, kept until an object is added."""
-    count, appearances = _known_appearances.get(scene, (-1, None))
-    if appearances is None or count != len(scene):
-        objects = scene.objects
-        appearances = _native.Appearances([_appearance(i, thing) for i, thing in enumerate(objects)])
-        _known_appearances[scene] = len(objects), appearances
-    return appearances
-
-
-def _appearance(index: int, thing: SceneObject) -> tuple[int, str, Floats]:
-    material: Material = thing.material
-    values = np.atleast_1d(np.asarray(material.reflectivity, dtype=np.float64))
-    if material.per != "object":
-        per = material.per
-        which = f"object {index} ({thing.name!r})" if thing.name else f"object {index}"
-        if not isinstance(thing.shape, TriangleMesh):
-            raise ValueError(
-                f"{which}: expected a TriangleMesh for a reflectivity per {per}, got {type(thing.shape).__name__}"
-            )
-        wanted = len(thing.shape.faces) if material.per == "face" else len(thing.shape.vertices)
-        if len(values) != wanted:
-            raise ValueError(f"{which}: expected {wanted} reflectivities, one a {per}, got {len(values)}")
-    return thing.label, material.per, values

@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native
-from lidarsim._validation import affine, integer, rays, t_range
+from lidarsim import _native as core
+from lidarsim._validation import Transform, affine, integer, rays, t_range
 from lidarsim.materials import Material
-from lidarsim.shapes import Hits, Shape
+from lidarsim.shapes import Hits, Shape, TriangleMesh
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,9 +57,8 @@ class Scene:
     """
 
     def __init__(self) -> None:
-        self._objects: list[SceneObject] = []
-        self._placed: list[_native.Shape] = []
-        self._native: _native.Scene | None = None
+        self._objects: list[tuple[SceneObject, core.Shape]] = []
+        self._in_core: tuple[int, core.Scene, core.Appearances] | None = None
 
     def add(
         self,
@@ -67,7 +67,7 @@ class Scene:
         name: str = "",
         label: int = 0,
         material: Material | None = None,
-        transform: Any = None,
+        transform: Transform | None = None,
     ) -> int:
         """Add an object.
 
@@ -93,9 +93,11 @@ class Scene:
         Raises
         ------
         TypeError
-            If `shape` is not a shape, `name` not a string, `label` not an integer, or `material` not a material.
+            If `shape` is not a shape, `name` not a string, `label` not an integer, or `material` not a material, or one
+            with a reflectivity per face or vertex where the shape is no mesh.
         ValueError
-            If the label is out of range or the transform cannot be inverted.
+            If the label is out of range, the transform cannot be inverted, or the mesh has another number of faces or
+            vertices than the material has reflectivities.
         """
         if not isinstance(shape, Shape):
             raise TypeError(f"shape: expected a lidarsim shape, got {type(shape).__name__}")
@@ -103,27 +105,41 @@ class Scene:
             raise TypeError(f"name: expected a string, got {name!r}")
         if material is not None and not isinstance(material, Material):
             raise TypeError(f"material: expected a Material, got {type(material).__name__}")
+        material = material or Material()
+        _check_reflectivity(material, shape)
         label = integer("label", label, at_least=0, at_most=2**32 - 1)
         placed = shape._native
         if transform is not None:
             transform = affine("transform", transform)
             placed = placed.transformed(transform.tolist())
-        self._objects.append(SceneObject(shape, name, label, material or Material(), transform))
-        self._placed.append(placed)
-        self._native = None
+        self._objects.append((SceneObject(shape, name, label, material, transform), placed))
         return len(self._objects) - 1
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
         """The objects in the order of their ids: tuple of SceneObject."""
-        return tuple(self._objects)
+        return tuple(item for item, _ in self._objects)
 
     @property
-    def native(self) -> _native.Scene:
-        """The scene in the core."""
-        if self._native is None:
-            self._native = _native.Scene(self._placed)
-        return self._native
+    def _native(self) -> core.Scene:
+        return self._core()[1]
+
+    def _core(self) -> tuple[int, core.Scene, core.Appearances]:
+        """Return the scene in the core, and labels and reflectivities, with the number of objects that they are of.
+
+        They are kept. As objects are only ever added, it is by their number that a thread sees whether what another
+        has kept is of all of them.
+        """
+        kept = self._in_core
+        if kept is None or kept[0] != len(self._objects):
+            objects = self._objects.copy()
+            looks = [
+                (item.label, item.material.per, np.atleast_1d(np.asarray(item.material.reflectivity, dtype=np.float64)))
+                for item, _ in objects
+            ]
+            kept = len(objects), core.Scene([placed for _, placed in objects]), core.Appearances(looks)
+            self._in_core = kept
+        return kept
 
     def cast(
         self, origins: npt.ArrayLike, directions: npt.ArrayLike, *, t_min: float = 0.0, t_max: float = math.inf
@@ -148,7 +164,20 @@ class Scene:
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
         """
-        return Hits(*self.native.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+        return Hits(*self._native.cast(*rays(origins, directions), *t_range(t_min, t_max)))
 
     def __len__(self) -> int:
         return len(self._objects)
+
+
+def _check_reflectivity(material: Material, shape: Shape) -> None:
+    """Raise an error where a reflectivity per face or vertex does not fit the shape."""
+    per = material.per
+    if per == "object":
+        return
+    if not isinstance(shape, TriangleMesh):
+        raise TypeError(f"material: expected a TriangleMesh for a reflectivity per {per}, got {type(shape).__name__}")
+    wanted = len(shape) if per == "face" else len(shape.vertices)
+    given = np.size(material.reflectivity)
+    if given != wanted:
+        raise ValueError(f"material: expected {wanted} reflectivities, one a {per}, got {given}")

@@ -13,16 +13,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim import scan as _scan
-from lidarsim._validation import array, integer, real
+from lidarsim._validation import Transform, array, integer, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern, pulses_of
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-    from scipy.spatial.transform import RigidTransform
-
     from lidarsim._validation import Floats
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
@@ -102,7 +99,7 @@ class Lidar:
     def scan(
         self,
         scene: Scene,
-        pose: RigidTransform | npt.ArrayLike | Trajectory | None = None,
+        pose: Transform | Trajectory | None = None,
         *,
         time: float = 0.0,
         frame: int = 0,
@@ -138,7 +135,7 @@ class Lidar:
     def frames(
         self,
         scene: Scene,
-        pose: RigidTransform | npt.ArrayLike | Trajectory | None,
+        pose: Transform | Trajectory | None,
         count: int,
         *,
         first: int = 0,
@@ -273,7 +270,7 @@ class Lidar:
 def checked_pose(
     lidar: Lidar,
     scene: Scene,
-    pose: RigidTransform | npt.ArrayLike | Trajectory | None,
+    pose: Transform | Trajectory | None,
     frames: range,
     *,
     offset: float = 0.0,

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from lidarsim import _native, _validation
 from lidarsim._files import PathLike, atomic_writer, check_suffix
-from lidarsim._validation import Floats, array
+from lidarsim._validation import Floats, Transform, array
 from lidarsim.errors import FileFormatError
 
 if TYPE_CHECKING:
@@ -115,7 +115,7 @@ class Trajectory:
     @classmethod
     def from_twist(
         cls,
-        pose: RigidTransform | npt.ArrayLike,
+        pose: Transform,
         linear: npt.ArrayLike = (0.0, 0.0, 0.0),
         angular: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> Trajectory:
@@ -343,7 +343,7 @@ class Trajectory:
             raise ValueError(f"times: expected times from {first} to {last} s, got times[{i}] = {flat[i]}")
         return when
 
-    def __matmul__(self, mount: RigidTransform | npt.ArrayLike) -> Trajectory:
+    def __matmul__(self, mount: Transform) -> Trajectory:
         """Return the trajectory of a sensor mounted on the body that this one moves; `mount`: sensor to body."""
         if isinstance(mount, Trajectory):
             raise TypeError("mount: expected a pose, got a Trajectory")

@@ -317,7 +317,7 @@ MISTAKES = {
         "frame: expected an integer from 0 to 4294967295, got 4294967296"
     ),
     "check run.yaml --set scene.0.reflectivity_per=face --set scene.0.reflectivity=[1]": (
-        "object 0: expected a TriangleMesh for a reflectivity per face, got Plane"
+        "run.yaml:5: scene.0: material: expected a TriangleMesh for a reflectivity per face, got Plane"
     ),
     "check broken.yaml": "broken.yaml:2: scene.0.radius: unknown key; did you mean radius_m?",
     # outputs

@@ -7,6 +7,8 @@ import dataclasses
 import math
 import os
 import re
+import sys
+import threading
 import types
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -229,25 +231,48 @@ def test_reflectivities_follow_the_scene_as_it_grows() -> None:
         (
             ls.Sphere((0, 0, 0), 1.0),
             ls.Material(reflectivity=[0.1], per="face"),
-            "object 0 ('thing'): expected a TriangleMesh for a reflectivity per face, got Sphere",
+            "material: expected a TriangleMesh for a reflectivity per face, got Sphere",
         ),
         (
             square(),
             ls.Material(reflectivity=[0.1, 0.2, 0.3], per="face"),
-            "object 0 ('thing'): expected 2 reflectivities, one a face, got 3",
+            "material: expected 2 reflectivities, one a face, got 3",
         ),
         (
             square(),
             ls.Material(reflectivity=[0.1, 0.2, 0.3], per="vertex"),
-            "object 0 ('thing'): expected 4 reflectivities, one a vertex, got 3",
+            "material: expected 4 reflectivities, one a vertex, got 3",
         ),
     ],
 )
 def test_reflectivities_that_do_not_fit_are_refused(shape: ls.Shape, material: ls.Material, message: str) -> None:
     scene = ls.Scene()
-    scene.add(shape, name="thing", material=material)
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        lidar().scan(scene)
+    with pytest.raises((TypeError, ValueError), match=f"^{re.escape(message)}$"):
+        scene.add(shape, name="thing", material=material)
+    assert len(scene) == 0
+
+
+def test_an_object_that_is_added_while_another_thread_casts_is_not_forgotten() -> None:
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)  # threads change places inside of the first cast, which hands the scene to the core
+    try:
+        for _ in range(40):
+            scene, started = ls.Scene(), threading.Event()
+            for x in range(3000):
+                scene.add(ls.Sphere((2.0 * x + 100.0, 0, 0), 0.5))
+
+            def cast(scene: ls.Scene = scene, started: threading.Event = started) -> None:
+                started.set()
+                scene.cast([[0, 0, 0]], [[1, 0, 0]])
+
+            thread = threading.Thread(target=cast)
+            thread.start()
+            started.wait()
+            near = scene.add(ls.Sphere((5, 0, 0), 1.0))
+            thread.join()
+            assert scene.cast([[0, 0, 0]], [[1, 0, 0]]).object_id == [near]
+    finally:
+        sys.setswitchinterval(interval)
 
 
 # Images
@@ -259,7 +284,7 @@ def around() -> ls.Scene:
     scene.add(ls.Sphere((10, 5, 0), 2.0), name="ball", label=1)
     scene.add(ls.Box((2, 2, 2), center=(10, -5, 0)), name="box", label=2)
     scene.add(ls.Cylinder((-8, 0, -9), (-8, 0, 9), 0.4), name="pole", label=3)
-    scene.add(ls.Box((1, 20, 1), center=(30, 0, 5)), name="plate", label=4)
+    scene.add(ls.Box((1, 20, 2), center=(30, 0, 5)), name="plate", label=4)
     return scene
 
 

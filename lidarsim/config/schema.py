@@ -1,31 +1,33 @@
 """What a configuration may say, and the objects that come of it.
 
-A key is the name of a constructor's argument followed by its unit: ``radius_m`` is the ``radius`` of `Sphere`. So a
-model only lists its keys, and `construct` does the rest; what a value must be beyond its type is left to the
-constructor. A new shape is one class here and its entry in `SHAPES`, a new pattern likewise in `PATTERNS`.
+A key is the name of a constructor's argument followed by its unit: ``radius_m`` is the ``radius`` of `Sphere`. Shapes,
+patterns and effects declare their keys themselves, as `configuration`, of which `model_of` makes models; what a value
+must be beyond its type is left to the constructor. Only what takes more than that has a model of its own here.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import difflib
+import inspect
 import re
 from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from operator import or_
 from pathlib import Path
+from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
-from lidarsim import patterns, shapes
+from lidarsim import _validation, patterns, shapes
 from lidarsim._validation import pose as rigid
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
-from lidarsim.measurement import Beam, Detection, Measurement
+from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
@@ -93,17 +95,101 @@ def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], 
     arguments: dict[str, object] = {}
     key_of: dict[str, tuple[str, str]] = {}
     for key in sorted(model.model_fields_set.intersection(keys)):
-        value = getattr(model, key)
-        name, unit = key, next((unit for unit in UNITS if key.endswith(f"_{unit}")), None)
-        if unit:
-            name = key.removesuffix(f"_{unit}")
-            value = None if value is None else _in_si(value, unit)
+        value: Any = _built(getattr(model, key), place / key)
+        name, unit = _argument(key), _unit(key)
+        if unit and value is not None:
+            value = _in_si(value, unit)
         if name in key_of:
             raise (place / key).error(f"given already as {key_of[name][0]}")
         arguments[name] = value
         key_of[name] = key, f" (in {UNITS[unit][0]})" if unit and UNITS[unit][0] else ""
     with place.refusals(key_of):
         return constructor(**{**arguments, **more})
+
+
+def _built(value: object, place: Place) -> object:
+    if isinstance(value, Part):
+        return value.build(place)
+    if isinstance(value, list):
+        return [_built(entry, place / index) for index, entry in enumerate(value)]
+    return value
+
+
+class Part(Model):
+    """The keys of something that is constructed from them alone."""
+
+    constructor: ClassVar[Callable[..., Any]]
+    alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    """Keys of which one must be given: those of an argument that may have one unit or another."""
+
+    def build(self, place: Place) -> Any:
+        """Return what it describes."""
+        for keys in self.alternatives:
+            if not self.model_fields_set.intersection(keys):
+                raise place.error(f"missing key {' or '.join(map(repr, keys))}")
+        constructor = type(self).constructor
+        return construct(constructor, self, constructor.configuration, place)  # type: ignore[attr-defined]
+
+
+def model_of(constructor: Any, base: type[Part] = Part, **more: Any) -> Any:
+    """Return the model of what `constructor` makes, by the keys that it declares as its `configuration`.
+
+    A key is optional if its argument has a default, and may be null if that is None.
+
+    Parameters
+    ----------
+    constructor : type
+        With a `configuration` that maps keys to types.
+    base : type of Part
+        What the model derives from.
+    **more : Any
+        Further fields, as (type, default).
+
+    Returns
+    -------
+    type of Part
+        The model.
+    """
+    parameters = inspect.signature(constructor).parameters
+    keys_of: dict[str, list[str]] = {}
+    for key in constructor.configuration:
+        keys_of.setdefault(_argument(key), []).append(key)
+    fields: dict[str, Any] = dict(more)
+    for argument, keys in keys_of.items():
+        default = parameters[argument].default
+        for key in keys:
+            kind = _kind(constructor.configuration[key])
+            if default is inspect.Parameter.empty and len(keys) == 1:
+                fields[key] = (kind, ...)
+            else:
+                fields[key] = (kind | None if default is None else kind, None)
+    model = create_model(constructor.__name__, __base__=base, __doc__=constructor.__doc__.partition("\n")[0], **fields)
+    model.constructor = constructor
+    model.alternatives = tuple(
+        tuple(keys)
+        for argument, keys in keys_of.items()
+        if len(keys) > 1 and parameters[argument].default is inspect.Parameter.empty
+    )
+    return model
+
+
+def _kind(declared: Any) -> Any:
+    """Return the type in a model of a value that is declared as `declared`."""
+    if hasattr(declared, "configuration"):
+        return model_of(declared)
+    (entry,) = getattr(declared, "__args__", (None,)) if getattr(declared, "__origin__", None) is list else (None,)
+    if hasattr(entry, "configuration"):
+        return list[model_of(entry)]  # type: ignore[misc]
+    return _KINDS[declared]
+
+
+def _unit(key: str) -> str | None:
+    return next((unit for unit in UNITS if key.endswith(f"_{unit}")), None)
+
+
+def _argument(key: str) -> str:
+    unit = _unit(key)
+    return key.removesuffix(f"_{unit}") if unit else key
 
 
 def _either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
@@ -141,6 +227,20 @@ else:
     Scale = _either(float, Vector, _is_list)
     SigmaTable = _either(float, list[Pair], _is_list)
     Returns = _either(int, str, lambda value: isinstance(value, str))
+
+_KINDS: dict[Any, Any] = {
+    bool: bool,
+    float: float,
+    int: int,
+    int | str: Returns,
+    list[float]: list[float],
+    float | list[float]: Numbers,
+    float | list[tuple[float, float]]: SigmaTable,
+    _validation.Vector: Vector,
+    list[_validation.Vector]: list[Vector],
+    _validation.Vector | list[_validation.Vector]: Vectors,
+}
+"""Types of values, as they are declared, and in models."""
 
 
 # Poses
@@ -229,21 +329,14 @@ else:
 # Objects of the scene
 
 
-class Object(Placement):
+class Object(Part, Placement):
     """An object of the scene: a shape, where it stands and what it is made of."""
-
-    constructor: ClassVar[Callable[..., Shape]]
 
     name: str = ""
     label: int = 0
     reflectivity: Numbers = 1.0
     reflectivity_per: Literal["object", "face", "vertex"] = "object"
     scale: Scale = 1.0
-
-    def build(self, place: Place) -> Shape:
-        """Return the shape."""
-        keys = type(self).model_fields.keys() - Object.model_fields.keys() - {"shape"}
-        return construct(type(self).constructor, self, keys, place)
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the object to `scene`."""
@@ -274,68 +367,6 @@ class Plane(Object):
         if "distance_m" in self.model_fields_set:
             raise (place / "distance_m").error("expected either distance_m or point_m, got both")
         return construct(shapes.Plane.from_point, self, ["point_m", "normal"], place)
-
-
-class Sphere(Object):
-    """A sphere."""
-
-    constructor = shapes.Sphere
-
-    shape: Literal["sphere"]
-    center_m: Vector
-    radius_m: float
-
-
-class Ellipsoid(Object):
-    """An ellipsoid whose axes are those of the object."""
-
-    constructor = shapes.Ellipsoid
-
-    shape: Literal["ellipsoid"]
-    center_m: Vector
-    radii_m: Vector
-
-
-class Box(Object):
-    """A box whose edges are along the axes of the object."""
-
-    constructor = shapes.Box
-
-    shape: Literal["box"]
-    size_m: Vector
-    center_m: Vector = [0.0, 0.0, 0.0]
-
-
-class Cylinder(Object):
-    """A cylinder between two points, closed by discs or open."""
-
-    constructor = shapes.Cylinder
-
-    shape: Literal["cylinder"]
-    start_m: Vector
-    end_m: Vector
-    radius_m: float
-    capped: bool = True
-
-
-class Triangle(Object):
-    """A triangle."""
-
-    constructor = shapes.Triangle
-
-    shape: Literal["triangle"]
-    a_m: Vector
-    b_m: Vector
-    c_m: Vector
-
-
-class Polygon(Object):
-    """A plane polygon, convex or not."""
-
-    constructor = shapes.Polygon
-
-    shape: Literal["polygon"]
-    vertices_m: list[Vector]
 
 
 class Mesh(Object):
@@ -384,6 +415,19 @@ class SceneFile(Object):
             self._add(meshes[mesh], scene, place, transform=to_world, name=f"{self.name}/{node}".lstrip("/"))
 
 
+def _public(package: ModuleType) -> list[Any]:
+    return [getattr(package, name) for name in package.__all__]
+
+
+def _models_of(constructors: Iterable[Any], tag: str, base: type[Part]) -> dict[str, Any]:
+    """Return the models of those `constructors` that declare a `configuration`, by the names that `tag` gives them."""
+    declaring = [constructor for constructor in constructors if getattr(constructor, "configuration", None)]
+    names = [re.sub(r"(?<=[a-z])(?=[A-Z])", "_", constructor.__name__).lower() for constructor in declaring]
+    return {
+        name: model_of(made, base, **{tag: (Literal[name], ...)}) for name, made in zip(names, declaring, strict=True)
+    }
+
+
 def _read_npy(path: Path) -> Floats:
     with path.open("rb") as file:
         array: Floats = np.lib.format.read_array(file, allow_pickle=False)
@@ -402,146 +446,17 @@ def _read_scene(path: Path) -> tuple[dict[str, shapes.TriangleMesh], Any]:
 
 SHAPES: dict[str, type[Object]] = {
     "plane": Plane,
-    "sphere": Sphere,
-    "ellipsoid": Ellipsoid,
-    "box": Box,
-    "cylinder": Cylinder,
-    "triangle": Triangle,
-    "polygon": Polygon,
     "mesh": Mesh,
     "heightfield": Heightfield,
     "scene_file": SceneFile,
+    **_models_of(_public(shapes), "shape", Object),
 }
 
 
 # Scan patterns
 
 
-class ScanPattern(Model):
-    """Which pulses a frame fires."""
-
-    constructor: ClassVar[Callable[..., Pattern]]
-
-    def build(self, place: Place) -> Pattern:
-        """Return the pattern."""
-        return construct(type(self).constructor, self, type(self).model_fields.keys() - {"type"}, place)
-
-
-class Spinning(ScanPattern):
-    """Channels on a spinning head."""
-
-    constructor = patterns.Spinning
-
-    type: Literal["spinning"]
-    elevations_deg: list[float]
-    azimuth_offsets_deg: Numbers = 0.0
-    columns: float | None = None
-    column_period_us: float | None = None
-    rate_hz: float = 10.0
-    firing_times_us: Numbers = 0.0
-    beam_origins_mm: Vectors | None = None
-    clockwise: bool = True
-    field_of_view_deg: float = 360.0
-    start_azimuth_deg: float | None = None
-
-
-class Grid(ScanPattern):
-    """A grid of azimuths and elevations: flash, solid state, 2D."""
-
-    constructor = patterns.Grid
-
-    type: Literal["grid"]
-    azimuths_deg: list[float]
-    elevations_deg: list[float]
-    rate_hz: float
-    column_period_us: float = 0.0
-
-
-class Prism(Model):
-    """A rotating wedge prism."""
-
-    rotation_rate_hz: float | None = None
-    rotation_rate_rpm: float | None = None
-    phase_deg: float = 0.0
-    entry_tilt_deg: float = 0.0
-    exit_tilt_deg: float = 0.0
-
-
-class Risley(ScanPattern):
-    """Rotating prisms, one behind the other."""
-
-    constructor = patterns.Risley
-
-    type: Literal["risley"]
-    prisms: list[Prism]
-    refractive_index: float
-    pulse_rate_khz: float
-    rate_hz: float
-    beams: list[Vector] = [[1.0, 0.0, 0.0]]
-
-    def build(self, place: Place) -> Pattern:
-        """Return the pattern."""
-        prisms = []
-        for index, prism in enumerate(self.prisms):
-            at = place / "prisms" / index
-            if not prism.model_fields_set & {"rotation_rate_hz", "rotation_rate_rpm"}:
-                raise at.error("missing key 'rotation_rate_hz' or 'rotation_rate_rpm'")
-            prisms.append(construct(patterns.Prism, prism, Prism.model_fields, at))
-        keys = ["refractive_index", "pulse_rate_khz", "rate_hz", "beams"]
-        return construct(patterns.Risley, self, keys, place, prisms=prisms)
-
-
-class OscillatingMirror(ScanPattern):
-    """A mirror that swings to and fro."""
-
-    constructor = patterns.OscillatingMirror
-
-    type: Literal["oscillating_mirror"]
-    field_of_view_deg: float
-    scan_rate_hz: float
-    pulse_rate_khz: float
-    rate_hz: float
-    turn: float = 0.0
-
-
-class PolygonMirror(ScanPattern):
-    """A rotating polygon of mirrors: lines one after the other."""
-
-    constructor = patterns.PolygonMirror
-
-    type: Literal["polygon_mirror"]
-    elevations_deg: list[float] = [0.0]
-    sweep_deg: float
-    field_of_view_deg: float
-    line_rate_hz: float
-    pulse_rate_khz: float
-    rate_hz: float
-    azimuth_offsets_deg: Numbers = 0.0
-    firing_times_us: Numbers = 0.0
-
-
-class Palmer(ScanPattern):
-    """A tilted beam that turns about the axis: circles on the ground."""
-
-    constructor = patterns.Palmer
-
-    type: Literal["palmer"]
-    half_angle_deg: float
-    scan_rate_hz: float
-    pulse_rate_khz: float
-    rate_hz: float
-
-
-class Mid360(ScanPattern):
-    """The non-repetitive pattern of the Livox Mid-360."""
-
-    constructor = patterns.Mid360
-
-    type: Literal["mid360"]
-    rate_hz: float = 10.0
-
-
-class Table(ScanPattern):
+class Table(Part):
     """Directions that a CSV or NPY file lists."""
 
     constructor = patterns.Table
@@ -557,20 +472,14 @@ class Table(ScanPattern):
         return construct(patterns.Table.from_file, self, ["rate_hz", "pulse_rate_khz"], place, path=path)
 
 
-PATTERNS: dict[str, type[ScanPattern]] = {
-    "spinning": Spinning,
-    "grid": Grid,
-    "risley": Risley,
-    "oscillating_mirror": OscillatingMirror,
-    "polygon_mirror": PolygonMirror,
-    "palmer": Palmer,
-    "mid360": Mid360,
+PATTERNS: dict[str, type[Part]] = {
     "table": Table,
+    **_models_of((item for item in _public(patterns) if hasattr(item, "pulses")), "type", Part),
 }
 
 if TYPE_CHECKING:
     AnyObject = Object
-    AnyPattern = ScanPattern
+    AnyPattern = Part
 else:
     AnyObject = Annotated[reduce(or_, SHAPES.values()), Discriminator("shape")]
     AnyPattern = Annotated[reduce(or_, PATTERNS.values()), Discriminator("type")]
@@ -578,48 +487,15 @@ else:
 
 # Sensors
 
-
-class DetectionLimit(Model):
-    """The weakest echo that is seen, in the words of a datasheet."""
-
-    reflectivity: float
-    range_m: float
+_EXACT = Measurement()
 
 
-class WideBeam(Model):
-    """A beam that widens."""
-
-    divergence_azimuth_mrad: float
-    divergence_elevation_mrad: float | None = None
-    pulse_length_ns: float = 5.0
-    rays: int = 19
-
-
-class Effects(Model):
+class Effects(model_of(Measurement)):  # type: ignore[misc]
     """Noise and other effects, each off unless it is given."""
 
-    range_sigma_m: SigmaTable = 0.0
-    range_sigma_slope: float = 0.0
-    range_bias_m: float = 0.0
-    channel_bias_sigma_m: float = 0.0
-    range_resolution_m: float = 0.0
-    azimuth_sigma_deg: float = 0.0
-    elevation_sigma_deg: float = 0.0
-    dropout: float = 0.0
-    detection: DetectionLimit | None = None
-    extinction_per_m: float = 0.0
-    beam: WideBeam | None = None
-    returns: Returns = "strongest"
-
-    def build(self, place: Place, base: Measurement) -> Measurement:
+    def build(self, place: Place, base: Measurement = _EXACT) -> Measurement:
         """Return `base` with the effects that are given."""
-        parts: dict[str, object] = {}
-        if self.detection is not None:
-            parts["detection"] = construct(Detection, self.detection, DetectionLimit.model_fields, place / "detection")
-        if self.beam is not None:
-            parts["beam"] = construct(Beam, self.beam, WideBeam.model_fields, place / "beam")
-        keys = type(self).model_fields.keys() - parts.keys()
-        return construct(partial(dataclasses.replace, base), self, keys, place, **parts)
+        return construct(partial(dataclasses.replace, base), self, Measurement.configuration, place)
 
 
 class _Limits(Model):
@@ -647,7 +523,7 @@ class Sensor(_Limits):
         """Return the lidar."""
         parts = {
             "pattern": self.pattern.build(place / "pattern"),
-            "measurement": self.measurement.build(place / "measurement", Measurement()),
+            "measurement": self.measurement.build(place / "measurement"),
         }
         return construct(Lidar, self, _LIMITS, place, **parts)
 

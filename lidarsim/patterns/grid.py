@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +46,13 @@ class Grid:
     >>> len(flash.pulses()), flash.shape
     (9600, (60, 160))
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "azimuths_deg": list[float],
+        "elevations_deg": list[float],
+        "rate_hz": float,
+        "column_period_us": float,
+    }
 
     azimuths: Floats
     elevations: Floats

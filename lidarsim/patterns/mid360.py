@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -47,6 +49,10 @@ class Mid360:
     >>> Mid360(rate=10.0).shape
     (4, 5000)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "rate_hz": float,
+    }
 
     _: KW_ONLY
     rate: float = 10.0

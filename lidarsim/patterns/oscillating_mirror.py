@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -48,6 +50,14 @@ class OscillatingMirror:
     >>> pattern.shape
     (1, 15000)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "field_of_view_deg": float,
+        "scan_rate_hz": float,
+        "pulse_rate_khz": float,
+        "rate_hz": float,
+        "turn": float,
+    }
 
     _: KW_ONLY
     field_of_view: float

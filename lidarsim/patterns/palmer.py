@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -43,6 +45,13 @@ class Palmer:
     >>> Palmer(half_angle=radians(20), scan_rate=80.0, pulse_rate=200e3, rate=10.0).shape
     (1, 20000)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "half_angle_deg": float,
+        "scan_rate_hz": float,
+        "pulse_rate_khz": float,
+        "rate_hz": float,
+    }
 
     _: KW_ONLY
     half_angle: float

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -70,6 +72,17 @@ class PolygonMirror:
     >>> pattern.shape, len(pattern.pulses())
     ((1, 6000), 6000)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "elevations_deg": list[float],
+        "sweep_deg": float,
+        "field_of_view_deg": float,
+        "line_rate_hz": float,
+        "pulse_rate_khz": float,
+        "rate_hz": float,
+        "azimuth_offsets_deg": float | list[float],
+        "firing_times_us": float | list[float],
+    }
 
     elevations: Floats
     sweep: float

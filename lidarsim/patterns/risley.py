@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angle, array, nonzero_vectors, real
+from lidarsim._validation import Floats, Vector, angle, array, nonzero_vectors, real
 from lidarsim.patterns._parts import TURN, Ticks, fired_together, frozen, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
@@ -36,6 +37,14 @@ class Prism:
     TypeError, ValueError
         If an argument is not a finite number, a tilt not between -pi/2 and pi/2, or the phase more than a turn.
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "rotation_rate_hz": float,
+        "rotation_rate_rpm": float,
+        "phase_deg": float,
+        "entry_tilt_deg": float,
+        "exit_tilt_deg": float,
+    }
 
     rotation_rate: float
     _: KW_ONLY
@@ -87,6 +96,14 @@ class Risley:
     >>> pattern.shape, len(pattern.pulses(frame=7))
     ((1, 10000), 10000)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "prisms": list[Prism],
+        "refractive_index": float,
+        "pulse_rate_khz": float,
+        "rate_hz": float,
+        "beams": list[Vector],
+    }
 
     prisms: tuple[Prism, ...]
     refractive_index: float

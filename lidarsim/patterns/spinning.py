@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import cast
+from typing import Any, ClassVar, cast
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angle, angles, array, real
+from lidarsim._validation import Floats, Vector, angle, angles, array, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
@@ -78,6 +79,19 @@ class Spinning:
     >>> pulses.ring[:4]
     array([0, 1, 2, 0], dtype=uint16)
     """
+
+    configuration: ClassVar[Mapping[str, Any]] = {
+        "elevations_deg": list[float],
+        "azimuth_offsets_deg": float | list[float],
+        "columns": float,
+        "column_period_us": float,
+        "rate_hz": float,
+        "firing_times_us": float | list[float],
+        "beam_origins_mm": Vector | list[Vector],
+        "clockwise": bool,
+        "field_of_view_deg": float,
+        "start_azimuth_deg": float,
+    }
 
     elevations: Floats
     azimuth_offsets: Floats

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._validation import affine, rays, t_range
+from lidarsim._validation import Transform, affine, rays, t_range
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,10 +58,13 @@ class Shape:
 
     __slots__ = ("_native", "_scene")
 
+    configuration: ClassVar[Mapping[str, Any]] = {}
+    """Keys of configurations: arguments of the constructor with their units, and types of their values."""
+
     _native: core.Shape
     _scene: core.Scene
 
-    def __init__(self, native: core.Shape, transform: Any = None) -> None:
+    def __init__(self, native: core.Shape, transform: Transform | None = None) -> None:
         if transform is not None:
             native = native.transformed(affine("transform", transform).tolist())
         object.__setattr__(self, "_native", native)
@@ -70,7 +74,7 @@ class Shape:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
 
     @classmethod
-    def _of(cls, native: core.Shape, transform: Any) -> Self:
+    def _of(cls, native: core.Shape, transform: Transform | None) -> Self:
         """Make an instance of `cls` around a native shape, past its own constructor."""
         shape = cls.__new__(cls)
         Shape.__init__(shape, native, transform)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import array, positive
+from lidarsim._validation import Transform, Vector, array, positive
 from lidarsim.shapes._shape import Shape
 
 
@@ -43,7 +43,11 @@ class Box(Shape):
 
     __slots__ = ()
 
-    def __init__(self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Any = None) -> None:
+    configuration: ClassVar = {"size_m": Vector, "center_m": Vector}
+
+    def __init__(
+        self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
+    ) -> None:
         native = _native.Shape.box(
             positive("size", array("size", size, (3,))).tolist(), array("center", center, (3,)).tolist()
         )

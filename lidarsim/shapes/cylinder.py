@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import array, real
+from lidarsim._validation import Transform, Vector, array, real
 from lidarsim.shapes._shape import Shape
 
 
@@ -48,6 +48,8 @@ class Cylinder(Shape):
 
     __slots__ = ()
 
+    configuration: ClassVar = {"start_m": Vector, "end_m": Vector, "radius_m": float, "capped": bool}
+
     def __init__(
         self,
         start: npt.ArrayLike,
@@ -55,7 +57,7 @@ class Cylinder(Shape):
         radius: float,
         capped: bool = True,
         *,
-        transform: Any = None,
+        transform: Transform | None = None,
     ) -> None:
         first, last = array("start", start, (3,)), array("end", end, (3,))
         if np.array_equal(first, last):

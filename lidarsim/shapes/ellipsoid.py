@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import array, positive
+from lidarsim._validation import Transform, Vector, array, positive
 from lidarsim.shapes._shape import Shape
+
+if TYPE_CHECKING:
+    from scipy.spatial.transform import Rotation
 
 
 class Ellipsoid(Shape):
@@ -44,8 +47,15 @@ class Ellipsoid(Shape):
 
     __slots__ = ()
 
+    configuration: ClassVar = {"center_m": Vector, "radii_m": Vector}
+
     def __init__(
-        self, center: npt.ArrayLike, radii: npt.ArrayLike, rotation: Any = None, *, transform: Any = None
+        self,
+        center: npt.ArrayLike,
+        radii: npt.ArrayLike,
+        rotation: Rotation | npt.ArrayLike | None = None,
+        *,
+        transform: Transform | None = None,
     ) -> None:
         if rotation is None:
             rotation = np.eye(3)

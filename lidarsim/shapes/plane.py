@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any, Self
+from typing import Self
 
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import array, nonzero_vectors, real
+from lidarsim._validation import Transform, array, nonzero_vectors, real
 from lidarsim.shapes._shape import Shape
 
 
@@ -46,12 +46,12 @@ class Plane(Shape):
 
     __slots__ = ()
 
-    def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Any = None) -> None:
+    def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
         native = _native.Shape.plane(_normal(normal), real("distance", distance))
         super().__init__(native, transform)
 
     @classmethod
-    def from_point(cls, point: npt.ArrayLike, normal: npt.ArrayLike, *, transform: Any = None) -> Self:
+    def from_point(cls, point: npt.ArrayLike, normal: npt.ArrayLike, *, transform: Transform | None = None) -> Self:
         """Make the plane of all points p with ``normal · (p − point) = 0``.
 
         Parameters
@@ -75,7 +75,9 @@ class Plane(Shape):
         return cls._of(native, transform)
 
     @classmethod
-    def from_points(cls, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Any = None) -> Self:
+    def from_points(
+        cls, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
+    ) -> Self:
         """Make the plane through three points, with the normal ``(b − a) × (c − a)``.
 
         Parameters

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, array
+from lidarsim._validation import Floats, Transform, Vector, array
 from lidarsim.shapes._shape import Shape
 
 # Vertices of a plane outline that went through one rigid map in float64 are each off by at most 4 roundings a
@@ -49,7 +49,9 @@ class Polygon(Shape):
 
     __slots__ = ()
 
-    def __init__(self, vertices: npt.ArrayLike, *, transform: Any = None) -> None:
+    configuration: ClassVar = {"vertices_m": list[Vector]}
+
+    def __init__(self, vertices: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         points = array("vertices", vertices, ("n", 3))
         if len(points) < 3:
             raise ValueError(f"vertices: expected at least 3, got {len(points)}")

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import array, real
+from lidarsim._validation import Transform, Vector, array, real
 from lidarsim.shapes._shape import Shape
 
 
@@ -44,6 +44,8 @@ class Sphere(Shape):
 
     __slots__ = ()
 
-    def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Any = None) -> None:
+    configuration: ClassVar = {"center_m": Vector, "radius_m": float}
+
+    def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
         native = _native.Shape.sphere(array("center", center, (3,)).tolist(), real("radius", radius, above=0.0))
         super().__init__(native, transform)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import ClassVar
 
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import array
+from lidarsim._validation import Transform, Vector, array
 from lidarsim.shapes._shape import Shape
 
 
@@ -42,6 +42,10 @@ class Triangle(Shape):
 
     __slots__ = ()
 
-    def __init__(self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Any = None) -> None:
+    configuration: ClassVar = {"a_m": Vector, "b_m": Vector, "c_m": Vector}
+
+    def __init__(
+        self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
+    ) -> None:
         points = [array(name, value, (3,)).tolist() for name, value in (("a", a), ("b", b), ("c", c))]
         super().__init__(_native.Shape.triangle(*points), transform)

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import array, positive
+from lidarsim._validation import Transform, array, positive
 from lidarsim.errors import FileFormatError
 from lidarsim.shapes._shape import Shape
 
@@ -53,12 +53,12 @@ class TriangleMesh(Shape):
 
     __slots__ = ()
 
-    def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Any = None) -> None:
+    def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         points = array("vertices", vertices, ("n", 3))
         super().__init__(_native.Shape.triangle_mesh(points, _faces(faces, len(points)), False), transform)
 
     @classmethod
-    def from_file(cls, path: str | PathLike[str], *, transform: Any = None) -> Self:
+    def from_file(cls, path: str | PathLike[str], *, transform: Transform | None = None) -> Self:
         """Read a mesh file: PLY, STL, OBJ, OFF, GLB and what else trimesh reads.
 
         Parameters
@@ -106,7 +106,7 @@ class TriangleMesh(Shape):
         return mesh
 
     @classmethod
-    def from_trimesh(cls, mesh: Any, *, transform: Any = None) -> Self:
+    def from_trimesh(cls, mesh: Any, *, transform: Transform | None = None) -> Self:
         """Take over a ``trimesh.Trimesh``.
 
         Parameters
@@ -129,7 +129,7 @@ class TriangleMesh(Shape):
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), transform=transform)
 
     @classmethod
-    def from_open3d(cls, mesh: Any, *, transform: Any = None) -> Self:
+    def from_open3d(cls, mesh: Any, *, transform: Transform | None = None) -> Self:
         """Take over an Open3D triangle mesh.
 
         Parameters
@@ -154,7 +154,7 @@ class TriangleMesh(Shape):
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.triangles), transform=transform)
 
     @classmethod
-    def from_pyvista(cls, mesh: Any, *, transform: Any = None) -> Self:
+    def from_pyvista(cls, mesh: Any, *, transform: Transform | None = None) -> Self:
         """Take over the surface of a PyVista data set.
 
         Parameters
@@ -191,7 +191,7 @@ class TriangleMesh(Shape):
         spacing: npt.ArrayLike,
         origin: npt.ArrayLike = (0.0, 0.0),
         *,
-        transform: Any = None,
+        transform: Transform | None = None,
     ) -> Self:
         """Make terrain from heights on a regular grid.
 

@@ -355,7 +355,7 @@ def test_a_rig() -> None:
     top, left = run.sensor.values()
     assert (top.mount[:3, 3].tolist(), top.offset, left.offset) == ([1, 0, 2], 0.0, 0.05)
     assert np.abs(left.mount[:3, 0] - [0, 1, 0]).max() < 1e-15
-    assert (top.lidar.measurement.range_sigma, left.lidar.max_range) == (0.03, 60.0)
+    assert (top.lidar.measurement.channel_bias_sigma, left.lidar.max_range) == (0.0173, 60.0)
     assert (top.lidar.name, left.lidar.name) == ("top", "left")
     frames = list(run.scans())
     assert [[(name, scan.frame, scan.time) for name, scan in scans.items()] for scans in frames] == [
@@ -414,7 +414,7 @@ def test_overrides_reach_into_a_rig() -> None:
          ("run.yaml:6: rig.top.scale: unknown key; expected one of position_m, rotation_deg, matrix, sensor, "
           "offset_s")),
         ("max_range_m: 60", "max_range_m: -1",
-         "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.4, got -1.0"),
+         "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.9, got -1.0"),
     ],
 )  # fmt: skip
 def test_bad_rigs(old: str, new: str, message: str) -> None:
@@ -535,9 +535,9 @@ SENSOR_KEYS = (
     "datasheet, sources"
 )
 SHAPE_NAMES = (
-    "'plane', 'sphere', 'ellipsoid', 'box', 'cylinder', 'triangle', 'polygon', 'mesh', 'heightfield', 'scene_file'"
+    "'plane', 'mesh', 'heightfield', 'scene_file', 'box', 'cylinder', 'ellipsoid', 'polygon', 'sphere', 'triangle'"
 )
-PATTERN_NAMES = "'spinning', 'grid', 'risley', 'oscillating_mirror', 'polygon_mirror', 'palmer', 'mid360', 'table'"
+PATTERN_NAMES = "'table', 'grid', 'mid360', 'oscillating_mirror', 'palmer', 'polygon_mirror', 'risley', 'spinning'"
 VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
 
 
@@ -706,7 +706,7 @@ def test_missing_configuration() -> None:
 
 
 def test_a_document_that_is_no_mapping() -> None:
-    keys = "scene, sensor, pose, seed, first_frame, frames, cloud"
+    keys = "scene, sensor, rig, pose, seed, first_frame, frames, cloud"
     assert refusal("- 1") == f"run.yaml:1: expected a mapping with keys {keys}, got a list of 1"
 
 

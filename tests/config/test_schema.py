@@ -5,14 +5,21 @@ from __future__ import annotations
 import inspect
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from lidarsim import measurement
+from lidarsim import measurement, patterns
 from lidarsim.config import schema
 
 GUIDE = (Path(__file__).parents[2] / "configs" / "README.md").read_text(encoding="utf-8")
-MODELS = [value for value in vars(schema).values() if inspect.isclass(value) and issubclass(value, schema.Model)]
+DECLARING = [patterns.Prism, measurement.Detection, measurement.Beam, measurement.Measurement]
+MODELS = [
+    *(value for value in vars(schema).values() if inspect.isclass(value) and issubclass(value, schema.Model)),
+    *schema.SHAPES.values(),
+    *schema.PATTERNS.values(),
+    *map(schema.model_of, DECLARING),
+]
 
 
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
@@ -28,22 +35,27 @@ def test_every_shape_and_pattern_is_in_the_guide() -> None:
 
 
 @pytest.mark.parametrize(
-    ("model", "constructor"),
+    "constructor",
     [
-        *((model, model.constructor) for model in schema.PATTERNS.values() if model is not schema.Table),
+        *(model.constructor for model in schema.PATTERNS.values() if model is not schema.Table),
         *(
-            (model, model.constructor)
+            model.constructor
             for model in schema.SHAPES.values()
             if model not in {schema.Plane, schema.Mesh, schema.Heightfield, schema.SceneFile}
         ),
-        (schema.Effects, measurement.Measurement),
-        (schema.DetectionLimit, measurement.Detection),
-        (schema.WideBeam, measurement.Beam),
+        *DECLARING,
     ],
     ids=lambda value: value.__name__,
 )
-def test_every_argument_has_a_key(model: type[schema.Model], constructor: type) -> None:
-    common = {"shape", "type", *(schema.Object.model_fields if issubclass(model, schema.Object) else ())}
-    keys = {re.sub(f"_({'|'.join(schema.UNITS)})$", "", key) for key in model.model_fields if key not in common}
+def test_every_argument_has_a_key(constructor: Any) -> None:
+    keys = {re.sub(f"_({'|'.join(schema.UNITS)})$", "", key) for key in constructor.configuration}
     # Objects are turned by their placement.
     assert keys == inspect.signature(constructor).parameters.keys() - {"transform", "rotation"}
+
+
+def test_a_key_is_optional_where_its_argument_is() -> None:
+    fields = schema.model_of(patterns.Spinning).model_fields
+    assert [key for key, field in fields.items() if field.is_required()] == ["elevations_deg"]
+    prism = schema.model_of(patterns.Prism)
+    assert prism.alternatives == (("rotation_rate_hz", "rotation_rate_rpm"),)
+    assert [key for key, field in prism.model_fields.items() if field.is_required()] == []
