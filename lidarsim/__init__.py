@@ -8,6 +8,7 @@ from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud, register_format, register_view
+from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan import Scan, Status
 from lidarsim.scene import Scene, SceneObject
 from lidarsim.sensor import Lidar, register_lidar_reader
@@ -23,7 +24,7 @@ from lidarsim.shapes import (
     Triangle,
     TriangleMesh,
 )
-from lidarsim.trajectory import Trajectory
+from lidarsim.trajectory import Trajectory, register_trajectory_format
 
 __all__ = [
     "Beam",
@@ -38,6 +39,8 @@ __all__ = [
     "Plane",
     "PointCloud",
     "Polygon",
+    "Rig",
+    "RigSensor",
     "Scan",
     "Scene",
     "SceneObject",
@@ -54,6 +57,7 @@ __all__ = [
     "patterns",
     "register_format",
     "register_lidar_reader",
+    "register_trajectory_format",
     "register_view",
 ]
 

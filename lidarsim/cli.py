@@ -20,14 +20,17 @@ from rich.table import Table
 
 import lidarsim as ls
 from lidarsim._extras import import_extra
+from lidarsim._files import atomic_writer
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output
+from lidarsim.scan import moment_and_pose
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import open3d, pattern, pyvista
 
 if TYPE_CHECKING:
+    from lidarsim._validation import Floats
     from lidarsim.config.loader import Run
 
 app = typer.Typer(
@@ -68,38 +71,62 @@ def scan(
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
 ) -> None:
-    """Scan the scene of CONFIG and write the point cloud."""
+    """Scan the scene of CONFIG and write the point cloud.
+
+    Each of several frames gets a file, and beside the clouds come the poses of the sensor (OUT_poses.tum), at the start
+    of each frame or at the moment that its points are deskewed to, and the times of the starts (OUT_times.txt). With a
+    rig each sensor has its own files. A ROS 2 bag (.mcap, .db3) holds all of that in one file.
+    """
     check_output(output)
     _check_screenshot(screenshot)
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
+    frame_scans = run.scans()
     reasons = [status.name.replace("_", " ") for status in ls.Status]
     table = _table("frame", "pulses", *reasons, "points", "ms", "points/s")
     points = 0
-    bag = rosbag.Writer(output, trajectory=run.pose) if output.suffix.lower() in rosbag.SUFFIXES else None
+    track: dict[str, list[tuple[float, float, Floats]]] = {}
+    bag = _bag(output, run)
     with (
         bag or nullcontext(),
         Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
     ):
         for number in progress.track(run.frames, description="scanning"):
             begin = time.perf_counter()
-            result = run.scan(number)
-            cloud = result.point_cloud(**run.cloud)
+            scans = next(frame_scans)
+            clouds = {name: result.point_cloud(**run.cloud) for name, result in scans.items()}
             seconds = time.perf_counter() - begin
-            if bag:
-                bag.write(result)  # as the sensor's driver publishes it, however CONFIG wants its clouds
-            else:
-                cloud.save(_numbered(output, f"{number:04}", run))
-            if screenshot:
-                picture = _numbered(screenshot, f"{number:04}", run)
-                pyvista.render(cloud, picture, color_by=color_by, pose=_viewpoint(run, number))
-            counts = result.summary().values()
-            _row(table, number, len(result), *counts, len(cloud), 1e3 * seconds, len(cloud) / seconds)
-            points += len(cloud)
+            if bag:  # as the sensors' drivers publish it, however CONFIG wants its clouds
+                bag.write(scans if isinstance(run.sensor, ls.Rig) else scans[""])
+            for name, cloud in clouds.items():
+                moment, pose = moment_and_pose(scans[name], **run.cloud)
+                in_world = run.cloud["frame"] == "world"
+                if not bag:
+                    cloud.save(_of_frame(output, run, name, f"{number:04}"), pose=None if in_world else pose)
+                    track.setdefault(name, []).append((scans[name].time, moment, pose))
+                if screenshot:
+                    picture = _of_frame(screenshot, run, name, f"{number:04}")
+                    pyvista.render(cloud, picture, color_by=color_by, pose=pose if in_world else None)
+            counts = np.sum([list(result.summary().values()) for result in scans.values()], axis=0)
+            found = sum(map(len, clouds.values()))
+            _row(table, number, sum(map(len, scans.values())), *counts, found, 1e3 * seconds, found / seconds)
+            points += found
+    for name, frames_of_it in track.items() if len(run.frames) > 1 else ():
+        starts, moments, poses = zip(*frames_of_it, strict=True)
+        ls.Trajectory(moments, np.array(poses)).save(_named(output, name, "poses").with_suffix(".tum"))
+        with atomic_writer(_named(output, name, "times").with_suffix(".txt")) as file:
+            file.writelines(f"{moment!r}\n".encode("ascii") for moment in starts)
     _print(table)
-    paths = (output if bag else _numbered(output, "*", run), screenshot and _numbered(screenshot, "*", run))
+    paths = (output if bag else _of_frame(output, run, "*", "*"), screenshot and _of_frame(screenshot, run, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
     _print(f"{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+
+
+def _bag(output: Path, run: Run) -> rosbag.Writer | None:
+    """Return what writes all frames into one file, if the format is one of those; for a rig with its sensors."""
+    if output.suffix.lower() not in rosbag.SUFFIXES:
+        return None
+    return rosbag.Writer(output, sensors=run.sensor if isinstance(run.sensor, ls.Rig) else None, trajectory=run.pose)
 
 
 @app.command()
@@ -119,7 +146,7 @@ def view(
         raise LidarsimError("--screenshot: expected --with pyvista, which draws the pictures, got --with open3d")
     if path.suffix.lower() in (".yaml", ".yml"):
         run = _load(path, overrides, seed=seed, first_frame=frame)
-        cloud, pose = run.scan().point_cloud(**run.cloud), _viewpoint(run, run.frames.start)
+        cloud, pose = _seen(run)
     else:
         cloud, pose = ls.PointCloud.load(path), None
     if viewer is Viewer.OPEN3D:
@@ -132,16 +159,22 @@ def view(
 def check(config: Configuration, overrides: Overrides = None) -> None:
     """Check CONFIG, build what it describes, scan its first and last frame, and say what that is."""
     run = _load(config, overrides)
+    run.scans()  # of a rig some sensors may have no scan in these two frames, and all are tried here
     for frame in sorted({run.frames[0], run.frames[-1]}):
-        run.scan(frame).point_cloud(**run.cloud)
+        for result in next(dataclasses.replace(run, frames=range(frame, frame + 1)).scans()).values():
+            result.point_cloud(**run.cloud)
     table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "without area")
     for index, item in enumerate(run.scene.objects):
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
         triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
         _row(table, index, type(item.shape).__name__, item.name, item.label, item.material.reflectivity, *triangles)
     _print(table)
-    _print_sensor(run.lidar)
+    for lidar in [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, ls.Rig) else [run.sensor]:
+        _print_sensor(lidar)
     count = len(run.frames)
+    if isinstance(run.pose, ls.Trajectory):
+        first, last = run.time(run.frames.start), run.time(run.frames.stop)
+        _print("pose from {:g} to {:g} s; ".format(*run.pose.span) + f"frames from {first:g} to {last:g} s")
     _print(f"{config}: ok, {len(run.scene):,} objects, {count:,} frame{'s' * (count > 1)}, seed {run.seed}")
 
 
@@ -238,16 +271,25 @@ def _check_screenshot(path: Path | None) -> None:
         import_extra("pyvista", "pyvista", "--screenshot")
 
 
-def _viewpoint(run: Run, frame: int) -> Any:
-    """Return the pose of the sensor in the frame of its cloud, when a frame starts; None for the identity."""
-    if run.cloud["frame"] == "sensor":
-        return None
-    return run.pose if isinstance(run.pose, np.ndarray) else run.pose.at(run.time(frame))
+def _seen(run: Run) -> tuple[ls.PointCloud, Any]:
+    """Return the cloud of the first frame, and from where it is seen in its own coordinates; None for their origin."""
+    scans = next(run.scans())
+    if "" in scans:
+        cloud = scans[""].point_cloud(**run.cloud)
+        return cloud, None if run.cloud["frame"] == "sensor" else moment_and_pose(scans[""], "world")[1]
+    clouds = [scan.point_cloud("world") for scan in scans.values()]  # where those of several sensors fit together
+    fields = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in clouds[0].fields}
+    return ls.PointCloud(fields), moment_and_pose(next(iter(scans.values())), "world")[1]
 
 
-def _numbered(path: Path, number: str, run: Run) -> Path:
-    """Return the path of a frame's file: `path` for a single frame, else with its number before the suffix."""
-    return path if len(run.frames) == 1 else path.with_stem(f"{path.stem}_{number}")
+def _named(path: Path, *parts: str) -> Path:
+    """Return `path` with those of `parts` that are not empty before its suffix."""
+    return path.with_stem("_".join([path.stem, *filter(None, parts)]))
+
+
+def _of_frame(path: Path, run: Run, name: str, number: str) -> Path:
+    """Return the path of a frame's file: with the sensor's name if there is a rig, and a number if there are frames."""
+    return _named(path, name if isinstance(run.sensor, ls.Rig) else "", number if len(run.frames) > 1 else "")
 
 
 def _table(*columns: str) -> Table:

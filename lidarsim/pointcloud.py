@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,7 +11,9 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix, parsing
+from lidarsim._validation import Transform
 
 if TYPE_CHECKING:
     import open3d
@@ -170,7 +173,14 @@ class PointCloud:
     def _arrays(self) -> Fields:
         return {name: getattr(self, name) for name in self.fields}
 
-    def save(self, path: PathLike, *, fields: Sequence[str] | None = None, float32: bool = False) -> None:
+    def save(
+        self,
+        path: PathLike,
+        *,
+        fields: Sequence[str] | None = None,
+        float32: bool = False,
+        pose: Transform | None = None,
+    ) -> None:
         """Write the points to a file, whose suffix says the format.
 
         What a format holds of the fields, in which types and units, stands in the documentation of its module in
@@ -185,6 +195,9 @@ class PointCloud:
         float32 : bool
             Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer take, in a
             format that leaves the choice.
+        pose : RigidTransform or array_like, shape (4, 4), optional
+            Rigid transform that takes the points into the world: that of the sensor, if they are in its frame. It
+            becomes the VIEWPOINT of a PCD file; the other formats have no place for it and leave it out.
 
         Raises
         ------
@@ -195,7 +208,7 @@ class PointCloud:
         OSError
             If the file cannot be written.
         TypeError, ValueError
-            If `fields` is not a sequence of names of fields.
+            If `fields` is not a sequence of names of fields, or the pose is not rigid.
         """
         arrays = self._arrays()
         if fields is not None:
@@ -203,8 +216,10 @@ class PointCloud:
         if float32:
             arrays["xyz"] = arrays["xyz"].astype(np.float32)
         check_output(path)
+        save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
+        options = {"pose": where} if "pose" in inspect.signature(save).parameters else {}
         with atomic_writer(path) as file:
-            _format(path).save(arrays, file)
+            save(arrays, file, **options)
 
     @classmethod
     def load(cls, path: PathLike) -> PointCloud:
@@ -338,7 +353,7 @@ def _chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class _Format:
-    save: Callable[[Fields, BinaryIO], None]
+    save: Callable[..., None]
     load: Callable[[BinaryIO], Fields]
     signature: bytes
 
@@ -351,7 +366,7 @@ _VIEWS: dict[str, Callable[[PointCloud], Any]] = {}
 def register_format(
     suffix: str,
     *,
-    save: Callable[[Fields, BinaryIO], None],
+    save: Callable[..., None],
     load: Callable[[BinaryIO], Fields],
     signature: bytes = b"",
 ) -> None:
@@ -362,7 +377,8 @@ def register_format(
     suffix : str
         With its dot, in lower case; it may have several parts, such as ".pcd.bin".
     save : callable
-        Writes the fields of a cloud, in their order, into an open binary file.
+        ``save(fields, file)`` writes the fields of a cloud, in their order, into an open binary file. A format that has
+        a place for the pose that `PointCloud.save` is given takes it as the keyword `pose`: a 4×4 array, or None.
     load : callable
         Returns the fields that an open binary file holds; the message of any exception says why it cannot.
     signature : bytes

@@ -22,7 +22,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 
-__all__ = ["Scan", "Status", "Summary", "scan"]
+__all__ = ["Scan", "Status", "Summary", "moment_and_pose", "scan", "sensor_id"]
 
 
 class Sensor(Protocol):
@@ -387,9 +387,45 @@ def scan(
         chosen,
         lidar,
         time,
-        (seed, zlib.crc32(lidar.name.encode()), frame),
+        (seed, sensor_id(lidar.name), frame),
     )
     return Scan(**arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame)
+
+
+def moment_and_pose(
+    scan: Scan,
+    frame: Literal["sensor", "world"] = "sensor",
+    *,
+    deskew: bool | Literal["start", "middle", "end"] | float = False,
+) -> tuple[float, Floats]:
+    """Return the moment that a point cloud is of, and where the sensor then was.
+
+    Parameters
+    ----------
+    scan : Scan
+        The scan.
+    frame, deskew
+        As `Scan.point_cloud` was given them.
+
+    Returns
+    -------
+    moment : float
+        That of the sensor frame that the points are in, s; the start of the scan if they are not in one, since they are
+        in the world or raw.
+    pose : ndarray of float64, shape (4, 4)
+        Sensor to world at that moment.
+    """
+    offset = None if frame == "world" else scan._moment(deskew)
+    moment = scan.time + (offset or 0.0)
+    if not isinstance(scan.pose, Trajectory):
+        return moment, scan.pose
+    pose: Floats = scan.pose._native.at(np.array([moment]))[0]
+    return moment, pose
+
+
+def sensor_id(name: str) -> int:
+    """Return the number by which a sensor draws its noise: the CRC-32 of its name in UTF-8."""
+    return zlib.crc32(name.encode())
 
 
 def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import KW_ONLY, dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,18 +13,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim import scan as _scan
-from lidarsim._validation import Transform, array, real
+from lidarsim._validation import Transform, array, integer, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
-from lidarsim.patterns._pulses import check_pattern
+from lidarsim.patterns._pulses import check_pattern, pulses_of
 
 if TYPE_CHECKING:
+    from lidarsim._validation import Floats
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
     from lidarsim.trajectory import Trajectory
 
-__all__ = ["Lidar", "preset_path", "register_lidar_reader"]
+__all__ = ["Lidar", "checked_pose", "preset_path", "register_lidar_reader"]
 
 HEAD = 1 << 16
 """Bytes of a file by which its kind is recognised."""
@@ -131,6 +132,61 @@ class Lidar:
         """
         return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed)
 
+    def frames(
+        self,
+        scene: Scene,
+        pose: Transform | Trajectory | None,
+        count: int,
+        *,
+        first: int = 0,
+        seed: int = 0,
+    ) -> Iterator[Scan]:
+        """Scan a scene for one frame after the other: frame k starts at ``k / pattern.rate``, s.
+
+        Time, frame and noise are in step. Each frame is scanned when it is asked for, and sees the scene as it then is.
+
+        Parameters
+        ----------
+        scene : Scene
+            What is scanned.
+        pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
+            Sensor to world, as in `scan`; None is the identity.
+        count : int
+            How many frames.
+        first : int
+            Number of the first frame.
+        seed : int
+            Seed of the noise.
+
+        Returns
+        -------
+        iterator of Scan
+            A scan a frame.
+
+        Raises
+        ------
+        TypeError, ValueError
+            At once, if an argument has the wrong type or shape or is out of its range, or if the trajectory does not
+            cover the first and the last frame.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Plane((1, 0, 0), 10.0))
+        >>> lidar = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0))
+        >>> drive = ls.Trajectory.from_twist(np.eye(4), linear=(5, 0, 0))
+        >>> [float(scan.range[0, 0]) for scan in lidar.frames(scene, drive, 3)]
+        [10.0, 9.5, 9.0]
+        """
+        count = integer("count", count, at_least=0)
+        first = integer("first", first, at_least=0)
+        numbers = range(first, first + count)
+        where = checked_pose(self, scene, pose, numbers, seed=seed)
+        rate = self.pattern.rate
+        return (self.scan(scene, where, time=k / rate, frame=k, seed=seed) for k in numbers)
+
     @staticmethod
     def presets() -> list[str]:
         """Return the names of the sensors that `preset` knows.
@@ -209,6 +265,45 @@ class Lidar:
                         raise TypeError(f"{name}: not an option of {kind}; expected {', '.join(known) or 'none'}")
                 return read(path, **options)
         raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
+
+
+def checked_pose(
+    lidar: Lidar,
+    scene: Scene,
+    pose: Transform | Trajectory | None,
+    frames: range,
+    *,
+    offset: float = 0.0,
+    seed: int = 0,
+) -> Floats | Trajectory:
+    """Return the pose for some frames, after checking that the first and the last of them can be scanned.
+
+    Parameters
+    ----------
+    lidar, scene, pose, seed
+        As in `Lidar.scan`.
+    frames : range
+        Numbers of the frames.
+    offset : float
+        Frame k starts so much after ``k / rate``, s.
+
+    Returns
+    -------
+    ndarray of float64, shape (4, 4), or Trajectory
+        The pose; a copy, so that it is the same for all frames.
+
+    Raises
+    ------
+    TypeError, ValueError
+        What a scan of either frame raises: their first and last pulses are fired.
+    """
+    where: Floats | Trajectory = np.eye(4)
+    for frame in sorted({frames.start, max(frames.start, frames.stop - 1)}):
+        fired = pulses_of(lidar.pattern, frame).time
+        ends = [int(fired.argmin()), int(fired.argmax())] if len(fired) and frames else []
+        time = frame / lidar.pattern.rate + offset
+        where = _scan.scan(lidar, scene, pose, time=time, frame=frame, seed=seed, indices=ends).pose
+    return where.copy() if isinstance(where, np.ndarray) else where
 
 
 def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:

@@ -2,26 +2,47 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import math
+import os
+import reprlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native, _validation
+from lidarsim._files import PathLike, atomic_writer, check_suffix
 from lidarsim._validation import Floats, Transform, array
+from lidarsim.errors import FileFormatError
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
-__all__ = ["Trajectory"]
+__all__ = ["Trajectory", "mounted", "numbers", "register_trajectory_format"]
+
+INTERPOLATIONS = ("linear", "spline")
+
+LONGEST_LINE = 1 << 16
+MOST_LINES = 10_000_000
+"""Bounds on the lines of a file, in bytes, and on their number: a day of poses at 100 Hz has 8.64 million."""
 
 
 class Trajectory:
     """Rigid poses over time: where a sensor, or an object, is at each moment.
 
-    Between two given poses the position is linear in time, and the orientation turns at a constant rate about a fixed
-    axis (Slerp). For a scan it has to last to the end of the frame, 1/rate after its start: a firing cycle that is then
-    under way is completed at the velocities that the trajectory ends with.
+    Each given pose is met exactly at its time. From one to the next, while u = (t − tᵢ)/(tᵢ₊₁ − tᵢ) grows from 0 to 1,
+    the position is pᵢ + s(u) and the orientation Rᵢ exp(φ(u)), where s and φ are polynomials of u without constant
+    term. With "linear" interpolation both have one term alone: the position is linear in time, and the orientation
+    turns at a constant rate about a fixed axis (Slerp). With "spline" both are cubic, and velocity and acceleration,
+    angular ones too, are continuous.
+
+    For a scan it has to last to the end of the frame, 1/rate after its start: a firing cycle that is then under way is
+    completed at the velocities that the trajectory ends with.
 
     Parameters
     ----------
@@ -29,11 +50,22 @@ class Trajectory:
         Rising times, s.
     poses : RigidTransform of n, or array_like, shape (n, 4, 4)
         Pose at each time: rigid transform from the moving frame to the world.
+    interpolation : {"linear", "spline"}
+        How the poses between are found.
 
     Raises
     ------
     TypeError, ValueError
-        If times do not rise, a pose is not rigid, or their numbers differ.
+        If times do not rise, a pose is not rigid, their numbers differ, or there is no such interpolation.
+
+    Notes
+    -----
+    Splines are those of `scipy.interpolate.CubicSpline` (with its default, the not-a-knot condition at the ends) for
+    the position and of `scipy.spatial.transform.RotationSpline` for the orientation.
+
+    ``trajectory @ mount`` is the trajectory of a sensor mounted on the body that `trajectory` moves; `mount`, a 4×4
+    array or a RigidTransform, is the sensor's pose on the body, sensor to body. It holds between the given poses as
+    well: a sensor far from the center of a body that turns moves on an arc.
 
     Examples
     --------
@@ -44,20 +76,41 @@ class Trajectory:
     >>> trajectory = ls.Trajectory([0.0, 1.0], [np.eye(4), there])
     >>> trajectory.at(0.25).translation
     array([2.5, 0. , 0. ])
+    >>> roof = np.eye(4)
+    >>> roof[:3, 3] = (0, 0, 2)
+    >>> (trajectory @ roof).at(0.25).translation
+    array([2.5, 0. , 2. ])
     """
 
-    def __init__(self, times: npt.ArrayLike, poses: RigidTransform | npt.ArrayLike) -> None:
-        rising = array("times", times, ("n",))
+    def __init__(
+        self,
+        times: npt.ArrayLike,
+        poses: RigidTransform | npt.ArrayLike,
+        *,
+        interpolation: Literal["linear", "spline"] = "linear",
+    ) -> None:
+        rising = np.array(array("times", times, ("n",)))
         if not len(rising):
             raise ValueError("times: expected at least one, got none")
-        if (np.diff(rising) <= 0.0).any():
-            i = int(np.argmax(np.diff(rising) <= 0.0)) + 1
+        late = rising[1:] <= rising[:-1]
+        if late.any():
+            i = int(np.argmax(late)) + 1
             raise ValueError(f"times: expected rising times, got times[{i}] = {rising[i]} after {rising[i - 1]}")
         given: Any = poses.as_matrix() if hasattr(poses, "as_matrix") else poses
         if np.ndim(given) != 3 or len(given) != len(rising):
             raise ValueError(f"poses: expected shape ({len(rising)}, 4, 4), one a time, got {np.shape(given)}")
-        matrices = np.array([_validation.pose(f"poses[{i}]", matrix) for i, matrix in enumerate(given)])
-        self._native = _native.Path.knots(rising.tolist(), matrices.tolist(), _turns(matrices).tolist())
+        matrices = _rigid(np.array(array("poses", given, ("n", 4, 4))))
+        if interpolation not in INTERPOLATIONS:
+            raise ValueError(f"interpolation: expected 'linear' or 'spline', got {interpolation!r}")
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            steps = (_spline_steps if interpolation == "spline" else _linear_steps)(rising, matrices)
+            finite = np.isfinite(steps).all() and np.isfinite(rising[-1] - rising[0])
+        if not finite:
+            raise ValueError("times, poses: expected times, positions and velocities within the range of float64")
+        rising.setflags(write=False)
+        self._times = rising
+        self._recipe: _Recipe = "knots", (rising, matrices.reshape(-1, 16), steps.reshape(-1, 18)), ()
+        self._native = _built(self._recipe)
 
     @classmethod
     def from_twist(
@@ -95,16 +148,121 @@ class Trajectory:
         >>> circle.at(np.pi).translation.round(9)
         array([2., 2., 0.])
         """
-        trajectory = cls.__new__(cls)
         start = _validation.pose("pose", pose)
         velocities = array("linear", linear, (3,)), array("angular", angular, (3,))
-        trajectory._native = _native.Path.twist(start.tolist(), *(velocity.tolist() for velocity in velocities))
-        return trajectory
+        arguments = start.tolist(), *(velocity.tolist() for velocity in velocities)
+        return cls._made(np.zeros(1), ("twist", arguments, ()))
+
+    @classmethod
+    def load(
+        cls,
+        path: PathLike,
+        *,
+        times: PathLike | npt.ArrayLike | None = None,
+        interpolation: Literal["linear", "spline"] = "linear",
+    ) -> Trajectory:
+        """Read a file of poses, told by its content.
+
+        - TUM: ``t x y z qx qy qz qw`` in each line, s and m.
+        - KITTI poses: the upper three rows of a 4×4 matrix in each line, 12 numbers.
+        - CSV whose first line names its columns, ``time_s,x_m,y_m,z_m,qx,qy,qz,qw`` among them in any order.
+
+        Lines that are empty or begin with ``#`` are passed over. Rotations are made exact: quaternions need the
+        length 1, and matrices need to be orthonormal, as far as two decimals tell.
+
+        Parameters
+        ----------
+        path : path-like
+            The file.
+        times : path-like or array_like, shape (n,), optional
+            Times of KITTI poses, which have none of their own, s: an array, or a file with a number in each line.
+        interpolation : {"linear", "spline"}
+            How the poses between are found.
+
+        Returns
+        -------
+        Trajectory
+            The poses as the file has them. Those of the KITTI data set are of the left camera; with the matrix ``Tr``
+            of its calibration, ``trajectory @ Tr`` is that of the lidar.
+
+        Raises
+        ------
+        FileFormatError
+            If a file cannot be read, or is not one of these; the message names the line.
+        TypeError, ValueError
+            If `times` are missing, not needed, or of another number than the poses.
+        """
+        lines = _LineReader(path)
+        with lines.refusals():
+            first = next(iter(lines), "")
+            form = next((form for form in _FORMATS if form.recognise(first)), None)
+            if form is None:
+                kinds = "; ".join(f"{form.name}: {form.looks}" for form in _FORMATS)
+                raise ValueError(f"expected poses ({kinds}), got {reprlib.repr(first)}")
+            own, poses = form.read(chain([first], lines))
+        if own is not None:
+            if times is not None:
+                raise ValueError(f"times: expected none for {path}, which is {form.name} and has its own, got some")
+            return cls(lines.rising(own), poses, interpolation=interpolation)
+        if times is None:
+            raise ValueError(f"times: expected those of {path}, since {form.name} has none of its own, got none")
+        if isinstance(times, str | os.PathLike):
+            lines = _LineReader(times)
+            with lines.refusals():
+                stamps = np.array([numbers(line.split(), 1)[0] for line in lines])
+            what: object = lines.path
+            stamps = lines.rising(stamps)
+        else:
+            what, stamps = "times", array("times", times, ("n",))
+        if len(stamps) != len(poses):
+            raise ValueError(f"{what}: expected {len(poses)} times, one for each pose of {path}, got {len(stamps)}")
+        return cls(stamps, poses, interpolation=interpolation)
+
+    def save(self, path: PathLike) -> None:
+        """Write the given poses to a file whose suffix says the format.
+
+        ``.tum`` and ``.txt`` are TUM, ``.csv`` is CSV and ``.kitti`` KITTI poses, which leave out the times; `load`
+        reads them all. Each number is written in full. What is between the poses is not in the file: a spline has to
+        be read as one, and a mounted sensor's poses are joined to each other when they are read back, not by way of
+        its body.
+
+        Parameters
+        ----------
+        path : path-like
+            The file, in a folder that exists.
+
+        Raises
+        ------
+        FileFormatError
+            If the suffix is unknown.
+        ValueError
+            If this is a constant twist, whose one pose does not tell where it leads.
+        OSError
+            If the file cannot be written.
+        """
+        forms = {suffix: form for form in _FORMATS for suffix in form.suffixes}
+        form = forms[check_suffix(path, forms)]
+        if self._recipe[0] == "twist":
+            raise ValueError(
+                "trajectory: expected one of given poses, got a constant twist; sample it before it is saved"
+            )
+        with atomic_writer(path) as file:
+            form.write(self.times, self._native.at(self._times), file)
 
     @property
     def span(self) -> tuple[float, float]:
         """First and last time at which there is a pose, s."""
         return self._native.span()
+
+    @property
+    def times(self) -> Floats:
+        """Times of the given poses, s: (n,) array; of a constant twist 0 alone."""
+        return self._times
+
+    @property
+    def poses(self) -> RigidTransform:
+        """The given poses, moving frame to world: RigidTransform of n; of a mounted sensor, those of the sensor."""
+        return self.at(self._times)
 
     def at(self, times: npt.ArrayLike) -> RigidTransform:
         """Return the poses at some times.
@@ -126,6 +284,55 @@ class Trajectory:
         """
         from scipy.spatial.transform import RigidTransform
 
+        when = self._within(times)
+        matrices = self._native.at(np.atleast_1d(when))
+        return RigidTransform.from_matrix(matrices if when.ndim else matrices[0])
+
+    def velocity(self, times: npt.ArrayLike) -> tuple[Floats, Floats]:
+        """Return the velocities at some times.
+
+        Parameters
+        ----------
+        times : array_like, shape () or (n,)
+            Times within the span, s.
+
+        Returns
+        -------
+        linear : ndarray of float64, shape (3,) or (n, 3)
+            Velocity of the origin of the moving frame, in the world, m/s.
+        angular : ndarray of float64, shape (3,) or (n, 3)
+            Angular velocity in the moving frame, rad/s. Where linear interpolation has a bend, both are those after it;
+            at the last pose, those before.
+
+        Raises
+        ------
+        ValueError
+            If there is no pose at one of the times.
+
+        Notes
+        -----
+        Derivatives of the formulas of the class. With φ a rotation vector that changes at φ̇, the angular velocity is
+        (I − b[φ] + c[φ]²)φ̇, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ| (T. D. Barfoot, State Estimation for
+        Robotics, §7.1). A sensor mounted at m on a body with the orientation R moves by R(ω × m) more than the body.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> circle = ls.Trajectory.from_twist(np.eye(4), linear=(1, 0, 0), angular=(0, 0, 0.5))
+        >>> linear, angular = circle.velocity(np.pi)
+        >>> linear.round(9)
+        array([0., 1., 0.])
+        >>> angular
+        array([0. , 0. , 0.5])
+        """
+        when = self._within(times)
+        velocities = self._native.velocity(np.atleast_1d(when))
+        linear, angular = (np.ascontiguousarray(velocities[:, i]) for i in (0, 1))
+        return (linear, angular) if when.ndim else (linear[0], angular[0])
+
+    def _within(self, times: npt.ArrayLike) -> Floats:
+        """Return `times`, of shape () or (n,), after checking that there is a pose at each."""
         given = np.asarray(times)
         when = array("times", given, ("n",) if given.ndim else ())
         flat = np.atleast_1d(when)
@@ -134,12 +341,75 @@ class Trajectory:
         if outside.any():
             i = int(np.argmax(outside))
             raise ValueError(f"times: expected times from {first} to {last} s, got times[{i}] = {flat[i]}")
-        matrices = self._native.at(flat)
-        return RigidTransform.from_matrix(matrices if given.ndim else matrices[0])
+        return when
+
+    def __matmul__(self, mount: Transform) -> Trajectory:
+        """Return the trajectory of a sensor mounted on the body that this one moves; `mount`: sensor to body."""
+        if isinstance(mount, Trajectory):
+            raise TypeError("mount: expected a pose, got a Trajectory")
+        matrix = _validation.pose("mount", mount).tolist()
+        kind, arguments, mounts = self._recipe
+        return self._made(self._times, (kind, arguments, (*mounts, matrix)), self._native.mounted(matrix))
+
+    @classmethod
+    def _made(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Trajectory:
+        trajectory = cls.__new__(cls)
+        times.setflags(write=False)
+        trajectory._times, trajectory._recipe = times, recipe
+        trajectory._native = _built(recipe) if native is None else native
+        return trajectory
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Return how to make it anew: of the same numbers, and so with the same bits."""
+        return self._made, (self._times, self._recipe)
 
     def __repr__(self) -> str:
         """Return the class and the span."""
         return "Trajectory({:g} to {:g} s)".format(*self.span)
+
+
+_Recipe = tuple[str, tuple[Any, ...], tuple[Any, ...]]
+"""Constructor of a path in the core, its arguments, and the mounts on it."""
+
+
+def _built(recipe: _Recipe) -> _native.Path:
+    kind, arguments, mounts = recipe
+    path: _native.Path = getattr(_native.Path, kind)(*arguments)
+    for mount in mounts:
+        path = path.mounted(mount)
+    return path
+
+
+def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
+    """Return where a sensor is that is mounted on a body, which stands still or moves.
+
+    Parameters
+    ----------
+    pose : ndarray of float64, shape (4, 4), or Trajectory
+        Body to world.
+    mount : ndarray of float64, shape (4, 4)
+        Sensor to body.
+
+    Returns
+    -------
+    ndarray of float64, shape (4, 4), or Trajectory
+        Sensor to world, with the same bits on every processor, which a matrix product of NumPy's need not have.
+    """
+    if isinstance(pose, Trajectory):
+        return pose @ mount
+    still: Floats = _native.Path.still(pose.tolist()).mounted(mount.tolist()).at(np.zeros(1))[0]
+    return still
+
+
+def _rigid(matrices: Floats) -> Floats:
+    """Return `matrices`, of shape (n, 4, 4), after checking that each is rigid as `_validation.pose` understands it."""
+    rotations = matrices[:, :3, :3]
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
+        right = (error <= 1e-6) & (np.linalg.det(rotations) > 0) & (matrices[:, 3] == (0, 0, 0, 1)).all(axis=1)
+    for i in np.flatnonzero(~right):
+        _validation.pose(f"poses[{i}]", matrices[i])
+    return matrices
 
 
 def _turns(matrices: Floats) -> Floats:
@@ -149,3 +419,156 @@ def _turns(matrices: Floats) -> Floats:
     rotations = Rotation.from_matrix(matrices[:, :3, :3])
     turns: Floats = (rotations[:-1].inv() * rotations[1:]).as_rotvec()
     return turns
+
+
+def _linear_steps(times: Floats, matrices: Floats) -> Floats:
+    """Return the steps from pose to pose, (n - 1, 2, 3, 3): of way and rotation vector the terms in u, u² and u³."""
+    del times
+    steps = np.zeros((len(matrices) - 1, 2, 3, 3))
+    steps[:, 0, 0] = np.diff(matrices[:, :3, 3], axis=0)
+    steps[:, 1, 0] = _turns(matrices)
+    return steps
+
+
+def _spline_steps(times: Floats, matrices: Floats) -> Floats:
+    """Return the steps from pose to pose as `_linear_steps` does, those of splines."""
+    from scipy.interpolate import CubicSpline
+    from scipy.spatial.transform import Rotation, RotationSpline
+
+    if len(times) < 3:
+        return _linear_steps(times, matrices)  # which the splines then are
+    # SciPy has the terms in (t - t_i)³, (t - t_i)², …, 1 in turn.
+    try:
+        position = CubicSpline(times, matrices[:, :3, 3]).c
+        turn = RotationSpline(times, Rotation.from_matrix(matrices[:, :3, :3])).interpolator.c
+    except (ValueError, np.linalg.LinAlgError):  # as it says of what overflows
+        return np.full((len(times) - 1, 2, 3, 3), np.nan)
+    lengths = np.diff(times)[:, None]
+    steps = [[terms[3 - power] * lengths**power for power in (1, 2, 3)] for terms in (position, turn)]
+    return np.ascontiguousarray(np.moveaxis(np.array(steps), 2, 0))
+
+
+# Files
+
+
+@dataclass(frozen=True, slots=True)
+class _Format:
+    name: str
+    looks: str
+    recognise: Callable[[str], bool]
+    read: Callable[[Iterator[str]], tuple[Floats | None, Floats]]
+    suffixes: tuple[str, ...]
+    write: Callable[[Floats, Floats, BinaryIO], None]
+
+
+_FORMATS: list[_Format] = []
+
+
+def register_trajectory_format(
+    name: str,
+    looks: str,
+    recognise: Callable[[str], bool],
+    read: Callable[[Iterator[str]], tuple[Floats | None, Floats]],
+    *,
+    suffixes: tuple[str, ...],
+    write: Callable[[Floats, Floats, BinaryIO], None],
+) -> None:
+    """Let `Trajectory.load` and `Trajectory.save` handle one more format of text files.
+
+    Parameters
+    ----------
+    name : str
+        What errors call it, such as "TUM".
+    looks : str
+        How a file looks, in a few words.
+    recognise : callable
+        ``recognise(line)`` says by its first line whether a file is of this format.
+    read : callable
+        ``read(lines)`` returns times, shape (n,), or None if the format has none, and poses, shape (n, 4, 4), of the
+        lines of a file, the first included. Empty lines and comments are left out. An error that it raises is
+        reported with the line that it took last.
+    suffixes : tuple of str
+        Suffixes by which `save` chooses the format, with their dot, in lower case.
+    write : callable
+        ``write(times, poses, file)`` writes times, shape (n,), and poses, shape (n, 4, 4), into an open binary file.
+    """
+    _FORMATS.append(_Format(name, looks, recognise, read, suffixes, write))
+
+
+def numbers(texts: Sequence[str], count: int) -> list[float]:
+    """Return the numbers that some texts are.
+
+    Parameters
+    ----------
+    texts : sequence of str
+        The texts.
+    count : int
+        How many there have to be.
+
+    Returns
+    -------
+    list of float
+        As many finite numbers.
+
+    Raises
+    ------
+    ValueError
+        If there are more or fewer, or one is not a finite number.
+    """
+    if len(texts) != count:
+        raise ValueError(f"expected {count} number{'s' * (count > 1)}, got {len(texts)}")
+    values = []
+    for text in texts:
+        try:
+            value = float(text)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or "_" in text:
+            raise ValueError(f"expected finite numbers, got {reprlib.repr(text)}")
+        values.append(value)
+    return values
+
+
+class _LineReader:
+    """The lines of a text file one by one, without empty ones and comments; bounded, whatever the file holds."""
+
+    def __init__(self, path: PathLike) -> None:
+        self.path = Path(path)
+        self.numbers: list[int] = []
+        """Of the lines given so far."""
+        self._number = 0
+        self._lines = self._read()
+
+    def _read(self) -> Iterator[str]:
+        with self.path.open("rb") as file:
+            while line := file.readline(LONGEST_LINE + 1):
+                self._number += 1
+                if len(line) > LONGEST_LINE or self._number > MOST_LINES:
+                    raise ValueError(f"expected at most {MOST_LINES:,} lines of {LONGEST_LINE:,} bytes, got more")
+                text = line.decode("utf-8-sig", errors="replace").strip()
+                if text and not text.startswith("#"):
+                    self.numbers.append(self._number)
+                    yield text
+
+    def __iter__(self) -> Iterator[str]:
+        return self._lines
+
+    @contextmanager
+    def refusals(self) -> Iterator[None]:
+        """Turn an error from within the block into one that names the file and the line taken last."""
+        try:
+            yield
+        except OSError as error:
+            raise FileFormatError(f"{self.path}: cannot read the file: {error.strerror}") from None
+        except ValueError as error:
+            line = f":{self._number}" if self._number else ""
+            raise FileFormatError(f"{self.path}{line}: {error}") from None
+
+    def rising(self, times: Floats) -> Floats:
+        """Return `times`, those of the last lines, after checking that they rise."""
+        late = times[1:] <= times[:-1]
+        if late.any():
+            i = int(np.argmax(late)) + 1
+            line = self.numbers[len(self.numbers) - len(times) + i]
+            raise FileFormatError(f"{self.path}:{line}: expected rising times, got {times[i]} after {times[i - 1]}")
+        return times

@@ -100,6 +100,129 @@ def test_a_bag_holds_all_frames(suffix: str, capsys: pytest.CaptureFixture[str])
     np.testing.assert_array_equal(ls.PointCloud.load(path).xyz, messages[2].cloud.xyz)
 
 
+DRIVE = "pose={position_m: [0, 0, 2], linear_m_per_s: [8, 0, 0], angular_deg_per_s: [0, 0, 20]}"
+
+
+def viewpoint(path: str) -> list[float]:
+    (line,) = (line for line in Path(path).read_bytes()[:2000].splitlines() if line.startswith(b"VIEWPOINT"))
+    return list(map(float, line.split()[1:]))
+
+
+@pytest.mark.parametrize("pose", [DRIVE, "pose.position_m=[0, 0, 2]"], ids=["moving", "still"])
+def test_several_frames_come_with_their_poses_and_times(pose: str) -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a.pcd", "--frames", "3", "--frame", "2", "--set", pose) == 0
+    names = [f"a_{k:04}.pcd" for k in (2, 3, 4)]
+    assert sorted(path.name for path in Path().iterdir()) == [*names, "a_poses.tum", "a_times.txt", "run.yaml"]
+    times = [0.2, 3 / 10.0, 0.4]
+    assert [float(line) for line in Path("a_times.txt").read_text(encoding="ascii").splitlines()] == times
+    poses, run = ls.Trajectory.load("a_poses.tum"), ls.config.load("run.yaml", [pose])
+    assert poses.times.tolist() == times
+    still = isinstance(run.pose, np.ndarray)
+    for name, time_, found in zip(names, times, poses.poses, strict=True):
+        expected = run.pose if still else run.pose.at(time_).as_matrix()
+        assert np.abs(found.as_matrix() - expected).max() < 1e-15
+        x, y, z, qw, qx, qy, qz = viewpoint(name)
+        assert [x, y, z] == expected[:3, 3].tolist()
+        assert np.abs(found.rotation.as_quat(canonical=True) - [qx, qy, qz, qw]).max() < 1e-15
+    assert still or poses.at(0.4).rotation.magnitude() == pytest.approx(np.radians(8))
+
+
+@pytest.mark.parametrize(
+    ("deskew", "moment"), [("deskew=start", 0.0), ("deskew=middle", 0.05), ("deskew=end", 0.1), ("deskew_s=0.03", 0.03)]
+)
+def test_the_poses_are_those_of_the_moment_that_points_are_deskewed_to(deskew: str, moment: float) -> None:
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
+    assert lidarsim("scan", "moving.yaml", "-o", "a.pcd", "--set", f"cloud.{deskew}") == 0
+    assert lidarsim("scan", "moving.yaml", "-o", "b.npz", "--set", "cloud.frame=world") == 0
+    tum = np.loadtxt("a_poses.tum")
+    assert np.array_equal(tum[:, 0], [0.0 + moment, 0.1 + moment])
+    assert np.abs(tum[:, 1] - 10 * tum[:, 0]).max() < 1e-14
+    assert np.loadtxt("a_times.txt").tolist() == [0.0, 0.1]
+    assert np.loadtxt("b_poses.tum")[:, 0].tolist() == [0.0, 0.1]
+    for k, pose in enumerate(tum):
+        cloud, world = ls.PointCloud.load(f"a_{k:04}.pcd"), ls.PointCloud.load(f"b_{k:04}.npz")
+        assert viewpoint(f"a_{k:04}.pcd")[:3] == pose[1:4].tolist()
+        assert len(cloud) > 5000
+        # Straight ahead: no rotation. Three roundings of numbers below 128, half an ulp of which is 2**-47.
+        assert np.abs(cloud.xyz + pose[1:4] - world.xyz).max() < 4 * 2.0**-47
+
+
+def test_a_single_frame_has_its_pose_in_the_pcd_file_alone() -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a.pcd", "--set", DRIVE, "--frame", "1") == 0
+    assert sorted(path.name for path in Path().iterdir()) == ["a.pcd", "run.yaml"]
+    assert viewpoint("a.pcd")[0] == ls.config.load("run.yaml", [DRIVE]).pose.at(0.1).translation[0] > 0.7
+    assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--set", DRIVE, "--set", "cloud.frame=world") == 0
+    assert viewpoint("b.pcd") == [0, 0, 0, 1, 0, 0, 0]  # these points are in the world
+
+
+RIG = """\
+rig:
+  top: {sensor: {preset: velodyne-vlp16, noise: datasheet}, position_m: [1, 0, 2]}
+  left: {sensor: {preset: velodyne-vlp16, noise: datasheet}, position_m: [0, 1, 1], offset_s: 0.05}
+pose: {file: drive.csv}
+frames: 2
+scene: [{shape: plane, normal: [0, 0, 1], label: 40}, {shape: sphere, center_m: [9, 0, 2], radius_m: 1, label: 7}]
+"""
+
+
+def rig() -> Path:
+    poses = np.array([np.eye(4)] * 2)
+    poses[1, 0, 3] = 5.0
+    ls.Trajectory([0.0, 1.0], poses).save("drive.csv")
+    path = Path("rig.yaml")
+    path.write_text(RIG, encoding="utf-8")
+    return path
+
+
+def test_a_rig_writes_each_sensor(capsys: pytest.CaptureFixture[str]) -> None:
+    run = ls.config.load(rig())
+    assert lidarsim("scan", "rig.yaml", "-o", "a.pcd") == 0
+    written = {path.name for path in Path().glob("a_*")}
+    assert written == {
+        f"a_{name}_{rest}" for name in run.sensor for rest in ("0000.pcd", "0001.pcd", "poses.tum", "times.txt")
+    }
+    assert capsys.readouterr().out.endswith(" s: a_*_*.pcd\n")
+    for k, scans in enumerate(run.scans()):
+        for name, scan in scans.items():
+            cloud = ls.PointCloud.load(f"a_{name}_{k:04}.pcd")
+            assert len(cloud) > 5000
+            assert np.array_equal(cloud.range, scan.point_cloud().range)
+            assert viewpoint(f"a_{name}_{k:04}.pcd")[:3] == scan.pose.at(scan.time).translation.tolist()
+            assert Path(f"a_{name}_times.txt").read_text().splitlines()[k] == repr(scan.time)
+    left = ls.Trajectory.load("a_left_poses.tum")
+    assert np.abs(left.poses.translation - [[0.25, 1, 1], [0.75, 1, 1]]).max() < 1e-15
+    assert lidarsim("scan", "rig.yaml", "-o", "b.npz", "--frames", "1") == 0
+    assert {path.name for path in Path().glob("b*")} == {"b_top.npz", "b_left.npz"}
+
+
+def test_a_rig_is_checked_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    rig()
+    assert lidarsim("check", "rig.yaml") == 0
+    printed = capsys.readouterr().out
+    assert [line.split()[1] for line in printed.splitlines() if line.startswith(" sensor ")] == ["top", "left"]
+    assert printed.endswith("pose from 0 to 1 s; frames from 0 to 0.2 s\nrig.yaml: ok, 2 objects, 2 frames, seed 0\n")
+    assert lidarsim("view", "rig.yaml", "--screenshot", "rig.png") == 0
+    assert Path("rig.png").stat().st_size > 10_000
+
+
+def test_a_rig_is_checked_for_its_moments(capsys: pytest.CaptureFixture[str]) -> None:
+    rig()
+    for command in ("check rig.yaml", "scan rig.yaml -o a.pcd"):
+        assert lidarsim(*command.split(), "--set", "cloud.deskew_s=0.95") == 2
+        assert "deskew: expected a moment within the trajectory, 0.0 to 1.0 s, got 0.95, at " in capsys.readouterr().err
+    assert lidarsim("check", "rig.yaml", "--set", "cloud.deskew=end") == 0
+
+
+def test_a_trajectory_that_ends_too_soon_is_told_before_the_work(capsys: pytest.CaptureFixture[str]) -> None:
+    rig()
+    before = set(Path().iterdir())
+    assert lidarsim("scan", "rig.yaml", "-o", "a.pcd", "--frames", "20") == 2
+    error = capsys.readouterr().err
+    assert error.startswith("lidarsim: pose: expected a trajectory over all pulses, got one from 0 to 1 s and pulse ")
+    assert error.count("\n") == 1
+    assert set(Path().iterdir()) == before
+
+
 def test_overrides_and_seed() -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.npz", "--set", "scene.1.label=9", "--set", "sensor.noise=none") == 0
     exact = ls.PointCloud.load("a.npz")
@@ -190,6 +313,9 @@ MISTAKES = {
         "--set scene.1.radius_m=-1: expected a finite number > 0, got -1.0"
     ),
     "scan run.yaml -o a.pcd --frames 0": "--set frames=0: expected a value >= 1, got 0",
+    'scan run.yaml -o a.pcd --set pose={"file":"gone.tum"}': (
+        '--set pose={"file":"gone.tum"}: pose.file: cannot read gone.tum: No such file or directory'
+    ),
     "check run.yaml --set sensor.noise=true": "--set sensor.noise=true: expected none or datasheet, got true",
     "check run.yaml --set sensor.mode=1": "--set sensor.mode=1: expected the name of a mode, got 1",
     "check run.yaml --set cloud.deskew=mid": (

@@ -499,8 +499,13 @@ def drive() -> ls.Trajectory:
 
 @pytest.mark.parametrize(
     "trajectory",
-    [drive(), ls.Trajectory.from_twist(TURNED, linear=(10, 0, 1), angular=(0, 0.2, 1.0))],
-    ids=["knots", "twist"],
+    [
+        drive(),
+        ls.Trajectory.from_twist(TURNED, linear=(10, 0, 1), angular=(0, 0.2, 1.0)),
+        ls.Trajectory(drive().times, drive().poses, interpolation="spline"),
+        drive() @ TURNED,
+    ],
+    ids=["knots", "twist", "spline", "mounted"],
 )
 def test_each_pulse_is_fired_from_its_own_pose(trajectory: ls.Trajectory) -> None:
     scene, sensor = room(), lidar()
@@ -630,6 +635,39 @@ def test_a_trajectory_to_the_end_of_the_frame_is_enough(name: str) -> None:
         with pytest.raises(ValueError, match=r"^pose: expected a trajectory over all pulses, got one from 0 to "):
             sensor.scan(room(), straight(short), time=start, frame=frame)
     assert overrun > 5
+
+
+@pytest.mark.parametrize("mount", [None, TURNED], ids=["spline", "mounted"])
+def test_a_spline_is_held_at_the_velocities_of_its_end(mount: RigidTransform | None) -> None:
+    sensor, scene = ls.Lidar.preset("velodyne-hdl64e-s3"), room()
+    end = 1 / sensor.pattern.rate
+    times = np.linspace(0.0, end, 5)
+    # It brakes, and turns about an axis that turns itself.
+    poses = [
+        RigidTransform.from_components([9 * t - 20 * t * t, t, 0.0], turn(2 * t) * Rotation.from_euler("x", 9 * t * t))
+        for t in times
+    ]
+    body = ls.Trajectory(times, RigidTransform.concatenate(poses), interpolation="spline")
+    mounted = RigidTransform.identity() if mount is None else mount
+    scan = sensor.scan(scene, body if mount is None else body @ mount)
+    late = scan.pulses.time > end
+    assert late.sum() >= 20
+    linear, angular = body.velocity(end)
+    assert np.linalg.norm(linear) > 3
+    assert np.linalg.norm(angular) > 2
+    after = scan.pulses.time[late] - end
+    last = body.at(end)
+    at = RigidTransform.from_components(
+        last.translation + after[:, None] * linear, last.rotation * Rotation.from_rotvec(after[:, None] * angular)
+    )
+    at = at * mounted
+    assert np.abs(scan.poses[late] - at.as_matrix()).max() < 1e-14
+    hits = scene.cast(at.apply(scan.pulses.origins[late]), at.rotation.apply(scan.pulses.directions[late]))
+    assert hits.hit.sum() >= 10
+    assert np.array_equal(scan.object_id[late, 0], hits.object_id)
+    reached, rays = scan.true_range[late, 0][hits.hit], hits.t[hits.hit]
+    # The poses are off by 1e-14, in position and direction, and so are the ranges, over the cosine of the incidence.
+    assert (np.abs(reached - rays) < 1e-14 * (rays + 10) / np.cos(scan.incidence[late, 0][hits.hit])).all()
 
 
 def test_a_trajectory_is_not_held_for_another_cycle() -> None:

@@ -1,15 +1,19 @@
-"""Trajectories: poses met, poses between, circles, and what is refused."""
+"""Trajectories: poses met, poses between, circles, splines, mounts, velocities, and what is refused."""
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 import re
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm
-from scipy.spatial.transform import RigidTransform, Rotation, Slerp
+from scipy.spatial.transform import RigidTransform, Rotation, RotationSpline, Slerp
 
 import lidarsim as ls
 
@@ -62,6 +66,190 @@ def test_a_twist_is_the_matrix_exponential(angular: tuple[float, float, float]) 
         assert np.allclose(trajectory.at(time).as_matrix(), expected, rtol=0, atol=1e-12), time
 
 
+EPS = np.finfo(float).eps
+
+
+def spline() -> ls.Trajectory:
+    return ls.Trajectory(TIMES, poses(), interpolation="spline")
+
+
+def test_a_spline_is_scipys() -> None:
+    position, turn = CubicSpline(TIMES, poses().translation), RotationSpline(TIMES, poses().rotation)
+    times, lengths = np.linspace(-1.0, 4.0, 501), np.diff(TIMES)
+
+    def size(terms: np.ndarray) -> float:
+        """Largest sum of the absolute values of the terms of a polynomial, cubic one first."""
+        return sum((np.abs(part).max(axis=1) * lengths ** (3 - i)).max() for i, part in enumerate(terms))
+
+    # Horner's rule rounds 6 times here and there, coefficients are rounded twice more each: 16 roundings of half an ulp
+    # of no more than `size`. A velocity has three times as large terms, over the shortest time.
+    at = spline().at(times)
+    assert np.abs(at.translation - position(times)).max() < 16 * EPS * size(position.c)
+    linear, angular = spline().velocity(times)
+    assert np.abs(linear - position(times, 1)).max() < 48 * EPS * size(position.c) / lengths.min()
+    # A rotation is off by the error of its angle, and by 16 roundings in its matrix and SciPy's quaternions. Angular
+    # velocities go through a matrix of angles, whose entries are below 2.
+    angle = 16 * EPS * size(turn.interpolator.c)
+    assert np.abs(at.rotation.as_matrix() - turn(times).as_matrix()).max() < angle + 16 * EPS
+    assert np.abs(angular - turn(times, 1)).max() < 2 * 3 * angle / lengths.min()
+    assert np.abs(linear).max() > 10
+    assert np.abs(angular).max() > 1
+
+
+def test_a_spline_is_smooth_where_lines_have_bends() -> None:
+    def leaps(trajectory: ls.Trajectory) -> list[float]:
+        """How far velocities and accelerations on both sides of each pose within differ, relative to their size."""
+        found = []
+        for time in TIMES[1:-1]:
+            before, step = np.nextafter(time, -math.inf), 1e-6
+            for i in (0, 1):
+                velocities = [trajectory.velocity(t)[i] for t in (before - step, before, time, time + step)]
+                sides = (velocities[1] - velocities[0]) / step, (velocities[3] - velocities[2]) / step
+                found.append(np.linalg.norm(velocities[2] - velocities[1]) / np.linalg.norm(velocities[1]))
+                found.append(np.linalg.norm(sides[1] - sides[0]) / (np.linalg.norm(sides[1]) + 1e-300))
+        return found
+
+    # The one-sided differences are off by half a step times the third derivative, some 1e-5 of the acceleration.
+    assert max(leaps(spline())) < 1e-3
+    assert min(leaps(ls.Trajectory(TIMES, poses()))[::2]) > 0.1
+
+
+def test_splines_of_one_and_two_poses_are_lines() -> None:
+    for n in (1, 2):
+        line, curve = (ls.Trajectory(TIMES[:n], poses()[:n], interpolation=kind) for kind in ("linear", "spline"))
+        times = np.linspace(*line.span, 7)
+        assert np.array_equal(line.at(times).as_matrix(), curve.at(times).as_matrix())
+        assert np.array_equal(line.velocity(times), curve.velocity(times))
+
+
+def test_given_poses_are_met_to_the_bit() -> None:
+    matrices = poses().as_matrix()
+    line, curve = ls.Trajectory(TIMES, matrices), spline()
+    for trajectory in (line, curve):
+        assert np.array_equal(trajectory.times, TIMES)
+        assert np.array_equal(trajectory.poses.translation, matrices[:, :3, 3])
+        assert np.array_equal(trajectory.poses.as_matrix(), line.poses.as_matrix())
+        with pytest.raises(ValueError, match="read-only"):
+            trajectory.times[0] = 5.0
+    circle = ls.Trajectory.from_twist(poses()[1], (1, 0, 0))
+    assert (circle.times.tolist(), circle.poses.as_matrix().shape) == ([0.0], (1, 4, 4))
+
+
+MOUNT = RigidTransform.from_components([1.5, -0.5, 2.0], Rotation.from_rotvec([0.3, -0.2, 1.0]))
+KINDS = {
+    "linear": lambda: ls.Trajectory(TIMES, poses()),
+    "spline": spline,
+    "twist": lambda: ls.Trajectory.from_twist(poses()[1], (3, 0, 1), (0.2, -0.1, 0.7)),
+    "mounted": lambda: spline() @ MOUNT,
+    "mounted twice": lambda: (spline() @ MOUNT) @ MOUNT.inv() @ MOUNT,
+    "mounted on a twist": lambda: ls.Trajectory.from_twist(poses()[1], (3, 0, 1), (0.2, -0.1, 0.7)) @ MOUNT,
+}
+
+
+@pytest.mark.parametrize("kind", ["linear", "spline", "twist"])
+def test_a_mount_is_fixed_to_the_body_at_every_time(kind: str) -> None:
+    body, times = KINDS[kind](), np.linspace(-1.0, 4.0, 501)
+    sensor = body @ MOUNT
+    assert sensor.span == body.span
+    expected = body.at(times) * MOUNT
+    size = np.abs(body.at(times).translation).max() + np.abs(MOUNT.translation).sum()
+    assert np.abs(sensor.at(times).as_matrix() - expected.as_matrix()).max() < 8 * EPS * size
+    assert np.abs(sensor.poses.as_matrix() - (body.poses * MOUNT).as_matrix()).max() < 8 * EPS * size
+    # A mount on a mount, and a matrix in place of a RigidTransform.
+    twice = (body @ MOUNT.as_matrix()) @ MOUNT
+    assert np.abs(twice.at(times).as_matrix() - (expected * MOUNT).as_matrix()).max() < 16 * EPS * size
+
+
+def test_a_mount_is_more_than_mounted_poses() -> None:
+    sensor = ls.Trajectory(TIMES, poses()) @ MOUNT
+    joined = ls.Trajectory(TIMES, sensor.poses)
+    apart = np.linalg.norm(sensor.at(2.0).translation - joined.at(2.0).translation)
+    assert apart > 0.5  # an arc, and its chord
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_velocities_are_finite_differences(kind: str) -> None:
+    trajectory, h = KINDS[kind](), 1e-4
+    # Times off the poses, where lines have bends, by more than h.
+    times = np.concatenate([np.linspace(a + 0.01, b - 0.01, 40) for a, b in pairwise(TIMES)])
+    linear, angular = trajectory.velocity(times)
+    assert linear.shape == angular.shape == (len(times), 3)
+    before, after = trajectory.at(times - h), trajectory.at(times + h)
+
+    # (f(t+h) − f(t−h))/2h is the derivative and h²/6 of the third one, and third derivatives are second differences of
+    # the velocity. To each difference rounding adds a few ulps of the size of f over h. Of rotations,
+    # log(R(t−h)ᵀR(t+h))/2h is ω + h²/6·(ω̈ + ω×ω̇) and terms of h⁴ (the Magnus expansion about t).
+    def second(i: int) -> float:
+        near, at, far = (trajectory.velocity(times + step)[i] for step in (-0.005, 0.0, 0.005))
+        return float(np.abs(near - 2 * at + far).max() / 0.005**2)
+
+    def first(i: int) -> float:
+        near, far = (trajectory.velocity(times + step)[i] for step in (-0.005, 0.005))
+        return float(np.linalg.norm(far - near, axis=1).max() / 0.01)
+
+    size = np.abs(before.translation).max()
+    bound = h**2 / 6 * second(0) + 16 * EPS * size / h
+    assert np.abs((after.translation - before.translation) / (2 * h) - linear).max() < bound
+    assert np.abs(linear).max() > 1000 * bound
+    turned = (before.rotation.inv() * after.rotation).as_rotvec() / (2 * h)
+    speed = np.linalg.norm(angular, axis=1).max()
+    bound = h**2 / 6 * (math.sqrt(3) * second(1) + speed * first(1)) + 16 * EPS / h
+    assert np.abs(turned - angular).max() < bound
+    assert np.abs(angular).max() > 1000 * bound
+
+
+def test_velocities_at_one_time_and_at_bends() -> None:
+    line = ls.Trajectory([0.0, 1.0, 3.0], [np.eye(4), moved(1), moved(5)])
+    linear, angular = line.velocity(0.5)
+    assert (linear.tolist(), angular.tolist()) == ([1, 0, 0], [0, 0, 0])
+    assert line.velocity([0.0, 1.0, 3.0])[0][:, 0].tolist() == [1.0, 2.0, 2.0]
+    still = ls.Trajectory([1.0], [np.eye(4)])
+    assert np.array_equal(still.velocity(1.0), np.zeros((2, 3)))
+
+
+def moved(x: float) -> np.ndarray:
+    matrix = np.eye(4)
+    matrix[0, 3] = x
+    return matrix
+
+
+def pickled(trajectory: ls.Trajectory) -> ls.Trajectory:
+    return pickle.loads(pickle.dumps(trajectory))  # noqa: S301 - our own
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("again", [copy.copy, copy.deepcopy, pickled])
+def test_copies_have_the_same_bits(kind: str, again: Callable[[ls.Trajectory], ls.Trajectory]) -> None:
+    trajectory, times = KINDS[kind](), np.linspace(-1.0, 4.0, 101)
+    other = again(trajectory)
+    assert np.array_equal(trajectory.at(times).as_matrix(), other.at(times).as_matrix())
+    assert np.array_equal(trajectory.velocity(times), other.velocity(times))
+    assert (trajectory.span, trajectory.times.tolist()) == (other.span, other.times.tolist())
+    assert not other.times.flags.writeable
+
+
+def test_what_is_given_may_change_afterwards() -> None:
+    times, matrices = np.array([0.0, 1.0]), np.array([np.eye(4), moved(1)])
+    trajectory = ls.Trajectory(times, matrices)
+    times[1], matrices[1] = 9.0, moved(9)
+    assert trajectory.span == (0.0, 1.0)
+    assert trajectory.at(1.0).translation.tolist() == [1, 0, 0]
+    assert pickled(trajectory).at(1.0).translation.tolist() == [1, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("mount", "error", "message"),
+    [
+        (np.diag([1, 1, 2, 1]), ValueError, "mount: expected a rigid transform (orthonormal rotation), "),
+        (np.eye(3), ValueError, "mount: expected shape (4, 4), got (3, 3)"),
+        (spline(), TypeError, "mount: expected a pose, got a Trajectory"),
+    ],
+)
+def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=f"^{re.escape(message)}"):
+        spline() @ mount
+
+
 @pytest.mark.parametrize(
     ("make", "message"),
     [
@@ -76,6 +264,38 @@ def test_a_twist_is_the_matrix_exponential(angular: tuple[float, float, float]) 
         (
             lambda: ls.Trajectory([0, 1], [np.eye(4), np.diag([1, 1, 2, 1])]),
             "poses[1]: expected a rigid transform (orthonormal rotation), got one 3 away from it, determinant 2",
+        ),
+        (
+            lambda: ls.Trajectory([0, 1], [np.eye(4), np.diag([1, 1, -1, 1])]),
+            "poses[1]: expected a rigid transform (orthonormal rotation), got one 0 away from it, determinant -1",
+        ),
+        (
+            lambda: ls.Trajectory([0, 1], [np.eye(4), moved(math.nan)]),
+            "poses: expected finite numbers, got poses[1][0][3] = nan",
+        ),
+        (
+            lambda: ls.Trajectory([0, 1], [np.eye(4), 2 * np.eye(4)]),
+            "poses[1]: expected a last row of (0, 0, 0, 1), got (0.0, 0.0, 0.0, 2.0)",
+        ),
+        (
+            lambda: ls.Trajectory([0, 1], [moved(-1.5e308), moved(1.5e308)]),
+            "times, poses: expected times, positions and velocities within the range of float64",
+        ),
+        (
+            lambda: ls.Trajectory([-1.5e308, 1.5e308], [np.eye(4)] * 2),
+            "times, poses: expected times, positions and velocities within the range of float64",
+        ),
+        (
+            lambda: ls.Trajectory([0, 1e-200, 1], [moved(x) for x in (0, 1, 2)], interpolation="spline"),
+            "times, poses: expected times, positions and velocities within the range of float64",
+        ),
+        (
+            lambda: ls.Trajectory([0], [np.eye(4)], interpolation="cubic"),
+            "interpolation: expected 'linear' or 'spline', got 'cubic'",
+        ),
+        (
+            lambda: ls.Trajectory(TIMES, poses()).velocity(5.0),
+            "times: expected times from -1.0 to 4.0 s, got times[0] = 5.0",
         ),
         (
             lambda: ls.Trajectory.from_twist(np.eye(4), linear=(1, 2)),

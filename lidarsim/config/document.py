@@ -163,8 +163,10 @@ def replace(node: Node | None, path: list[str], value: Node) -> Node:
     if isinstance(node, yaml.ScalarNode) and node.tag != f"{_TAG}null":
         raise ConfigError(f"{_written(value.start_mark)}: {node.value!r} has no key {head!r} to set")
     found = entries(node)
-    _, old = found.get(head, (None, None))
-    found[head] = (yaml.ScalarNode(f"{_TAG}str", head, value.start_mark, value.end_mark), replace(old, rest, value))
+    key, old = found.get(head, (None, None))
+    if key is None or not rest:  # keys on the way to the value stay where they were written
+        key = yaml.ScalarNode(f"{_TAG}str", head, value.start_mark, value.end_mark)
+    found[head] = (key, replace(old, rest, value))
     return _mapping(found, node or value)
 
 

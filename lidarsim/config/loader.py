@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -13,7 +14,9 @@ import yaml
 
 from lidarsim.config import recognise, schema
 from lidarsim.config.document import Node, Place, entries, merge, override, plain, read, replace, without
-from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose
+from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose, build_rig
+from lidarsim.errors import ConfigError
+from lidarsim.rig import Rig
 from lidarsim.scene import Scene
 from lidarsim.sensor import HEAD, Lidar, preset_path
 
@@ -25,7 +28,9 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Model)
 
 # These choose what a document includes, so overrides of them come first and all others after it is whole.
-CHOICES = ("sensor", "sensor.preset", "sensor.file", "sensor.mode", "sensor.noise", "scene", "scene.file")
+CHOICES = re.compile(
+    r"(rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?)="
+)
 
 
 @dataclass(frozen=True)
@@ -36,10 +41,10 @@ class Run:
     ----------
     scene : Scene
         What is scanned.
-    lidar : Lidar
+    sensor : Lidar or Rig
         What scans it.
     pose : ndarray of float64, shape (4, 4), or Trajectory
-        Where the sensor is, sensor to world.
+        Where the sensor, or the body of the rig, is: to world.
     seed : int
         Seed of all random numbers.
     frames : range
@@ -49,14 +54,32 @@ class Run:
     """
 
     scene: Scene
-    lidar: Lidar
+    sensor: Lidar | Rig
     pose: Floats | Trajectory
     seed: int
     frames: range
     cloud: dict[str, Any]
 
+    @property
+    def lidar(self) -> Lidar:
+        """The sensor of a run that has but one.
+
+        Raises
+        ------
+        ConfigError
+            If the run has a rig.
+        """
+        if isinstance(self.sensor, Rig):
+            raise ConfigError(f"rig: expected a run with one sensor, got {self.sensor}")
+        return self.sensor
+
+    @property
+    def rate(self) -> float:
+        """Frames a second, Hz."""
+        return self.sensor.rate if isinstance(self.sensor, Rig) else self.sensor.pattern.rate
+
     def scan(self, frame: int | None = None) -> Scan:
-        """Scan one frame, from the time at which it starts.
+        """Scan one frame with the one sensor, from the time at which it starts.
 
         Parameters
         ----------
@@ -67,9 +90,33 @@ class Run:
         -------
         Scan
             What the sensor measured; ``scan.point_cloud(**run.cloud)`` are its points as the configuration wants them.
+
+        Raises
+        ------
+        ConfigError
+            If the run has a rig.
         """
         frame = self.frames.start if frame is None else frame
         return self.lidar.scan(self.scene, self.pose, time=self.time(frame), frame=frame, seed=self.seed)
+
+    def scans(self) -> Iterator[dict[str, Scan]]:
+        """Scan all frames one after the other, with all sensors.
+
+        Returns
+        -------
+        iterator of dict of str to Scan
+            For each frame its scans by the names of the sensors in the rig, as `Rig.frames` gives them; without a rig
+            there is one, by the name "".
+
+        Raises
+        ------
+        ValueError
+            At once, if the trajectory does not cover the frames.
+        """
+        what, first = (self.scene, self.pose, len(self.frames)), self.frames.start
+        if isinstance(self.sensor, Rig):
+            return self.sensor.frames(*what, first=first, seed=self.seed)
+        return ({"": scan} for scan in self.sensor.frames(*what, first=first, seed=self.seed))
 
     def time(self, frame: int) -> float:
         """Return the time at which a frame starts.
@@ -84,18 +131,18 @@ class Run:
         float
             Time since frame 0 started, s.
         """
-        return frame / self.lidar.pattern.rate
+        return frame / self.rate
 
 
 def load(path: Path, overrides: Sequence[str]) -> Run:
     """Return the run that a file describes; see `lidarsim.config.load`."""
     root = read(path)
     for assignment in overrides:
-        if assignment.partition("=")[0] in CHOICES:
+        if CHOICES.match(assignment):
             root = override(root, assignment)
     root = _include(root)
     for assignment in overrides:
-        if assignment.partition("=")[0] not in CHOICES:
+        if not CHOICES.match(assignment):
             root = override(root, assignment)
     config, place = _check(Config, root), Place(root)
     scene = Scene()
@@ -103,12 +150,22 @@ def load(path: Path, overrides: Sequence[str]) -> Run:
         item.add_to(scene, place / "scene" / index)
     return Run(
         scene=scene,
-        lidar=config.sensor.build(place / "sensor"),
+        sensor=_sensor_or_rig(config, place),
         pose=build_pose(config.pose, place / "pose"),
         seed=config.seed,
         frames=range(config.first_frame, config.first_frame + config.frames),
         cloud=config.cloud.build(place / "cloud"),
     )
+
+
+def _sensor_or_rig(config: Config, place: Place) -> Lidar | Rig:
+    if config.sensor is not None and config.rig is not None:
+        raise (place / "rig").error("expected either sensor or rig, got both")
+    if config.rig is not None:
+        return build_rig(config.rig, place / "rig")
+    if config.sensor is not None:
+        return config.sensor.build(place / "sensor")
+    raise place.error("missing key 'sensor' or 'rig'")
 
 
 def read_lidar(path: Path, *, mode: str | None, noise: str | None) -> Lidar:
@@ -125,6 +182,10 @@ def _include(root: Node) -> Node:
     found, place = entries(root), Place(root)
     if "sensor" in found:
         root = replace(root, ["sensor"], _sensor(found["sensor"][1], place / "sensor"))
+    for name, (_, mounted) in entries(found["rig"][1] if "rig" in found else None).items():
+        if "sensor" in entries(mounted):
+            sensor = _sensor(entries(mounted)["sensor"][1], place / "rig" / name / "sensor")
+            root = replace(root, ["rig", name, "sensor"], sensor)
     if "scene" in found and (file := _text(found["scene"][1], "file", place / "scene")) is not None:
         root = replace(root, ["scene"], read((place / "scene" / "file").file(file)))
     return root
@@ -203,6 +264,7 @@ def _check(model: type[M], root: Node) -> M:
 _EXPECTED = {
     "bool_type": "true or false",
     "dict_type": "a mapping",
+    "finite_number": "a finite number",
     "float_type": "a number",
     "greater_than_equal": "a value >= {ge}",
     "int_from_float": "an integer",

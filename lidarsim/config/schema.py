@@ -28,6 +28,7 @@ from lidarsim._validation import pose as rigid
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
 from lidarsim.measurement import Measurement
+from lidarsim.rig import Rig
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
 
@@ -201,6 +202,10 @@ def _is_list(value: object) -> bool:
     return isinstance(value, list)
 
 
+def _has_file(value: object) -> bool:
+    return isinstance(value, dict) and "file" in value
+
+
 def _is_table(value: object) -> bool:
     return isinstance(value, list) and any(isinstance(row, list) for row in value)
 
@@ -284,8 +289,21 @@ class Pose(Placement):
     angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
 
 
-def build_pose(value: Pose | list[Waypoint], place: Place) -> Floats | Trajectory:
+class TrajectoryFile(Model):
+    """Poses over time from a file."""
+
+    file: str
+    times: str | None = None
+    interpolation: Literal["linear", "spline"] = "linear"
+
+
+def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> Floats | Trajectory:
     """Return the pose, or the trajectory if it moves."""
+    if isinstance(value, TrajectoryFile):
+        files = {"path": (place / "file").file(value.file)}
+        if value.times is not None:
+            files["times"] = (place / "times").file(value.times)
+        return construct(Trajectory.load, value, ["interpolation"], place, **files)
     if isinstance(value, list):
         poses = [_rigid(waypoint, place / index) for index, waypoint in enumerate(value)]
         with place.refusals():
@@ -303,9 +321,9 @@ def _rigid(placement: Placement, place: Place) -> Floats:
 
 
 if TYPE_CHECKING:
-    Motion = Pose | list[Waypoint]
+    Motion = Pose | list[Waypoint] | TrajectoryFile
 else:
-    Motion = _either(Pose, list[Waypoint], _is_list)
+    Motion = _either(_either(Pose, TrajectoryFile, _has_file), list[Waypoint], _is_list)
 
 
 # Objects of the scene
@@ -539,7 +557,26 @@ class VendorSensor(_Limits):
 if TYPE_CHECKING:
     AnySensor = Sensor | VendorSensor
 else:
-    AnySensor = _either(Sensor, VendorSensor, lambda value: isinstance(value, dict) and "file" in value)
+    AnySensor = _either(Sensor, VendorSensor, _has_file)
+
+
+class Mounted(Placement):
+    """A sensor of a rig: its placement on the body, and how much later than the others its frames start."""
+
+    sensor: AnySensor
+    offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+
+
+def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
+    """Return the rig."""
+    parts = {}
+    for name, mounted in sensors.items():
+        if re.fullmatch(r"[\w-]+", name, re.ASCII) is None:  # since files are named by it
+            raise (place / name).error("expected a name of letters, digits, _ and -")
+        there = place / name
+        parts[name] = mounted.sensor.build(there / "sensor"), _rigid(mounted, there), mounted.offset_s
+    with place.refusals():
+        return Rig(parts)
 
 
 class Cloud(Model):
@@ -567,10 +604,11 @@ class Cloud(Model):
 
 
 class Config(Model):
-    """A run: what is scanned, with which sensor, from where."""
+    """A run: what is scanned, with which sensor or sensors, from where."""
 
     scene: list[AnyObject]
-    sensor: AnySensor
+    sensor: AnySensor | None = None
+    rig: dict[str, Mounted] | None = None
     pose: Motion = Pose()
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     first_frame: Annotated[int, Field(ge=0)] = 0

@@ -10,6 +10,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     rosbag,
     semantickitti,
     text,
+    trajectories,
 )
 
 __all__ = ["las", "rosbag", "semantickitti"]

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
+from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
     BLOCK,
@@ -36,8 +37,8 @@ CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 
 
-def save(fields: Fields, file: BinaryIO) -> None:
-    """Write the fields as ``DATA binary``.
+def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
+    """Write the fields as ``DATA binary``; VIEWPOINT, ``tx ty tz qw qx qy qz``, takes the points into the world.
 
     Normals get the type of the positions: Open3D's reader takes them to have it, and gives garbage where they do not.
     """
@@ -56,12 +57,21 @@ TYPE {" ".join(part.kind.upper() for part in parts)}
 COUNT {" ".join("1" for _ in parts)}
 WIDTH {points}
 HEIGHT 1
-VIEWPOINT 0 0 0 1 0 0 0
+VIEWPOINT {_viewpoint(pose)}
 POINTS {points}
 DATA binary
 """
     file.write(header.encode("ascii"))
     file.writelines(records.data for records in to_records(columns, record))
+
+
+def _viewpoint(pose: Floats | None) -> str:
+    if pose is None:
+        return "0 0 0 1 0 0 0"
+    from scipy.spatial.transform import Rotation
+
+    x, y, z, w = Rotation.from_matrix(pose[:3, :3]).as_quat(canonical=True).tolist()
+    return " ".join(map(repr, (*pose[:3, 3].tolist(), w, x, y, z)))
 
 
 def load(file: BinaryIO) -> Fields:

@@ -565,15 +565,9 @@ def _parts(pose: npt.NDArray[np.float64]) -> tuple[list[float], list[float]]:
 
 
 def _velocity(trajectory: Trajectory, time: float) -> tuple[list[float], list[float]]:
-    """Return the linear and the angular velocity in the body's frame, m/s and rad/s: central differences over 2 ms."""
-    first, last = trajectory.span
-    before, after = max(time - 1e-3, first), min(time + 1e-3, last)
-    if before >= after:
-        return [0.0] * 3, [0.0] * 3
-    here, ends = trajectory.at(time), trajectory.at([before, after])
-    linear = here.rotation.inv().apply(np.diff(ends.translation, axis=0)[0] / (after - before))
-    angular = (ends[0].rotation.inv() * ends[1].rotation).as_rotvec() / (after - before)
-    return linear.tolist(), angular.tolist()
+    """Return the linear and the angular velocity in the body's frame, m/s and rad/s."""
+    linear, angular = trajectory.velocity(time)
+    return trajectory.at(time).rotation.inv().apply(linear).tolist(), angular.tolist()
 
 
 for _suffix, _signature in zip(SUFFIXES, (_mcap.MAGIC, b"SQLite format 3\0"), strict=True):

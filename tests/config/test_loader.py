@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 from math import radians
 from pathlib import Path
 
@@ -277,6 +278,154 @@ def test_a_sensor_on_a_trajectory() -> None:
         "--set pose=[{time_s: 1}, {time_s: 1}]: times: expected rising times, got times[1] = 1.0 after 1.0"
     )
     assert refusal(CONFIG, "pose=[{position_m: [0, 0, 0]}]").endswith("pose.0: missing key 'time_s'")
+
+
+TUM = "".join(f"{t} {2 * t * t} 0 1 0 0 0 1\n" for t in range(4))
+
+
+def test_poses_from_a_file() -> None:
+    Path("runs").mkdir()
+    Path("runs/drive.tum").write_text(TUM, encoding="utf-8")
+    Path("run.yaml").write_text(CONFIG, encoding="utf-8")
+    drive = ls.Trajectory.load("runs/drive.tum")
+    assert load(CONFIG, "pose={file: runs/drive.tum}").pose.at(0.5).translation.tolist() == [1, 0, 1]
+    curved = load(CONFIG, "pose={file: runs/drive.tum, interpolation: spline}").pose
+    expected = ls.Trajectory(drive.times, drive.poses, interpolation="spline")
+    assert np.array_equal(curved.at(0.5).as_matrix(), expected.at(0.5).as_matrix())
+    assert curved.at(0.5).translation[0] == pytest.approx(0.5, abs=1e-12)  # 2t², which a cubic can be
+    drive.save("runs/drive.kitti")
+    Path("runs/times.txt").write_text("0\n1\n2\n3\n", encoding="utf-8")
+    timed = load(CONFIG, "pose={file: runs/drive.kitti, times: runs/times.txt}").pose
+    assert np.array_equal(timed.poses.as_matrix(), drive.poses.as_matrix())
+    # Paths are relative to the file that they stand in.
+    Path("runs/run.yaml").write_text(CONFIG.replace("pose:", "pose: {file: drive.tum}\nnothing:"), encoding="utf-8")
+    text = Path("runs/run.yaml").read_text(encoding="utf-8")
+    Path("runs/run.yaml").write_text(re.sub(r"nothing:\n(  .*\n)+", "", text), encoding="utf-8")
+    assert ls.config.load("runs/run.yaml").pose.span == (0.0, 3.0)
+
+
+@pytest.mark.parametrize(
+    ("pose", "message"),
+    [
+        ("{file: gone.tum}", "pose.file: cannot read gone.tum: No such file or directory"),
+        ("{file: bad.tum}", "bad.tum:2: expected 8 numbers, got 2"),
+        ("{file: drive.kitti}", "times: expected those of drive.kitti, since KITTI has none of its own, got none"),
+        ("{file: drive.kitti, times: gone.txt}", "pose.times: cannot read gone.txt: No such file or directory"),
+        (
+            "{file: drive.kitti, times: bad.tum}",
+            "bad.tum:1: expected 1 number, got 8",
+        ),
+        (
+            "{file: drive.kitti, interpolation: cubic}",
+            "pose.interpolation: expected 'linear' or 'spline', got 'cubic'",
+        ),
+        ("{file: 5}", "pose.file: expected text, got 5"),
+        ("{file: drive.kitti, position_m: [0, 0, 0]}",
+         "pose.position_m: unknown key; expected one of file, times, interpolation"),
+    ],
+)  # fmt: skip
+def test_bad_files_of_poses(pose: str, message: str) -> None:
+    Path("bad.tum").write_text(TUM.splitlines()[0] + "\n1 2\n", encoding="utf-8")
+    Path("drive.kitti").write_text("1 0 0 0 0 1 0 0 0 0 1 0\n", encoding="utf-8")
+    assert refusal(CONFIG, f"pose={pose}") == f"--set pose={pose}: {message}"
+
+
+RIG = """\
+seed: 5
+frames: 3
+rig:
+  top:
+    sensor: {preset: velodyne-vlp16, noise: datasheet}
+    position_m: [1, 0, 2]
+  left:
+    sensor: {preset: velodyne-vlp16, name: port, max_range_m: 60}
+    position_m: [0.5, 0.8, 1]
+    rotation_deg: {yaw: 90}
+    offset_s: 0.05
+pose: {linear_m_per_s: [8, 0, 0]}
+scene:
+  - {shape: plane, normal: [0, 0, 1], label: 40}
+  - {shape: box, size_m: [100, 1, 6], center_m: [0, 9, 3]}
+"""
+
+
+def test_a_rig() -> None:
+    run = load(RIG)
+    assert (list(run.sensor), run.rate, run.frames, run.time(2)) == (["top", "left"], 10.0, range(3), 0.2)
+    top, left = run.sensor.values()
+    assert (top.mount[:3, 3].tolist(), top.offset, left.offset) == ([1, 0, 2], 0.0, 0.05)
+    assert np.abs(left.mount[:3, 0] - [0, 1, 0]).max() < 1e-15
+    assert (top.lidar.measurement.channel_bias_sigma, left.lidar.max_range) == (0.0173, 60.0)
+    assert (top.lidar.name, left.lidar.name) == ("top", "left")
+    frames = list(run.scans())
+    assert [[(name, scan.frame, scan.time) for name, scan in scans.items()] for scans in frames] == [
+        [("top", k, k / 10.0), ("left", k, k / 10.0 + 0.05)] for k in range(3)
+    ]
+    expected = next(run.sensor.frames(run.scene, run.pose, 1, first=2, seed=5))
+    for name, scan in frames[2].items():
+        assert np.isfinite(scan.range).sum() > 1000
+        assert np.array_equal(scan.range, expected[name].range, equal_nan=True)
+    for use in (lambda: run.lidar, run.scan):
+        with pytest.raises(ConfigError, match=r"^rig: expected a run with one sensor, got Rig\(top, left at 10 Hz\)$"):
+            use()
+
+
+def test_runs_of_one_sensor_give_all_their_frames() -> None:
+    run = load(CONFIG, "first_frame=4")
+    frames = list(run.scans())
+    assert [list(scans) for scans in frames] == [[""], [""]]
+    for k, scans in enumerate(frames, start=4):
+        assert np.array_equal(scans[""].range, run.scan(k).range, equal_nan=True)
+    assert (run.rate, run.lidar is run.sensor) == (10.0, True)
+
+
+def test_overrides_reach_into_a_rig() -> None:
+    changes = [
+        ("rig.left.sensor.preset=velodyne-hdl32e", lambda rig: rig["left"].lidar.pattern.shape[0], 32),
+        ("rig.left.sensor.measurement.dropout=0.5", lambda rig: rig["left"].lidar.measurement.dropout, 0.5),
+        ("rig.top.sensor.noise=none", lambda rig: rig["top"].lidar.measurement, ls.Measurement()),
+        ("rig.top.offset_s=0.01", lambda rig: rig["top"].offset, 0.01),
+        ("rig.right={sensor: {preset: velodyne-vlp16}}", lambda rig: rig["right"].lidar.max_range, 100.0),
+        ("rig.right.sensor={preset: velodyne-vlp16}", lambda rig: rig["right"].mount.tolist(), np.eye(4).tolist()),
+        ("rig={a: {sensor: {preset: velodyne-vlp16}}}", list, ["a"]),
+    ]
+    for assignment, get, expected in changes:
+        assert get(load(RIG, assignment).sensor) == expected, assignment
+        assert get(load(RIG, assignment, "seed=1").sensor) == expected, assignment
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("seed: 5", "sensor: {preset: velodyne-vlp16}", "run.yaml:3: rig: expected either sensor or rig, got both"),
+        ("noise: datasheet", "noise: loud", "run.yaml:5: rig.top.sensor.noise: expected none or datasheet, got 'loud'"),
+        ("preset: velodyne-vlp16, name", "name",
+         "run.yaml:8: rig.left.sensor: expected one of the keys preset, file, pattern, got none of them"),
+        ("    sensor: {preset: velodyne-vlp16, noise: datasheet}\n", "", "run.yaml:4: rig.top: missing key 'sensor'"),
+        ("offset_s: 0.05", "offset_s: late", "run.yaml:11: rig.left.offset_s: expected a number, got 'late'"),
+        ("offset_s: 0.05", "offset_s: .inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got inf"),
+        ("offset_s: 0.05", "offset_s: -.inf", "run.yaml:11: rig.left.offset_s: expected a finite number, got -inf"),
+        ("offset_s: 0.05", "offset_s: .nan", "run.yaml:11: rig.left.offset_s: expected a finite number, got nan"),
+        ("  top:", "  ../top:", "run.yaml:4: rig.../top: expected a name of letters, digits, _ and -"),
+        ("position_m: [1, 0, 2]", "matrix: [[2, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+         ("run.yaml:6: rig.top.matrix: expected a rigid transform (orthonormal rotation), got one 3 away from it, "
+          "determinant 2")),
+        ("position_m: [1, 0, 2]", "scale: 2",
+         ("run.yaml:6: rig.top.scale: unknown key; expected one of position_m, rotation_deg, matrix, sensor, "
+          "offset_s")),
+        ("max_range_m: 60", "max_range_m: -1",
+         "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.9, got -1.0"),
+    ],
+)  # fmt: skip
+def test_bad_rigs(old: str, new: str, message: str) -> None:
+    assert old in RIG
+    assert refusal(RIG.replace(old, new, 1)) == message
+
+
+def test_a_rig_without_sensors_and_a_run_without_either() -> None:
+    assert refusal("rig: {}\nscene: []") == "run.yaml:1: rig: sensors: expected at least one, got none"
+    assert refusal("rig: 5\nscene: []") == "run.yaml:1: rig: expected a mapping, got 5"
+    assert refusal("scene: []") == "run.yaml:1: missing key 'sensor' or 'rig'"
 
 
 def test_an_empty_scene_is_legal() -> None:
@@ -557,7 +706,7 @@ def test_missing_configuration() -> None:
 
 
 def test_a_document_that_is_no_mapping() -> None:
-    keys = "scene, sensor, pose, seed, first_frame, frames, cloud"
+    keys = "scene, sensor, rig, pose, seed, first_frame, frames, cloud"
     assert refusal("- 1") == f"run.yaml:1: expected a mapping with keys {keys}, got a list of 1"
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pypcd4
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from lidarsim import io
 from lidarsim.errors import FileFormatError, MissingExtraError
@@ -49,6 +50,24 @@ def test_header(tmp_path: Path) -> None:
         "POINTS 2",
         "DATA binary",
     ]
+
+
+def test_the_viewpoint_is_the_pose(tmp_path: Path) -> None:
+    path, rotation = tmp_path / "cloud.pcd", Rotation.from_euler("zyx", [2.5, 0.2, -0.1])
+    pose = RigidTransform.from_components([4.5e5, -2.25, 0.1], rotation)
+    cloud = PointCloud(xyz=np.ones((2, 3)))
+    for given in (pose, pose.as_matrix()):
+        cloud.save(path, pose=given)
+        x, y, z, qw, qx, qy, qz = pypcd4.PointCloud.from_path(path).metadata.viewpoint
+        assert [x, y, z] == [4.5e5, -2.25, 0.1]
+        # Between the quaternion, its matrix and back are a few roundings of numbers below 1.
+        assert np.abs(np.subtract([qx, qy, qz, qw], rotation.as_quat(canonical=True))).max() < 1e-15
+        assert PointCloud.load(path).xyz.tolist() == [[1, 1, 1]] * 2  # unapplied
+    for suffix in ("ply", "npz"):
+        cloud.save(tmp_path / f"cloud.{suffix}", pose=pose)
+        assert PointCloud.load(tmp_path / f"cloud.{suffix}").fields == ("xyz",)
+    with pytest.raises(ValueError, match=r"^pose: expected a rigid transform"):
+        cloud.save(path, pose=np.diag([1, 1, 2, 1]))
 
 
 def test_pypcd4_reads_every_field(cloud: PointCloud, tmp_path: Path) -> None:

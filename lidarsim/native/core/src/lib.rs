@@ -18,7 +18,7 @@ mod testing;
 pub use arith::simd::Level;
 pub use cast::{Columns, slices};
 pub use geometry::affine::Affine;
-pub use geometry::pose::{Path, Pose};
+pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
 pub use parallel::threads;
 pub use scene::{Geometry, Object, Scene, TriangleMesh};

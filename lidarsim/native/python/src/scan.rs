@@ -1,13 +1,14 @@
 //! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
     Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, ReturnRows, Returns,
     Rows, Scan,
 };
-use lidarsim_core::{Path, Point, Pose, memory};
+use lidarsim_core::{Cubic, Path, Point, Pose, Step, Velocity, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -25,7 +26,7 @@ const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
 /// Where the sensor is at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
 pub struct PyPath {
-    path: Path,
+    path: Arc<Path>,
 }
 
 type Matrix = [[f64; 4]; 4];
@@ -34,32 +35,59 @@ fn pose([x, y, z, _]: Matrix) -> Pose {
     Pose::from_rows([x, y, z])
 }
 
+impl From<Path> for PyPath {
+    fn from(path: Path) -> Self {
+        PyPath { path: Arc::new(path) }
+    }
+}
+
 #[pymethods]
 impl PyPath {
     #[staticmethod]
     fn still(matrix: Matrix) -> Self {
-        PyPath { path: Path::Still(pose(matrix)) }
+        Path::Still(pose(matrix)).into()
     }
 
     /// Constant velocities in the moving frame, which is at `matrix` at time 0.
     #[staticmethod]
     fn twist(matrix: Matrix, linear: Point, angular: Point) -> Self {
-        PyPath { path: Path::Twist { start: pose(matrix), linear, angular } }
+        Path::Twist { start: pose(matrix), linear, angular }.into()
     }
 
-    /// Rising times, as many poses, and the rotation vectors from one pose to the next.
+    /// n rising times; the matrix at each, (n, 16); and how each leads to the next, (n - 1, 18): the three coefficients of
+    /// the way, and those of the rotation vector.
     #[staticmethod]
-    fn knots(times: Vec<f64>, matrices: Vec<Matrix>, turns: Vec<Point>) -> PyResult<Self> {
-        if times.is_empty() || matrices.len() != times.len() || turns.len() + 1 != times.len() {
-            return Err(PyValueError::new_err("times, matrices, turns: expected n, n and n - 1 of them, n > 0"));
+    fn knots(
+        times: PyReadonlyArray1<'_, f64>,
+        matrices: PyReadonlyArray2<'_, f64>,
+        steps: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<Self> {
+        let (times, matrices, steps) = (times.as_array(), matrices.as_array(), steps.as_array());
+        let n = times.len();
+        if n == 0 || matrices.dim() != (n, 16) || steps.dim() != (n - 1, 18) {
+            return Err(PyValueError::new_err(
+                "times, matrices, steps: expected shapes (n,), (n, 16) and (n - 1, 18), n > 0",
+            ));
         }
-        let end = times[times.len() - 1];
-        Ok(PyPath { path: Path::Knots { times, poses: matrices.into_iter().map(pose).collect(), turns, end } })
+        let poses =
+            matrices.rows().into_iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
+        let steps = steps.rows().into_iter().map(|s| {
+            let cubic = |first| Cubic(std::array::from_fn(|i| std::array::from_fn(|k| s[first + 3 * i + k])));
+            Step { shift: cubic(0), turn: cubic(9) }
+        });
+        let (times, poses, steps) = (times.to_vec(), poses.collect(), steps.collect());
+        let end = times[n - 1];
+        Ok(Path::Knots { times, poses, steps, end }.into())
+    }
+
+    /// The path of a sensor that is mounted so on what moves along this one.
+    fn mounted(&self, matrix: Matrix) -> Self {
+        self.path.mounted(&pose(matrix)).into()
     }
 
     /// The same poses over a span that goes on to `until`, at the velocities of its end.
     fn held(&self, until: f64) -> Self {
-        PyPath { path: self.path.held(until) }
+        self.path.held(until).into()
     }
 
     /// First and last time for which there is a pose.
@@ -78,6 +106,19 @@ impl PyPath {
             })
             .collect();
         Ok(matrices.into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
+    }
+
+    /// Velocities (n, 2, 3) at times of the span: linear in the world, angular in the moving frame.
+    fn velocity<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
+        let times = times.as_array();
+        let velocities: Vec<f64> = times
+            .iter()
+            .flat_map(|&time| {
+                let Velocity { linear, angular } = self.path.velocity(time);
+                [linear, angular].into_iter().flatten()
+            })
+            .collect();
+        Ok(velocities.into_pyarray(py).reshape([times.len(), 2, 3])?.into_any())
     }
 }
 
@@ -407,8 +448,9 @@ fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {
         }
         Fault::Time => {
             let ([first, last], time) = (frame.path.span(), frame.start + frame.times[i]);
+            let pulse = frame.indices.map_or(i as u64, |indices| indices[i]);
             format!(
-                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse {i} at {time} s"
+                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse {pulse} at {time} s"
             )
         }
     }
@@ -459,7 +501,7 @@ pub fn points_of<'py>(
     frame: &str,
     moment: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
-    let path = &path.path;
+    let path: &Path = &path.path;
     let coordinates = match (frame, path, moment) {
         ("world", ..) => Coordinates::World,
         ("sensor", Path::Still(_), _) | ("sensor", _, None) => Coordinates::Sensor,

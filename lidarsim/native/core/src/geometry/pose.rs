@@ -1,5 +1,7 @@
 //! Rigid poses, sensor to world, and how they change with time.
 
+use std::sync::Arc;
+
 use crate::arith::elementary::{RECIPROCAL_FACTORIALS, polynomial, sin_cos};
 use crate::geometry::vector::Point;
 
@@ -52,6 +54,11 @@ impl Pose {
         std::array::from_fn(|j| self.rotation[0][j] * v[0] + self.rotation[1][j] * v[1] + self.rotation[2][j] * v[2])
     }
 
+    /// The pose of what has the pose `inner` in the frame of `self`.
+    pub fn then(&self, inner: &Pose) -> Pose {
+        Pose { rotation: product(self.rotation, inner.rotation), translation: self.place(inner.translation) }
+    }
+
     /// `self`, as seen from the sensor frame of `base`.
     pub fn relative_to(&self, base: &Pose) -> Pose {
         let columns: [Point; 3] = std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
@@ -72,15 +79,56 @@ pub enum Path {
         linear: Point,
         angular: Point,
     },
-    /// Between knots the position is linear in time and the orientation turns at a constant rate (Slerp): from knot i to
-    /// knot i+1 by the rotation vector `turns[i]`, in the frame of knot i. Times rise. From the last knot to `end` both
-    /// velocities stay what they were before it; a single knot stays where it is.
+    /// Each pose is met at its time, and `steps[i]` leads from pose i to the next. Times rise. From the last knot to `end` both
+    /// velocities stay what they are there; a single knot stays where it is.
     Knots {
         times: Vec<f64>,
         poses: Vec<Pose>,
-        turns: Vec<Point>,
+        steps: Vec<Step>,
         end: f64,
     },
+    /// Of a sensor mounted on a body: its pose in the frame of the body, which is none of those above standing still.
+    Mounted {
+        body: Arc<Path>,
+        mount: Pose,
+    },
+}
+
+/// How a body moves on from a knot, while u grows from 0 to 1: the position by `shift`, in the world, and the orientation
+/// by the rotation vector `turn`, in the frame of the knot. With linear terms alone that is linear interpolation and Slerp.
+#[derive(Clone, Copy, Debug)]
+pub struct Step {
+    pub shift: Cubic,
+    pub turn: Cubic,
+}
+
+impl Step {
+    fn is_linear(&self) -> bool {
+        [&self.shift, &self.turn].iter().all(|Cubic([_, b, c])| [*b, *c] == [[0.0; 3]; 2])
+    }
+}
+
+/// a u + b u² + c u³.
+#[derive(Clone, Copy, Debug)]
+pub struct Cubic(pub [Point; 3]);
+
+impl Cubic {
+    fn at(&self, u: f64) -> Point {
+        let Cubic([a, b, c]) = self;
+        std::array::from_fn(|i| u * (a[i] + u * (b[i] + u * c[i])))
+    }
+
+    fn derivative(&self, u: f64) -> Point {
+        let Cubic([a, b, c]) = self;
+        std::array::from_fn(|i| a[i] + u * (2.0 * b[i] + u * 3.0 * c[i]))
+    }
+}
+
+/// Linear velocity in the world and angular velocity in the moving frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Velocity {
+    pub linear: Point,
+    pub angular: Point,
 }
 
 impl Path {
@@ -89,6 +137,16 @@ impl Path {
         match self {
             Path::Still(_) | Path::Twist { .. } => [f64::NEG_INFINITY, f64::INFINITY],
             Path::Knots { times, end, .. } => [times[0], *end],
+            Path::Mounted { body, .. } => body.span(),
+        }
+    }
+
+    /// The path of a sensor with the pose `mount` on what moves along `self`.
+    pub fn mounted(self: &Arc<Self>, mount: &Pose) -> Path {
+        match &**self {
+            Path::Still(pose) => Path::Still(pose.then(mount)),
+            Path::Mounted { body, mount: outer } => Path::Mounted { body: body.clone(), mount: outer.then(mount) },
+            _ => Path::Mounted { body: self.clone(), mount: *mount },
         }
     }
 
@@ -96,8 +154,10 @@ impl Path {
     #[must_use]
     pub fn held(&self, until: f64) -> Path {
         let mut path = self.clone();
-        if let Path::Knots { end, .. } = &mut path {
-            *end = end.max(until);
+        match &mut path {
+            Path::Still(_) | Path::Twist { .. } => {}
+            Path::Knots { end, .. } => *end = end.max(until),
+            Path::Mounted { body, .. } => *body = Arc::new(body.held(until)),
         }
         path
     }
@@ -114,19 +174,51 @@ impl Path {
                     translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
                 }
             }
-            Path::Knots { times, poses, turns, .. } => {
+            Path::Knots { times, poses, steps, .. } => {
                 let i = times.partition_point(|&t| t <= time).saturating_sub(1);
-                if time == times[i] || turns.is_empty() {
+                if time == times[i] || steps.is_empty() {
                     return poses[i];
                 }
-                let i = i.min(turns.len() - 1);
+                // Past the last knot a linear step just goes on; the terms of a spline would carry it away.
+                if i == steps.len() && !steps[i - 1].is_linear() {
+                    let (Velocity { linear, angular }, after) = (self.velocity(times[i]), time - times[i]);
+                    return Pose {
+                        rotation: product(poses[i].rotation, Turn::new(angular.map(|x| x * after)).matrix()),
+                        translation: std::array::from_fn(|k| poses[i].translation[k] + linear[k] * after),
+                    };
+                }
+                let i = i.min(steps.len() - 1);
                 let from = poses[i];
                 let u = (time - times[i]) / (times[i + 1] - times[i]);
-                let to = poses[i + 1].translation;
+                let Step { shift, turn } = &steps[i];
+                let shift = shift.at(u);
                 Pose {
-                    rotation: product(from.rotation, Turn::new(turns[i].map(|x| x * u)).matrix()),
-                    translation: std::array::from_fn(|k| from.translation[k] + u * (to[k] - from.translation[k])),
+                    rotation: product(from.rotation, Turn::new(turn.at(u)).matrix()),
+                    translation: std::array::from_fn(|k| from.translation[k] + shift[k]),
                 }
+            }
+            Path::Mounted { body, mount } => body.at(time).then(mount),
+        }
+    }
+
+    /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which it is reached.
+    pub fn velocity(&self, time: f64) -> Velocity {
+        match self {
+            Path::Still(_) => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
+            Path::Twist { linear, angular, .. } => Velocity { linear: self.at(time).turn(*linear), angular: *angular },
+            Path::Knots { steps, .. } if steps.is_empty() => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
+            Path::Knots { times, steps, .. } => {
+                let i = times.partition_point(|&t| t <= time).saturating_sub(1).min(steps.len() - 1);
+                let length = times[i + 1] - times[i];
+                let u = ((time - times[i]) / length).min(1.0);
+                let Step { shift, turn } = &steps[i];
+                let turning = Turn::new(turn.at(u)).rate(turn.derivative(u));
+                Velocity { linear: shift.derivative(u).map(|x| x / length), angular: turning.map(|x| x / length) }
+            }
+            Path::Mounted { body, mount } => {
+                let Velocity { linear, angular } = body.velocity(time);
+                let swung = body.at(time).turn(cross(angular, mount.translation));
+                Velocity { linear: std::array::from_fn(|i| linear[i] + swung[i]), angular: mount.turn_back(angular) }
             }
         }
     }
@@ -165,6 +257,11 @@ impl Turn {
     /// Where a velocity, constant in the turning frame, leads: (I + b[φ] + c[φ]²)·v.
     fn travel(&self, v: Point) -> Point {
         self.series(v, self.b, self.c)
+    }
+
+    /// The angular velocity in the turned frame, when the vector changes at `derivative`: (I − b[φ] + c[φ]²)·φ̇.
+    fn rate(&self, derivative: Point) -> Point {
+        self.series(derivative, -self.b, self.c)
     }
 
     fn series(&self, v: Point, first: f64, second: f64) -> Point {
@@ -246,7 +343,9 @@ mod tests {
         let first = Pose::from_rows(ROWS);
         let turn = [0.0, 0.0, 1.5];
         let second = Pose { rotation: product(first.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
-        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], turns: vec![turn], end: 3.0 };
+        let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
+        let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], steps, end: 3.0 };
         assert_eq!((path.at(1.0), path.at(3.0), path.span()), (first, second, [1.0, 3.0]));
         let half = path.at(2.0);
         assert_eq!(half.translation, [6.0, 6.0, 7.0]);
@@ -255,11 +354,35 @@ mod tests {
     }
 
     #[test]
+    fn a_mount_swings_with_its_body() {
+        // A body that turns to the left in place, and a sensor 2 m ahead of its center, which looks to its left.
+        let body = Arc::new(Path::Twist {
+            start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+            linear: [0.0; 3],
+            angular: [0.0, 0.0, 0.5],
+        });
+        let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+        let sensor = Arc::new(body.mounted(&mount));
+        let quarter = std::f64::consts::PI;
+        assert_close(sensor.at(quarter).place([0.0; 3]), [0.0, 2.0, 0.0]);
+        assert_close(sensor.at(quarter).turn([1.0, 0.0, 0.0]), [-1.0, 0.0, 0.0]);
+        assert_close(sensor.velocity(quarter).linear, [-1.0, 0.0, 0.0]);
+        assert_close(sensor.velocity(quarter).angular, [0.0, 0.0, 0.5]);
+        // Mounts on mounts are one mount, and on what stands still they stand still.
+        let twice = sensor.mounted(&mount);
+        assert_eq!(twice.at(quarter), body.at(quarter).then(&mount.then(&mount)));
+        let Path::Still(pose) = Arc::new(Path::Still(mount)).mounted(&mount) else { panic!("it moves") };
+        assert_eq!(pose, mount.then(&mount));
+    }
+
+    #[test]
     fn a_held_path_goes_on_at_constant_velocity() {
         let start = Pose::from_rows(ROWS);
         let turn = [0.0, 0.0, 1.5];
         let end = Pose { rotation: product(start.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
-        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], turns: vec![turn], end: 3.0 };
+        let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
+        let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps, end: 3.0 };
         let held = path.held(4.0);
         assert_eq!((held.span(), held.held(2.0).span()), ([1.0, 4.0], [1.0, 4.0]));
         for time in [1.0, 1.7, 2.9, 3.0] {
@@ -268,7 +391,47 @@ mod tests {
         let (sin, cos) = sin_cos(2.25);
         assert_eq!(held.at(4.0).translation, [8.0, 6.0, 7.0]);
         assert_close(held.at(4.0).turn([1.0, 0.0, 0.0]), start.turn([cos, sin, 0.0]));
-        let one = Path::Knots { times: vec![1.0], poses: vec![start], turns: vec![], end: 1.0 }.held(2.0);
+        let one = Path::Knots { times: vec![1.0], poses: vec![start], steps: vec![], end: 1.0 }.held(2.0);
         assert_eq!((one.at(1.5), one.span()), (start, [1.0, 2.0]));
+    }
+
+    #[test]
+    fn a_held_spline_goes_on_at_the_velocities_of_its_end() {
+        let start = Pose::from_rows(ROWS);
+        let step = Step {
+            shift: Cubic([[1.0, 0.0, 0.0], [0.0, 0.5, 0.0], [0.0, 0.25, -1.0]]),
+            turn: Cubic([[0.0, 0.0, 0.5], [0.0, 0.25, 0.0], [0.125, 0.0, 0.25]]),
+        };
+        let end = Pose {
+            rotation: product(start.rotation, Turn::new([0.125, 0.25, 0.75]).matrix()),
+            translation: [6.0, 6.75, 6.0],
+        };
+        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps: vec![step], end: 3.0 };
+        // A twist is at its start at time 0.
+        let Velocity { linear, angular } = path.velocity(3.0);
+        assert_close(linear, [0.5, 0.875, -1.5]);
+        let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5]]);
+        let swings = Path::Twist { start: end, linear: [0.0; 3], angular };
+        for (held, mount) in [
+            (path.held(4.0), Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])),
+            (Arc::new(path.clone()).mounted(&mount).held(4.0), mount),
+        ] {
+            assert_eq!(held.span(), [1.0, 4.0]);
+            for time in [3.0_f64.next_up(), 3.5, 4.0] {
+                let after = time - 3.0;
+                let moved: Point = std::array::from_fn(|k| linear[k] * after);
+                for p in [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]] {
+                    let swung = swings.at(after).place(mount.place(p));
+                    assert_close(held.at(time).place(p), std::array::from_fn(|k| swung[k] + moved[k]));
+                }
+                let velocity = held.velocity(time);
+                assert_eq!(velocity.angular, mount.turn_back(angular));
+                let swing = swings.at(after).turn(cross(angular, mount.translation));
+                assert_close(velocity.linear, std::array::from_fn(|k| linear[k] + swing[k]));
+            }
+            for time in [1.0, 1.7, 2.9, 3.0] {
+                assert_eq!(held.at(time), path.at(time).then(&mount));
+            }
+        }
     }
 }

@@ -1,0 +1,47 @@
+"""What the formats that keep an orientation as a quaternion share."""
+
+from __future__ import annotations
+
+import math
+from array import array
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from lidarsim._validation import Floats
+
+ROUNDED = 0.01
+"""How far the length of a quaternion may be from 1: as far as its four numbers rounded to two decimals bring it."""
+
+
+def poses_of(rows: Iterable[Sequence[float]]) -> tuple[Floats, Floats]:
+    """Return times, (n,), and poses, (n, 4, 4), of rows t, x, y, z, qx, qy, qz, qw.
+
+    Raises
+    ------
+    ValueError
+        If there are no rows, or as soon as it meets a quaternion that is not of unit length.
+    """
+    from scipy.spatial.transform import Rotation
+
+    values = array("d")
+    for row in rows:
+        length = math.hypot(*row[4:])
+        if not abs(length - 1.0) <= ROUNDED:
+            raise ValueError(f"expected a quaternion (x, y, z, w) of length 1, got one of {length:.6g}")
+        values.extend(row)
+    if not values:
+        raise ValueError("expected poses, got none")
+    table = np.frombuffer(values).reshape(-1, 8)
+    poses = np.tile(np.eye(4), (len(table), 1, 1))
+    poses[:, :3, 3] = table[:, 1:4]
+    poses[:, :3, :3] = Rotation.from_quat(table[:, 4:]).as_matrix()
+    return table[:, 0].copy(), poses
+
+
+def table_of(times: Floats, poses: Floats) -> Floats:
+    """Return the rows t, x, y, z, qx, qy, qz, qw of times, (n,), and poses, (n, 4, 4): what `poses_of` takes."""
+    from scipy.spatial.transform import Rotation
+
+    quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True)
+    return np.hstack([times[:, None], poses[:, :3, 3], quaternions])

@@ -1,0 +1,45 @@
+"""CSV files of poses: the first line names the columns, ``time_s,x_m,y_m,z_m,qx,qy,qz,qw`` among them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import BinaryIO
+
+from lidarsim._validation import Floats
+from lidarsim.io.trajectories._quaternions import poses_of, table_of
+from lidarsim.trajectory import numbers, register_trajectory_format
+
+COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
+
+
+def recognise(line: str) -> bool:
+    """Return whether `line`, the first, is one of a CSV file."""
+    return "," in line
+
+
+def read(lines: Iterator[str]) -> tuple[Floats, Floats]:
+    """Return times and poses; columns of other names are passed over."""
+    header = next(lines)
+    names = [name.strip() for name in header.split(",")]
+    if any(names.count(name) != 1 for name in COLUMNS):
+        raise ValueError(f"expected each of the columns {','.join(COLUMNS)} once, got {header[:200]}")
+    places = [names.index(name) for name in COLUMNS]
+
+    def row(line: str) -> list[float]:
+        cells = line.split(",")
+        if len(cells) != len(names):
+            raise ValueError(f"expected {len(names)} values, as the first line has names, got {len(cells)}")
+        return numbers([cells[place] for place in places], len(COLUMNS))
+
+    return poses_of(map(row, lines))
+
+
+def write(times: Floats, poses: Floats, file: BinaryIO) -> None:
+    """Write times and poses."""
+    file.write((",".join(COLUMNS) + "\n").encode("ascii"))
+    file.writelines((",".join(map(repr, row)) + "\n").encode("ascii") for row in table_of(times, poses).tolist())
+
+
+register_trajectory_format(
+    "CSV", f"{','.join(COLUMNS)} in the first line", recognise, read, suffixes=(".csv",), write=write
+)

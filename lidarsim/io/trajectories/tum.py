@@ -1,0 +1,36 @@
+"""TUM trajectories: ``t x y z qx qy qz qw`` in each line, s and m.
+
+Format: https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import BinaryIO
+
+from lidarsim._validation import Floats
+from lidarsim.io.trajectories._quaternions import poses_of, table_of
+from lidarsim.trajectory import numbers, register_trajectory_format
+
+COLUMNS = 8
+
+
+def recognise(line: str) -> bool:
+    """Return whether `line`, the first, is one of TUM."""
+    return len(line.split()) == COLUMNS
+
+
+def read(lines: Iterator[str]) -> tuple[Floats, Floats]:
+    """Return times and poses."""
+    return poses_of(numbers(line.split(), COLUMNS) for line in lines)
+
+
+def write(times: Floats, poses: Floats, file: BinaryIO) -> None:
+    """Write times and poses."""
+    file.write(b"# timestamp tx ty tz qx qy qz qw\n")
+    file.writelines((" ".join(map(repr, row)) + "\n").encode("ascii") for row in table_of(times, poses).tolist())
+
+
+register_trajectory_format(
+    "TUM", "t x y z qx qy qz qw in each line", recognise, read, suffixes=(".tum", ".txt"), write=write
+)

@@ -1,0 +1,209 @@
+"""Several sensors on one body."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from lidarsim import _validation
+from lidarsim._validation import Floats, Transform, integer, real
+from lidarsim.scan import sensor_id
+from lidarsim.sensor import Lidar, checked_pose
+from lidarsim.trajectory import Trajectory, mounted
+
+if TYPE_CHECKING:
+    from lidarsim.scan import Scan
+    from lidarsim.scene import Scene
+
+__all__ = ["Rig", "RigSensor"]
+
+
+class RigSensor(NamedTuple):
+    """A sensor of a rig.
+
+    Parameters
+    ----------
+    lidar : Lidar
+        The sensor, under its name in the rig.
+    mount : ndarray of float64, shape (4, 4)
+        Its pose on the body, sensor to body.
+    offset : float
+        How much after ``k / pattern.rate`` its frame k starts, s.
+    """
+
+    lidar: Lidar
+    mount: Floats
+    offset: float = 0.0
+
+
+class Rig(Mapping[str, RigSensor]):
+    """Named sensors on one body: a mapping from their names to `RigSensor`.
+
+    The name in the rig becomes the name of the sensor, by which its noise is drawn: two sensors of one kind draw
+    different noise, and ``rig["top"].lidar`` alone draws the same as in the rig. The names given by `Lidar` do not
+    count.
+
+    Parameters
+    ----------
+    sensors : mapping of str to tuple
+        For each name a `Lidar` and its mount, its pose on the body (sensor to body) as a RigidTransform, an array of
+        shape (4, 4), or None where sensor and body frame are the same; and, if its frames do not start with those of
+        the others, its offset in s.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If there are no sensors, a name is empty, two names have the same CRC-32 and so the same noise, or a sensor,
+        mount or offset is not one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import lidarsim as ls
+    >>> left, right = np.eye(4), np.eye(4)
+    >>> left[1, 3], right[1, 3] = 0.5, -0.5
+    >>> lidar = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0))
+    >>> rig = ls.Rig({"left": (lidar, left), "right": (lidar, right, 0.05)})
+    >>> rig
+    Rig(left, right at 10 Hz)
+    >>> scene = ls.Scene()
+    >>> wall = scene.add(ls.Plane((1, 0, 0), 10.0))
+    >>> drive = ls.Trajectory.from_twist(np.eye(4), linear=(10, 0, 0))
+    >>> for scans in rig.frames(scene, drive, 2):
+    ...     print({name: float(scan.range[0, 0]) for name, scan in scans.items()})
+    {'left': 10.0, 'right': 9.5}
+    {'left': 9.0, 'right': 8.5}
+    """
+
+    def __init__(self, sensors: Mapping[str, tuple[Any, ...]]) -> None:
+        if not isinstance(sensors, Mapping):
+            raise TypeError(f"sensors: expected a mapping from names to sensors, got {type(sensors).__name__}")
+        if not sensors:
+            raise ValueError("sensors: expected at least one, got none")
+        self._sensors = {name: _sensor(name, parts) for name, parts in sensors.items()}
+        names: dict[int, str] = {}
+        for name in self._sensors:
+            other = names.setdefault(sensor_id(name), name)
+            if other != name:
+                raise ValueError(
+                    f"sensors: expected names of different CRC-32, by which noise is drawn, got {other!r} and {name!r}"
+                )
+
+    @property
+    def rate(self) -> float:
+        """Frames a second of the fastest sensor, Hz, which are those of the rig."""
+        return max(sensor.lidar.pattern.rate for sensor in self._sensors.values())
+
+    def frames(
+        self,
+        scene: Scene,
+        pose: Transform | Trajectory | None,
+        count: int,
+        *,
+        first: int = 0,
+        seed: int = 0,
+    ) -> Iterator[dict[str, Scan]]:
+        """Scan a scene for one frame after the other with all sensors.
+
+        Frame j of the rig is the time from ``j / rate`` to ``(j + 1) / rate``. It has a scan of each sensor of which a
+        frame k begins in it, offset aside: ``j / rate <= k / pattern.rate < (j + 1) / rate``. So with sensors of one
+        rate each frame has all of them, with k = j; of a slower sensor no frame is left out or comes twice, and it is
+        missing where it has not finished the one before. A sensor's frame k starts at ``k / pattern.rate + offset``, s,
+        and is the one that ``lidar.scan(scene, pose @ mount, time=…, frame=k)`` gives.
+
+        Each frame is scanned when it is asked for, and sees the scene as it then is.
+
+        Parameters
+        ----------
+        scene : Scene
+            What is scanned.
+        pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
+            Body to world; None is the identity. On a trajectory each pulse is fired from where its sensor then is.
+        count : int
+            How many frames of the rig.
+        first : int
+            Number of the first.
+        seed : int
+            Seed of the noise.
+
+        Returns
+        -------
+        iterator of dict of str to Scan
+            The scans of a frame by the names of their sensors, in the order of the rig.
+
+        Raises
+        ------
+        TypeError, ValueError
+            At once, if an argument has the wrong type or shape or is out of its range, or if the trajectory does not
+            cover the first and the last frame of each sensor.
+        """
+        count = integer("count", count, at_least=0)
+        first = integer("first", first, at_least=0)
+        body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
+        numbers = {name: self._numbers(sensor, first, first + count) for name, sensor in self.items()}
+        poses = {
+            name: checked_pose(
+                sensor.lidar, scene, mounted(body, sensor.mount), numbers[name], offset=sensor.offset, seed=seed
+            )
+            for name, sensor in self.items()
+        }
+
+        def scans(frame: int) -> Iterator[tuple[str, Scan]]:
+            for name, (lidar, _, offset) in self.items():
+                for k in self._numbers(self[name], frame, frame + 1):
+                    time = k / lidar.pattern.rate + offset
+                    yield name, lidar.scan(scene, poses[name], time=time, frame=k, seed=seed)
+
+        return (dict(scans(frame)) for frame in range(first, first + count))
+
+    def _numbers(self, sensor: RigSensor, start: int, stop: int) -> range:
+        """Return the numbers k of a sensor's frames that begin in frames start to stop - 1 of the rig, exactly."""
+        rate = Fraction(sensor.lidar.pattern.rate) / Fraction(self.rate)
+        return range(*(-(-frame * rate.numerator // rate.denominator) for frame in (start, stop)))
+
+    def __getitem__(self, name: str) -> RigSensor:
+        """Return the sensor of a name."""
+        return self._sensors[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        return iter(self._sensors)
+
+    def __len__(self) -> int:
+        """Return the number of sensors."""
+        return len(self._sensors)
+
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
+    def __repr__(self) -> str:
+        """Return the names and the rate."""
+        return f"Rig({', '.join(self)} at {self.rate:g} Hz)"
+
+
+def _sensor(name: str, parts: tuple[Any, ...]) -> RigSensor:
+    if not isinstance(name, str):
+        raise TypeError(f"sensors: expected strings as names, got {name!r}")
+    if not name:
+        raise ValueError("sensors: expected names, got an empty one")
+    what = f"sensors[{name!r}]"
+    if not isinstance(parts, tuple) or len(parts) not in (2, 3):
+        raise TypeError(f"{what}: expected (lidar, mount) or (lidar, mount, offset), got {_what(parts)}")
+    lidar, mount, offset = (*parts, 0.0)[:3]
+    if not isinstance(lidar, Lidar):
+        raise TypeError(f"{what}: expected a Lidar first, got {type(lidar).__name__}")
+    matrix = _pose(f"{what}, mount", mount)
+    matrix.setflags(write=False)
+    return RigSensor(dataclasses.replace(lidar, name=name), matrix, real(f"{what}, offset", offset))
+
+
+def _pose(name: str, value: Any) -> Floats:
+    return np.eye(4) if value is None else np.array(_validation.pose(name, value))
+
+
+def _what(value: object) -> str:
+    return f"a tuple of {len(value)}" if isinstance(value, tuple) else type(value).__name__
