@@ -61,6 +61,7 @@ from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from lidarsim._validation import Transform
+    from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
 
 __all__ = ["LAYOUTS", "SUFFIXES", "Message", "Writer", "read"]
@@ -134,7 +135,7 @@ class Writer:
         self,
         path: PathLike,
         *,
-        sensors: Mapping[str, Transform] | None = None,
+        sensors: Mapping[str, Transform] | Mapping[str, RigSensor] | None = None,
         trajectory: Trajectory | Transform | None = None,
         layout: str | Mapping[str, str] | None = None,
         start: float = _START,
