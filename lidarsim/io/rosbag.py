@@ -145,9 +145,10 @@ class Writer:
     ) -> None:
         self._suffix = check_suffix(path, SUFFIXES)
         self._path = path
+        given: Mapping[str, Any] = {"lidar": np.eye(4)} if sensors is None else sensors
         self._mounts = {
             _name("sensors", name): _validation.pose(f"sensors[{name!r}]", getattr(mount, "mount", mount))
-            for name, mount in ({"lidar": np.eye(4)} if sensors is None else sensors).items()
+            for name, mount in given.items()
         }
         self._layouts = _layouts(layout, self._mounts)
         if trajectory is None or isinstance(trajectory, Trajectory):
