@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::shapes::{self, Simple};
+use lidarsim_core::shapes::{self, AnySurface};
 use lidarsim_core::{Affine, Geometry, Object, Point, Scene, TriangleMesh, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
@@ -17,14 +17,14 @@ pub struct PyShape {
 }
 
 impl PyShape {
-    fn simple(shape: impl Into<Simple>) -> Self {
-        PyShape { object: Object::new(Geometry::Simple(shape.into()), false) }
+    fn simple(shape: impl Into<AnySurface>) -> Self {
+        PyShape { object: Object::new(Geometry::Surface(shape.into()), false) }
     }
 
     fn mesh(&self) -> Option<&TriangleMesh> {
         match &self.object.geometry {
             Geometry::Mesh(mesh) => Some(mesh),
-            Geometry::Simple(_) => None,
+            Geometry::Surface(_) => None,
         }
     }
 }
@@ -133,8 +133,8 @@ impl PyShape {
         let scene = Scene::new(vec![self.object.clone()]);
         py.detach(|| scene.prepare());
         let least = match &self.object.geometry {
-            Geometry::Simple(Simple::Plane(_) | Simple::Triangle(_)) | Geometry::Mesh(_) => 1,
-            Geometry::Simple(_) => 2,
+            Geometry::Surface(AnySurface::Plane(_) | AnySurface::Triangle(_)) | Geometry::Mesh(_) => 1,
+            Geometry::Surface(_) => 2,
         };
         let mut roots: Vec<Vec<f64>> = Vec::with_capacity(o.len());
         interruptible(py, o.len(), |slice| {

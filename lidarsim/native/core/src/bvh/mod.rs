@@ -5,11 +5,11 @@
 
 mod build;
 mod packet;
-mod span;
+mod traversal_ray;
 
-use packet::{FewMeeting, Hull, Slabs};
-pub use packet::{HUGE, LANES, Mask, Packet, Rays, TINY, all, part_of_mask, take};
-pub use span::Span;
+use packet::{FewBoxHits, Frustum, Slabs};
+pub use packet::{LANES, LARGEST, Mask, Packet, RayPacket, SMALLEST, all, part_of_mask, take};
+pub use traversal_ray::TraversalRay;
 
 use crate::arith::number::Interval;
 use crate::arith::simd::Isa;
@@ -18,7 +18,7 @@ use crate::geometry::vector::Point;
 pub const WIDTH: usize = 8;
 
 /// Most primitives a leaf may hold.
-pub const LEAF: usize = 8;
+pub const LEAF_SIZE: usize = 8;
 
 /// Eight boxes, an axis after the other, and what they hold. An absent child has a box that nothing meets.
 #[derive(Clone, Copy, Debug)]
@@ -59,7 +59,7 @@ impl Child {
 
 /// What rays that go alone do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
 pub trait Visitor<L> {
-    /// Gets up to `WALKS` rays, each of which may meet a leaf of its own, and says which of them want less than before.
+    /// Gets up to `SINGLE_RAYS` rays, each of which may meet a leaf of its own, and says which of them want less than before.
     fn visit<I: Isa>(&mut self, stack: &mut Stack, lanes: &[usize], leaves: &[&L]) -> Mask;
 
     /// The t beyond which nothing is wanted of each ray.
@@ -76,14 +76,14 @@ pub struct Bvh<L> {
 
 impl<L: Send> Bvh<L> {
     /// Over primitives 0 to `count`; those without a box (none) are left out. `leaf` makes a leaf of up to `most` primitives, at
-    /// most `LEAF`.
+    /// most `LEAF_SIZE`.
     pub fn new(
         count: usize,
         bounds: impl Fn(u32) -> Option<[Interval; 3]> + Sync,
         most: usize,
         leaf: impl Fn(&[u32]) -> L + Sync,
     ) -> Self {
-        build::build(count, bounds, most.min(LEAF), leaf)
+        build::build(count, bounds, most.min(LEAF_SIZE), leaf)
     }
 
     pub fn center(&self) -> Point {
@@ -101,7 +101,7 @@ impl<L: Send> Bvh<L> {
 
     /// Offers the leaves that the ray may meet, nearest box first: `visit` answers with the t beyond which nothing is wanted
     /// any more. It may traverse another hierarchy on the same stack.
-    pub fn traverse(&self, span: &mut Span, stack: &mut Stack, mut visit: impl FnMut(&mut Stack, &L) -> f64) {
+    pub fn traverse(&self, span: &mut TraversalRay, stack: &mut Stack, mut visit: impl FnMut(&mut Stack, &L) -> f64) {
         if self.nodes.is_empty() {
             return;
         }
@@ -116,7 +116,7 @@ impl<L: Send> Bvh<L> {
                 continue;
             }
             let node = &self.nodes[entry.child.index()];
-            let (near, far) = span.meet(&node.low, &node.high);
+            let (near, far) = span.intersect(&node.low, &node.high);
             let first = stack.len;
             for i in 0..WIDTH {
                 if near[i] <= far[i] {
@@ -128,35 +128,35 @@ impl<L: Send> Bvh<L> {
 
     /// Sends rays of a packet, which has entered the hierarchy, on their way together.
     #[inline(always)]
-    pub fn set_out<I: Isa>(&self, walk: &mut PacketWalk, active: Mask, stack: &mut Stack) {
-        walk.base = stack.len;
+    pub fn start<I: Isa>(&self, traversal: &mut PacketTraversal, active: Mask, stack: &mut Stack) {
+        traversal.base = stack.len;
         if !self.nodes.is_empty() {
-            walk.hull = walk.packet.hull_of_all::<I>();
+            traversal.frustum = traversal.packet.frustum_of_all::<I>();
             stack.push_if(active != 0, Entry { near: 0.0, child: Child::node(0), mask: active });
         }
     }
 
     /// The leaf that a packet has come to; none if it is at a node.
     #[inline(always)]
-    pub fn leaf(&self, walk: &PacketWalk) -> Option<&L> {
-        if walk.child.is_leaf() { Some(&self.leaves[walk.child.index()]) } else { None }
+    pub fn leaf(&self, traversal: &PacketTraversal) -> Option<&L> {
+        if traversal.child.is_leaf() { Some(&self.leaves[traversal.child.index()]) } else { None }
     }
 
     /// Looks into the node that a packet has come to.
     #[inline(always)]
-    pub fn open<I: Isa>(&self, walk: &PacketWalk, stack: &mut Stack) {
-        let PacketWalk { packet, hull, mask, .. } = walk;
-        let node = &self.nodes[walk.child.index()];
+    pub fn open<I: Isa>(&self, traversal: &PacketTraversal, stack: &mut Stack) {
+        let PacketTraversal { packet, frustum, mask, .. } = traversal;
+        let node = &self.nodes[traversal.child.index()];
         // The farthest first, and no branch hangs on a single look.
         if mask.count_ones() > FEW {
-            let meeting = hull.meet::<I>(&packet.heading, node);
-            for (&near, &i) in meeting.near.iter().zip(&meeting.child).take(meeting.count) {
-                let (child, mask) = (node.child[i as usize], packet.meet::<I>(*mask, &meeting, i as usize));
-                self.prefetch::<I>(if mask != 0 { child } else { walk.child });
+            let box_hits = frustum.intersect::<I>(&packet.octant_of, node);
+            for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
+                let (child, mask) = (node.child[i as usize], packet.intersect::<I>(*mask, &box_hits, i as usize));
+                self.prefetch::<I>(if mask != 0 { child } else { traversal.child });
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
         } else {
-            let FewMeeting { count, child, near, masks } = packet.meet_few::<I>(*mask, hull, node);
+            let FewBoxHits { count, child, near, masks } = packet.intersect_few::<I>(*mask, frustum, node);
             for (&near, &i) in near.iter().zip(&child).take(count) {
                 let (child, mask) = (node.child[i as usize], masks[i as usize]);
                 self.prefetch::<I>(child);
@@ -168,7 +168,7 @@ impl<L: Send> Bvh<L> {
     /// As `traverse`, for rays of a packet one by one: some at once, which all do a step before one does the next. While one waits for memory the
     /// others go on, and since those at nodes and those at leaves have their turns apart, no branch hangs on where a single ray goes.
     #[inline(always)]
-    pub fn traverse_each<I: Isa>(
+    pub fn traverse_single<I: Isa>(
         &self,
         packet: &Packet,
         active: Mask,
@@ -176,46 +176,46 @@ impl<L: Send> Bvh<L> {
         visitor: &mut impl Visitor<L>,
     ) {
         let Some(leaf) = self.leaves.first() else { return };
-        let heading = packet.heading;
-        let mut walks = [RayWalk::EMPTY; WALKS];
-        let (mut waiting, mut places) = (active, Places { idle: all(WALKS), at_leaves: 0 });
+        let octant_of = packet.octant_of;
+        let mut traversals = [RayTraversal::EMPTY; SINGLE_RAYS];
+        let (mut waiting, mut places) = (active, Places { idle: all(SINGLE_RAYS), at_leaves: 0 });
         loop {
             while waiting != 0
                 && let Some(k) = take(&mut places.idle)
                 && let Some(lane) = take(&mut waiting)
             {
-                walks[k].start(lane, packet, &mut stack.piles[k]);
+                traversals[k].start(lane, packet, &mut stack.ray_stacks[k]);
             }
-            let mut at_nodes = all(WALKS) & !(places.idle | places.at_leaves);
+            let mut at_nodes = all(SINGLE_RAYS) & !(places.idle | places.at_leaves);
             let mut at_leaves = std::mem::take(&mut places.at_leaves);
             if at_nodes | at_leaves == 0 {
                 return;
             }
             while let Some(k) = take(&mut at_nodes) {
-                let (walk, pile) = (&mut walks[k], &mut stack.piles[k]);
-                let node = &self.nodes[walk.child.index()];
-                let Slabs { near, far, .. } = walk.hull.slabs::<I>(&heading, node, walk.limit);
-                pile.push::<I>(near, far, &node.child);
-                walk.child = pile.pop();
-                self.prefetch::<I>(walk.child);
-                places.note(k, walk.child);
+                let (traversal, ray_stack) = (&mut traversals[k], &mut stack.ray_stacks[k]);
+                let node = &self.nodes[traversal.child.index()];
+                let Slabs { near, far, .. } = traversal.frustum.slabs::<I>(&octant_of, node, traversal.limit);
+                ray_stack.push::<I>(near, far, &node.child);
+                traversal.child = ray_stack.pop();
+                self.prefetch::<I>(traversal.child);
+                places.note(k, traversal.child);
             }
-            let (mut lanes, mut leaves, mut count) = ([0; WALKS], [leaf; WALKS], 0);
+            let (mut lanes, mut leaves, mut count) = ([0; SINGLE_RAYS], [leaf; SINGLE_RAYS], 0);
             let mut left = at_leaves;
             while let Some(k) = take(&mut left) {
-                (lanes[count], leaves[count]) = (walks[k].lane, &self.leaves[walks[k].child.index()]);
+                (lanes[count], leaves[count]) = (traversals[k].lane, &self.leaves[traversals[k].child.index()]);
                 count += 1;
             }
             let nearer = if count > 0 { visitor.visit::<I>(stack, &lanes[..count], &leaves[..count]) } else { 0 };
             while let Some(k) = take(&mut at_leaves) {
-                let (walk, pile) = (&mut walks[k], &mut stack.piles[k]);
-                if nearer & 1 << walk.lane != 0 {
-                    walk.limit = packet.limit_of(visitor.limits()[walk.lane]);
-                    pile.keep_within(walk.limit, walk.base);
+                let (traversal, ray_stack) = (&mut traversals[k], &mut stack.ray_stacks[k]);
+                if nearer & 1 << traversal.lane != 0 {
+                    traversal.limit = packet.limit_of(visitor.limits()[traversal.lane]);
+                    ray_stack.keep_within(traversal.limit, traversal.base);
                 }
-                walk.child = pile.pop();
-                self.prefetch::<I>(walk.child);
-                places.note(k, walk.child);
+                traversal.child = ray_stack.pop();
+                self.prefetch::<I>(traversal.child);
+                places.note(k, traversal.child);
             }
         }
     }
@@ -233,9 +233,9 @@ impl<L: Send> Bvh<L> {
 }
 
 /// Rays of a packet on their way through a hierarchy together.
-pub struct PacketWalk {
+pub struct PacketTraversal {
     pub packet: Packet,
-    hull: Hull,
+    frustum: Frustum,
     /// Where the node or leaf is, and the rays that may meet it.
     child: Child,
     mask: Mask,
@@ -245,9 +245,16 @@ pub struct PacketWalk {
     base: usize,
 }
 
-impl PacketWalk {
+impl PacketTraversal {
     pub fn new() -> Self {
-        PacketWalk { packet: Packet::empty(), hull: Hull::EMPTY, child: Child::node(0), mask: 0, nearer: 0, base: 0 }
+        PacketTraversal {
+            packet: Packet::empty(),
+            frustum: Frustum::EMPTY,
+            child: Child::node(0),
+            mask: 0,
+            nearer: 0,
+            base: 0,
+        }
     }
 
     /// The rays that may meet what the packet has come to.
@@ -264,7 +271,7 @@ impl PacketWalk {
 
     /// Goes to the nearest of what is left; false if nothing is. Nothing beyond `limits` is wanted of the rays.
     #[inline(always)]
-    pub fn go_on<I: Isa>(&mut self, stack: &mut Stack, limits: &[f64; LANES]) -> bool {
+    pub fn next_entry<I: Isa>(&mut self, stack: &mut Stack, limits: &[f64; LANES]) -> bool {
         if self.nearer != 0 {
             self.packet.set_limits::<I>(limits);
             self.nearer = 0;
@@ -280,34 +287,35 @@ impl PacketWalk {
     }
 
     /// Goes nowhere.
-    pub fn stay(&mut self, stack: &Stack) {
+    pub fn stop(&mut self, stack: &Stack) {
         self.base = stack.len;
     }
 }
 
 /// A ray on its way through a hierarchy alone.
 #[derive(Clone, Copy)]
-struct RayWalk {
+struct RayTraversal {
     lane: usize,
-    hull: Hull,
+    frustum: Frustum,
     limit: f32,
     child: Child,
     /// Where its part of its pile begins.
     base: usize,
 }
 
-impl RayWalk {
-    const EMPTY: RayWalk = RayWalk { lane: 0, hull: Hull::EMPTY, limit: 0.0, child: Child::node(0), base: 0 };
+impl RayTraversal {
+    const EMPTY: RayTraversal =
+        RayTraversal { lane: 0, frustum: Frustum::EMPTY, limit: 0.0, child: Child::node(0), base: 0 };
 
     #[inline(always)]
-    fn start(&mut self, lane: usize, packet: &Packet, pile: &mut Pile) {
+    fn start(&mut self, lane: usize, packet: &Packet, ray_stack: &mut RayStack) {
         self.lane = lane;
-        packet.put_hull_of_one(lane, &mut self.hull);
+        packet.put_frustum_of_one(lane, &mut self.frustum);
         self.limit = packet.limit(lane);
         self.child = Child::node(0);
-        pile.child[pile.len] = Child::END.0;
-        pile.len += 1;
-        self.base = pile.len;
+        ray_stack.child[ray_stack.len] = Child::END.0;
+        ray_stack.len += 1;
+        self.base = ray_stack.len;
     }
 }
 
@@ -338,7 +346,7 @@ struct Entry {
 const FEW: u32 = 16;
 
 /// Rays that go alone at once.
-pub const WALKS: usize = 16;
+pub const SINGLE_RAYS: usize = 16;
 
 /// What is still to be visited, to be used again and again: by rays together, and a pile for each ray that goes alone. They are deep enough for a
 /// hierarchy within a hierarchy: each level pops one entry and pushes at most `WIDTH`.
@@ -346,18 +354,18 @@ pub struct Stack {
     /// One more than are wanted may be written.
     entries: [Entry; Stack::SIZE + 1],
     len: usize,
-    piles: [Pile; WALKS],
+    ray_stacks: [RayStack; SINGLE_RAYS],
 }
 
 /// The subtrees that a single ray has still to visit, none beyond its limit, and how near they may be; of those of one node the nearest last.
 #[derive(Clone, Copy)]
-struct Pile {
-    near: [f32; Pile::SIZE],
-    child: [u32; Pile::SIZE],
+struct RayStack {
+    near: [f32; RayStack::SIZE],
+    child: [u32; RayStack::SIZE],
     len: usize,
 }
 
-impl Pile {
+impl RayStack {
     /// With an end for each of two hierarchies. A push writes `WIDTH` entries, whether they count or not.
     const SIZE: usize = Stack::SIZE + 2 + WIDTH;
 
@@ -400,8 +408,8 @@ impl Stack {
 
     pub fn new() -> Self {
         let empty = Entry { near: 0.0, child: Child(0), mask: 0 };
-        let pile = Pile { near: [0.0; Pile::SIZE], child: [0; Pile::SIZE], len: 0 };
-        Stack { entries: [empty; Stack::SIZE + 1], len: 0, piles: [pile; WALKS] }
+        let ray_stack = RayStack { near: [0.0; RayStack::SIZE], child: [0; RayStack::SIZE], len: 0 };
+        Stack { entries: [empty; Stack::SIZE + 1], len: 0, ray_stacks: [ray_stack; SINGLE_RAYS] }
     }
 
     #[inline(always)]
@@ -514,7 +522,7 @@ mod tests {
 
     struct Traverse<'a, 'b> {
         bvh: &'a Bvh<Vec<u32>>,
-        seen: &'a Rays,
+        seen: &'a RayPacket,
         active: Mask,
         together: bool,
         notes: &'a mut Notes<'b>,
@@ -525,25 +533,25 @@ mod tests {
 
         fn run<I: Isa>(self) {
             let Traverse { bvh, seen, active, together, notes } = self;
-            let (mut walk, mut stack) = (PacketWalk::new(), Stack::new());
-            walk.packet.enter::<I>(seen, bvh.center(), 0.0, &[f64::MAX; LANES]);
+            let (mut traversal, mut stack) = (PacketTraversal::new(), Stack::new());
+            traversal.packet.enter::<I>(seen, bvh.center(), 0.0, &[f64::MAX; LANES]);
             if together {
-                bvh.set_out::<I>(&mut walk, active, &mut stack);
-                while walk.go_on::<I>(&mut stack, notes.limits()) {
-                    let Some(leaf) = bvh.leaf(&walk) else {
-                        bvh.open::<I>(&walk, &mut stack);
+                bvh.start::<I>(&mut traversal, active, &mut stack);
+                while traversal.next_entry::<I>(&mut stack, notes.limits()) {
+                    let Some(leaf) = bvh.leaf(&traversal) else {
+                        bvh.open::<I>(&traversal, &mut stack);
                         continue;
                     };
-                    let (mut nearer, mut left) = (0, walk.mask());
+                    let (mut nearer, mut left) = (0, traversal.mask());
                     while let Some(lane) = take(&mut left) {
                         nearer |= notes.visit::<I>(&mut stack, &[lane], &[leaf]);
                     }
-                    walk.shorten(nearer);
+                    traversal.shorten(nearer);
                 }
             } else {
-                bvh.traverse_each::<I>(&walk.packet, active, &mut stack, notes);
+                bvh.traverse_single::<I>(&traversal.packet, active, &mut stack, notes);
             }
-            assert!(stack.len == 0 && stack.piles.iter().all(|pile| pile.len == 0));
+            assert!(stack.len == 0 && stack.ray_stacks.iter().all(|ray_stack| ray_stack.len == 0));
         }
     }
 
@@ -560,10 +568,10 @@ mod tests {
         octant: u32,
         [origin_error, error]: [i64; 2],
         next: &mut impl FnMut(i64) -> i64,
-    ) -> (Vec<(Whole, Whole)>, Rays) {
+    ) -> (Vec<(Whole, Whole)>, RayPacket) {
         let sign = |axis: usize| if octant >> axis & 1 != 0 { -1 } else { 1 };
         let (apart, narrow) = (next(2) * 1000, next(2) == 0);
-        let mut seen = Rays::empty();
+        let mut seen = RayPacket::empty();
         (seen.octant, seen.count) = (octant, 40 + next(25) as usize);
         let ray = |lane: usize| {
             let origin = [0, 1, 2].map(|axis| -300 * sign(axis) + if apart > 0 { next(apart) - 500 } else { 0 });

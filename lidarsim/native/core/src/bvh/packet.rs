@@ -1,6 +1,6 @@
 //! Rays that point into the same octant, as the boxes see them: float32, with every rounding on the safe side.
 //!
-//! As in `Span`, the t of a box's near plane is bounded from below and that of its far plane from above. A hull of the rays, one
+//! As in `TraversalRay`, the t of a box's near plane is bounded from below and that of its far plane from above. A hull of the rays, one
 //! interval of origins and slopes, rules out most boxes for all rays at once.
 
 use super::{Node, WIDTH};
@@ -10,15 +10,15 @@ use crate::geometry::vector::Point;
 /// Rays that meet a box in one step.
 const WIDE: usize = 16;
 
-const GROUPS: usize = 4;
+const SUBPACKETS: usize = 4;
 
 /// Most rays of a packet.
-pub const LANES: usize = GROUPS * WIDE;
+pub const LANES: usize = SUBPACKETS * WIDE;
 
 /// Packets hold rays whose numbers are all less than this, errors too, and one of whose direction is more than that: so their squares, and scaled
 /// ones, are ordinary float64 numbers.
-pub const HUGE: f64 = 1e30;
-pub const TINY: f64 = 1e-30;
+pub const LARGEST: f64 = 1e30;
+pub const SMALLEST: f64 = 1e-30;
 
 /// A bit for each ray of a packet.
 pub type Mask = u64;
@@ -26,7 +26,7 @@ pub type Mask = u64;
 /// Rays as they are, a lane each; lanes beyond the last ray, up to a whole group, repeat the first.
 #[derive(Clone)]
 #[repr(C, align(64))]
-pub struct Rays {
+pub struct RayPacket {
     pub origin: [[f64; LANES]; 3],
     pub direction: [[f64; LANES]; 3],
     /// How far each coordinate of origin and direction may be off.
@@ -43,9 +43,9 @@ pub struct Rays {
     pub count: usize,
 }
 
-impl Rays {
+impl RayPacket {
     pub const fn empty() -> Self {
-        Rays {
+        RayPacket {
             origin: [[0.0; LANES]; 3],
             direction: [[0.0; LANES]; 3],
             origin_error: [0.0; LANES],
@@ -68,12 +68,12 @@ impl Rays {
     }
 
     /// Takes up the first rays of an order, up to the first that points into another octant: none (`count` is 0) if packets cannot hold the very
-    /// first, which then is in lane 0 and left to `Span`.
+    /// first, which then is in lane 0 and left to `TraversalRay`.
     #[inline(always)]
-    pub fn take_up<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
+    pub fn gather<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
         self.count = 0;
         let Some(&first) = order.first() else { return };
-        let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(HUGE));
+        let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(LARGEST));
         let (mut fit, mut together): (Mask, Mask) = (0, 0);
         let mut signs: [Mask; 3] = [0; 3];
         let given = order.len().min(LANES);
@@ -100,7 +100,7 @@ impl Rays {
                 largest = Floats::max(d.abs(), largest);
                 signs[axis] |= Mask::from(d.lt(I::F64x8::splat(0.0))) << (8 * eight);
             }
-            fit |= Mask::from(within & I::F64x8::splat(TINY).lt(largest)) << (8 * eight);
+            fit |= Mask::from(within & I::F64x8::splat(SMALLEST).lt(largest)) << (8 * eight);
             together |= Mask::from(at_one) << (8 * eight);
         }
         self.octant = (signs[0] & 1 | (signs[1] & 1) << 1 | (signs[2] & 1) << 2) as u32;
@@ -114,14 +114,14 @@ impl Rays {
         }
     }
 
-    /// Whether packets may hold the ray: as `take_up` asks.
-    pub fn holds(origin: Point, direction: Point) -> bool {
+    /// Whether packets may hold the ray: as `gather` asks.
+    pub fn fits(origin: Point, direction: Point) -> bool {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
-        origin.iter().chain(&direction).all(|x| x.abs() < HUGE) && largest > TINY
+        origin.iter().chain(&direction).all(|x| x.abs() < LARGEST) && largest > SMALLEST
     }
 
     /// Takes some rays of one octant from others.
-    pub fn take_only(&mut self, others: &Rays, mask: Mask, octant: u32) {
+    pub fn gather_octant(&mut self, others: &RayPacket, mask: Mask, octant: u32) {
         self.clone_from(others);
         self.octant = octant;
         let first = mask.trailing_zeros() as usize;
@@ -259,16 +259,16 @@ const STRETCH: f32 = 1.0 + 12.0 * U;
 
 #[repr(C, align(64))]
 pub struct Packet {
-    groups: [Group; GROUPS],
+    subpackets: [Subpacket; SUBPACKETS],
     count: usize,
     /// t times this is t here; a power of two.
     scale: f64,
-    pub(super) heading: Heading,
+    pub(super) octant_of: Octant,
 }
 
 /// Where rays of a packet begin and which planes they come to first, by axis: what all have in common.
 #[derive(Clone, Copy)]
-pub(super) struct Heading {
+pub(super) struct Octant {
     start: f32,
     backward: [bool; 3],
 }
@@ -276,7 +276,7 @@ pub(super) struct Heading {
 /// Sixteen rays of a packet, by axis and lane.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
-struct Group {
+struct Subpacket {
     near_slope: [[f32; WIDE]; 3],
     far_slope: [[f32; WIDE]; 3],
     limit: [f32; WIDE],
@@ -284,8 +284,8 @@ struct Group {
     far_origin: [[f32; WIDE]; 3],
 }
 
-impl Group {
-    const EMPTY: Group = Group {
+impl Subpacket {
+    const EMPTY: Subpacket = Subpacket {
         near_slope: [[0.0; WIDE]; 3],
         far_slope: [[0.0; WIDE]; 3],
         limit: [0.0; WIDE],
@@ -303,7 +303,7 @@ impl Group {
 
 /// Bounds of origins and slopes, over all rays or of one of them.
 #[derive(Clone, Copy)]
-pub(super) struct Hull {
+pub(super) struct Frustum {
     near_origin: [f32; 3],
     far_origin: [f32; 3],
     near_slope: [f32; 3],
@@ -311,7 +311,7 @@ pub(super) struct Hull {
 }
 
 /// The boxes of a node that any ray of a hull may meet, the farthest first.
-pub(super) struct Meeting {
+pub(super) struct BoxHits {
     pub count: usize,
     /// Which child each is of.
     pub child: [u32; WIDTH],
@@ -324,17 +324,17 @@ pub(super) struct Meeting {
 
 impl Packet {
     pub fn empty() -> Self {
-        let heading = Heading { start: 0.0, backward: [false; 3] };
-        Packet { groups: [Group::EMPTY; GROUPS], count: 0, scale: 1.0, heading }
+        let octant_of = Octant { start: 0.0, backward: [false; 3] };
+        Packet { subpackets: [Subpacket::EMPTY; SUBPACKETS], count: 0, scale: 1.0, octant_of }
     }
 
     /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
     #[inline(always)]
-    pub fn enter<I: Isa>(&mut self, rays: &Rays, center: Point, t_min: f64, limits: &[f64; LANES]) {
+    pub fn enter<I: Isa>(&mut self, rays: &RayPacket, center: Point, t_min: f64, limits: &[f64; LANES]) {
         let octant = rays.octant;
-        self.heading.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
+        self.octant_of.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
-        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `Rays::take_up`). Of rays much shorter than the
+        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `RayPacket::gather`). Of rays much shorter than the
         // longest, components may underflow here; see `SHRINK`.
         let mut largest = I::F64x8::splat(0.0);
         for eight in 0..self.count.div_ceil(8) {
@@ -345,16 +345,23 @@ impl Packet {
         let exponent = largest.largest().to_bits() >> 52;
         let shrink = I::F64x8::splat(f64::from_bits((2045 - exponent) << 52));
         self.scale = f64::from_bits((exponent + 1) << 52);
-        self.heading.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
+        self.octant_of.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
         for g in 0..self.count.div_ceil(WIDE) {
-            self.enter_group::<I>(g, rays, center, shrink, limits);
+            self.enter_subpacket::<I>(g, rays, center, shrink, limits);
         }
     }
 
     #[inline(always)]
-    fn enter_group<I: Isa>(&mut self, g: usize, rays: &Rays, center: Point, shrink: I::F64x8, limits: &[f64; LANES]) {
+    fn enter_subpacket<I: Isa>(
+        &mut self,
+        g: usize,
+        rays: &RayPacket,
+        center: Point,
+        shrink: I::F64x8,
+        limits: &[f64; LANES],
+    ) {
         let (zero, one) = (I::F32x16::splat(0.0), I::F32x16::splat(1.0));
-        let group = &mut self.groups[g];
+        let subpacket = &mut self.subpackets[g];
         let (low, high) = halves::<I>(&rays.origin_error, g);
         let origin_error = I::narrow(low, high).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let origin_error = origin_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
@@ -366,15 +373,15 @@ impl Packet {
         let direction_error = I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let direction_error = direction_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
         for axis in 0..3 {
-            let backward = self.heading.backward[axis];
+            let backward = self.octant_of.backward[axis];
             let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
             let middle = I::F64x8::splat(center[axis]);
             let (low, high) = halves::<I>(&rays.origin[axis], g);
             let o = I::narrow(low.sub(middle), high.sub(middle));
             // Conversion and difference: 1u and a trifle. The error of the origin is rounded up along with it.
             let error = o.abs().mul(I::F32x16::splat(4.0 * U)).add(origin_error).mul(sign);
-            group.near_origin[axis] = o.add(error).store();
-            group.far_origin[axis] = o.sub(error).store();
+            subpacket.near_origin[axis] = o.add(error).store();
+            subpacket.far_origin[axis] = o.sub(error).store();
             let (low, high) = halves::<I>(&rays.direction[axis], g);
             let d = I::narrow(low.mul(shrink), high.mul(shrink)).abs();
             let mut least = d;
@@ -388,68 +395,68 @@ impl Packet {
             }
             let near = Floats::min(near, I::F32x16::splat(f32::MAX)).mul(I::F32x16::splat(SHRINK));
             let far = far.mul(I::F32x16::splat(STRETCH));
-            group.near_slope[axis] = near.mul(sign).store();
-            group.far_slope[axis] = far.mul(sign).store();
+            subpacket.near_slope[axis] = near.mul(sign).store();
+            subpacket.far_slope[axis] = far.mul(sign).store();
             let mut unknown = if vague { least.le(zero) } else { 0 };
             while unknown != 0 {
                 // The sign is not known: these planes bound nothing.
                 let lane = unknown.trailing_zeros() as usize;
                 unknown &= unknown - 1;
                 let infinity = if backward { f32::NEG_INFINITY } else { f32::INFINITY };
-                group.near_origin[axis][lane] = infinity;
-                group.far_origin[axis][lane] = -infinity;
+                subpacket.near_origin[axis][lane] = infinity;
+                subpacket.far_origin[axis][lane] = -infinity;
             }
         }
-        group.set_limits::<I>(g, limits, I::F64x8::splat(self.scale));
+        subpacket.set_limits::<I>(g, limits, I::F64x8::splat(self.scale));
     }
 
     /// Where the signs of a lane's direction are not known, `octant` may be any.
     #[inline(always)]
-    pub(super) fn hull_of_all<I: Isa>(&self) -> Hull {
-        let mut hull = Hull::EMPTY;
+    pub(super) fn frustum_of_all<I: Isa>(&self) -> Frustum {
+        let mut frustum = Frustum::EMPTY;
         for axis in 0..3 {
-            let first = &self.groups[0];
+            let first = &self.subpackets[0];
             let mut near_origin = I::F32x16::load(&first.near_origin[axis]);
             let mut far_origin = I::F32x16::load(&first.far_origin[axis]);
             let mut near_slope = I::F32x16::load(&first.near_slope[axis]);
             let mut far_slope = I::F32x16::load(&first.far_slope[axis]);
-            let backward = self.heading.backward[axis];
-            for group in &self.groups[1..self.count.div_ceil(WIDE)] {
-                near_origin = outer::<I>(near_origin, &group.near_origin[axis], !backward);
-                far_origin = outer::<I>(far_origin, &group.far_origin[axis], backward);
-                near_slope = outer::<I>(near_slope, &group.near_slope[axis], backward);
-                far_slope = outer::<I>(far_slope, &group.far_slope[axis], !backward);
+            let backward = self.octant_of.backward[axis];
+            for subpacket in &self.subpackets[1..self.count.div_ceil(WIDE)] {
+                near_origin = outer::<I>(near_origin, &subpacket.near_origin[axis], !backward);
+                far_origin = outer::<I>(far_origin, &subpacket.far_origin[axis], backward);
+                near_slope = outer::<I>(near_slope, &subpacket.near_slope[axis], backward);
+                far_slope = outer::<I>(far_slope, &subpacket.far_slope[axis], !backward);
             }
             if backward {
-                hull.near_origin[axis] = near_origin.smallest();
-                hull.far_origin[axis] = far_origin.largest();
-                hull.near_slope[axis] = near_slope.largest();
-                hull.far_slope[axis] = far_slope.smallest();
+                frustum.near_origin[axis] = near_origin.smallest();
+                frustum.far_origin[axis] = far_origin.largest();
+                frustum.near_slope[axis] = near_slope.largest();
+                frustum.far_slope[axis] = far_slope.smallest();
             } else {
-                hull.near_origin[axis] = near_origin.largest();
-                hull.far_origin[axis] = far_origin.smallest();
-                hull.near_slope[axis] = near_slope.smallest();
-                hull.far_slope[axis] = far_slope.largest();
+                frustum.near_origin[axis] = near_origin.largest();
+                frustum.far_origin[axis] = far_origin.smallest();
+                frustum.near_slope[axis] = near_slope.smallest();
+                frustum.far_slope[axis] = far_slope.largest();
             }
         }
-        hull
+        frustum
     }
 
     /// A number after the other: to read back in one piece what was written in several takes long.
     #[inline(always)]
-    pub(super) fn put_hull_of_one(&self, lane: usize, hull: &mut Hull) {
-        let (group, lane) = (&self.groups[lane / WIDE], lane % WIDE);
+    pub(super) fn put_frustum_of_one(&self, lane: usize, frustum: &mut Frustum) {
+        let (subpacket, lane) = (&self.subpackets[lane / WIDE], lane % WIDE);
         for axis in 0..3 {
-            hull.near_origin[axis] = group.near_origin[axis][lane];
-            hull.far_origin[axis] = group.far_origin[axis][lane];
-            hull.near_slope[axis] = group.near_slope[axis][lane];
-            hull.far_slope[axis] = group.far_slope[axis][lane];
+            frustum.near_origin[axis] = subpacket.near_origin[axis][lane];
+            frustum.far_origin[axis] = subpacket.far_origin[axis][lane];
+            frustum.near_slope[axis] = subpacket.near_slope[axis][lane];
+            frustum.far_slope[axis] = subpacket.far_slope[axis][lane];
         }
     }
 
     #[inline(always)]
     pub(super) fn limit(&self, lane: usize) -> f32 {
-        self.groups[lane / WIDE].limit[lane % WIDE]
+        self.subpackets[lane / WIDE].limit[lane % WIDE]
     }
 
     /// The limit of a ray of which nothing beyond t is wanted.
@@ -462,8 +469,8 @@ impl Packet {
     #[inline(always)]
     pub(super) fn set_limits<I: Isa>(&mut self, t: &[f64; LANES]) {
         let scale = I::F64x8::splat(self.scale);
-        for (g, group) in self.groups.iter_mut().enumerate() {
-            group.set_limits::<I>(g, t, scale);
+        for (g, subpacket) in self.subpackets.iter_mut().enumerate() {
+            subpacket.set_limits::<I>(g, t, scale);
         }
     }
 
@@ -471,23 +478,23 @@ impl Packet {
     #[inline(always)]
     pub(super) fn within<I: Isa>(&self, mask: Mask, near: f32) -> Mask {
         let mut within = 0;
-        for (g, group) in self.groups.iter().enumerate() {
-            within |= Mask::from(I::F32x16::splat(near).le(I::F32x16::load(&group.limit))) << (WIDE * g);
+        for (g, subpacket) in self.subpackets.iter().enumerate() {
+            within |= Mask::from(I::F32x16::splat(near).le(I::F32x16::load(&subpacket.limit))) << (WIDE * g);
         }
         within & mask
     }
 
     /// The rays of `mask` that may meet box i of a node that the hull has met: with the origins of the hull, and slopes of their own.
     #[inline(always)]
-    pub(super) fn meet<I: Isa>(&self, mask: Mask, meeting: &Meeting, i: usize) -> Mask {
+    pub(super) fn intersect<I: Isa>(&self, mask: Mask, box_hits: &BoxHits, i: usize) -> Mask {
         let mut met = 0;
-        for (g, group) in self.groups.iter().enumerate() {
-            let mut near = I::F32x16::splat(self.heading.start);
-            let mut far = I::F32x16::load(&group.limit);
+        for (g, subpacket) in self.subpackets.iter().enumerate() {
+            let mut near = I::F32x16::splat(self.octant_of.start);
+            let mut far = I::F32x16::load(&subpacket.limit);
             for axis in 0..3 {
-                let t = I::F32x16::splat(meeting.first[axis][i]).mul(I::F32x16::load(&group.near_slope[axis]));
+                let t = I::F32x16::splat(box_hits.first[axis][i]).mul(I::F32x16::load(&subpacket.near_slope[axis]));
                 near = t.max(near);
-                let t = I::F32x16::splat(meeting.last[axis][i]).mul(I::F32x16::load(&group.far_slope[axis]));
+                let t = I::F32x16::splat(box_hits.last[axis][i]).mul(I::F32x16::load(&subpacket.far_slope[axis]));
                 far = t.min(far);
             }
             met |= Mask::from(near.le(far)) << (WIDE * g);
@@ -497,7 +504,7 @@ impl Packet {
 }
 
 /// The boxes of a node that any of a few rays may meet, the farthest first.
-pub(super) struct FewMeeting {
+pub(super) struct FewBoxHits {
     pub count: usize,
     /// Which child each is of.
     pub child: [u32; WIDTH],
@@ -508,20 +515,20 @@ pub(super) struct FewMeeting {
 }
 
 impl Packet {
-    /// As the hull's and the packet's `meet`, ray by ray.
+    /// As the hull's and the packet's `intersect`, ray by ray.
     #[inline(always)]
-    pub(super) fn meet_few<I: Isa>(&self, mask: Mask, hull: &Hull, node: &Node) -> FewMeeting {
-        let (firsts, lasts) = hull.planes::<I>(&self.heading, node);
+    pub(super) fn intersect_few<I: Isa>(&self, mask: Mask, frustum: &Frustum, node: &Node) -> FewBoxHits {
+        let (firsts, lasts) = frustum.planes::<I>(&self.octant_of, node);
         let (beyond, largest) = (I::F32x8::splat(f32::INFINITY), I::F32x8::splat(f32::MAX));
         let (mut nearest, mut masks) = (beyond, I::no_masks());
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
-            let (group, at) = (&self.groups[lane / WIDE], lane % WIDE);
-            let mut near = I::F32x8::splat(self.heading.start);
-            let mut far = I::F32x8::splat(group.limit[at]);
+            let (subpacket, at) = (&self.subpackets[lane / WIDE], lane % WIDE);
+            let mut near = I::F32x8::splat(self.octant_of.start);
+            let mut far = I::F32x8::splat(subpacket.limit[at]);
             for axis in 0..3 {
-                near = firsts[axis].mul(I::F32x8::splat(group.near_slope[axis][at])).max(near);
-                far = lasts[axis].mul(I::F32x8::splat(group.far_slope[axis][at])).min(far);
+                near = firsts[axis].mul(I::F32x8::splat(subpacket.near_slope[axis][at])).max(near);
+                far = lasts[axis].mul(I::F32x8::splat(subpacket.far_slope[axis][at])).min(far);
             }
             // Finite, so that it differs from what is not met.
             near = Floats::min(near, largest);
@@ -529,7 +536,7 @@ impl Packet {
             nearest = Floats::min(near.le_pick(far, near, beyond), nearest);
         }
         let (count, near, child) = I::by_distance(nearest, largest, &[0, 1, 2, 3, 4, 5, 6, 7]);
-        FewMeeting { count, child, near, masks: I::masks(masks) }
+        FewBoxHits { count, child, near, masks: I::masks(masks) }
     }
 }
 
@@ -546,18 +553,18 @@ fn outer<I: Isa>(x: I::F32x16, y: &[f32; WIDE], largest: bool) -> I::F32x16 {
     if largest { Floats::max(x, y) } else { Floats::min(x, y) }
 }
 
-impl Hull {
-    pub(super) const EMPTY: Hull =
-        Hull { near_origin: [0.0; 3], far_origin: [0.0; 3], near_slope: [0.0; 3], far_slope: [0.0; 3] };
+impl Frustum {
+    pub(super) const EMPTY: Frustum =
+        Frustum { near_origin: [0.0; 3], far_origin: [0.0; 3], near_slope: [0.0; 3], far_slope: [0.0; 3] };
 
     /// From the origins to the near and to the far planes of the boxes of a node.
     #[inline(always)]
-    fn planes<I: Isa>(&self, heading: &Heading, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
+    fn planes<I: Isa>(&self, octant_of: &Octant, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
         let zero = I::F32x8::splat(0.0);
         let (mut firsts, mut lasts) = ([zero; 3], [zero; 3]);
         for i in 0..3 {
             let (first, last) =
-                if heading.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
+                if octant_of.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
             firsts[i] = I::F32x8::load(first).sub(I::F32x8::splat(self.near_origin[i]));
             lasts[i] = I::F32x8::load(last).sub(I::F32x8::splat(self.far_origin[i]));
         }
@@ -566,10 +573,10 @@ impl Hull {
 
     /// Where rays of the hull may enter the boxes of a node, and where they must have left them.
     #[inline(always)]
-    pub(super) fn slabs<I: Isa>(&self, heading: &Heading, node: &Node, limit: f32) -> Slabs<I> {
-        let mut near = I::F32x8::splat(heading.start);
+    pub(super) fn slabs<I: Isa>(&self, octant_of: &Octant, node: &Node, limit: f32) -> Slabs<I> {
+        let mut near = I::F32x8::splat(octant_of.start);
         let mut far = I::F32x8::splat(limit);
-        let (first, last) = self.planes::<I>(heading, node);
+        let (first, last) = self.planes::<I>(octant_of, node);
         for i in 0..3 {
             near = first[i].mul(I::F32x8::splat(self.near_slope[i])).max(near);
             far = last[i].mul(I::F32x8::splat(self.far_slope[i])).min(far);
@@ -578,10 +585,10 @@ impl Hull {
     }
 
     #[inline(always)]
-    pub(super) fn meet<I: Isa>(&self, heading: &Heading, node: &Node) -> Meeting {
-        let Slabs { near, far, first, last } = self.slabs::<I>(heading, node, f32::INFINITY);
+    pub(super) fn intersect<I: Isa>(&self, octant_of: &Octant, node: &Node) -> BoxHits {
+        let Slabs { near, far, first, last } = self.slabs::<I>(octant_of, node, f32::INFINITY);
         let (count, near, child) = I::by_distance(near, far, &[0, 1, 2, 3, 4, 5, 6, 7]);
-        Meeting {
+        BoxHits {
             count,
             child,
             near,
@@ -605,19 +612,19 @@ mod tests {
     use super::*;
     use crate::arith::simd::{Level, Task, dispatch};
 
-    struct TakeUp<'a> {
-        rays: &'a mut Rays,
+    struct Gather<'a> {
+        rays: &'a mut RayPacket,
         origins: &'a [Point],
         directions: &'a [Point],
         order: &'a [u32],
     }
 
-    impl Task for TakeUp<'_> {
+    impl Task for Gather<'_> {
         type Output = ();
 
         #[inline(always)]
         fn run<I: Isa>(self) {
-            self.rays.take_up::<I>(self.origins, self.directions, self.order);
+            self.rays.gather::<I>(self.origins, self.directions, self.order);
         }
     }
 
@@ -668,11 +675,11 @@ mod tests {
                         let order: Vec<u32> = (0..many).collect();
                         for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                             // What was in the lanes before must not matter.
-                            let mut found = Rays::empty();
+                            let mut found = RayPacket::empty();
                             (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
                             let (rays_taken, order) = (&mut found, &order[..]);
                             let (origins, directions) = (&origins[..], &directions[..]);
-                            dispatch(level, TakeUp { rays: rays_taken, origins, directions, order });
+                            dispatch(level, Gather { rays: rays_taken, origins, directions, order });
                             let count = found.count;
                             let known = expected(&rays[..many as usize]);
                             assert_eq!(count, known, "{level:?}: {odd} at {place} of {many}");
@@ -695,7 +702,7 @@ mod tests {
 
     /// A packet of one ray, from the origin along (d, 0.9, 0), and it is seen so by a box's axis x.
     fn packet(o: f64, d: f64, direction_error: f64, t: f64) -> Packet {
-        let mut rays = Rays::empty();
+        let mut rays = RayPacket::empty();
         rays.count = 1;
         for lane in 0..WIDE {
             rays.set(lane, [o, 0.0, 0.0], [d, 0.9, 0.0]);
@@ -719,41 +726,41 @@ mod tests {
         let least = |score: &dyn Fn(&[f64; 2]) -> f64| -worst(6, 3000, draw, |x: &[f64; 2]| -score(x)).0;
         // The plane is at x, the direction is y; all is in [¼, ½], and `scale` is 1, so that t = x/y.
         let near = least(&|x| {
-            let (group, plane) = (packet(0.0, x[1], 0.0, 1.0).groups[0], x[0] as f32);
-            let t = (plane - group.near_origin[0][0]) * group.near_slope[0][0];
+            let (subpacket, plane) = (packet(0.0, x[1], 0.0, 1.0).subpackets[0], x[0] as f32);
+            let t = (plane - subpacket.near_origin[0][0]) * subpacket.near_slope[0][0];
             -roundings(&n(t).times(&Dyadic::exact(x[1])), &n(plane))
         });
         let far = least(&|x| {
-            let (group, plane) = (packet(0.0, x[1], 0.0, 1.0).groups[0], x[0] as f32);
-            let t = (plane - group.far_origin[0][0]) * group.far_slope[0][0];
+            let (subpacket, plane) = (packet(0.0, x[1], 0.0, 1.0).subpackets[0], x[0] as f32);
+            let t = (plane - subpacket.far_origin[0][0]) * subpacket.far_slope[0][0];
             roundings(&n(t).times(&Dyadic::exact(x[1])), &n(plane))
         });
         let origins = least(&|x| {
-            let group = packet(x[0], 0.5, 0.0, 1.0).groups[0];
+            let subpacket = packet(x[0], 0.5, 0.0, 1.0).subpackets[0];
             let beyond = [
-                roundings(&n(group.near_origin[0][0]), &Dyadic::exact(x[0])),
-                -roundings(&n(group.far_origin[0][0]), &Dyadic::exact(x[0])),
+                roundings(&n(subpacket.near_origin[0][0]), &Dyadic::exact(x[0])),
+                -roundings(&n(subpacket.far_origin[0][0]), &Dyadic::exact(x[0])),
             ];
             beyond[0].min(beyond[1])
         });
         let vague = least(&|x| {
             let error = x[0] * 1e-5;
-            let group = packet(0.0, x[1], error, 1.0).groups[0];
+            let subpacket = packet(0.0, x[1], error, 1.0).subpackets[0];
             let one = Dyadic::exact(1.0);
             let (low, high) =
                 (Dyadic::exact(x[1]).minus(&Dyadic::exact(error)), Dyadic::exact(x[1]).plus(&Dyadic::exact(error)));
             let beyond = [
-                -roundings(&n(group.near_slope[0][0]).times(&high), &one),
-                roundings(&n(group.far_slope[0][0]).times(&low), &one),
+                -roundings(&n(subpacket.near_slope[0][0]).times(&high), &one),
+                roundings(&n(subpacket.far_slope[0][0]).times(&low), &one),
             ];
             beyond[0].min(beyond[1])
         });
         let limits = least(&|x| {
             let packet = packet(0.0, 0.5, 0.0, x[0]);
             let beyond = [
-                roundings(&n(packet.groups[0].limit[0]), &Dyadic::exact(x[0])),
+                roundings(&n(packet.subpackets[0].limit[0]), &Dyadic::exact(x[0])),
                 roundings(&n(packet.limit_of(x[0])), &Dyadic::exact(x[0])),
-                -roundings(&n(packet.heading.start), &Dyadic::exact(x[0])),
+                -roundings(&n(packet.octant_of.start), &Dyadic::exact(x[0])),
             ];
             beyond[0].min(beyond[1]).min(beyond[2])
         });
@@ -770,8 +777,8 @@ mod tests {
         let mut least = f64::INFINITY;
         for k in 0..40_000 {
             let d = 2.0_f64.powi(-130 + k % 6) * (1.0 + f64::from(k) / 40_000.0);
-            let group = packet(0.0, d, 0.0, 1.0).groups[0];
-            let (near, far) = (f64::from(group.near_slope[0][0]), f64::from(group.far_slope[0][0]));
+            let subpacket = packet(0.0, d, 0.0, 1.0).subpackets[0];
+            let (near, far) = (f64::from(subpacket.near_slope[0][0]), f64::from(subpacket.far_slope[0][0]));
             // Products with a power of two and of 77 bits, rounded once: 2⁻⁵³ is far below a rounding of float32.
             least = least.min((1.0 - near * d) / f64::from(U)).min((far * d - 1.0) / f64::from(U));
         }
@@ -779,7 +786,7 @@ mod tests {
     }
 
     /// The rays that were kept are as given, and lanes that a group has beyond them repeat the first.
-    fn check(found: &Rays, given: &[(Point, Point)]) {
+    fn check(found: &RayPacket, given: &[(Point, Point)]) {
         for lane in 0..found.count.next_multiple_of(WIDE) {
             let (origin, direction) = given[if lane < found.count { lane } else { 0 }];
             assert_eq!((found.origin(lane), found.direction(lane)), (origin, direction));

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use super::order::{MOST, NEAR, are_scattered};
+use super::ray_sort::{MOST, NEAR, are_scattered};
 use crate::geometry::vector::Point;
 use crate::parallel;
 

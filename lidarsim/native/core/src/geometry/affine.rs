@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{Ball, DdBall, Dyadic, Interval, Kinds, Number, Uncertain};
+use crate::arith::number::{DoubleDouble, Dyadic, Interval, Kinds, Number, RunningError, Uncertain};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -54,8 +54,8 @@ impl Affine {
 /// The inverse of an affine map, in each kind of [`Number`].
 #[derive(Clone, Debug)]
 pub struct Inverse {
-    pub ball: Adjugate<Ball>,
-    pub dd: Adjugate<DdBall>,
+    pub ball: Adjugate<RunningError>,
+    pub dd: Adjugate<DoubleDouble>,
     pub dyadic: Adjugate<Dyadic>,
 }
 
@@ -89,12 +89,12 @@ impl Kinds for Inverse {
     type In<N: Clone> = Adjugate<N>;
 
     #[inline(always)]
-    fn ball(&self) -> &Adjugate<Ball> {
+    fn ball(&self) -> &Adjugate<RunningError> {
         &self.ball
     }
 
     #[inline(always)]
-    fn dd(&self) -> &Adjugate<DdBall> {
+    fn dd(&self) -> &Adjugate<DoubleDouble> {
         &self.dd
     }
 
@@ -134,9 +134,9 @@ pub trait Placement: Copy {
 
 /// Not moved at all.
 #[derive(Clone, Copy)]
-pub struct AsMade;
+pub struct Identity;
 
-impl Placement for AsMade {
+impl Placement for Identity {
     #[inline(always)]
     fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
         ray

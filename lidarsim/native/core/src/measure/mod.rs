@@ -223,12 +223,12 @@ pub struct Scan<'a, C> {
 
 thread_local! {
     /// What one batch of pulses leaves to the next, so that its memory is used again.
-    static RAYS: Cell<Rays> = Cell::default();
+    static SCRATCH: Cell<Scratch> = Cell::default();
 }
 
 /// Rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other.
 #[derive(Default)]
-struct Rays {
+struct Scratch {
     origins: Vec<Point>,
     directions: Vec<Point>,
     hits: Vec<Hit>,
@@ -259,7 +259,7 @@ struct Rays {
 struct Batch<'a, 'b, 'c, C> {
     scan: &'b Scan<'a, C>,
     pulses: Range<usize>,
-    rays: &'b mut Rays,
+    rays: &'b mut Scratch,
     rows: &'b mut Rows<'c>,
 }
 
@@ -286,14 +286,14 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Measure some pulses, whose rows these are.
     pub fn measure(&self, pulses: Range<usize>, rows: &mut Rows) -> Result<(), BadPulse> {
-        let mut rays = RAYS.take();
+        let mut rays = SCRATCH.take();
         let outcome = simd::dispatch(self.level, Batch { scan: self, pulses, rays: &mut rays, rows });
-        RAYS.set(rays);
+        SCRATCH.set(rays);
         outcome
     }
 
     #[inline(always)]
-    fn measure_batch(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
+    fn measure_batch(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) -> Result<(), BadPulse> {
         self.cast(pulses.clone(), rays)?;
         self.shine(rays);
         let most = self.measurement.returns.most();
@@ -340,7 +340,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Writes an echo of the `i`-th pulse of the batch.
     #[inline(always)]
-    fn report(&self, row: usize, (i, pulse): (usize, usize), echo: &Echo, rays: &mut Rays, rows: &mut Rows) {
+    fn report(&self, row: usize, (i, pulse): (usize, usize), echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
         let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
         let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
         rows.write(row, echo, hit, label);
@@ -354,7 +354,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     }
 
     #[inline(always)]
-    fn cast(&self, pulses: Range<usize>, rays: &mut Rays) -> Result<(), BadPulse> {
+    fn cast(&self, pulses: Range<usize>, rays: &mut Scratch) -> Result<(), BadPulse> {
         let (frame, measurement) = (self.frame, self.measurement);
         if !frame.have_poses(pulses.clone()) {
             return frame.first_bad(pulses);
@@ -387,14 +387,14 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Draws what the effects need, and turns the directions by their jitter.
     #[inline(always)]
-    fn draw(&self, pulses: Range<usize>, rays: &mut Rays) {
+    fn draw(&self, pulses: Range<usize>, rays: &mut Scratch) {
         let (frame, measurement) = (self.frame, self.measurement);
         rays.index.clear();
         match frame.indices {
             None => rays.index.extend(pulses.start as u64..pulses.end as u64),
             Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
         }
-        let Rays { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, channel_bias, offset, .. } = rays;
+        let Scratch { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, channel_bias, offset, .. } = rays;
         let wanted = |is: bool| if is { index.as_slice() } else { &[] };
         frame.stream.normals(wanted(measurement.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
         frame.stream.normals(wanted(measurement.elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
@@ -425,7 +425,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Fires pulses from a pose; the first of them is the k-th of the batch. False if one has no legal origin or direction.
     #[inline(always)]
-    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Rays) -> bool {
+    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Scratch) -> bool {
         let (origins, directions) = (&self.frame.origins[pulses.clone()], &self.frame.directions[pulses]);
         let first = k * self.measurement.rays();
         let mut rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
@@ -463,8 +463,8 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Range, cosine of the incidence, intensity and its loss, of all rays: a formula at a time, in loops that become vector instructions.
     #[inline(always)]
-    fn shine(&self, rays: &mut Rays) {
-        let Rays { origins, directions, hits, range, cosine, intensity, transmission, .. } = rays;
+    fn shine(&self, rays: &mut Scratch) {
+        let Scratch { origins, directions, hits, range, cosine, intensity, transmission, .. } = rays;
         range.resize(hits.len(), 0.0);
         cosine.resize(hits.len(), 0.0);
         intensity.resize(hits.len(), 0.0);
@@ -489,12 +489,12 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// An echo as it is measured: of the `i`-th pulse of the batch, its echo `number`.
     #[inline(always)]
-    fn received(&self, echo: Echo, rays: &Rays, i: usize, number: u16) -> Echo {
+    fn received(&self, echo: Echo, rays: &Scratch, i: usize, number: u16) -> Echo {
         Echo { measured: self.measured(&echo, rays, i, number), ..echo }
     }
 
     #[inline(always)]
-    fn measured(&self, echo: &Echo, rays: &Rays, i: usize, number: u16) -> Result<f64, Status> {
+    fn measured(&self, echo: &Echo, rays: &Scratch, i: usize, number: u16) -> Result<f64, Status> {
         let m = self.measurement;
         // Of 0/0, a black surface at distance zero, this is false.
         let seen = self.threshold.is_none_or(|least| echo.power >= least);
@@ -517,7 +517,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     }
 }
 
-impl Rays {
+impl Scratch {
     /// What a ray brings back, if it hits anything.
     #[inline(always)]
     fn light(&self, ray: usize) -> Option<Light> {

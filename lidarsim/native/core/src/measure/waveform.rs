@@ -1,6 +1,6 @@
 //! Which light of a pulse a receiver can tell apart.
 
-use super::Rays;
+use super::Scratch;
 use super::beam::Beam;
 use super::echo::{Echo, Light};
 use crate::arith::elementary::exp;
@@ -35,7 +35,7 @@ pub(super) struct Waveform {
 
 impl Waveform {
     /// The echoes of the `pulse`-th pulse of the batch, by rising range.
-    pub(super) fn echoes(&mut self, level: Level, beam: &Beam, rays: &Rays, pulse: usize, echoes: &mut Vec<Echo>) {
+    pub(super) fn echoes(&mut self, level: Level, beam: &Beam, rays: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
         let Waveform { lights, .. } = self;
         echoes.clear();
         lights.clear();
@@ -63,7 +63,7 @@ impl Waveform {
     /// The slope of the waveform at each light, and between each two where a valley between them would show: the light of the one
     /// falls most steeply against the rise of the other's at a from the first and b from the second with a·b = σ², if they
     /// are of one width and more than 2σ apart. Else they have no valley of their own, but others may make one: half way.
-    fn look(&mut self, level: Level, beam: &Beam, rays: &Rays, pulse: usize) {
+    fn look(&mut self, level: Level, beam: &Beam, rays: &Scratch, pulse: usize) {
         let Waveform { lights, variances, places, before, slopes } = self;
         let first = pulse * beam.len();
         let to_next = |light: &Light| rays.to_next_sub_ray(light, first);
@@ -77,12 +77,12 @@ impl Waveform {
             before.push(i);
             let Some(next) = lights.get(i + 1) else { break };
             let gap = next.range - light.range;
-            let inside = |variance: f64| {
+            let visit = |variance: f64| {
                 // Further apart, the one is dark where the other is.
                 let gap = gap.min(2.0 * REACH * variance.sqrt());
                 0.5 * (gap - (gap * gap - 4.0 * variance).max(0.0).sqrt())
             };
-            let (low, high) = (light.range + inside(variances[i]), next.range - inside(variances[i + 1]));
+            let (low, high) = (light.range + visit(variances[i]), next.range - visit(variances[i + 1]));
             places.push(low);
             before.push(i + 1);
             if low < high {
@@ -126,7 +126,7 @@ impl Task for Slopes<'_> {
     }
 }
 
-impl Rays {
+impl Scratch {
     /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of what it hit, where that
     /// changes most. `first`: the first ray of the pulse.
     ///

@@ -1,7 +1,7 @@
 //! Objects, and where lines meet them.
 
 mod hit;
-mod place;
+mod root_id;
 mod triangle_mesh;
 
 use std::cmp::Ordering;
@@ -9,25 +9,25 @@ use std::sync::{Arc, OnceLock};
 
 use rayon::prelude::*;
 
-use crate::arith::number::{self, Interval, Number, One, Question, Uncertain};
+use crate::arith::number::{self, Interval, Number, One, Predicate, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::arith::simd::Isa;
-use crate::bvh::{Bvh, Span, Stack};
+use crate::bvh::{Bvh, Stack, TraversalRay};
 use crate::geometry::affine::{Affine, Inverse, Placement};
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::{self, Point};
 use crate::parallel;
-use crate::shapes::finish::{self, Meeting};
-use crate::shapes::{Simple, Surface, Triangle};
+use crate::shapes::newton::{self, RootBracket};
+use crate::shapes::{AnySurface, Surface, Triangle};
 
 pub use hit::{Hit, Sink};
-pub use place::Place;
+pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
 
 /// What an object looks like in its own coordinates.
 #[derive(Clone, Debug)]
 pub enum Geometry {
-    Simple(Simple),
+    Surface(AnySurface),
     Mesh(Arc<TriangleMesh>),
 }
 
@@ -62,19 +62,19 @@ impl Object {
     }
 
     #[inline(always)]
-    pub fn is_placed_as_made(&self) -> bool {
+    pub fn is_untransformed(&self) -> bool {
         self.maps.is_empty()
     }
 
     /// Whether hits are on triangles in the coordinates of the world.
     #[inline(always)]
-    pub fn is_plain_triangle(&self) -> bool {
-        self.maps.is_empty() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Simple(Simple::Triangle(_)))
+    pub fn is_untransformed_triangle(&self) -> bool {
+        self.maps.is_empty() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
     }
 
     #[inline(always)]
-    pub fn is_simple(&self) -> bool {
-        matches!(self.geometry, Geometry::Simple(_))
+    pub fn is_surface(&self) -> bool {
+        matches!(self.geometry, Geometry::Surface(_))
     }
 
     /// A triangle of an object that is one or has some.
@@ -90,8 +90,8 @@ impl Object {
         const NONE: &Point = &[0.0; 3];
         match &self.geometry {
             Geometry::Mesh(mesh) => mesh.corners(primitive),
-            Geometry::Simple(Simple::Triangle(Triangle(a, b, c))) => [a, b, c],
-            Geometry::Simple(_) => [NONE; 3],
+            Geometry::Surface(AnySurface::Triangle(Triangle(a, b, c))) => [a, b, c],
+            Geometry::Surface(_) => [NONE; 3],
         }
     }
 
@@ -126,12 +126,12 @@ impl Object {
         if self.maps.is_empty() {
             return [origin.map(Interval::point), direction.map(Interval::point)];
         }
-        number::certify(&Enclose { object: self, origin, direction })
+        number::decide(&Enclose { object: self, origin, direction })
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
         let local = match &self.geometry {
-            Geometry::Simple(shape) => shape.bounds()?,
+            Geometry::Surface(shape) => shape.bounds()?,
             Geometry::Mesh(mesh) => mesh.bounds()?,
         };
         let bounds = self.maps.iter().fold(local, |bounds, map| map.image(bounds));
@@ -148,12 +148,12 @@ impl Object {
     #[inline]
     fn roots<N: Number>(&self, primitive: u32, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         match &self.geometry {
-            Geometry::Simple(shape) => shape.roots(ray),
+            Geometry::Surface(shape) => shape.roots(ray),
             Geometry::Mesh(mesh) => mesh.triangle(primitive).roots(ray),
         }
     }
 
-    fn root<N: Number>(&self, at: &Place, ray: &Ray<N>) -> Result<Root<N>, Uncertain> {
+    fn root<N: Number>(&self, at: &RootId, ray: &Ray<N>) -> Result<Root<N>, Uncertain> {
         let [first, second] = self.roots(at.primitive, ray)?;
         (if at.index == 0 { first } else { second }).ok_or(Uncertain)
     }
@@ -215,15 +215,15 @@ impl Scene {
     /// Every t, ascending and distinct, at which the line meets the object.
     pub fn roots(&self, object: u32, origin: Point, direction: Point) -> Vec<f64> {
         let primitives = self.primitives_on_line(object, origin, direction);
-        let mut places: Vec<Place> = Vec::new();
+        let mut places: Vec<RootId> = Vec::new();
         for primitive in primitives {
             let found =
-                number::certify(&Candidates { object: &self.objects[object as usize], primitive, origin, direction });
+                number::decide(&RootIntervals { object: &self.objects[object as usize], primitive, origin, direction });
             for (index, &(_, feature)) in (0..).zip(found.iter().flatten()) {
-                places.push(Place { object, primitive, index, feature });
+                places.push(RootId { object, primitive, index, feature });
             }
         }
-        let order = |a: &Place, b: &Place| self.compare(a, b, origin, direction);
+        let order = |a: &RootId, b: &RootId| self.compare(a, b, origin, direction);
         places.sort_by(order);
         places.dedup_by(|a, b| order(a, b) == Ordering::Equal);
         places.iter().map(|at| self.t(at, origin, direction)).collect()
@@ -243,7 +243,7 @@ impl Scene {
         for direction in [direction, direction.map(|x| -x)] {
             let [o, d] = object.enclose(origin, direction);
             let hierarchy = mesh.hierarchy();
-            let mut span = Span::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
+            let mut span = TraversalRay::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
             hierarchy.traverse(&mut span, &mut stack, |_, block| {
                 found.extend_from_slice(block.ids());
                 f64::INFINITY
@@ -255,39 +255,41 @@ impl Scene {
     }
 
     /// Which of two roots on a line comes first.
-    pub fn compare(&self, a: &Place, b: &Place, origin: Point, direction: Point) -> Ordering {
+    pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point) -> Ordering {
         // Things stand on floors: only exact arithmetic could tell that a line meets both at the same t.
         if self.share_level(a, b) {
             return Ordering::Equal;
         }
-        number::certify(&Compare { scene: self, a, b, origin, direction })
+        number::decide(&Compare { scene: self, a, b, origin, direction })
     }
 
     /// Whether both are triangles in one plane across an axis.
-    fn share_level(&self, a: &Place, b: &Place) -> bool {
-        let object = |at: &Place| &self.objects[at.object as usize];
-        let plain = object(a).is_plain_triangle() && object(b).is_plain_triangle();
-        plain && object(a).triangle(a.primitive).is_level_with(&object(b).triangle(b.primitive))
+    fn share_level(&self, a: &RootId, b: &RootId) -> bool {
+        let object = |at: &RootId| &self.objects[at.object as usize];
+        let triangle_hits = object(a).is_untransformed_triangle() && object(b).is_untransformed_triangle();
+        triangle_hits && object(a).triangle(a.primitive).is_level_with(&object(b).triangle(b.primitive))
     }
 
     /// t, correctly rounded.
-    pub fn t(&self, at: &Place, origin: Point, direction: Point) -> f64 {
-        number::certify_finely(&Rounded { object: &self.objects[at.object as usize], at, origin, direction })
+    pub fn t(&self, at: &RootId, origin: Point, direction: Point) -> f64 {
+        number::decide_exactly(&Rounded { object: &self.objects[at.object as usize], at, origin, direction })
     }
 
-    pub fn hit(&self, at: &Place, origin: Point, direction: Point) -> Hit {
+    pub fn hit(&self, at: &RootId, origin: Point, direction: Point) -> Hit {
         let object = &self.objects[at.object as usize];
-        let found = number::certify_finely(&Finished { object, at, origin, direction });
+        let found = number::decide_exactly(&Finished { object, at, origin, direction });
         self.hit_of(at, found)
     }
 
     /// As `hit`, with bounds of t.
-    pub fn hit_within(&self, at: &Place, bounds: Interval, origin: Point, direction: Point) -> Hit {
+    pub fn hit_within(&self, at: &RootId, bounds: Interval, origin: Point, direction: Point) -> Hit {
         let object = &self.objects[at.object as usize];
-        let meeting = Meeting { feature: at.feature, origin, direction, bounds };
+        let bracket = RootBracket { feature: at.feature, origin, direction, bounds };
         let found = match &object.geometry {
-            Geometry::Simple(shape) => finish::finish(object.placement(), shape, &meeting, One),
-            Geometry::Mesh(mesh) => finish::finish(object.placement(), &mesh.triangle(at.primitive), &meeting, One),
+            Geometry::Surface(shape) => newton::newton_step(object.placement(), shape, &bracket, One),
+            Geometry::Mesh(mesh) => {
+                newton::newton_step(object.placement(), &mesh.triangle(at.primitive), &bracket, One)
+            }
         };
         match found {
             Ok(found) => self.hit_of(at, found),
@@ -295,26 +297,26 @@ impl Scene {
         }
     }
 
-    fn hit_of(&self, at: &Place, (t, normal): (f64, Point)) -> Hit {
+    fn hit_of(&self, at: &RootId, (t, normal): (f64, Point)) -> Hit {
         let primitive = self.objects[at.object as usize].reported(at.primitive);
         Hit { t, normal: vector::unit(normal), object: at.object as i32, primitive }
     }
 }
 
 /// Bounds of the roots of a primitive.
-pub struct Candidates<'a> {
+pub struct RootIntervals<'a> {
     pub object: &'a Object,
     pub primitive: u32,
     pub origin: Point,
     pub direction: Point,
 }
 
-impl Question for Candidates<'_> {
+impl Predicate for RootIntervals<'_> {
     /// Bounds of t, and the part of the surface.
     type Answer = [Option<(Interval, u8)>; 2];
 
     #[inline]
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
         let roots =
             self.object.roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
         let mut found = [None; 2];
@@ -327,17 +329,17 @@ impl Question for Candidates<'_> {
 
 struct Compare<'a> {
     scene: &'a Scene,
-    a: &'a Place,
-    b: &'a Place,
+    a: &'a RootId,
+    b: &'a RootId,
     origin: Point,
     direction: Point,
 }
 
-impl Question for Compare<'_> {
+impl Predicate for Compare<'_> {
     type Answer = Ordering;
 
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
-        let root = |at: &Place| {
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
+        let root = |at: &RootId| {
             let object = &self.scene.objects[at.object as usize];
             object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)))
         };
@@ -347,15 +349,15 @@ impl Question for Compare<'_> {
 
 struct Rounded<'a> {
     object: &'a Object,
-    at: &'a Place,
+    at: &'a RootId,
     origin: Point,
     direction: Point,
 }
 
-impl Question for Rounded<'_> {
+impl Predicate for Rounded<'_> {
     type Answer = f64;
 
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<f64, Uncertain> {
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<f64, Uncertain> {
         N::round(&self.object.root::<N>(self.at, &self.object.local(Ray::new(self.origin, self.direction)))?)
     }
 }
@@ -363,19 +365,19 @@ impl Question for Rounded<'_> {
 /// A hit: t, correctly rounded, and a normal of ordinary length.
 struct Finished<'a> {
     object: &'a Object,
-    at: &'a Place,
+    at: &'a RootId,
     origin: Point,
     direction: Point,
 }
 
-impl Question for Finished<'_> {
+impl Predicate for Finished<'_> {
     type Answer = (f64, Point);
 
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<(f64, Point), Uncertain> {
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<(f64, Point), Uncertain> {
         let ray = self.object.local::<N>(Ray::new(self.origin, self.direction));
         let placement = self.object.placement();
         match &self.object.geometry {
-            Geometry::Simple(shape) => finished(placement, shape, &ray, self.at.index),
+            Geometry::Surface(shape) => finished(placement, shape, &ray, self.at.index),
             Geometry::Mesh(mesh) => finished(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index),
         }
     }
@@ -406,10 +408,10 @@ struct Enclose<'a> {
     direction: Point,
 }
 
-impl Question for Enclose<'_> {
+impl Predicate for Enclose<'_> {
     type Answer = [Bounds<f64>; 2];
 
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
         self.object.local::<N>(Ray::new(self.origin, self.direction)).enclose()
     }
 }
@@ -428,21 +430,21 @@ pub mod tests {
     /// A triangle of its own, or among others that no ray meets; the primitive is the last.
     pub fn object(triangle: Triangle, others: usize) -> Object {
         if others == 0 {
-            return Object::new(Geometry::Simple(triangle.into()), false);
+            return Object::new(Geometry::Surface(triangle.into()), false);
         }
         let Triangle(a, b, c) = triangle;
         let far = |i: usize| [[100.0 + i as f64, 0.0, 1.0], [101.0 + i as f64, 0.0, 1.0], [100.0, 1.0, 1.0]];
         let vertices: Vec<Point> = (0..others).flat_map(far).chain([a, b, c]).collect();
         let faces = (0..=others as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let mesh = TriangleMesh::new(vertices, faces).map(Arc::new);
-        Object::new(mesh.map_or(Geometry::Simple(triangle.into()), Geometry::Mesh), false)
+        Object::new(mesh.map_or(Geometry::Surface(triangle.into()), Geometry::Mesh), false)
     }
 
     #[test]
     fn triangles_share_a_level_as_they_are_in_the_world() {
         for (z, others) in [(1.0, [0, 0]), (1.0, [0, 9]), (1.0_f64.next_up(), [0, 0]), (1.0_f64.next_down(), [20, 3])] {
             let scene = Scene::new(vec![object(LEVEL, others[0]), object(tipped(z), others[1])]);
-            let [a, b] = [0, 1].map(|i: usize| Place::of_triangle(i as u32, others[i] as u32));
+            let [a, b] = [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i] as u32));
             assert_eq!([scene.share_level(&a, &b), scene.share_level(&b, &a)], [z == 1.0; 2]);
         }
         // Where an object was moved, its vertices are not those of the world.
@@ -450,6 +452,6 @@ pub mod tests {
         let moved = level.moved(Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 1.0]));
         let scene = Scene::new(moved.into_iter().chain([level]).collect());
         assert_eq!(scene.objects().len(), 2);
-        assert!(!scene.share_level(&Place::of_triangle(0, 0), &Place::of_triangle(1, 0)));
+        assert!(!scene.share_level(&RootId::of_triangle(0, 0), &RootId::of_triangle(1, 0)));
     }
 }

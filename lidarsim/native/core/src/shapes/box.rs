@@ -52,7 +52,7 @@ impl Surface for Box {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
         let axis = usize::from(feature / 2);
         let from_middle = ray.origin[axis].minus(&ray.weighted(N::exact(self.center[axis]))).doubled();
         let outward = if feature.is_multiple_of(2) { from_middle.negated() } else { from_middle };

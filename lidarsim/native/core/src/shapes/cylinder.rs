@@ -105,7 +105,7 @@ impl Surface for Cylinder {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
         let axis = self.axis();
         let f = ray.origin_from(vector::exact(if feature == END { self.end } else { self.start }));
         match feature {

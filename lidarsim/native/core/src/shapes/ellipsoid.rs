@@ -46,7 +46,7 @@ impl Surface for Ellipsoid {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
         let (u, _, r) = self.unit_space(ray);
         vector::norm2(&u).minus(&r.squared())
     }

@@ -5,7 +5,7 @@
 mod r#box;
 mod cylinder;
 mod ellipsoid;
-pub(crate) mod finish;
+pub(crate) mod newton;
 mod plane;
 mod polygon;
 mod sphere;
@@ -42,40 +42,40 @@ macro_rules! surfaces {
     ($($name:ident),+ $(,)?) => {
         /// Any surface that a line meets at most twice.
         #[derive(Clone, Debug)]
-        pub enum Simple {
+        pub enum AnySurface {
             $($name($name)),+
         }
 
-        $(impl From<$name> for Simple {
+        $(impl From<$name> for AnySurface {
             fn from(shape: $name) -> Self {
-                Simple::$name(shape)
+                AnySurface::$name(shape)
             }
         })+
 
-        impl Simple {
+        impl AnySurface {
             /// Runs the task as a function of its own for each type of shape, which keeps these functions small; see `Isa::apart`.
             #[inline(always)]
             pub fn apart<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
-                match self { $(Simple::$name(shape) => I::apart(On(shape, task))),+ }
+                match self { $(AnySurface::$name(shape) => I::apart(On(shape, task))),+ }
             }
         }
 
-        impl Surface for Simple {
+        impl Surface for AnySurface {
             #[inline]
             fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-                match self { $(Simple::$name(shape) => shape.roots(ray)),+ }
+                match self { $(AnySurface::$name(shape) => shape.roots(ray)),+ }
             }
 
-            fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
-                match self { $(Simple::$name(shape) => shape.level(ray, feature)),+ }
+            fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+                match self { $(AnySurface::$name(shape) => shape.implicit(ray, feature)),+ }
             }
 
             fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N> {
-                match self { $(Simple::$name(shape) => shape.normal(ray, feature)),+ }
+                match self { $(AnySurface::$name(shape) => shape.normal(ray, feature)),+ }
             }
 
             fn bounds(&self) -> Option<[Interval; 3]> {
-                match self { $(Simple::$name(shape) => shape.bounds()),+ }
+                match self { $(AnySurface::$name(shape) => shape.bounds()),+ }
             }
         }
     };

@@ -51,7 +51,7 @@ impl Surface for Plane {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
         self.height(ray).doubled()
     }
 

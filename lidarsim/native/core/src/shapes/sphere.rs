@@ -40,7 +40,7 @@ impl Surface for Sphere {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
         let f = ray.origin_from(vector::exact(self.center));
         vector::norm2(&f).minus(&ray.weighted(N::exact(self.radius)).squared())
     }

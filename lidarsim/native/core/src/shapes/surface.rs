@@ -12,9 +12,9 @@ pub trait Surface {
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
     /// Where the ray begins: a function that is zero on part `feature` of the surface, and of degree two at most.
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;
 
-    /// Where the ray begins, on part `feature` of the surface or near it: an outward normal, half the gradient of `level`.
+    /// Where the ray begins, on part `feature` of the surface or near it: an outward normal, half the gradient of `implicit`.
     fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
 
     /// An axis-aligned box around the surface; none if the surface has no end.

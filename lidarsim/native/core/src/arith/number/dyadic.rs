@@ -62,7 +62,7 @@ impl Dyadic {
         if self.mantissa.sign() == den.mantissa.sign() { magnitude } else { -magnitude }
     }
 
-    /// The root as a quotient of sums in which nothing cancels, as in `Ball::of_root`, with its square root cut after `bits`.
+    /// The root as a quotient of sums in which nothing cancels, as in `RunningError::of_root`, with its square root cut after `bits`.
     fn fraction(root: &Root<Self>, bits: i64) -> (Self, Self) {
         if root.branch == 0 {
             return (root.b.clone(), root.a.clone());

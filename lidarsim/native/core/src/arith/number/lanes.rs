@@ -19,17 +19,17 @@ pub trait Lanes<const N: usize>: Copy {
 
     fn or(self, other: Self) -> Self;
     /// The lanes still asked, a bit each.
-    fn asked(self) -> u32;
-    fn go_on_with(self, lanes: u32);
+    fn active(self) -> u32;
+    fn restrict_to(self, lanes: u32);
 
     /// Goes on with the lanes of `known`.
     #[inline(always)]
     fn keep(self, known: u32) -> Result<(), Uncertain> {
-        let lanes = self.asked() & known;
+        let lanes = self.active() & known;
         if lanes == 0 {
             return Err(Uncertain);
         }
-        self.go_on_with(lanes);
+        self.restrict_to(lanes);
         Ok(())
     }
 
@@ -67,12 +67,12 @@ impl Lanes<1> for One {
     }
 
     #[inline(always)]
-    fn asked(self) -> u32 {
+    fn active(self) -> u32 {
         1
     }
 
     #[inline(always)]
-    fn go_on_with(self, _: u32) {}
+    fn restrict_to(self, _: u32) {}
 }
 
 /// As many rays as a register has lanes. None for numbers of no ray.
@@ -81,8 +81,8 @@ pub struct Many<'a, F>(Option<&'a Cell<u32>>, PhantomData<F>);
 
 impl<'a, F> Many<'a, F> {
     #[inline(always)]
-    pub fn new(asked: &'a Cell<u32>) -> Self {
-        Many(Some(asked), PhantomData)
+    pub fn new(active: &'a Cell<u32>) -> Self {
+        Many(Some(active), PhantomData)
     }
 }
 
@@ -97,17 +97,17 @@ impl<F: Floats<f64, N>, const N: usize> Lanes<N> for Many<'_, F> {
     }
 
     #[inline(always)]
-    fn asked(self) -> u32 {
+    fn active(self) -> u32 {
         match self.0 {
-            Some(asked) => asked.get(),
+            Some(active) => active.get(),
             None => (1 << N) - 1,
         }
     }
 
     #[inline(always)]
-    fn go_on_with(self, lanes: u32) {
-        if let Some(asked) = self.0 {
-            asked.set(lanes);
+    fn restrict_to(self, lanes: u32) {
+        if let Some(active) = self.0 {
+            active.set(lanes);
         }
     }
 }

@@ -1,26 +1,26 @@
 //! Numbers that know how far they may be wrong.
 //!
 //! Every formula of the core is written once, over [`Number`], and evaluated in up to three kinds of arithmetic:
-//! [`Ball`] (float64 with a running error bound), [`DdBall`] (double-double with a running error bound) and
-//! [`Dyadic`] (exact). A decision that the first kind cannot certify is [`Uncertain`]; [`certify`] then asks the next
+//! [`RunningError`] (float64 with a running error bound), [`DoubleDouble`] (double-double with a running error bound) and
+//! [`Dyadic`] (exact). A decision that the first kind cannot certify is [`Uncertain`]; [`decide`] then asks the next
 //! kind, and the last one always knows. So no formula holds an epsilon, and every decision is exact for the float64
 //! numbers that were given.
 //!
-//! The first two exist for one ray and for several side by side ([`Balls`], [`DdBalls`]).
+//! The first two exist for one ray and for several side by side ([`RunningErrors`], [`DoubleDoubles`]).
 
-mod ball;
-mod dd;
+mod double_double;
 mod dyadic;
 mod lanes;
+mod running_error;
 #[cfg(test)]
 mod tests;
 
 use std::cmp::Ordering;
 
-pub use ball::{Ball, Balls};
-pub use dd::{DdBall, DdBalls};
+pub use double_double::{DoubleDouble, DoubleDoubles};
 pub use dyadic::Dyadic;
 pub use lanes::{Lanes, Many, OfRays, One};
+pub use running_error::{RunningError, RunningErrors};
 
 /// This kind of arithmetic cannot tell; the next one may.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -94,8 +94,8 @@ pub struct Root<N> {
 pub trait Kinds {
     type In<N: Clone>: Clone;
 
-    fn ball(&self) -> &Self::In<Ball>;
-    fn dd(&self) -> &Self::In<DdBall>;
+    fn ball(&self) -> &Self::In<RunningError>;
+    fn dd(&self) -> &Self::In<DoubleDouble>;
     fn dyadic(&self) -> &Self::In<Dyadic>;
     /// The same in a kind of number that holds this one.
     fn convert<N: Clone, M: Clone + for<'a> From<&'a N>>(kept: &Self::In<N>) -> Self::In<M>;
@@ -115,24 +115,24 @@ impl Interval {
 }
 
 /// A question that any kind of [`Number`] of one lane may try to answer.
-pub trait Question {
+pub trait Predicate {
     type Answer;
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain>;
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain>;
 }
 
 /// Answers a question with the cheapest arithmetic that is certain of it.
 #[inline]
-pub fn certify<Q: Question>(question: &Q) -> Q::Answer {
-    question.ask::<Ball>().unwrap_or_else(|Uncertain| certify_finely(question))
+pub fn decide<Q: Predicate>(question: &Q) -> Q::Answer {
+    question.evaluate::<RunningError>().unwrap_or_else(|Uncertain| decide_exactly(question))
 }
 
-/// As [`certify`], for questions that float64 can hardly ever answer.
+/// As [`decide`], for questions that float64 can hardly ever answer.
 #[cold]
 #[inline(never)]
-pub fn certify_finely<Q: Question>(question: &Q) -> Q::Answer {
+pub fn decide_exactly<Q: Predicate>(question: &Q) -> Q::Answer {
     question
-        .ask::<DdBall>()
-        .or_else(|Uncertain| question.ask::<Dyadic>())
+        .evaluate::<DoubleDouble>()
+        .or_else(|Uncertain| question.evaluate::<Dyadic>())
         .unwrap_or_else(|Uncertain| unreachable!("exact arithmetic is never uncertain"))
 }
 

@@ -4,9 +4,9 @@
 //! the same number with opposite signs, and the signs are exact: so no ray slips through between them
 //! (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same signs after a shear).
 
-mod block;
 mod crossing;
 mod each;
+mod leaf;
 mod sides;
 
 use std::cmp::Ordering;
@@ -17,9 +17,9 @@ use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
-pub use block::{Bearing, Block, LEAF, Planes};
 pub use crossing::{Corners, Crossing, NOWHERE, corners_of};
 pub use each::Triangles;
+pub use leaf::{LEAF_SIZE, Leaf, LeafRay, Planes};
 pub use sides::sides;
 
 #[derive(Clone, Copy, Debug)]
@@ -29,16 +29,16 @@ impl Triangle {
     /// Whether the three vertices lie on one line, exactly.
     pub fn is_degenerate(&self) -> bool {
         struct Degenerate<'a>(&'a Triangle);
-        impl crate::arith::number::Question for Degenerate<'_> {
+        impl crate::arith::number::Predicate for Degenerate<'_> {
             type Answer = bool;
-            fn ask<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
+            fn evaluate<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
                 let Triangle(a, b, c) = *self.0;
                 // A certain non-zero settles it; an uncertain one does not unless all others are zero.
                 let signs = triangle_normal::<N>(a, b, c).map(|x| x.is_zero());
                 if signs.contains(&Ok(false)) { Ok(false) } else { Ok(signs[0]? && signs[1]? && signs[2]?) }
             }
         }
-        crate::arith::number::certify(&Degenerate(self))
+        crate::arith::number::decide(&Degenerate(self))
     }
 
     /// Whether both lie in one plane across an axis.
@@ -90,7 +90,7 @@ impl Surface for Triangle {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
         vector::dot(&self.normal(ray, feature), &ray.origin_from(vector::exact(self.0))).doubled()
     }
 

@@ -1,7 +1,7 @@
 //! Whether rays meet triangles, an own one each: in the numbers that were given and with twice the digits of float64.
 
 use super::crossing::BOUND;
-use crate::arith::pair::{Pair, V};
+use crate::arith::expansion::{Expansion, V};
 use crate::arith::simd::{Floats, Isa, lanes};
 
 /// The lanes whose ray certainly meets its triangle, and those whose ray certainly does not: by the signs of the volumes d·(c × b), d·(a × c),
@@ -13,7 +13,8 @@ use crate::arith::simd::{Floats, Isa, lanes};
 #[inline(always)]
 pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> (u32, u32) {
     let ordinary = ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
-    let (a, b, c) = (Pair::<I>::differences(a, o), Pair::<I>::differences(b, o), Pair::<I>::differences(c, o));
+    let (a, b, c) =
+        (Expansion::<I>::vector_diff(a, o), Expansion::<I>::vector_diff(b, o), Expansion::<I>::vector_diff(c, o));
     let (u, v, w) = (side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d));
     let (below, above) = (u.below | v.below | w.below, u.above | v.above | w.above);
     let known = u.known() & v.known() & w.known();
@@ -35,9 +36,9 @@ impl Side {
 }
 
 #[inline(always)]
-fn side<I: Isa>(p: [Pair<I>; 3], q: [Pair<I>; 3], d: V<I>) -> Side {
-    let (normal, size) = Pair::cross(p, q);
-    let volume = Pair::dot_plain(normal, d).value();
+fn side<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> Side {
+    let (normal, size) = Expansion::cross(p, q);
+    let volume = Expansion::dot_plain(normal, d).rounded();
     let bound = lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(BOUND));
     Side { below: volume.lt(bound.negated()), zero: bound.le(I::F64x8::splat(0.0)), above: bound.lt(volume) }
 }
@@ -130,21 +131,31 @@ mod tests {
                         Err(_) => unreachable!("exact arithmetic is never uncertain"),
                     }
                 });
-                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
                     let ((meets, misses), low, high, known) =
-                        dispatch(level, Look { triangles: &triangles, rays: &rays });
+                        dispatch(implicit, Look { triangles: &triangles, rays: &rays });
                     assert_eq!(meets & misses, 0);
                     for (lane, root) in roots.iter().enumerate() {
                         let is = |mask: u32| mask >> lane & 1 != 0;
-                        assert!(!(is(meets) && root.is_none()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
-                        assert!(!(is(misses) && root.is_some()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
+                        assert!(
+                            !(is(meets) && root.is_none()),
+                            "{implicit:?}: {:?}, {:?}",
+                            triangles[lane],
+                            rays[lane]
+                        );
+                        assert!(
+                            !(is(misses) && root.is_some()),
+                            "{implicit:?}: {:?}, {:?}",
+                            triangles[lane],
+                            rays[lane]
+                        );
                         (met, missed) = (met + usize::from(is(meets)), missed + usize::from(is(misses)));
                         unsure += usize::from(!is(meets | misses));
                         if let (Some(root), true) = (root, is(meets & known)) {
                             // t = b/a with a > 0.
                             let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
-                            assert!(side(low[lane]) != Ok(Ordering::Greater), "{level:?}: {:?}", triangles[lane]);
-                            assert!(side(high[lane]) != Ok(Ordering::Less), "{level:?}: {:?}", triangles[lane]);
+                            assert!(side(low[lane]) != Ok(Ordering::Greater), "{implicit:?}: {:?}", triangles[lane]);
+                            assert!(side(high[lane]) != Ok(Ordering::Less), "{implicit:?}: {:?}", triangles[lane]);
                             // And they are of use.
                             let middle = low[lane].abs().max(high[lane].abs());
                             assert!(high[lane] - low[lane] <= 64.0 * f64::EPSILON * middle);
@@ -166,8 +177,8 @@ mod tests {
         // Whole numbers in a plane through the origin: the ray lies in the plane of an edge and the axis, exactly.
         let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
         let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
-        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-            let (sides, low, high, known) = dispatch(level, Look { triangles: &triangles, rays: &rays });
+        for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
+            let (sides, low, high, known) = dispatch(implicit, Look { triangles: &triangles, rays: &rays });
             assert_eq!((sides, known), ((0xff, 0), 0xff));
             assert!(low.iter().zip(high).all(|(low, high)| *low <= 4.0 && 4.0 <= high));
         }

@@ -7,7 +7,7 @@ use crate::geometry::pose::cross;
 use crate::geometry::vector::Point;
 
 /// Most triangles of a block: a register has a lane for each.
-pub const LEAF: usize = 8;
+pub const LEAF_SIZE: usize = 8;
 
 /// A leaf: up to eight triangles side by side, their vertices on a grid.
 ///
@@ -15,10 +15,10 @@ pub const LEAF: usize = 8;
 /// exact arithmetic.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
-pub struct Block {
+pub struct Leaf {
     /// By vertex and triangle, x in the lowest bits: a coordinate k stands for anchor + (1 + k/2²¹)·2^exponent.
-    grid: [[u64; LEAF]; 3],
-    id: [u32; LEAF],
+    grid: [[u64; LEAF_SIZE]; 3],
+    id: [u32; LEAF_SIZE],
     anchor: Point,
     /// How far any coordinate is off.
     error: f32,
@@ -51,7 +51,7 @@ pub struct Edges<I: Isa> {
 /// The planes of a block's triangles, as a ray's origin sees them.
 pub struct Planes {
     /// a·(c × b), with the sign of the volumes.
-    distance: [f64; LEAF],
+    distance: [f64; LEAF_SIZE],
     /// Four times as much as the volumes' sum may be off, for each unit of a direction's length and of its error.
     turned: [f64; 2],
     /// The same of the distance.
@@ -60,18 +60,18 @@ pub struct Planes {
 
 /// A ray's direction, at least |d|₁, and how far any coordinate is off.
 #[derive(Clone, Copy)]
-pub struct Bearing {
+pub struct LeafRay {
     pub direction: Point,
     pub length: f64,
     pub error: f64,
 }
 
 impl Planes {
-    pub const NONE: Planes = Planes { distance: [0.0; LEAF], turned: [0.0; 2], moved: 0.0 };
+    pub const NONE: Planes = Planes { distance: [0.0; LEAF_SIZE], turned: [0.0; 2], moved: 0.0 };
 }
 
-impl Block {
-    /// Of up to `LEAF` triangles.
+impl Leaf {
+    /// Of up to `LEAF_SIZE` triangles.
     pub fn new(ids: &[u32], triangle: impl Fn(u32) -> Triangle) -> Self {
         const STEPS: f64 = (1 << GRID) as f64;
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -90,7 +90,7 @@ impl Block {
         let exponent = (side.to_bits() >> 52) as i16 - 1022;
         let scale = power_of_two(exponent);
         let anchor = low.map(|x| x - scale);
-        let (mut grid, mut all) = ([[0; LEAF]; 3], [0; LEAF]);
+        let (mut grid, mut all) = ([[0; LEAF_SIZE]; 3], [0; LEAF_SIZE]);
         // The largest |N|₁, of sides in units of the scale: they are at most 1, so that less than 32 roundings are u each.
         let mut thickness = 0.0;
         for (lane, &id) in ids.iter().enumerate() {
@@ -113,7 +113,7 @@ impl Block {
         let error = (error as f32).next_up();
         let above = ((thickness + 32.0 * UNIT).to_bits() >> 52) as i16 - 1022;
         let thinness = (3 - above).clamp(0, u8::MAX.into()) as u8;
-        Block { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness }
+        Leaf { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness }
     }
 
     #[inline(always)]
@@ -165,13 +165,13 @@ impl Block {
     /// While δ ≤ m, which m ≥ ε brings about, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has
     /// 32, 8 and 8 in these places to cover its own roundings.
     #[inline(always)]
-    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, bearing: &Bearing, sums: &mut [f64; LEAF]) -> (u32, u32) {
-        let d = lanes::splat(bearing.direction);
+    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, ray: &LeafRay, sums: &mut [f64; LEAF_SIZE]) -> (u32, u32) {
+        let d = lanes::splat(ray.direction);
         let [n0, n1, n2] = edges.normals;
         let (u, v, w) = (lanes::fused_dot(d, n0), lanes::fused_dot(d, n1), lanes::fused_dot(d, n2));
         *sums = u.add(v).add(w).store();
-        let bound = I::fused(bearing.error, edges.bound[1], f64::MIN_POSITIVE);
-        let bound = I::fused(bearing.length, edges.bound[0], bound);
+        let bound = I::fused(ray.error, edges.bound[1], f64::MIN_POSITIVE);
+        let bound = I::fused(ray.length, edges.bound[0], bound);
         let least = Floats::min(Floats::min(u, v), w);
         let most = Floats::max(Floats::max(u, v), w);
         let (below, above) = (Lanes::<I>::splat(-bound), Lanes::<I>::splat(bound));
@@ -211,8 +211,8 @@ impl Block {
     /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ,
     /// N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
-    pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing, sums: &[f64; LEAF]) -> Option<Interval> {
-        let Bearing { length, error, .. } = *bearing;
+    pub fn intersect<I: Isa>(i: usize, planes: &Planes, ray: &LeafRay, sums: &[f64; LEAF_SIZE]) -> Option<Interval> {
+        let LeafRay { length, error, .. } = *ray;
         let inverse = 1.0 / sums[i];
         let t = planes.distance[i] * inverse;
         let turned = I::fused(length, planes.turned[0], error * planes.turned[1]);
@@ -263,12 +263,12 @@ mod tests {
         (0..count).map(|_| Triangle(vertex(), vertex(), vertex())).collect()
     }
 
-    fn block(mesh: &[Triangle]) -> Block {
+    fn leaf(mesh: &[Triangle]) -> Leaf {
         // Ids need be neither sorted nor complete.
         let ids: Vec<u32> = (0..mesh.len() as u32).rev().collect();
-        let block = Block::new(&ids, |id| mesh[id as usize]);
-        assert_eq!(block.ids(), ids);
-        block
+        let leaf = Leaf::new(&ids, |id| mesh[id as usize]);
+        assert_eq!(leaf.ids(), ids);
+        leaf
     }
 
     /// Whether |x − y| ≤ bound.
@@ -305,26 +305,26 @@ mod tests {
     fn the_grid_is_as_near_as_it_says() {
         let mut next = numbers();
         for (place, size) in BOXES {
-            for count in 1..=LEAF {
+            for count in 1..=LEAF_SIZE {
                 let mesh = mesh(place, size, count, &mut next);
-                let block = block(&mesh);
-                let error = f64::from(block.error);
+                let leaf = leaf(&mesh);
+                let error = f64::from(leaf.error);
                 assert!(error > 0.0);
                 if error == f64::INFINITY {
                     assert!(size.max(place) > 1e44, "{place}, {size}");
                     continue;
                 }
                 // Half a step of the grid, but for what numbers at that place are rounded to, and float32 holds.
-                let half = power_of_two(block.exponent) / 4_194_304.0;
+                let half = power_of_two(leaf.exponent) / 4_194_304.0;
                 let rounded = place.abs() * (8.0 * UNIT) + f64::from(f32::MIN_POSITIVE);
                 assert!(error <= 1.01 * half + rounded && half <= size + rounded, "{place}, {size}: {error}");
-                let scale = Dyadic::exact(power_of_two(block.exponent));
-                for (lane, &id) in block.ids().iter().enumerate() {
+                let scale = Dyadic::exact(power_of_two(leaf.exponent));
+                for (lane, &id) in leaf.ids().iter().enumerate() {
                     for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
                         for axis in 0..3 {
-                            let k = block.grid[vertex][lane] >> (21 * axis) & 0x1f_ffff;
+                            let k = leaf.grid[vertex][lane] >> (21 * axis) & 0x1f_ffff;
                             let along = Dyadic::exact(1.0 + k as f64 / 2_097_152.0).times(&scale);
-                            let seen = Dyadic::exact(block.anchor[axis]).plus(&along);
+                            let seen = Dyadic::exact(leaf.anchor[axis]).plus(&along);
                             assert!(within(&seen, &Dyadic::exact(corner[axis]), error), "{place}, {size}: {corner:?}");
                         }
                     }
@@ -338,39 +338,39 @@ mod tests {
         candidates: u32,
         sure: u32,
         /// Of those that are sure.
-        t: [Option<Interval>; LEAF],
+        t: [Option<Interval>; LEAF_SIZE],
     }
 
     struct Look<'a> {
-        block: &'a Block,
+        leaf: &'a Leaf,
         origin: (Point, f64),
         directions: &'a [(Point, f64)],
     }
 
     impl Task for Look<'_> {
         /// Vertices as they are seen from the origin, and how far they may be off.
-        type Output = ([[[f64; LEAF]; 3]; 3], f64, Vec<Said>);
+        type Output = ([[[f64; LEAF_SIZE]; 3]; 3], f64, Vec<Said>);
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
             let (origin, origin_error) = self.origin;
-            let edges = self.block.edges::<I>(origin, origin_error);
-            let planes = self.block.planes::<I>(&edges);
+            let edges = self.leaf.edges::<I>(origin, origin_error);
+            let planes = self.leaf.planes::<I>(&edges);
             let mut said = Vec::new();
             for &(direction, direction_error) in self.directions {
                 let length = direction.iter().map(|x| x.abs()).sum();
-                let bearing = Bearing { direction, length, error: direction_error };
-                let mut sums = [0.0; LEAF];
-                let (candidates, sure) = self.block.candidates::<I>(&edges, &bearing, &mut sums);
-                let mut t = [None; LEAF];
-                for i in 0..LEAF {
+                let ray = LeafRay { direction, length, error: direction_error };
+                let mut sums = [0.0; LEAF_SIZE];
+                let (candidates, sure) = self.leaf.candidates::<I>(&edges, &ray, &mut sums);
+                let mut t = [None; LEAF_SIZE];
+                for i in 0..LEAF_SIZE {
                     if sure & 1 << i != 0 {
-                        t[i] = Block::meet::<I>(i, &planes, &bearing, &sums);
+                        t[i] = Leaf::intersect::<I>(i, &planes, &ray, &sums);
                     }
                 }
                 said.push(Said { candidates, sure, t });
             }
-            let mut seen = [[[0.0; LEAF]; 3]; 3];
+            let mut seen = [[[0.0; LEAF_SIZE]; 3]; 3];
             for vertex in 0..3 {
                 for axis in 0..3 {
                     seen[vertex][axis] = edges.vertices[vertex][axis].store();
@@ -398,7 +398,7 @@ mod tests {
         for (place, size) in BOXES {
             for round in 0..12 {
                 let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
-                let block = block(&mesh);
+                let leaf = leaf(&mesh);
                 let distance = size.max(place.abs() * 1e-12) * [0.3, 3.0, 1e3, 1e6][round % 4];
                 // The true ray is somewhere within the errors of the one that the block is shown.
                 let vague = if round % 2 == 0 { 0.0 } else { 1e-9 * size };
@@ -426,11 +426,11 @@ mod tests {
                     Err(_) => unreachable!("exact arithmetic is never uncertain"),
                 };
                 let roots: Vec<Vec<_>> =
-                    directions.iter().map(|(d, _)| block.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
-                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    let look = Look { block: &block, origin: (shown, shown_error), directions: &given };
-                    let (seen, seen_error, said) = dispatch(level, look);
-                    for (lane, &id) in block.ids().iter().enumerate() {
+                    directions.iter().map(|(d, _)| leaf.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
+                for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
+                    let look = Look { leaf: &leaf, origin: (shown, shown_error), directions: &given };
+                    let (seen, seen_error, said) = dispatch(implicit, look);
+                    for (lane, &id) in leaf.ids().iter().enumerate() {
                         for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
                             for axis in 0..3 {
                                 let x = Dyadic::exact(corner[axis]).minus(&Dyadic::exact(origin[axis]));
@@ -443,23 +443,23 @@ mod tests {
                         }
                     }
                     for (said, roots) in said.iter().zip(&roots) {
-                        assert_eq!((said.candidates >> block.ids().len(), said.sure & !said.candidates), (0, 0));
+                        assert_eq!((said.candidates >> leaf.ids().len(), said.sure & !said.candidates), (0, 0));
                         for (lane, root) in roots.iter().enumerate() {
                             let is = |mask: u32| mask >> lane & 1 != 0;
                             let Some(root) = root else {
-                                assert!(!is(said.sure), "{level:?}: {place}, {size}");
+                                assert!(!is(said.sure), "{implicit:?}: {place}, {size}");
                                 missed += 1;
                                 out += usize::from(!is(said.candidates));
                                 continue;
                             };
-                            assert!(is(said.candidates), "{level:?}: {place}, {size}");
+                            assert!(is(said.candidates), "{implicit:?}: {place}, {size}");
                             met += 1;
                             sure += usize::from(is(said.sure));
                             if let Some(t) = &said.t[lane] {
                                 // t = b/a with a > 0.
                                 let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
-                                assert!(side(t.low) != Ok(Ordering::Greater), "{level:?}: {place}, {size}, {t:?}");
-                                assert!(side(t.high) != Ok(Ordering::Less), "{level:?}: {place}, {size}, {t:?}");
+                                assert!(side(t.low) != Ok(Ordering::Greater), "{implicit:?}: {place}, {size}, {t:?}");
+                                assert!(side(t.high) != Ok(Ordering::Less), "{implicit:?}: {place}, {size}, {t:?}");
                                 bounded += 1;
                             }
                         }
@@ -473,12 +473,12 @@ mod tests {
 
     /// A triangle in a box of side 1, a ray towards a mean of its vertices, and how it is shown.
     struct Shown {
-        block: Block,
+        leaf: Leaf,
         /// Of the vertices, as the true ray sees them, and of the true direction.
         vertices: [[Dyadic; 3]; 3],
         direction: [Dyadic; 3],
         edges: Edges<Portable>,
-        bearing: Bearing,
+        ray: LeafRay,
     }
 
     /// What errors come from: the numbers are given on the grid, or anywhere, with an origin or a direction that is off by so much.
@@ -514,26 +514,26 @@ mod tests {
             let true_origin = [0, 1, 2].map(|k| Dyadic::exact(origin[k]).plus(&off(k, from.origin_error)));
             let true_direction = [0, 1, 2].map(|k| Dyadic::exact(direction[k]).plus(&off(k, from.direction_error)));
             let [a, b, c] = vertices;
-            let block = Block::new(&[0], |_| Triangle(a, b, c));
-            let edges = block.edges::<Portable>(origin, from.origin_error);
+            let leaf = Leaf::new(&[0], |_| Triangle(a, b, c));
+            let edges = leaf.edges::<Portable>(origin, from.origin_error);
             let length = direction.iter().map(|x| x.abs()).sum();
             Shown {
                 vertices: vertices
                     .map(|v| crate::geometry::vector::sub(&crate::geometry::vector::exact(v), &true_origin)),
                 direction: true_direction,
                 edges,
-                bearing: Bearing { direction, length, error: from.direction_error },
-                block,
+                ray: LeafRay { direction, length, error: from.direction_error },
+                leaf,
             }
         }
 
         /// The largest share of its bound that a volume is off by.
         fn volumes(&self) -> f64 {
             let [a, b, c] = &self.vertices;
-            let bound = self.bearing.length * self.edges.bound[0] + self.bearing.error * self.edges.bound[1];
+            let bound = self.ray.length * self.edges.bound[0] + self.ray.error * self.edges.bound[1];
             let mut largest: f64 = 0.0;
             for ((p, q), normal) in [(c, b), (a, c), (b, a)].into_iter().zip(self.edges.normals) {
-                let seen: [f64; 8] = lanes::fused_dot(lanes::splat(self.bearing.direction), normal);
+                let seen: [f64; 8] = lanes::fused_dot(lanes::splat(self.ray.direction), normal);
                 let truth = crate::geometry::vector::dot(&self.direction, &crate::geometry::vector::cross(p, q));
                 largest = largest.max(truth.minus(&Dyadic::exact(seen[0])).split().0.abs() / bound);
             }
@@ -542,13 +542,13 @@ mod tests {
 
         /// The share of its bound that t is off by, where there is one.
         fn t(&self) -> f64 {
-            let mut sums = [0.0; LEAF];
-            let (_, sure) = self.block.candidates::<Portable>(&self.edges, &self.bearing, &mut sums);
-            let planes = self.block.planes::<Portable>(&self.edges);
+            let mut sums = [0.0; LEAF_SIZE];
+            let (_, sure) = self.leaf.candidates::<Portable>(&self.edges, &self.ray, &mut sums);
+            let planes = self.leaf.planes::<Portable>(&self.edges);
             if sure & 1 == 0 {
                 return 0.0;
             }
-            let Some(t) = Block::meet::<Portable>(0, &planes, &self.bearing, &sums) else { return 0.0 };
+            let Some(t) = Leaf::intersect::<Portable>(0, &planes, &self.ray, &sums) else { return 0.0 };
             let [a, b, c] = &self.vertices;
             let normal = crate::shapes::triangle::normal_through(a, b, c);
             let (num, den) =
@@ -580,20 +580,20 @@ mod tests {
     fn a_huge_box_leaves_all_to_exact_arithmetic() {
         let mut next = numbers();
         for (place, size) in [(0.0, 1e308), (0.0, f64::MAX), (1e308, 1e308), (0.0, 1e46), (1e300, 1e290)] {
-            for count in 1..=LEAF {
+            for count in 1..=LEAF_SIZE {
                 let mesh = mesh(place, size, count, &mut next);
-                let block = block(&mesh);
+                let leaf = leaf(&mesh);
                 let directions: Vec<(Point, f64)> = (0..20)
                     .map(|k| ([0; 3].map(|_: u8| (next() - 0.5) * [1e-29, 1.0, 1e29][k % 3]), [0.0, 1e-9][k % 2]))
                     .collect();
                 for origin in [[0.0; 3], [1e29, -1e29, 3.0]] {
-                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                        let look = Look { block: &block, origin: (origin, 0.0), directions: &directions };
-                        for said in dispatch(level, look).2 {
+                    for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
+                        let look = Look { leaf: &leaf, origin: (origin, 0.0), directions: &directions };
+                        for said in dispatch(implicit, look).2 {
                             assert_eq!(
                                 (said.candidates, said.sure),
                                 ((1 << count) - 1, 0),
-                                "{level:?}: {place}, {size}"
+                                "{implicit:?}: {place}, {size}"
                             );
                         }
                     }

@@ -8,44 +8,44 @@ pub type V<I> = [<I as Isa>::F64x8; 3];
 /// Sums high + low side by side that are not brought into a normal form: low is small beside the terms that made high (M. Lange, S. Rump,
 /// Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
 #[derive(Clone, Copy)]
-pub struct Pair<I: Isa> {
+pub struct Expansion<I: Isa> {
     pub high: I::F64x8,
     pub low: I::F64x8,
 }
 
-impl<I: Isa> Pair<I> {
+impl<I: Isa> Expansion<I> {
     /// a − b, exactly, an axis each.
     #[inline(always)]
-    pub fn differences(a: V<I>, b: V<I>) -> [Self; 3] {
-        [Self::difference(a[0], b[0]), Self::difference(a[1], b[1]), Self::difference(a[2], b[2])]
+    pub fn vector_diff(a: V<I>, b: V<I>) -> [Self; 3] {
+        [Self::two_diff(a[0], b[0]), Self::two_diff(a[1], b[1]), Self::two_diff(a[2], b[2])]
     }
 
     /// a − b, exactly: 2Sum of a and −b, as in `dd`.
     #[inline(always)]
-    pub fn difference(a: I::F64x8, b: I::F64x8) -> Self {
+    pub fn two_diff(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.sub(b);
         let z = high.sub(a);
-        Pair { high, low: a.sub(high.sub(z)).sub(b.add(z)) }
+        Expansion { high, low: a.sub(high.sub(z)).sub(b.add(z)) }
     }
 
     /// a + b, exactly: 2Sum.
     #[inline(always)]
-    pub fn sum(a: I::F64x8, b: I::F64x8) -> Self {
+    pub fn two_sum(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.add(b);
         let z = high.sub(a);
-        Pair { high, low: a.sub(high.sub(z)).add(b.sub(z)) }
+        Expansion { high, low: a.sub(high.sub(z)).add(b.sub(z)) }
     }
 
     /// a + b, exactly, for |a| ≥ |b|: Fast2Sum.
     #[inline(always)]
-    pub fn fast(a: I::F64x8, b: I::F64x8) -> Self {
+    pub fn fast_two_sum(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.add(b);
-        Pair { high, low: b.sub(high.sub(a)) }
+        Expansion { high, low: b.sub(high.sub(a)) }
     }
 
     /// a·b, exactly: 2Prod by FMA.
     #[inline(always)]
-    pub fn product(a: I::F64x8, b: I::F64x8) -> (I::F64x8, I::F64x8) {
+    pub fn two_product(a: I::F64x8, b: I::F64x8) -> (I::F64x8, I::F64x8) {
         let p = a.mul(b);
         (p, a.mul_add(b, I::F64x8::splat(0.0).sub(p)))
     }
@@ -53,12 +53,12 @@ impl<I: Isa> Pair<I> {
     /// p·q − r·s, and |p·q| + |r·s|.
     #[inline(always)]
     pub fn minor(p: Self, q: Self, r: Self, s: Self) -> (Self, I::F64x8) {
-        let (a, a_low) = Self::product(p.high, q.high);
-        let (b, b_low) = Self::product(r.high, s.high);
-        let Pair { high, low } = Self::difference(a, b);
+        let (a, a_low) = Self::two_product(p.high, q.high);
+        let (b, b_low) = Self::two_product(r.high, s.high);
+        let Expansion { high, low } = Self::two_diff(a, b);
         let first = p.low.mul_add(q.high, p.high.mul_add(q.low, a_low));
         let second = r.low.mul_add(s.high, r.high.mul_add(s.low, b_low));
-        (Pair { high, low: low.add(first.sub(second)) }, a.abs().add(b.abs()))
+        (Expansion { high, low: low.add(first.sub(second)) }, a.abs().add(b.abs()))
     }
 
     /// p × q; and for each coordinate, which is a difference of two products, the sum of their sizes.
@@ -74,9 +74,9 @@ impl<I: Isa> Pair<I> {
     /// of the factors in its correction. Its bound, with that of `minor`, is derived in `Crossing`.
     #[inline(always)]
     pub fn dot(a: [Self; 3], b: [Self; 3]) -> Self {
-        let (x, x_low) = Self::product(a[0].high, b[0].high);
-        let (y, y_low) = Self::product(a[1].high, b[1].high);
-        let (z, z_low) = Self::product(a[2].high, b[2].high);
+        let (x, x_low) = Self::two_product(a[0].high, b[0].high);
+        let (y, y_low) = Self::two_product(a[1].high, b[1].high);
+        let (z, z_low) = Self::two_product(a[2].high, b[2].high);
         let x_low = a[0].low.mul_add(b[0].high, a[0].high.mul_add(b[0].low, x_low));
         let y_low = a[1].low.mul_add(b[1].high, a[1].high.mul_add(b[1].low, y_low));
         let z_low = a[2].low.mul_add(b[2].high, a[2].high.mul_add(b[2].low, z_low));
@@ -86,9 +86,9 @@ impl<I: Isa> Pair<I> {
     /// As `dot`.
     #[inline(always)]
     pub fn dot_plain(a: [Self; 3], b: V<I>) -> Self {
-        let (x, x_low) = Self::product(a[0].high, b[0]);
-        let (y, y_low) = Self::product(a[1].high, b[1]);
-        let (z, z_low) = Self::product(a[2].high, b[2]);
+        let (x, x_low) = Self::two_product(a[0].high, b[0]);
+        let (y, y_low) = Self::two_product(a[1].high, b[1]);
+        let (z, z_low) = Self::two_product(a[2].high, b[2]);
         let x_low = a[0].low.mul_add(b[0], x_low);
         let y_low = a[1].low.mul_add(b[1], y_low);
         let z_low = a[2].low.mul_add(b[2], z_low);
@@ -97,7 +97,7 @@ impl<I: Isa> Pair<I> {
 
     /// The nearest float64, or the one beside it.
     #[inline(always)]
-    pub fn value(self) -> I::F64x8 {
+    pub fn rounded(self) -> I::F64x8 {
         self.high.add(self.low)
     }
 
@@ -106,8 +106,8 @@ impl<I: Isa> Pair<I> {
         (x, y, z): (I::F64x8, I::F64x8, I::F64x8),
         (x_low, y_low, z_low): (I::F64x8, I::F64x8, I::F64x8),
     ) -> Self {
-        let xy = Self::sum(x, y);
-        let all = Self::sum(xy.high, z);
-        Pair { high: all.high, low: xy.low.add(all.low).add(x_low.add(y_low).add(z_low)) }
+        let xy = Self::two_sum(x, y);
+        let all = Self::two_sum(xy.high, z);
+        Expansion { high: all.high, low: xy.low.add(all.low).add(x_low.add(y_low).add(z_low)) }
     }
 }

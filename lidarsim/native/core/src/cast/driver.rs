@@ -6,12 +6,12 @@
 use std::cell::Cell;
 
 use crate::arith::simd::{self, Isa, Level, Task};
-use crate::bvh::{LANES, Rays};
-use crate::cast::order::{NEAR, Order};
-use crate::cast::refine::Plain;
-use crate::cast::search::Search;
-use crate::cast::simple::{Met, Pending};
-use crate::cast::traversal::{self, Advance, Party, TRAVERSALS, Traversal};
+use crate::bvh::{LANES, RayPacket};
+use crate::cast::closest_hit::ClosestHit;
+use crate::cast::ray_sort::{NEAR, RaySort};
+use crate::cast::surface_intersector::{HitBatches, SurfaceHits};
+use crate::cast::traversal::{self, Advance, PacketState, TRAVERSALS, Traversal};
+use crate::cast::triangle_hits::TriangleHits;
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, Scene, Sink};
 
@@ -32,36 +32,36 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
-        let mut room = ROOM.take().unwrap_or_default();
-        let Room { traversals, before, pending, met, order } = &mut *room;
+        let mut scratch = SCRATCH.take().unwrap_or_default();
+        let Scratch { traversals, before, batches, surface_hits, order } = &mut *scratch;
         order.restart(directions, scene.size());
-        let mut supply = Supply { origins, directions, order, start: 0, done: 0 };
-        let mut traversals = traversals.each_mut().map(|room| Traversal::new(scene, (t_min, t_max), room));
+        let mut source = PacketSource { origins, directions, order, start: 0, done: 0 };
+        let mut traversals = traversals.each_mut().map(|scratch| Traversal::new(scene, (t_min, t_max), scratch));
         // Hits of one packet are refined when the next is through: meanwhile their vertices come.
-        let (mut plain, mut before) = (Plain::new(), before);
-        let mut sorting = Sorting { scene, pending, hits };
+        let (mut triangle_hits, mut before) = (TriangleHits::new(), before);
+        let mut router = HitRouter { scene, batches, hits };
         let mut legal = true;
         loop {
             for traversal in &mut traversals {
-                while traversal.is_idle() && supply.take_up::<I>(traversal.party.rays) {
-                    supply.prefetch::<I>(traversal.party.rays.count, sorting.hits);
-                    if traversal.party.rays.count > 0 {
+                while traversal.is_idle() && source.take_up::<I>(traversal.state.rays) {
+                    source.prefetch::<I>(traversal.state.rays.count, router.hits);
+                    if traversal.state.rays.count > 0 {
                         traversal.make_ready();
                     } else {
-                        legal &= sorting.trace_alone(traversal, (t_min, t_max));
+                        legal &= router.trace_alone(traversal, (t_min, t_max));
                     }
                 }
             }
-            plain.prefetch::<I>(scene);
-            let through = I::call(Advance { traversals: &mut traversals, met });
-            plain.refine::<I>(scene, before, sorting.hits);
+            triangle_hits.prefetch::<I>(scene);
+            let through = I::call(Advance { traversals: &mut traversals, surface_hits });
+            triangle_hits.refine::<I>(scene, before, router.hits);
             let Some(k) = through else { break };
-            let party = &mut traversals[k].party;
-            sorting.sort_out::<I>(party, &mut plain);
-            std::mem::swap(&mut before, &mut party.rays);
+            let state = &mut traversals[k].state;
+            router.route::<I>(state, &mut triangle_hits);
+            std::mem::swap(&mut before, &mut state.rays);
         }
-        sorting.pending.flush::<I>(scene, sorting.hits);
-        ROOM.set(Some(room));
+        router.batches.flush::<I>(scene, router.hits);
+        SCRATCH.set(Some(scratch));
         legal
     }
 }
@@ -83,45 +83,45 @@ impl Scene {
 
 thread_local! {
     /// What one cast leaves to the next, as it is large.
-    static ROOM: Cell<Option<Box<Room>>> = const { Cell::new(None) };
+    static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
 /// Room for a cast; whatever a cast has left there is of no meaning to the next.
-struct Room {
-    traversals: [traversal::Room; TRAVERSALS],
+struct Scratch {
+    traversals: [traversal::TraversalScratch; TRAVERSALS],
     /// The rays of the packet whose hits are refined.
-    before: Rays,
-    pending: Pending,
-    met: Met,
-    order: Order,
+    before: RayPacket,
+    batches: HitBatches,
+    surface_hits: SurfaceHits,
+    order: RaySort,
 }
 
-impl Default for Room {
+impl Default for Scratch {
     fn default() -> Self {
-        Room {
-            traversals: std::array::from_fn(|_| traversal::Room::new()),
-            before: Rays::empty(),
-            pending: Pending::new(),
-            met: Met::new(),
-            order: Order::default(),
+        Scratch {
+            traversals: std::array::from_fn(|_| traversal::TraversalScratch::new()),
+            before: RayPacket::empty(),
+            batches: HitBatches::new(),
+            surface_hits: SurfaceHits::new(),
+            order: RaySort::default(),
         }
     }
 }
 
 /// The rays that are still to be traced.
-struct Supply<'a> {
+struct PacketSource<'a> {
     origins: &'a [Point],
     directions: &'a [Point],
-    order: &'a mut Order,
+    order: &'a mut RaySort,
     /// How many of those sorted last have been taken up, and where these begin.
     start: usize,
     done: usize,
 }
 
-impl Supply<'_> {
+impl PacketSource<'_> {
     /// Takes up the next packet, or a single ray that no packet holds; false if there are no more.
     #[inline(always)]
-    fn take_up<I: Isa>(&mut self, rays: &mut Rays) -> bool {
+    fn take_up<I: Isa>(&mut self, rays: &mut RayPacket) -> bool {
         let end = self.order.sorted().len();
         if self.start == end {
             if !self.order.advance::<I>(self.origins, self.directions) {
@@ -129,7 +129,7 @@ impl Supply<'_> {
             }
             (self.start, self.done) = (0, self.done + end);
         }
-        rays.take_up::<I>(self.origins, self.directions, &self.order.sorted()[self.start..]);
+        rays.gather::<I>(self.origins, self.directions, &self.order.sorted()[self.start..]);
         self.start += rays.count.max(1);
         true
     }
@@ -156,39 +156,39 @@ impl Supply<'_> {
 }
 
 /// Passes hits on, each to what finishes its kind.
-struct Sorting<'a, S: ?Sized> {
+struct HitRouter<'a, S: ?Sized> {
     scene: &'a Scene,
-    pending: &'a mut Pending,
+    batches: &'a mut HitBatches,
     hits: &'a mut S,
 }
 
-impl<'a, S: Sink + ?Sized> Sorting<'a, S> {
+impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
     #[inline(always)]
-    fn sort_out<I: Isa>(&mut self, party: &Party, plain: &mut Plain<'a>) {
-        let Party { rays, searches, .. } = party;
+    fn route<I: Isa>(&mut self, state: &PacketState, triangle_hits: &mut TriangleHits<'a>) {
+        let PacketState { rays, closest, .. } = state;
         let mut lanes = 0;
         for lane in 0..rays.count {
-            if !searches.has_found(lane) {
+            if !closest.has_found(lane) {
                 self.hits.put(rays.at[lane] as usize, Hit::MISS);
-            } else if self.scene.objects()[searches.object(lane) as usize].is_plain_triangle() {
+            } else if self.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
                 lanes |= 1 << lane;
             } else {
-                let (place, bounds) = (searches.place(lane), searches.bounds(lane));
-                let meeting = (rays.origin(lane), rays.direction(lane), bounds);
-                self.pending.push::<I>(self.scene, rays.at[lane], place, meeting, self.hits);
+                let (place, bounds) = (closest.place(lane), closest.bounds(lane));
+                let bracket = (rays.origin(lane), rays.direction(lane), bounds);
+                self.batches.push::<I>(self.scene, rays.at[lane], place, bracket, self.hits);
             }
         }
-        plain.take_up(searches, lanes);
+        triangle_hits.take_up(closest, lanes);
     }
 
     /// Traces a ray that packets do not hold; false if it is illegal.
     fn trace_alone(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
-        let rays = &traversal.party.rays;
+        let rays = &traversal.state.rays;
         let (at, origin, direction) = (rays.at[0] as usize, rays.origin(0), rays.direction(0));
         let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
         let mut hit = Hit::MISS;
         if legal {
-            let mut search = Search::new(self.scene, origin, direction, range);
+            let mut search = ClosestHit::new(self.scene, origin, direction, range);
             search.run(traversal.stack());
             if let Some((place, bounds)) = search.found() {
                 hit = self.scene.hit_within(&place, bounds, origin, direction);
@@ -202,7 +202,7 @@ impl<'a, S: Sink + ?Sized> Sorting<'a, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Place;
+    use crate::scene::RootId;
     use crate::scene::tests::{LEVEL, object, tipped};
     use crate::testing::with_large_frames;
 
@@ -232,7 +232,7 @@ mod tests {
                     }
                     let scene = Scene::new(objects);
                     let at =
-                        [0, 1].map(|i: usize| Place::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
+                        [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                         let mut hits = vec![Hit::MISS; origins.len()];
                         assert!(scene.cast(level, &origins, &directions, (0.0, f64::INFINITY), &mut hits[..]));
@@ -240,7 +240,7 @@ mod tests {
                             // The surfaces part where the last vertex has a weight.
                             let tie = z == 1.0 || o[1] == 0.0;
                             let first = if tie { 0 } else { i32::from((z > 1.0) != swapped) };
-                            let Place { object, primitive, .. } = at[first as usize];
+                            let RootId { object, primitive, .. } = at[first as usize];
                             assert_eq!(
                                 (hit.object, hit.primitive),
                                 (object as i32, primitive as i32),

@@ -1,7 +1,9 @@
 //! The last look at a nearest hit, with twice the digits of float64: t, correctly rounded, and the normal there.
 
 use super::Surface;
-use crate::arith::number::{Balls, DdBalls, Interval, Lanes, Number, OfRays, PAD, UNDERFLOW, UNIT, Uncertain};
+use crate::arith::number::{
+    DoubleDoubles, Interval, Lanes, Number, OfRays, PAD, RunningErrors, UNDERFLOW, UNIT, Uncertain,
+};
 use crate::arith::simd::Floats;
 use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
@@ -9,16 +11,16 @@ use crate::geometry::vector::{self, Vector, of_rays};
 
 /// What rays have met: a surface for all of them, or one each.
 pub trait Target<L: Lanes<N>, const N: usize> {
-    /// As `Surface::level`.
-    fn level<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K;
+    /// As `Surface::implicit`.
+    fn implicit<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K;
     /// As `Surface::normal`.
     fn normal<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> Vector<K>;
 }
 
 impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
     #[inline(always)]
-    fn level<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, _: L) -> K {
-        Surface::level(self, ray, feature)
+    fn implicit<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, _: L) -> K {
+        Surface::implicit(self, ray, feature)
     }
 
     #[inline(always)]
@@ -28,7 +30,7 @@ impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
 }
 
 /// Where rays may meet part `feature` of a surface.
-pub struct Meeting<F> {
+pub struct RootBracket<F> {
     pub feature: u8,
     pub origin: [F; 3],
     pub direction: [F; 3],
@@ -42,38 +44,38 @@ pub struct Meeting<F> {
 /// around F'(T), e < |S|. Then t* − m = −F(m)/F'(ξ), ξ in T. With F(m) = f ± r this is −f/S, off by less than r/(|S| − e), and
 /// |f|·e/(|S|·(|S| − e)), and the rounding of the quotient.
 #[inline(always)]
-pub fn finish<L: Lanes<N>, const N: usize>(
+pub fn newton_step<L: Lanes<N>, const N: usize>(
     placement: impl Placement,
     target: &impl Target<L, N>,
-    meeting: &Meeting<L::Floats>,
+    bracket: &RootBracket<L::Floats>,
     lanes: L,
 ) -> Result<(L::Floats, [L::Floats; 3]), Uncertain> {
-    let Meeting { feature, origin, direction, bounds } = *meeting;
-    let float: Ray<Balls<L, N>> =
+    let RootBracket { feature, origin, direction, bounds } = *bracket;
+    let float: Ray<RunningErrors<L, N>> =
         Ray { origin: of_rays(origin, lanes), direction: of_rays(direction, lanes), weight: None };
-    let double: Ray<DdBalls<L, N>> =
+    let double: Ray<DoubleDoubles<L, N>> =
         Ray { origin: of_rays(origin, lanes), direction: of_rays(direction, lanes), weight: None };
     let half = L::Floats::splat(0.5);
     let middle = bounds.low.mul(half).add(bounds.high.mul(half));
     let (pad, unit) = (L::Floats::splat(PAD), L::Floats::splat(UNIT));
     let reach = bounds.high.sub(middle).max(middle.sub(bounds.low)).mul(pad);
-    let somewhere = float.at(&Balls::within(middle, reach, lanes));
+    let somewhere = float.at(&RunningErrors::within(middle, reach, lanes));
     let normal = placement.normal(target.normal(&placement.local(somewhere), feature, lanes));
     let (slope, slope_error) = vector::dot(&normal, &float.direction).doubled().parts();
 
-    let middle = DdBalls::of_rays(middle, lanes);
+    let middle = DoubleDoubles::of_rays(middle, lanes);
     let near = double.at(&middle);
-    let (level, level_error) = target.level(&placement.local(near.clone()), feature, lanes).parts();
+    let (implicit, level_error) = target.implicit(&placement.local(near.clone()), feature, lanes).parts();
     // The number has a lower half.
-    let rest = level.abs().fused(unit, level_error);
+    let rest = implicit.abs().fused(unit, level_error);
     let slope_size = slope.abs();
     let room = slope_size.mul(L::Floats::splat(1.0 - 2.0 * UNIT)).sub(slope_error.mul(pad));
     lanes.keep(L::Floats::splat(0.0).lt(room))?;
-    let step = level.div(slope).negated();
+    let step = implicit.div(slope).negated();
     let error = step.abs().fused(slope_size.fused(unit, slope_error), rest).div(room).mul(pad);
-    let step = DdBalls::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes);
+    let step = DoubleDoubles::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes);
 
     let t = middle.plus(&step).rounded()?;
     let normal = placement.normal(target.normal(&placement.local(near.at(&step)), feature, lanes));
-    Ok((t, DdBalls::proportions(&normal)?))
+    Ok((t, DoubleDoubles::proportions(&normal)?))
 }

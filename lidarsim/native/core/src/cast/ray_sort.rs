@@ -19,7 +19,7 @@ const COARSE: u32 = 4;
 
 /// Groups of rays, one after the other, each in a coherent order. Kept from some rays to others, so that its memory is used again.
 #[derive(Default)]
-pub struct Order {
+pub struct RaySort {
     /// The longest side of the scene.
     size: f64,
     group: usize,
@@ -34,7 +34,7 @@ pub struct Order {
     order: Vec<u32>,
 }
 
-impl Order {
+impl RaySort {
     /// Begins anew with other rays, which point this way.
     pub fn restart(&mut self, directions: &[Point], size: f64) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
@@ -327,7 +327,7 @@ mod tests {
         fn run<I: Isa>(self) -> Self::Output {
             let All(origins, directions, size) = self;
             let mut groups = Vec::new();
-            let mut order = Order::default();
+            let mut order = RaySort::default();
             // Whatever it was used for before.
             order.restart(&[[1.0, 0.0, 0.0]; 2], 1.0);
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));

@@ -3,23 +3,23 @@
 
 use crate::arith::number::Interval;
 use crate::arith::simd::{Floats, Isa, Task, lanes};
-use crate::bvh::Rays;
-use crate::cast::search::Searches;
-use crate::scene::{Place, Scene};
+use crate::bvh::RayPacket;
+use crate::cast::closest_hit::ClosestHits;
+use crate::scene::{RootId, Scene};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of, sides};
 
 /// Pairs of a ray and a triangle, in which the triangle is not moved. They wait until there are many, while their vertices come.
-pub struct Doubts {
+pub struct DeferredCandidates {
     count: usize,
     lane: [u8; WAITING],
-    place: [Place; WAITING],
+    place: [RootId; WAITING],
 }
 
 const WAITING: usize = 32;
 
-impl Doubts {
+impl DeferredCandidates {
     pub fn new() -> Self {
-        Doubts { count: 0, lane: [0; WAITING], place: [Place::of_triangle(0, 0); WAITING] }
+        DeferredCandidates { count: 0, lane: [0; WAITING], place: [RootId::of_triangle(0, 0); WAITING] }
     }
 
     /// Whether there is room for no more.
@@ -29,7 +29,7 @@ impl Doubts {
     }
 
     #[inline(always)]
-    pub fn push<I: Isa>(&mut self, scene: &Scene, lane: usize, place: Place) {
+    pub fn push<I: Isa>(&mut self, scene: &Scene, lane: usize, place: RootId) {
         scene.objects()[place.object as usize].prefetch_face::<I>(place.primitive);
         (self.lane[self.count], self.place[self.count]) = (lane as u8, place);
         self.count += 1;
@@ -37,26 +37,26 @@ impl Doubts {
 
     /// Offers those triangles that their rays meet to the searches of these.
     #[inline(always)]
-    pub fn settle<I: Isa>(&mut self, scene: &Scene, rays: &Rays, searches: &mut Searches) {
+    pub fn resolve<I: Isa>(&mut self, scene: &Scene, rays: &RayPacket, closest: &mut ClosestHits) {
         if self.count > 0 {
-            I::call(Settle { doubts: self, scene, rays, searches });
+            I::call(Resolve { deferred: self, scene, rays, closest });
         }
     }
 }
 
-struct Settle<'t, 'a> {
-    doubts: &'t mut Doubts,
+struct Resolve<'t, 'a> {
+    deferred: &'t mut DeferredCandidates,
     scene: &'t Scene,
-    rays: &'t Rays,
-    searches: &'t mut Searches<'a>,
+    rays: &'t RayPacket,
+    closest: &'t mut ClosestHits<'a>,
 }
 
-impl Task for Settle<'_, '_> {
+impl Task for Resolve<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Settle { doubts: Doubts { count, lane, place }, scene, rays, searches } = self;
+        let Resolve { deferred: DeferredCandidates { count, lane, place }, scene, rays, closest } = self;
         let mut corners: Corners<WAITING> = [[NOWHERE; 3]; WAITING];
         let (mut origin, mut direction) = ([[0.0; WAITING]; 3], [[0.0; WAITING]; 3]);
         for k in 0..*count {
@@ -79,9 +79,9 @@ impl Task for Settle<'_, '_> {
             for k in 8 * eight..(*count).min(8 * eight + 8) {
                 let (lane, place, bit) = (usize::from(lane[k]), place[k], 1 << (k % 8));
                 if met & known & bit != 0 {
-                    searches.offer(rays, lane, place, Interval { low: low[k % 8], high: high[k % 8] });
+                    closest.offer(rays, lane, place, Interval { low: low[k % 8], high: high[k % 8] });
                 } else if missed & bit == 0 {
-                    searches.consider(rays, lane, place.object, place.primitive);
+                    closest.consider(rays, lane, place.object, place.primitive);
                 }
             }
         }

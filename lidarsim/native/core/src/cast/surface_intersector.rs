@@ -5,17 +5,17 @@
 
 use std::cell::Cell;
 
-use crate::arith::number::{Balls, Interval, Many, Number, Uncertain};
+use crate::arith::number::{Interval, Many, Number, RunningErrors, Uncertain};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
-use crate::bvh::{LANES, Mask, Rays, part_of_mask, take};
-use crate::cast::search::Searches;
-use crate::geometry::affine::{AsMade, Placement};
+use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
+use crate::cast::closest_hit::ClosestHits;
+use crate::geometry::affine::{Identity, Placement};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::of_rays;
 use crate::geometry::vector::{self, Point};
 use crate::scene::TriangleMesh;
-use crate::scene::{Geometry, Hit, Place, Scene, Sink};
-use crate::shapes::finish::{Meeting, Target, finish};
+use crate::scene::{Geometry, Hit, RootId, Scene, Sink};
+use crate::shapes::newton::{RootBracket, Target, newton_step};
 use crate::shapes::triangle::Triangles;
 use crate::shapes::{Surface, SurfaceTask};
 
@@ -27,26 +27,33 @@ fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
 
 /// Offers the hits of the rays of `mask` on an object to their searches.
 #[inline(always)]
-pub fn meet<I: Isa>(scene: &Scene, id: u32, rays: &Rays, searches: &mut Searches, mask: Mask, met: &mut Met) {
+pub fn intersect<I: Isa>(
+    scene: &Scene,
+    id: u32,
+    rays: &RayPacket,
+    closest: &mut ClosestHits,
+    mask: Mask,
+    met: &mut SurfaceHits,
+) {
     let object = &scene.objects()[id as usize];
     (met.count, met.unsure) = (0, mask);
     let alone = mask & (mask - 1) == 0;
     let mut asked = false;
-    if !alone && let Geometry::Simple(shape) = &object.geometry {
-        let (t_min, met) = (searches.t_min(), &mut *met);
+    if !alone && let Geometry::Surface(shape) = &object.geometry {
+        let (t_min, met) = (closest.t_min(), &mut *met);
         let done = match object.placement() {
-            None => shape.apart::<I, _>(Meet { placement: AsMade, rays, t_min, met }),
-            Some(placement) => shape.apart::<I, _>(Meet { placement, rays, t_min, met }),
+            None => shape.apart::<I, _>(IntersectSurface { placement: Identity, rays, t_min, met }),
+            Some(placement) => shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, met }),
         };
         asked = done.is_some();
     }
-    let place = |index: usize, feature| Place { object: id, primitive: 0, index: index as u8, feature };
+    let place = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
     for some in &met.some[..met.count] {
         let mut left = Mask::from(some.lanes);
         while let Some(lane) = take(&mut left) {
             for (index, roots) in some.roots[..some.count].iter().enumerate() {
                 let t = Interval { low: roots.low[lane], high: roots.high[lane] };
-                if searches.takes(rays, some.start + lane, place(index, roots.feature), t) {
+                if closest.takes(rays, some.start + lane, place(index, roots.feature), t) {
                     break;
                 }
             }
@@ -54,16 +61,16 @@ pub fn meet<I: Isa>(scene: &Scene, id: u32, rays: &Rays, searches: &mut Searches
     }
     while let Some(lane) = take(&mut met.unsure) {
         if asked {
-            searches.decide(rays, lane, id, 0);
+            closest.consider_exactly(rays, lane, id, 0);
         } else {
-            searches.consider(rays, lane, id, 0);
+            closest.consider(rays, lane, id, 0);
         }
     }
 }
 
 /// What a packet finds on a surface. Kept from one to the next, as it is large.
-pub struct Met {
-    some: [Alike; LANES],
+pub struct SurfaceHits {
+    some: [AgreeingLanes; LANES],
     count: usize,
     /// Rays to be asked one by one.
     unsure: Mask,
@@ -71,7 +78,7 @@ pub struct Met {
 
 /// Rays side by side for which the same is true of a surface.
 #[derive(Clone, Copy)]
-struct Alike {
+struct AgreeingLanes {
     /// A bit each, from lane `start` of the packet on.
     lanes: u32,
     start: usize,
@@ -102,26 +109,30 @@ impl Roots {
     }
 }
 
-impl Met {
+impl SurfaceHits {
     pub fn new() -> Self {
-        Met { some: [Alike { lanes: 0, start: 0, roots: [Roots::NONE; 2], count: 0 }; LANES], count: 0, unsure: 0 }
+        SurfaceHits {
+            some: [AgreeingLanes { lanes: 0, start: 0, roots: [Roots::NONE; 2], count: 0 }; LANES],
+            count: 0,
+            unsure: 0,
+        }
     }
 }
 
 /// Bounds of the roots of the rays that `met` is unsure of.
-struct Meet<'a, P> {
+struct IntersectSurface<'a, P> {
     placement: P,
-    rays: &'a Rays,
+    rays: &'a RayPacket,
     t_min: f64,
-    met: &'a mut Met,
+    met: &'a mut SurfaceHits,
 }
 
-impl<P: Placement> SurfaceTask for Meet<'_, P> {
+impl<P: Placement> SurfaceTask for IntersectSurface<'_, P> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
-        let Meet { placement, rays, t_min, met } = self;
+        let IntersectSurface { placement, rays, t_min, met } = self;
         let mask = std::mem::take(&mut met.unsure);
         for i in 0..LANES / N {
             let mut left = part_of_mask::<N>(mask, i);
@@ -144,14 +155,14 @@ impl<P: Placement> SurfaceTask for Meet<'_, P> {
     }
 }
 
-impl Met {
+impl SurfaceHits {
     /// The rays of part `i` that are still asked.
     #[inline(always)]
     fn bound<F: Floats<f64, N>, S: Surface, const N: usize>(
         &mut self,
         i: usize,
         surface: &S,
-        ray: &Ray<Balls<Many<F>, N>>,
+        ray: &Ray<RunningErrors<Many<F>, N>>,
         asked: &Cell<u32>,
         t_min: f64,
     ) -> Result<(), Uncertain> {
@@ -176,45 +187,45 @@ impl Met {
 }
 
 /// Hits on simple shapes and on moved meshes that wait for others on the same part of the same object, to be finished together.
-pub struct Pending {
-    groups: Vec<Group>,
+pub struct HitBatches {
+    batches: Vec<HitBatch>,
 }
 
 /// Parts of objects that may wait at once; where two of them meet in one group, the first makes way.
-const GROUPS: usize = 32;
+const BATCHES: usize = 32;
 
 /// Hits that may wait of one part of an object: two of the widest registers, of which one is worked on while the other waits for its quotients.
-const SEATS: usize = 2 * WIDEST;
+const BATCH_SIZE: usize = 2 * WIDEST;
 
 #[derive(Clone, Copy)]
-struct Group {
+struct HitBatch {
     /// Of all but for the primitive, and for `index`, which says which root.
-    place: Place,
-    primitive: [u32; SEATS],
-    index: [u8; SEATS],
+    place: RootId,
+    primitive: [u32; BATCH_SIZE],
+    index: [u8; BATCH_SIZE],
     count: usize,
-    at: [u32; SEATS],
-    origin: [[f64; SEATS]; 3],
-    direction: [[f64; SEATS]; 3],
+    at: [u32; BATCH_SIZE],
+    origin: [[f64; BATCH_SIZE]; 3],
+    direction: [[f64; BATCH_SIZE]; 3],
     /// Of t.
-    low: [f64; SEATS],
-    high: [f64; SEATS],
+    low: [f64; BATCH_SIZE],
+    high: [f64; BATCH_SIZE],
 }
 
-impl Pending {
+impl HitBatches {
     pub fn new() -> Self {
-        let empty = Group {
-            place: Place { object: 0, primitive: 0, index: 0, feature: 0 },
-            primitive: [0; SEATS],
+        let empty = HitBatch {
+            place: RootId { object: 0, primitive: 0, index: 0, feature: 0 },
+            primitive: [0; BATCH_SIZE],
             count: 0,
-            at: [0; SEATS],
-            index: [0; SEATS],
-            origin: [[0.0; SEATS]; 3],
-            direction: [[1.0; SEATS]; 3],
-            low: [0.0; SEATS],
-            high: [0.0; SEATS],
+            at: [0; BATCH_SIZE],
+            index: [0; BATCH_SIZE],
+            origin: [[0.0; BATCH_SIZE]; 3],
+            direction: [[1.0; BATCH_SIZE]; 3],
+            low: [0.0; BATCH_SIZE],
+            high: [0.0; BATCH_SIZE],
         };
-        Pending { groups: vec![empty; GROUPS] }
+        HitBatches { batches: vec![empty; BATCHES] }
     }
 
     /// Takes a hit, with the ray and bounds of t.
@@ -223,54 +234,54 @@ impl Pending {
         &mut self,
         scene: &Scene,
         at: u32,
-        place: Place,
+        place: RootId,
         (origin, direction, bounds): (Point, Point, Interval),
         hits: &mut (impl Sink + ?Sized),
     ) {
-        let group = &mut self.groups[(7 * place.object as usize + usize::from(place.feature)) % GROUPS];
-        if (group.place.object, group.place.feature) != (place.object, place.feature) {
-            group.flush::<I>(scene, hits);
-            group.place = place;
+        let batch = &mut self.batches[(7 * place.object as usize + usize::from(place.feature)) % BATCHES];
+        if (batch.place.object, batch.place.feature) != (place.object, place.feature) {
+            batch.flush::<I>(scene, hits);
+            batch.place = place;
         }
-        let seat = group.count;
-        (group.at[seat], group.primitive[seat], group.index[seat]) = (at, place.primitive, place.index);
+        let seat = batch.count;
+        (batch.at[seat], batch.primitive[seat], batch.index[seat]) = (at, place.primitive, place.index);
         for axis in 0..3 {
-            group.origin[axis][seat] = origin[axis];
-            group.direction[axis][seat] = direction[axis];
+            batch.origin[axis][seat] = origin[axis];
+            batch.direction[axis][seat] = direction[axis];
         }
-        (group.low[seat], group.high[seat]) = (bounds.low, bounds.high);
-        group.count += 1;
-        if group.count == SEATS {
-            group.flush::<I>(scene, hits);
+        (batch.low[seat], batch.high[seat]) = (bounds.low, bounds.high);
+        batch.count += 1;
+        if batch.count == BATCH_SIZE {
+            batch.flush::<I>(scene, hits);
         }
     }
 
     #[inline(always)]
     pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
-        for group in &mut self.groups {
-            group.flush::<I>(scene, hits);
+        for batch in &mut self.batches {
+            batch.flush::<I>(scene, hits);
         }
     }
 }
 
-impl Group {
+impl HitBatch {
     #[inline(always)]
     fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
         if self.count == 0 {
             return;
         }
         let object = &scene.objects()[self.place.object as usize];
-        let mut found = Found { known: 0, t: [0.0; SEATS], normal: [[0.0; SEATS]; 3] };
-        let (group, known) = (&*self, &mut found);
+        let mut found = Refined { known: 0, t: [0.0; BATCH_SIZE], normal: [[0.0; BATCH_SIZE]; 3] };
+        let (batch, known) = (&*self, &mut found);
         match (&object.geometry, object.placement()) {
-            (Geometry::Simple(shape), None) => {
-                shape.apart::<I, _>(Finish { placement: AsMade, group, found: known });
+            (Geometry::Surface(shape), None) => {
+                shape.apart::<I, _>(RefineBatch { placement: Identity, batch, found: known });
             }
-            (Geometry::Simple(shape), Some(placement)) => {
-                shape.apart::<I, _>(Finish { placement, group, found: known });
+            (Geometry::Surface(shape), Some(placement)) => {
+                shape.apart::<I, _>(RefineBatch { placement, batch, found: known });
             }
             (Geometry::Mesh(mesh), Some(placement)) => {
-                I::apart(FinishTriangles { placement, corners: &group.corners(mesh), group, found: known });
+                I::apart(RefineTriangleBatch { placement, corners: &batch.corners(mesh), batch, found: known });
             }
             // Hits on meshes that were not moved do not wait here.
             (Geometry::Mesh(_), None) => {}
@@ -283,7 +294,7 @@ impl Group {
                 hits.put(at, Hit { t: found.t[seat], normal, object: self.place.object as i32, primitive });
             } else {
                 let bounds = Interval { low: self.low[seat], high: self.high[seat] };
-                let place = Place { primitive, index: self.index[seat], ..self.place };
+                let place = RootId { primitive, index: self.index[seat], ..self.place };
                 let (origin, direction) = (pick(&self.origin, seat), pick(&self.direction, seat));
                 hits.put(at, scene.hit_within(&place, bounds, origin, direction));
             }
@@ -293,9 +304,9 @@ impl Group {
 
     /// Of the triangles, by corner and axis; empty seats have that of the first.
     #[inline(always)]
-    fn corners(&self, mesh: &TriangleMesh) -> [[[f64; SEATS]; 3]; 3] {
-        let mut corners = [[[0.0; SEATS]; 3]; 3];
-        for seat in 0..SEATS {
+    fn corners(&self, mesh: &TriangleMesh) -> [[[f64; BATCH_SIZE]; 3]; 3] {
+        let mut corners = [[[0.0; BATCH_SIZE]; 3]; 3];
+        for seat in 0..BATCH_SIZE {
             let primitive = self.primitive[if seat < self.count { seat } else { 0 }];
             for (corner, point) in mesh.corners(primitive).into_iter().enumerate() {
                 for axis in 0..3 {
@@ -308,59 +319,59 @@ impl Group {
 }
 
 #[inline(always)]
-fn pick(v: &[[f64; SEATS]; 3], seat: usize) -> Point {
+fn pick(v: &[[f64; BATCH_SIZE]; 3], seat: usize) -> Point {
     [v[0][seat], v[1][seat], v[2][seat]]
 }
 
 /// t and a unit normal, of the hits that are certain.
-struct Found {
+struct Refined {
     known: u32,
-    t: [f64; SEATS],
-    normal: [[f64; SEATS]; 3],
+    t: [f64; BATCH_SIZE],
+    normal: [[f64; BATCH_SIZE]; 3],
 }
 
 /// Finishes the hits of a group.
-struct Finish<'a, P> {
+struct RefineBatch<'a, P> {
     placement: P,
-    group: &'a Group,
-    found: &'a mut Found,
+    batch: &'a HitBatch,
+    found: &'a mut Refined,
 }
 
-impl<P: Placement> SurfaceTask for Finish<'_, P> {
+impl<P: Placement> SurfaceTask for RefineBatch<'_, P> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
-        for i in 0..self.group.count.div_ceil(N) {
-            let asked = Cell::new(self.group.seats::<N>(i));
-            self.found.finish::<F, N>(i, self.placement, surface, self.group, &asked);
+        for i in 0..self.batch.count.div_ceil(N) {
+            let asked = Cell::new(self.batch.seats::<N>(i));
+            self.found.newton_step::<F, N>(i, self.placement, surface, self.batch, &asked);
         }
     }
 }
 
 /// Finishes the hits of a group that are on triangles of a mesh.
-struct FinishTriangles<'a, P> {
+struct RefineTriangleBatch<'a, P> {
     placement: P,
-    corners: &'a [[[f64; SEATS]; 3]; 3],
-    group: &'a Group,
-    found: &'a mut Found,
+    corners: &'a [[[f64; BATCH_SIZE]; 3]; 3],
+    batch: &'a HitBatch,
+    found: &'a mut Refined,
 }
 
-impl<P: Placement> LaneTask for FinishTriangles<'_, P> {
+impl<P: Placement> LaneTask for RefineTriangleBatch<'_, P> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, const N: usize>(self) {
         let [a, b, c] = self.corners;
-        for i in 0..self.group.count.div_ceil(N) {
-            let asked = Cell::new(self.group.seats::<N>(i));
+        for i in 0..self.batch.count.div_ceil(N) {
+            let asked = Cell::new(self.batch.seats::<N>(i));
             let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
-            self.found.finish::<F, N>(i, self.placement, &triangles, self.group, &asked);
+            self.found.newton_step::<F, N>(i, self.placement, &triangles, self.batch, &asked);
         }
     }
 }
 
-impl Group {
+impl HitBatch {
     /// The seats of part `i` that are taken, as bits of the lanes of a register.
     #[inline(always)]
     fn seats<const N: usize>(&self, i: usize) -> u32 {
@@ -368,21 +379,21 @@ impl Group {
     }
 }
 
-impl Found {
+impl Refined {
     /// Finishes part `i` of a group.
     #[inline(always)]
-    fn finish<'a, F: Floats<f64, N>, const N: usize>(
+    fn newton_step<'a, F: Floats<f64, N>, const N: usize>(
         &mut self,
         i: usize,
         placement: impl Placement,
         target: &impl Target<Many<'a, F>, N>,
-        group: &Group,
+        batch: &HitBatch,
         asked: &'a Cell<u32>,
     ) {
-        let bounds = Interval { low: load(&group.low, i), high: load(&group.high, i) };
-        let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&group.origin, i), lanes::part(&group.direction, i));
-        let meeting = Meeting { feature: group.place.feature, origin, direction, bounds };
-        if let Ok((t, normal)) = finish(placement, target, &meeting, Many::new(asked)) {
+        let bounds = Interval { low: load(&batch.low, i), high: load(&batch.high, i) };
+        let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&batch.origin, i), lanes::part(&batch.direction, i));
+        let bracket = RootBracket { feature: batch.place.feature, origin, direction, bounds };
+        if let Ok((t, normal)) = newton_step(placement, target, &bracket, Many::new(asked)) {
             let [x, y, z] = vector::unit(normal);
             self.t.as_chunks_mut().0[i] = t.store();
             self.normal[0].as_chunks_mut().0[i] = x.store();
@@ -401,13 +412,13 @@ mod tests {
     use crate::arith::simd::Level;
     use crate::geometry::affine::Affine;
     use crate::scene::Object;
-    use crate::shapes::{Box, Cylinder, Ellipsoid, Plane, Simple, Sphere, Triangle};
+    use crate::shapes::{AnySurface, Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle};
     use crate::testing::with_large_frames;
 
     fn shapes() -> Vec<Object> {
         let turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
         let cylinder = |capped| Cylinder { start: [0.0, 0.0, -1.0], end: [0.0, 0.0, 1.0], radius: 1.0, capped };
-        let simple: Vec<Simple> = vec![
+        let simple: Vec<AnySurface> = vec![
             Sphere { center: [0.0; 3], radius: 1.0 }.into(),
             Box { size: [2.0; 3], center: [0.0; 3] }.into(),
             cylinder(true).into(),
@@ -415,8 +426,8 @@ mod tests {
             Triangle([-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]).into(),
             Plane::PointNormal { point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, 1.0] }.into(),
         ];
-        let ellipsoid = Ellipsoid::new([0.0; 3], [1.0, 1.0, 2.0], turn).map(Simple::from);
-        let simple = simple.into_iter().chain(ellipsoid).map(Geometry::Simple);
+        let ellipsoid = Ellipsoid::new([0.0; 3], [1.0, 1.0, 2.0], turn).map(AnySurface::from);
+        let simple = simple.into_iter().chain(ellipsoid).map(Geometry::Surface);
         let octahedron = TriangleMesh::new(
             [0, 1, 2]
                 .iter()
