@@ -1,11 +1,12 @@
-//! Numbers with about twice the digits of float64, eight side by side, without bounds of their own: whoever calculates with them derives these.
+//! Unevaluated sums of two float64 numbers, in eight lanes, built by error-free transformations (T. Dekker, 1971; D. Knuth, TAOCP 2, §4.2.2;
+//! J. Shewchuk, Adaptive precision floating-point arithmetic, 1997). They carry no error bound: each formula that uses them derives its own.
 
 use crate::arith::simd::{Floats, Isa};
 
 /// By axis.
 pub type V<I> = [<I as Isa>::F64x8; 3];
 
-/// Sums high + low side by side that are not brought into a normal form: low is small beside the terms that made high (M. Lange, S. Rump,
+/// high + low, not renormalized: low is small compared with the terms that were summed to high (the pair arithmetic of M. Lange, S. Rump,
 /// Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
 #[derive(Clone, Copy)]
 pub struct Expansion<I: Isa> {
@@ -14,13 +15,13 @@ pub struct Expansion<I: Isa> {
 }
 
 impl<I: Isa> Expansion<I> {
-    /// a − b, exactly, an axis each.
+    /// a − b, exactly, by axis.
     #[inline(always)]
     pub fn vector_diff(a: V<I>, b: V<I>) -> [Self; 3] {
         [Self::two_diff(a[0], b[0]), Self::two_diff(a[1], b[1]), Self::two_diff(a[2], b[2])]
     }
 
-    /// a − b, exactly: 2Sum of a and −b, as in `dd`.
+    /// a − b, exactly: 2Sum of a and −b.
     #[inline(always)]
     pub fn two_diff(a: I::F64x8, b: I::F64x8) -> Self {
         let high = a.sub(b);

@@ -1,7 +1,8 @@
 //! A bounding volume hierarchy, eight children wide.
 //!
-//! Boxes are float32, relative to a float64 centre and rounded outward, so that a box never loses what it holds. They only
-//! choose which primitives are asked; every decision is made elsewhere, in the numbers that were given.
+//! Boxes are float32, relative to a float64 centre and rounded outward, and slab tests are conservative (T. Ize, Robust BVH Ray
+//! Traversal, JCGT 2013): traversal culls primitives, but never one that a ray intersects. Intersections are decided elsewhere, for the
+//! float64 input.
 
 mod build;
 mod packet;
@@ -20,7 +21,7 @@ pub const WIDTH: usize = 8;
 /// Most primitives a leaf may hold.
 pub const LEAF_SIZE: usize = 8;
 
-/// Eight boxes, an axis after the other, and what they hold. An absent child has a box that nothing meets.
+/// Eight child boxes as a structure of arrays, by axis, and the children. An absent child has an empty box.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 struct Node {
@@ -35,7 +36,7 @@ struct Child(u32);
 
 impl Child {
     const LEAF_BIT: u32 = 1 << 31;
-    /// What follows the last: no node has the root for a child.
+    /// End of a stack: no node has the root for a child.
     const END: Child = Child::node(0);
 
     const fn node(index: usize) -> Self {
@@ -57,12 +58,12 @@ impl Child {
     }
 }
 
-/// What rays that go alone do at the leaves. A trait and no closure, which would not be compiled for the instruction set.
+/// Intersects single rays with leaves. A trait and not a closure, which would not be compiled for the instruction set.
 pub trait Visitor<L> {
-    /// Gets up to `SINGLE_RAYS` rays, each of which may meet a leaf of its own, and says which of them want less than before.
+    /// Intersects up to `SINGLE_RAYS` rays, each with a leaf of its own; returns the mask of rays whose limit has decreased.
     fn visit<I: Isa>(&mut self, stack: &mut Stack, lanes: &[usize], leaves: &[&L]) -> Mask;
 
-    /// The t beyond which nothing is wanted of each ray.
+    /// The limit of t of each ray: hits beyond it are not needed.
     fn limits(&self) -> &[f64; LANES];
 }
 
@@ -99,24 +100,24 @@ impl<L: Send> Bvh<L> {
         self.nodes.len() * size_of::<Node>() + self.leaves.len() * size_of::<L>()
     }
 
-    /// Offers the leaves that the ray may meet, nearest box first: `visit` answers with the t beyond which nothing is wanted
-    /// any more. It may traverse another hierarchy on the same stack.
-    pub fn traverse(&self, span: &mut TraversalRay, stack: &mut Stack, mut visit: impl FnMut(&mut Stack, &L) -> f64) {
+    /// Visits the leaves whose boxes the ray may enter, nearest box first; `visit` returns the new limit of t. It may traverse
+    /// another hierarchy on the same stack.
+    pub fn traverse(&self, ray: &mut TraversalRay, stack: &mut Stack, mut visit: impl FnMut(&mut Stack, &L) -> f64) {
         if self.nodes.is_empty() {
             return;
         }
         let base = stack.len;
         stack.push_sorted(base, Entry { near: 0.0, child: Child::node(0), mask: 0 });
         while let Some(entry) = stack.pop(base) {
-            if entry.near > span.limit() {
+            if entry.near > ray.limit() {
                 continue;
             }
             if entry.child.is_leaf() {
-                span.shorten(visit(stack, &self.leaves[entry.child.index()]));
+                ray.shorten(visit(stack, &self.leaves[entry.child.index()]));
                 continue;
             }
             let node = &self.nodes[entry.child.index()];
-            let (near, far) = span.intersect(&node.low, &node.high);
+            let (near, far) = ray.intersect(&node.low, &node.high);
             let first = stack.len;
             for i in 0..WIDTH {
                 if near[i] <= far[i] {
@@ -126,7 +127,7 @@ impl<L: Send> Bvh<L> {
         }
     }
 
-    /// Sends rays of a packet, which has entered the hierarchy, on their way together.
+    /// Begins the traversal of a packet that is set up for the hierarchy (`Packet::enter`).
     #[inline(always)]
     pub fn start<I: Isa>(&self, traversal: &mut PacketTraversal, active: Mask, stack: &mut Stack) {
         traversal.base = stack.len;
@@ -136,20 +137,20 @@ impl<L: Send> Bvh<L> {
         }
     }
 
-    /// The leaf that a packet has come to; none if it is at a node.
+    /// The current leaf of a packet; none if it is at an inner node.
     #[inline(always)]
     pub fn leaf(&self, traversal: &PacketTraversal) -> Option<&L> {
         if traversal.child.is_leaf() { Some(&self.leaves[traversal.child.index()]) } else { None }
     }
 
-    /// Looks into the node that a packet has come to.
+    /// Tests the children of a packet's current node, and pushes those that rays may enter.
     #[inline(always)]
     pub fn open<I: Isa>(&self, traversal: &PacketTraversal, stack: &mut Stack) {
         let PacketTraversal { packet, frustum, mask, .. } = traversal;
         let node = &self.nodes[traversal.child.index()];
-        // The farthest first, and no branch hangs on a single look.
+        // The farthest first, and branchless: no branch depends on the outcome of a single test.
         if mask.count_ones() > FEW {
-            let box_hits = frustum.intersect::<I>(&packet.octant_of, node);
+            let box_hits = frustum.intersect::<I>(&packet.octant, node);
             for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
                 let (child, mask) = (node.child[i as usize], packet.intersect::<I>(*mask, &box_hits, i as usize));
                 self.prefetch::<I>(if mask != 0 { child } else { traversal.child });
@@ -165,8 +166,8 @@ impl<L: Send> Bvh<L> {
         }
     }
 
-    /// As `traverse`, for rays of a packet one by one: some at once, which all do a step before one does the next. While one waits for memory the
-    /// others go on, and since those at nodes and those at leaves have their turns apart, no branch hangs on where a single ray goes.
+    /// As `traverse`, for rays of a packet one by one: `SINGLE_RAYS` traversals are interleaved, a step each in turn, which hides the latency of
+    /// memory; and since those at nodes and those at leaves are stepped in separate loops, no branch depends on where a single ray goes.
     #[inline(always)]
     pub fn traverse_single<I: Isa>(
         &self,
@@ -176,29 +177,29 @@ impl<L: Send> Bvh<L> {
         visitor: &mut impl Visitor<L>,
     ) {
         let Some(leaf) = self.leaves.first() else { return };
-        let octant_of = packet.octant_of;
+        let octant = packet.octant;
         let mut traversals = [RayTraversal::EMPTY; SINGLE_RAYS];
-        let (mut waiting, mut places) = (active, Places { idle: all(SINGLE_RAYS), at_leaves: 0 });
+        let (mut waiting, mut progress) = (active, Progress { idle: all(SINGLE_RAYS), at_leaves: 0 });
         loop {
             while waiting != 0
-                && let Some(k) = take(&mut places.idle)
+                && let Some(k) = take(&mut progress.idle)
                 && let Some(lane) = take(&mut waiting)
             {
                 traversals[k].start(lane, packet, &mut stack.ray_stacks[k]);
             }
-            let mut at_nodes = all(SINGLE_RAYS) & !(places.idle | places.at_leaves);
-            let mut at_leaves = std::mem::take(&mut places.at_leaves);
+            let mut at_nodes = all(SINGLE_RAYS) & !(progress.idle | progress.at_leaves);
+            let mut at_leaves = std::mem::take(&mut progress.at_leaves);
             if at_nodes | at_leaves == 0 {
                 return;
             }
             while let Some(k) = take(&mut at_nodes) {
                 let (traversal, ray_stack) = (&mut traversals[k], &mut stack.ray_stacks[k]);
                 let node = &self.nodes[traversal.child.index()];
-                let Slabs { near, far, .. } = traversal.frustum.slabs::<I>(&octant_of, node, traversal.limit);
+                let Slabs { near, far, .. } = traversal.frustum.slabs::<I>(&octant, node, traversal.limit);
                 ray_stack.push::<I>(near, far, &node.child);
                 traversal.child = ray_stack.pop();
                 self.prefetch::<I>(traversal.child);
-                places.note(k, traversal.child);
+                progress.note(k, traversal.child);
             }
             let (mut lanes, mut leaves, mut count) = ([0; SINGLE_RAYS], [leaf; SINGLE_RAYS], 0);
             let mut left = at_leaves;
@@ -215,12 +216,12 @@ impl<L: Send> Bvh<L> {
                 }
                 traversal.child = ray_stack.pop();
                 self.prefetch::<I>(traversal.child);
-                places.note(k, traversal.child);
+                progress.note(k, traversal.child);
             }
         }
     }
 
-    /// Brings a node or a leaf into the cache. No branch hangs on which it is: there will be one when it is visited.
+    /// Prefetches a node or a leaf, without a branch on which of them it is.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, child: Child) {
         let leaf: *const [u8; 64] = self.leaves.as_ptr().wrapping_add(child.index()).cast();
@@ -232,16 +233,16 @@ impl<L: Send> Bvh<L> {
     }
 }
 
-/// Rays of a packet on their way through a hierarchy together.
+/// The traversal of a hierarchy by a packet.
 pub struct PacketTraversal {
     pub packet: Packet,
     frustum: Frustum,
-    /// Where the node or leaf is, and the rays that may meet it.
+    /// The current node or leaf, and the rays that may enter its box.
     child: Child,
     mask: Mask,
-    /// Rays that want less than the packet knows.
+    /// Rays whose limits have decreased since the packet took them.
     nearer: Mask,
-    /// Where its part of the stack begins.
+    /// The base of its part of the stack.
     base: usize,
 }
 
@@ -257,19 +258,19 @@ impl PacketTraversal {
         }
     }
 
-    /// The rays that may meet what the packet has come to.
+    /// The rays that may enter the box of the current node or leaf.
     #[inline(always)]
     pub fn mask(&self) -> Mask {
         self.mask
     }
 
-    /// These rays will want less.
+    /// Notes the rays whose limits have decreased.
     #[inline(always)]
     pub fn shorten(&mut self, nearer: Mask) {
         self.nearer = nearer;
     }
 
-    /// Goes to the nearest of what is left; false if nothing is. Nothing beyond `limits` is wanted of the rays.
+    /// Pops the next node or leaf within the limits of t; false if there is none.
     #[inline(always)]
     pub fn next_entry<I: Isa>(&mut self, stack: &mut Stack, limits: &[f64; LANES]) -> bool {
         if self.nearer != 0 {
@@ -286,20 +287,20 @@ impl PacketTraversal {
         false
     }
 
-    /// Goes nowhere.
+    /// Ends the traversal.
     pub fn stop(&mut self, stack: &Stack) {
         self.base = stack.len;
     }
 }
 
-/// A ray on its way through a hierarchy alone.
+/// The traversal of a hierarchy by a single ray.
 #[derive(Clone, Copy)]
 struct RayTraversal {
     lane: usize,
     frustum: Frustum,
     limit: f32,
     child: Child,
-    /// Where its part of its pile begins.
+    /// The base of its part of its stack.
     base: usize,
 }
 
@@ -319,13 +320,13 @@ impl RayTraversal {
     }
 }
 
-/// Which walks have come to their end and which to a leaf, a bit each; the others are at nodes.
-struct Places {
+/// Which of the interleaved traversals have ended and which are at a leaf, a bit each; the others are at inner nodes.
+struct Progress {
     idle: Mask,
     at_leaves: Mask,
 }
 
-impl Places {
+impl Progress {
     #[inline(always)]
     fn note(&mut self, k: usize, child: Child) {
         self.idle |= Mask::from(child == Child::END) << k;
@@ -333,31 +334,31 @@ impl Places {
     }
 }
 
-/// A subtree still to be visited, and how near it may be.
+/// A subtree still to be visited, and a lower bound of t at its box.
 #[derive(Clone, Copy)]
 struct Entry {
     near: f32,
     child: Child,
-    /// The rays of a packet that may meet it.
+    /// The rays of a packet that may enter it.
     mask: Mask,
 }
 
-/// Up to as many rays each look at all boxes of a node, where more look at one box after the other.
+/// Up to this many active rays, a packet tests ray by ray against all boxes at once; above it, box by box against all rays.
 const FEW: u32 = 16;
 
-/// Rays that go alone at once.
+/// Traversals of single rays that are interleaved.
 pub const SINGLE_RAYS: usize = 16;
 
-/// What is still to be visited, to be used again and again: by rays together, and a pile for each ray that goes alone. They are deep enough for a
-/// hierarchy within a hierarchy: each level pops one entry and pushes at most `WIDTH`.
+/// Traversal stacks, reused from cast to cast: one for packets, and one for each interleaved single ray. They are deep enough for two levels of
+/// hierarchies, objects and triangles: each level of nodes pops one entry and pushes at most `WIDTH`.
 pub struct Stack {
-    /// One more than are wanted may be written.
+    /// `push_if` writes one entry past the end.
     entries: [Entry; Stack::SIZE + 1],
     len: usize,
     ray_stacks: [RayStack; SINGLE_RAYS],
 }
 
-/// The subtrees that a single ray has still to visit, none beyond its limit, and how near they may be; of those of one node the nearest last.
+/// The subtrees that a single ray has still to visit, none beyond its limit, with lower bounds of t; of the children of a node the nearest is on top.
 #[derive(Clone, Copy)]
 struct RayStack {
     near: [f32; RayStack::SIZE],

@@ -1,13 +1,15 @@
-//! Rays that point into the same octant, as the boxes see them: float32, with every rounding on the safe side.
+//! Packets of rays of one octant, and their conservative slab tests in float32 (I. Wald et al., Interactive Rendering with Coherent Ray Tracing,
+//! 2001; T. Ize, Robust BVH Ray Traversal, 2013).
 //!
-//! As in `TraversalRay`, the t of a box's near plane is bounded from below and that of its far plane from above. A hull of the rays, one
-//! interval of origins and slopes, rules out most boxes for all rays at once.
+//! As in `TraversalRay`, the t of a box's near plane is bounded from below and that of its far plane from above. The frustum of the packet, interval
+//! arithmetic over its origins and reciprocal directions, culls most boxes for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing
+//! Algorithm, 2005; S. Boulos et al., Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
 
 use super::{Node, WIDTH};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
-/// Rays that meet a box in one step.
+/// Rays of a subpacket: those that are tested against a box by one instruction.
 const WIDE: usize = 16;
 
 const SUBPACKETS: usize = 4;
@@ -23,7 +25,7 @@ pub const SMALLEST: f64 = 1e-30;
 /// A bit for each ray of a packet.
 pub type Mask = u64;
 
-/// Rays as they are, a lane each; lanes beyond the last ray, up to a whole group, repeat the first.
+/// A ray packet in float64, a lane each; lanes beyond the last ray, up to a whole subpacket, repeat the first.
 #[derive(Clone)]
 #[repr(C, align(64))]
 pub struct RayPacket {
@@ -34,7 +36,7 @@ pub struct RayPacket {
     pub direction_error: [f64; LANES],
     /// |d|₁, or the number beside it.
     pub length: [f64; LANES],
-    /// Which they are of all rays.
+    /// Their indices among all rays.
     pub at: [u32; LANES],
     /// The signs of all directions, a bit an axis.
     pub octant: u32,
@@ -67,8 +69,8 @@ impl RayPacket {
         }
     }
 
-    /// Takes up the first rays of an order, up to the first that points into another octant: none (`count` is 0) if packets cannot hold the very
-    /// first, which then is in lane 0 and left to `TraversalRay`.
+    /// Gathers the first rays of an order, up to the first of another octant: none (`count` is 0) if the very first does not fit into packets; it
+    /// is then in lane 0, to be traced by itself as a `TraversalRay`.
     #[inline(always)]
     pub fn gather<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
         self.count = 0;
@@ -120,7 +122,7 @@ impl RayPacket {
         origin.iter().chain(&direction).all(|x| x.abs() < LARGEST) && largest > SMALLEST
     }
 
-    /// Takes some rays of one octant from others.
+    /// Gathers the rays of `mask`, which are of one octant, from another packet.
     pub fn gather_octant(&mut self, others: &RayPacket, mask: Mask, octant: u32) {
         self.clone_from(others);
         self.octant = octant;
@@ -169,7 +171,7 @@ impl RayPacket {
         lanes::part(&self.direction, eight)
     }
 
-    /// Whether the rays keep together in a scene of this size, so that they meet much the same boxes.
+    /// Whether the rays are coherent in a scene of this size, so that they enter much the same boxes.
     #[inline(always)]
     pub fn are_coherent<I: Isa>(&self, size: f64) -> bool {
         let first = self.direction(0);
@@ -263,10 +265,10 @@ pub struct Packet {
     count: usize,
     /// t times this is t here; a power of two.
     scale: f64,
-    pub(super) octant_of: Octant,
+    pub(super) octant: Octant,
 }
 
-/// Where rays of a packet begin and which planes they come to first, by axis: what all have in common.
+/// What all rays of a packet have in common: the lower bound of t, and by axis which plane of a box they enter first.
 #[derive(Clone, Copy)]
 pub(super) struct Octant {
     start: f32,
@@ -301,7 +303,7 @@ impl Subpacket {
     }
 }
 
-/// Bounds of origins and slopes, over all rays or of one of them.
+/// Bounds of origins and slopes (reciprocal directions), over all rays or of one of them.
 #[derive(Clone, Copy)]
 pub(super) struct Frustum {
     near_origin: [f32; 3],
@@ -310,7 +312,7 @@ pub(super) struct Frustum {
     far_slope: [f32; 3],
 }
 
-/// The boxes of a node that any ray of a hull may meet, the farthest first.
+/// The children of a node whose boxes any ray of a frustum may enter, the farthest first.
 pub(super) struct BoxHits {
     pub count: usize,
     /// Which child each is of.
@@ -324,15 +326,15 @@ pub(super) struct BoxHits {
 
 impl Packet {
     pub fn empty() -> Self {
-        let octant_of = Octant { start: 0.0, backward: [false; 3] };
-        Packet { subpackets: [Subpacket::EMPTY; SUBPACKETS], count: 0, scale: 1.0, octant_of }
+        let octant = Octant { start: 0.0, backward: [false; 3] };
+        Packet { subpackets: [Subpacket::EMPTY; SUBPACKETS], count: 0, scale: 1.0, octant }
     }
 
     /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
     #[inline(always)]
     pub fn enter<I: Isa>(&mut self, rays: &RayPacket, center: Point, t_min: f64, limits: &[f64; LANES]) {
         let octant = rays.octant;
-        self.octant_of.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
+        self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
         // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `RayPacket::gather`). Of rays much shorter than the
         // longest, components may underflow here; see `SHRINK`.
@@ -345,7 +347,7 @@ impl Packet {
         let exponent = largest.largest().to_bits() >> 52;
         let shrink = I::F64x8::splat(f64::from_bits((2045 - exponent) << 52));
         self.scale = f64::from_bits((exponent + 1) << 52);
-        self.octant_of.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
+        self.octant.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
         for g in 0..self.count.div_ceil(WIDE) {
             self.enter_subpacket::<I>(g, rays, center, shrink, limits);
         }
@@ -373,7 +375,7 @@ impl Packet {
         let direction_error = I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let direction_error = direction_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
         for axis in 0..3 {
-            let backward = self.octant_of.backward[axis];
+            let backward = self.octant.backward[axis];
             let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
             let middle = I::F64x8::splat(center[axis]);
             let (low, high) = halves::<I>(&rays.origin[axis], g);
@@ -420,7 +422,7 @@ impl Packet {
             let mut far_origin = I::F32x16::load(&first.far_origin[axis]);
             let mut near_slope = I::F32x16::load(&first.near_slope[axis]);
             let mut far_slope = I::F32x16::load(&first.far_slope[axis]);
-            let backward = self.octant_of.backward[axis];
+            let backward = self.octant.backward[axis];
             for subpacket in &self.subpackets[1..self.count.div_ceil(WIDE)] {
                 near_origin = outer::<I>(near_origin, &subpacket.near_origin[axis], !backward);
                 far_origin = outer::<I>(far_origin, &subpacket.far_origin[axis], backward);
@@ -459,13 +461,13 @@ impl Packet {
         self.subpackets[lane / WIDE].limit[lane % WIDE]
     }
 
-    /// The limit of a ray of which nothing beyond t is wanted.
+    /// The float32 limit of a ray whose limit is t: an upper bound.
     #[inline(always)]
     pub(super) fn limit_of(&self, t: f64) -> f32 {
         (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE
     }
 
-    /// Nothing beyond t is wanted of the rays any more; as `limit_of`.
+    /// Sets the limits of all rays; as `limit_of`.
     #[inline(always)]
     pub(super) fn set_limits<I: Isa>(&mut self, t: &[f64; LANES]) {
         let scale = I::F64x8::splat(self.scale);
@@ -484,12 +486,12 @@ impl Packet {
         within & mask
     }
 
-    /// The rays of `mask` that may meet box i of a node that the hull has met: with the origins of the hull, and slopes of their own.
+    /// The rays of `mask` that may enter box i of a node that the frustum has been tested with: by the origins of the frustum, and slopes of their own.
     #[inline(always)]
     pub(super) fn intersect<I: Isa>(&self, mask: Mask, box_hits: &BoxHits, i: usize) -> Mask {
-        let mut met = 0;
+        let mut hit = 0;
         for (g, subpacket) in self.subpackets.iter().enumerate() {
-            let mut near = I::F32x16::splat(self.octant_of.start);
+            let mut near = I::F32x16::splat(self.octant.start);
             let mut far = I::F32x16::load(&subpacket.limit);
             for axis in 0..3 {
                 let t = I::F32x16::splat(box_hits.first[axis][i]).mul(I::F32x16::load(&subpacket.near_slope[axis]));
@@ -497,40 +499,40 @@ impl Packet {
                 let t = I::F32x16::splat(box_hits.last[axis][i]).mul(I::F32x16::load(&subpacket.far_slope[axis]));
                 far = t.min(far);
             }
-            met |= Mask::from(near.le(far)) << (WIDE * g);
+            hit |= Mask::from(near.le(far)) << (WIDE * g);
         }
-        met & mask
+        hit & mask
     }
 }
 
-/// The boxes of a node that any of a few rays may meet, the farthest first.
+/// The children of a node whose boxes any of a few rays may enter, the farthest first.
 pub(super) struct FewBoxHits {
     pub count: usize,
     /// Which child each is of.
     pub child: [u32; WIDTH],
     /// Lower bounds of t.
     pub near: [f32; WIDTH],
-    /// By child, the rays that may meet it.
+    /// By child, the rays that may enter it.
     pub masks: [Mask; WIDTH],
 }
 
 impl Packet {
-    /// As the hull's and the packet's `intersect`, ray by ray.
+    /// As `Frustum::intersect` and `Packet::intersect`, ray by ray.
     #[inline(always)]
     pub(super) fn intersect_few<I: Isa>(&self, mask: Mask, frustum: &Frustum, node: &Node) -> FewBoxHits {
-        let (firsts, lasts) = frustum.planes::<I>(&self.octant_of, node);
+        let (firsts, lasts) = frustum.planes::<I>(&self.octant, node);
         let (beyond, largest) = (I::F32x8::splat(f32::INFINITY), I::F32x8::splat(f32::MAX));
         let (mut nearest, mut masks) = (beyond, I::no_masks());
         let mut left = mask;
         while let Some(lane) = take(&mut left) {
             let (subpacket, at) = (&self.subpackets[lane / WIDE], lane % WIDE);
-            let mut near = I::F32x8::splat(self.octant_of.start);
+            let mut near = I::F32x8::splat(self.octant.start);
             let mut far = I::F32x8::splat(subpacket.limit[at]);
             for axis in 0..3 {
                 near = firsts[axis].mul(I::F32x8::splat(subpacket.near_slope[axis][at])).max(near);
                 far = lasts[axis].mul(I::F32x8::splat(subpacket.far_slope[axis][at])).min(far);
             }
-            // Finite, so that it differs from what is not met.
+            // Finite, to differ from boxes that are missed.
             near = Floats::min(near, largest);
             masks = I::mark(masks, near, far, 1 << lane);
             nearest = Floats::min(near.le_pick(far, near, beyond), nearest);
@@ -540,7 +542,7 @@ impl Packet {
     }
 }
 
-/// The lower and the upper eight numbers of a group.
+/// The lower and the upper eight numbers of a subpacket.
 #[inline(always)]
 fn halves<I: Isa>(x: &[f64; LANES], g: usize) -> (I::F64x8, I::F64x8) {
     let eights = x.as_chunks().0;
@@ -559,24 +561,24 @@ impl Frustum {
 
     /// From the origins to the near and to the far planes of the boxes of a node.
     #[inline(always)]
-    fn planes<I: Isa>(&self, octant_of: &Octant, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
+    fn planes<I: Isa>(&self, octant: &Octant, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
         let zero = I::F32x8::splat(0.0);
         let (mut firsts, mut lasts) = ([zero; 3], [zero; 3]);
         for i in 0..3 {
             let (first, last) =
-                if octant_of.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
+                if octant.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
             firsts[i] = I::F32x8::load(first).sub(I::F32x8::splat(self.near_origin[i]));
             lasts[i] = I::F32x8::load(last).sub(I::F32x8::splat(self.far_origin[i]));
         }
         (firsts, lasts)
     }
 
-    /// Where rays of the hull may enter the boxes of a node, and where they must have left them.
+    /// The slab test of the boxes of a node: bounds of t where rays of the frustum may enter, and where they must have left.
     #[inline(always)]
-    pub(super) fn slabs<I: Isa>(&self, octant_of: &Octant, node: &Node, limit: f32) -> Slabs<I> {
-        let mut near = I::F32x8::splat(octant_of.start);
+    pub(super) fn slabs<I: Isa>(&self, octant: &Octant, node: &Node, limit: f32) -> Slabs<I> {
+        let mut near = I::F32x8::splat(octant.start);
         let mut far = I::F32x8::splat(limit);
-        let (first, last) = self.planes::<I>(octant_of, node);
+        let (first, last) = self.planes::<I>(octant, node);
         for i in 0..3 {
             near = first[i].mul(I::F32x8::splat(self.near_slope[i])).max(near);
             far = last[i].mul(I::F32x8::splat(self.far_slope[i])).min(far);
@@ -585,8 +587,8 @@ impl Frustum {
     }
 
     #[inline(always)]
-    pub(super) fn intersect<I: Isa>(&self, octant_of: &Octant, node: &Node) -> BoxHits {
-        let Slabs { near, far, first, last } = self.slabs::<I>(octant_of, node, f32::INFINITY);
+    pub(super) fn intersect<I: Isa>(&self, octant: &Octant, node: &Node) -> BoxHits {
+        let Slabs { near, far, first, last } = self.slabs::<I>(octant, node, f32::INFINITY);
         let (count, near, child) = I::by_distance(near, far, &[0, 1, 2, 3, 4, 5, 6, 7]);
         BoxHits {
             count,
@@ -598,7 +600,7 @@ impl Frustum {
     }
 }
 
-/// The boxes of a node as a hull meets them.
+/// The slab tests of a frustum with the boxes of a node.
 pub(super) struct Slabs<I: Isa> {
     pub near: I::F32x8,
     pub far: I::F32x8,
@@ -628,7 +630,7 @@ mod tests {
         }
     }
 
-    /// One ray after the other, by plain comparisons.
+    /// One ray after the other, by scalar comparisons.
     fn expected(rays: &[(Point, Point)]) -> usize {
         let fits = |(o, d): &(Point, Point)| {
             let small = o.iter().chain(d).all(|x| -1e30 < *x && *x < 1e30);
@@ -760,7 +762,7 @@ mod tests {
             let beyond = [
                 roundings(&n(packet.subpackets[0].limit[0]), &Dyadic::exact(x[0])),
                 roundings(&n(packet.limit_of(x[0])), &Dyadic::exact(x[0])),
-                -roundings(&n(packet.octant_of.start), &Dyadic::exact(x[0])),
+                -roundings(&n(packet.octant.start), &Dyadic::exact(x[0])),
             ];
             beyond[0].min(beyond[1]).min(beyond[2])
         });
@@ -785,7 +787,7 @@ mod tests {
         assert!((6.5..8.0).contains(&least), "{least}");
     }
 
-    /// The rays that were kept are as given, and lanes that a group has beyond them repeat the first.
+    /// The rays that were kept are as given, and lanes that a subpacket has beyond them repeat the first.
     fn check(found: &RayPacket, given: &[(Point, Point)]) {
         for lane in 0..found.count.next_multiple_of(WIDE) {
             let (origin, direction) = given[if lane < found.count { lane } else { 0 }];

@@ -1,4 +1,4 @@
-//! A ray as the boxes see it: an interval of origins and of reciprocal directions, in float32.
+//! A ray prepared for slab tests: float32 bounds of its origin and of its reciprocal direction, rounded outward (T. Ize, 2013).
 
 use super::WIDTH;
 use crate::arith::number::Interval;
@@ -76,10 +76,10 @@ impl TraversalRay {
             }
         });
         let scale = (power(exponent / 2), power(exponent - exponent / 2));
-        let mut span = TraversalRay { axes, start: 0.0, limit: f32::INFINITY, scale };
-        span.start = down(t_min * scale.0 * scale.1).max(0.0);
-        span.shorten(t_max);
-        span
+        let mut ray = TraversalRay { axes, start: 0.0, limit: f32::INFINITY, scale };
+        ray.start = down(t_min * scale.0 * scale.1).max(0.0);
+        ray.shorten(t_max);
+        ray
     }
 
     pub fn shorten(&mut self, t_max: f64) {
@@ -126,11 +126,11 @@ mod tests {
             if !(0.5..1.0).contains(&d) {
                 return f64::NEG_INFINITY;
             }
-            let span =
+            let ray =
                 TraversalRay::new([Interval::point(0.0); 3], [d, 0.9, 0.9].map(Interval::point), [0.0; 3], 0.0, 1e9);
             let (mut low, mut high) = ([[-1e9; WIDTH]; 3], [[1e9; WIDTH]; 3]);
             (low[0], high[0]) = ([plane; WIDTH], [plane; WIDTH]);
-            let (near, far) = span.intersect(&low, &high);
+            let (near, far) = ray.intersect(&low, &high);
             // t·d against the plane; the largest coordinate is in [½, 1), so that t has no scale.
             let beyond = |t: f32| {
                 let off = Dyadic::exact(f64::from(t)).times(&Dyadic::exact(d)).minus(&Dyadic::exact(f64::from(plane)));

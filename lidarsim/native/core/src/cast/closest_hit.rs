@@ -1,4 +1,4 @@
-//! The search for the nearest hit: of one ray, and of the rays of a packet side by side.
+//! Closest-hit queries: of one ray, and of the rays of a packet, a lane each.
 
 use std::cmp::Ordering;
 
@@ -9,15 +9,15 @@ use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, RootId, RootIntervals, Scene};
 
-/// The search for the nearest hit of one ray.
+/// The closest-hit query of one ray.
 pub struct ClosestHit<'a> {
     scene: &'a Scene,
     origin: Point,
     direction: Point,
     t_min: f64,
     t_max: f64,
-    /// The nearest hit so far, if `low` is finite; nothing beyond `limit` is nearer.
-    place: RootId,
+    /// The closest hit so far, if `low` is finite; its t is between `low` and `limit`.
+    root: RootId,
     low: f64,
     limit: f64,
 }
@@ -26,24 +26,24 @@ impl<'a> ClosestHit<'a> {
     /// A t beyond what float64 holds is a miss.
     pub fn new(scene: &'a Scene, origin: Point, direction: Point, (t_min, t_max): (f64, f64)) -> Self {
         let t_max = t_max.min(f64::MAX);
-        let place = RootId::of_triangle(0, 0);
-        ClosestHit { scene, origin, direction, t_min, t_max, place, low: f64::INFINITY, limit: t_max }
+        let root = RootId::of_triangle(0, 0);
+        ClosestHit { scene, origin, direction, t_min, t_max, root, low: f64::INFINITY, limit: t_max }
     }
 
     /// The nearest hit, with bounds of t.
     pub fn found(&self) -> Option<(RootId, Interval)> {
-        if self.low < f64::INFINITY { Some((self.place, bounds(self.low, self.limit))) } else { None }
+        if self.low < f64::INFINITY { Some((self.root, bounds(self.low, self.limit))) } else { None }
     }
 
-    /// Searches the whole scene.
+    /// Traverses the whole scene.
     pub fn run(&mut self, stack: &mut Stack) {
         let index = self.scene.index();
         for &object in &index.unbounded {
             self.consider(object, 0);
         }
         let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
-        let mut span = TraversalRay::new(o, d, index.bounded.center(), self.t_min, self.limit);
-        index.bounded.traverse(&mut span, stack, |stack, leaf| {
+        let mut ray = TraversalRay::new(o, d, index.bounded.center(), self.t_min, self.limit);
+        index.bounded.traverse(&mut ray, stack, |stack, leaf| {
             match &self.scene.objects()[*leaf as usize].geometry {
                 Geometry::Surface(_) => self.consider(*leaf, 0),
                 Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
@@ -52,13 +52,13 @@ impl<'a> ClosestHit<'a> {
         });
     }
 
-    /// Searches one mesh.
+    /// Traverses one mesh.
     pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
         let [o, d] = self.scene.objects()[id as usize].enclose(self.origin, self.direction);
         let hierarchy = mesh.hierarchy();
-        let mut span = TraversalRay::new(o, d, hierarchy.center(), self.t_min, self.limit);
-        hierarchy.traverse(&mut span, stack, |_, block| {
-            for &primitive in block.ids() {
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min, self.limit);
+        hierarchy.traverse(&mut ray, stack, |_, leaf| {
+            for &primitive in leaf.ids() {
                 self.consider(id, primitive);
             }
             self.limit
@@ -67,17 +67,17 @@ impl<'a> ClosestHit<'a> {
 
     /// Keeps the primitive's first hit in range if it is the nearest so far.
     fn consider(&mut self, id: u32, primitive: u32) {
-        let found = number::decide(&self.candidates(id, primitive));
+        let found = number::decide(&self.root_intervals(id, primitive));
         self.take_first(id, primitive, found);
     }
 
-    /// As `consider`, where float64 is not enough.
+    /// As `consider`, without the float64 stage.
     fn consider_exactly(&mut self, id: u32, primitive: u32) {
-        let found = number::decide_exactly(&self.candidates(id, primitive));
+        let found = number::decide_exactly(&self.root_intervals(id, primitive));
         self.take_first(id, primitive, found);
     }
 
-    fn candidates(&self, id: u32, primitive: u32) -> RootIntervals<'a> {
+    fn root_intervals(&self, id: u32, primitive: u32) -> RootIntervals<'a> {
         let (origin, direction) = (self.origin, self.direction);
         RootIntervals { object: &self.scene.objects()[id as usize], primitive, origin, direction }
     }
@@ -102,7 +102,7 @@ impl<'a> ClosestHit<'a> {
         }
         if t.high < self.low || self.is_before(at) {
             let high = if t.high < self.t_max { t.high } else { self.t_max };
-            (self.place, self.low, self.limit) = (at, t.low, high);
+            (self.root, self.low, self.limit) = (at, t.low, high);
         }
         true
     }
@@ -112,7 +112,7 @@ impl<'a> ClosestHit<'a> {
     }
 
     fn is_before(&self, at: RootId) -> bool {
-        let best = &self.place;
+        let best = &self.root;
         match self.scene.compare(&at, best, self.origin, self.direction) {
             Ordering::Less => true,
             Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
@@ -127,7 +127,7 @@ fn bounds(low: f64, limit: f64) -> Interval {
     Interval { low, high: limit.next_up() }
 }
 
-/// The searches of the rays of a packet, a lane each: what every `ClosestHit` would find.
+/// The closest-hit queries of the rays of a packet, a lane each, with the results of a `ClosestHit` each.
 #[repr(C, align(64))]
 pub struct ClosestHits<'a> {
     low: [f64; LANES],
@@ -170,7 +170,7 @@ impl<'a> ClosestHits<'a> {
         self.t_min
     }
 
-    /// Nothing beyond these t is nearer.
+    /// Upper bounds of the closest t: the limits of traversal.
     #[inline(always)]
     pub fn limits(&self) -> &[f64; LANES] {
         &self.limit
@@ -200,15 +200,15 @@ impl<'a> ClosestHits<'a> {
     }
 
     #[inline(always)]
-    pub fn place(&self, lane: usize) -> RootId {
+    pub fn root(&self, lane: usize) -> RootId {
         let (object, primitive) = (self.object[lane], self.primitive[lane]);
         RootId { object, primitive, index: self.index[lane], feature: self.feature[lane] }
     }
 
     #[inline(always)]
-    pub fn put(&mut self, lane: usize, place: RootId) {
-        (self.object[lane], self.primitive[lane]) = (place.object, place.primitive);
-        (self.index[lane], self.feature[lane]) = (place.index, place.feature);
+    pub fn put(&mut self, lane: usize, root: RootId) {
+        (self.object[lane], self.primitive[lane]) = (root.object, root.primitive);
+        (self.index[lane], self.feature[lane]) = (root.index, root.feature);
     }
 
     /// As `ClosestHit::takes`.
@@ -241,44 +241,44 @@ impl<'a> ClosestHits<'a> {
     #[cold]
     #[inline(never)]
     fn takes_narrowly(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
-        let mut search = self.of_lane(rays, lane);
-        let takes = search.takes(at, t);
-        self.set_lane(lane, &search);
+        let mut closest = self.of_lane(rays, lane);
+        let takes = closest.takes(at, t);
+        self.set_lane(lane, &closest);
         takes
     }
 
     /// Keeps the primitive's first hit in range if it is the nearest so far.
     #[inline(never)]
     pub fn consider(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
-        let mut search = self.of_lane(rays, lane);
-        search.consider(id, primitive);
-        self.set_lane(lane, &search);
+        let mut closest = self.of_lane(rays, lane);
+        closest.consider(id, primitive);
+        self.set_lane(lane, &closest);
     }
 
-    /// As `consider`, of a primitive that float64 could not tell whether the ray meets.
+    /// As `consider`, of a primitive whose intersection float64 could not decide.
     #[inline(never)]
     pub fn consider_exactly(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
-        let mut search = self.of_lane(rays, lane);
-        search.consider_exactly(id, primitive);
-        self.set_lane(lane, &search);
+        let mut closest = self.of_lane(rays, lane);
+        closest.consider_exactly(id, primitive);
+        self.set_lane(lane, &closest);
     }
 
     /// As `ClosestHit::enter`.
     pub fn enter(&mut self, rays: &RayPacket, lane: usize, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let mut search = self.of_lane(rays, lane);
-        search.enter(id, mesh, stack);
-        self.set_lane(lane, &search);
+        let mut closest = self.of_lane(rays, lane);
+        closest.enter(id, mesh, stack);
+        self.set_lane(lane, &closest);
     }
 
     fn of_lane(&self, rays: &RayPacket, lane: usize) -> ClosestHit<'a> {
         let ClosestHits { scene, t_min, t_max, .. } = *self;
         let (origin, direction) = (rays.origin(lane), rays.direction(lane));
         let (low, limit) = (self.low[lane], self.limit[lane]);
-        ClosestHit { scene, origin, direction, t_min, t_max, place: self.place(lane), low, limit }
+        ClosestHit { scene, origin, direction, t_min, t_max, root: self.root(lane), low, limit }
     }
 
-    fn set_lane(&mut self, lane: usize, search: &ClosestHit) {
-        self.put(lane, search.place);
-        (self.low[lane], self.limit[lane]) = (search.low, search.limit);
+    fn set_lane(&mut self, lane: usize, closest: &ClosestHit) {
+        self.put(lane, closest.root);
+        (self.low[lane], self.limit[lane]) = (closest.low, closest.limit);
     }
 }

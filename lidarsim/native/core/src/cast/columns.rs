@@ -10,7 +10,7 @@ use crate::geometry::vector::Point;
 use crate::scene::{Hit, Scene, Sink};
 use crate::{memory, parallel};
 
-/// A part of the arrays that hits go into: room that is not cleared before.
+/// A part of the uninitialized arrays that hits are written to.
 pub struct Columns<'a> {
     pub t: &'a mut [MaybeUninit<f64>],
     pub object: &'a mut [MaybeUninit<i32>],

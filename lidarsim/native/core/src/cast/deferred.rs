@@ -1,5 +1,5 @@
-//! Triangles of which a leaf could not tell whether a ray meets them: it sees them on a grid. Eight such pairs are looked at side by side, in the
-//! numbers that were given and with twice the digits of float64; what they cannot tell is decided exactly.
+//! Deferred candidates: pairs of a ray and a triangle that the test in a leaf, on its quantized vertices, left uncertain. They are tested eight at a
+//! time with the vertices as given, by expansions; what remains uncertain goes through the filtered predicates.
 
 use crate::arith::number::Interval;
 use crate::arith::simd::{Floats, Isa, Task, lanes};
@@ -8,34 +8,34 @@ use crate::cast::closest_hit::ClosestHits;
 use crate::scene::{RootId, Scene};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of, sides};
 
-/// Pairs of a ray and a triangle, in which the triangle is not moved. They wait until there are many, while their vertices come.
+/// A queue of pairs of a ray and a triangle of an untransformed mesh, whose vertices are prefetched meanwhile.
 pub struct DeferredCandidates {
     count: usize,
-    lane: [u8; WAITING],
-    place: [RootId; WAITING],
+    lane: [u8; CAPACITY],
+    root: [RootId; CAPACITY],
 }
 
-const WAITING: usize = 32;
+const CAPACITY: usize = 32;
 
 impl DeferredCandidates {
     pub fn new() -> Self {
-        DeferredCandidates { count: 0, lane: [0; WAITING], place: [RootId::of_triangle(0, 0); WAITING] }
+        DeferredCandidates { count: 0, lane: [0; CAPACITY], root: [RootId::of_triangle(0, 0); CAPACITY] }
     }
 
-    /// Whether there is room for no more.
+    /// Whether the queue is full.
     #[inline(always)]
-    pub fn are_full(&self) -> bool {
-        self.count == WAITING
+    pub fn is_full(&self) -> bool {
+        self.count == CAPACITY
     }
 
     #[inline(always)]
-    pub fn push<I: Isa>(&mut self, scene: &Scene, lane: usize, place: RootId) {
-        scene.objects()[place.object as usize].prefetch_face::<I>(place.primitive);
-        (self.lane[self.count], self.place[self.count]) = (lane as u8, place);
+    pub fn push<I: Isa>(&mut self, scene: &Scene, lane: usize, root: RootId) {
+        scene.objects()[root.object as usize].prefetch_face::<I>(root.primitive);
+        (self.lane[self.count], self.root[self.count]) = (lane as u8, root);
         self.count += 1;
     }
 
-    /// Offers those triangles that their rays meet to the searches of these.
+    /// Tests the pairs, updates the closest hits of their rays, and empties the queue.
     #[inline(always)]
     pub fn resolve<I: Isa>(&mut self, scene: &Scene, rays: &RayPacket, closest: &mut ClosestHits) {
         if self.count > 0 {
@@ -56,12 +56,12 @@ impl Task for Resolve<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Resolve { deferred: DeferredCandidates { count, lane, place }, scene, rays, closest } = self;
-        let mut corners: Corners<WAITING> = [[NOWHERE; 3]; WAITING];
-        let (mut origin, mut direction) = ([[0.0; WAITING]; 3], [[0.0; WAITING]; 3]);
+        let Resolve { deferred: DeferredCandidates { count, lane, root }, scene, rays, closest } = self;
+        let mut corners: Corners<CAPACITY> = [[NOWHERE; 3]; CAPACITY];
+        let (mut origin, mut direction) = ([[0.0; CAPACITY]; 3], [[0.0; CAPACITY]; 3]);
         for k in 0..*count {
-            let (lane, place) = (usize::from(lane[k]), &place[k]);
-            corners[k] = scene.objects()[place.object as usize].corners(place.primitive);
+            let (lane, root) = (usize::from(lane[k]), &root[k]);
+            corners[k] = scene.objects()[root.object as usize].corners(root.primitive);
             for corner in corners[k] {
                 I::prefetch(corner);
             }
@@ -73,15 +73,15 @@ impl Task for Resolve<'_, '_> {
         for eight in 0..count.div_ceil(8) {
             let corners = corners_of::<I>(&corners.as_chunks().0[eight]);
             let (o, d) = (lanes::part(&origin, eight), lanes::part(&direction, eight));
-            let (met, missed) = sides::<I>(corners, o, d);
+            let (hit, missed) = sides::<I>(corners, o, d);
             let (t, known) = Crossing::<I>::new(corners, o, d).bounds();
             let (low, high) = (t.low.store(), t.high.store());
             for k in 8 * eight..(*count).min(8 * eight + 8) {
-                let (lane, place, bit) = (usize::from(lane[k]), place[k], 1 << (k % 8));
-                if met & known & bit != 0 {
-                    closest.offer(rays, lane, place, Interval { low: low[k % 8], high: high[k % 8] });
+                let (lane, root, bit) = (usize::from(lane[k]), root[k], 1 << (k % 8));
+                if hit & known & bit != 0 {
+                    closest.offer(rays, lane, root, Interval { low: low[k % 8], high: high[k % 8] });
                 } else if missed & bit == 0 {
-                    closest.consider(rays, lane, place.object, place.primitive);
+                    closest.consider(rays, lane, root.object, root.primitive);
                 }
             }
         }

@@ -1,7 +1,7 @@
-//! Casting many rays: sorted into packets that point the same way, traced through the hierarchies, and refined at the end.
+//! The driver of casts: rays are sorted into coherent packets, the packets traverse the hierarchies, and their closest hits are refined.
 //!
-//! What is found does not depend on how the rays are grouped, nor on the instruction set: all float32 and most float64 work here
-//! only rules out what is certainly not the nearest hit, and the rest is decided exactly.
+//! Results depend neither on how the rays are grouped nor on the instruction set: float32 tests and the bounds of float64 only cull what
+//! is certainly not the closest hit, and what they leave is decided exactly.
 
 use std::cell::Cell;
 
@@ -33,32 +33,32 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
     fn run<I: Isa>(self) -> bool {
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
         let mut scratch = SCRATCH.take().unwrap_or_default();
-        let Scratch { traversals, before, batches, surface_hits, order } = &mut *scratch;
-        order.restart(directions, scene.size());
-        let mut source = PacketSource { origins, directions, order, start: 0, done: 0 };
+        let Scratch { traversals, previous, batches, surface_hits, ray_sort } = &mut *scratch;
+        ray_sort.restart(directions, scene.size());
+        let mut source = PacketSource { origins, directions, ray_sort, start: 0, done: 0 };
         let mut traversals = traversals.each_mut().map(|scratch| Traversal::new(scene, (t_min, t_max), scratch));
-        // Hits of one packet are refined when the next is through: meanwhile their vertices come.
-        let (mut triangle_hits, mut before) = (TriangleHits::new(), before);
+        // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices are prefetched.
+        let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
         let mut router = HitRouter { scene, batches, hits };
         let mut legal = true;
         loop {
             for traversal in &mut traversals {
-                while traversal.is_idle() && source.take_up::<I>(traversal.state.rays) {
+                while traversal.is_idle() && source.next_packet::<I>(traversal.state.rays) {
                     source.prefetch::<I>(traversal.state.rays.count, router.hits);
                     if traversal.state.rays.count > 0 {
                         traversal.make_ready();
                     } else {
-                        legal &= router.trace_alone(traversal, (t_min, t_max));
+                        legal &= router.trace_single(traversal, (t_min, t_max));
                     }
                 }
             }
             triangle_hits.prefetch::<I>(scene);
-            let through = I::call(Advance { traversals: &mut traversals, surface_hits });
-            triangle_hits.refine::<I>(scene, before, router.hits);
-            let Some(k) = through else { break };
+            let finished = I::call(Advance { traversals: &mut traversals, surface_hits });
+            triangle_hits.refine::<I>(scene, previous, router.hits);
+            let Some(k) = finished else { break };
             let state = &mut traversals[k].state;
             router.route::<I>(state, &mut triangle_hits);
-            std::mem::swap(&mut before, &mut state.rays);
+            std::mem::swap(&mut previous, &mut state.rays);
         }
         router.batches.flush::<I>(scene, router.hits);
         SCRATCH.set(Some(scratch));
@@ -82,64 +82,64 @@ impl Scene {
 }
 
 thread_local! {
-    /// What one cast leaves to the next, as it is large.
+    /// Reused from cast to cast, as it is large.
     static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
-/// Room for a cast; whatever a cast has left there is of no meaning to the next.
+/// Scratch memory of a cast; its contents mean nothing to the next.
 struct Scratch {
     traversals: [traversal::TraversalScratch; TRAVERSALS],
     /// The rays of the packet whose hits are refined.
-    before: RayPacket,
+    previous: RayPacket,
     batches: HitBatches,
     surface_hits: SurfaceHits,
-    order: RaySort,
+    ray_sort: RaySort,
 }
 
 impl Default for Scratch {
     fn default() -> Self {
         Scratch {
             traversals: std::array::from_fn(|_| traversal::TraversalScratch::new()),
-            before: RayPacket::empty(),
+            previous: RayPacket::empty(),
             batches: HitBatches::new(),
             surface_hits: SurfaceHits::new(),
-            order: RaySort::default(),
+            ray_sort: RaySort::default(),
         }
     }
 }
 
-/// The rays that are still to be traced.
+/// The source of packets: the rays that are still to be traced, in the order of the ray sort.
 struct PacketSource<'a> {
     origins: &'a [Point],
     directions: &'a [Point],
-    order: &'a mut RaySort,
-    /// How many of those sorted last have been taken up, and where these begin.
+    ray_sort: &'a mut RaySort,
+    /// How many of the rays sorted last have been gathered into packets, and where those begin.
     start: usize,
     done: usize,
 }
 
 impl PacketSource<'_> {
-    /// Takes up the next packet, or a single ray that no packet holds; false if there are no more.
+    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if there are no more.
     #[inline(always)]
-    fn take_up<I: Isa>(&mut self, rays: &mut RayPacket) -> bool {
-        let end = self.order.sorted().len();
+    fn next_packet<I: Isa>(&mut self, rays: &mut RayPacket) -> bool {
+        let end = self.ray_sort.sorted().len();
         if self.start == end {
-            if !self.order.advance::<I>(self.origins, self.directions) {
+            if !self.ray_sort.advance::<I>(self.origins, self.directions) {
                 return false;
             }
             (self.start, self.done) = (0, self.done + end);
         }
-        rays.gather::<I>(self.origins, self.directions, &self.order.sorted()[self.start..]);
+        rays.gather::<I>(self.origins, self.directions, &self.ray_sort.sorted()[self.start..]);
         self.start += rays.count.max(1);
         true
     }
 
-    /// Brings the rays of a coming packet into the cache, and the places of their hits.
+    /// Prefetches the rays of a coming packet, and the places of their hits.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
-        let sorted = self.order.sorted();
+        let sorted = self.ray_sort.sorted();
         if sorted.len() == NEAR {
-            // Of the rays that will be sorted next, as many as were taken up last.
+            // Of the rays that will be sorted next, as many as were gathered last.
             let (end, next) = (self.origins.len(), self.done + NEAR + self.start);
             let ahead = end.min(next - count)..end.min(next);
             simd::prefetch::<I, _>(&self.origins[ahead.clone()]);
@@ -155,7 +155,7 @@ impl PacketSource<'_> {
     }
 }
 
-/// Passes hits on, each to what finishes its kind.
+/// Routes closest hits to what refines them: triangles as given, or batches.
 struct HitRouter<'a, S: ?Sized> {
     scene: &'a Scene,
     batches: &'a mut HitBatches,
@@ -173,25 +173,25 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
             } else if self.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
                 lanes |= 1 << lane;
             } else {
-                let (place, bounds) = (closest.place(lane), closest.bounds(lane));
+                let (root, bounds) = (closest.root(lane), closest.bounds(lane));
                 let bracket = (rays.origin(lane), rays.direction(lane), bounds);
-                self.batches.push::<I>(self.scene, rays.at[lane], place, bracket, self.hits);
+                self.batches.push::<I>(self.scene, rays.at[lane], root, bracket, self.hits);
             }
         }
-        triangle_hits.take_up(closest, lanes);
+        triangle_hits.gather(closest, lanes);
     }
 
-    /// Traces a ray that packets do not hold; false if it is illegal.
-    fn trace_alone(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
+    /// Traces a ray that does not fit into packets; false if it is illegal.
+    fn trace_single(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
         let rays = &traversal.state.rays;
         let (at, origin, direction) = (rays.at[0] as usize, rays.origin(0), rays.direction(0));
         let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
         let mut hit = Hit::MISS;
         if legal {
-            let mut search = ClosestHit::new(self.scene, origin, direction, range);
-            search.run(traversal.stack());
-            if let Some((place, bounds)) = search.found() {
-                hit = self.scene.hit_within(&place, bounds, origin, direction);
+            let mut closest = ClosestHit::new(self.scene, origin, direction, range);
+            closest.run(traversal.stack());
+            if let Some((root, bounds)) = closest.found() {
+                hit = self.scene.hit_within(&root, bounds, origin, direction);
             }
         }
         self.hits.put(at, hit);

@@ -1,4 +1,4 @@
-//! Rays of a packet in the coordinates of a mesh that was moved.
+//! Instances: the rays of a packet in the local coordinates of a transformed mesh, with bounds of their rounding.
 
 use std::cell::Cell;
 
@@ -11,10 +11,10 @@ use crate::geometry::vector::Point;
 use crate::geometry::vector::of_rays;
 use crate::scene::Object;
 
-/// Rays that have entered a mesh, in its coordinates, where they may point into several octants.
+/// The rays of an instance visit, in local coordinates, where they may be of several octants.
 pub struct InstanceRays {
     all: RayPacket,
-    /// Which of them point backward, by axis.
+    /// Which of them have a negative direction, by axis.
     backward: [Mask; 3],
     /// Those of one octant.
     pub rays: RayPacket,
@@ -25,7 +25,7 @@ impl InstanceRays {
         InstanceRays { all: RayPacket::empty(), backward: [0; 3], rays: RayPacket::empty() }
     }
 
-    /// Takes up these rays of the world, and says which of them packets hold.
+    /// Transforms these rays of the world, and returns those that fit into packets.
     #[inline(always)]
     pub fn gather<I: Isa>(&mut self, object: &Object, world: &RayPacket, mask: Mask) -> Mask {
         self.backward = [0; 3];
@@ -33,7 +33,7 @@ impl InstanceRays {
         if mask & (mask - 1) != 0
             && let Some(placement) = object.placement()
         {
-            held = I::apart(Gather { placement, world, mask, local: self }).unwrap_or(0);
+            held = I::apart(Gather { placement, world, mask, instance_rays: self }).unwrap_or(0);
         }
         let mut left = mask & !held;
         while let Some(lane) = take(&mut left) {
@@ -56,7 +56,7 @@ impl InstanceRays {
         true
     }
 
-    /// Makes ready those of `left` that point into one octant, which are the outcome.
+    /// Gathers those of `left` that are of the octant of the first, and returns them.
     pub fn next(&mut self, left: Mask) -> Mask {
         let first = left.trailing_zeros();
         let (mut next, mut octant) = (left, 0);
@@ -70,12 +70,12 @@ impl InstanceRays {
     }
 }
 
-/// Takes up rays, a register at a time; the outcome are those that are certain, and that packets hold.
+/// Transforms rays, a register at a time, and returns those whose bounds are certain and that fit into packets.
 struct Gather<'a> {
     placement: &'a Inverse,
     world: &'a RayPacket,
     mask: Mask,
-    local: &'a mut InstanceRays,
+    instance_rays: &'a mut InstanceRays,
 }
 
 impl LaneTask for Gather<'_> {
@@ -83,21 +83,21 @@ impl LaneTask for Gather<'_> {
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, const N: usize>(self) -> Mask {
-        let Gather { placement, world, mask, local } = self;
+        let Gather { placement, world, mask, instance_rays } = self;
         let mut held = 0;
         for i in 0..LANES / N {
-            let asked = Cell::new(part_of_mask::<N>(mask, i));
-            if asked.get() == 0 {
+            let active = Cell::new(part_of_mask::<N>(mask, i));
+            if active.get() == 0 {
                 continue;
             }
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&world.origin, i), lanes::part(&world.direction, i));
-            let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, Many::new(&asked));
-            let ray = Ray { origin, direction: of_rays(d, Many::new(&asked)), weight: None };
+            let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, Many::new(&active));
+            let ray = Ray { origin, direction: of_rays(d, Many::new(&active)), weight: None };
             if let Ok([o, d]) = placement.local(ray).enclose() {
-                held |= Mask::from(local.put(i, o, d) & asked.get()) << (i * N);
+                held |= Mask::from(instance_rays.put(i, o, d) & active.get()) << (i * N);
             }
         }
-        for backward in &mut local.backward {
+        for backward in &mut instance_rays.backward {
             *backward &= held;
         }
         held
@@ -105,7 +105,7 @@ impl LaneTask for Gather<'_> {
 }
 
 impl InstanceRays {
-    /// Takes up part `i`, and says which of its rays packets hold: as `RayPacket::fits`.
+    /// Stores part `i`, and returns those of its rays that fit into packets: as `RayPacket::fits`.
     #[inline(always)]
     fn put<F: Floats<f64, N>, const N: usize>(&mut self, i: usize, origin: Bounds<F>, direction: Bounds<F>) -> u32 {
         let ((o, origin_error), (d, direction_error)) = (middle(origin), middle(direction));
@@ -193,14 +193,14 @@ mod tests {
                 world.set(lane, [0; 3].map(|_: u8| place + number()), [0; 3].map(|_: u8| number() - 0.5));
             }
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let mut local = InstanceRays::new();
-                let mut left = dispatch(level, Enter(&object, &world, &mut local));
+                let mut instance_rays = InstanceRays::new();
+                let mut left = dispatch(level, Enter(&object, &world, &mut instance_rays));
                 assert_eq!(left, all(64), "{level:?}");
                 while left != 0 {
-                    let mut next = local.next(left);
+                    let mut next = instance_rays.next(left);
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
-                        let (rays, ray) = (&local.rays, Ray::new(world.origin(lane), world.direction(lane)));
+                        let (rays, ray) = (&instance_rays.rays, Ray::new(world.origin(lane), world.direction(lane)));
                         let truth: Ray<Dyadic> = object.placement().local(ray);
                         let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
                         let given = [

@@ -1,4 +1,4 @@
-//! Rays of a packet at the leaves of a mesh.
+//! The leaf intersector: rays of a packet against the triangles of a mesh's leaves.
 
 use crate::arith::simd::Isa;
 use crate::bvh::{LANES, LEAF_SIZE, Mask, RayPacket, SINGLE_RAYS, Stack, Visitor, take};
@@ -8,23 +8,23 @@ use crate::scene::TriangleMesh;
 use crate::scene::{RootId, Scene};
 use crate::shapes::triangle::{Leaf, LeafRay, Planes};
 
-/// Rays of one octant, in the coordinates of a mesh, among its triangles.
+/// Intersects rays of one octant, in the local coordinates of a mesh, with its leaves.
 pub struct LeafIntersector<'a, 's> {
     pub scene: &'s Scene,
     pub mesh: &'s TriangleMesh,
     pub id: u32,
     pub rays: &'a RayPacket,
-    /// The same, as they are in the world.
+    /// The same rays in world coordinates.
     pub world: &'a RayPacket,
     pub closest: &'a mut ClosestHits<'s>,
-    /// None if the mesh was moved.
+    /// None if the mesh is transformed.
     pub deferred: Option<&'a mut DeferredCandidates>,
     pub scratch: &'a mut LeafScratch,
 }
 
-/// Room for what rays see of blocks.
+/// Scratch memory of the tests in leaves.
 pub struct LeafScratch {
-    /// Of the rays that may meet a block, one after the other, the sums of volumes.
+    /// Of the rays with candidates, one after the other, the sums U + V + W by triangle.
     sums: [[f64; LEAF_SIZE]; LANES],
     planes: [Planes; SINGLE_RAYS],
 }
@@ -35,13 +35,13 @@ impl LeafScratch {
     }
 }
 
-/// What a ray has seen of a block: the candidates, and the sure ones of them. A byte each, as an array of this is written anew at each look.
+/// The test of a ray in a leaf: masks of the candidates, and of those that are certain hits. Bytes, as an array of these is cleared for each leaf.
 #[derive(Clone, Copy)]
 struct LeafTest {
     lane: u8,
     candidates: u8,
     sure: u8,
-    /// Which of the blocks it was.
+    /// The index of the leaf.
     leaf: u8,
 }
 
@@ -50,10 +50,10 @@ impl LeafTest {
 }
 
 impl LeafIntersector<'_, '_> {
-    /// Meets the block with these rays, and says which of them want less than before.
+    /// Intersects these rays with a leaf, and returns the mask of those whose limits have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
-        // One loop, so that there is one look.
+        // One loop over origins, so that `test` is inlined once.
         let (mut nearer, mut left) = (0, mask);
         while left != 0 {
             let one_origin = self.rays.one_origin || left & (left - 1) == 0;
@@ -75,7 +75,7 @@ impl LeafIntersector<'_, '_> {
     fn test<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
         let first = mask.trailing_zeros() as usize;
         let edges = leaf.edges::<I>(self.rays.origin(first), self.rays.origin_error[first]);
-        // All rays look before one acts on what it saw, so that no branch hangs on a single look.
+        // All rays are tested before any result is used, so that no branch depends on a single test.
         let mut tests = [LeafTest::NOTHING; LANES];
         let mut count = 0;
         let mut left = mask;
@@ -91,7 +91,7 @@ impl LeafIntersector<'_, '_> {
         self.accept::<I>(&tests[..count], &[leaf])
     }
 
-    /// Takes what rays have seen of blocks, and says which of the rays want less than before.
+    /// Updates the closest hits by tests in leaves, and returns the mask of rays whose limits have decreased.
     #[inline(always)]
     fn accept<I: Isa>(&mut self, tests: &[LeafTest], leaves: &[&Leaf]) -> Mask {
         let mut nearer = 0;
@@ -120,14 +120,14 @@ impl LeafIntersector<'_, '_> {
         nearer
     }
 
-    /// Keeps for later what a look could not tell.
+    /// Defers a candidate that the test in the leaf left uncertain.
     #[inline(always)]
     fn defer<I: Isa>(&mut self, lane: usize, primitive: u32) {
         let Some(deferred) = &mut self.deferred else {
             self.closest.consider(self.world, lane, self.id, primitive);
             return;
         };
-        if deferred.are_full() {
+        if deferred.is_full() {
             deferred.resolve::<I>(self.scene, self.world, self.closest);
         }
         deferred.push::<I>(self.scene, lane, RootId::of_triangle(self.id, primitive));

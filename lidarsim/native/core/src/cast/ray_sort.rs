@@ -1,4 +1,5 @@
-//! An order of rays in which neighbours point the same way and start near each other.
+//! Ray sorting: an order of rays in which neighbours are coherent, by octant, origin and a Morton code of the direction (K. Garanzha, C. Loop, Fast Ray
+//! Sorting and Breadth-First Packet Traversal for GPU Ray Tracing, 2010).
 
 use crate::arith::simd::{Floats, Isa};
 use crate::bvh::LANES;
@@ -43,7 +44,7 @@ impl RaySort {
     }
 
     /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a
-    /// Z-curve, so that tiles of directions stay together.
+    /// Morton curve, so that tiles of directions stay together.
     #[inline(always)]
     pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
         let group = self.start..directions.len().min(self.start + self.group);
@@ -70,7 +71,7 @@ impl RaySort {
         &self.order[..self.keys.len()]
     }
 
-    /// Finds the octant of each direction, and its place on its face of the octahedron |x| + |y| + |z| = 1: two coordinates of 16 bits, of which
+    /// Finds the octant of each direction, and its octahedral coordinates, the place on its face of |x| + |y| + |z| = 1: two of 16 bits, of which
     /// it returns the least and the largest.
     #[inline(always)]
     fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
@@ -123,7 +124,7 @@ impl RaySort {
         }
     }
 
-    /// Finds which rays are near the ones before them: runs of them are sorted as one, and taken up by the same packet.
+    /// Finds which rays are near the ones before them: runs of them are sorted as one, and gathered by the same packet.
     #[inline(always)]
     fn find_near(&mut self, low: [u32; 2], high: [u32; 2]) {
         let n = self.places.len();
@@ -239,7 +240,7 @@ const RUN: usize = 4;
 /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
 const WHOLE: f32 = 8_388_608.0;
 
-/// Points that are looked at side by side.
+/// Points that are processed together.
 const BLOCK: usize = 16;
 
 /// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point fills it.

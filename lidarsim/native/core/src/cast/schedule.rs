@@ -6,7 +6,7 @@ use super::ray_sort::{MOST, NEAR, are_scattered};
 use crate::geometry::vector::Point;
 use crate::parallel;
 
-/// Rays between two looks of the caller at what else is to be done, so that Ctrl-C ends a long cast.
+/// Rays between two checks for signals by the caller, so that Ctrl-C ends a long cast.
 const SLICE: usize = 1 << 18;
 
 /// The slices of 0..n, one after the other, where each of the n takes so many `rays`.

@@ -1,7 +1,7 @@
-//! Packets at simple shapes, a register of rays at a time: bounds of where they meet, and the double-double look at the nearest hits, also at those on
-//! meshes that were moved.
+//! The surface intersector: packets against implicit surfaces, a register of rays at a time. It bounds the roots in float64 with running errors, and refines
+//! the closest hits in batches by double-double; batches also refine hits on transformed meshes.
 //!
-//! What lanes together are not certain of is asked ray by ray.
+//! Lanes that stay uncertain are decided ray by ray.
 
 use std::cell::Cell;
 
@@ -25,7 +25,7 @@ fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
     F::load(&x.as_chunks().0[i])
 }
 
-/// Offers the hits of the rays of `mask` on an object to their searches.
+/// Intersects the rays of `mask` with an object, and updates their closest hits.
 #[inline(always)]
 pub fn intersect<I: Isa>(
     scene: &Scene,
@@ -33,34 +33,34 @@ pub fn intersect<I: Isa>(
     rays: &RayPacket,
     closest: &mut ClosestHits,
     mask: Mask,
-    met: &mut SurfaceHits,
+    surface_hits: &mut SurfaceHits,
 ) {
     let object = &scene.objects()[id as usize];
-    (met.count, met.unsure) = (0, mask);
+    (surface_hits.count, surface_hits.unsure) = (0, mask);
     let alone = mask & (mask - 1) == 0;
-    let mut asked = false;
+    let mut filtered = false;
     if !alone && let Geometry::Surface(shape) = &object.geometry {
-        let (t_min, met) = (closest.t_min(), &mut *met);
+        let (t_min, surface_hits) = (closest.t_min(), &mut *surface_hits);
         let done = match object.placement() {
-            None => shape.apart::<I, _>(IntersectSurface { placement: Identity, rays, t_min, met }),
-            Some(placement) => shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, met }),
+            None => shape.apart::<I, _>(IntersectSurface { placement: Identity, rays, t_min, surface_hits }),
+            Some(placement) => shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits }),
         };
-        asked = done.is_some();
+        filtered = done.is_some();
     }
-    let place = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
-    for some in &met.some[..met.count] {
-        let mut left = Mask::from(some.lanes);
+    let root = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
+    for agreeing in &surface_hits.agreeing[..surface_hits.count] {
+        let mut left = Mask::from(agreeing.lanes);
         while let Some(lane) = take(&mut left) {
-            for (index, roots) in some.roots[..some.count].iter().enumerate() {
+            for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
                 let t = Interval { low: roots.low[lane], high: roots.high[lane] };
-                if closest.takes(rays, some.start + lane, place(index, roots.feature), t) {
+                if closest.takes(rays, agreeing.start + lane, root(index, roots.feature), t) {
                     break;
                 }
             }
         }
     }
-    while let Some(lane) = take(&mut met.unsure) {
-        if asked {
+    while let Some(lane) = take(&mut surface_hits.unsure) {
+        if filtered {
             closest.consider_exactly(rays, lane, id, 0);
         } else {
             closest.consider(rays, lane, id, 0);
@@ -68,22 +68,22 @@ pub fn intersect<I: Isa>(
     }
 }
 
-/// What a packet finds on a surface. Kept from one to the next, as it is large.
+/// The hits of a packet on a surface. Reused, as it is large.
 pub struct SurfaceHits {
-    some: [AgreeingLanes; LANES],
+    agreeing: [AgreeingLanes; LANES],
     count: usize,
-    /// Rays to be asked one by one.
+    /// Rays to be decided one by one.
     unsure: Mask,
 }
 
-/// Rays side by side for which the same is true of a surface.
+/// Lanes of a register whose roots took the same branches.
 #[derive(Clone, Copy)]
 struct AgreeingLanes {
     /// A bit each, from lane `start` of the packet on.
     lanes: u32,
     start: usize,
     /// The first root, and the second too where the first may lie before the range.
-    roots: [Roots; 2],
+    roots: [RootBounds; 2],
     count: usize,
 }
 
@@ -92,14 +92,14 @@ const WIDEST: usize = 8;
 
 /// Bounds of a root of each, on one part of the surface.
 #[derive(Clone, Copy)]
-struct Roots {
+struct RootBounds {
     feature: u8,
     low: [f64; WIDEST],
     high: [f64; WIDEST],
 }
 
-impl Roots {
-    const NONE: Roots = Roots { feature: 0, low: [0.0; WIDEST], high: [0.0; WIDEST] };
+impl RootBounds {
+    const NONE: RootBounds = RootBounds { feature: 0, low: [0.0; WIDEST], high: [0.0; WIDEST] };
 
     #[inline(always)]
     fn set<F: Floats<f64, N>, const N: usize>(&mut self, feature: u8, t: Interval<F>) {
@@ -112,19 +112,19 @@ impl Roots {
 impl SurfaceHits {
     pub fn new() -> Self {
         SurfaceHits {
-            some: [AgreeingLanes { lanes: 0, start: 0, roots: [Roots::NONE; 2], count: 0 }; LANES],
+            agreeing: [AgreeingLanes { lanes: 0, start: 0, roots: [RootBounds::NONE; 2], count: 0 }; LANES],
             count: 0,
             unsure: 0,
         }
     }
 }
 
-/// Bounds of the roots of the rays that `met` is unsure of.
+/// Bounds the roots of the rays that `surface_hits` is unsure of.
 struct IntersectSurface<'a, P> {
     placement: P,
     rays: &'a RayPacket,
     t_min: f64,
-    met: &'a mut SurfaceHits,
+    surface_hits: &'a mut SurfaceHits,
 }
 
 impl<P: Placement> SurfaceTask for IntersectSurface<'_, P> {
@@ -132,38 +132,38 @@ impl<P: Placement> SurfaceTask for IntersectSurface<'_, P> {
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
-        let IntersectSurface { placement, rays, t_min, met } = self;
-        let mask = std::mem::take(&mut met.unsure);
+        let IntersectSurface { placement, rays, t_min, surface_hits } = self;
+        let mask = std::mem::take(&mut surface_hits.unsure);
         for i in 0..LANES / N {
             let mut left = part_of_mask::<N>(mask, i);
             if left == 0 {
                 continue;
             }
-            let asked = Cell::new(left);
+            let active = Cell::new(left);
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
-            let (origin, direction) = (of_rays(o, Many::new(&asked)), of_rays(d, Many::new(&asked)));
+            let (origin, direction) = (of_rays(o, Many::new(&active)), of_rays(d, Many::new(&active)));
             let world = Ray { origin, direction, weight: None };
             let ray = placement.local(world);
             while left != 0 {
-                asked.set(left);
-                if met.bound(i, surface, &ray, &asked, t_min).is_err() {
-                    met.unsure |= Mask::from(asked.get()) << (i * N);
+                active.set(left);
+                if surface_hits.bound(i, surface, &ray, &active, t_min).is_err() {
+                    surface_hits.unsure |= Mask::from(active.get()) << (i * N);
                 }
-                left &= !asked.get();
+                left &= !active.get();
             }
         }
     }
 }
 
 impl SurfaceHits {
-    /// The rays of part `i` that are still asked.
+    /// Bounds the roots of the active rays of part `i`.
     #[inline(always)]
     fn bound<F: Floats<f64, N>, S: Surface, const N: usize>(
         &mut self,
         i: usize,
         surface: &S,
         ray: &Ray<RunningErrors<Many<F>, N>>,
-        asked: &Cell<u32>,
+        active: &Cell<u32>,
         t_min: f64,
     ) -> Result<(), Uncertain> {
         let [first, second] = surface.roots(ray)?;
@@ -171,36 +171,36 @@ impl SurfaceHits {
         let t = Number::enclose(&first)?;
         let behind = t.low.lt(F::splat(t_min));
         // As many as there are rays are enough: each ray has its place in one alone.
-        let alike = &mut self.some[self.count];
-        alike.roots[0].set(first.feature, t);
-        alike.count = 1;
-        if behind & asked.get() != 0
+        let agreeing = &mut self.agreeing[self.count];
+        agreeing.roots[0].set(first.feature, t);
+        agreeing.count = 1;
+        if behind & active.get() != 0
             && let Some(second) = second
         {
-            alike.roots[1].set(second.feature, Number::enclose(&second)?);
-            alike.count = 2;
+            agreeing.roots[1].set(second.feature, Number::enclose(&second)?);
+            agreeing.count = 2;
         }
-        (alike.lanes, alike.start) = (asked.get(), i * N);
+        (agreeing.lanes, agreeing.start) = (active.get(), i * N);
         self.count += 1;
         Ok(())
     }
 }
 
-/// Hits on simple shapes and on moved meshes that wait for others on the same part of the same object, to be finished together.
+/// Batches of hits on one part of one object each, an implicit surface or a transformed mesh, to be refined together.
 pub struct HitBatches {
     batches: Vec<HitBatch>,
 }
 
-/// Parts of objects that may wait at once; where two of them meet in one group, the first makes way.
+/// Batches at once, a table indexed by a hash of object and part; on a collision the older batch is flushed.
 const BATCHES: usize = 32;
 
-/// Hits that may wait of one part of an object: two of the widest registers, of which one is worked on while the other waits for its quotients.
+/// Hits of a batch: two of the widest registers, so that the latency of one's divisions is hidden by the other's work.
 const BATCH_SIZE: usize = 2 * WIDEST;
 
 #[derive(Clone, Copy)]
 struct HitBatch {
-    /// Of all but for the primitive, and for `index`, which says which root.
-    place: RootId,
+    /// Of all hits, but for the primitive and the index of the root.
+    root: RootId,
     primitive: [u32; BATCH_SIZE],
     index: [u8; BATCH_SIZE],
     count: usize,
@@ -215,7 +215,7 @@ struct HitBatch {
 impl HitBatches {
     pub fn new() -> Self {
         let empty = HitBatch {
-            place: RootId { object: 0, primitive: 0, index: 0, feature: 0 },
+            root: RootId { object: 0, primitive: 0, index: 0, feature: 0 },
             primitive: [0; BATCH_SIZE],
             count: 0,
             at: [0; BATCH_SIZE],
@@ -234,22 +234,22 @@ impl HitBatches {
         &mut self,
         scene: &Scene,
         at: u32,
-        place: RootId,
+        root: RootId,
         (origin, direction, bounds): (Point, Point, Interval),
         hits: &mut (impl Sink + ?Sized),
     ) {
-        let batch = &mut self.batches[(7 * place.object as usize + usize::from(place.feature)) % BATCHES];
-        if (batch.place.object, batch.place.feature) != (place.object, place.feature) {
+        let batch = &mut self.batches[(7 * root.object as usize + usize::from(root.feature)) % BATCHES];
+        if (batch.root.object, batch.root.feature) != (root.object, root.feature) {
             batch.flush::<I>(scene, hits);
-            batch.place = place;
+            batch.root = root;
         }
-        let seat = batch.count;
-        (batch.at[seat], batch.primitive[seat], batch.index[seat]) = (at, place.primitive, place.index);
+        let slot = batch.count;
+        (batch.at[slot], batch.primitive[slot], batch.index[slot]) = (at, root.primitive, root.index);
         for axis in 0..3 {
-            batch.origin[axis][seat] = origin[axis];
-            batch.direction[axis][seat] = direction[axis];
+            batch.origin[axis][slot] = origin[axis];
+            batch.direction[axis][slot] = direction[axis];
         }
-        (batch.low[seat], batch.high[seat]) = (bounds.low, bounds.high);
+        (batch.low[slot], batch.high[slot]) = (bounds.low, bounds.high);
         batch.count += 1;
         if batch.count == BATCH_SIZE {
             batch.flush::<I>(scene, hits);
@@ -270,47 +270,47 @@ impl HitBatch {
         if self.count == 0 {
             return;
         }
-        let object = &scene.objects()[self.place.object as usize];
-        let mut found = Refined { known: 0, t: [0.0; BATCH_SIZE], normal: [[0.0; BATCH_SIZE]; 3] };
-        let (batch, known) = (&*self, &mut found);
+        let object = &scene.objects()[self.root.object as usize];
+        let mut refined = Refined { known: 0, t: [0.0; BATCH_SIZE], normal: [[0.0; BATCH_SIZE]; 3] };
+        let (batch, known) = (&*self, &mut refined);
         match (&object.geometry, object.placement()) {
             (Geometry::Surface(shape), None) => {
-                shape.apart::<I, _>(RefineBatch { placement: Identity, batch, found: known });
+                shape.apart::<I, _>(RefineBatch { placement: Identity, batch, refined: known });
             }
             (Geometry::Surface(shape), Some(placement)) => {
-                shape.apart::<I, _>(RefineBatch { placement, batch, found: known });
+                shape.apart::<I, _>(RefineBatch { placement, batch, refined: known });
             }
             (Geometry::Mesh(mesh), Some(placement)) => {
-                I::apart(RefineTriangleBatch { placement, corners: &batch.corners(mesh), batch, found: known });
+                I::apart(RefineTriangleBatch { placement, corners: &batch.corners(mesh), batch, refined: known });
             }
-            // Hits on meshes that were not moved do not wait here.
+            // Hits on untransformed meshes are refined by `TriangleHits`.
             (Geometry::Mesh(_), None) => {}
         }
-        for seat in 0..self.count {
-            let (at, primitive) = (self.at[seat] as usize, self.primitive[seat]);
+        for slot in 0..self.count {
+            let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
             // No hit is put together first: to read back in one piece what was written in several takes long.
-            if found.known & (1 << seat) != 0 {
-                let (normal, primitive) = (pick(&found.normal, seat), object.reported(primitive));
-                hits.put(at, Hit { t: found.t[seat], normal, object: self.place.object as i32, primitive });
+            if refined.known & (1 << slot) != 0 {
+                let (normal, primitive) = (pick(&refined.normal, slot), object.reported(primitive));
+                hits.put(at, Hit { t: refined.t[slot], normal, object: self.root.object as i32, primitive });
             } else {
-                let bounds = Interval { low: self.low[seat], high: self.high[seat] };
-                let place = RootId { primitive, index: self.index[seat], ..self.place };
-                let (origin, direction) = (pick(&self.origin, seat), pick(&self.direction, seat));
-                hits.put(at, scene.hit_within(&place, bounds, origin, direction));
+                let bounds = Interval { low: self.low[slot], high: self.high[slot] };
+                let root = RootId { primitive, index: self.index[slot], ..self.root };
+                let (origin, direction) = (pick(&self.origin, slot), pick(&self.direction, slot));
+                hits.put(at, scene.hit_within(&root, bounds, origin, direction));
             }
         }
         self.count = 0;
     }
 
-    /// Of the triangles, by corner and axis; empty seats have that of the first.
+    /// The corners of the triangles, by corner and axis; empty slots repeat the first.
     #[inline(always)]
     fn corners(&self, mesh: &TriangleMesh) -> [[[f64; BATCH_SIZE]; 3]; 3] {
         let mut corners = [[[0.0; BATCH_SIZE]; 3]; 3];
-        for seat in 0..BATCH_SIZE {
-            let primitive = self.primitive[if seat < self.count { seat } else { 0 }];
+        for slot in 0..BATCH_SIZE {
+            let primitive = self.primitive[if slot < self.count { slot } else { 0 }];
             for (corner, point) in mesh.corners(primitive).into_iter().enumerate() {
                 for axis in 0..3 {
-                    corners[corner][axis][seat] = point[axis];
+                    corners[corner][axis][slot] = point[axis];
                 }
             }
         }
@@ -319,8 +319,8 @@ impl HitBatch {
 }
 
 #[inline(always)]
-fn pick(v: &[[f64; BATCH_SIZE]; 3], seat: usize) -> Point {
-    [v[0][seat], v[1][seat], v[2][seat]]
+fn pick(v: &[[f64; BATCH_SIZE]; 3], slot: usize) -> Point {
+    [v[0][slot], v[1][slot], v[2][slot]]
 }
 
 /// t and a unit normal, of the hits that are certain.
@@ -330,11 +330,11 @@ struct Refined {
     normal: [[f64; BATCH_SIZE]; 3],
 }
 
-/// Finishes the hits of a group.
+/// Refines the hits of a batch.
 struct RefineBatch<'a, P> {
     placement: P,
     batch: &'a HitBatch,
-    found: &'a mut Refined,
+    refined: &'a mut Refined,
 }
 
 impl<P: Placement> SurfaceTask for RefineBatch<'_, P> {
@@ -343,18 +343,18 @@ impl<P: Placement> SurfaceTask for RefineBatch<'_, P> {
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
         for i in 0..self.batch.count.div_ceil(N) {
-            let asked = Cell::new(self.batch.seats::<N>(i));
-            self.found.newton_step::<F, N>(i, self.placement, surface, self.batch, &asked);
+            let active = Cell::new(self.batch.slots::<N>(i));
+            self.refined.refine::<F, N>(i, self.placement, surface, self.batch, &active);
         }
     }
 }
 
-/// Finishes the hits of a group that are on triangles of a mesh.
+/// Refines the hits of a batch that are on triangles of a transformed mesh.
 struct RefineTriangleBatch<'a, P> {
     placement: P,
     corners: &'a [[[f64; BATCH_SIZE]; 3]; 3],
     batch: &'a HitBatch,
-    found: &'a mut Refined,
+    refined: &'a mut Refined,
 }
 
 impl<P: Placement> LaneTask for RefineTriangleBatch<'_, P> {
@@ -364,42 +364,42 @@ impl<P: Placement> LaneTask for RefineTriangleBatch<'_, P> {
     fn run<F: Floats<f64, N>, const N: usize>(self) {
         let [a, b, c] = self.corners;
         for i in 0..self.batch.count.div_ceil(N) {
-            let asked = Cell::new(self.batch.seats::<N>(i));
+            let active = Cell::new(self.batch.slots::<N>(i));
             let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
-            self.found.newton_step::<F, N>(i, self.placement, &triangles, self.batch, &asked);
+            self.refined.refine::<F, N>(i, self.placement, &triangles, self.batch, &active);
         }
     }
 }
 
 impl HitBatch {
-    /// The seats of part `i` that are taken, as bits of the lanes of a register.
+    /// The occupied slots of part `i`, as a mask of the lanes of a register.
     #[inline(always)]
-    fn seats<const N: usize>(&self, i: usize) -> u32 {
+    fn slots<const N: usize>(&self, i: usize) -> u32 {
         ((1_u32 << self.count) - 1) >> (i * N) & ((1 << N) - 1)
     }
 }
 
 impl Refined {
-    /// Finishes part `i` of a group.
+    /// Refines part `i` of a batch.
     #[inline(always)]
-    fn newton_step<'a, F: Floats<f64, N>, const N: usize>(
+    fn refine<'a, F: Floats<f64, N>, const N: usize>(
         &mut self,
         i: usize,
         placement: impl Placement,
         target: &impl Target<Many<'a, F>, N>,
         batch: &HitBatch,
-        asked: &'a Cell<u32>,
+        active: &'a Cell<u32>,
     ) {
         let bounds = Interval { low: load(&batch.low, i), high: load(&batch.high, i) };
         let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&batch.origin, i), lanes::part(&batch.direction, i));
-        let bracket = RootBracket { feature: batch.place.feature, origin, direction, bounds };
-        if let Ok((t, normal)) = newton_step(placement, target, &bracket, Many::new(asked)) {
+        let bracket = RootBracket { feature: batch.root.feature, origin, direction, bounds };
+        if let Ok((t, normal)) = newton_step(placement, target, &bracket, Many::new(active)) {
             let [x, y, z] = vector::unit(normal);
             self.t.as_chunks_mut().0[i] = t.store();
             self.normal[0].as_chunks_mut().0[i] = x.store();
             self.normal[1].as_chunks_mut().0[i] = y.store();
             self.normal[2].as_chunks_mut().0[i] = z.store();
-            self.known |= asked.get() << (i * N);
+            self.known |= active.get() << (i * N);
         }
     }
 }
@@ -465,7 +465,7 @@ mod tests {
 
     fn compare_levels() {
         let (origins, directions) = rays();
-        let (mut met, mut missed) = (0, 0);
+        let (mut hit, mut missed) = (0, 0);
         let all = shapes();
         let scenes = all.iter().map(|object| vec![object.clone()]).chain([all.clone()]);
         for objects in scenes {
@@ -477,7 +477,7 @@ mod tests {
                     hits
                 };
                 let expected = cast(Level::Scalar);
-                met += expected.iter().filter(|hit| hit.object >= 0).count();
+                hit += expected.iter().filter(|hit| hit.object >= 0).count();
                 missed += expected.iter().filter(|hit| hit.object < 0).count();
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                     for (i, (hit, expected)) in cast(level).iter().zip(&expected).enumerate() {
@@ -488,6 +488,6 @@ mod tests {
                 }
             }
         }
-        assert!(met > 5_000 && missed > 5_000, "{met}, {missed}");
+        assert!(hit > 5_000 && missed > 5_000, "{hit}, {missed}");
     }
 }

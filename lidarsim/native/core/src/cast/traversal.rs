@@ -1,4 +1,4 @@
-//! Packets on their way through a scene: the hierarchy of its objects, and within it those of meshes.
+//! The two-level traversal of a scene by packets: the hierarchy of its objects, and within it those of its meshes.
 
 use crate::arith::simd::{Isa, Task};
 use crate::bvh::{Bvh, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take};
@@ -11,10 +11,10 @@ use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Index, Object, Scene};
 use crate::shapes::triangle::Leaf;
 
-/// Packets that are on their way at once.
+/// Packets whose traversals are interleaved.
 pub const TRAVERSALS: usize = 2;
 
-/// Room for the search of a packet, to be used again and again.
+/// Scratch memory of the traversal of a packet, reused from packet to packet.
 pub struct TraversalScratch {
     rays: RayPacket,
     stack: Stack,
@@ -23,7 +23,7 @@ pub struct TraversalScratch {
     /// Within a mesh.
     inner: PacketTraversal,
     deferred: DeferredCandidates,
-    local: Option<Box<InstanceRays>>,
+    instance_rays: Option<Box<InstanceRays>>,
     scratch: LeafScratch,
 }
 
@@ -35,13 +35,13 @@ impl TraversalScratch {
             outer: PacketTraversal::new(),
             inner: PacketTraversal::new(),
             deferred: DeferredCandidates::new(),
-            local: None,
+            instance_rays: None,
             scratch: LeafScratch::new(),
         }
     }
 }
 
-/// The search for the nearest hits of the rays of a packet.
+/// The traversal of a scene by a packet.
 pub struct Traversal<'a, 'b> {
     pub state: PacketState<'a, 'b>,
     index: &'a Index,
@@ -62,23 +62,23 @@ enum Stage {
     UnderWay,
 }
 
-/// A mesh that a packet has entered.
+/// The visit of a mesh, placed in the scene as an instance, by a packet.
 #[derive(Clone, Copy)]
 struct InstanceVisit<'a> {
     id: u32,
     object: &'a Object,
     mesh: &'a TriangleMesh,
     hierarchy: &'a Bvh<Leaf>,
-    /// The rays that may meet it.
+    /// The rays that may intersect it.
     entered: Mask,
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
     pub fn new(scene: &'a Scene, range: (f64, f64), scratch: &'b mut TraversalScratch) -> Self {
-        let TraversalScratch { rays, stack, outer, inner, deferred, local, scratch } = scratch;
+        let TraversalScratch { rays, stack, outer, inner, deferred, instance_rays, scratch } = scratch;
         let closest = ClosestHits::new(scene, range);
         Traversal {
-            state: PacketState { scene, rays, closest, deferred, left: 0, local, scratch },
+            state: PacketState { scene, rays, closest, deferred, pending: 0, instance_rays, scratch },
             index: scene.index(),
             size: scene.size(),
             stage: Stage::Idle,
@@ -93,17 +93,17 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.stage == Stage::Idle
     }
 
-    /// The party has new rays.
+    /// The packet has been filled with new rays.
     pub fn make_ready(&mut self) {
         self.stage = Stage::Ready;
     }
 
-    /// What a search may use while there are no rays.
+    /// The stack, for a single ray while the packet is idle.
     pub fn stack(&mut self) -> &mut Stack {
         self.stack
     }
 
-    /// Goes to the next node, leaf or object, and visits it; false if there is none.
+    /// Visits the next node, leaf or object; false if there is none.
     #[inline(always)]
     fn step<I: Isa>(&mut self, surface_hits: &mut SurfaceHits) -> bool {
         if self.stage == Stage::Ready {
@@ -112,8 +112,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
         while let Some(visit) = self.visit {
             if self.inner.next_entry::<I>(self.stack, self.state.closest.limits()) {
                 match visit.hierarchy.leaf(self.inner) {
-                    Some(block) => {
-                        let nearer = self.state.leaf_intersector(visit).intersect::<I>(block, self.inner.mask());
+                    Some(leaf) => {
+                        let nearer = self.state.leaf_intersector(visit).intersect::<I>(leaf, self.inner.mask());
                         self.inner.shorten(nearer);
                     }
                     None => visit.hierarchy.open::<I>(self.inner, self.stack),
@@ -147,7 +147,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
             return;
         }
         match index.bounded.only_leaf() {
-            // The hierarchy of the mesh begins with what that above it would ask.
+            // The root of the mesh's own hierarchy does the test that the one above would do.
             Some(&id) if !state.scene.objects()[id as usize].is_surface() => self.enter::<I>(id, active),
             _ => {
                 state.fill::<I>(&mut outer.packet, &index.bounded);
@@ -167,14 +167,14 @@ impl<'a, 'b> Traversal<'a, 'b> {
         }
     }
 
-    /// Has rays enter a mesh.
+    /// Begins an instance visit.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
         self.visit = self.state.enter::<I>(id, mask, self.stack);
         self.inner.stop(self.stack);
     }
 
-    /// Sends the next rays on their way through the mesh; leaves it if there are no more.
+    /// Traverses the mesh with the next rays; ends the visit if there are no more.
     #[inline(always)]
     fn start_within<I: Isa>(&mut self, visit: InstanceVisit<'a>) {
         let Traversal { state, stack, outer, inner, .. } = self;
@@ -191,8 +191,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
     }
 }
 
-/// Goes on with packets by turns, a step each, so that while one waits for memory the others go on. The outcome is one that is through; none if none
-/// was under way.
+/// Interleaves the traversals of packets, a step each in turn, which hides the latency of memory. Returns one that has ended; none if all were
+/// idle.
 pub struct Advance<'t, 'a, 'b> {
     pub traversals: &'t mut [Traversal<'a, 'b>],
     pub surface_hits: &'t mut SurfaceHits,
@@ -225,15 +225,15 @@ impl Task for Advance<'_, '_, '_> {
     }
 }
 
-/// The rays of a packet and what they have found.
+/// The state of a packet: its rays, their closest hits so far, and the deferred candidates.
 pub struct PacketState<'a, 'b> {
     scene: &'a Scene,
     pub rays: &'b mut RayPacket,
     pub closest: ClosestHits<'a>,
     deferred: &'b mut DeferredCandidates,
-    /// Rays that have yet to set out within the mesh that was entered.
-    left: Mask,
-    local: &'b mut Option<Box<InstanceRays>>,
+    /// Rays that have yet to traverse the mesh that is visited.
+    pending: Mask,
+    instance_rays: &'b mut Option<Box<InstanceRays>>,
     scratch: &'b mut LeafScratch,
 }
 
@@ -243,29 +243,29 @@ impl<'a> PacketState<'a, '_> {
         surface_intersector::intersect::<I>(self.scene, id, self.rays, &mut self.closest, mask, surface_hits);
     }
 
-    /// Fills a packet that is to go among the objects.
+    /// Sets up a packet for the hierarchy of the objects.
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
         packet.enter::<I>(self.rays, hierarchy.center(), self.closest.t_min(), self.closest.limits());
     }
 
-    /// Fills a packet with the rays that set out last within a mesh.
+    /// Sets up a packet for a mesh, with the rays that `next` chose last.
     #[inline(always)]
     fn fill_within<I: Isa>(&self, packet: &mut Packet, visit: InstanceVisit) {
         let center = visit.hierarchy.center();
         packet.enter::<I>(self.rays_in(visit), center, self.closest.t_min(), self.closest.limits());
     }
 
-    /// Has rays enter a mesh, in its coordinates; none if the object is no mesh. Those that packets do not hold search alone.
+    /// Begins an instance visit, with rays in local coordinates; none if the object is not a mesh. Rays that do not fit into packets are traced singly.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<InstanceVisit<'a>> {
         let object = &self.scene.objects()[id as usize];
         let Geometry::Mesh(mesh) = &object.geometry else { return None };
-        self.left = mask;
+        self.pending = mask;
         if !object.is_untransformed() {
-            let local = self.local.get_or_insert_with(|| Box::new(InstanceRays::new()));
-            self.left = local.gather::<I>(object, self.rays, mask);
-            let mut alone = mask & !self.left;
+            let instance_rays = self.instance_rays.get_or_insert_with(|| Box::new(InstanceRays::new()));
+            self.pending = instance_rays.gather::<I>(object, self.rays, mask);
+            let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {
                 self.closest.enter(self.rays, lane, id, mesh, stack);
             }
@@ -273,24 +273,24 @@ impl<'a> PacketState<'a, '_> {
         Some(InstanceVisit { id, object, mesh, hierarchy: mesh.hierarchy(), entered: mask })
     }
 
-    /// The next rays that set out within the mesh: of one octant.
+    /// The next rays to traverse the mesh, of one octant.
     fn next(&mut self, visit: InstanceVisit) -> Mask {
-        let mut next = self.left;
+        let mut next = self.pending;
         if next != 0
             && !visit.object.is_untransformed()
-            && let Some(local) = self.local.as_mut()
+            && let Some(instance_rays) = self.instance_rays.as_mut()
         {
-            next = local.next(next);
+            next = instance_rays.next(next);
         }
-        self.left &= !next;
+        self.pending &= !next;
         next
     }
 
-    /// The rays that set out last, in the coordinates of the mesh.
+    /// The rays that `next` chose last, in the coordinates of the mesh.
     #[inline(always)]
     fn rays_in(&self, visit: InstanceVisit) -> &RayPacket {
-        match &self.local {
-            Some(local) if !visit.object.is_untransformed() => &local.rays,
+        match &self.instance_rays {
+            Some(instance_rays) if !visit.object.is_untransformed() => &instance_rays.rays,
             _ => self.rays,
         }
     }
@@ -300,9 +300,9 @@ impl<'a> PacketState<'a, '_> {
         let PacketState { scene, closest, scratch, .. } = self;
         let world = &*self.rays;
         let InstanceVisit { id, mesh, .. } = visit;
-        match &self.local {
-            Some(local) if !visit.object.is_untransformed() => {
-                LeafIntersector { scene, mesh, id, rays: &local.rays, world, closest, deferred: None, scratch }
+        match &self.instance_rays {
+            Some(instance_rays) if !visit.object.is_untransformed() => {
+                LeafIntersector { scene, mesh, id, rays: &instance_rays.rays, world, closest, deferred: None, scratch }
             }
             _ => LeafIntersector {
                 scene,
@@ -323,7 +323,7 @@ impl<'a> PacketState<'a, '_> {
     }
 }
 
-/// Rays that go through a mesh one by one.
+/// Rays that traverse a mesh one by one.
 struct SingleRays<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
     visit: InstanceVisit<'a>,
@@ -343,7 +343,7 @@ impl Task for SingleRays<'_, '_, '_> {
     }
 }
 
-/// A packet of rays that do not keep together.
+/// A packet of incoherent rays, which are traced one by one.
 struct Incoherent<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
     index: &'a Index,
@@ -371,7 +371,7 @@ impl Task for Incoherent<'_, '_, '_> {
     }
 }
 
-/// Rays that go alone, among the objects of the scene.
+/// Single rays that traverse the hierarchy of the objects.
 struct Objects<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
     /// Within a mesh.
@@ -405,7 +405,7 @@ impl Visitor<u32> for Objects<'_, '_, '_> {
             for (lane, other) in lanes[k..].iter().zip(&ids[k..]) {
                 mask |= Mask::from(*other == id) << lane;
             }
-            // Those that came to an object together go on together.
+            // Rays that reached the same object in the same step visit it together.
             mask &= !visited;
             if mask & 1 << lanes[k] != 0 {
                 self.intersect::<I>(stack, *id, mask);

@@ -1,4 +1,4 @@
-//! The last look at the nearest triangle, with twice the digits of float64.
+//! Refines the closest hits on triangles of untransformed meshes, by expansions.
 
 use crate::arith::simd::{Floats, Isa};
 use crate::bvh::{LANES, Mask, RayPacket, take};
@@ -6,7 +6,7 @@ use crate::cast::closest_hit::ClosestHits;
 use crate::scene::{Hit, RootId, Scene, Sink};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of};
 
-/// Hits on triangles that were not moved.
+/// The hits of a packet on untransformed triangles.
 pub struct TriangleHits<'a> {
     lanes: Mask,
     object: [u32; LANES],
@@ -26,12 +26,12 @@ impl<'a> TriangleHits<'a> {
 
     /// Takes the nearest hits of these lanes.
     #[inline(always)]
-    pub fn take_up(&mut self, closest: &ClosestHits, lanes: Mask) {
+    pub fn gather(&mut self, closest: &ClosestHits, lanes: Mask) {
         self.lanes = lanes;
         (self.object, self.primitive) = closest.triangles();
     }
 
-    /// Brings the corners of the triangles into the cache.
+    /// Prefetches the corners of the triangles.
     #[inline(always)]
     pub fn prefetch<I: Isa>(&mut self, scene: &'a Scene) {
         let mut left = self.lanes;
@@ -61,8 +61,8 @@ impl<'a> TriangleHits<'a> {
                 let primitive = scene.objects()[object as usize].reported(primitive);
                 hits.put(at, Hit { t: self.t[lane], normal, object: object as i32, primitive });
             } else {
-                let place = &RootId::of_triangle(object, primitive);
-                hits.put(at, scene.hit(place, rays.origin(lane), rays.direction(lane)));
+                let root = &RootId::of_triangle(object, primitive);
+                hits.put(at, scene.hit(root, rays.origin(lane), rays.direction(lane)));
             }
         }
     }

@@ -54,8 +54,8 @@ impl Affine {
 /// The inverse of an affine map, in each kind of [`Number`].
 #[derive(Clone, Debug)]
 pub struct Inverse {
-    pub ball: Adjugate<RunningError>,
-    pub dd: Adjugate<DoubleDouble>,
+    pub running_error: Adjugate<RunningError>,
+    pub double_double: Adjugate<DoubleDouble>,
     pub dyadic: Adjugate<Dyadic>,
 }
 
@@ -69,8 +69,8 @@ impl Inverse {
             Ok(Ordering::Equal) | Err(Uncertain) => return None,
         };
         Some(Inverse {
-            ball: Adjugate::of(map, reflects),
-            dd: Adjugate::of(map, reflects),
+            running_error: Adjugate::of(map, reflects),
+            double_double: Adjugate::of(map, reflects),
             dyadic: Adjugate::of(map, reflects),
         })
     }
@@ -78,8 +78,8 @@ impl Inverse {
     /// Of `first` and then `second`, whose inverse this is.
     pub fn after(&self, first: &Self, second: &Affine) -> Self {
         Inverse {
-            ball: self.ball.after(&first.ball, second),
-            dd: self.dd.after(&first.dd, second),
+            running_error: self.running_error.after(&first.running_error, second),
+            double_double: self.double_double.after(&first.double_double, second),
             dyadic: self.dyadic.after(&first.dyadic, second),
         }
     }
@@ -89,13 +89,13 @@ impl Kinds for Inverse {
     type In<N: Clone> = Adjugate<N>;
 
     #[inline(always)]
-    fn ball(&self) -> &Adjugate<RunningError> {
-        &self.ball
+    fn running_error(&self) -> &Adjugate<RunningError> {
+        &self.running_error
     }
 
     #[inline(always)]
-    fn dd(&self) -> &Adjugate<DoubleDouble> {
-        &self.dd
+    fn double_double(&self) -> &Adjugate<DoubleDouble> {
+        &self.double_double
     }
 
     #[inline(always)]

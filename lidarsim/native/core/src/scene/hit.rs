@@ -1,11 +1,11 @@
-//! What is found of a ray, and where it goes.
+//! Hits, and the sinks that they are written to.
 
 use std::ops::Range;
 
 use crate::arith::simd::{self, Isa};
 use crate::geometry::vector::Point;
 
-/// Where a ray first meets the scene.
+/// The closest hit of a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
     /// In units of the length of the direction, correctly rounded; infinite for a miss.

@@ -1,4 +1,4 @@
-//! Objects, and where lines meet them.
+//! The scene: objects, and the exact predicates and refined hits of rays on them.
 
 mod hit;
 mod root_id;
@@ -24,7 +24,7 @@ pub use hit::{Hit, Sink};
 pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
 
-/// What an object looks like in its own coordinates.
+/// The geometry of an object in its local coordinates.
 #[derive(Clone, Debug)]
 pub enum Geometry {
     Surface(AnySurface),
@@ -126,7 +126,7 @@ impl Object {
         if self.maps.is_empty() {
             return [origin.map(Interval::point), direction.map(Interval::point)];
         }
-        number::decide(&Enclose { object: self, origin, direction })
+        number::decide(&EnclosedRay { object: self, origin, direction })
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
@@ -167,7 +167,7 @@ pub struct Scene {
 
 #[derive(Clone, Debug)]
 pub struct Index {
-    /// Objects without an end, asked by every ray.
+    /// Unbounded objects, which are tested with every ray.
     pub unbounded: Vec<u32>,
     pub bounded: Bvh<u32>,
     size: f64,
@@ -212,7 +212,7 @@ impl Scene {
         })
     }
 
-    /// Every t, ascending and distinct, at which the line meets the object.
+    /// Every t, ascending and distinct, at which the line intersects the object.
     pub fn roots(&self, object: u32, origin: Point, direction: Point) -> Vec<f64> {
         let primitives = self.primitives_on_line(object, origin, direction);
         let mut places: Vec<RootId> = Vec::new();
@@ -243,8 +243,8 @@ impl Scene {
         for direction in [direction, direction.map(|x| -x)] {
             let [o, d] = object.enclose(origin, direction);
             let hierarchy = mesh.hierarchy();
-            let mut span = TraversalRay::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
-            hierarchy.traverse(&mut span, &mut stack, |_, block| {
+            let mut ray = TraversalRay::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
+            hierarchy.traverse(&mut ray, &mut stack, |_, block| {
                 found.extend_from_slice(block.ids());
                 f64::INFINITY
             });
@@ -256,28 +256,28 @@ impl Scene {
 
     /// Which of two roots on a line comes first.
     pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point) -> Ordering {
-        // Things stand on floors: only exact arithmetic could tell that a line meets both at the same t.
-        if self.share_level(a, b) {
+        // Objects stand on floors, so coplanar triangles are common, and their ties would all go to exact arithmetic.
+        if self.share_axis_plane(a, b) {
             return Ordering::Equal;
         }
-        number::decide(&Compare { scene: self, a, b, origin, direction })
+        number::decide(&RootOrder { scene: self, a, b, origin, direction })
     }
 
-    /// Whether both are triangles in one plane across an axis.
-    fn share_level(&self, a: &RootId, b: &RootId) -> bool {
+    /// Whether both are triangles in one plane perpendicular to an axis.
+    fn share_axis_plane(&self, a: &RootId, b: &RootId) -> bool {
         let object = |at: &RootId| &self.objects[at.object as usize];
-        let triangle_hits = object(a).is_untransformed_triangle() && object(b).is_untransformed_triangle();
-        triangle_hits && object(a).triangle(a.primitive).is_level_with(&object(b).triangle(b.primitive))
+        let are_triangles = object(a).is_untransformed_triangle() && object(b).is_untransformed_triangle();
+        are_triangles && object(a).triangle(a.primitive).shares_axis_plane(&object(b).triangle(b.primitive))
     }
 
     /// t, correctly rounded.
     pub fn t(&self, at: &RootId, origin: Point, direction: Point) -> f64 {
-        number::decide_exactly(&Rounded { object: &self.objects[at.object as usize], at, origin, direction })
+        number::decide_exactly(&RoundedRoot { object: &self.objects[at.object as usize], at, origin, direction })
     }
 
     pub fn hit(&self, at: &RootId, origin: Point, direction: Point) -> Hit {
         let object = &self.objects[at.object as usize];
-        let found = number::decide_exactly(&Finished { object, at, origin, direction });
+        let found = number::decide_exactly(&RefinedHit { object, at, origin, direction });
         self.hit_of(at, found)
     }
 
@@ -327,7 +327,7 @@ impl Predicate for RootIntervals<'_> {
     }
 }
 
-struct Compare<'a> {
+struct RootOrder<'a> {
     scene: &'a Scene,
     a: &'a RootId,
     b: &'a RootId,
@@ -335,7 +335,7 @@ struct Compare<'a> {
     direction: Point,
 }
 
-impl Predicate for Compare<'_> {
+impl Predicate for RootOrder<'_> {
     type Answer = Ordering;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
@@ -347,14 +347,14 @@ impl Predicate for Compare<'_> {
     }
 }
 
-struct Rounded<'a> {
+struct RoundedRoot<'a> {
     object: &'a Object,
     at: &'a RootId,
     origin: Point,
     direction: Point,
 }
 
-impl Predicate for Rounded<'_> {
+impl Predicate for RoundedRoot<'_> {
     type Answer = f64;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<f64, Uncertain> {
@@ -363,29 +363,29 @@ impl Predicate for Rounded<'_> {
 }
 
 /// A hit: t, correctly rounded, and a normal of ordinary length.
-struct Finished<'a> {
+struct RefinedHit<'a> {
     object: &'a Object,
     at: &'a RootId,
     origin: Point,
     direction: Point,
 }
 
-impl Predicate for Finished<'_> {
+impl Predicate for RefinedHit<'_> {
     type Answer = (f64, Point);
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<(f64, Point), Uncertain> {
         let ray = self.object.local::<N>(Ray::new(self.origin, self.direction));
         let placement = self.object.placement();
         match &self.object.geometry {
-            Geometry::Surface(shape) => finished(placement, shape, &ray, self.at.index),
-            Geometry::Mesh(mesh) => finished(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index),
+            Geometry::Surface(shape) => refined_hit(placement, shape, &ray, self.at.index),
+            Geometry::Mesh(mesh) => refined_hit(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index),
         }
     }
 }
 
 /// t, rounded, and a normal in the world, of a root of a surface; the ray is in its coordinates.
 #[inline(always)]
-pub fn finished<N: Number>(
+pub fn refined_hit<N: Number>(
     placement: impl Placement,
     surface: &impl Surface,
     ray: &Ray<N>,
@@ -402,13 +402,13 @@ pub fn finished<N: Number>(
 }
 
 /// Bounds of the ray in the coordinates of an object.
-struct Enclose<'a> {
+struct EnclosedRay<'a> {
     object: &'a Object,
     origin: Point,
     direction: Point,
 }
 
-impl Predicate for Enclose<'_> {
+impl Predicate for EnclosedRay<'_> {
     type Answer = [Bounds<f64>; 2];
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
@@ -445,13 +445,13 @@ pub mod tests {
         for (z, others) in [(1.0, [0, 0]), (1.0, [0, 9]), (1.0_f64.next_up(), [0, 0]), (1.0_f64.next_down(), [20, 3])] {
             let scene = Scene::new(vec![object(LEVEL, others[0]), object(tipped(z), others[1])]);
             let [a, b] = [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i] as u32));
-            assert_eq!([scene.share_level(&a, &b), scene.share_level(&b, &a)], [z == 1.0; 2]);
+            assert_eq!([scene.share_axis_plane(&a, &b), scene.share_axis_plane(&b, &a)], [z == 1.0; 2]);
         }
         // Where an object was moved, its vertices are not those of the world.
         let level = object(LEVEL, 0);
         let moved = level.moved(Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 1.0]));
         let scene = Scene::new(moved.into_iter().chain([level]).collect());
         assert_eq!(scene.objects().len(), 2);
-        assert!(!scene.share_level(&RootId::of_triangle(0, 0), &RootId::of_triangle(1, 0)));
+        assert!(!scene.share_axis_plane(&RootId::of_triangle(0, 0), &RootId::of_triangle(1, 0)));
     }
 }

@@ -40,7 +40,7 @@ impl<S: Surface, T: SurfaceTask> LaneTask for On<'_, S, T> {
 
 macro_rules! surfaces {
     ($($name:ident),+ $(,)?) => {
-        /// Any surface that a line meets at most twice.
+        /// Any of the implicit surfaces.
         #[derive(Clone, Debug)]
         pub enum AnySurface {
             $($name($name)),+

@@ -1,4 +1,5 @@
-//! The last look at a nearest hit, with twice the digits of float64: t, correctly rounded, and the normal there.
+//! Refinement of a closest hit by one step of the interval Newton operator N(T) = m − F(m)/F'(T) (R. Moore, Interval Analysis, 1966), with F(m) in
+//! double-double: t, correctly rounded, and the normal there.
 
 use super::Surface;
 use crate::arith::number::{
@@ -9,7 +10,7 @@ use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Vector, of_rays};
 
-/// What rays have met: a surface for all of them, or one each.
+/// The surface that rays hit: one for all lanes, or one each.
 pub trait Target<L: Lanes<N>, const N: usize> {
     /// As `Surface::implicit`.
     fn implicit<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K;
@@ -29,7 +30,7 @@ impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
     }
 }
 
-/// Where rays may meet part `feature` of a surface.
+/// Rays, and brackets of their roots on part `feature` of a surface.
 pub struct RootBracket<F> {
     pub feature: u8,
     pub origin: [F; 3],
@@ -40,8 +41,8 @@ pub struct RootBracket<F> {
 
 /// t, rounded to the nearest float64, and a normal in the world as `Number::proportions` gives it.
 ///
-/// Let F(t) be the target's level at t, t* the root within the bounds, m their middle, T an interval around m that holds them, and S ± e a ball
-/// around F'(T), e < |S|. Then t* − m = −F(m)/F'(ξ), ξ in T. With F(m) = f ± r this is −f/S, off by less than r/(|S| − e), and
+/// Let F(t) be the target's implicit function at t, t* the root within the bounds, m their middle, T an interval around m that holds them, and
+/// S ± e an enclosure of F'(T), e < |S|. Then t* − m = −F(m)/F'(ξ), ξ in T. With F(m) = f ± r this is −f/S, off by less than r/(|S| − e), and
 /// |f|·e/(|S|·(|S| − e)), and the rounding of the quotient.
 #[inline(always)]
 pub fn newton_step<L: Lanes<N>, const N: usize>(
@@ -65,14 +66,14 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
 
     let middle = DoubleDoubles::of_rays(middle, lanes);
     let near = double.at(&middle);
-    let (implicit, level_error) = target.implicit(&placement.local(near.clone()), feature, lanes).parts();
+    let (implicit, implicit_error) = target.implicit(&placement.local(near.clone()), feature, lanes).parts();
     // The number has a lower half.
-    let rest = implicit.abs().fused(unit, level_error);
+    let rest = implicit.abs().fused(unit, implicit_error);
     let slope_size = slope.abs();
-    let room = slope_size.mul(L::Floats::splat(1.0 - 2.0 * UNIT)).sub(slope_error.mul(pad));
-    lanes.keep(L::Floats::splat(0.0).lt(room))?;
+    let margin = slope_size.mul(L::Floats::splat(1.0 - 2.0 * UNIT)).sub(slope_error.mul(pad));
+    lanes.keep(L::Floats::splat(0.0).lt(margin))?;
     let step = implicit.div(slope).negated();
-    let error = step.abs().fused(slope_size.fused(unit, slope_error), rest).div(room).mul(pad);
+    let error = step.abs().fused(slope_size.fused(unit, slope_error), rest).div(margin).mul(pad);
     let step = DoubleDoubles::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes);
 
     let t = middle.plus(&step).rounded()?;

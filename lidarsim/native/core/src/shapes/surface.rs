@@ -1,4 +1,4 @@
-//! What a surface has to say of rays.
+//! The interface of an implicit surface.
 
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Roots;
@@ -6,9 +6,9 @@ use crate::arith::simd::Floats;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Vector;
 
-/// A surface that a line meets at most twice.
+/// A surface that a line intersects at most twice.
 pub trait Surface {
-    /// Every t, of either sign, at which the line meets the surface: ascending and distinct.
+    /// Every t, of either sign, at which the line intersects the surface: ascending and distinct.
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
     /// Where the ray begins: a function that is zero on part `feature` of the surface, and of degree two at most.

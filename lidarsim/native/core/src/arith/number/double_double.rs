@@ -126,7 +126,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     /// To the nearest float64.
     #[inline(always)]
     pub fn rounded(self) -> Result<L::Floats, Uncertain> {
-        // Rounding is monotone: if both ends of the ball round to `high`, so does the truth.
+        // Rounding is monotone: if both ends of the interval round to `high`, so does the true value.
         let error = self.error().mul(splat::<L, N>(PAD)).add(self.low().abs().mul(splat::<L, N>(2.0 * UNIT)));
         let error = error.add(splat::<L, N>(UNDERFLOW));
         let (high, low) = (self.high, self.low());
@@ -187,7 +187,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         DoubleDoubles { high, low: Some(low), error: Some(error.mul(pad).add(underflow)), lanes }
     }
 
-    /// One ray alone is what is left over: its code is kept small.
+    /// Out of line for a single ray, which is the rare case, to keep the code small.
     #[inline(never)]
     fn sum_apart(self, other: Self) -> Self {
         self.sum(other)
@@ -203,17 +203,17 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     fn over(self, b: Self) -> Result<Self, Uncertain> {
         let pad = splat::<L, N>(PAD);
         let small = splat::<L, N>(SMALL);
-        let room = b.high.abs().mul(splat::<L, N>(1.0 - 2.0 * UNIT)).sub(b.error().mul(pad));
+        let margin = b.high.abs().mul(splat::<L, N>(1.0 - 2.0 * UNIT)).sub(b.error().mul(pad));
         let size = self.high.abs();
         let lanes = self.lanes.or(b.lanes);
-        lanes.keep(small.lt(room) & (small.le(size) | size.le(splat::<L, N>(0.0))))?;
+        lanes.keep(small.lt(margin) & (small.le(size) | size.le(splat::<L, N>(0.0))))?;
         let th = self.high.div(b.high);
         let (ph, pl) = two_prod(b.high, th);
         let (rh, rl) = fast_two_sum(ph, b.low().mul_add(th, pl));
         let delta = self.high.sub(rh).add(self.low().sub(rl));
         let (high, low) = fast_two_sum(th, delta.div(b.high));
         let operands = self.error().add(high.abs().mul(b.error()).mul(pad));
-        let error = operands.div(room).mul(pad).add(high.abs().mul(splat::<L, N>(OVER)));
+        let error = operands.div(margin).mul(pad).add(high.abs().mul(splat::<L, N>(OVER)));
         let error = error.mul(pad).add(splat::<L, N>(UNDERFLOW));
         Ok(DoubleDoubles { high, low: Some(low), error: Some(error), lanes })
     }
@@ -260,10 +260,10 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
 /// With a lower part and a bound in any case, so that the compiler knows that there are.
 impl<L: Lanes<N>, const N: usize> From<&DoubleDouble> for DoubleDoubles<L, N> {
     #[inline(always)]
-    fn from(ball: &DoubleDouble) -> Self {
-        let low = Some(splat::<L, N>(ball.low()));
-        let error = Some(splat::<L, N>(ball.error()));
-        DoubleDoubles { high: splat::<L, N>(ball.high), low, error, lanes: L::OF_NO_RAY }
+    fn from(x: &DoubleDouble) -> Self {
+        let low = Some(splat::<L, N>(x.low()));
+        let error = Some(splat::<L, N>(x.error()));
+        DoubleDoubles { high: splat::<L, N>(x.high), low, error, lanes: L::OF_NO_RAY }
     }
 }
 
@@ -333,7 +333,7 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
 
     #[inline(always)]
     fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
-        K::convert(kinds.dd())
+        K::convert(kinds.double_double())
     }
 
     #[inline(always)]
@@ -360,7 +360,7 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
 }
 
 #[cfg(test)]
-impl<L: Lanes<N>, const N: usize> super::tests::Rounded<N> for DoubleDoubles<L, N> {
+impl<L: Lanes<N>, const N: usize> super::tests::Enclosure<N> for DoubleDoubles<L, N> {
     fn holds(&self, lane: usize, x: &super::Dyadic) -> bool {
         super::tests::within(x, self.high.store()[lane], self.low().store()[lane], self.error().store()[lane])
     }
@@ -379,9 +379,9 @@ mod tests {
     /// high + fraction·ulp(high), without an error of its own.
     fn number(high: f64, fraction: f64) -> (DoubleDouble, Dyadic) {
         let low = fraction * (high.abs().next_up() - high.abs());
-        let ball = DoubleDouble::exact(high).plus(&DoubleDouble::exact(low));
-        assert!(ball.error.is_none());
-        (ball, Dyadic::exact(high).plus(&Dyadic::exact(low)))
+        let sum = DoubleDouble::exact(high).plus(&DoubleDouble::exact(low));
+        assert!(sum.error.is_none());
+        (sum, Dyadic::exact(high).plus(&Dyadic::exact(low)))
     }
 
     /// High parts from ½ to 4 of either sign, and fractions of their last place.

@@ -1,7 +1,7 @@
 //! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, §3.3).
 //!
-//! The bound is a weight times a size. Sizes add up and multiply as the numbers do; weights depend on the formula alone, so that the compiler works
-//! them out.
+//! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running error μ is; weights, small multiples of u,
+//! depend on the formula alone, so that they are compile-time constants.
 
 use std::cmp::Ordering;
 
@@ -102,7 +102,7 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
         Ok(RunningErrors { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
     }
 
-    /// For a true x ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where the ball reaches zero, 0 ≤ √x ≤ √(v + ε).
+    /// For a true x ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where v ≤ ε, 0 ≤ √x ≤ √(v + ε).
     #[inline(always)]
     fn sqrt(self) -> Self {
         let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
@@ -171,8 +171,8 @@ pub(super) fn interval<L: Lanes<N>, const N: usize>(
 /// With the same weight in any case, so that the compiler knows it.
 impl<L: Lanes<N>, const N: usize> From<&RunningError> for RunningErrors<L, N> {
     #[inline(always)]
-    fn from(ball: &RunningError) -> Self {
-        let RunningErrors { value, size, weight, nonzero, .. } = *ball;
+    fn from(x: &RunningError) -> Self {
+        let RunningErrors { value, size, weight, nonzero, .. } = *x;
         let size = larger(size, size * (weight * PAD / GIVEN));
         let nonzero = if nonzero & 1 == 0 { 0 } else { u32::MAX };
         let (value, size) = (splat::<L, N>(value), splat::<L, N>(size));
@@ -262,7 +262,7 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
 
     #[inline(always)]
     fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
-        K::convert(kinds.ball())
+        K::convert(kinds.running_error())
     }
 
     #[inline(always)]
@@ -283,7 +283,7 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
 }
 
 #[cfg(test)]
-impl<L: Lanes<N>, const N: usize> super::tests::Rounded<N> for RunningErrors<L, N> {
+impl<L: Lanes<N>, const N: usize> super::tests::Enclosure<N> for RunningErrors<L, N> {
     fn holds(&self, lane: usize, x: &super::Dyadic) -> bool {
         super::tests::within(x, self.value.store()[lane], 0.0, self.error().store()[lane])
     }
@@ -370,7 +370,7 @@ mod tests {
         }
     }
 
-    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of the ball, where one may be lost.
+    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of v ± m, where one may be lost.
     #[test]
     fn an_interval_reaches_beyond_its_ball() {
         let (least, _) = worst(2, 1000, draw, |x: &[f64; 2]| {
@@ -378,8 +378,8 @@ mod tests {
             let ends = interval::<One, 1>(x[0], error, One);
             let ends = ends.unwrap_or(Interval { low: x[0], high: x[0] });
             let beyond = |end: f64, sign: f64| {
-                let ball = Dyadic::exact(x[0]).plus(&Dyadic::exact(sign * error));
-                sign * Dyadic::exact(end).minus(&ball).split().0 / (UNIT * x[0])
+                let bound = Dyadic::exact(x[0]).plus(&Dyadic::exact(sign * error));
+                sign * Dyadic::exact(end).minus(&bound).split().0 / (UNIT * x[0])
             };
             -beyond(ends.low, -1.0).min(beyond(ends.high, 1.0))
         });

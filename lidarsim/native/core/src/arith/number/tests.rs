@@ -7,7 +7,7 @@ use super::*;
 use crate::arith::simd::{Floats, Isa, LaneTask, Level, Task, dispatch};
 
 /// A kind of number whose errors the tests may look at.
-pub(super) trait Rounded<const N: usize>: Number {
+pub(super) trait Enclosure<const N: usize>: Number {
     /// Whether the bounds of a lane hold x; true where they are infinite or NaN.
     fn holds(&self, lane: usize, x: &Dyadic) -> bool;
     /// Whether the bounds of a lane are finite and shut zero out.
@@ -103,7 +103,7 @@ impl LaneTask for DoubleDoubled {
 }
 
 /// Returns how many certain numbers and how many roots it has checked.
-fn check<K: Rounded<N>, const N: usize>(active: &Cell<u32>, of_rays: impl Fn(&[f64; N]) -> K) -> [usize; 2] {
+fn check<K: Enclosure<N>, const N: usize>(active: &Cell<u32>, of_rays: impl Fn(&[f64; N]) -> K) -> [usize; 2] {
     let (mut certain, mut known) = (0, 0);
     let mut number = numbers();
     for _ in 0..300 {

@@ -1,4 +1,4 @@
-//! Where rays meet the planes of triangles, an own one each, with twice the digits of float64.
+//! Intersections of rays with the planes of triangles, a triangle per lane, by expansions.
 
 use crate::arith::expansion::{Expansion, V};
 use crate::arith::number::{Interval, UNIT};
@@ -31,7 +31,7 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
     ]
 }
 
-/// Where rays meet the planes of triangles: t = n·(a − o)/(n·d), n = (b − a) × (c − a), in pairs.
+/// The intersection of a ray with the plane of a triangle: t = n·(a − o)/(n·d), n = (b − a) × (c − a), by expansions.
 ///
 /// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of n is at most 5u·A_i, from fewer than 10 roundings,
 /// and leaves out two products of u²·A_i in all: so the coordinate is off by less than 52u²·A_i. The low part of n·(a − o) is at most

@@ -1,4 +1,4 @@
-//! Triangles of a mesh, eight side by side on a grid.
+//! Leaves of a mesh: eight triangles as a structure of arrays, their vertices quantized to a grid.
 
 use super::Triangle;
 use crate::arith::number::{Interval, UNIT};
@@ -6,13 +6,13 @@ use crate::arith::simd::{self, Floats, Isa, lanes};
 use crate::geometry::pose::cross;
 use crate::geometry::vector::Point;
 
-/// Most triangles of a block: a register has a lane for each.
+/// Most triangles of a leaf: a register has a lane for each.
 pub const LEAF_SIZE: usize = 8;
 
-/// A leaf: up to eight triangles side by side, their vertices on a grid.
+/// Up to eight triangles, their vertices on a grid.
 ///
-/// What is decided here is certain for the vertices themselves, as the error of the grid is in every bound; the rest is left to
-/// exact arithmetic.
+/// What is decided here is certain for the vertices as given, since every bound includes the error of the grid; uncertain candidates are
+/// deferred.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Leaf {
@@ -33,7 +33,7 @@ const GRID: u32 = simd::FRACTION;
 
 type Lanes<I> = <I as Isa>::F64x8;
 
-/// The triangles of a block as a ray's origin sees them.
+/// The triangles of a leaf relative to the origin of a ray.
 pub struct Edges<I: Isa> {
     /// a, b, c.
     vertices: [[Lanes<I>; 3]; 3],
@@ -48,7 +48,7 @@ pub struct Edges<I: Isa> {
     bound: [f64; 2],
 }
 
-/// The planes of a block's triangles, as a ray's origin sees them.
+/// The planes of a leaf's triangles relative to the origin of a ray.
 pub struct Planes {
     /// a·(c × b), with the sign of the volumes.
     distance: [f64; LEAF_SIZE],
@@ -157,8 +157,8 @@ impl Leaf {
         ]
     }
 
-    /// The triangles that a ray may meet, a bit each, and those of them that it surely meets: by the three volumes d·(c × b), d·(a × c),
-    /// d·(b × a). Two of them with different signs rule a triangle out, three of one sign make a hit. Their sums go to `sums`.
+    /// The candidates, triangles that a ray may hit, and those of them that it certainly hits, a bit each: by the three volumes U = d·(c × b),
+    /// V = d·(a × c), W = d·(b × a). Two different signs are a miss, three equal signs a hit. U + V + W is stored in `sums`.
     ///
     /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is off by δ = 3u·m + ε at most,
     /// a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² a unit of |d|₁.
@@ -194,20 +194,20 @@ impl Leaf {
         }
     }
 
-    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), for triangle i, which the ray surely meets; none if they would be of no use.
+    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), for triangle i, a certain hit; none if they would be of no use.
     ///
     /// N is the negated sum of c × b, a × c and b × a, so that t is a·(c × b) over the sum of the volumes. With m as above, for the triangle as
     /// it is seen: a minor rounds by 4u·m², so the distance by 12u·m³ and, as it is a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds
     /// by 10u·m² a unit of |d|₁, and the sum of the three by 10u·m² more: 40. `planes` has 32 and 64.
     ///
-    /// A vertex is off by δ = 3u·m + ε at most. The triangle seen is met in a mean of its vertices, so at most δ·|N|₁ off the true plane, |N|
+    /// A vertex is off by δ = 3u·m + ε at most. The quantized triangle is hit in a convex combination of its vertices, so at most δ·|N|₁ off the true plane, |N|
     /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice
     /// all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that makes the four in `planes`.
     /// The product with 1/(N·d) instead of a quotient rounds by 3u.
     ///
-    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the ray surely meets the triangle, each
+    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the hit is certain, each
     /// volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that
-    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is asked here. So it is beyond a tenth of this and nine of that:
+    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is tested here. So it is beyond a tenth of this and nine of that:
     /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ,
     /// N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
@@ -230,7 +230,7 @@ impl<I: Isa> Edges<I> {
     }
 }
 
-/// No NaN is met here; the comparison is one instruction.
+/// The larger of two numbers that are not NaN: one instruction.
 #[inline(always)]
 fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }

@@ -41,8 +41,8 @@ impl Triangle {
         crate::arith::number::decide(&Degenerate(self))
     }
 
-    /// Whether both lie in one plane across an axis.
-    pub fn is_level_with(&self, other: &Triangle) -> bool {
+    /// Whether both lie in one plane perpendicular to an axis.
+    pub fn shares_axis_plane(&self, other: &Triangle) -> bool {
         let (Triangle(p, q, r), Triangle(u, v, w)) = (self, other);
         (0..3).any(|axis| [q, r, u, v, w].iter().all(|x| x[axis] == p[axis]))
     }
@@ -123,12 +123,12 @@ mod tests {
             Triangle(corner(0.0, 0.0), corner(size, 0.0), corner(0.0, size))
         };
         for axis in 0..3 {
-            assert!(triangle(axis, 5e6, 1.0).is_level_with(&triangle(axis, 5e6, 7.0)));
-            assert!(!triangle(axis, 5e6, 1.0).is_level_with(&triangle(axis, 5e6_f64.next_up(), 1.0)));
-            assert!(!triangle(axis, 5e6, 1.0).is_level_with(&triangle((axis + 1) % 3, 5e6, 1.0)));
+            assert!(triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle(axis, 5e6, 7.0)));
+            assert!(!triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle(axis, 5e6_f64.next_up(), 1.0)));
+            assert!(!triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle((axis + 1) % 3, 5e6, 1.0)));
         }
         // In one plane, but not across an axis: for exact arithmetic to say.
         let slanted = Triangle([0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
-        assert!(!slanted.is_level_with(&slanted));
+        assert!(!slanted.shares_axis_plane(&slanted));
     }
 }

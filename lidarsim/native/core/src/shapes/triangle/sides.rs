@@ -1,4 +1,4 @@
-//! Whether rays meet triangles, an own one each: in the numbers that were given and with twice the digits of float64.
+//! The signs of U, V, W (Woop et al.) of rays and triangles, a triangle per lane, by expansions: an orientation filter as Shewchuk's stage B.
 
 use super::crossing::BOUND;
 use crate::arith::expansion::{Expansion, V};
@@ -7,7 +7,7 @@ use crate::arith::simd::{Floats, Isa, lanes};
 /// The lanes whose ray certainly meets its triangle, and those whose ray certainly does not: by the signs of the volumes d·(c × b), d·(a × c),
 /// d·(b × a), as in `Triangle`.
 ///
-/// In pairs each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
+/// As an expansion each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
 /// zero or between 2^±200, so that differences are zero or at least 2⁻²⁵². Then S, if it is not zero, is at least 2⁻⁷⁰⁴ and its u²-th part far above
 /// what underflow loses; and if S is zero, so is the volume.
 #[inline(always)]
