@@ -45,5 +45,5 @@ class Sphere(Shape):
     __slots__ = ()
 
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Any = None) -> None:
-        native = _native.Shape.sphere(array("center", center, (3,)).tolist(), real("radius", radius, above=0.0))
+        native = _native.Shape("Sphere", [*array("center", center, (3,)), real("radius", radius, above=0.0)])
         super().__init__(native, transform)

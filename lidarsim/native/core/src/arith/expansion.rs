@@ -1,6 +1,7 @@
 //! Unevaluated sums of two float64 numbers, in eight lanes, built by error-free transformations (T. Dekker, 1971; D. Knuth, TAOCP 2, §4.2.2;
 //! J. Shewchuk, Adaptive precision floating-point arithmetic, 1997). They carry no error bound: each formula that uses them derives its own.
 
+use crate::arith::error_free::{fast_two_sum, two_diff, two_product, two_sum};
 use crate::arith::simd::{Floats, Isa};
 
 /// By axis.
@@ -18,45 +19,36 @@ impl<I: Isa> Expansion<I> {
     /// a − b, exactly, by axis.
     #[inline(always)]
     pub fn vector_diff(a: V<I>, b: V<I>) -> [Self; 3] {
-        [Self::two_diff(a[0], b[0]), Self::two_diff(a[1], b[1]), Self::two_diff(a[2], b[2])]
+        [Self::diff(a[0], b[0]), Self::diff(a[1], b[1]), Self::diff(a[2], b[2])]
     }
 
-    /// a − b, exactly: 2Sum of a and −b.
+    /// a − b, exactly.
     #[inline(always)]
-    pub fn two_diff(a: I::F64x8, b: I::F64x8) -> Self {
-        let high = a.sub(b);
-        let z = high.sub(a);
-        Expansion { high, low: a.sub(high.sub(z)).sub(b.add(z)) }
+    fn diff(a: I::F64x8, b: I::F64x8) -> Self {
+        let (high, low) = two_diff(a, b);
+        Expansion { high, low }
     }
 
-    /// a + b, exactly: 2Sum.
+    /// a + b, exactly.
     #[inline(always)]
-    pub fn two_sum(a: I::F64x8, b: I::F64x8) -> Self {
-        let high = a.add(b);
-        let z = high.sub(a);
-        Expansion { high, low: a.sub(high.sub(z)).add(b.sub(z)) }
+    fn sum(a: I::F64x8, b: I::F64x8) -> Self {
+        let (high, low) = two_sum(a, b);
+        Expansion { high, low }
     }
 
-    /// a + b, exactly, for |a| ≥ |b|: Fast2Sum.
+    /// a + b, exactly, for |a| ≥ |b|.
     #[inline(always)]
-    pub fn fast_two_sum(a: I::F64x8, b: I::F64x8) -> Self {
-        let high = a.add(b);
-        Expansion { high, low: b.sub(high.sub(a)) }
-    }
-
-    /// a·b, exactly: 2Prod by FMA.
-    #[inline(always)]
-    pub fn two_product(a: I::F64x8, b: I::F64x8) -> (I::F64x8, I::F64x8) {
-        let p = a.mul(b);
-        (p, a.mul_add(b, I::F64x8::splat(0.0).sub(p)))
+    pub fn fast_sum(a: I::F64x8, b: I::F64x8) -> Self {
+        let (high, low) = fast_two_sum(a, b);
+        Expansion { high, low }
     }
 
     /// p·q − r·s, and |p·q| + |r·s|.
     #[inline(always)]
     pub fn minor(p: Self, q: Self, r: Self, s: Self) -> (Self, I::F64x8) {
-        let (a, a_low) = Self::two_product(p.high, q.high);
-        let (b, b_low) = Self::two_product(r.high, s.high);
-        let Expansion { high, low } = Self::two_diff(a, b);
+        let (a, a_low) = two_product(p.high, q.high);
+        let (b, b_low) = two_product(r.high, s.high);
+        let Expansion { high, low } = Self::diff(a, b);
         let first = p.low.mul_add(q.high, p.high.mul_add(q.low, a_low));
         let second = r.low.mul_add(s.high, r.high.mul_add(s.low, b_low));
         (Expansion { high, low: low.add(first.sub(second)) }, a.abs().add(b.abs()))
@@ -75,9 +67,9 @@ impl<I: Isa> Expansion<I> {
     /// of the factors in its correction. Its bound, with that of `minor`, is derived in `Crossing`.
     #[inline(always)]
     pub fn dot(a: [Self; 3], b: [Self; 3]) -> Self {
-        let (x, x_low) = Self::two_product(a[0].high, b[0].high);
-        let (y, y_low) = Self::two_product(a[1].high, b[1].high);
-        let (z, z_low) = Self::two_product(a[2].high, b[2].high);
+        let (x, x_low) = two_product(a[0].high, b[0].high);
+        let (y, y_low) = two_product(a[1].high, b[1].high);
+        let (z, z_low) = two_product(a[2].high, b[2].high);
         let x_low = a[0].low.mul_add(b[0].high, a[0].high.mul_add(b[0].low, x_low));
         let y_low = a[1].low.mul_add(b[1].high, a[1].high.mul_add(b[1].low, y_low));
         let z_low = a[2].low.mul_add(b[2].high, a[2].high.mul_add(b[2].low, z_low));
@@ -87,9 +79,9 @@ impl<I: Isa> Expansion<I> {
     /// As `dot`.
     #[inline(always)]
     pub fn dot_plain(a: [Self; 3], b: V<I>) -> Self {
-        let (x, x_low) = Self::two_product(a[0].high, b[0]);
-        let (y, y_low) = Self::two_product(a[1].high, b[1]);
-        let (z, z_low) = Self::two_product(a[2].high, b[2]);
+        let (x, x_low) = two_product(a[0].high, b[0]);
+        let (y, y_low) = two_product(a[1].high, b[1]);
+        let (z, z_low) = two_product(a[2].high, b[2]);
         let x_low = a[0].low.mul_add(b[0], x_low);
         let y_low = a[1].low.mul_add(b[1], y_low);
         let z_low = a[2].low.mul_add(b[2], z_low);
@@ -107,8 +99,8 @@ impl<I: Isa> Expansion<I> {
         (x, y, z): (I::F64x8, I::F64x8, I::F64x8),
         (x_low, y_low, z_low): (I::F64x8, I::F64x8, I::F64x8),
     ) -> Self {
-        let xy = Self::two_sum(x, y);
-        let all = Self::two_sum(xy.high, z);
+        let xy = Self::sum(x, y);
+        let all = Self::sum(xy.high, z);
         Expansion { high: all.high, low: xy.low.add(all.low).add(x_low.add(y_low).add(z_low)) }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::Surface;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root, Roots};
 use crate::geometry::ray::Ray;
@@ -37,6 +37,16 @@ impl Box {
         };
         chord.cut(entry, exit)?;
         Ok(true)
+    }
+}
+
+impl Shape for Box {
+    const MOST_ROOTS: usize = 2;
+
+    /// size, center.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [dx, dy, dz, x, y, z] = parameters(numbers)?;
+        Ok(Box { size: [dx, dy, dz], center: [x, y, z] })
     }
 }
 

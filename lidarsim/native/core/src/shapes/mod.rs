@@ -1,6 +1,6 @@
 //! The shapes: their mathematics, one file each.
 //!
-//! To add one: write its file, implement [`Surface`], and name it once in `surfaces!` below.
+//! To add one: write its file with its [`Surface`] and [`Shape`], and name it in `mod`, `pub use` and `surfaces!` below.
 
 mod r#box;
 mod cylinder;
@@ -18,7 +18,7 @@ pub use ellipsoid::Ellipsoid;
 pub use plane::Plane;
 pub use polygon::self_crossing;
 pub use sphere::Sphere;
-pub use surface::{Surface, SurfaceTask};
+pub use surface::{Shape, Surface, SurfaceTask};
 pub use triangle::Triangle;
 
 use crate::arith::number::{Interval, Number, Uncertain};
@@ -53,6 +53,19 @@ macro_rules! surfaces {
         })+
 
         impl AnySurface {
+            /// The shape of this name and these parameters; see [`Shape::from_numbers`].
+            pub fn new(name: &str, numbers: &[f64]) -> Result<Self, String> {
+                match name {
+                    $(stringify!($name) => <$name as Shape>::from_numbers(numbers).map(AnySurface::$name),)+
+                    _ => Err(format!("shape: unknown {name:?}")),
+                }
+            }
+
+            /// Most roots on a line.
+            pub fn most_roots(&self) -> usize {
+                match self { $(AnySurface::$name(_) => <$name as Shape>::MOST_ROOTS),+ }
+            }
+
             /// Runs the task as a function of its own for each type of shape, which keeps these functions small; see `Isa::apart`.
             #[inline(always)]
             pub fn apart<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {

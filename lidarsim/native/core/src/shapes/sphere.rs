@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::Surface;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
@@ -30,6 +30,16 @@ pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<R
     let b = vector::dot(f, d).negated();
     let c = vector::norm2(f).minus(&r2);
     Ok(Root::quadratic(a, b, c, disc, order, 0))
+}
+
+impl Shape for Sphere {
+    const MOST_ROOTS: usize = 2;
+
+    /// center, radius.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [x, y, z, radius] = parameters(numbers)?;
+        Ok(Sphere { center: [x, y, z], radius })
+    }
 }
 
 impl Surface for Sphere {

@@ -21,6 +21,20 @@ pub trait Surface {
     fn bounds(&self) -> Option<[Interval; 3]>;
 }
 
+/// A surface that is made from its parameters.
+pub trait Shape: Surface + Sized {
+    /// Most roots on a line.
+    const MOST_ROOTS: usize;
+
+    /// The shape of these parameters, one after the other. Only what takes exact arithmetic is checked; the error names the parameter and its value.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String>;
+}
+
+/// As many numbers as a shape has.
+pub fn parameters<const N: usize>(numbers: &[f64]) -> Result<[f64; N], String> {
+    numbers.try_into().map_err(|_| format!("numbers: expected {N} of them, got {}", numbers.len()))
+}
+
 /// What is to be done with a surface of known type and registers of N lanes: an always inlined `run`.
 pub trait SurfaceTask {
     type Output;

@@ -24,6 +24,7 @@ use std::cmp::Ordering;
 use super::lanes::{Lanes, OfRays, One};
 use super::running_error::{interval, splat};
 use super::{Interval, Kinds, Number, PAD, Root, UNDERFLOW, UNIT, Uncertain};
+use crate::arith::error_free::{fast_two_sum, two_product, two_sum};
 use crate::arith::simd::Floats;
 
 const PLUS: f64 = 4.0 * UNIT * UNIT;
@@ -50,28 +51,6 @@ pub struct DoubleDoubles<L: Lanes<N>, const N: usize> {
 }
 
 pub type DoubleDouble = DoubleDoubles<One, 1>;
-
-/// 2Sum (D. E. Knuth, The Art of Computer Programming 2, §4.2.2): a + b = s + e, exactly.
-#[inline(always)]
-fn two_sum<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
-    let s = a.add(b);
-    let z = s.sub(a);
-    (s, a.sub(s.sub(z)).add(b.sub(z)))
-}
-
-/// Fast2Sum (T. J. Dekker, A floating-point technique for extending the available precision, 1971): exact for |a| ≥ |b| or a = 0.
-#[inline(always)]
-fn fast_two_sum<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
-    let s = a.add(b);
-    (s, b.sub(s.sub(a)))
-}
-
-/// 2Prod by FMA: a·b = p + e, exactly but for underflow of e.
-#[inline(always)]
-fn two_prod<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
-    let p = a.mul(b);
-    (p, a.mul_add(b, p.negated()))
-}
 
 impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DoubleDoubles<L, N> {
     #[inline(always)]
@@ -168,7 +147,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         // What is exactly zero stays so.
         let zero = splat::<L, N>(0.0);
         let underflow = self.size().min(other.size()).le_pick(zero, zero, splat::<L, N>(UNDERFLOW));
-        let (ph, pl) = two_prod(self.high, other.high);
+        let (ph, pl) = two_product(self.high, other.high);
         let (high, low) = match (self.low, other.low) {
             (None, None) => return DoubleDoubles { high: ph, low: Some(pl), error: Some(underflow), lanes },
             (Some(low), None) => fast_two_sum(ph, low.mul_add(other.high, pl)),
@@ -208,7 +187,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         let lanes = self.lanes.or(b.lanes);
         lanes.keep(small.lt(margin) & (small.le(size) | size.le(splat::<L, N>(0.0))))?;
         let th = self.high.div(b.high);
-        let (ph, pl) = two_prod(b.high, th);
+        let (ph, pl) = two_product(b.high, th);
         let (rh, rl) = fast_two_sum(ph, b.low().mul_add(th, pl));
         let delta = self.high.sub(rh).add(self.low().sub(rl));
         let (high, low) = fast_two_sum(th, delta.div(b.high));

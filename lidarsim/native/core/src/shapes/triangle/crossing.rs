@@ -1,5 +1,6 @@
 //! Intersections of rays with the planes of triangles, a triangle per lane, by expansions.
 
+use crate::arith::error_free::two_product;
 use crate::arith::expansion::{Expansion, V};
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
@@ -65,10 +66,10 @@ impl<I: Isa> Crossing<I> {
         let (num_high, den_high) = (num.rounded(), den.rounded());
         let inverse = I::F64x8::splat(1.0).div(den_high);
         let first = num_high.mul(inverse);
-        let (p, q) = Expansion::<I>::two_product(first, den.high);
+        let (p, q) = two_product(first, den.high);
         let lows = num.low.sub(first.mul(den.low));
         let correction = num.high.sub(p).sub(q).add(lows).mul(inverse);
-        let t = Expansion::<I>::fast_two_sum(first, correction);
+        let t = Expansion::<I>::fast_sum(first, correction);
 
         let num_error = lanes::dot(size, [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()]).mul(bound);
         let den_error = lanes::dot(size, lanes::abs(d)).mul(bound);

@@ -11,7 +11,7 @@ mod sides;
 
 use std::cmp::Ordering;
 
-use super::Surface;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
@@ -57,6 +57,21 @@ pub fn normal_through<N: Number>(a: &Vector<N>, b: &Vector<N>, c: &Vector<N>) ->
 #[inline(always)]
 pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
     normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c))
+}
+
+impl Shape for Triangle {
+    const MOST_ROOTS: usize = 1;
+
+    /// a, b, c.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [x0, y0, z0, x1, y1, z1, x2, y2, z2] = parameters(numbers)?;
+        let triangle = Triangle([x0, y0, z0], [x1, y1, z1], [x2, y2, z2]);
+        if triangle.is_degenerate() {
+            let Triangle(a, b, c) = triangle;
+            return Err(format!("a, b, c: expected three points that are not on one line, got {a:?}, {b:?}, {c:?}"));
+        }
+        Ok(triangle)
+    }
 }
 
 impl Surface for Triangle {
