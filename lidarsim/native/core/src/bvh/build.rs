@@ -7,8 +7,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
+use super::node::{Child, Node, WIDTH};
 use super::traversal_ray::{down, up};
-use super::{Bvh, Child, LEAF_SIZE, Node, WIDTH};
+use super::{Bvh, MAX_LEAF_SIZE};
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 use crate::memory;
@@ -132,7 +133,7 @@ pub fn build<L: Send>(
     }
     let mut leaves = memory::with_capacity(parts.leaves.len());
     let range = |range: Range<usize>| {
-        let mut ids = [0; LEAF_SIZE];
+        let mut ids = [0; MAX_LEAF_SIZE];
         for (id, item) in ids.iter_mut().zip(&items[range.clone()]) {
             *id = item.id;
         }

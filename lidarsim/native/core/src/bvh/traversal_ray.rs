@@ -1,6 +1,6 @@
 //! A ray prepared for slab tests: float32 bounds of its origin and of its reciprocal direction, rounded outward (T. Ize, 2013).
 
-use super::WIDTH;
+use super::node::WIDTH;
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 

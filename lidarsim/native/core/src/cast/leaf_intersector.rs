@@ -1,12 +1,12 @@
 //! The leaf intersector: rays of a packet against the triangles of a mesh's leaves.
 
 use crate::arith::simd::Isa;
-use crate::bvh::{LANES, LEAF_SIZE, Mask, RayPacket, SINGLE_RAYS, Stack, Visitor, take};
+use crate::bvh::{LANES, Mask, RayPacket, SINGLE_RAYS, Stack, Visitor, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
 use crate::scene::TriangleMesh;
 use crate::scene::{RootId, Scene};
-use crate::shapes::triangle::{Leaf, LeafRay, Planes};
+use crate::shapes::triangle::{LEAF_SIZE, Leaf, LeafRay, Planes};
 
 /// Intersects rays of one octant, in the local coordinates of a mesh, with its leaves.
 pub struct LeafIntersector<'a, 's> {

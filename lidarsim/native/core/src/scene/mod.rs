@@ -1,163 +1,29 @@
 //! The scene: objects, and the exact predicates and refined hits of rays on them.
 
 mod hit;
+mod object;
+mod predicates;
 mod root_id;
 mod triangle_mesh;
 
 use std::cmp::Ordering;
-use std::sync::{Arc, OnceLock};
+use std::sync::OnceLock;
 
 use rayon::prelude::*;
 
-use crate::arith::number::{self, Interval, Number, One, Predicate, Uncertain};
-use crate::arith::root::{Root, Roots};
-use crate::arith::simd::Isa;
+use crate::arith::number::{self, Interval, One, Uncertain};
 use crate::bvh::{Bvh, Stack, TraversalRay};
-use crate::geometry::affine::{Affine, Inverse, Placement};
-use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::{self, Point};
 use crate::parallel;
 use crate::shapes::newton::{self, RootBracket};
-use crate::shapes::{AnySurface, Surface, Triangle};
+
+use predicates::{RefinedHit, RootOrder, RoundedRoot};
 
 pub use hit::{Hit, Sink};
+pub use object::{Geometry, Object};
+pub use predicates::RootIntervals;
 pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
-
-/// The geometry of an object in its local coordinates.
-#[derive(Clone, Debug)]
-pub enum Geometry {
-    Surface(AnySurface),
-    Mesh(Arc<TriangleMesh>),
-}
-
-/// A geometry and the maps that take it into the world, the first one first.
-#[derive(Clone, Debug)]
-pub struct Object {
-    pub geometry: Geometry,
-    maps: Vec<Affine>,
-    /// Of all maps together; none if there are none.
-    inverse: Option<Arc<Inverse>>,
-    /// A mesh whose triangles are parts of one primitive, as those of a polygon are.
-    whole: bool,
-}
-
-impl Object {
-    pub fn new(geometry: Geometry, whole: bool) -> Self {
-        Object { geometry, maps: Vec::new(), inverse: None, whole }
-    }
-
-    /// The object moved by one more map; none if that cannot be inverted.
-    pub fn moved(&self, map: Affine) -> Option<Self> {
-        let mut object = self.clone();
-        if !map.is_identity() {
-            let inverse = Inverse::of(&map)?;
-            object.maps.push(map);
-            object.inverse = Some(Arc::new(match &self.inverse {
-                None => inverse,
-                Some(first) => inverse.after(first, &map),
-            }));
-        }
-        Some(object)
-    }
-
-    #[inline(always)]
-    pub fn is_untransformed(&self) -> bool {
-        self.maps.is_empty()
-    }
-
-    /// Whether hits are on triangles in the coordinates of the world.
-    #[inline(always)]
-    pub fn is_untransformed_triangle(&self) -> bool {
-        self.maps.is_empty() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
-    }
-
-    #[inline(always)]
-    pub fn is_surface(&self) -> bool {
-        matches!(self.geometry, Geometry::Surface(_))
-    }
-
-    /// A triangle of an object that is one or has some.
-    #[inline(always)]
-    pub fn triangle(&self, primitive: u32) -> Triangle {
-        let [a, b, c] = self.corners(primitive);
-        Triangle(*a, *b, *c)
-    }
-
-    /// As `triangle`, where the corners are kept.
-    #[inline(always)]
-    pub fn corners(&self, primitive: u32) -> [&Point; 3] {
-        const NONE: &Point = &[0.0; 3];
-        match &self.geometry {
-            Geometry::Mesh(mesh) => mesh.corners(primitive),
-            Geometry::Surface(AnySurface::Triangle(Triangle(a, b, c))) => [a, b, c],
-            Geometry::Surface(_) => [NONE; 3],
-        }
-    }
-
-    /// Brings what names the corners of a triangle into the cache.
-    #[inline(always)]
-    pub fn prefetch_face<I: Isa>(&self, primitive: u32) {
-        if let Geometry::Mesh(mesh) = &self.geometry {
-            mesh.prefetch_face::<I>(primitive);
-        }
-    }
-
-    /// The primitive id that hits report.
-    #[inline(always)]
-    pub fn reported(&self, primitive: u32) -> i32 {
-        if self.whole { 0 } else { primitive as i32 }
-    }
-
-    /// A ray of the world in the coordinates of the object.
-    #[inline(always)]
-    fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
-        self.placement().local(ray)
-    }
-
-    /// Where the object stands; none if it was not moved.
-    #[inline(always)]
-    pub fn placement(&self) -> Option<&Inverse> {
-        self.inverse.as_deref()
-    }
-
-    /// Bounds of the ray in the coordinates of the object.
-    pub fn enclose(&self, origin: Point, direction: Point) -> [Bounds<f64>; 2] {
-        if self.maps.is_empty() {
-            return [origin.map(Interval::point), direction.map(Interval::point)];
-        }
-        number::decide(&EnclosedRay { object: self, origin, direction })
-    }
-
-    fn bounds(&self) -> Option<[Interval; 3]> {
-        let local = match &self.geometry {
-            Geometry::Surface(shape) => shape.bounds()?,
-            Geometry::Mesh(mesh) => mesh.bounds()?,
-        };
-        let bounds = self.maps.iter().fold(local, |bounds, map| map.image(bounds));
-        Some(bounds.map(|b| Interval {
-            low: if b.low.is_nan() { f64::NEG_INFINITY } else { b.low },
-            high: if b.high.is_nan() { f64::INFINITY } else { b.high },
-        }))
-    }
-
-    fn is_empty(&self) -> bool {
-        matches!(&self.geometry, Geometry::Mesh(mesh) if mesh.is_empty())
-    }
-
-    #[inline]
-    fn roots<N: Number>(&self, primitive: u32, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        match &self.geometry {
-            Geometry::Surface(shape) => shape.roots(ray),
-            Geometry::Mesh(mesh) => mesh.triangle(primitive).roots(ray),
-        }
-    }
-
-    fn root<N: Number>(&self, at: &RootId, ray: &Ray<N>) -> Result<Root<N>, Uncertain> {
-        let [first, second] = self.roots(at.primitive, ray)?;
-        (if at.index == 0 { first } else { second }).ok_or(Uncertain)
-    }
-}
 
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
@@ -260,7 +126,7 @@ impl Scene {
         if self.share_axis_plane(a, b) {
             return Ordering::Equal;
         }
-        number::decide(&RootOrder { scene: self, a, b, origin, direction })
+        number::decide(&RootOrder { objects: &self.objects, a, b, origin, direction })
     }
 
     /// Whether both are triangles in one plane perpendicular to an axis.
@@ -303,122 +169,13 @@ impl Scene {
     }
 }
 
-/// Bounds of the roots of a primitive.
-pub struct RootIntervals<'a> {
-    pub object: &'a Object,
-    pub primitive: u32,
-    pub origin: Point,
-    pub direction: Point,
-}
-
-impl Predicate for RootIntervals<'_> {
-    /// Bounds of t, and the part of the surface.
-    type Answer = [Option<(Interval, u8)>; 2];
-
-    #[inline]
-    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
-        let roots =
-            self.object.roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
-        let mut found = [None; 2];
-        for (found, root) in found.iter_mut().zip(roots.iter().flatten()) {
-            *found = Some((N::enclose(root)?, root.feature));
-        }
-        Ok(found)
-    }
-}
-
-struct RootOrder<'a> {
-    scene: &'a Scene,
-    a: &'a RootId,
-    b: &'a RootId,
-    origin: Point,
-    direction: Point,
-}
-
-impl Predicate for RootOrder<'_> {
-    type Answer = Ordering;
-
-    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
-        let root = |at: &RootId| {
-            let object = &self.scene.objects[at.object as usize];
-            object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)))
-        };
-        N::compare(&root(self.a)?, &root(self.b)?)
-    }
-}
-
-struct RoundedRoot<'a> {
-    object: &'a Object,
-    at: &'a RootId,
-    origin: Point,
-    direction: Point,
-}
-
-impl Predicate for RoundedRoot<'_> {
-    type Answer = f64;
-
-    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<f64, Uncertain> {
-        N::round(&self.object.root::<N>(self.at, &self.object.local(Ray::new(self.origin, self.direction)))?)
-    }
-}
-
-/// A hit: t, correctly rounded, and a normal of ordinary length.
-struct RefinedHit<'a> {
-    object: &'a Object,
-    at: &'a RootId,
-    origin: Point,
-    direction: Point,
-}
-
-impl Predicate for RefinedHit<'_> {
-    type Answer = (f64, Point);
-
-    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<(f64, Point), Uncertain> {
-        let ray = self.object.local::<N>(Ray::new(self.origin, self.direction));
-        let placement = self.object.placement();
-        match &self.object.geometry {
-            Geometry::Surface(shape) => refined_hit(placement, shape, &ray, self.at.index),
-            Geometry::Mesh(mesh) => refined_hit(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index),
-        }
-    }
-}
-
-/// t, rounded, and a normal in the world, of a root of a surface; the ray is in its coordinates.
-#[inline(always)]
-pub fn refined_hit<N: Number>(
-    placement: impl Placement,
-    surface: &impl Surface,
-    ray: &Ray<N>,
-    index: u8,
-) -> Result<(N::Floats, [N::Floats; 3]), Uncertain> {
-    let [first, second] = surface.roots(ray)?;
-    let root = match if index == 0 { first } else { second } {
-        Some(root) => root,
-        None => return Err(Uncertain),
-    };
-    let t = N::value(&root)?;
-    let normal = placement.normal(surface.normal(&ray.at(&t), root.feature));
-    Ok((N::round(&root)?, N::proportions(&normal)?))
-}
-
-/// Bounds of the ray in the coordinates of an object.
-struct EnclosedRay<'a> {
-    object: &'a Object,
-    origin: Point,
-    direction: Point,
-}
-
-impl Predicate for EnclosedRay<'_> {
-    type Answer = [Bounds<f64>; 2];
-
-    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
-        self.object.local::<N>(Ray::new(self.origin, self.direction)).enclose()
-    }
-}
-
 #[cfg(test)]
 pub mod tests {
+    use std::sync::Arc;
+
     use super::*;
+    use crate::geometry::affine::Affine;
+    use crate::shapes::Triangle;
 
     pub const LEVEL: Triangle = Triangle([0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]);
 

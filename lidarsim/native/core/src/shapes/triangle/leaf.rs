@@ -391,7 +391,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_block_is_sure_of_is_so() {
+    fn what_a_leaf_is_certain_of_is_so() {
         let mut next = numbers();
         // Met, and of these sure, and of these with bounds of t; not met, and of these ruled out.
         let (mut met, mut sure, mut bounded, mut missed, mut out) = (0, 0, 0, 0, 0);

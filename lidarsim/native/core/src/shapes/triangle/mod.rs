@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_level_is_one_plane_across_one_axis() {
+    fn an_axis_plane_is_one_plane_perpendicular_to_one_axis() {
         let triangle = |axis: usize, at: f64, size: f64| {
             let corner = |u: f64, v: f64| {
                 let mut p = [v; 3];
