@@ -4,8 +4,8 @@ use std::borrow::Cow;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, ReturnRows, Returns,
-    Rows, Scan,
+    Appearance, BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, Reflectivity, ReturnRows,
+    Returns, Rows, Scan,
 };
 use lidarsim_core::{Path, Point, Pose, memory};
 use numpy::ndarray::Dimension;
@@ -114,6 +114,8 @@ impl PyAppearances {
 #[derive(FromPyObject)]
 pub struct LidarParameters {
     measurement: Parameters,
+    #[pyo3(attribute("measurement"))]
+    effects: EffectParameters,
     min_range: f64,
     max_range: f64,
     range_offset: OffsetParameter,
@@ -125,19 +127,23 @@ enum OffsetParameter {
     Rings(Vec<f64>),
 }
 
-/// The attributes of `lidarsim.Measurement`.
+/// The attributes of `lidarsim.Measurement` that are effects of a single number.
+struct EffectParameters(Effects);
+
+impl<'py> FromPyObject<'_, 'py> for EffectParameters {
+    type Error = PyErr;
+
+    fn extract(measurement: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Effects::by_name(|name| measurement.getattr(name)?.extract()).map(EffectParameters)
+    }
+}
+
+/// The other attributes of `lidarsim.Measurement`.
 #[derive(FromPyObject)]
-pub struct Parameters {
+struct Parameters {
     range_sigma: SigmaParameter,
     range_sigma_slope: f64,
-    range_bias: f64,
-    range_resolution: f64,
-    channel_bias_sigma: f64,
-    azimuth_sigma: f64,
-    elevation_sigma: f64,
-    dropout: f64,
     detection: Option<DetectionParameters>,
-    extinction: f64,
     beam: Option<BeamParameters>,
     returns: ReturnsParameter,
 }
@@ -170,7 +176,7 @@ enum ReturnsParameter {
 
 impl LidarParameters {
     fn measurement(self) -> PyResult<Measurement> {
-        let LidarParameters { measurement: parameters, min_range, max_range, range_offset } = self;
+        let LidarParameters { measurement: parameters, effects, min_range, max_range, range_offset } = self;
         let returns = match parameters.returns {
             ReturnsParameter::Nearest(n) => Returns::Nearest(n),
             ReturnsParameter::Name(name) => match name.as_str() {
@@ -182,22 +188,16 @@ impl LidarParameters {
             },
         };
         Ok(Measurement {
-            azimuth_sigma: parameters.azimuth_sigma,
-            elevation_sigma: parameters.elevation_sigma,
-            extinction: parameters.extinction,
+            effects: effects.0,
             detection: parameters.detection.map(|d| Detection { reflectivity: d.reflectivity, range: d.range }),
-            dropout: parameters.dropout,
             range_sigma: match parameters.range_sigma {
                 SigmaParameter::Number(a) => RangeSigma::Formula { a, b: parameters.range_sigma_slope },
                 SigmaParameter::Table(rows) => RangeSigma::Table(rows),
             },
-            range_bias: parameters.range_bias,
-            channel_bias_sigma: parameters.channel_bias_sigma,
             beam: parameters.beam.map(|b| {
                 Beam::new([b.divergence_azimuth, b.divergence_elevation], b.rays, HALF_SPEED_OF_LIGHT * b.pulse_length)
             }),
             returns,
-            range_resolution: parameters.range_resolution,
             range_offset: match range_offset {
                 OffsetParameter::Number(0.0) => Vec::new(),
                 OffsetParameter::Number(offset) => vec![offset],

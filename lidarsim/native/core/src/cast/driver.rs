@@ -203,7 +203,7 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
 mod tests {
     use super::*;
     use crate::scene::RootId;
-    use crate::scene::tests::{LEVEL, object, tipped};
+    use crate::scene::tests::{FLAT, object, tipped};
     use crate::testing::with_large_frames;
 
     /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there is y/8, exactly.
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_triangles_in_nearly_one_level_the_upper_is_met_and_else_the_lowest() {
+    fn of_two_triangles_in_nearly_one_plane_the_upper_is_hit_and_else_the_lowest() {
         with_large_frames(cast_at_two_triangles);
     }
 
@@ -224,7 +224,7 @@ mod tests {
         let (mut ties, mut upper) = (0, 0);
         for z in [1.0, 1.0_f64.next_up(), 1.0_f64.next_down(), 1.5, 0.5] {
             for others in [[0, 0], [0, 9], [9, 0], [20, 3]] {
-                let objects = vec![object(LEVEL, others[0]), object(tipped(z), others[1])];
+                let objects = vec![object(FLAT, others[0]), object(tipped(z), others[1])];
                 for swapped in [false, true] {
                     let mut objects = objects.clone();
                     if swapped {

@@ -33,7 +33,7 @@ use waveform::Waveform;
 pub use appearance::{Appearance, Reflectivity};
 pub use beam::Beam;
 pub use echo::Returns;
-pub use parameters::{Detection, Measurement, RangeSigma};
+pub use parameters::{Detection, Effects, Measurement, RangeSigma};
 pub use share::ReturnRows;
 
 /// What finds the surfaces.
@@ -396,12 +396,17 @@ impl<'a, C: Caster> Scan<'a, C> {
         }
         let Scratch { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, channel_bias, offset, .. } = rays;
         let wanted = |is: bool| if is { index.as_slice() } else { &[] };
-        frame.stream.normals(wanted(measurement.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
-        frame.stream.normals(wanted(measurement.elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
-        frame.stream.uniforms(wanted(measurement.dropout > 0.0), Effect::Dropout, 0, dropout);
+        frame.stream.normals(wanted(measurement.effects.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
+        frame.stream.normals(
+            wanted(measurement.effects.elevation_sigma > 0.0),
+            Effect::AngularJitter,
+            1,
+            elevation_jitter,
+        );
+        frame.stream.uniforms(wanted(measurement.effects.dropout > 0.0), Effect::Dropout, 0, dropout);
         frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
         let rings = &frame.rings[pulses.clone()];
-        let channels: Vec<u64> = match measurement.channel_bias_sigma {
+        let channels: Vec<u64> = match measurement.effects.channel_bias_sigma {
             0.0 => Vec::new(),
             _ => rings.iter().map(|ring| u64::from(*ring)).collect(),
         };
@@ -418,7 +423,8 @@ impl<'a, C: Caster> Scan<'a, C> {
         axes.resize(jittered, [0.0; 3]);
         let jitters = azimuth_jitter.iter().zip(&*elevation_jitter);
         for ((axis, direction), (azimuth, elevation)) in axes.iter_mut().zip(&frame.directions[pulses]).zip(jitters) {
-            let (azimuth, elevation) = (measurement.azimuth_sigma * azimuth, measurement.elevation_sigma * elevation);
+            let (azimuth, elevation) =
+                (measurement.effects.azimuth_sigma * azimuth, measurement.effects.elevation_sigma * elevation);
             *axis = turned(*direction, azimuth, elevation);
         }
     }
@@ -481,7 +487,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
             *intensity *= cosine;
         }
-        transmission.resize(if self.measurement.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
+        transmission.resize(if self.measurement.effects.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
         for (transmission, range) in transmission.iter_mut().zip(&*range) {
             *transmission = self.measurement.transmission(*range);
         }
@@ -501,7 +507,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         if !seen {
             return Err(Status::BelowThreshold);
         }
-        if rays.dropout.get(i).is_some_and(|uniform| *uniform < m.dropout) {
+        if rays.dropout.get(i).is_some_and(|uniform| *uniform < m.effects.dropout) {
             return Err(Status::Dropped);
         }
         let noise = match rays.noise.get(i) {
@@ -510,7 +516,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             Some(_) => self.frame.stream.normal(rays.index[i], Effect::RangeNoise, number),
         };
         let of_pulse = |values: &[f64]| values.get(i).copied().unwrap_or(0.0);
-        let bias = m.range_bias + m.channel_bias_sigma * of_pulse(&rays.channel_bias);
+        let bias = m.effects.range_bias + m.effects.channel_bias_sigma * of_pulse(&rays.channel_bias);
         let offset = of_pulse(&rays.offset);
         let range = echo.range + (bias + m.range_sigma.at(echo.range) * noise);
         Ok(m.gate(m.quantised(range + offset))? - offset)

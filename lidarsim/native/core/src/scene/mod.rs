@@ -110,8 +110,8 @@ impl Scene {
             let [o, d] = object.enclose(origin, direction);
             let hierarchy = mesh.hierarchy();
             let mut ray = TraversalRay::new(o, d, hierarchy.center(), 0.0, f64::INFINITY);
-            hierarchy.traverse(&mut ray, &mut stack, |_, block| {
-                found.extend_from_slice(block.ids());
+            hierarchy.traverse(&mut ray, &mut stack, |_, leaf| {
+                found.extend_from_slice(leaf.ids());
                 f64::INFINITY
             });
         }
@@ -177,11 +177,11 @@ pub mod tests {
     use crate::geometry::affine::Affine;
     use crate::shapes::Triangle;
 
-    pub const LEVEL: Triangle = Triangle([0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]);
+    pub const FLAT: Triangle = Triangle([0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]);
 
     /// The same triangle, but for its last vertex.
     pub fn tipped(z: f64) -> Triangle {
-        Triangle(LEVEL.0, LEVEL.1, [0.0, 8.0, z])
+        Triangle(FLAT.0, FLAT.1, [0.0, 8.0, z])
     }
 
     /// A triangle of its own, or among others that no ray meets; the primitive is the last.
@@ -198,16 +198,16 @@ pub mod tests {
     }
 
     #[test]
-    fn triangles_share_a_level_as_they_are_in_the_world() {
+    fn triangles_share_an_axis_plane_as_they_are_in_the_world() {
         for (z, others) in [(1.0, [0, 0]), (1.0, [0, 9]), (1.0_f64.next_up(), [0, 0]), (1.0_f64.next_down(), [20, 3])] {
-            let scene = Scene::new(vec![object(LEVEL, others[0]), object(tipped(z), others[1])]);
+            let scene = Scene::new(vec![object(FLAT, others[0]), object(tipped(z), others[1])]);
             let [a, b] = [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i] as u32));
             assert_eq!([scene.share_axis_plane(&a, &b), scene.share_axis_plane(&b, &a)], [z == 1.0; 2]);
         }
         // Where an object was moved, its vertices are not those of the world.
-        let level = object(LEVEL, 0);
-        let moved = level.moved(Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 1.0]));
-        let scene = Scene::new(moved.into_iter().chain([level]).collect());
+        let flat = object(FLAT, 0);
+        let moved = flat.moved(Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 1.0]));
+        let scene = Scene::new(moved.into_iter().chain([flat]).collect());
         assert_eq!(scene.objects().len(), 2);
         assert!(!scene.share_axis_plane(&RootId::of_triangle(0, 0), &RootId::of_triangle(1, 0)));
     }

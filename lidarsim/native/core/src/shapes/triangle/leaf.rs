@@ -333,7 +333,7 @@ mod tests {
         }
     }
 
-    /// What a block says of a ray.
+    /// What a leaf tells of a ray.
     struct Said {
         candidates: u32,
         sure: u32,
@@ -400,7 +400,7 @@ mod tests {
                 let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
                 let leaf = leaf(&mesh);
                 let distance = size.max(place.abs() * 1e-12) * [0.3, 3.0, 1e3, 1e6][round % 4];
-                // The true ray is somewhere within the errors of the one that the block is shown.
+                // The true ray is somewhere within the errors of the one that the leaf is given.
                 let vague = if round % 2 == 0 { 0.0 } else { 1e-9 * size };
                 let off = |next: &mut dyn FnMut() -> f64, by: f64| 0.9 * by * (2.0 * next() - 1.0);
                 let origin: Point = [0; 3].map(|_: u8| place + distance * (next() - 0.5));
@@ -562,7 +562,7 @@ mod tests {
     /// Where each error alone counts. The bounds go by `reach`, which is twice a side of the box or more above what vertices and edges may be, and by the
     /// worst signs of all terms of a determinant, which cannot come together: that is what they have to spare.
     #[test]
-    fn errors_of_a_block_are_the_share_of_their_bounds_that_is_known() {
+    fn errors_of_a_leaf_are_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
         let found = FROM.map(|from| {
             let volume = worst(8, 1500, draw, |x| Shown::new(x, from).volumes()).0;
