@@ -23,7 +23,7 @@ fn advise<T>(vector: &Vec<T>) {
     }
 }
 
-/// Takes the first places of some, and leaves the others.
+/// Splits off the first elements of a slice.
 pub fn split_off<'a, T>(places: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     let (first, others) = std::mem::take(places).split_at_mut(count);
     *places = others;

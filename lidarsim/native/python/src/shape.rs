@@ -47,7 +47,7 @@ impl PyShape {
     /// The image under a 4×4 affine matrix.
     fn transformed(&self, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
         let [x, y, z, _] = matrix;
-        match self.object.moved(Affine::from_rows([x, y, z])) {
+        match self.object.transformed(Affine::from_rows([x, y, z])) {
             Some(object) => Ok(PyShape { object }),
             None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),
         }

@@ -25,7 +25,7 @@ pub const DEPTH: usize = BY_SURFACE + 30;
 /// Subtrees of more primitives than this are built in parallel.
 const PARALLEL: usize = 4096;
 
-/// Ranges of fewer primitives than this are split by place alone.
+/// Ranges of fewer primitives than this are split by position alone.
 const SIZED: usize = 4096;
 
 /// A box: its low corner, and its high corner negated, so that to include is to take minima.
@@ -143,7 +143,7 @@ pub fn build<L: Send>(
     Bvh { center, nodes: memory::copy(&parts.nodes), leaves }
 }
 
-/// A binary tree over items that lie side by side.
+/// A binary tree over consecutive items.
 struct Tree {
     bounds: Aabb,
     len: usize,

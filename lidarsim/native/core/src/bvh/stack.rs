@@ -91,9 +91,9 @@ impl Stack {
     }
 
     #[inline(always)]
-    pub(super) fn push_if(&mut self, wanted: bool, entry: Entry) {
+    pub(super) fn push_if(&mut self, condition: bool, entry: Entry) {
         self.entries[self.len] = entry;
-        self.len += usize::from(wanted);
+        self.len += usize::from(condition);
     }
 
     /// Keeps the entries from `first` on in descending order of `near`, so that the nearest is popped first.

@@ -306,7 +306,7 @@ mod tests {
         }
     }
 
-    /// Notes who was offered what; rays that look for the first box want nothing beyond it.
+    /// Records the leaves that rays visit; in searches for the first box its t is the new limit.
     struct Notes<'a> {
         cubes: &'a [Cube],
         rays: &'a [(Whole, Whole)],
@@ -417,7 +417,7 @@ mod tests {
     #[test]
     fn rays_alone_and_together_are_offered_all_that_they_meet() {
         let mut next = numbers();
-        let (mut met, mut offered, mut possible) = (0, 0, 0);
+        let (mut hit, mut offered, mut possible) = (0, 0, 0);
         for (count, most) in [(0, 8), (1, 8), (7, 1), (300, 8), (1500, 1), (1500, 4)] {
             let cubes = cubes(count, &mut next);
             let bounds = |id: u32| {
@@ -452,7 +452,7 @@ mod tests {
                             let count = found.len();
                             found.sort_unstable();
                             found.dedup();
-                            // Where the sign of no axis is known, absent children are met, too, and lead to the first leaf.
+                            // Where the sign of no axis is known, absent children are visited, too, and lead to the first leaf.
                             assert!(errors[1] > 0 || found.len() == count, "a leaf comes twice");
                             if first_only {
                                 let t = entries[lane].iter().flatten().map(|&(num, den)| num as f64 / den as f64);
@@ -462,7 +462,7 @@ mod tests {
                             for (id, _) in entries[lane].iter().enumerate().filter(|(_, entry)| entry.is_some()) {
                                 let is_offered = found.binary_search(&(id as u32)).is_ok();
                                 assert!(is_offered, "{level:?} {together}: {origin:?} + t·{direction:?}, box {id}");
-                                met += 1;
+                                hit += 1;
                             }
                             if errors == [0, 0] && !together && most == 1 {
                                 offered += found.len();
@@ -473,8 +473,8 @@ mod tests {
                 }
             }
         }
-        // Many are met, and few are offered: of boxes that no ray came near, hardly any.
-        assert!(met > 10_000, "{met}");
+        // Many are hit, and few are offered: of boxes that no ray came near, hardly any.
+        assert!(hit > 10_000, "{hit}");
         assert!(20 * offered < possible, "{offered} of {possible}");
     }
 }

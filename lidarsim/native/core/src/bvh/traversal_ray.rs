@@ -117,7 +117,7 @@ mod tests {
     use crate::arith::number::{Dyadic, Number};
     use crate::testing::worst;
 
-    /// Where a ray meets a plane, by its own float32 numbers: how far these are on the safe side at least, in roundings.
+    /// The t of a plane in float32: how far its bounds are on the safe side at least, in roundings.
     #[test]
     fn bounds_are_on_the_safe_side_by_what_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.5 + 0.499 * next();

@@ -175,7 +175,7 @@ mod tests {
         for _ in 0..=round % 2 {
             let place = [0.0, 1.0, 5e6][round % 3];
             let linear = [0; 3].map(|_: u8| [0; 3].map(|_: u8| 3.0 * (number() - 0.5)));
-            object = object.moved(Affine::new(linear, [0; 3].map(|_: u8| place * (number() + 0.5))))?;
+            object = object.transformed(Affine::new(linear, [0; 3].map(|_: u8| place * (number() + 0.5))))?;
         }
         Some(object)
     }

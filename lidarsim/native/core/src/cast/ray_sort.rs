@@ -5,7 +5,7 @@ use crate::arith::simd::{Floats, Isa};
 use crate::bvh::LANES;
 use crate::geometry::vector::Point;
 
-/// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
+/// Rays that are sorted together where neighbours are coherent: they and their hits stay in the first caches.
 pub const NEAR: usize = 1024;
 
 /// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their keys have.
@@ -267,7 +267,7 @@ fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
     [I::narrow(low[0], high[0]).store(), I::narrow(low[1], high[1]).store(), I::narrow(low[2], high[2]).store()]
 }
 
-/// Whether neighbours point elsewhere: then it is worth sorting rays in larger numbers.
+/// Whether neighbours are incoherent: then it is worth sorting rays in larger numbers.
 pub fn are_scattered(directions: &[Point]) -> bool {
     const SAMPLES: usize = 16;
     let n = directions.len();

@@ -170,7 +170,7 @@ impl SurfaceHits {
         let Some(first) = first else { return Ok(()) };
         let t = Number::enclose(&first)?;
         let behind = t.low.lt(F::splat(t_min));
-        // As many as there are rays are enough: each ray has its place in one alone.
+        // There are as many as rays, and each ray is in one of them alone: the index is in range.
         let agreeing = &mut self.agreeing[self.count];
         agreeing.roots[0].set(first.feature, t);
         agreeing.count = 1;
@@ -418,7 +418,7 @@ mod tests {
     fn shapes() -> Vec<Object> {
         let turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
         let cylinder = |capped| Cylinder { start: [0.0, 0.0, -1.0], end: [0.0, 0.0, 1.0], radius: 1.0, capped };
-        let simple: Vec<AnySurface> = vec![
+        let surfaces: Vec<AnySurface> = vec![
             Sphere { center: [0.0; 3], radius: 1.0 }.into(),
             Box { size: [2.0; 3], center: [0.0; 3] }.into(),
             cylinder(true).into(),
@@ -427,7 +427,7 @@ mod tests {
             Plane::PointNormal { point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, 1.0] }.into(),
         ];
         let ellipsoid = Ellipsoid::new([0.0; 3], [1.0, 1.0, 2.0], turn).map(AnySurface::from);
-        let simple = simple.into_iter().chain(ellipsoid).map(Geometry::Surface);
+        let surfaces = surfaces.into_iter().chain(ellipsoid).map(Geometry::Surface);
         let octahedron = TriangleMesh::new(
             [0, 1, 2]
                 .iter()
@@ -436,10 +436,10 @@ mod tests {
             (0..8).map(|k| [k & 1, 2 + (k >> 1 & 1), 4 + (k >> 2)]).collect(),
         );
         let mesh = octahedron.map(|mesh| Geometry::Mesh(Arc::new(mesh)));
-        let objects = simple.chain(mesh).map(|geometry| Object::new(geometry, false));
+        let objects = surfaces.chain(mesh).map(|geometry| Object::new(geometry, false));
         let sheared = Affine::new([[1.0, 0.25, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -1.0]], [0.5, 0.0, 0.0]);
-        let twice = |object: &Object| object.moved(sheared)?.moved(Affine::new(turn, [0.0, 0.5, 0.0]));
-        objects.flat_map(|object| [twice(&object), object.moved(sheared), Some(object)]).flatten().collect()
+        let twice = |object: &Object| object.transformed(sheared)?.transformed(Affine::new(turn, [0.0, 0.5, 0.0]));
+        objects.flat_map(|object| [twice(&object), object.transformed(sheared), Some(object)]).flatten().collect()
     }
 
     /// From a few origins to the points of a grid, of which many are corners, on edges, or where a line touches; and past them.

@@ -132,7 +132,7 @@ pub trait Placement: Copy {
     fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N>;
 }
 
-/// Not moved at all.
+/// The identity map.
 #[derive(Clone, Copy)]
 pub struct Identity;
 

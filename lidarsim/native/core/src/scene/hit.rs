@@ -25,7 +25,7 @@ impl Hit {
 /// Where hits go: the hit of ray i, once for each ray, in any order.
 pub trait Sink {
     fn put(&mut self, i: usize, hit: Hit);
-    /// Brings the places of some hits into the cache.
+    /// Prefetches the memory of some hits.
     fn prefetch<I: Isa>(&self, hits: Range<usize>);
 }
 

@@ -184,7 +184,7 @@ pub mod tests {
         Triangle(FLAT.0, FLAT.1, [0.0, 8.0, z])
     }
 
-    /// A triangle of its own, or among others that no ray meets; the primitive is the last.
+    /// A triangle of its own, or among others that no ray hits; the primitive is the last.
     pub fn object(triangle: Triangle, others: usize) -> Object {
         if others == 0 {
             return Object::new(Geometry::Surface(triangle.into()), false);
@@ -204,10 +204,11 @@ pub mod tests {
             let [a, b] = [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i] as u32));
             assert_eq!([scene.share_axis_plane(&a, &b), scene.share_axis_plane(&b, &a)], [z == 1.0; 2]);
         }
-        // Where an object was moved, its vertices are not those of the world.
+        // Where an object is transformed, its vertices are not those of the world.
         let flat = object(FLAT, 0);
-        let moved = flat.moved(Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 1.0]));
-        let scene = Scene::new(moved.into_iter().chain([flat]).collect());
+        let transformed =
+            flat.transformed(Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 1.0]));
+        let scene = Scene::new(transformed.into_iter().chain([flat]).collect());
         assert_eq!(scene.objects().len(), 2);
         assert!(!scene.share_axis_plane(&RootId::of_triangle(0, 0), &RootId::of_triangle(1, 0)));
     }

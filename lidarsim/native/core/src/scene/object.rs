@@ -34,8 +34,8 @@ impl Object {
         Object { geometry, maps: Vec::new(), inverse: None, whole }
     }
 
-    /// The object moved by one more map; none if that cannot be inverted.
-    pub fn moved(&self, map: Affine) -> Option<Self> {
+    /// The object under one more map; none if that cannot be inverted.
+    pub fn transformed(&self, map: Affine) -> Option<Self> {
         let mut object = self.clone();
         if !map.is_identity() {
             let inverse = Inverse::of(&map)?;
@@ -82,7 +82,7 @@ impl Object {
         }
     }
 
-    /// Brings what names the corners of a triangle into the cache.
+    /// Prefetches the vertex indices of a triangle.
     #[inline(always)]
     pub fn prefetch_face<I: Isa>(&self, primitive: u32) {
         if let Geometry::Mesh(mesh) = &self.geometry {
@@ -102,7 +102,7 @@ impl Object {
         self.placement().local(ray)
     }
 
-    /// Where the object stands; none if it was not moved.
+    /// The map to local coordinates; none if the object is untransformed.
     #[inline(always)]
     pub fn placement(&self) -> Option<&Inverse> {
         self.inverse.as_deref()

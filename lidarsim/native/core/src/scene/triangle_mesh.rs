@@ -14,7 +14,7 @@ use crate::shapes::{Surface, Triangle};
 pub struct TriangleMesh {
     vertices: Vec<Point>,
     faces: Vec<[u32; 3]>,
-    /// Found when it is first asked for, and not again for each scene that the mesh moves through.
+    /// Computed on first use, once for all scenes that share the mesh.
     bounds: OnceLock<Option<[Interval; 3]>>,
     /// Built when it is first cast at.
     hierarchy: OnceLock<Bvh<Leaf>>,
@@ -44,7 +44,7 @@ impl TriangleMesh {
         self.faces.is_empty()
     }
 
-    /// Brings what names the vertices of the triangle into the cache.
+    /// Prefetches the vertex indices of a triangle.
     #[inline(always)]
     pub fn prefetch_face<I: Isa>(&self, id: u32) {
         I::prefetch(&self.faces[id as usize]);

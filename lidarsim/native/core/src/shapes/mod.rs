@@ -66,7 +66,7 @@ macro_rules! surfaces {
                 match self { $(AnySurface::$name(_) => <$name as Shape>::MOST_ROOTS),+ }
             }
 
-            /// Runs the task as a function of its own for each type of shape, which keeps these functions small; see `Isa::apart`.
+            /// Runs the task in a separate function for each type of shape, which keeps these functions small; see `Isa::apart`.
             #[inline(always)]
             pub fn apart<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
                 match self { $(AnySurface::$name(shape) => I::apart(On(shape, task))),+ }

@@ -27,7 +27,7 @@ fn between(a: Point2, b: Point2, p: Point2) -> bool {
 }
 
 /// Whether two closed segments share a point.
-fn meet(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
+fn intersect(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
     let turns = [Turn(a, b, c), Turn(a, b, d), Turn(c, d, a), Turn(c, d, b)].map(|turn| decide(&turn));
     let opposite = |x: Ordering, y: Ordering| x == y.reverse() && x != Ordering::Equal;
     (opposite(turns[0], turns[1]) && opposite(turns[2], turns[3]))
@@ -51,7 +51,7 @@ pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
             } else if (j + 1) % n == i {
                 decide(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
             } else {
-                meet(a, b, c, d)
+                intersect(a, b, c, d)
             };
             if touches {
                 return Some((i, j));

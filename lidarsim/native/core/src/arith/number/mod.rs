@@ -85,7 +85,7 @@ pub struct Root<N> {
     pub c: N,
     pub disc: N,
     pub branch: i8,
-    /// t, where it was worked out already.
+    /// t, where it is computed already.
     pub t: Option<N>,
     /// The part of the surface: a face of a box, the side or a cap of a cylinder.
     pub feature: u8,
@@ -123,17 +123,17 @@ pub trait Predicate {
 
 /// Evaluates a predicate in the cheapest arithmetic that is certain of it.
 #[inline]
-pub fn decide<Q: Predicate>(question: &Q) -> Q::Answer {
-    question.evaluate::<RunningError>().unwrap_or_else(|Uncertain| decide_exactly(question))
+pub fn decide<Q: Predicate>(predicate: &Q) -> Q::Answer {
+    predicate.evaluate::<RunningError>().unwrap_or_else(|Uncertain| decide_exactly(predicate))
 }
 
 /// As [`decide`], without the float64 stage: for predicates that it could hardly ever certify.
 #[cold]
 #[inline(never)]
-pub fn decide_exactly<Q: Predicate>(question: &Q) -> Q::Answer {
-    question
+pub fn decide_exactly<Q: Predicate>(predicate: &Q) -> Q::Answer {
+    predicate
         .evaluate::<DoubleDouble>()
-        .or_else(|Uncertain| question.evaluate::<Dyadic>())
+        .or_else(|Uncertain| predicate.evaluate::<Dyadic>())
         .unwrap_or_else(|Uncertain| unreachable!("exact arithmetic is never uncertain"))
 }
 

@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 use super::*;
 use crate::arith::simd::{Floats, Isa, LaneTask, Level, Task, dispatch};
 
-/// A kind of number whose errors the tests may look at.
+/// A kind of number whose error bounds the tests may read.
 pub(super) trait Enclosure<const N: usize>: Number {
     /// Whether the bounds of a lane hold x; true where they are infinite or NaN.
     fn holds(&self, lane: usize, x: &Dyadic) -> bool;
@@ -174,7 +174,7 @@ fn exact_zeros_are_certain() {
     assert_eq!(zero[0].times(&zero[1]).plus(&zero[3].squared()).sign(), Err(Uncertain));
 }
 
-/// Signs that differ are settled group by group, and what is not known is left.
+/// Signs that differ are settled lane by lane, and what is not known is left.
 #[test]
 fn lanes_that_disagree_are_asked_in_turn() {
     let values = [[3.0, -1.0, 0.0, 2.0, 1e-200, -4.0, 0.0, -0.0]];

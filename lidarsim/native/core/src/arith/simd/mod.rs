@@ -312,13 +312,13 @@ mod tests {
             let reach = 1e4_f64.powf(number());
             let far = [0; 8].map(|_: u8| if number() < 0.05 { f32::NAN } else { (reach * number()) as f32 });
             let what = [0; 8].map(|_: u8| (u32::MAX as f64 * number()) as u32);
-            let met: Vec<usize> = (0..8).filter(|&i| near[i] <= far[i]).collect();
-            counts[met.len()] += 1;
+            let hit: Vec<usize> = (0..8).filter(|&i| near[i] <= far[i]).collect();
+            counts[hit.len()] += 1;
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let (count, distances, found) = dispatch(level, Distances(&near, &far, &what));
-                assert_eq!(count, met.len());
+                assert_eq!(count, hit.len());
                 assert!(distances[..count].is_sorted_by(|a, b| a >= b), "{level:?}, {round}");
-                let mut left = met.clone();
+                let mut left = hit.clone();
                 for (distance, found) in distances[..count].iter().zip(found) {
                     let at = left
                         .iter()

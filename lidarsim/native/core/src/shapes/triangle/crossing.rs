@@ -137,8 +137,8 @@ mod tests {
         p.map(|x| [x; 8])
     }
 
-    fn exact(pair: Expansion<Portable>) -> Dyadic {
-        Dyadic::exact(pair.high[0]).plus(&Dyadic::exact(pair.low[0]))
+    fn exact(x: Expansion<Portable>) -> Dyadic {
+        Dyadic::exact(x.high[0]).plus(&Dyadic::exact(x.low[0]))
     }
 
     /// |x| / bound.

@@ -341,13 +341,13 @@ mod tests {
         t: [Option<Interval>; LEAF_SIZE],
     }
 
-    struct Look<'a> {
+    struct Probe<'a> {
         leaf: &'a Leaf,
         origin: (Point, f64),
         directions: &'a [(Point, f64)],
     }
 
-    impl Task for Look<'_> {
+    impl Task for Probe<'_> {
         /// Vertices as they are seen from the origin, and how far they may be off.
         type Output = ([[[f64; LEAF_SIZE]; 3]; 3], f64, Vec<Said>);
 
@@ -356,7 +356,7 @@ mod tests {
             let (origin, origin_error) = self.origin;
             let edges = self.leaf.edges::<I>(origin, origin_error);
             let planes = self.leaf.planes::<I>(&edges);
-            let mut said = Vec::new();
+            let mut told = Vec::new();
             for &(direction, direction_error) in self.directions {
                 let length = direction.iter().map(|x| x.abs()).sum();
                 let ray = LeafRay { direction, length, error: direction_error };
@@ -368,7 +368,7 @@ mod tests {
                         t[i] = Leaf::intersect::<I>(i, &planes, &ray, &sums);
                     }
                 }
-                said.push(Said { candidates, sure, t });
+                told.push(Said { candidates, sure, t });
             }
             let mut seen = [[[0.0; LEAF_SIZE]; 3]; 3];
             for vertex in 0..3 {
@@ -376,7 +376,7 @@ mod tests {
                     seen[vertex][axis] = edges.vertices[vertex][axis].store();
                 }
             }
-            (seen, edges.off(), said)
+            (seen, edges.off(), told)
         }
     }
 
@@ -393,8 +393,8 @@ mod tests {
     #[test]
     fn what_a_leaf_is_certain_of_is_so() {
         let mut next = numbers();
-        // Met, and of these sure, and of these with bounds of t; not met, and of these ruled out.
-        let (mut met, mut sure, mut bounded, mut missed, mut out) = (0, 0, 0, 0, 0);
+        // Hit, and of these certain, and of these with bounds of t; not hit, and of these ruled out.
+        let (mut hit, mut sure, mut bounded, mut missed, mut out) = (0, 0, 0, 0, 0);
         for (place, size) in BOXES {
             for round in 0..12 {
                 let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
@@ -427,9 +427,9 @@ mod tests {
                 };
                 let roots: Vec<Vec<_>> =
                     directions.iter().map(|(d, _)| leaf.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
-                for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
-                    let look = Look { leaf: &leaf, origin: (shown, shown_error), directions: &given };
-                    let (seen, seen_error, said) = dispatch(implicit, look);
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let probe = Probe { leaf: &leaf, origin: (shown, shown_error), directions: &given };
+                    let (seen, seen_error, told) = dispatch(level, probe);
                     for (lane, &id) in leaf.ids().iter().enumerate() {
                         for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
                             for axis in 0..3 {
@@ -442,24 +442,24 @@ mod tests {
                             }
                         }
                     }
-                    for (said, roots) in said.iter().zip(&roots) {
-                        assert_eq!((said.candidates >> leaf.ids().len(), said.sure & !said.candidates), (0, 0));
+                    for (told, roots) in told.iter().zip(&roots) {
+                        assert_eq!((told.candidates >> leaf.ids().len(), told.sure & !told.candidates), (0, 0));
                         for (lane, root) in roots.iter().enumerate() {
                             let is = |mask: u32| mask >> lane & 1 != 0;
                             let Some(root) = root else {
-                                assert!(!is(said.sure), "{implicit:?}: {place}, {size}");
+                                assert!(!is(told.sure), "{level:?}: {place}, {size}");
                                 missed += 1;
-                                out += usize::from(!is(said.candidates));
+                                out += usize::from(!is(told.candidates));
                                 continue;
                             };
-                            assert!(is(said.candidates), "{implicit:?}: {place}, {size}");
-                            met += 1;
-                            sure += usize::from(is(said.sure));
-                            if let Some(t) = &said.t[lane] {
+                            assert!(is(told.candidates), "{level:?}: {place}, {size}");
+                            hit += 1;
+                            sure += usize::from(is(told.sure));
+                            if let Some(t) = &told.t[lane] {
                                 // t = b/a with a > 0.
                                 let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
-                                assert!(side(t.low) != Ok(Ordering::Greater), "{implicit:?}: {place}, {size}, {t:?}");
-                                assert!(side(t.high) != Ok(Ordering::Less), "{implicit:?}: {place}, {size}, {t:?}");
+                                assert!(side(t.low) != Ok(Ordering::Greater), "{level:?}: {place}, {size}, {t:?}");
+                                assert!(side(t.high) != Ok(Ordering::Less), "{level:?}: {place}, {size}, {t:?}");
                                 bounded += 1;
                             }
                         }
@@ -467,7 +467,7 @@ mod tests {
                 }
             }
         }
-        assert!(met > 8_000 && sure > 4_000 && bounded > 4_000, "{met}, {sure}, {bounded}");
+        assert!(hit > 8_000 && sure > 4_000 && bounded > 4_000, "{hit}, {sure}, {bounded}");
         assert!(missed > 50_000 && out > 20_000, "{missed}, {out}");
     }
 
@@ -587,13 +587,13 @@ mod tests {
                     .map(|k| ([0; 3].map(|_: u8| (next() - 0.5) * [1e-29, 1.0, 1e29][k % 3]), [0.0, 1e-9][k % 2]))
                     .collect();
                 for origin in [[0.0; 3], [1e29, -1e29, 3.0]] {
-                    for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
-                        let look = Look { leaf: &leaf, origin: (origin, 0.0), directions: &directions };
-                        for said in dispatch(implicit, look).2 {
+                    for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                        let probe = Probe { leaf: &leaf, origin: (origin, 0.0), directions: &directions };
+                        for told in dispatch(level, probe).2 {
                             assert_eq!(
-                                (said.candidates, said.sure),
+                                (told.candidates, told.sure),
                                 ((1 << count) - 1, 0),
-                                "{implicit:?}: {place}, {size}"
+                                "{level:?}: {place}, {size}"
                             );
                         }
                     }

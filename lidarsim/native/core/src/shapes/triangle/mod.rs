@@ -1,8 +1,8 @@
-//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c seen from the origin of the ray.
+//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c relative to the origin of the ray.
 //!
 //! Each is six times the volume of a tetrahedron between the ray and an edge. An edge that two triangles share gives both
 //! the same number with opposite signs, and the signs are exact: so no ray slips through between them
-//! (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same signs after a shear).
+//! (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same signs, U, V, W, after a shear).
 
 mod crossing;
 mod each;

@@ -4,7 +4,7 @@ use super::crossing::BOUND;
 use crate::arith::expansion::{Expansion, V};
 use crate::arith::simd::{Floats, Isa, lanes};
 
-/// The lanes whose ray certainly meets its triangle, and those whose ray certainly does not: by the signs of the volumes d·(c × b), d·(a × c),
+/// The lanes whose ray certainly hits its triangle, and those whose ray certainly misses it: by the signs of the volumes d·(c × b), d·(a × c),
 /// d·(b × a), as in `Triangle`.
 ///
 /// As an expansion each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
@@ -70,12 +70,12 @@ mod tests {
     use crate::testing::numbers;
 
     /// Eight rays and a triangle each.
-    struct Look<'a> {
+    struct Probe<'a> {
         triangles: &'a [[Point; 3]; 8],
         rays: &'a [(Point, Point); 8],
     }
 
-    impl Task for Look<'_> {
+    impl Task for Probe<'_> {
         /// What `sides` says, and bounds of t with the lanes in which they are known.
         type Output = ((u32, u32), [f64; 8], [f64; 8], u32);
 
@@ -100,7 +100,7 @@ mod tests {
     #[test]
     fn what_is_certain_is_so() {
         let mut next = numbers();
-        let (mut met, mut missed, mut unsure, mut bounded) = (0, 0, 0, 0);
+        let (mut hit, mut missed, mut unsure, mut bounded) = (0, 0, 0, 0);
         for (place, size, whole) in [
             (0.0, 16.0, true),
             (5e6, 16.0, true),
@@ -131,43 +131,33 @@ mod tests {
                         Err(_) => unreachable!("exact arithmetic is never uncertain"),
                     }
                 });
-                for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
-                    let ((meets, misses), low, high, known) =
-                        dispatch(implicit, Look { triangles: &triangles, rays: &rays });
-                    assert_eq!(meets & misses, 0);
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let ((hits, misses), low, high, known) =
+                        dispatch(level, Probe { triangles: &triangles, rays: &rays });
+                    assert_eq!(hits & misses, 0);
                     for (lane, root) in roots.iter().enumerate() {
                         let is = |mask: u32| mask >> lane & 1 != 0;
-                        assert!(
-                            !(is(meets) && root.is_none()),
-                            "{implicit:?}: {:?}, {:?}",
-                            triangles[lane],
-                            rays[lane]
-                        );
-                        assert!(
-                            !(is(misses) && root.is_some()),
-                            "{implicit:?}: {:?}, {:?}",
-                            triangles[lane],
-                            rays[lane]
-                        );
-                        (met, missed) = (met + usize::from(is(meets)), missed + usize::from(is(misses)));
-                        unsure += usize::from(!is(meets | misses));
-                        if let (Some(root), true) = (root, is(meets & known)) {
+                        assert!(!(is(hits) && root.is_none()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
+                        assert!(!(is(misses) && root.is_some()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
+                        (hit, missed) = (hit + usize::from(is(hits)), missed + usize::from(is(misses)));
+                        unsure += usize::from(!is(hits | misses));
+                        if let (Some(root), true) = (root, is(hits & known)) {
                             // t = b/a with a > 0.
                             let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
-                            assert!(side(low[lane]) != Ok(Ordering::Greater), "{implicit:?}: {:?}", triangles[lane]);
-                            assert!(side(high[lane]) != Ok(Ordering::Less), "{implicit:?}: {:?}", triangles[lane]);
+                            assert!(side(low[lane]) != Ok(Ordering::Greater), "{level:?}: {:?}", triangles[lane]);
+                            assert!(side(high[lane]) != Ok(Ordering::Less), "{level:?}: {:?}", triangles[lane]);
                             // And they are of use.
                             let middle = low[lane].abs().max(high[lane].abs());
                             assert!(high[lane] - low[lane] <= 64.0 * f64::EPSILON * middle);
                             bounded += 1;
                         }
                         // Numbers beyond 2^±200 are left to others.
-                        assert!(!(size == 1e-70 || size == 1e100) || !is(meets | misses));
+                        assert!(!(size == 1e-70 || size == 1e100) || !is(hits | misses));
                     }
                 }
             }
         }
-        assert!(met > 5_000 && missed > 3_000 && bounded > 4_000, "{met}, {missed}, {bounded}");
+        assert!(hit > 5_000 && missed > 3_000 && bounded > 4_000, "{hit}, {missed}, {bounded}");
         // Those on edges, where coordinates are not whole, but for the rays that rounding puts aside far enough.
         assert!(unsure > 3_000, "{unsure}");
     }
@@ -177,8 +167,8 @@ mod tests {
         // Whole numbers in a plane through the origin: the ray lies in the plane of an edge and the axis, exactly.
         let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
         let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
-        for implicit in Level::ALL.into_iter().filter(|implicit| *implicit <= Level::best()) {
-            let (sides, low, high, known) = dispatch(implicit, Look { triangles: &triangles, rays: &rays });
+        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            let (sides, low, high, known) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
             assert_eq!((sides, known), ((0xff, 0), 0xff));
             assert!(low.iter().zip(high).all(|(low, high)| *low <= 4.0 && 4.0 <= high));
         }
