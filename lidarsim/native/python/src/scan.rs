@@ -248,7 +248,7 @@ impl PulseArrays<'_> {
 }
 
 /// What a scan gives: each array has room for all pulses, and its length when it is filled.
-struct Columns {
+struct ScanColumns {
     range: Vec<f64>,
     true_range: Vec<f64>,
     range_error: Vec<f64>,
@@ -264,11 +264,11 @@ struct Columns {
     strays: bool,
 }
 
-impl Columns {
+impl ScanColumns {
     /// Room for the rows of so many pulses.
     fn new(pulses: usize, most: usize, strays: bool) -> Self {
         let rows = pulses * most;
-        Columns {
+        ScanColumns {
             range: memory::with_capacity(rows),
             true_range: memory::with_capacity(rows),
             range_error: memory::with_capacity(rows),
@@ -369,7 +369,7 @@ pub fn scan<'py>(
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
     let most = measurement.returns.most();
-    let mut columns = Columns::new(directions.len(), most, measurement.strays());
+    let mut columns = ScanColumns::new(directions.len(), most, measurement.strays());
     let mut rows = columns.rows(directions.len(), most);
     py.detach(|| scene.scene.prepare());
     let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);

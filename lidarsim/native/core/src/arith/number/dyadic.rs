@@ -14,7 +14,7 @@ pub struct Dyadic {
 }
 
 /// Bits of a root that is only to be near: rounded to float64, it is the nearest or one beside that.
-const NEAR: i64 = 64;
+const NEAR_BITS: i64 = 64;
 
 /// Bits of a root beyond those of the longest coefficient; see `value`.
 const BEYOND: i64 = 128;
@@ -211,7 +211,7 @@ impl Number for Dyadic {
     /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is near enough to that. So the root
     /// itself is compared with the midpoints around a float64 near it.
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
-        let (num, den) = Self::fraction(root, NEAR);
+        let (num, den) = Self::fraction(root, NEAR_BITS);
         let near = num.ratio(&den);
         if root.branch == 0 {
             return Ok(near);

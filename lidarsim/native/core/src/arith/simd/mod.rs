@@ -253,12 +253,12 @@ mod tests {
         }
     }
 
-    struct Columns<'a> {
+    struct Transpose<'a> {
         points: &'a [[f64; 3]],
         at: [usize; 8],
     }
 
-    impl Task for Columns<'_> {
+    impl Task for Transpose<'_> {
         type Output = [[f64; 8]; 3];
 
         #[inline(always)]
@@ -277,7 +277,7 @@ mod tests {
         for _ in 0..200 {
             let at = [0; 8].map(|_: u8| (11.0 * number()) as usize);
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let [x, y, z] = dispatch(level, Columns { points: &points, at });
+                let [x, y, z] = dispatch(level, Transpose { points: &points, at });
                 for lane in 0..8 {
                     assert_eq!([x[lane], y[lane], z[lane]], points[at[lane]], "{level:?}");
                 }

@@ -31,14 +31,14 @@ pub struct Leaf {
 /// Bits of a coordinate.
 const GRID: u32 = simd::FRACTION;
 
-type Lanes<I> = <I as Isa>::F64x8;
+type F64x8<I> = <I as Isa>::F64x8;
 
 /// The triangles of a leaf relative to the origin of a ray.
 pub struct Edges<I: Isa> {
     /// a, b, c.
-    vertices: [[Lanes<I>; 3]; 3],
+    vertices: [[F64x8<I>; 3]; 3],
     /// c × b, a × c, b × a.
-    normals: [[Lanes<I>; 3]; 3],
+    normals: [[F64x8<I>; 3]; 3],
     /// At least the largest coordinate of an edge, on the grid.
     scale: f64,
     /// At least the largest coordinate of a vertex, and the error of any of them.
@@ -148,12 +148,12 @@ impl Leaf {
 
     /// A vertex of each triangle, moved by `shift`.
     #[inline(always)]
-    fn vertices<I: Isa>(&self, vertex: usize, scale: f64, shift: Point) -> [Lanes<I>; 3] {
-        let (grid, scale) = (&self.grid[vertex], Lanes::<I>::splat(scale));
+    fn vertices<I: Isa>(&self, vertex: usize, scale: f64, shift: Point) -> [F64x8<I>; 3] {
+        let (grid, scale) = (&self.grid[vertex], F64x8::<I>::splat(scale));
         [
-            I::fraction::<0>(grid).fused(scale, Lanes::<I>::splat(shift[0])),
-            I::fraction::<GRID>(grid).fused(scale, Lanes::<I>::splat(shift[1])),
-            I::fraction::<{ 2 * GRID }>(grid).fused(scale, Lanes::<I>::splat(shift[2])),
+            I::fraction::<0>(grid).fused(scale, F64x8::<I>::splat(shift[0])),
+            I::fraction::<GRID>(grid).fused(scale, F64x8::<I>::splat(shift[1])),
+            I::fraction::<{ 2 * GRID }>(grid).fused(scale, F64x8::<I>::splat(shift[2])),
         ]
     }
 
@@ -174,7 +174,7 @@ impl Leaf {
         let bound = I::fused(ray.length, edges.bound[0], bound);
         let least = Floats::min(Floats::min(u, v), w);
         let most = Floats::max(Floats::max(u, v), w);
-        let (below, above) = (Lanes::<I>::splat(-bound), Lanes::<I>::splat(bound));
+        let (below, above) = (F64x8::<I>::splat(-bound), F64x8::<I>::splat(bound));
         let apart = least.lt(below) & above.lt(most);
         let together = above.lt(least) | most.lt(below);
         let candidates = !apart & ((1 << self.count) - 1);
