@@ -48,7 +48,7 @@ impl Scene {
         &self.objects
     }
 
-    /// Builds the hierarchies that are not there yet.
+    /// Builds the hierarchies that have not been built yet.
     pub fn prepare(&self) {
         for object in &self.objects {
             if let Geometry::Mesh(mesh) = &object.geometry {
@@ -120,7 +120,7 @@ impl Scene {
         found
     }
 
-    /// Which of two roots on a line comes first.
+    /// The order of two roots on a line.
     pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point) -> Ordering {
         // Objects stand on floors, so coplanar triangles are common, and their ties would all go to exact arithmetic.
         if self.share_axis_plane(a, b) {

@@ -64,14 +64,14 @@ impl Object {
         matches!(self.geometry, Geometry::Surface(_))
     }
 
-    /// A triangle of an object that is one or has some.
+    /// A triangle of an object that is a triangle or a mesh.
     #[inline(always)]
     pub fn triangle(&self, primitive: u32) -> Triangle {
         let [a, b, c] = self.corners(primitive);
         Triangle(*a, *b, *c)
     }
 
-    /// As `triangle`, where the corners are kept.
+    /// As `triangle`, by reference.
     #[inline(always)]
     pub fn corners(&self, primitive: u32) -> [&Point; 3] {
         const NONE: &Point = &[0.0; 3];

@@ -11,13 +11,13 @@ pub trait Surface {
     /// Every t, of either sign, at which the line intersects the surface: ascending and distinct.
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
-    /// Where the ray begins: a function that is zero on part `feature` of the surface, and of degree two at most.
+    /// The implicit function F at the ray's origin: zero on part `feature` of the surface, and of degree two at most.
     fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;
 
-    /// Where the ray begins, on part `feature` of the surface or near it: an outward normal, half the gradient of `implicit`.
+    /// An outward normal at the ray's origin, on part `feature` of the surface or near it: half the gradient of `implicit`.
     fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
 
-    /// An axis-aligned box around the surface; none if the surface has no end.
+    /// An axis-aligned bounding box; none if the surface is unbounded.
     fn bounds(&self) -> Option<[Interval; 3]>;
 }
 
@@ -30,12 +30,12 @@ pub trait Shape: Surface + Sized {
     fn from_numbers(numbers: &[f64]) -> Result<Self, String>;
 }
 
-/// As many numbers as a shape has.
+/// The parameters as an array; an error if there are not N.
 pub fn parameters<const N: usize>(numbers: &[f64]) -> Result<[f64; N], String> {
     numbers.try_into().map_err(|_| format!("numbers: expected {N} of them, got {}", numbers.len()))
 }
 
-/// What is to be done with a surface of known type and registers of N lanes: an always inlined `run`.
+/// A function that is generic over the type of a surface and over registers of N lanes: an always inlined `run`.
 pub trait SurfaceTask {
     type Output;
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) -> Self::Output;

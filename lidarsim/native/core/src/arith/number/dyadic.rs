@@ -1,4 +1,4 @@
-//! Exact arithmetic: integers times powers of two. Every float64 is one, and sums and products stay such.
+//! Exact arithmetic on dyadic rationals, integers times powers of two: every float64 is one, and they are closed under sums and products.
 
 use std::cmp::Ordering;
 
@@ -13,7 +13,7 @@ pub struct Dyadic {
     exponent: i64,
 }
 
-/// Bits of a root that is only to be near: rounded to float64, it is the nearest or one beside that.
+/// Bits of an approximate root: rounded to float64, it is the nearest or one beside that.
 const NEAR_BITS: i64 = 64;
 
 /// Bits of a root beyond those of the longest coefficient; see `value`.

@@ -178,7 +178,7 @@ fn keys(near: __m256) -> __m256i {
     }
 }
 
-/// The distances of keys, and what belongs to their lanes.
+/// The distances of keys, and the payloads of their lanes.
 #[inline(always)]
 fn in_order(keys: __m256i, what: &[u32; 8]) -> ([f32; 8], [u32; 8]) {
     let (mut distances, mut found) = ([0.0; 8], [0; 8]);
