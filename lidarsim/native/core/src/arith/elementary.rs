@@ -262,7 +262,7 @@ mod tests {
             float(&(fixed(found) - if negative { -truth } else { truth })).abs() / f64::EPSILON
         };
         type Error<'a> = &'a dyn Fn(f64) -> f64;
-        let closest: [(&str, f64, f64, Error); 6] = [
+        let searches: [(&str, f64, f64, Error); 6] = [
             ("exp", -1.0, 1.0, &off_exp),
             ("exp", -700.0, 700.0, &off_exp),
             ("ln", 0.5, 2.0, &off_ln),
@@ -270,7 +270,7 @@ mod tests {
             ("sin", -10.0, 10.0, &|x| off_turn(x, 0)),
             ("cos", -1e6, 1e6, &|x| off_turn(x, 1)),
         ];
-        for (what, low, high, off) in closest {
+        for (what, low, high, off) in searches {
             let draw = |_: usize, next: &mut dyn FnMut() -> f64| low + (high - low) * next();
             let (found, x) = worst(10, 250, draw, |&[x]: &[f64; 1]| if low < x && x < high { off(x) } else { 0.0 });
             assert!(0.5 < found && found <= 1.0, "{what} of {x:?} is off by {found}");

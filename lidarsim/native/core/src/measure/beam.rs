@@ -21,15 +21,15 @@ impl Beam {
         let rings = (1..).take_while(|m| 3 * m * (m + 1) < rays).count();
         // In units of the half angle w.
         let width = 1.0 / (rings as f64 + 0.5);
-        let visit = |radius: f64| 1.0 - exp(-2.0 * radius * radius);
-        let mut cells = vec![([0.0; 2], visit(width / 2.0) / visit(1.0))];
+        let inside = |radius: f64| 1.0 - exp(-2.0 * radius * radius);
+        let mut cells = vec![([0.0; 2], inside(width / 2.0) / inside(1.0))];
         for k in 1..=rings {
             let radius = k as f64 * width;
-            let energy = visit(radius + width / 2.0) - visit(radius - width / 2.0);
+            let energy = inside(radius + width / 2.0) - inside(radius - width / 2.0);
             for j in 0..6 * k {
                 let (sin, cos) = sin_cos(std::f64::consts::TAU * j as f64 / (6 * k) as f64);
                 let offset = [radius * cos * divergence[0] / 2.0, radius * sin * divergence[1] / 2.0];
-                cells.push((offset, energy / visit(1.0) / (6 * k) as f64));
+                cells.push((offset, energy / inside(1.0) / (6 * k) as f64));
             }
         }
         // A Gaussian is half of its maximum √(2 ln 2) standard deviations from its middle.

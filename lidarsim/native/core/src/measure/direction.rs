@@ -7,7 +7,7 @@ use crate::geometry::vector::Point;
 /// `direction` with its azimuth and elevation increased. At a pole, where the azimuth is free, it is 0.
 #[inline(always)]
 pub fn turned(direction: Point, azimuth: f64, elevation: f64) -> Point {
-    let (level, [x, y]) = octant_of(direction);
+    let (level, [x, y]) = heading(direction);
     let z = direction[2];
     let (sin_az, cos_az) = sin_cos(azimuth);
     let (sin_el, cos_el) = sin_cos(elevation);
@@ -18,7 +18,7 @@ pub fn turned(direction: Point, azimuth: f64, elevation: f64) -> Point {
 /// `direction`, unit, and to the left and upward of it by these tangents.
 #[inline(always)]
 pub fn beside(direction: Point, [left, up]: [f64; 2]) -> Point {
-    let (level, [x, y]) = octant_of(direction);
+    let (level, [x, y]) = heading(direction);
     let [dx, dy, dz] = direction;
     let v = [dx - left * y - up * dz * x, dy + left * x - up * dz * y, dz + up * level];
     let length = (1.0 + left * left + up * up).sqrt();
@@ -27,7 +27,7 @@ pub fn beside(direction: Point, [left, up]: [f64; 2]) -> Point {
 
 /// Length and direction of the horizontal part; at a pole the direction is x.
 #[inline(always)]
-fn octant_of([x, y, _]: Point) -> (f64, [f64; 2]) {
+fn heading([x, y, _]: Point) -> (f64, [f64; 2]) {
     let level = (x * x + y * y).sqrt();
     if level > 0.0 { (level, [x / level, y / level]) } else { (0.0, [1.0, 0.0]) }
 }

@@ -226,7 +226,7 @@ thread_local! {
     static SCRATCH: Cell<Scratch> = Cell::default();
 }
 
-/// Rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other.
+/// Scratch memory: rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other.
 #[derive(Default)]
 struct Scratch {
     origins: Vec<Point>,
@@ -250,7 +250,8 @@ struct Scratch {
     axes: Vec<Point>,
     dropout: Vec<f64>,
     noise: Vec<f64>,
-    channel_bias: Vec<f64>,
+    /// Of each pulse, what is added to its range; empty if that is the same for all.
+    bias: Vec<f64>,
     /// Of each pulse, the sensor's own range less that from the beam's origin; empty if they are the same.
     offset: Vec<f64>,
 }
@@ -296,41 +297,10 @@ impl<'a, C: Caster> Scan<'a, C> {
     fn measure_batch(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) -> Result<(), BadPulse> {
         self.cast(pulses.clone(), rays)?;
         self.shine(rays);
-        let most = self.measurement.returns.most();
-        rays.incidence.resize(pulses.len() * most, [0.0; 2]);
-        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
-        for i in 0..pulses.len() {
-            let first = i * most;
-            let mut row = first;
-            let mut status = Status::Miss;
-            match &self.measurement.beam {
-                None => {
-                    if let Some(light) = rays.light(i) {
-                        let echo = self.received(Echo::of(light), rays, i, 0);
-                        status = echo.status();
-                        self.report(row, (i, pulses.start + i), &echo, rays, rows);
-                        row += 1;
-                    }
-                }
-                Some(beam) => {
-                    waveform.echoes(self.level, beam, rays, i, &mut echoes);
-                    for (echo, number) in echoes.iter_mut().zip(0..) {
-                        *echo = self.received(*echo, rays, i, number);
-                    }
-                    self.measurement.returns.choose(&echoes, &mut chosen);
-                    status = chosen.first().map_or(Status::Miss, Echo::status);
-                    for echo in &chosen {
-                        self.report(row, (i, pulses.start + i), echo, rays, rows);
-                        row += 1;
-                    }
-                }
-            }
-            rows.status[i].write(status as u8);
-            rows.return_count[i].write(if status == Status::Hit { (row - first) as u8 } else { 0 });
-            for row in row..first + most {
-                rows.clear(row);
-                rays.incidence[row] = [f64::NAN; 2];
-            }
+        rays.incidence.resize(pulses.len() * self.measurement.returns.most(), [0.0; 2]);
+        match &self.measurement.beam {
+            None => self.measure_lines(pulses, rays, rows),
+            Some(beam) => self.measure_footprints(beam, pulses, rays, rows),
         }
         for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(&rays.incidence) {
             angle.write(first_quadrant_angle(squared_sin.sqrt(), *cos) as f32);
@@ -338,19 +308,66 @@ impl<'a, C: Caster> Scan<'a, C> {
         Ok(())
     }
 
-    /// Writes an echo of the `i`-th pulse of the batch.
+    /// Measures pulses of one ray each.
     #[inline(always)]
-    fn report(&self, row: usize, (i, pulse): (usize, usize), echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
+    fn measure_lines(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
+        let most = self.measurement.returns.most();
+        for i in 0..pulses.len() {
+            let first = i * most;
+            let (mut end, mut status) = (first, Status::Miss);
+            if let Some(light) = rays.light(i) {
+                let echo = self.received(Echo::of(light), rays, i, 0);
+                status = echo.status();
+                self.report(first, &echo, rays, rows);
+                if let Some(direction) = rows.true_direction.get_mut(first) {
+                    direction.write(self.axis(pulses.start, i, rays));
+                }
+                end += 1;
+            }
+            close(i, first..first + most, end, status, rays, rows);
+        }
+    }
+
+    /// Measures pulses of several rays each.
+    #[inline(always)]
+    fn measure_footprints(&self, beam: &Beam, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
+        let most = self.measurement.returns.most();
+        let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
+        for i in 0..pulses.len() {
+            waveform.echoes(beam, rays, i, &mut echoes);
+            for (echo, number) in echoes.iter_mut().zip(0..) {
+                *echo = self.received(*echo, rays, i, number);
+            }
+            self.measurement.returns.choose(&echoes, &mut chosen);
+            let first = i * most;
+            let mut row = first;
+            for echo in &chosen {
+                self.report(row, echo, rays, rows);
+                if let Some(direction) = rows.true_direction.get_mut(row) {
+                    let offset = beam.offset(echo.ray - i * beam.len());
+                    direction.write(beside(self.axis(pulses.start, i, rays), offset));
+                }
+                row += 1;
+            }
+            let status = chosen.first().map_or(Status::Miss, Echo::status);
+            close(i, first..first + most, row, status, rays, rows);
+        }
+    }
+
+    /// Writes an echo, but for where it comes from.
+    #[inline(always)]
+    fn report(&self, row: usize, echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
         let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
         let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
         rows.write(row, echo, hit, label);
         let across = cross(hit.normal, direction);
         rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
-        if let Some(direction) = rows.true_direction.get_mut(row) {
-            let axis = *rays.axes.get(i).unwrap_or(&self.frame.directions[pulse]);
-            let beam = self.measurement.beam.as_ref();
-            direction.write(beam.map_or(axis, |beam| beside(axis, beam.offset(echo.ray - i * beam.len()))));
-        }
+    }
+
+    /// Where the `i`-th pulse of the batch that starts with pulse `start` went.
+    #[inline(always)]
+    fn axis(&self, start: usize, i: usize, rays: &Scratch) -> Point {
+        *rays.axes.get(i).unwrap_or_else(|| &self.frame.directions[start + i])
     }
 
     #[inline(always)]
@@ -394,7 +411,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             None => rays.index.extend(pulses.start as u64..pulses.end as u64),
             Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
         }
-        let Scratch { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, channel_bias, offset, .. } = rays;
+        let Scratch { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, bias, offset, .. } = rays;
         let wanted = |is: bool| if is { index.as_slice() } else { &[] };
         frame.stream.normals(wanted(measurement.effects.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
         frame.stream.normals(
@@ -410,7 +427,10 @@ impl<'a, C: Caster> Scan<'a, C> {
             0.0 => Vec::new(),
             _ => rings.iter().map(|ring| u64::from(*ring)).collect(),
         };
-        frame.stream.of_unit().normals(&channels, Effect::ChannelBias, 0, channel_bias);
+        frame.stream.of_unit().normals(&channels, Effect::ChannelBias, 0, bias);
+        for bias in &mut *bias {
+            *bias = measurement.effects.range_bias + measurement.effects.channel_bias_sigma * *bias;
+        }
         offset.clear();
         match *measurement.range_offset.as_slice() {
             [] => {}
@@ -515,11 +535,21 @@ impl<'a, C: Caster> Scan<'a, C> {
             Some(&noise) if number == 0 => noise,
             Some(_) => self.frame.stream.normal(rays.index[i], Effect::RangeNoise, number),
         };
-        let of_pulse = |values: &[f64]| values.get(i).copied().unwrap_or(0.0);
-        let bias = m.effects.range_bias + m.effects.channel_bias_sigma * of_pulse(&rays.channel_bias);
-        let offset = of_pulse(&rays.offset);
+        let bias = *rays.bias.get(i).unwrap_or(&m.effects.range_bias);
+        let offset = *rays.offset.get(i).unwrap_or(&0.0);
         let range = echo.range + (bias + m.range_sigma.at(echo.range) * noise);
         Ok(m.gate(m.quantised(range + offset))? - offset)
+    }
+}
+
+/// Writes what became of the `i`-th pulse of a batch, and those of its rows, from `end` on, that it has no returns for.
+#[inline(always)]
+fn close(i: usize, all: Range<usize>, end: usize, status: Status, rays: &mut Scratch, rows: &mut Rows) {
+    rows.status[i].write(status as u8);
+    rows.return_count[i].write(if status == Status::Hit { (end - all.start) as u8 } else { 0 });
+    for row in end..all.end {
+        rows.clear(row);
+        rays.incidence[row] = [f64::NAN; 2];
     }
 }
 
@@ -530,9 +560,11 @@ impl Scratch {
         if self.hits[ray].object < 0 {
             return None;
         }
-        let (range, clear) = (self.range[ray], self.intensity[ray]);
-        let intensity = self.transmission.get(ray).map_or(clear, |transmission| clear * transmission);
-        let power = |intensity: f64| intensity / (range * range);
-        Some(Light { ray, range, intensity, power: power(intensity), clear_power: power(clear) })
+        let (range, intensity) = (self.range[ray], self.intensity[ray]);
+        let power = intensity / (range * range);
+        let clear = Light { ray, range, intensity, power, clear_power: power };
+        let Some(transmission) = self.transmission.get(ray) else { return Some(clear) };
+        let intensity = intensity * transmission;
+        Some(Light { intensity, power: intensity / (range * range), ..clear })
     }
 }

@@ -4,7 +4,6 @@ use super::Scratch;
 use super::beam::Beam;
 use super::echo::{Echo, Light};
 use crate::arith::elementary::exp;
-use crate::arith::simd::{self, Isa, Level, Task};
 use crate::geometry::pose::dot;
 
 /// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
@@ -35,7 +34,8 @@ pub(super) struct Waveform {
 
 impl Waveform {
     /// The echoes of the `pulse`-th pulse of the batch, by rising range.
-    pub(super) fn echoes(&mut self, level: Level, beam: &Beam, rays: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
+    #[inline(always)]
+    pub(super) fn echoes(&mut self, beam: &Beam, rays: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
         let Waveform { lights, .. } = self;
         echoes.clear();
         lights.clear();
@@ -48,7 +48,7 @@ impl Waveform {
             return;
         }
         lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
-        self.look(level, beam, rays, pulse);
+        self.look(beam, rays, pulse);
         let (mut first, mut falls) = (0, false);
         for (slope, before) in self.slopes.iter().zip(&self.before) {
             if *slope > 0.0 && falls && *before > first {
@@ -63,7 +63,8 @@ impl Waveform {
     /// The slope of the waveform at each light, and between each two where a valley between them would show: the light of the one
     /// falls most steeply against the rise of the other's at a from the first and b from the second with a·b = σ², if they
     /// are of one width and more than 2σ apart. Else they have no valley of their own, but others may make one: half way.
-    fn look(&mut self, level: Level, beam: &Beam, rays: &Scratch, pulse: usize) {
+    #[inline(always)]
+    fn look(&mut self, beam: &Beam, rays: &Scratch, pulse: usize) {
         let Waveform { lights, variances, places, before, slopes } = self;
         let first = pulse * beam.len();
         let to_next = |light: &Light| rays.to_next_sub_ray(light, first);
@@ -77,12 +78,12 @@ impl Waveform {
             before.push(i);
             let Some(next) = lights.get(i + 1) else { break };
             let gap = next.range - light.range;
-            let visit = |variance: f64| {
+            let inside = |variance: f64| {
                 // Further apart, the one is dark where the other is.
                 let gap = gap.min(2.0 * REACH * variance.sqrt());
                 0.5 * (gap - (gap * gap - 4.0 * variance).max(0.0).sqrt())
             };
-            let (low, high) = (light.range + visit(variances[i]), next.range - visit(variances[i + 1]));
+            let (low, high) = (light.range + inside(variances[i]), next.range - inside(variances[i + 1]));
             places.push(low);
             before.push(i + 1);
             if low < high {
@@ -92,25 +93,7 @@ impl Waveform {
         }
         slopes.clear();
         slopes.resize(places.len(), 0.0);
-        simd::dispatch(level, Slopes { lights, variances, places, slopes });
-    }
-}
-
-/// The slopes at all places, compiled for each instruction set.
-struct Slopes<'a> {
-    lights: &'a [Light],
-    variances: &'a [f64],
-    places: &'a [f64],
-    slopes: &'a mut [f64],
-}
-
-impl Task for Slopes<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<I: Isa>(self) {
-        let Slopes { lights, variances, places, slopes } = self;
-        for (light, variance) in lights.iter().zip(variances) {
+        for (light, variance) in lights.iter().zip(&*variances) {
             // Of a black surface there is no light, and no variance where it is grazed.
             if light.clear_power > 0.0 {
                 let (sigma, weight) = (variance.sqrt(), light.clear_power / variance);
@@ -130,7 +113,7 @@ impl Scratch {
     /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of what it hit, where that
     /// changes most. `first`: the first ray of the pulse.
     ///
-    /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR = −R·n·dd/(n·d). The first ray
+    /// Scratch of direction d from one point meet the plane of normal n where R·n·d is the same, so dR = −R·n·dd/(n·d). The first ray
     /// is the axis, the next is to its left, and the two after that above it, to the left and to the right by half of the way.
     fn to_next_sub_ray(&self, light: &Light, first: usize) -> f64 {
         let normal = self.hits[light.ray].normal;
