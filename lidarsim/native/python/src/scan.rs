@@ -247,7 +247,7 @@ impl PulseArrays<'_> {
     }
 }
 
-/// What a scan gives: each array has room for all pulses, and its length when it is filled.
+/// What a scan gives: each array has capacity for all pulses, and its length when it is filled.
 struct ScanColumns {
     range: Vec<f64>,
     true_range: Vec<f64>,
@@ -265,7 +265,7 @@ struct ScanColumns {
 }
 
 impl ScanColumns {
-    /// Room for the rows of so many pulses.
+    /// With capacity for the rows of so many pulses.
     fn new(pulses: usize, most: usize, strays: bool) -> Self {
         let rows = pulses * most;
         ScanColumns {
@@ -307,7 +307,7 @@ impl ScanColumns {
     /// The rows of so many pulses must have been written.
     unsafe fn are_written(&mut self, pulses: usize, most: usize) {
         let rows = pulses * most;
-        // SAFETY: there is room for as many, and the caller has written them.
+        // SAFETY: there is capacity for as many, and the caller has written them.
         unsafe {
             self.range.set_len(rows);
             self.true_range.set_len(rows);

@@ -99,7 +99,7 @@ impl Frame<'_> {
     /// Whether each of some pulses has a pose.
     #[inline(always)]
     fn have_poses(&self, pulses: Range<usize>) -> bool {
-        // All at once, which is faster than to look for the first without.
+        // All at once, which is faster than to search for the first without.
         self.times[pulses].iter().fold(true, |right, time| right & self.has_pose(*time))
     }
 
@@ -146,7 +146,7 @@ pub enum Fault {
     Time,
 }
 
-/// Room for the result: for each pulse as many rows as it can have returns, and one status. All of it is written, unless a pulse is bad.
+/// The uninitialized arrays of the result: for each pulse as many rows as it can have returns, and one status. All of it is written, unless a pulse is bad.
 pub struct Rows<'a> {
     pub range: &'a mut [MaybeUninit<f64>],
     pub true_range: &'a mut [MaybeUninit<f64>],
@@ -458,7 +458,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         let is_legal = |(origin, direction): (&Point, &Point)| is_finite(*origin) & is_unit(*direction);
         let mut right = true;
         if self.measurement.beam.is_none() && !self.measurement.jitters() {
-            // Looked at while they are aimed, for one reading less.
+            // Checked while they are aimed, for one reading less.
             for ((o, d), (origin, direction)) in rays_there.zip(origins.iter().zip(directions)) {
                 right &= is_legal((origin, direction));
                 (*o, *d) = (pose.place(*origin), pose.turn(*direction));
