@@ -48,7 +48,5 @@ class Box(Shape):
     def __init__(
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:
-        native = _native.Shape.box(
-            positive("size", array("size", size, (3,))).tolist(), array("center", center, (3,)).tolist()
-        )
+        native = _native.Shape("Box", [*positive("size", array("size", size, (3,))), *array("center", center, (3,))])
         super().__init__(native, transform)

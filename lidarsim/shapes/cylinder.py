@@ -64,5 +64,5 @@ class Cylinder(Shape):
             raise ValueError(f"end: expected a point other than start, got {tuple(last.tolist())} for both")
         if not isinstance(capped, bool | np.bool_):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
-        native = _native.Shape.cylinder(first.tolist(), last.tolist(), real("radius", radius, above=0.0), bool(capped))
+        native = _native.Shape("Cylinder", [*first, *last, real("radius", radius, above=0.0), bool(capped)])
         super().__init__(native, transform)

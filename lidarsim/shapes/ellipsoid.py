@@ -61,9 +61,12 @@ class Ellipsoid(Shape):
             rotation = np.eye(3)
         elif hasattr(rotation, "as_matrix"):
             rotation = rotation.as_matrix()
-        native = _native.Shape.ellipsoid(
-            array("center", center, (3,)).tolist(),
-            positive("radii", array("radii", radii, (3,))).tolist(),
-            array("rotation", rotation, (3, 3)).tolist(),
+        native = _native.Shape(
+            "Ellipsoid",
+            [
+                *array("center", center, (3,)),
+                *positive("radii", array("radii", radii, (3,))),
+                *array("rotation", rotation, (3, 3)).ravel(),
+            ],
         )
         super().__init__(native, transform)

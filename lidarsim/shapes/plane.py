@@ -47,7 +47,7 @@ class Plane(Shape):
     __slots__ = ()
 
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
-        native = _native.Shape.plane(_normal(normal), real("distance", distance))
+        native = _native.Shape("Plane", [*_normal(normal), real("distance", distance)])
         super().__init__(native, transform)
 
     @classmethod
@@ -71,7 +71,7 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the normal is zero, or the transform cannot be inverted.
         """
-        native = _native.Shape.plane_from_point(array("point", point, (3,)).tolist(), _normal(normal))
+        native = _native.Shape("Plane", [*array("point", point, (3,)), *_normal(normal)])
         return cls._of(native, transform)
 
     @classmethod
@@ -97,8 +97,8 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the points are on one line, or the transform cannot be inverted.
         """
-        points = [array(name, value, (3,)).tolist() for name, value in (("a", a), ("b", b), ("c", c))]
-        return cls._of(_native.Shape.plane_from_points(*points), transform)
+        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,))]
+        return cls._of(_native.Shape("Plane", points), transform)
 
 
 def _normal(value: npt.ArrayLike) -> list[float]:

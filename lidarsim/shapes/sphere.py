@@ -47,5 +47,5 @@ class Sphere(Shape):
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
-        native = _native.Shape.sphere(array("center", center, (3,)).tolist(), real("radius", radius, above=0.0))
+        native = _native.Shape("Sphere", [*array("center", center, (3,)), real("radius", radius, above=0.0)])
         super().__init__(native, transform)

@@ -47,5 +47,5 @@ class Triangle(Shape):
     def __init__(
         self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
     ) -> None:
-        points = [array(name, value, (3,)).tolist() for name, value in (("a", a), ("b", b), ("c", c))]
-        super().__init__(_native.Shape.triangle(*points), transform)
+        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,))]
+        super().__init__(_native.Shape("Triangle", points), transform)

@@ -3,7 +3,7 @@
 //! A hierarchy is read all over, so that with small pages most reads also miss the processor's table of pages; and of an array that is written for
 //! the first time, each page is made then.
 
-/// An empty vector with room for `capacity`, on large pages if it is large.
+/// An empty vector of this capacity, on large pages if it is large.
 pub fn with_capacity<T>(capacity: usize) -> Vec<T> {
     let vector = Vec::with_capacity(capacity);
     #[cfg(target_os = "linux")]
@@ -23,7 +23,7 @@ fn advise<T>(vector: &Vec<T>) {
     }
 }
 
-/// Takes the first places of some, and leaves the others.
+/// Splits off the first elements of a slice.
 pub fn split_off<'a, T>(places: &mut &'a mut [T], count: usize) -> &'a mut [T] {
     let (first, others) = std::mem::take(places).split_at_mut(count);
     *places = others;

@@ -98,7 +98,7 @@ fn python_float(x: f64) -> String {
     if x.is_nan() { "nan".into() } else { x.to_string() }
 }
 
-/// Runs `work` over slices of `n` rays without the interpreter lock, and looks for Ctrl-C between them.
+/// Runs `work` over slices of `n` rays without the interpreter lock, and checks for signals between them.
 pub fn interruptible(py: Python<'_>, n: usize, mut work: impl FnMut(Range<usize>) + Send) -> PyResult<()> {
     for slice in slices(n, 1) {
         py.detach(|| work(slice));

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    Appearance, BadPulse, Beam, Detection, Fault, Frame, Measurement, RangeSigma, Reflectivity, ReturnRows, Returns,
-    Rows, Scan,
+    Appearance, BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, Reflectivity, ReturnRows,
+    Returns, Rows, Scan,
 };
 use lidarsim_core::{Cubic, Path, Point, Pose, Step, Velocity, memory};
 use numpy::ndarray::Dimension;
@@ -155,6 +155,8 @@ impl PyAppearances {
 #[derive(FromPyObject)]
 pub struct LidarParameters {
     measurement: Parameters,
+    #[pyo3(attribute("measurement"))]
+    effects: EffectParameters,
     min_range: f64,
     max_range: f64,
     range_offset: OffsetParameter,
@@ -166,19 +168,23 @@ enum OffsetParameter {
     Rings(Vec<f64>),
 }
 
-/// The attributes of `lidarsim.Measurement`.
+/// The attributes of `lidarsim.Measurement` that are effects of a single number.
+struct EffectParameters(Effects);
+
+impl<'py> FromPyObject<'_, 'py> for EffectParameters {
+    type Error = PyErr;
+
+    fn extract(measurement: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        Effects::by_name(|name| measurement.getattr(name)?.extract()).map(EffectParameters)
+    }
+}
+
+/// The other attributes of `lidarsim.Measurement`.
 #[derive(FromPyObject)]
-pub struct Parameters {
+struct Parameters {
     range_sigma: SigmaParameter,
     range_sigma_slope: f64,
-    range_bias: f64,
-    range_resolution: f64,
-    channel_bias_sigma: f64,
-    azimuth_sigma: f64,
-    elevation_sigma: f64,
-    dropout: f64,
     detection: Option<DetectionParameters>,
-    extinction: f64,
     beam: Option<BeamParameters>,
     returns: ReturnsParameter,
 }
@@ -211,7 +217,7 @@ enum ReturnsParameter {
 
 impl LidarParameters {
     fn measurement(self) -> PyResult<Measurement> {
-        let LidarParameters { measurement: parameters, min_range, max_range, range_offset } = self;
+        let LidarParameters { measurement: parameters, effects, min_range, max_range, range_offset } = self;
         let returns = match parameters.returns {
             ReturnsParameter::Nearest(n) => Returns::Nearest(n),
             ReturnsParameter::Name(name) => match name.as_str() {
@@ -223,22 +229,16 @@ impl LidarParameters {
             },
         };
         Ok(Measurement {
-            azimuth_sigma: parameters.azimuth_sigma,
-            elevation_sigma: parameters.elevation_sigma,
-            extinction: parameters.extinction,
+            effects: effects.0,
             detection: parameters.detection.map(|d| Detection { reflectivity: d.reflectivity, range: d.range }),
-            dropout: parameters.dropout,
             range_sigma: match parameters.range_sigma {
                 SigmaParameter::Number(a) => RangeSigma::Formula { a, b: parameters.range_sigma_slope },
                 SigmaParameter::Table(rows) => RangeSigma::Table(rows),
             },
-            range_bias: parameters.range_bias,
-            channel_bias_sigma: parameters.channel_bias_sigma,
             beam: parameters.beam.map(|b| {
                 Beam::new([b.divergence_azimuth, b.divergence_elevation], b.rays, HALF_SPEED_OF_LIGHT * b.pulse_length)
             }),
             returns,
-            range_resolution: parameters.range_resolution,
             range_offset: match range_offset {
                 OffsetParameter::Number(0.0) => Vec::new(),
                 OffsetParameter::Number(offset) => vec![offset],
@@ -288,8 +288,8 @@ impl PulseArrays<'_> {
     }
 }
 
-/// What a scan gives: each array has room for all pulses, and its length when it is filled.
-struct Columns {
+/// What a scan gives: each array has capacity for all pulses, and its length when it is filled.
+struct ScanColumns {
     range: Vec<f64>,
     true_range: Vec<f64>,
     range_error: Vec<f64>,
@@ -305,11 +305,11 @@ struct Columns {
     strays: bool,
 }
 
-impl Columns {
-    /// Room for the rows of so many pulses.
+impl ScanColumns {
+    /// With capacity for the rows of so many pulses.
     fn new(pulses: usize, most: usize, strays: bool) -> Self {
         let rows = pulses * most;
-        Columns {
+        ScanColumns {
             range: memory::with_capacity(rows),
             true_range: memory::with_capacity(rows),
             range_error: memory::with_capacity(rows),
@@ -348,7 +348,7 @@ impl Columns {
     /// The rows of so many pulses must have been written.
     unsafe fn are_written(&mut self, pulses: usize, most: usize) {
         let rows = pulses * most;
-        // SAFETY: there is room for as many, and the caller has written them.
+        // SAFETY: there is capacity for as many, and the caller has written them.
         unsafe {
             self.range.set_len(rows);
             self.true_range.set_len(rows);
@@ -410,7 +410,7 @@ pub fn scan<'py>(
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
     let most = measurement.returns.most();
-    let mut columns = Columns::new(directions.len(), most, measurement.strays());
+    let mut columns = ScanColumns::new(directions.len(), most, measurement.strays());
     let mut rows = columns.rows(directions.len(), most);
     py.detach(|| scene.scene.prepare());
     let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);

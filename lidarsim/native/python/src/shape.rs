@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::shapes::{self, Simple};
-use lidarsim_core::{Affine, Geometry, Object, Point, Scene, TriangleMesh, memory};
+use lidarsim_core::shapes::{self, AnySurface};
+use lidarsim_core::{Affine, Geometry, Object, Scene, TriangleMesh, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -17,63 +17,21 @@ pub struct PyShape {
 }
 
 impl PyShape {
-    fn simple(shape: impl Into<Simple>) -> Self {
-        PyShape { object: Object::new(Geometry::Simple(shape.into()), false) }
-    }
-
     fn mesh(&self) -> Option<&TriangleMesh> {
         match &self.object.geometry {
             Geometry::Mesh(mesh) => Some(mesh),
-            Geometry::Simple(_) => None,
+            Geometry::Surface(_) => None,
         }
     }
 }
 
 #[pymethods]
 impl PyShape {
-    #[staticmethod]
-    fn plane(normal: Point, distance: f64) -> Self {
-        Self::simple(shapes::Plane::Distance { normal, distance })
-    }
-
-    #[staticmethod]
-    fn plane_from_point(point: Point, normal: Point) -> Self {
-        Self::simple(shapes::Plane::PointNormal { point, normal })
-    }
-
-    #[staticmethod]
-    fn plane_from_points(a: Point, b: Point, c: Point) -> PyResult<Self> {
-        not_on_a_line("a, b, c", a, b, c)?;
-        Ok(Self::simple(shapes::Plane::Points(a, b, c)))
-    }
-
-    #[staticmethod]
-    fn sphere(center: Point, radius: f64) -> Self {
-        Self::simple(shapes::Sphere { center, radius })
-    }
-
-    #[staticmethod]
-    fn ellipsoid(center: Point, radii: Point, rotation: [[f64; 3]; 3]) -> PyResult<Self> {
-        let shape = shapes::Ellipsoid::new(center, radii, rotation);
-        shape
-            .map(Self::simple)
-            .ok_or_else(|| PyValueError::new_err("rotation: expected an invertible matrix, got determinant 0"))
-    }
-
-    #[staticmethod]
-    fn r#box(size: Point, center: Point) -> Self {
-        Self::simple(shapes::Box { size, center })
-    }
-
-    #[staticmethod]
-    fn cylinder(start: Point, end: Point, radius: f64, capped: bool) -> Self {
-        Self::simple(shapes::Cylinder { start, end, radius, capped })
-    }
-
-    #[staticmethod]
-    fn triangle(a: Point, b: Point, c: Point) -> PyResult<Self> {
-        not_on_a_line("a, b, c", a, b, c)?;
-        Ok(Self::simple(shapes::Triangle(a, b, c)))
+    /// The shape of this name and these parameters, one after the other, as its file in the core has them.
+    #[new]
+    fn new(name: &str, numbers: Vec<f64>) -> PyResult<Self> {
+        let surface = AnySurface::new(name, &numbers).map_err(PyValueError::new_err)?;
+        Ok(PyShape { object: Object::new(Geometry::Surface(surface), false) })
     }
 
     /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
@@ -89,7 +47,7 @@ impl PyShape {
     /// The image under a 4×4 affine matrix.
     fn transformed(&self, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
         let [x, y, z, _] = matrix;
-        match self.object.moved(Affine::from_rows([x, y, z])) {
+        match self.object.transformed(Affine::from_rows([x, y, z])) {
             Some(object) => Ok(PyShape { object }),
             None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),
         }
@@ -133,8 +91,8 @@ impl PyShape {
         let scene = Scene::new(vec![self.object.clone()]);
         py.detach(|| scene.prepare());
         let least = match &self.object.geometry {
-            Geometry::Simple(Simple::Plane(_) | Simple::Triangle(_)) | Geometry::Mesh(_) => 1,
-            Geometry::Simple(_) => 2,
+            Geometry::Surface(surface) => surface.most_roots(),
+            Geometry::Mesh(_) => 1,
         };
         let mut roots: Vec<Vec<f64>> = Vec::with_capacity(o.len());
         interruptible(py, o.len(), |slice| {
@@ -145,15 +103,6 @@ impl PyShape {
             roots.iter().flat_map(|t| t.iter().copied().chain(std::iter::repeat(f64::NAN)).take(width)).collect();
         PyArray1::from_vec(py, flat).reshape([o.len(), width])
     }
-}
-
-fn not_on_a_line(names: &str, a: Point, b: Point, c: Point) -> PyResult<()> {
-    if shapes::Triangle(a, b, c).is_degenerate() {
-        return Err(PyValueError::new_err(format!(
-            "{names}: expected three points that are not on one line, got {a:?}, {b:?}, {c:?}"
-        )));
-    }
-    Ok(())
 }
 
 /// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex i.

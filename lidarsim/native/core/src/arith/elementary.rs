@@ -213,7 +213,7 @@ mod tests {
     fn series(x: &BigInt, first: u32, step: u32, sign: i64) -> BigInt {
         let (mut sum, mut term, mut flip) = (BigInt::ZERO, one(), 1);
         for i in 0.. {
-            if i >= first && (i - first) % step == 0 {
+            if i >= first && (i - first).is_multiple_of(step) {
                 sum += &term * flip;
                 flip *= sign;
             }
@@ -261,7 +261,8 @@ mod tests {
             let found = [sin_cos(x).0, sin_cos(x).1][which];
             float(&(fixed(found) - if negative { -truth } else { truth })).abs() / f64::EPSILON
         };
-        let searches: [(&str, f64, f64, &dyn Fn(f64) -> f64); 6] = [
+        type Error<'a> = &'a dyn Fn(f64) -> f64;
+        let searches: [(&str, f64, f64, Error); 6] = [
             ("exp", -1.0, 1.0, &off_exp),
             ("exp", -700.0, 700.0, &off_exp),
             ("ln", 0.5, 2.0, &off_ln),

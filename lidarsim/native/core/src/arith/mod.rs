@@ -1,7 +1,8 @@
-//! Arithmetic: numbers that know how far they may be wrong, side by side in the registers of the processor.
+//! Arithmetic: numbers with error bounds, and the SIMD registers that hold several of them.
 
 pub mod elementary;
+pub mod error_free;
+pub mod expansion;
 pub mod number;
-pub mod pair;
 pub mod root;
 pub mod simd;

@@ -1,4 +1,4 @@
-//! Where a line meets a surface, before anything is rounded.
+//! Roots of linear and quadratic equations, kept as their coefficients: the intersections of a line with a surface before rounding.
 
 use std::cmp::Ordering;
 
@@ -39,7 +39,7 @@ impl<N: Number> Root<N> {
         Root { branch: -self.branch, t: None, ..self }
     }
 
-    /// With t worked out, by kinds of number that round it.
+    /// With t computed, in kinds of number that round it.
     #[inline(always)]
     fn located(mut self) -> Result<Self, Uncertain> {
         self.t = N::locate(&self)?;

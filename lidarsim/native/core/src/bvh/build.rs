@@ -7,8 +7,9 @@ use std::ops::Range;
 
 use rayon::prelude::*;
 
-use super::span::{down, up};
-use super::{Bvh, Child, LEAF, Node, WIDTH};
+use super::node::{Child, Node, WIDTH};
+use super::traversal_ray::{down, up};
+use super::{Bvh, MAX_LEAF_SIZE};
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 use crate::memory;
@@ -24,18 +25,18 @@ pub const DEPTH: usize = BY_SURFACE + 30;
 /// Subtrees of more primitives than this are built in parallel.
 const PARALLEL: usize = 4096;
 
-/// Ranges of fewer primitives than this are split by place alone.
+/// Ranges of fewer primitives than this are split by position alone.
 const SIZED: usize = 4096;
 
 /// A box: its low corner, and its high corner negated, so that to include is to take minima.
 #[derive(Clone, Copy)]
-struct Bounds([f32; 6]);
+struct Aabb([f32; 6]);
 
-impl Bounds {
-    const EMPTY: Bounds = Bounds([f32::INFINITY; 6]);
+impl Aabb {
+    const EMPTY: Aabb = Aabb([f32::INFINITY; 6]);
 
     #[inline]
-    fn include(&mut self, other: &Bounds) {
+    fn include(&mut self, other: &Aabb) {
         for i in 0..6 {
             // Keeps what it has where the other is NaN.
             self.0[i] = if other.0[i] < self.0[i] { other.0[i] } else { self.0[i] };
@@ -61,7 +62,7 @@ impl Bounds {
 
 #[derive(Clone, Copy)]
 struct Item {
-    bounds: Bounds,
+    bounds: Aabb,
     id: u32,
 }
 
@@ -76,12 +77,12 @@ impl Item {
 /// Boxes around items, and around their middles.
 #[derive(Clone, Copy)]
 struct Extent {
-    bounds: Bounds,
-    middles: Bounds,
+    bounds: Aabb,
+    middles: Aabb,
 }
 
 impl Extent {
-    const EMPTY: Extent = Extent { bounds: Bounds::EMPTY, middles: Bounds::EMPTY };
+    const EMPTY: Extent = Extent { bounds: Aabb::EMPTY, middles: Aabb::EMPTY };
 
     fn of(items: &[Item]) -> Self {
         items.iter().fold(Extent::EMPTY, |mut extent, item| {
@@ -94,7 +95,7 @@ impl Extent {
     #[inline]
     fn include_middle(&mut self, item: &Item) {
         let [x, y, z] = [item.middle(0), item.middle(1), item.middle(2)];
-        self.middles.include(&Bounds([x, y, z, -x, -y, -z]));
+        self.middles.include(&Aabb([x, y, z, -x, -y, -z]));
     }
 }
 
@@ -116,9 +117,9 @@ pub fn build<L: Send>(
         if middle.is_finite() { middle } else { 0.0 }
     });
     let item = |id| {
-        let bounds = bounds(id).map_or(Bounds::EMPTY, |b| {
+        let bounds = bounds(id).map_or(Aabb::EMPTY, |b| {
             let [x, y, z] = [0, 1, 2].map(|i| (down(b[i].low - center[i]), up(b[i].high - center[i])));
-            Bounds([x.0, y.0, z.0, -x.1, -y.1, -z.1])
+            Aabb([x.0, y.0, z.0, -x.1, -y.1, -z.1])
         });
         Item { bounds, id }
     };
@@ -132,7 +133,7 @@ pub fn build<L: Send>(
     }
     let mut leaves = memory::with_capacity(parts.leaves.len());
     let range = |range: Range<usize>| {
-        let mut ids = [0; LEAF];
+        let mut ids = [0; MAX_LEAF_SIZE];
         for (id, item) in ids.iter_mut().zip(&items[range.clone()]) {
             *id = item.id;
         }
@@ -142,9 +143,9 @@ pub fn build<L: Send>(
     Bvh { center, nodes: memory::copy(&parts.nodes), leaves }
 }
 
-/// A binary tree over items that lie side by side.
+/// A binary tree over consecutive items.
 struct Tree {
-    bounds: Bounds,
+    bounds: Aabb,
     len: usize,
     /// The least surface of the inner nodes that the tree comes to as up to 1, 2, … children of a node.
     cost: [f32; WIDTH],
@@ -272,10 +273,10 @@ impl Grid {
     }
 }
 
-type Bins = [[(Bounds, usize); BINS]; Grid::KEYS];
+type Bins = [[(Aabb, usize); BINS]; Grid::KEYS];
 
 fn fill(items: &[Item], grid: &Grid, keys: usize) -> Bins {
-    let empty = [[(Bounds::EMPTY, 0); BINS]; Grid::KEYS];
+    let empty = [[(Aabb::EMPTY, 0); BINS]; Grid::KEYS];
     if items.len() > 16 * PARALLEL {
         let parts = items.par_chunks(4 * PARALLEL).map(|part| fill(part, grid, keys));
         return parts.reduce(
@@ -309,13 +310,13 @@ fn split(items: &mut [Item], extent: &Extent, most: usize) -> Option<(usize, [Ex
     for key in 0..keys {
         let bins = &bins[key];
         let mut right = [(0.0, 0); BINS];
-        let (mut side, mut count) = (Bounds::EMPTY, 0);
+        let (mut side, mut count) = (Aabb::EMPTY, 0);
         for i in (1..BINS).rev() {
             side.include(&bins[i].0);
             count += bins[i].1;
             right[i] = (side.surface() * leaves(count, most), count);
         }
-        let (mut side, mut count) = (Bounds::EMPTY, 0);
+        let (mut side, mut count) = (Aabb::EMPTY, 0);
         for i in 1..BINS {
             side.include(&bins[i - 1].0);
             count += bins[i - 1].1;
@@ -355,7 +356,7 @@ fn leaves(count: usize, most: usize) -> f32 {
     count.div_ceil(most) as f32
 }
 
-/// Brings the items that are `first` to the front, each asked once, and counts them.
+/// Brings the items that are `first` to the front, each tested once, and counts them.
 fn partition(items: &mut [Item], mut first: impl FnMut(&Item) -> bool) -> usize {
     let (mut start, mut end) = (0, items.len());
     loop {

@@ -10,7 +10,7 @@ use crate::geometry::vector::Point;
 use crate::scene::{Hit, Scene, Sink};
 use crate::{memory, parallel};
 
-/// A part of the arrays that hits go into: room that is not cleared before.
+/// A part of the uninitialized arrays that hits are written to.
 pub struct Columns<'a> {
     pub t: &'a mut [MaybeUninit<f64>],
     pub object: &'a mut [MaybeUninit<i32>],
@@ -19,7 +19,7 @@ pub struct Columns<'a> {
 }
 
 impl<'a> Columns<'a> {
-    /// Takes the places of the first rays, and leaves the others.
+    /// Splits off the rows of the first rays.
     fn split_off(&mut self, count: usize) -> Columns<'a> {
         Columns {
             t: memory::split_off(&mut self.t, count),
@@ -29,7 +29,7 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// As `Scene::cast`, on all threads: takes the places of these rays, and leaves the others. Each place is written, of an illegal ray too.
+    /// As `Scene::cast`, on all threads: splits off the rows of these rays. Each row is written, of an illegal ray too.
     pub fn cast(
         &mut self,
         scene: &Scene,

@@ -1,16 +1,16 @@
 //! Casts: the nearest hits of many rays.
 
-mod blocks;
+mod closest_hit;
 mod columns;
-mod doubt;
-mod local;
-mod order;
-mod refine;
+mod deferred;
+mod driver;
+mod instance;
+mod leaf_intersector;
+mod ray_sort;
 mod schedule;
-mod search;
-mod simple;
-mod trace;
+mod surface_intersector;
 mod traversal;
+mod triangle_hits;
 
 pub use columns::Columns;
 pub use schedule::{pieces, slices};

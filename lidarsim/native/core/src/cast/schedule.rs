@@ -2,11 +2,11 @@
 
 use std::ops::Range;
 
-use super::order::{MOST, NEAR, are_scattered};
+use super::ray_sort::{MOST, NEAR, are_scattered};
 use crate::geometry::vector::Point;
 use crate::parallel;
 
-/// Rays between two looks of the caller at what else is to be done, so that Ctrl-C ends a long cast.
+/// Rays between two checks for signals by the caller, so that Ctrl-C ends a long cast.
 const SLICE: usize = 1 << 18;
 
 /// The slices of 0..n, one after the other, where each of the n takes so many `rays`.
@@ -17,7 +17,7 @@ pub fn slices(n: usize, rays: usize) -> impl Iterator<Item = Range<usize>> {
 
 /// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough that neighbours can be sorted
 /// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
-/// together. Rays whose neighbours point elsewhere are worth sorting in larger numbers, as many for each thread.
+/// together. Incoherent rays are worth sorting in larger numbers, as many for each thread.
 pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
     let (threads, all) = (parallel::threads(), directions.len() * rays);
     let turns = all.div_ceil(threads * MOST).max(1);

@@ -1,58 +1,58 @@
-//! Packets on their way through a scene: the hierarchy of its objects, and within it those of meshes.
+//! The two-level traversal of a scene by packets: the hierarchy of its objects, and within it those of its meshes.
 
 use crate::arith::simd::{Isa, Task};
-use crate::bvh::{Bvh, LANES, Mask, Packet, PacketWalk, Rays, Stack, Visitor, all, take};
-use crate::cast::blocks::{Blocks, Looks};
-use crate::cast::doubt::Doubts;
-use crate::cast::local::Local;
-use crate::cast::search::Searches;
-use crate::cast::simple::{self, Met};
+use crate::bvh::{Bvh, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take};
+use crate::cast::closest_hit::ClosestHits;
+use crate::cast::deferred::DeferredCandidates;
+use crate::cast::instance::InstanceRays;
+use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
+use crate::cast::surface_intersector::{self, SurfaceHits};
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Index, Object, Scene};
-use crate::shapes::triangle::Block;
+use crate::shapes::triangle::Leaf;
 
-/// Packets that are on their way at once.
+/// Packets whose traversals are interleaved.
 pub const TRAVERSALS: usize = 2;
 
-/// Room for the search of a packet, to be used again and again.
-pub struct Room {
-    rays: Rays,
+/// Scratch memory of the traversal of a packet, reused from packet to packet.
+pub struct TraversalScratch {
+    rays: RayPacket,
     stack: Stack,
     /// Among the objects.
-    outer: PacketWalk,
+    outer: PacketTraversal,
     /// Within a mesh.
-    inner: PacketWalk,
-    doubts: Doubts,
-    local: Option<Box<Local>>,
-    looks: Looks,
+    inner: PacketTraversal,
+    deferred: DeferredCandidates,
+    instance_rays: Option<Box<InstanceRays>>,
+    scratch: LeafScratch,
 }
 
-impl Room {
+impl TraversalScratch {
     pub fn new() -> Self {
-        Room {
-            rays: Rays::empty(),
+        TraversalScratch {
+            rays: RayPacket::empty(),
             stack: Stack::new(),
-            outer: PacketWalk::new(),
-            inner: PacketWalk::new(),
-            doubts: Doubts::new(),
-            local: None,
-            looks: Looks::new(),
+            outer: PacketTraversal::new(),
+            inner: PacketTraversal::new(),
+            deferred: DeferredCandidates::new(),
+            instance_rays: None,
+            scratch: LeafScratch::new(),
         }
     }
 }
 
-/// The search for the nearest hits of the rays of a packet.
+/// The traversal of a scene by a packet.
 pub struct Traversal<'a, 'b> {
-    pub party: Party<'a, 'b>,
+    pub state: PacketState<'a, 'b>,
     index: &'a Index,
     size: f64,
     stage: Stage,
     stack: &'b mut Stack,
     /// Among the objects.
-    outer: &'b mut PacketWalk,
+    outer: &'b mut PacketTraversal,
     /// Within a mesh.
-    inner: &'b mut PacketWalk,
-    inside: Option<Inside<'a>>,
+    inner: &'b mut PacketTraversal,
+    visit: Option<InstanceVisit<'a>>,
 }
 
 #[derive(Clone, Copy, PartialEq)]
@@ -62,30 +62,30 @@ enum Stage {
     UnderWay,
 }
 
-/// A mesh that a packet has entered.
+/// The visit of a mesh, placed in the scene as an instance, by a packet.
 #[derive(Clone, Copy)]
-struct Inside<'a> {
+struct InstanceVisit<'a> {
     id: u32,
     object: &'a Object,
     mesh: &'a TriangleMesh,
-    hierarchy: &'a Bvh<Block>,
-    /// The rays that may meet it.
+    hierarchy: &'a Bvh<Leaf>,
+    /// The rays that may intersect it.
     entered: Mask,
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
-    pub fn new(scene: &'a Scene, range: (f64, f64), room: &'b mut Room) -> Self {
-        let Room { rays, stack, outer, inner, doubts, local, looks } = room;
-        let searches = Searches::new(scene, range);
+    pub fn new(scene: &'a Scene, range: (f64, f64), scratch: &'b mut TraversalScratch) -> Self {
+        let TraversalScratch { rays, stack, outer, inner, deferred, instance_rays, scratch } = scratch;
+        let closest = ClosestHits::new(scene, range);
         Traversal {
-            party: Party { scene, rays, searches, doubts, left: 0, local, looks },
+            state: PacketState { scene, rays, closest, deferred, pending: 0, instance_rays, scratch },
             index: scene.index(),
             size: scene.size(),
             stage: Stage::Idle,
             stack,
             outer,
             inner,
-            inside: None,
+            visit: None,
         }
     }
 
@@ -93,109 +93,109 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.stage == Stage::Idle
     }
 
-    /// The party has new rays.
+    /// The packet has been filled with new rays.
     pub fn make_ready(&mut self) {
         self.stage = Stage::Ready;
     }
 
-    /// What a search may use while there are no rays.
+    /// The stack, for a single ray while the packet is idle.
     pub fn stack(&mut self) -> &mut Stack {
         self.stack
     }
 
-    /// Goes to the next node, leaf or object, and visits it; false if there is none.
+    /// Visits the next node, leaf or object; false if there is none.
     #[inline(always)]
-    fn step<I: Isa>(&mut self, met: &mut Met) -> bool {
+    fn step<I: Isa>(&mut self, surface_hits: &mut SurfaceHits) -> bool {
         if self.stage == Stage::Ready {
-            self.start::<I>(met);
+            self.start::<I>(surface_hits);
         }
-        while let Some(inside) = self.inside {
-            if self.inner.go_on::<I>(self.stack, self.party.searches.limits()) {
-                match inside.hierarchy.leaf(self.inner) {
-                    Some(block) => {
-                        let nearer = self.party.among_blocks(inside).meet::<I>(block, self.inner.mask());
+        while let Some(visit) = self.visit {
+            if self.inner.next_entry::<I>(self.stack, self.state.closest.limits()) {
+                match visit.hierarchy.leaf(self.inner) {
+                    Some(leaf) => {
+                        let nearer = self.state.leaf_intersector(visit).intersect::<I>(leaf, self.inner.mask());
                         self.inner.shorten(nearer);
                     }
-                    None => inside.hierarchy.open::<I>(self.inner, self.stack),
+                    None => visit.hierarchy.open::<I>(self.inner, self.stack),
                 }
                 return true;
             }
-            self.set_out_within::<I>(inside);
+            self.start_within::<I>(visit);
         }
-        if !self.outer.go_on::<I>(self.stack, self.party.searches.limits()) {
+        if !self.outer.next_entry::<I>(self.stack, self.state.closest.limits()) {
             return false;
         }
         match self.index.bounded.leaf(self.outer) {
-            Some(&id) => self.meet::<I>(id, met),
+            Some(&id) => self.intersect::<I>(id, surface_hits),
             None => self.index.bounded.open::<I>(self.outer, self.stack),
         }
         true
     }
 
     #[inline(always)]
-    fn start<I: Isa>(&mut self, met: &mut Met) {
-        let Traversal { party, index, stack, outer, inner, .. } = self;
+    fn start<I: Isa>(&mut self, surface_hits: &mut SurfaceHits) {
+        let Traversal { state, index, stack, outer, inner, .. } = self;
         self.stage = Stage::UnderWay;
-        party.searches.restart::<I>();
-        outer.stay(stack);
-        let active = all(party.rays.count);
+        state.closest.restart::<I>();
+        outer.stop(stack);
+        let active = all(state.rays.count);
         for &object in &index.unbounded {
-            party.meet_simple::<I>(object, active, met);
+            state.intersect_surface::<I>(object, active, surface_hits);
         }
-        if party.rays.count == 1 || !party.rays.are_coherent::<I>(self.size) {
-            I::call(Scattered { party, index, packets: [&mut outer.packet, &mut inner.packet], stack, met });
+        if state.rays.count == 1 || !state.rays.are_coherent::<I>(self.size) {
+            I::call(Incoherent { state, index, packets: [&mut outer.packet, &mut inner.packet], stack, surface_hits });
             return;
         }
         match index.bounded.only_leaf() {
-            // The hierarchy of the mesh begins with what that above it would ask.
-            Some(&id) if !party.scene.objects()[id as usize].is_simple() => self.enter::<I>(id, active),
+            // The root of the mesh's own hierarchy does the test that the one above would do.
+            Some(&id) if !state.scene.objects()[id as usize].is_surface() => self.enter::<I>(id, active),
             _ => {
-                party.fill::<I>(&mut outer.packet, &index.bounded);
-                index.bounded.set_out::<I>(outer, active, stack);
+                state.fill::<I>(&mut outer.packet, &index.bounded);
+                index.bounded.start::<I>(outer, active, stack);
             }
         }
     }
 
     #[inline(always)]
-    fn meet<I: Isa>(&mut self, id: u32, met: &mut Met) {
+    fn intersect<I: Isa>(&mut self, id: u32, surface_hits: &mut SurfaceHits) {
         let mask = self.outer.mask();
-        if self.party.scene.objects()[id as usize].is_simple() {
-            self.party.meet_simple::<I>(id, mask, met);
+        if self.state.scene.objects()[id as usize].is_surface() {
+            self.state.intersect_surface::<I>(id, mask, surface_hits);
             self.outer.shorten(mask);
         } else {
             self.enter::<I>(id, mask);
         }
     }
 
-    /// Has rays enter a mesh.
+    /// Begins an instance visit.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask) {
-        self.inside = self.party.enter::<I>(id, mask, self.stack);
-        self.inner.stay(self.stack);
+        self.visit = self.state.enter::<I>(id, mask, self.stack);
+        self.inner.stop(self.stack);
     }
 
-    /// Sends the next rays on their way through the mesh; leaves it if there are no more.
+    /// Traverses the mesh with the next rays; ends the visit if there are no more.
     #[inline(always)]
-    fn set_out_within<I: Isa>(&mut self, inside: Inside<'a>) {
-        let Traversal { party, stack, outer, inner, .. } = self;
-        let mask = party.next(inside);
+    fn start_within<I: Isa>(&mut self, visit: InstanceVisit<'a>) {
+        let Traversal { state, stack, outer, inner, .. } = self;
+        let mask = state.next(visit);
         if mask == 0 {
-            outer.shorten(inside.entered);
-            self.inside = None;
+            outer.shorten(visit.entered);
+            self.visit = None;
         } else if mask & (mask - 1) == 0 {
-            I::call(Each { party, inside, mask, packet: &mut inner.packet, stack });
+            I::call(SingleRays { state, visit, mask, packet: &mut inner.packet, stack });
         } else {
-            party.fill_within::<I>(&mut inner.packet, inside);
-            inside.hierarchy.set_out::<I>(inner, mask, stack);
+            state.fill_within::<I>(&mut inner.packet, visit);
+            visit.hierarchy.start::<I>(inner, mask, stack);
         }
     }
 }
 
-/// Goes on with packets by turns, a step each, so that while one waits for memory the others go on. The outcome is one that is through; none if none
-/// was under way.
+/// Interleaves the traversals of packets, a step each in turn, which hides the latency of memory. Returns one that has ended; none if all were
+/// idle.
 pub struct Advance<'t, 'a, 'b> {
     pub traversals: &'t mut [Traversal<'a, 'b>],
-    pub met: &'t mut Met,
+    pub surface_hits: &'t mut SurfaceHits,
 }
 
 impl Task for Advance<'_, '_, '_> {
@@ -203,7 +203,7 @@ impl Task for Advance<'_, '_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        let Advance { traversals, met } = self;
+        let Advance { traversals, surface_hits } = self;
         let (mut going, mut count) = ([0; TRAVERSALS], 0);
         for (k, traversal) in traversals.iter().enumerate() {
             going[count] = k;
@@ -215,9 +215,9 @@ impl Task for Advance<'_, '_, '_> {
         let mut turn = 0;
         loop {
             let k = going[turn];
-            if !traversals[k].step::<I>(met) {
+            if !traversals[k].step::<I>(surface_hits) {
                 traversals[k].stage = Stage::Idle;
-                traversals[k].party.settle::<I>();
+                traversals[k].state.resolve::<I>();
                 return Some(k);
             }
             turn = if turn + 1 < count { turn + 1 } else { 0 };
@@ -225,164 +225,173 @@ impl Task for Advance<'_, '_, '_> {
     }
 }
 
-/// The rays of a packet and what they have found.
-pub struct Party<'a, 'b> {
+/// The state of a packet: its rays, their closest hits so far, and the deferred candidates.
+pub struct PacketState<'a, 'b> {
     scene: &'a Scene,
-    pub rays: &'b mut Rays,
-    pub searches: Searches<'a>,
-    doubts: &'b mut Doubts,
-    /// Rays that have yet to set out within the mesh that was entered.
-    left: Mask,
-    local: &'b mut Option<Box<Local>>,
-    looks: &'b mut Looks,
+    pub rays: &'b mut RayPacket,
+    pub closest: ClosestHits<'a>,
+    deferred: &'b mut DeferredCandidates,
+    /// Rays that have yet to traverse the mesh that is visited.
+    pending: Mask,
+    instance_rays: &'b mut Option<Box<InstanceRays>>,
+    scratch: &'b mut LeafScratch,
 }
 
-impl<'a> Party<'a, '_> {
+impl<'a> PacketState<'a, '_> {
     #[inline(always)]
-    fn meet_simple<I: Isa>(&mut self, id: u32, mask: Mask, met: &mut Met) {
-        simple::meet::<I>(self.scene, id, self.rays, &mut self.searches, mask, met);
+    fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surface_hits: &mut SurfaceHits) {
+        surface_intersector::intersect::<I>(self.scene, id, self.rays, &mut self.closest, mask, surface_hits);
     }
 
-    /// Fills a packet that is to go among the objects.
+    /// Sets up a packet for the hierarchy of the objects.
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
-        packet.enter::<I>(self.rays, hierarchy.center(), self.searches.t_min(), self.searches.limits());
+        packet.enter::<I>(self.rays, hierarchy.center(), self.closest.t_min(), self.closest.limits());
     }
 
-    /// Fills a packet with the rays that set out last within a mesh.
+    /// Sets up a packet for a mesh, with the rays that `next` chose last.
     #[inline(always)]
-    fn fill_within<I: Isa>(&self, packet: &mut Packet, inside: Inside) {
-        let center = inside.hierarchy.center();
-        packet.enter::<I>(self.rays_in(inside), center, self.searches.t_min(), self.searches.limits());
+    fn fill_within<I: Isa>(&self, packet: &mut Packet, visit: InstanceVisit) {
+        let center = visit.hierarchy.center();
+        packet.enter::<I>(self.rays_in(visit), center, self.closest.t_min(), self.closest.limits());
     }
 
-    /// Has rays enter a mesh, in its coordinates; none if the object is no mesh. Those that packets do not hold search alone.
+    /// Begins an instance visit, with rays in local coordinates; none if the object is not a mesh. Rays that do not fit into packets are traced singly.
     #[inline(always)]
-    fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<Inside<'a>> {
+    fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<InstanceVisit<'a>> {
         let object = &self.scene.objects()[id as usize];
         let Geometry::Mesh(mesh) = &object.geometry else { return None };
-        self.left = mask;
-        if !object.is_placed_as_made() {
-            let local = self.local.get_or_insert_with(|| Box::new(Local::new()));
-            self.left = local.take_up::<I>(object, self.rays, mask);
-            let mut alone = mask & !self.left;
+        self.pending = mask;
+        if !object.is_untransformed() {
+            let instance_rays = self.instance_rays.get_or_insert_with(|| Box::new(InstanceRays::new()));
+            self.pending = instance_rays.gather::<I>(object, self.rays, mask);
+            let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {
-                self.searches.enter(self.rays, lane, id, mesh, stack);
+                self.closest.enter(self.rays, lane, id, mesh, stack);
             }
         }
-        Some(Inside { id, object, mesh, hierarchy: mesh.hierarchy(), entered: mask })
+        Some(InstanceVisit { id, object, mesh, hierarchy: mesh.hierarchy(), entered: mask })
     }
 
-    /// The next rays that set out within the mesh: of one octant.
-    fn next(&mut self, inside: Inside) -> Mask {
-        let mut next = self.left;
+    /// The next rays to traverse the mesh, of one octant.
+    fn next(&mut self, visit: InstanceVisit) -> Mask {
+        let mut next = self.pending;
         if next != 0
-            && !inside.object.is_placed_as_made()
-            && let Some(local) = self.local.as_mut()
+            && !visit.object.is_untransformed()
+            && let Some(instance_rays) = self.instance_rays.as_mut()
         {
-            next = local.next(next);
+            next = instance_rays.next(next);
         }
-        self.left &= !next;
+        self.pending &= !next;
         next
     }
 
-    /// The rays that set out last, in the coordinates of the mesh.
+    /// The rays that `next` chose last, in the coordinates of the mesh.
     #[inline(always)]
-    fn rays_in(&self, inside: Inside) -> &Rays {
-        match &self.local {
-            Some(local) if !inside.object.is_placed_as_made() => &local.rays,
+    fn rays_in(&self, visit: InstanceVisit) -> &RayPacket {
+        match &self.instance_rays {
+            Some(instance_rays) if !visit.object.is_untransformed() => &instance_rays.rays,
             _ => self.rays,
         }
     }
 
     #[inline(always)]
-    fn among_blocks(&mut self, inside: Inside<'a>) -> Blocks<'_, 'a> {
-        let Party { scene, searches, looks, .. } = self;
+    fn leaf_intersector(&mut self, visit: InstanceVisit<'a>) -> LeafIntersector<'_, 'a> {
+        let PacketState { scene, closest, scratch, .. } = self;
         let world = &*self.rays;
-        let Inside { id, mesh, .. } = inside;
-        match &self.local {
-            Some(local) if !inside.object.is_placed_as_made() => {
-                Blocks { scene, mesh, id, rays: &local.rays, world, searches, doubts: None, looks }
+        let InstanceVisit { id, mesh, .. } = visit;
+        match &self.instance_rays {
+            Some(instance_rays) if !visit.object.is_untransformed() => {
+                LeafIntersector { scene, mesh, id, rays: &instance_rays.rays, world, closest, deferred: None, scratch }
             }
-            _ => Blocks { scene, mesh, id, rays: world, world, searches, doubts: Some(&mut *self.doubts), looks },
+            _ => LeafIntersector {
+                scene,
+                mesh,
+                id,
+                rays: world,
+                world,
+                closest,
+                deferred: Some(&mut *self.deferred),
+                scratch,
+            },
         }
     }
 
     #[inline(always)]
-    fn settle<I: Isa>(&mut self) {
-        self.doubts.settle::<I>(self.scene, self.rays, &mut self.searches);
+    fn resolve<I: Isa>(&mut self) {
+        self.deferred.resolve::<I>(self.scene, self.rays, &mut self.closest);
     }
 }
 
-/// Rays that go through a mesh one by one.
-struct Each<'t, 'a, 'b> {
-    party: &'t mut Party<'a, 'b>,
-    inside: Inside<'a>,
+/// Rays that traverse a mesh one by one.
+struct SingleRays<'t, 'a, 'b> {
+    state: &'t mut PacketState<'a, 'b>,
+    visit: InstanceVisit<'a>,
     mask: Mask,
     packet: &'t mut Packet,
     stack: &'t mut Stack,
 }
 
-impl Task for Each<'_, '_, '_> {
+impl Task for SingleRays<'_, '_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Each { party, inside, mask, packet, stack } = self;
-        party.fill_within::<I>(packet, inside);
-        inside.hierarchy.traverse_each::<I>(packet, mask, stack, &mut party.among_blocks(inside));
+        let SingleRays { state, visit, mask, packet, stack } = self;
+        state.fill_within::<I>(packet, visit);
+        visit.hierarchy.traverse_single::<I>(packet, mask, stack, &mut state.leaf_intersector(visit));
     }
 }
 
-/// A packet of rays that do not keep together.
-struct Scattered<'t, 'a, 'b> {
-    party: &'t mut Party<'a, 'b>,
+/// A packet of incoherent rays, which are traced one by one.
+struct Incoherent<'t, 'a, 'b> {
+    state: &'t mut PacketState<'a, 'b>,
     index: &'a Index,
     /// Among the objects, and within a mesh.
     packets: [&'t mut Packet; 2],
     stack: &'t mut Stack,
-    met: &'t mut Met,
+    surface_hits: &'t mut SurfaceHits,
 }
 
-impl Task for Scattered<'_, '_, '_> {
+impl Task for Incoherent<'_, '_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Scattered { party, index, packets: [outer, inner], stack, met } = self;
-        let active = all(party.rays.count);
+        let Incoherent { state, index, packets: [outer, inner], stack, surface_hits } = self;
+        let active = all(state.rays.count);
         match index.bounded.only_leaf() {
-            Some(&id) => Objects { party, packet: inner, met }.meet::<I>(stack, id, active),
+            Some(&id) => Objects { state, packet: inner, surface_hits }.intersect::<I>(stack, id, active),
             None => {
-                party.fill::<I>(outer, &index.bounded);
-                let mut objects = Objects { party, packet: inner, met };
-                index.bounded.traverse_each::<I>(outer, active, stack, &mut objects);
+                state.fill::<I>(outer, &index.bounded);
+                let mut objects = Objects { state, packet: inner, surface_hits };
+                index.bounded.traverse_single::<I>(outer, active, stack, &mut objects);
             }
         }
     }
 }
 
-/// Rays that go alone, among the objects of the scene.
+/// Single rays that traverse the hierarchy of the objects.
 struct Objects<'t, 'a, 'b> {
-    party: &'t mut Party<'a, 'b>,
+    state: &'t mut PacketState<'a, 'b>,
     /// Within a mesh.
     packet: &'t mut Packet,
-    met: &'t mut Met,
+    surface_hits: &'t mut SurfaceHits,
 }
 
 impl Objects<'_, '_, '_> {
     #[inline(always)]
-    fn meet<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: Mask) {
-        let Some(inside) = self.party.enter::<I>(id, mask, stack) else {
-            self.party.meet_simple::<I>(id, mask, self.met);
+    fn intersect<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: Mask) {
+        let Some(visit) = self.state.enter::<I>(id, mask, stack) else {
+            self.state.intersect_surface::<I>(id, mask, self.surface_hits);
             return;
         };
         loop {
-            let mask = self.party.next(inside);
+            let mask = self.state.next(visit);
             if mask == 0 {
                 break;
             }
-            I::call(Each { party: self.party, inside, mask, packet: self.packet, stack });
+            I::call(SingleRays { state: self.state, visit, mask, packet: self.packet, stack });
         }
     }
 }
@@ -396,10 +405,10 @@ impl Visitor<u32> for Objects<'_, '_, '_> {
             for (lane, other) in lanes[k..].iter().zip(&ids[k..]) {
                 mask |= Mask::from(*other == id) << lane;
             }
-            // Those that came to an object together go on together.
+            // Rays that reached the same object in the same step visit it together.
             mask &= !visited;
             if mask & 1 << lanes[k] != 0 {
-                self.meet::<I>(stack, *id, mask);
+                self.intersect::<I>(stack, *id, mask);
                 visited |= mask;
             }
         }
@@ -408,6 +417,6 @@ impl Visitor<u32> for Objects<'_, '_, '_> {
 
     #[inline(always)]
     fn limits(&self) -> &[f64; LANES] {
-        self.party.searches.limits()
+        self.state.closest.limits()
     }
 }

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{Ball, DdBall, Dyadic, Interval, Kinds, Number, Uncertain};
+use crate::arith::number::{DoubleDouble, Dyadic, Interval, Kinds, Number, RunningError, Uncertain};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -54,8 +54,8 @@ impl Affine {
 /// The inverse of an affine map, in each kind of [`Number`].
 #[derive(Clone, Debug)]
 pub struct Inverse {
-    pub ball: Adjugate<Ball>,
-    pub dd: Adjugate<DdBall>,
+    pub running_error: Adjugate<RunningError>,
+    pub double_double: Adjugate<DoubleDouble>,
     pub dyadic: Adjugate<Dyadic>,
 }
 
@@ -69,8 +69,8 @@ impl Inverse {
             Ok(Ordering::Equal) | Err(Uncertain) => return None,
         };
         Some(Inverse {
-            ball: Adjugate::of(map, reflects),
-            dd: Adjugate::of(map, reflects),
+            running_error: Adjugate::of(map, reflects),
+            double_double: Adjugate::of(map, reflects),
             dyadic: Adjugate::of(map, reflects),
         })
     }
@@ -78,8 +78,8 @@ impl Inverse {
     /// Of `first` and then `second`, whose inverse this is.
     pub fn after(&self, first: &Self, second: &Affine) -> Self {
         Inverse {
-            ball: self.ball.after(&first.ball, second),
-            dd: self.dd.after(&first.dd, second),
+            running_error: self.running_error.after(&first.running_error, second),
+            double_double: self.double_double.after(&first.double_double, second),
             dyadic: self.dyadic.after(&first.dyadic, second),
         }
     }
@@ -89,13 +89,13 @@ impl Kinds for Inverse {
     type In<N: Clone> = Adjugate<N>;
 
     #[inline(always)]
-    fn ball(&self) -> &Adjugate<Ball> {
-        &self.ball
+    fn running_error(&self) -> &Adjugate<RunningError> {
+        &self.running_error
     }
 
     #[inline(always)]
-    fn dd(&self) -> &Adjugate<DdBall> {
-        &self.dd
+    fn double_double(&self) -> &Adjugate<DoubleDouble> {
+        &self.double_double
     }
 
     #[inline(always)]
@@ -132,11 +132,11 @@ pub trait Placement: Copy {
     fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N>;
 }
 
-/// Not moved at all.
+/// The identity map.
 #[derive(Clone, Copy)]
-pub struct AsMade;
+pub struct Identity;
 
-impl Placement for AsMade {
+impl Placement for Identity {
     #[inline(always)]
     fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
         ray

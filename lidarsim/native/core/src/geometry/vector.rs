@@ -69,7 +69,7 @@ pub fn length_above(v: Point) -> f64 {
 
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
 ///
-/// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, nothing is left that would tell how they were worked out.
+/// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, the result does not depend on how they were computed.
 #[inline(always)]
 pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
     let large = v[0].abs().max(v[1].abs()).max(v[2].abs()).mul(F::splat(1.0 / 256.0));

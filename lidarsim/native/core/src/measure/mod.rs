@@ -33,7 +33,7 @@ use waveform::Waveform;
 pub use appearance::{Appearance, Reflectivity};
 pub use beam::Beam;
 pub use echo::Returns;
-pub use parameters::{Detection, Measurement, RangeSigma};
+pub use parameters::{Detection, Effects, Measurement, RangeSigma};
 pub use share::ReturnRows;
 
 /// What finds the surfaces.
@@ -99,7 +99,7 @@ impl Frame<'_> {
     /// Whether each of some pulses has a pose.
     #[inline(always)]
     fn have_poses(&self, pulses: Range<usize>) -> bool {
-        // All at once, which is faster than to look for the first without.
+        // All at once, which is faster than to search for the first without.
         self.times[pulses].iter().fold(true, |right, time| right & self.has_pose(*time))
     }
 
@@ -146,7 +146,7 @@ pub enum Fault {
     Time,
 }
 
-/// Room for the result: for each pulse as many rows as it can have returns, and one status. All of it is written, unless a pulse is bad.
+/// The uninitialized arrays of the result: for each pulse as many rows as it can have returns, and one status. All of it is written, unless a pulse is bad.
 pub struct Rows<'a> {
     pub range: &'a mut [MaybeUninit<f64>],
     pub true_range: &'a mut [MaybeUninit<f64>],
@@ -223,12 +223,12 @@ pub struct Scan<'a, C> {
 
 thread_local! {
     /// What one batch of pulses leaves to the next, so that its memory is used again.
-    static RAYS: Cell<Rays> = Cell::default();
+    static SCRATCH: Cell<Scratch> = Cell::default();
 }
 
-/// Rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other.
+/// Scratch memory: rays in the world and what they hit; with a beam, the sub-rays of one pulse after those of the other.
 #[derive(Default)]
-struct Rays {
+struct Scratch {
     origins: Vec<Point>,
     directions: Vec<Point>,
     hits: Vec<Hit>,
@@ -260,7 +260,7 @@ struct Rays {
 struct Batch<'a, 'b, 'c, C> {
     scan: &'b Scan<'a, C>,
     pulses: Range<usize>,
-    rays: &'b mut Rays,
+    rays: &'b mut Scratch,
     rows: &'b mut Rows<'c>,
 }
 
@@ -287,14 +287,14 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Measure some pulses, whose rows these are.
     pub fn measure(&self, pulses: Range<usize>, rows: &mut Rows) -> Result<(), BadPulse> {
-        let mut rays = RAYS.take();
+        let mut rays = SCRATCH.take();
         let outcome = simd::dispatch(self.level, Batch { scan: self, pulses, rays: &mut rays, rows });
-        RAYS.set(rays);
+        SCRATCH.set(rays);
         outcome
     }
 
     #[inline(always)]
-    fn measure_batch(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) -> Result<(), BadPulse> {
+    fn measure_batch(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) -> Result<(), BadPulse> {
         self.cast(pulses.clone(), rays)?;
         self.shine(rays);
         rays.incidence.resize(pulses.len() * self.measurement.returns.most(), [0.0; 2]);
@@ -310,7 +310,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Measures pulses of one ray each.
     #[inline(always)]
-    fn measure_lines(&self, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) {
+    fn measure_lines(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
         let most = self.measurement.returns.most();
         for i in 0..pulses.len() {
             let first = i * most;
@@ -330,7 +330,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Measures pulses of several rays each.
     #[inline(always)]
-    fn measure_footprints(&self, beam: &Beam, pulses: Range<usize>, rays: &mut Rays, rows: &mut Rows) {
+    fn measure_footprints(&self, beam: &Beam, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
         let most = self.measurement.returns.most();
         let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
         for i in 0..pulses.len() {
@@ -356,7 +356,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Writes an echo, but for where it comes from.
     #[inline(always)]
-    fn report(&self, row: usize, echo: &Echo, rays: &mut Rays, rows: &mut Rows) {
+    fn report(&self, row: usize, echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
         let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
         let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
         rows.write(row, echo, hit, label);
@@ -366,12 +366,12 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Where the `i`-th pulse of the batch that starts with pulse `start` went.
     #[inline(always)]
-    fn axis(&self, start: usize, i: usize, rays: &Rays) -> Point {
+    fn axis(&self, start: usize, i: usize, rays: &Scratch) -> Point {
         *rays.axes.get(i).unwrap_or_else(|| &self.frame.directions[start + i])
     }
 
     #[inline(always)]
-    fn cast(&self, pulses: Range<usize>, rays: &mut Rays) -> Result<(), BadPulse> {
+    fn cast(&self, pulses: Range<usize>, rays: &mut Scratch) -> Result<(), BadPulse> {
         let (frame, measurement) = (self.frame, self.measurement);
         if !frame.have_poses(pulses.clone()) {
             return frame.first_bad(pulses);
@@ -404,27 +404,32 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Draws what the effects need, and turns the directions by their jitter.
     #[inline(always)]
-    fn draw(&self, pulses: Range<usize>, rays: &mut Rays) {
+    fn draw(&self, pulses: Range<usize>, rays: &mut Scratch) {
         let (frame, measurement) = (self.frame, self.measurement);
         rays.index.clear();
         match frame.indices {
             None => rays.index.extend(pulses.start as u64..pulses.end as u64),
             Some(indices) => rays.index.extend_from_slice(&indices[pulses.clone()]),
         }
-        let Rays { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, bias, offset, .. } = rays;
+        let Scratch { index, azimuth_jitter, elevation_jitter, axes, dropout, noise, bias, offset, .. } = rays;
         let wanted = |is: bool| if is { index.as_slice() } else { &[] };
-        frame.stream.normals(wanted(measurement.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
-        frame.stream.normals(wanted(measurement.elevation_sigma > 0.0), Effect::AngularJitter, 1, elevation_jitter);
-        frame.stream.uniforms(wanted(measurement.dropout > 0.0), Effect::Dropout, 0, dropout);
+        frame.stream.normals(wanted(measurement.effects.azimuth_sigma > 0.0), Effect::AngularJitter, 0, azimuth_jitter);
+        frame.stream.normals(
+            wanted(measurement.effects.elevation_sigma > 0.0),
+            Effect::AngularJitter,
+            1,
+            elevation_jitter,
+        );
+        frame.stream.uniforms(wanted(measurement.effects.dropout > 0.0), Effect::Dropout, 0, dropout);
         frame.stream.normals(wanted(!measurement.range_sigma.is_zero()), Effect::RangeNoise, 0, noise);
         let rings = &frame.rings[pulses.clone()];
-        let channels: Vec<u64> = match measurement.channel_bias_sigma {
+        let channels: Vec<u64> = match measurement.effects.channel_bias_sigma {
             0.0 => Vec::new(),
             _ => rings.iter().map(|ring| u64::from(*ring)).collect(),
         };
         frame.stream.of_unit().normals(&channels, Effect::ChannelBias, 0, bias);
         for bias in &mut *bias {
-            *bias = measurement.range_bias + measurement.channel_bias_sigma * *bias;
+            *bias = measurement.effects.range_bias + measurement.effects.channel_bias_sigma * *bias;
         }
         offset.clear();
         match *measurement.range_offset.as_slice() {
@@ -438,21 +443,22 @@ impl<'a, C: Caster> Scan<'a, C> {
         axes.resize(jittered, [0.0; 3]);
         let jitters = azimuth_jitter.iter().zip(&*elevation_jitter);
         for ((axis, direction), (azimuth, elevation)) in axes.iter_mut().zip(&frame.directions[pulses]).zip(jitters) {
-            let (azimuth, elevation) = (measurement.azimuth_sigma * azimuth, measurement.elevation_sigma * elevation);
+            let (azimuth, elevation) =
+                (measurement.effects.azimuth_sigma * azimuth, measurement.effects.elevation_sigma * elevation);
             *axis = turned(*direction, azimuth, elevation);
         }
     }
 
     /// Fires pulses from a pose; the first of them is the k-th of the batch. False if one has no legal origin or direction.
     #[inline(always)]
-    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Rays) -> bool {
+    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Scratch) -> bool {
         let (origins, directions) = (&self.frame.origins[pulses.clone()], &self.frame.directions[pulses]);
         let first = k * self.measurement.rays();
         let mut rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
         let is_legal = |(origin, direction): (&Point, &Point)| is_finite(*origin) & is_unit(*direction);
         let mut right = true;
         if self.measurement.beam.is_none() && !self.measurement.jitters() {
-            // Looked at while they are aimed, for one reading less.
+            // Checked while they are aimed, for one reading less.
             for ((o, d), (origin, direction)) in rays_there.zip(origins.iter().zip(directions)) {
                 right &= is_legal((origin, direction));
                 (*o, *d) = (pose.place(*origin), pose.turn(*direction));
@@ -483,8 +489,8 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Range, cosine of the incidence, intensity and its loss, of all rays: a formula at a time, in loops that become vector instructions.
     #[inline(always)]
-    fn shine(&self, rays: &mut Rays) {
-        let Rays { origins, directions, hits, range, cosine, intensity, transmission, .. } = rays;
+    fn shine(&self, rays: &mut Scratch) {
+        let Scratch { origins, directions, hits, range, cosine, intensity, transmission, .. } = rays;
         range.resize(hits.len(), 0.0);
         cosine.resize(hits.len(), 0.0);
         intensity.resize(hits.len(), 0.0);
@@ -501,7 +507,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
             *intensity *= cosine;
         }
-        transmission.resize(if self.measurement.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
+        transmission.resize(if self.measurement.effects.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
         for (transmission, range) in transmission.iter_mut().zip(&*range) {
             *transmission = self.measurement.transmission(*range);
         }
@@ -509,19 +515,19 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// An echo as it is measured: of the `i`-th pulse of the batch, its echo `number`.
     #[inline(always)]
-    fn received(&self, echo: Echo, rays: &Rays, i: usize, number: u16) -> Echo {
+    fn received(&self, echo: Echo, rays: &Scratch, i: usize, number: u16) -> Echo {
         Echo { measured: self.measured(&echo, rays, i, number), ..echo }
     }
 
     #[inline(always)]
-    fn measured(&self, echo: &Echo, rays: &Rays, i: usize, number: u16) -> Result<f64, Status> {
+    fn measured(&self, echo: &Echo, rays: &Scratch, i: usize, number: u16) -> Result<f64, Status> {
         let m = self.measurement;
         // Of 0/0, a black surface at distance zero, this is false.
         let seen = self.threshold.is_none_or(|least| echo.power >= least);
         if !seen {
             return Err(Status::BelowThreshold);
         }
-        if rays.dropout.get(i).is_some_and(|uniform| *uniform < m.dropout) {
+        if rays.dropout.get(i).is_some_and(|uniform| *uniform < m.effects.dropout) {
             return Err(Status::Dropped);
         }
         let noise = match rays.noise.get(i) {
@@ -529,7 +535,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             Some(&noise) if number == 0 => noise,
             Some(_) => self.frame.stream.normal(rays.index[i], Effect::RangeNoise, number),
         };
-        let bias = *rays.bias.get(i).unwrap_or(&m.range_bias);
+        let bias = *rays.bias.get(i).unwrap_or(&m.effects.range_bias);
         let offset = *rays.offset.get(i).unwrap_or(&0.0);
         let range = echo.range + (bias + m.range_sigma.at(echo.range) * noise);
         Ok(m.gate(m.quantised(range + offset))? - offset)
@@ -538,7 +544,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
 /// Writes what became of the `i`-th pulse of a batch, and those of its rows, from `end` on, that it has no returns for.
 #[inline(always)]
-fn close(i: usize, all: Range<usize>, end: usize, status: Status, rays: &mut Rays, rows: &mut Rows) {
+fn close(i: usize, all: Range<usize>, end: usize, status: Status, rays: &mut Scratch, rows: &mut Rows) {
     rows.status[i].write(status as u8);
     rows.return_count[i].write(if status == Status::Hit { (end - all.start) as u8 } else { 0 });
     for row in end..all.end {
@@ -547,7 +553,7 @@ fn close(i: usize, all: Range<usize>, end: usize, status: Status, rays: &mut Ray
     }
 }
 
-impl Rays {
+impl Scratch {
     /// What a ray brings back, if it hits anything.
     #[inline(always)]
     fn light(&self, ray: usize) -> Option<Light> {

@@ -3,25 +3,48 @@
 use super::{Beam, Returns, Status};
 use crate::arith::elementary::exp;
 
+macro_rules! effects {
+    ($($(#[$doc:meta])* $name:ident),+ $(,)?) => {
+        /// Effects of a single number each, which is 0 while they are off.
+        #[derive(Clone, Copy, Debug)]
+        pub struct Effects {
+            $($(#[$doc])* pub $name: f64),+
+        }
+
+        impl Effects {
+            /// The number of each effect, by its name.
+            pub fn by_name<E>(mut number: impl FnMut(&'static str) -> Result<f64, E>) -> Result<Self, E> {
+                Ok(Effects { $($name: number(stringify!($name))?),+ })
+            }
+        }
+    };
+}
+
+effects! {
+    /// Standard deviation of the beam's azimuth, rad.
+    azimuth_sigma,
+    /// Standard deviation of the beam's elevation, rad.
+    elevation_sigma,
+    /// α of e^(−2αR), 1/m.
+    extinction,
+    /// Probability that a pulse gives no return.
+    dropout,
+    /// Added to every range, m.
+    range_bias,
+    /// Standard deviation of the bias of each channel, m.
+    channel_bias_sigma,
+    /// Least significant bit of the range, m.
+    range_resolution,
+}
+
 /// The parameters, each neutral while its effect is off.
 #[derive(Clone, Debug)]
 pub struct Measurement {
-    /// Standard deviations of the beam's direction, rad.
-    pub azimuth_sigma: f64,
-    pub elevation_sigma: f64,
-    /// α of e^(−2αR), 1/m.
-    pub extinction: f64,
+    pub effects: Effects,
     pub detection: Option<Detection>,
-    /// Probability.
-    pub dropout: f64,
     pub range_sigma: RangeSigma,
-    pub range_bias: f64,
-    /// Standard deviation of the bias of each channel, m.
-    pub channel_bias_sigma: f64,
     pub beam: Option<Beam>,
     pub returns: Returns,
-    /// Least significant bit of the range, m; 0 for none.
-    pub range_resolution: f64,
     /// What the sensor's own range is more than that from the beam's origin, m: none for 0, one for all rings, or one a ring.
     pub range_offset: Vec<f64>,
     pub min_range: f64,
@@ -57,19 +80,19 @@ impl Measurement {
 
     #[inline(always)]
     pub(super) fn jitters(&self) -> bool {
-        self.azimuth_sigma > 0.0 || self.elevation_sigma > 0.0
+        self.effects.azimuth_sigma > 0.0 || self.effects.elevation_sigma > 0.0
     }
 
     /// What is left of the light on the way there and back.
     #[inline(always)]
     pub(super) fn transmission(&self, range: f64) -> f64 {
-        exp(-2.0 * self.extinction * range)
+        exp(-2.0 * self.effects.extinction * range)
     }
 
     /// To the nearest multiple of the resolution, halves to even.
     #[inline(always)]
     pub(super) fn quantised(&self, range: f64) -> f64 {
-        let step = self.range_resolution;
+        let step = self.effects.range_resolution;
         if step > 0.0 { (range / step).round_ties_even() * step } else { range }
     }
 

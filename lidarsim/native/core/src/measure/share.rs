@@ -43,8 +43,8 @@ pub struct ReturnRows {
 impl ReturnRows {
     /// Of pulses that have `most` rows each and so many returns.
     pub fn new(counts: &[u8], most: usize) -> Self {
-        let room = counts.len() * most;
-        let (mut row, mut pulse, mut end) = (vec![0; room], vec![0; room], 0);
+        let capacity = counts.len() * most;
+        let (mut row, mut pulse, mut end) = (vec![0; capacity], vec![0; capacity], 0);
         for (i, &count) in counts.iter().enumerate() {
             // As many as there may be, so that no branch hangs on how many there are: what is too much the next pulse writes over.
             for j in 0..most {

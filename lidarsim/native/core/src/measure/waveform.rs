@@ -1,6 +1,6 @@
 //! Which light of a pulse a receiver can tell apart.
 
-use super::Rays;
+use super::Scratch;
 use super::beam::Beam;
 use super::echo::{Echo, Light};
 use crate::arith::elementary::exp;
@@ -20,14 +20,14 @@ const REACH: f64 = 8.5;
 /// Of equal surfaces of one range each, two are told apart if they are more than 2σ apart, 0.85 of the pulse's full width at half
 /// maximum (Sparrow's criterion).
 ///
-/// Here the room that it takes is kept from one pulse to the next.
+/// Its memory is reused from one pulse to the next.
 #[derive(Default)]
 pub(super) struct Waveform {
     lights: Vec<Light>,
     /// σᵢ² of each light.
     variances: Vec<f64>,
-    /// Where the slope of the waveform is looked at, rising, and how many lights are nearer than that.
-    places: Vec<f64>,
+    /// Where the slope of the waveform is sampled, rising, and how many lights are nearer than that.
+    samples: Vec<f64>,
     before: Vec<usize>,
     slopes: Vec<f64>,
 }
@@ -35,7 +35,7 @@ pub(super) struct Waveform {
 impl Waveform {
     /// The echoes of the `pulse`-th pulse of the batch, by rising range.
     #[inline(always)]
-    pub(super) fn echoes(&mut self, beam: &Beam, rays: &Rays, pulse: usize, echoes: &mut Vec<Echo>) {
+    pub(super) fn echoes(&mut self, beam: &Beam, rays: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
         let Waveform { lights, .. } = self;
         echoes.clear();
         lights.clear();
@@ -48,7 +48,7 @@ impl Waveform {
             return;
         }
         lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
-        self.look(beam, rays, pulse);
+        self.sample_slopes(beam, rays, pulse);
         let (mut first, mut falls) = (0, false);
         for (slope, before) in self.slopes.iter().zip(&self.before) {
             if *slope > 0.0 && falls && *before > first {
@@ -64,17 +64,17 @@ impl Waveform {
     /// falls most steeply against the rise of the other's at a from the first and b from the second with a·b = σ², if they
     /// are of one width and more than 2σ apart. Else they have no valley of their own, but others may make one: half way.
     #[inline(always)]
-    fn look(&mut self, beam: &Beam, rays: &Rays, pulse: usize) {
-        let Waveform { lights, variances, places, before, slopes } = self;
+    fn sample_slopes(&mut self, beam: &Beam, rays: &Scratch, pulse: usize) {
+        let Waveform { lights, variances, samples, before, slopes } = self;
         let first = pulse * beam.len();
         let to_next = |light: &Light| rays.to_next_sub_ray(light, first);
         let variance = |light| beam.pulse_sigma * beam.pulse_sigma + 0.5 * to_next(light);
         variances.clear();
         variances.extend(lights.iter().map(variance));
-        places.clear();
+        samples.clear();
         before.clear();
         for (i, light) in lights.iter().enumerate() {
-            places.push(light.range);
+            samples.push(light.range);
             before.push(i);
             let Some(next) = lights.get(i + 1) else { break };
             let gap = next.range - light.range;
@@ -84,23 +84,23 @@ impl Waveform {
                 0.5 * (gap - (gap * gap - 4.0 * variance).max(0.0).sqrt())
             };
             let (low, high) = (light.range + inside(variances[i]), next.range - inside(variances[i + 1]));
-            places.push(low);
+            samples.push(low);
             before.push(i + 1);
             if low < high {
-                places.push(high);
+                samples.push(high);
                 before.push(i + 1);
             }
         }
         slopes.clear();
-        slopes.resize(places.len(), 0.0);
+        slopes.resize(samples.len(), 0.0);
         for (light, variance) in lights.iter().zip(&*variances) {
             // Of a black surface there is no light, and no variance where it is grazed.
             if light.clear_power > 0.0 {
                 let (sigma, weight) = (variance.sqrt(), light.clear_power / variance);
                 let (inverse, reach) = (1.0 / sigma, REACH * sigma);
-                let start = places.partition_point(|place| *place < light.range - reach);
-                let end = places.partition_point(|place| *place <= light.range + reach);
-                for (slope, place) in slopes[start..end].iter_mut().zip(&places[start..end]) {
+                let start = samples.partition_point(|place| *place < light.range - reach);
+                let end = samples.partition_point(|place| *place <= light.range + reach);
+                for (slope, place) in slopes[start..end].iter_mut().zip(&samples[start..end]) {
                     let way = (light.range - place) * inverse;
                     *slope += weight * way * exp(-0.5 * (way * way));
                 }
@@ -109,7 +109,7 @@ impl Waveform {
     }
 }
 
-impl Rays {
+impl Scratch {
     /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of what it hit, where that
     /// changes most. `first`: the first ray of the pulse.
     ///

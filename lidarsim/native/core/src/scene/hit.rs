@@ -1,11 +1,11 @@
-//! What is found of a ray, and where it goes.
+//! Hits, and the sinks that they are written to.
 
 use std::ops::Range;
 
 use crate::arith::simd::{self, Isa};
 use crate::geometry::vector::Point;
 
-/// Where a ray first meets the scene.
+/// The closest hit of a ray.
 #[derive(Clone, Copy, Debug)]
 pub struct Hit {
     /// In units of the length of the direction, correctly rounded; infinite for a miss.
@@ -25,7 +25,7 @@ impl Hit {
 /// Where hits go: the hit of ray i, once for each ray, in any order.
 pub trait Sink {
     fn put(&mut self, i: usize, hit: Hit);
-    /// Brings the places of some hits into the cache.
+    /// Prefetches the memory of some hits.
     fn prefetch<I: Isa>(&self, hits: Range<usize>);
 }
 

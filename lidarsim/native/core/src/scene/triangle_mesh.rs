@@ -7,17 +7,17 @@ use crate::arith::simd::Isa;
 use crate::bvh::Bvh;
 use crate::geometry::vector::Point;
 use crate::parallel;
-use crate::shapes::triangle::{Block, LEAF};
+use crate::shapes::triangle::{LEAF_SIZE, Leaf};
 use crate::shapes::{Surface, Triangle};
 
 #[derive(Debug)]
 pub struct TriangleMesh {
     vertices: Vec<Point>,
     faces: Vec<[u32; 3]>,
-    /// Found when it is first asked for, and not again for each scene that the mesh moves through.
+    /// Computed on first use, once for all scenes that share the mesh.
     bounds: OnceLock<Option<[Interval; 3]>>,
     /// Built when it is first cast at.
-    hierarchy: OnceLock<Bvh<Block>>,
+    hierarchy: OnceLock<Bvh<Leaf>>,
 }
 
 impl TriangleMesh {
@@ -44,7 +44,7 @@ impl TriangleMesh {
         self.faces.is_empty()
     }
 
-    /// Brings what names the vertices of the triangle into the cache.
+    /// Prefetches the vertex indices of a triangle.
     #[inline(always)]
     pub fn prefetch_face<I: Isa>(&self, id: u32) {
         I::prefetch(&self.faces[id as usize]);
@@ -65,15 +65,15 @@ impl TriangleMesh {
         (0..self.len() as u32).filter(|&id| self.triangle(id).is_degenerate()).count()
     }
 
-    pub fn hierarchy(&self) -> &Bvh<Block> {
+    pub fn hierarchy(&self) -> &Bvh<Leaf> {
         // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work, and must not come back here.
         self.hierarchy.get_or_init(|| {
             parallel::run(|| {
                 Bvh::new(
                     self.len(),
                     |id| self.triangle(id).bounds(),
-                    LEAF,
-                    |ids| Block::new(ids, |id| self.triangle(id)),
+                    LEAF_SIZE,
+                    |ids| Leaf::new(ids, |id| self.triangle(id)),
                 )
             })
         })

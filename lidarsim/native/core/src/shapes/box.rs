@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::Surface;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root, Roots};
 use crate::geometry::ray::Ray;
@@ -40,6 +40,16 @@ impl Box {
     }
 }
 
+impl Shape for Box {
+    const MOST_ROOTS: usize = 2;
+
+    /// size, center.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [dx, dy, dz, x, y, z] = parameters(numbers)?;
+        Ok(Box { size: [dx, dy, dz], center: [x, y, z] })
+    }
+}
+
 impl Surface for Box {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
@@ -52,7 +62,7 @@ impl Surface for Box {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
         let axis = usize::from(feature / 2);
         let from_middle = ray.origin[axis].minus(&ray.weighted(N::exact(self.center[axis]))).doubled();
         let outward = if feature.is_multiple_of(2) { from_middle.negated() } else { from_middle };

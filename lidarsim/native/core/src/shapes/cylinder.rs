@@ -5,7 +5,7 @@
 
 use std::cmp::Ordering;
 
-use super::Surface;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root, Roots};
 use crate::geometry::ray::Ray;
@@ -36,6 +36,16 @@ impl Cylinder {
 fn between<N: Number>(root: Root<N>, from_start: &N, from_end: &N, rise: &N) -> Result<Option<Root<N>>, Uncertain> {
     let above = root.sign_of_linear(from_start, rise)? != Ordering::Less;
     Ok(if above && root.sign_of_linear(from_end, rise)? != Ordering::Greater { Some(root) } else { None })
+}
+
+impl Shape for Cylinder {
+    const MOST_ROOTS: usize = 2;
+
+    /// start, end, radius, and 1 if it is capped, else 0.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [a, b, c, x, y, z, radius, capped] = parameters(numbers)?;
+        Ok(Cylinder { start: [a, b, c], end: [x, y, z], radius, capped: capped != 0.0 })
+    }
 }
 
 impl Surface for Cylinder {
@@ -105,7 +115,7 @@ impl Surface for Cylinder {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
         let axis = self.axis();
         let f = ray.origin_from(vector::exact(if feature == END { self.end } else { self.start }));
         match feature {

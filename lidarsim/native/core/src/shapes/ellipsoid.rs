@@ -3,7 +3,8 @@
 //! The ray is taken into the space of the unit sphere, which leaves t as it is. The common denominator of the inverse map
 //! is kept as the radius of the sphere there, so that nothing is divided.
 
-use super::{Surface, sphere};
+use super::sphere;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Roots;
 use crate::geometry::affine::{Affine, Inverse};
@@ -38,6 +39,18 @@ impl Ellipsoid {
     }
 }
 
+impl Shape for Ellipsoid {
+    const MOST_ROOTS: usize = 2;
+
+    /// center, radii, rotation by rows.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [x, y, z, a, b, c, rotation @ ..] = parameters::<15>(numbers)?;
+        let [r0, r1, r2, r3, r4, r5, r6, r7, r8] = rotation;
+        Ellipsoid::new([x, y, z], [a, b, c], [[r0, r1, r2], [r3, r4, r5], [r6, r7, r8]])
+            .ok_or_else(|| "rotation: expected an invertible matrix, got determinant 0".into())
+    }
+}
+
 impl Surface for Ellipsoid {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
@@ -46,7 +59,7 @@ impl Surface for Ellipsoid {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
         let (u, _, r) = self.unit_space(ray);
         vector::norm2(&u).minus(&r.squared())
     }

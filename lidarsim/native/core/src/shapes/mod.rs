@@ -1,11 +1,11 @@
 //! The shapes: their mathematics, one file each.
 //!
-//! To add one: write its file, implement [`Surface`], and name it once in `surfaces!` below.
+//! To add one: write its file with its [`Surface`] and [`Shape`], and name it in `mod`, `pub use` and `surfaces!` below.
 
 mod r#box;
 mod cylinder;
 mod ellipsoid;
-pub(crate) mod finish;
+pub(crate) mod newton;
 mod plane;
 mod polygon;
 mod sphere;
@@ -18,7 +18,7 @@ pub use ellipsoid::Ellipsoid;
 pub use plane::Plane;
 pub use polygon::self_crossing;
 pub use sphere::Sphere;
-pub use surface::{Surface, SurfaceTask};
+pub use surface::{Shape, Surface, SurfaceTask};
 pub use triangle::Triangle;
 
 use crate::arith::number::{Interval, Number, Uncertain};
@@ -40,42 +40,55 @@ impl<S: Surface, T: SurfaceTask> LaneTask for On<'_, S, T> {
 
 macro_rules! surfaces {
     ($($name:ident),+ $(,)?) => {
-        /// Any surface that a line meets at most twice.
+        /// Any of the implicit surfaces.
         #[derive(Clone, Debug)]
-        pub enum Simple {
+        pub enum AnySurface {
             $($name($name)),+
         }
 
-        $(impl From<$name> for Simple {
+        $(impl From<$name> for AnySurface {
             fn from(shape: $name) -> Self {
-                Simple::$name(shape)
+                AnySurface::$name(shape)
             }
         })+
 
-        impl Simple {
-            /// Runs the task as a function of its own for each type of shape, which keeps these functions small; see `Isa::apart`.
+        impl AnySurface {
+            /// The shape of this name and these parameters; see [`Shape::from_numbers`].
+            pub fn new(name: &str, numbers: &[f64]) -> Result<Self, String> {
+                match name {
+                    $(stringify!($name) => <$name as Shape>::from_numbers(numbers).map(AnySurface::$name),)+
+                    _ => Err(format!("shape: unknown {name:?}")),
+                }
+            }
+
+            /// Most roots on a line.
+            pub fn most_roots(&self) -> usize {
+                match self { $(AnySurface::$name(_) => <$name as Shape>::MOST_ROOTS),+ }
+            }
+
+            /// Runs the task in a separate function for each type of shape, which keeps these functions small; see `Isa::apart`.
             #[inline(always)]
             pub fn apart<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
-                match self { $(Simple::$name(shape) => I::apart(On(shape, task))),+ }
+                match self { $(AnySurface::$name(shape) => I::apart(On(shape, task))),+ }
             }
         }
 
-        impl Surface for Simple {
+        impl Surface for AnySurface {
             #[inline]
             fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-                match self { $(Simple::$name(shape) => shape.roots(ray)),+ }
+                match self { $(AnySurface::$name(shape) => shape.roots(ray)),+ }
             }
 
-            fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
-                match self { $(Simple::$name(shape) => shape.level(ray, feature)),+ }
+            fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+                match self { $(AnySurface::$name(shape) => shape.implicit(ray, feature)),+ }
             }
 
             fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N> {
-                match self { $(Simple::$name(shape) => shape.normal(ray, feature)),+ }
+                match self { $(AnySurface::$name(shape) => shape.normal(ray, feature)),+ }
             }
 
             fn bounds(&self) -> Option<[Interval; 3]> {
-                match self { $(Simple::$name(shape) => shape.bounds()),+ }
+                match self { $(AnySurface::$name(shape) => shape.bounds()),+ }
             }
         }
     };

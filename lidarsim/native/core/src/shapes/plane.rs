@@ -3,8 +3,8 @@
 //! The plane keeps the numbers it was made from: the point form stays accurate far from the origin of coordinates, where
 //! n·p rounded once has already moved the plane.
 
-use super::Surface;
-use super::triangle::triangle_normal;
+use super::surface::{Shape, Surface};
+use super::triangle::{Triangle, triangle_normal};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
@@ -43,6 +43,19 @@ impl Plane {
     }
 }
 
+impl Shape for Plane {
+    const MOST_ROOTS: usize = 1;
+
+    /// normal, distance; point, normal; or three points.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        match *numbers {
+            [x, y, z, distance] => Ok(Plane::Distance { normal: [x, y, z], distance }),
+            [a, b, c, x, y, z] => Ok(Plane::PointNormal { point: [a, b, c], normal: [x, y, z] }),
+            _ => Triangle::from_numbers(numbers).map(|Triangle(a, b, c)| Plane::Points(a, b, c)),
+        }
+    }
+}
+
 impl Surface for Plane {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
@@ -51,7 +64,7 @@ impl Surface for Plane {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
         self.height(ray).doubled()
     }
 

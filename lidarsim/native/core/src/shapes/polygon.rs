@@ -4,17 +4,17 @@
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{Number, Question, Uncertain, certify};
+use crate::arith::number::{Number, Predicate, Uncertain, decide};
 
 type Point2 = [f64; 2];
 
 /// The sign of the area of a, b, c: positive for a left turn.
 struct Turn(Point2, Point2, Point2);
 
-impl Question for Turn {
+impl Predicate for Turn {
     type Answer = Ordering;
 
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
         let [a, b, c] = [self.0, self.1, self.2].map(|p| p.map(N::exact));
         let left = b[0].minus(&a[0]).times(&c[1].minus(&a[1]));
         left.minus(&b[1].minus(&a[1]).times(&c[0].minus(&a[0]))).sign()
@@ -27,8 +27,8 @@ fn between(a: Point2, b: Point2, p: Point2) -> bool {
 }
 
 /// Whether two closed segments share a point.
-fn meet(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
-    let turns = [Turn(a, b, c), Turn(a, b, d), Turn(c, d, a), Turn(c, d, b)].map(|turn| certify(&turn));
+fn intersect(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
+    let turns = [Turn(a, b, c), Turn(a, b, d), Turn(c, d, a), Turn(c, d, b)].map(|turn| decide(&turn));
     let opposite = |x: Ordering, y: Ordering| x == y.reverse() && x != Ordering::Equal;
     (opposite(turns[0], turns[1]) && opposite(turns[2], turns[3]))
         || (turns[0] == Ordering::Equal && between(a, b, c))
@@ -47,11 +47,11 @@ pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
             let (c, d) = edge(j);
             let touches = if j == i + 1 {
                 // Neighbours share b = c, and no more: d does not fold back.
-                certify(&Turn(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
+                decide(&Turn(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
             } else if (j + 1) % n == i {
-                certify(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
+                decide(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
             } else {
-                meet(a, b, c, d)
+                intersect(a, b, c, d)
             };
             if touches {
                 return Some((i, j));

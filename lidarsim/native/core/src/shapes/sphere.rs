@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::Surface;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
@@ -32,6 +32,16 @@ pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<R
     Ok(Root::quadratic(a, b, c, disc, order, 0))
 }
 
+impl Shape for Sphere {
+    const MOST_ROOTS: usize = 2;
+
+    /// center, radius.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [x, y, z, radius] = parameters(numbers)?;
+        Ok(Sphere { center: [x, y, z], radius })
+    }
+}
+
 impl Surface for Sphere {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
@@ -40,7 +50,7 @@ impl Surface for Sphere {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, _: u8) -> N {
         let f = ray.origin_from(vector::exact(self.center));
         vector::norm2(&f).minus(&ray.weighted(N::exact(self.radius)).squared())
     }

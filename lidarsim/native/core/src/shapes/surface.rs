@@ -1,4 +1,4 @@
-//! What a surface has to say of rays.
+//! The interface of an implicit surface.
 
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Roots;
@@ -6,22 +6,36 @@ use crate::arith::simd::Floats;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Vector;
 
-/// A surface that a line meets at most twice.
+/// A surface that a line intersects at most twice.
 pub trait Surface {
-    /// Every t, of either sign, at which the line meets the surface: ascending and distinct.
+    /// Every t, of either sign, at which the line intersects the surface: ascending and distinct.
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
-    /// Where the ray begins: a function that is zero on part `feature` of the surface, and of degree two at most.
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;
+    /// The implicit function F at the ray's origin: zero on part `feature` of the surface, and of degree two at most.
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;
 
-    /// Where the ray begins, on part `feature` of the surface or near it: an outward normal, half the gradient of `level`.
+    /// An outward normal at the ray's origin, on part `feature` of the surface or near it: half the gradient of `implicit`.
     fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
 
-    /// An axis-aligned box around the surface; none if the surface has no end.
+    /// An axis-aligned bounding box; none if the surface is unbounded.
     fn bounds(&self) -> Option<[Interval; 3]>;
 }
 
-/// What is to be done with a surface of known type and registers of N lanes: an always inlined `run`.
+/// A surface that is made from its parameters.
+pub trait Shape: Surface + Sized {
+    /// Most roots on a line.
+    const MOST_ROOTS: usize;
+
+    /// The shape of these parameters, one after the other. Only what takes exact arithmetic is checked; the error names the parameter and its value.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String>;
+}
+
+/// The parameters as an array; an error if there are not N.
+pub fn parameters<const N: usize>(numbers: &[f64]) -> Result<[f64; N], String> {
+    numbers.try_into().map_err(|_| format!("numbers: expected {N} of them, got {}", numbers.len()))
+}
+
+/// A function that is generic over the type of a surface and over registers of N lanes: an always inlined `run`.
 pub trait SurfaceTask {
     type Output;
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) -> Self::Output;

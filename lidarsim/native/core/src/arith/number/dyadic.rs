@@ -1,4 +1,4 @@
-//! Exact arithmetic: integers times powers of two. Every float64 is one, and sums and products stay such.
+//! Exact arithmetic on dyadic rationals, integers times powers of two: every float64 is one, and they are closed under sums and products.
 
 use std::cmp::Ordering;
 
@@ -13,8 +13,8 @@ pub struct Dyadic {
     exponent: i64,
 }
 
-/// Bits of a root that is only to be near: rounded to float64, it is the nearest or one beside that.
-const NEAR: i64 = 64;
+/// Bits of an approximate root: rounded to float64, it is the nearest or one beside that.
+const NEAR_BITS: i64 = 64;
 
 /// Bits of a root beyond those of the longest coefficient; see `value`.
 const BEYOND: i64 = 128;
@@ -62,7 +62,7 @@ impl Dyadic {
         if self.mantissa.sign() == den.mantissa.sign() { magnitude } else { -magnitude }
     }
 
-    /// The root as a quotient of sums in which nothing cancels, as in `Ball::of_root`, with its square root cut after `bits`.
+    /// The root as a quotient of sums in which nothing cancels, as in `RunningError::of_root`, with its square root cut after `bits`.
     fn fraction(root: &Root<Self>, bits: i64) -> (Self, Self) {
         if root.branch == 0 {
             return (root.b.clone(), root.a.clone());
@@ -211,7 +211,7 @@ impl Number for Dyadic {
     /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is near enough to that. So the root
     /// itself is compared with the midpoints around a float64 near it.
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
-        let (num, den) = Self::fraction(root, NEAR);
+        let (num, den) = Self::fraction(root, NEAR_BITS);
         let near = num.ratio(&den);
         if root.branch == 0 {
             return Ok(near);

@@ -1,7 +1,7 @@
-//! Rays side by side, of which one question is asked together.
+//! Lanes: rays whose predicates are evaluated together.
 //!
-//! A decision may turn out differently in different lanes. The question then goes on for lanes that agree, and the asker asks it
-//! again for the others, until every lane has its answer: a handful of times at most, as rays of a packet are neighbours.
+//! A branch may be taken in some lanes and not in others. Evaluation then continues for lanes that agree, and the caller repeats
+//! it for the rest, until every lane has its result: a handful of times at most, as the rays of a packet are coherent.
 
 use std::cell::Cell;
 use std::cmp::Ordering;
@@ -10,30 +10,30 @@ use std::marker::PhantomData;
 use super::{Number, Uncertain};
 use crate::arith::simd::Floats;
 
-/// What a number of N lanes is made of, and which of its lanes are still asked.
+/// The registers of a number of N lanes, and the mask of its active lanes.
 pub trait Lanes<const N: usize>: Copy {
     type Floats: Floats<f64, N>;
 
-    /// For numbers that no ray went into: they are the same in every lane.
+    /// For constants, which are the same in every lane.
     const OF_NO_RAY: Self;
 
     fn or(self, other: Self) -> Self;
-    /// The lanes still asked, a bit each.
-    fn asked(self) -> u32;
-    fn go_on_with(self, lanes: u32);
+    /// The active lanes, a bit each.
+    fn active(self) -> u32;
+    fn restrict_to(self, lanes: u32);
 
-    /// Goes on with the lanes of `known`.
+    /// Deactivates the lanes outside `known`; uncertain if none is left.
     #[inline(always)]
     fn keep(self, known: u32) -> Result<(), Uncertain> {
-        let lanes = self.asked() & known;
+        let lanes = self.active() & known;
         if lanes == 0 {
             return Err(Uncertain);
         }
-        self.go_on_with(lanes);
+        self.restrict_to(lanes);
         Ok(())
     }
 
-    /// Goes on with lanes whose sign is the same, of those that have the signs given.
+    /// Keeps active the lanes of one sign, given the lanes of each.
     #[inline(always)]
     fn agree(self, less: u32, equal: u32, greater: u32) -> Result<Ordering, Uncertain> {
         if self.keep(greater).is_ok() {
@@ -67,12 +67,12 @@ impl Lanes<1> for One {
     }
 
     #[inline(always)]
-    fn asked(self) -> u32 {
+    fn active(self) -> u32 {
         1
     }
 
     #[inline(always)]
-    fn go_on_with(self, _: u32) {}
+    fn restrict_to(self, _: u32) {}
 }
 
 /// As many rays as a register has lanes. None for numbers of no ray.
@@ -81,8 +81,8 @@ pub struct Many<'a, F>(Option<&'a Cell<u32>>, PhantomData<F>);
 
 impl<'a, F> Many<'a, F> {
     #[inline(always)]
-    pub fn new(asked: &'a Cell<u32>) -> Self {
-        Many(Some(asked), PhantomData)
+    pub fn new(active: &'a Cell<u32>) -> Self {
+        Many(Some(active), PhantomData)
     }
 }
 
@@ -97,17 +97,17 @@ impl<F: Floats<f64, N>, const N: usize> Lanes<N> for Many<'_, F> {
     }
 
     #[inline(always)]
-    fn asked(self) -> u32 {
+    fn active(self) -> u32 {
         match self.0 {
-            Some(asked) => asked.get(),
+            Some(active) => active.get(),
             None => (1 << N) - 1,
         }
     }
 
     #[inline(always)]
-    fn go_on_with(self, lanes: u32) {
-        if let Some(asked) = self.0 {
-            asked.set(lanes);
+    fn restrict_to(self, lanes: u32) {
+        if let Some(active) = self.0 {
+            active.set(lanes);
         }
     }
 }

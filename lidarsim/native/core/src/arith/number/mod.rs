@@ -1,28 +1,29 @@
-//! Numbers that know how far they may be wrong.
+//! Numbers with error bounds, and filtered predicates over them.
 //!
 //! Every formula of the core is written once, over [`Number`], and evaluated in up to three kinds of arithmetic:
-//! [`Ball`] (float64 with a running error bound), [`DdBall`] (double-double with a running error bound) and
-//! [`Dyadic`] (exact). A decision that the first kind cannot certify is [`Uncertain`]; [`certify`] then asks the next
-//! kind, and the last one always knows. So no formula holds an epsilon, and every decision is exact for the float64
-//! numbers that were given.
+//! [`RunningError`] (float64 with a running error bound), [`DoubleDouble`] (double-double with a running error bound) and
+//! [`Dyadic`] (exact). A predicate that one kind cannot certify is [`Uncertain`]; [`decide`] then evaluates it in the
+//! next kind, and the last one is always certain: a floating-point filter, as in J. Shewchuk, Adaptive precision
+//! floating-point arithmetic and fast robust geometric predicates, 1997. So no formula holds an epsilon, and every
+//! decision is exact for the float64 input.
 //!
-//! The first two exist for one ray and for several side by side ([`Balls`], [`DdBalls`]).
+//! The first two kinds exist for a single ray and for the lanes of a register ([`RunningErrors`], [`DoubleDoubles`]).
 
-mod ball;
-mod dd;
+mod double_double;
 mod dyadic;
 mod lanes;
+mod running_error;
 #[cfg(test)]
 mod tests;
 
 use std::cmp::Ordering;
 
-pub use ball::{Ball, Balls};
-pub use dd::{DdBall, DdBalls};
+pub use double_double::{DoubleDouble, DoubleDoubles};
 pub use dyadic::Dyadic;
 pub use lanes::{Lanes, Many, OfRays, One};
+pub use running_error::{RunningError, RunningErrors};
 
-/// This kind of arithmetic cannot tell; the next one may.
+/// The error bound of this kind of arithmetic is too wide for the decision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uncertain;
 
@@ -54,7 +55,7 @@ pub trait Number: Clone {
     /// Float64 numbers near these, and what these are beyond them.
     fn split(&self) -> (Self::Floats, Self);
 
-    /// What is kept in this kind of number.
+    /// The value precomputed in this kind of number.
     fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self>;
 
     #[inline(always)]
@@ -84,18 +85,18 @@ pub struct Root<N> {
     pub c: N,
     pub disc: N,
     pub branch: i8,
-    /// t, where it was worked out already.
+    /// t, where it is computed already.
     pub t: Option<N>,
-    /// Which part of the surface was met: a face of a box, the side or a cap of a cylinder.
+    /// The part of the surface: a face of a box, the side or a cap of a cylinder.
     pub feature: u8,
 }
 
-/// What is worked out once and kept in each kind of number of one lane.
+/// A quantity that is precomputed in each kind of number of one lane.
 pub trait Kinds {
     type In<N: Clone>: Clone;
 
-    fn ball(&self) -> &Self::In<Ball>;
-    fn dd(&self) -> &Self::In<DdBall>;
+    fn running_error(&self) -> &Self::In<RunningError>;
+    fn double_double(&self) -> &Self::In<DoubleDouble>;
     fn dyadic(&self) -> &Self::In<Dyadic>;
     /// The same in a kind of number that holds this one.
     fn convert<N: Clone, M: Clone + for<'a> From<&'a N>>(kept: &Self::In<N>) -> Self::In<M>;
@@ -114,25 +115,25 @@ impl Interval {
     }
 }
 
-/// A question that any kind of [`Number`] of one lane may try to answer.
-pub trait Question {
+/// A decision or value that can be evaluated in any kind of [`Number`] of one lane.
+pub trait Predicate {
     type Answer;
-    fn ask<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain>;
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain>;
 }
 
-/// Answers a question with the cheapest arithmetic that is certain of it.
+/// Evaluates a predicate in the cheapest arithmetic that is certain of it.
 #[inline]
-pub fn certify<Q: Question>(question: &Q) -> Q::Answer {
-    question.ask::<Ball>().unwrap_or_else(|Uncertain| certify_finely(question))
+pub fn decide<Q: Predicate>(predicate: &Q) -> Q::Answer {
+    predicate.evaluate::<RunningError>().unwrap_or_else(|Uncertain| decide_exactly(predicate))
 }
 
-/// As [`certify`], for questions that float64 can hardly ever answer.
+/// As [`decide`], without the float64 stage: for predicates that it could hardly ever certify.
 #[cold]
 #[inline(never)]
-pub fn certify_finely<Q: Question>(question: &Q) -> Q::Answer {
-    question
-        .ask::<DdBall>()
-        .or_else(|Uncertain| question.ask::<Dyadic>())
+pub fn decide_exactly<Q: Predicate>(predicate: &Q) -> Q::Answer {
+    predicate
+        .evaluate::<DoubleDouble>()
+        .or_else(|Uncertain| predicate.evaluate::<Dyadic>())
         .unwrap_or_else(|Uncertain| unreachable!("exact arithmetic is never uncertain"))
 }
 

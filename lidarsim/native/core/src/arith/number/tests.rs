@@ -6,8 +6,8 @@ use std::cmp::Ordering;
 use super::*;
 use crate::arith::simd::{Floats, Isa, LaneTask, Level, Task, dispatch};
 
-/// A kind of number whose errors the tests may look at.
-pub(super) trait Rounded<const N: usize>: Number {
+/// A kind of number whose error bounds the tests may read.
+pub(super) trait Enclosure<const N: usize>: Number {
     /// Whether the bounds of a lane hold x; true where they are infinite or NaN.
     fn holds(&self, lane: usize, x: &Dyadic) -> bool;
     /// Whether the bounds of a lane are finite and shut zero out.
@@ -81,15 +81,15 @@ fn root<N: Number>(which: usize, x: &[N; 4]) -> Result<Root<N>, Uncertain> {
     (if which == 1 { first } else { second }).ok_or(Uncertain)
 }
 
-struct Balled;
+struct RunningErrorLanes;
 struct DoubleDoubled;
 
-impl LaneTask for Balled {
+impl LaneTask for RunningErrorLanes {
     type Output = [usize; 2];
 
     fn run<F: Floats<f64, N>, const N: usize>(self) -> [usize; 2] {
-        let asked = Cell::new(0);
-        check::<Balls<Many<F>, N>, N>(&asked, |v| Balls::of_rays(F::load(v), Many::new(&asked)))
+        let active = Cell::new(0);
+        check::<RunningErrors<Many<F>, N>, N>(&active, |v| RunningErrors::of_rays(F::load(v), Many::new(&active)))
     }
 }
 
@@ -97,13 +97,13 @@ impl LaneTask for DoubleDoubled {
     type Output = [usize; 2];
 
     fn run<F: Floats<f64, N>, const N: usize>(self) -> [usize; 2] {
-        let asked = Cell::new(0);
-        check::<DdBalls<Many<F>, N>, N>(&asked, |v| DdBalls::of_rays(F::load(v), Many::new(&asked)))
+        let active = Cell::new(0);
+        check::<DoubleDoubles<Many<F>, N>, N>(&active, |v| DoubleDoubles::of_rays(F::load(v), Many::new(&active)))
     }
 }
 
 /// Returns how many certain numbers and how many roots it has checked.
-fn check<K: Rounded<N>, const N: usize>(asked: &Cell<u32>, of_rays: impl Fn(&[f64; N]) -> K) -> [usize; 2] {
+fn check<K: Enclosure<N>, const N: usize>(active: &Cell<u32>, of_rays: impl Fn(&[f64; N]) -> K) -> [usize; 2] {
     let (mut certain, mut known) = (0, 0);
     let mut number = numbers();
     for _ in 0..300 {
@@ -118,9 +118,9 @@ fn check<K: Rounded<N>, const N: usize>(asked: &Cell<u32>, of_rays: impl Fn(&[f6
             }
         }
         for k in 0..4 {
-            asked.set((1 << N) - 1);
+            active.set((1 << N) - 1);
             let Ok(found) = root(k, &x).and_then(|root| K::value(&root)) else { continue };
-            for lane in (0..N).filter(|lane| asked.get() & 1 << lane != 0) {
+            for lane in (0..N).filter(|lane| active.get() & 1 << lane != 0) {
                 let exact = root(k, &exactly(lane)).and_then(|root| Dyadic::value(&root));
                 assert!(exact.is_ok_and(|t| found.holds(lane, &t)), "root {k} of {:?}", values.map(|v| v[lane]));
                 known += 1;
@@ -144,7 +144,7 @@ impl<T: LaneTask> Task for Each<T> {
 fn lanes_hold_the_exact_numbers() {
     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
         for [certain, known] in
-            [dispatch(level, Each(|| Balled)), dispatch(level, Each(|| DoubleDoubled))].into_iter().flatten()
+            [dispatch(level, Each(|| RunningErrorLanes)), dispatch(level, Each(|| DoubleDoubled))].into_iter().flatten()
         {
             assert!(certain > 2000 && known > 500, "{level:?}: {certain}, {known}");
         }
@@ -153,43 +153,44 @@ fn lanes_hold_the_exact_numbers() {
 
 #[test]
 fn one_lane_holds_the_exact_numbers() {
-    let asked = Cell::new(0);
-    for [certain, known] in
-        [check::<Ball, 1>(&asked, |v| Ball::exact(v[0])), check::<DdBall, 1>(&asked, |v| DdBall::exact(v[0]))]
-    {
+    let active = Cell::new(0);
+    for [certain, known] in [
+        check::<RunningError, 1>(&active, |v| RunningError::exact(v[0])),
+        check::<DoubleDouble, 1>(&active, |v| DoubleDouble::exact(v[0])),
+    ] {
         assert!(certain > 500 && known > 200, "{certain}, {known}");
     }
 }
 
 #[test]
 fn exact_zeros_are_certain() {
-    let zero = [-0.0, 5.0, 0.0, 1e-320].map(Ball::exact);
+    let zero = [-0.0, 5.0, 0.0, 1e-320].map(RunningError::exact);
     assert_eq!(zero[0].times(&zero[1]).sign(), Ok(Ordering::Equal));
     assert_eq!(zero[3].squared().sign(), Err(Uncertain));
     assert_eq!(zero[0].times(&zero[1]).plus(&zero[3].squared()).sign(), Err(Uncertain));
-    let zero = [-0.0, 5.0, 0.0, 1e-320].map(DdBall::exact);
+    let zero = [-0.0, 5.0, 0.0, 1e-320].map(DoubleDouble::exact);
     assert_eq!(zero[0].times(&zero[1]).sign(), Ok(Ordering::Equal));
     assert_eq!(zero[3].squared().sign(), Err(Uncertain));
     assert_eq!(zero[0].times(&zero[1]).plus(&zero[3].squared()).sign(), Err(Uncertain));
 }
 
-/// Signs that differ are settled group by group, and what is not known is left.
+/// Signs that differ are settled lane by lane, and what is not known is left.
 #[test]
 fn lanes_that_disagree_are_asked_in_turn() {
     let values = [[3.0, -1.0, 0.0, 2.0, 1e-200, -4.0, 0.0, -0.0]];
     let mut left = 0b0111_1111;
     let mut answers = [None; 8];
     while left != 0 {
-        let asked = Cell::new(left);
-        let lanes = Many::<[f64; 8]>::new(&asked);
-        let x = Balls::<_, 8>::of_rays(values[0], lanes);
+        let active = Cell::new(left);
+        let lanes = Many::<[f64; 8]>::new(&active);
+        let x = RunningErrors::<_, 8>::of_rays(values[0], lanes);
         // The square of what is tiny is lost.
         let answer = x.times(&x).times(&x).sign();
-        for lane in (0..8).filter(|lane| asked.get() & 1 << lane != 0) {
+        for lane in (0..8).filter(|lane| active.get() & 1 << lane != 0) {
             answers[lane] = Some(answer);
         }
-        assert_ne!(left & asked.get(), 0);
-        left &= !asked.get();
+        assert_ne!(left & active.get(), 0);
+        left &= !active.get();
     }
     let (less, equal, greater) = (Ok(Ordering::Less), Ok(Ordering::Equal), Ok(Ordering::Greater));
     let expected = [greater, less, equal, greater, Err(Uncertain), less, equal].map(Some);

@@ -1,4 +1,4 @@
-//! Vectors of floats: one trait, one implementation an instruction set.
+//! SIMD registers of floats: one trait, and one implementation per instruction set.
 //!
 //! Algorithms are written once, over [`Isa`], as functions that are always inlined; [`dispatch`] compiles them for each
 //! instruction set and picks one at run time. Only these files speak to the processor.
@@ -11,7 +11,7 @@ use std::sync::atomic::{AtomicU8, Ordering};
 
 pub use portable::Portable;
 
-/// N floats, on which operations work one by one.
+/// N floats with element-wise operations.
 pub trait Floats<T, const N: usize>: Copy {
     fn splat(x: T) -> Self;
     fn load(x: &[T; N]) -> Self;
@@ -31,9 +31,9 @@ pub trait Floats<T, const N: usize>: Copy {
     fn max(self, other: Self) -> Self;
     /// The smaller; `other` where self is NaN.
     fn min(self, other: Self) -> Self;
-    /// A bit a lane: self ≤ other; 0 where one is NaN.
+    /// Mask of the lanes in which self ≤ other; clear where one is NaN.
     fn le(self, other: Self) -> u32;
-    /// A bit a lane: self < other; 0 where one is NaN.
+    /// Mask of the lanes in which self < other; clear where one is NaN.
     fn lt(self, other: Self) -> u32;
     /// The largest of all, none of them NaN.
     fn largest(self) -> T;
@@ -43,10 +43,10 @@ pub trait Floats<T, const N: usize>: Copy {
     fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self;
 }
 
-/// The bits of what [`Isa::fraction`] takes.
+/// Bits of the integers that [`Isa::fraction`] converts.
 pub const FRACTION: u32 = 21;
 
-/// Where they belong in a float64: at the top of its 52 bits of fraction.
+/// Their shift within a float64: to the top of its 52 bits of fraction.
 const PLACE: u32 = 52 - FRACTION;
 
 /// These, and the bits of 1.
@@ -61,7 +61,7 @@ pub trait Isa: Copy {
     type F32x8: Floats<f32, 8>;
     type F32x16: Floats<f32, 16>;
     type F64x8: Floats<f64, 8>;
-    /// Eight sets of bits.
+    /// Eight 64-bit masks.
     type Masks: Copy;
 
     /// 1 + k/2²¹, with k the 21 bits from bit `FIRST` on.
@@ -72,24 +72,24 @@ pub trait Isa: Copy {
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// The coordinates of eight points, an axis after the other.
     fn columns(points: [&[f64; 3]; 8]) -> [Self::F64x8; 3];
-    /// Of eight distances those with `near` ≤ `far`: how many they are, and the distances, rounded down by their last three bits, and what belongs
-    /// to them, the farthest first. What follows in the arrays means nothing. No distance is negative.
+    /// Selects the distances with `near` ≤ `far` and sorts them with their payloads, the farthest first: their number, the distances with the last
+    /// three bits rounded down, and the payloads; the rest of the arrays is unspecified. No distance is negative.
     fn by_distance(near: Self::F32x8, far: Self::F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]);
-    /// Eight empty sets.
+    /// Eight empty masks.
     fn no_masks() -> Self::Masks;
-    /// Adds a bit to the sets where `near` ≤ `far`.
+    /// Sets a bit in the masks where `near` ≤ `far`.
     fn mark(masks: Self::Masks, near: Self::F32x8, far: Self::F32x8, bit: u64) -> Self::Masks;
     fn masks(masks: Self::Masks) -> [u64; 8];
-    /// Brings what is near `address` into the cache.
+    /// Prefetches the cache line of `address`.
     fn prefetch<T>(address: *const T);
-    /// Runs the task as a function of its own: what is called from several places is compiled once, and no function becomes too large.
+    /// Runs the task out of line, in a function compiled for this instruction set: code with several callers is compiled once, and no function becomes too
+    /// large.
     fn call<T: Task>(task: T) -> T::Output;
-    /// Runs the task with the widest registers, as a function of its own that is not inlined into whatever calls it; none where there are
-    /// no registers of several lanes.
+    /// Runs the task with the widest registers, out of line and never inlined; none where registers have a single lane.
     fn apart<T: LaneTask>(task: T) -> Option<T::Output>;
 }
 
-/// Brings all of a slice into the cache.
+/// Prefetches a slice.
 #[inline(always)]
 pub fn prefetch<I: Isa, T>(slice: &[T]) {
     let start: *const [u8; 64] = slice.as_ptr().cast();
@@ -98,19 +98,19 @@ pub fn prefetch<I: Isa, T>(slice: &[T]) {
     }
 }
 
-/// What is to be done with an instruction set: an always inlined `run`.
+/// A function that is generic over the instruction set: an always inlined `run`.
 pub trait Task {
     type Output;
     fn run<I: Isa>(self) -> Self::Output;
 }
 
-/// What is to be done with registers of N lanes: an always inlined `run`.
+/// A function that is generic over registers of N lanes: an always inlined `run`.
 pub trait LaneTask {
     type Output;
     fn run<F: Floats<f64, N>, const N: usize>(self) -> Self::Output;
 }
 
-/// The instruction sets, each holding the ones before it.
+/// The instruction sets, each a superset of those before it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Level {
@@ -253,12 +253,12 @@ mod tests {
         }
     }
 
-    struct Columns<'a> {
+    struct Transpose<'a> {
         points: &'a [[f64; 3]],
         at: [usize; 8],
     }
 
-    impl Task for Columns<'_> {
+    impl Task for Transpose<'_> {
         type Output = [[f64; 8]; 3];
 
         #[inline(always)]
@@ -277,7 +277,7 @@ mod tests {
         for _ in 0..200 {
             let at = [0; 8].map(|_: u8| (11.0 * number()) as usize);
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let [x, y, z] = dispatch(level, Columns { points: &points, at });
+                let [x, y, z] = dispatch(level, Transpose { points: &points, at });
                 for lane in 0..8 {
                     assert_eq!([x[lane], y[lane], z[lane]], points[at[lane]], "{level:?}");
                 }
@@ -312,13 +312,13 @@ mod tests {
             let reach = 1e4_f64.powf(number());
             let far = [0; 8].map(|_: u8| if number() < 0.05 { f32::NAN } else { (reach * number()) as f32 });
             let what = [0; 8].map(|_: u8| (u32::MAX as f64 * number()) as u32);
-            let met: Vec<usize> = (0..8).filter(|&i| near[i] <= far[i]).collect();
-            counts[met.len()] += 1;
+            let hit: Vec<usize> = (0..8).filter(|&i| near[i] <= far[i]).collect();
+            counts[hit.len()] += 1;
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let (count, distances, found) = dispatch(level, Distances(&near, &far, &what));
-                assert_eq!(count, met.len());
+                assert_eq!(count, hit.len());
                 assert!(distances[..count].is_sorted_by(|a, b| a >= b), "{level:?}, {round}");
-                let mut left = met.clone();
+                let mut left = hit.clone();
                 for (distance, found) in distances[..count].iter().zip(found) {
                     let at = left
                         .iter()

@@ -93,13 +93,13 @@ impl Isa for Avx2 {
     fn by_distance(near: __m256, far: __m256, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
         // SAFETY: as above.
         unsafe {
-            let met = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
+            let hit = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
             let keys = keys(near);
-            // Those that are not met are −1, and come last.
-            let missed = _mm256_xor_si256(_mm256_castps_si256(met), _mm256_set1_epi32(-1));
+            // Those that are missed are −1, and come last.
+            let missed = _mm256_xor_si256(_mm256_castps_si256(hit), _mm256_set1_epi32(-1));
             let keys = sorted(_mm256_or_si256(keys, missed));
             let (distances, found) = in_order(keys, what);
-            (_mm256_movemask_ps(met).count_ones() as usize, distances, found)
+            (_mm256_movemask_ps(hit).count_ones() as usize, distances, found)
         }
     }
 
@@ -114,9 +114,9 @@ impl Isa for Avx2 {
         // SAFETY: as above.
         unsafe {
             let bit = _mm256_set1_epi64x(bit as i64);
-            let met = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far));
-            let low = _mm256_cvtepi32_epi64(_mm256_castsi256_si128(met));
-            let high = _mm256_cvtepi32_epi64(_mm256_extracti128_si256::<1>(met));
+            let hit = _mm256_castps_si256(_mm256_cmp_ps::<_CMP_LE_OQ>(near, far));
+            let low = _mm256_cvtepi32_epi64(_mm256_castsi256_si128(hit));
+            let high = _mm256_cvtepi32_epi64(_mm256_extracti128_si256::<1>(hit));
             Two(
                 _mm256_or_si256(masks.0, _mm256_and_si256(low, bit)),
                 _mm256_or_si256(masks.1, _mm256_and_si256(high, bit)),
@@ -178,7 +178,7 @@ fn keys(near: __m256) -> __m256i {
     }
 }
 
-/// The distances of keys, and what belongs to their lanes.
+/// The distances of keys, and the payloads of their lanes.
 #[inline(always)]
 fn in_order(keys: __m256i, what: &[u32; 8]) -> ([f32; 8], [u32; 8]) {
     let (mut distances, mut found) = ([0.0; 8], [0; 8]);
@@ -283,11 +283,11 @@ impl Isa for Avx512 {
     fn by_distance(near: __m256, far: __m256, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
         // SAFETY: as above.
         unsafe {
-            let met = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
-            let count = met.count_ones() as usize;
+            let hit = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
+            let count = hit.count_ones() as usize;
             let keys = keys(near);
             // Zeros follow: no key is less.
-            let keys = _mm256_maskz_compress_epi32(met, keys);
+            let keys = _mm256_maskz_compress_epi32(hit, keys);
             let keys = if count > 2 {
                 sorted(keys)
             } else {
@@ -308,8 +308,8 @@ impl Isa for Avx512 {
     fn mark(masks: __m512i, near: __m256, far: __m256, bit: u64) -> __m512i {
         // SAFETY: as above.
         unsafe {
-            let met = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
-            _mm512_mask_or_epi64(masks, met, masks, _mm512_set1_epi64(bit as i64))
+            let hit = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
+            _mm512_mask_or_epi64(masks, hit, masks, _mm512_set1_epi64(bit as i64))
         }
     }
 

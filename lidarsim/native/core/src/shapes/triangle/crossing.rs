@@ -1,7 +1,8 @@
-//! Where rays meet the planes of triangles, an own one each, with twice the digits of float64.
+//! Intersections of rays with the planes of triangles, a triangle per lane, by expansions.
 
+use crate::arith::error_free::two_product;
+use crate::arith::expansion::{Expansion, V};
 use crate::arith::number::{Interval, UNIT};
-use crate::arith::pair::{Pair, V};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
@@ -12,8 +13,8 @@ pub const NOWHERE: &Point = &[0.0; 3];
 pub type Corners<'a, const N: usize> = [[&'a Point; 3]; N];
 
 /// 2^±400: what underflow loses is far below all bounds while numbers are between these.
-const TINY: f64 = f64::from_bits((1023 - 400) << 52);
-const HUGE: f64 = f64::from_bits((1023 + 400) << 52);
+const ORDINARY_MIN: f64 = f64::from_bits((1023 - 400) << 52);
+const ORDINARY_MAX: f64 = f64::from_bits((1023 + 400) << 52);
 
 /// What is left out of a sum of triple products, against these; see `Crossing`.
 pub const BOUND: f64 = 320.0 * UNIT * UNIT;
@@ -31,7 +32,7 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
     ]
 }
 
-/// Where rays meet the planes of triangles: t = n·(a − o)/(n·d), n = (b − a) × (c − a), in pairs.
+/// The intersection of a ray with the plane of a triangle: t = n·(a − o)/(n·d), n = (b − a) × (c − a), by expansions.
 ///
 /// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of n is at most 5u·A_i, from fewer than 10 roundings,
 /// and leaves out two products of u²·A_i in all: so the coordinate is off by less than 52u²·A_i. The low part of n·(a − o) is at most
@@ -44,10 +45,10 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
 /// itself, and its product with ρ is: 3u·|ρ/D|. So the correction is off by less than 5u·(|ν| + |T·δ| + |ρ|)/|D|, but for terms in u². `ROUNDINGS` is three
 /// times that, which covers these, and the roundings of the bound; the u·|T·D| beside ν and T·δ covers that of low ± error where t is rounded.
 pub struct Crossing<I: Isa> {
-    normal: [Pair<I>; 3],
+    normal: [Expansion<I>; 3],
     /// A.
     size: V<I>,
-    t: Pair<I>,
+    t: Expansion<I>,
     error: I::F64x8,
     /// Lanes in which t and its error are of any use.
     ordinary: u32,
@@ -56,18 +57,19 @@ pub struct Crossing<I: Isa> {
 impl<I: Isa> Crossing<I> {
     #[inline(always)]
     pub fn new([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Self {
-        let (e1, e2, r) = (Pair::<I>::differences(b, a), Pair::<I>::differences(c, a), Pair::<I>::differences(a, o));
-        let (normal, size) = Pair::cross(e1, e2);
-        let (num, den) = (Pair::dot(normal, r), Pair::dot_plain(normal, d));
+        let (e1, e2, r) =
+            (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a), Expansion::<I>::vector_diff(a, o));
+        let (normal, size) = Expansion::cross(e1, e2);
+        let (num, den) = (Expansion::dot(normal, r), Expansion::dot_plain(normal, d));
 
         let (unit, bound) = (I::F64x8::splat(UNIT), I::F64x8::splat(BOUND));
-        let (num_high, den_high) = (num.value(), den.value());
+        let (num_high, den_high) = (num.rounded(), den.rounded());
         let inverse = I::F64x8::splat(1.0).div(den_high);
         let first = num_high.mul(inverse);
-        let (p, q) = Pair::<I>::product(first, den.high);
+        let (p, q) = two_product(first, den.high);
         let lows = num.low.sub(first.mul(den.low));
         let correction = num.high.sub(p).sub(q).add(lows).mul(inverse);
-        let t = Pair::<I>::fast(first, correction);
+        let t = Expansion::<I>::fast_sum(first, correction);
 
         let num_error = lanes::dot(size, [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()]).mul(bound);
         let den_error = lanes::dot(size, lanes::abs(d)).mul(bound);
@@ -77,7 +79,7 @@ impl<I: Isa> Crossing<I> {
         let error = error.add(roundings).mul(I::F64x8::splat(1.0 + 1.0 / 16.0));
         // den is at least 128 times its error and its low part, and num at least 8 times its low part, so that T is within 2 % of N/D and 20 % of
         // the truth.
-        let (tiny, huge) = (I::F64x8::splat(TINY), I::F64x8::splat(HUGE));
+        let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
         let (num_size, den_size) = (num_high.abs(), den_high.abs());
         let ordinary = tiny.lt(den_size)
             & den_size.lt(huge)
@@ -97,12 +99,12 @@ impl<I: Isa> Crossing<I> {
         let down = t.high.add(t.low.sub(error));
         let certain = ordinary & up.le(t.high) & t.high.le(down);
 
-        let n = [n[0].value(), n[1].value(), n[2].value()];
+        let n = [n[0].rounded(), n[1].rounded(), n[2].rounded()];
         let square = lanes::dot(n, n);
         let length = square.sqrt();
         // The normal is right to 2⁻⁶⁰ of its length, and three roundings.
         let total = size[0].add(size[1]).add(size[2]).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)));
-        let (tiny, huge) = (I::F64x8::splat(TINY), I::F64x8::splat(HUGE));
+        let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
         let fine = tiny.lt(square) & square.lt(huge) & total.lt(length);
         let shrink = I::F64x8::splat(1.0).div(length);
         (t.high, [n[0].mul(shrink), n[1].mul(shrink), n[2].mul(shrink)], certain & fine)
@@ -111,7 +113,7 @@ impl<I: Isa> Crossing<I> {
     /// Bounds of t, and the lanes in which they are of any use.
     #[inline(always)]
     pub fn bounds(&self) -> (Interval<I::F64x8>, u32) {
-        let Pair { high, low } = self.t;
+        let Expansion { high, low } = self.t;
         // The last term alone is four times what the sum or difference rounds, and this sum.
         let off = self.error.add(low.abs()).add(high.abs().mul(I::F64x8::splat(8.0 * UNIT)));
         (Interval { low: high.sub(off), high: high.add(off) }, self.ordinary)
@@ -135,8 +137,8 @@ mod tests {
         p.map(|x| [x; 8])
     }
 
-    fn exact(pair: Pair<Portable>) -> Dyadic {
-        Dyadic::exact(pair.high[0]).plus(&Dyadic::exact(pair.low[0]))
+    fn exact(x: Expansion<Portable>) -> Dyadic {
+        Dyadic::exact(x.high[0]).plus(&Dyadic::exact(x.low[0]))
     }
 
     /// |x| / bound.
@@ -150,14 +152,14 @@ mod tests {
     }
 
     /// n·d, n·(a − o), and what bounds their errors, as `Crossing` has them.
-    fn sums(x: &[f64; 15]) -> ([(Pair<Portable>, f64); 2], [Dyadic; 2]) {
+    fn sums(x: &[f64; 15]) -> ([(Expansion<Portable>, f64); 2], [Dyadic; 2]) {
         let [a, b, c, o, d] = points(x);
         let lanes = [a, b, c, o, d].map(in_lanes);
-        let e1 = Pair::<Portable>::differences(lanes[1], lanes[0]);
-        let e2 = Pair::<Portable>::differences(lanes[2], lanes[0]);
-        let r = Pair::<Portable>::differences(lanes[0], lanes[3]);
-        let (normal, size) = Pair::cross(e1, e2);
-        let (num, den) = (Pair::dot(normal, r), Pair::dot_plain(normal, lanes[4]));
+        let e1 = Expansion::<Portable>::vector_diff(lanes[1], lanes[0]);
+        let e2 = Expansion::<Portable>::vector_diff(lanes[2], lanes[0]);
+        let r = Expansion::<Portable>::vector_diff(lanes[0], lanes[3]);
+        let (normal, size) = Expansion::cross(e1, e2);
+        let (num, den) = (Expansion::dot(normal, r), Expansion::dot_plain(normal, lanes[4]));
         let bound = |v: [f64; 3]| BOUND * (0..3).map(|i| size[i][0] * v[i].abs()).sum::<f64>();
         let n: [Dyadic; 3] =
             crate::shapes::triangle::normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c));
@@ -191,11 +193,11 @@ mod tests {
                 return 0.0;
             }
             // |t − N/D| = |t·D − N|/|D|
-            let off = exact(t).times(&exact(den)).minus(&exact(num)).split().0.abs() / den.value()[0].abs();
-            let first = num.value()[0] / den.value()[0];
-            let parts = num.low[0].abs() + (first * den.low[0]).abs() + UNIT * num.value()[0].abs();
+            let off = exact(t).times(&exact(den)).minus(&exact(num)).split().0.abs() / den.rounded()[0].abs();
+            let first = num.rounded()[0] / den.rounded()[0];
+            let parts = num.low[0].abs() + (first * den.low[0]).abs() + UNIT * num.rounded()[0].abs();
             let correction = (t.high[0] - first + t.low[0]).abs();
-            off / (ROUNDINGS * (parts / den.value()[0].abs() + correction))
+            off / (ROUNDINGS * (parts / den.rounded()[0].abs() + correction))
         });
         assert_slack("ROUNDINGS", found, 0.163);
     }

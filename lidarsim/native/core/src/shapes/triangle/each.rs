@@ -4,7 +4,7 @@ use super::normal_through;
 use crate::arith::number::{Lanes, OfRays};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Vector, of_rays};
-use crate::shapes::finish::Target;
+use crate::shapes::newton::Target;
 
 /// A triangle for each ray, by corner and axis.
 pub struct Triangles<F>(pub [[F; 3]; 3]);
@@ -12,7 +12,7 @@ pub struct Triangles<F>(pub [[F; 3]; 3]);
 /// As of `Triangle`.
 impl<L: Lanes<N>, const N: usize> Target<L, N> for Triangles<L::Floats> {
     #[inline(always)]
-    fn level<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K {
+    fn implicit<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K {
         let from = ray.origin_from(of_rays(self.0[0], lanes));
         vector::dot(&self.normal(ray, feature, lanes), &from).doubled()
     }

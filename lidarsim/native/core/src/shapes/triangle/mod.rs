@@ -1,25 +1,25 @@
-//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c seen from the origin of the ray.
+//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c relative to the origin of the ray.
 //!
 //! Each is six times the volume of a tetrahedron between the ray and an edge. An edge that two triangles share gives both
 //! the same number with opposite signs, and the signs are exact: so no ray slips through between them
-//! (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same signs after a shear).
+//! (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same signs, U, V, W, after a shear).
 
-mod block;
 mod crossing;
 mod each;
+mod leaf;
 mod sides;
 
 use std::cmp::Ordering;
 
-use super::Surface;
+use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
-pub use block::{Bearing, Block, LEAF, Planes};
 pub use crossing::{Corners, Crossing, NOWHERE, corners_of};
 pub use each::Triangles;
+pub use leaf::{LEAF_SIZE, Leaf, LeafRay, Planes};
 pub use sides::sides;
 
 #[derive(Clone, Copy, Debug)]
@@ -29,20 +29,20 @@ impl Triangle {
     /// Whether the three vertices lie on one line, exactly.
     pub fn is_degenerate(&self) -> bool {
         struct Degenerate<'a>(&'a Triangle);
-        impl crate::arith::number::Question for Degenerate<'_> {
+        impl crate::arith::number::Predicate for Degenerate<'_> {
             type Answer = bool;
-            fn ask<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
+            fn evaluate<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
                 let Triangle(a, b, c) = *self.0;
                 // A certain non-zero settles it; an uncertain one does not unless all others are zero.
                 let signs = triangle_normal::<N>(a, b, c).map(|x| x.is_zero());
                 if signs.contains(&Ok(false)) { Ok(false) } else { Ok(signs[0]? && signs[1]? && signs[2]?) }
             }
         }
-        crate::arith::number::certify(&Degenerate(self))
+        crate::arith::number::decide(&Degenerate(self))
     }
 
-    /// Whether both lie in one plane across an axis.
-    pub fn is_level_with(&self, other: &Triangle) -> bool {
+    /// Whether both lie in one plane perpendicular to an axis.
+    pub fn shares_axis_plane(&self, other: &Triangle) -> bool {
         let (Triangle(p, q, r), Triangle(u, v, w)) = (self, other);
         (0..3).any(|axis| [q, r, u, v, w].iter().all(|x| x[axis] == p[axis]))
     }
@@ -57,6 +57,21 @@ pub fn normal_through<N: Number>(a: &Vector<N>, b: &Vector<N>, c: &Vector<N>) ->
 #[inline(always)]
 pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
     normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c))
+}
+
+impl Shape for Triangle {
+    const MOST_ROOTS: usize = 1;
+
+    /// a, b, c.
+    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        let [x0, y0, z0, x1, y1, z1, x2, y2, z2] = parameters(numbers)?;
+        let triangle = Triangle([x0, y0, z0], [x1, y1, z1], [x2, y2, z2]);
+        if triangle.is_degenerate() {
+            let Triangle(a, b, c) = triangle;
+            return Err(format!("a, b, c: expected three points that are not on one line, got {a:?}, {b:?}, {c:?}"));
+        }
+        Ok(triangle)
+    }
 }
 
 impl Surface for Triangle {
@@ -90,7 +105,7 @@ impl Surface for Triangle {
     }
 
     #[inline(always)]
-    fn level<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
+    fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
         vector::dot(&self.normal(ray, feature), &ray.origin_from(vector::exact(self.0))).doubled()
     }
 
@@ -112,7 +127,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_level_is_one_plane_across_one_axis() {
+    fn an_axis_plane_is_one_plane_perpendicular_to_one_axis() {
         let triangle = |axis: usize, at: f64, size: f64| {
             let corner = |u: f64, v: f64| {
                 let mut p = [v; 3];
@@ -123,12 +138,12 @@ mod tests {
             Triangle(corner(0.0, 0.0), corner(size, 0.0), corner(0.0, size))
         };
         for axis in 0..3 {
-            assert!(triangle(axis, 5e6, 1.0).is_level_with(&triangle(axis, 5e6, 7.0)));
-            assert!(!triangle(axis, 5e6, 1.0).is_level_with(&triangle(axis, 5e6_f64.next_up(), 1.0)));
-            assert!(!triangle(axis, 5e6, 1.0).is_level_with(&triangle((axis + 1) % 3, 5e6, 1.0)));
+            assert!(triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle(axis, 5e6, 7.0)));
+            assert!(!triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle(axis, 5e6_f64.next_up(), 1.0)));
+            assert!(!triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle((axis + 1) % 3, 5e6, 1.0)));
         }
         // In one plane, but not across an axis: for exact arithmetic to say.
         let slanted = Triangle([0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
-        assert!(!slanted.is_level_with(&slanted));
+        assert!(!slanted.shares_axis_plane(&slanted));
     }
 }

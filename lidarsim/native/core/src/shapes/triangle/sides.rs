@@ -1,19 +1,20 @@
-//! Whether rays meet triangles, an own one each: in the numbers that were given and with twice the digits of float64.
+//! The signs of U, V, W (Woop et al.) of rays and triangles, a triangle per lane, by expansions: an orientation filter as Shewchuk's stage B.
 
 use super::crossing::BOUND;
-use crate::arith::pair::{Pair, V};
+use crate::arith::expansion::{Expansion, V};
 use crate::arith::simd::{Floats, Isa, lanes};
 
-/// The lanes whose ray certainly meets its triangle, and those whose ray certainly does not: by the signs of the volumes d·(c × b), d·(a × c),
+/// The lanes whose ray certainly hits its triangle, and those whose ray certainly misses it: by the signs of the volumes d·(c × b), d·(a × c),
 /// d·(b × a), as in `Triangle`.
 ///
-/// In pairs each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
+/// As an expansion each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
 /// zero or between 2^±200, so that differences are zero or at least 2⁻²⁵². Then S, if it is not zero, is at least 2⁻⁷⁰⁴ and its u²-th part far above
 /// what underflow loses; and if S is zero, so is the volume.
 #[inline(always)]
 pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> (u32, u32) {
     let ordinary = ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
-    let (a, b, c) = (Pair::<I>::differences(a, o), Pair::<I>::differences(b, o), Pair::<I>::differences(c, o));
+    let (a, b, c) =
+        (Expansion::<I>::vector_diff(a, o), Expansion::<I>::vector_diff(b, o), Expansion::<I>::vector_diff(c, o));
     let (u, v, w) = (side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d));
     let (below, above) = (u.below | v.below | w.below, u.above | v.above | w.above);
     let known = u.known() & v.known() & w.known();
@@ -35,9 +36,9 @@ impl Side {
 }
 
 #[inline(always)]
-fn side<I: Isa>(p: [Pair<I>; 3], q: [Pair<I>; 3], d: V<I>) -> Side {
-    let (normal, size) = Pair::cross(p, q);
-    let volume = Pair::dot_plain(normal, d).value();
+fn side<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> Side {
+    let (normal, size) = Expansion::cross(p, q);
+    let volume = Expansion::dot_plain(normal, d).rounded();
     let bound = lanes::dot(size, lanes::abs(d)).mul(I::F64x8::splat(BOUND));
     Side { below: volume.lt(bound.negated()), zero: bound.le(I::F64x8::splat(0.0)), above: bound.lt(volume) }
 }
@@ -69,12 +70,12 @@ mod tests {
     use crate::testing::numbers;
 
     /// Eight rays and a triangle each.
-    struct Look<'a> {
+    struct Probe<'a> {
         triangles: &'a [[Point; 3]; 8],
         rays: &'a [(Point, Point); 8],
     }
 
-    impl Task for Look<'_> {
+    impl Task for Probe<'_> {
         /// What `sides` says, and bounds of t with the lanes in which they are known.
         type Output = ((u32, u32), [f64; 8], [f64; 8], u32);
 
@@ -99,7 +100,7 @@ mod tests {
     #[test]
     fn what_is_certain_is_so() {
         let mut next = numbers();
-        let (mut met, mut missed, mut unsure, mut bounded) = (0, 0, 0, 0);
+        let (mut hit, mut missed, mut unsure, mut bounded) = (0, 0, 0, 0);
         for (place, size, whole) in [
             (0.0, 16.0, true),
             (5e6, 16.0, true),
@@ -131,16 +132,16 @@ mod tests {
                     }
                 });
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    let ((meets, misses), low, high, known) =
-                        dispatch(level, Look { triangles: &triangles, rays: &rays });
-                    assert_eq!(meets & misses, 0);
+                    let ((hits, misses), low, high, known) =
+                        dispatch(level, Probe { triangles: &triangles, rays: &rays });
+                    assert_eq!(hits & misses, 0);
                     for (lane, root) in roots.iter().enumerate() {
                         let is = |mask: u32| mask >> lane & 1 != 0;
-                        assert!(!(is(meets) && root.is_none()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
+                        assert!(!(is(hits) && root.is_none()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
                         assert!(!(is(misses) && root.is_some()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
-                        (met, missed) = (met + usize::from(is(meets)), missed + usize::from(is(misses)));
-                        unsure += usize::from(!is(meets | misses));
-                        if let (Some(root), true) = (root, is(meets & known)) {
+                        (hit, missed) = (hit + usize::from(is(hits)), missed + usize::from(is(misses)));
+                        unsure += usize::from(!is(hits | misses));
+                        if let (Some(root), true) = (root, is(hits & known)) {
                             // t = b/a with a > 0.
                             let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
                             assert!(side(low[lane]) != Ok(Ordering::Greater), "{level:?}: {:?}", triangles[lane]);
@@ -151,12 +152,12 @@ mod tests {
                             bounded += 1;
                         }
                         // Numbers beyond 2^±200 are left to others.
-                        assert!(!(size == 1e-70 || size == 1e100) || !is(meets | misses));
+                        assert!(!(size == 1e-70 || size == 1e100) || !is(hits | misses));
                     }
                 }
             }
         }
-        assert!(met > 5_000 && missed > 3_000 && bounded > 4_000, "{met}, {missed}, {bounded}");
+        assert!(hit > 5_000 && missed > 3_000 && bounded > 4_000, "{hit}, {missed}, {bounded}");
         // Those on edges, where coordinates are not whole, but for the rays that rounding puts aside far enough.
         assert!(unsure > 3_000, "{unsure}");
     }
@@ -167,7 +168,7 @@ mod tests {
         let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
         let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
         for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-            let (sides, low, high, known) = dispatch(level, Look { triangles: &triangles, rays: &rays });
+            let (sides, low, high, known) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
             assert_eq!((sides, known), ((0xff, 0), 0xff));
             assert!(low.iter().zip(high).all(|(low, high)| *low <= 4.0 && 4.0 <= high));
         }

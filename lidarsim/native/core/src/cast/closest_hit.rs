@@ -1,64 +1,64 @@
-//! The search for the nearest hit: of one ray, and of the rays of a packet side by side.
+//! Closest-hit queries: of one ray, and of the rays of a packet, a lane each.
 
 use std::cmp::Ordering;
 
 use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa};
-use crate::bvh::{LANES, Rays, Span, Stack};
+use crate::bvh::{LANES, RayPacket, Stack, TraversalRay};
 use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
-use crate::scene::{Candidates, Geometry, Place, Scene};
+use crate::scene::{Geometry, RootId, RootIntervals, Scene};
 
-/// The search for the nearest hit of one ray.
-pub struct Search<'a> {
+/// The closest-hit query of one ray.
+pub struct ClosestHit<'a> {
     scene: &'a Scene,
     origin: Point,
     direction: Point,
     t_min: f64,
     t_max: f64,
-    /// The nearest hit so far, if `low` is finite; nothing beyond `limit` is nearer.
-    place: Place,
+    /// The closest hit so far, if `low` is finite; its t is between `low` and `limit`.
+    root: RootId,
     low: f64,
     limit: f64,
 }
 
-impl<'a> Search<'a> {
+impl<'a> ClosestHit<'a> {
     /// A t beyond what float64 holds is a miss.
     pub fn new(scene: &'a Scene, origin: Point, direction: Point, (t_min, t_max): (f64, f64)) -> Self {
         let t_max = t_max.min(f64::MAX);
-        let place = Place::of_triangle(0, 0);
-        Search { scene, origin, direction, t_min, t_max, place, low: f64::INFINITY, limit: t_max }
+        let root = RootId::of_triangle(0, 0);
+        ClosestHit { scene, origin, direction, t_min, t_max, root, low: f64::INFINITY, limit: t_max }
     }
 
     /// The nearest hit, with bounds of t.
-    pub fn found(&self) -> Option<(Place, Interval)> {
-        if self.low < f64::INFINITY { Some((self.place, bounds(self.low, self.limit))) } else { None }
+    pub fn found(&self) -> Option<(RootId, Interval)> {
+        if self.low < f64::INFINITY { Some((self.root, bounds(self.low, self.limit))) } else { None }
     }
 
-    /// Searches the whole scene.
+    /// Traverses the whole scene.
     pub fn run(&mut self, stack: &mut Stack) {
         let index = self.scene.index();
         for &object in &index.unbounded {
             self.consider(object, 0);
         }
         let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
-        let mut span = Span::new(o, d, index.bounded.center(), self.t_min, self.limit);
-        index.bounded.traverse(&mut span, stack, |stack, leaf| {
+        let mut ray = TraversalRay::new(o, d, index.bounded.center(), self.t_min, self.limit);
+        index.bounded.traverse(&mut ray, stack, |stack, leaf| {
             match &self.scene.objects()[*leaf as usize].geometry {
-                Geometry::Simple(_) => self.consider(*leaf, 0),
+                Geometry::Surface(_) => self.consider(*leaf, 0),
                 Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
             }
             self.limit
         });
     }
 
-    /// Searches one mesh.
+    /// Traverses one mesh.
     pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
         let [o, d] = self.scene.objects()[id as usize].enclose(self.origin, self.direction);
         let hierarchy = mesh.hierarchy();
-        let mut span = Span::new(o, d, hierarchy.center(), self.t_min, self.limit);
-        hierarchy.traverse(&mut span, stack, |_, block| {
-            for &primitive in block.ids() {
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min, self.limit);
+        hierarchy.traverse(&mut ray, stack, |_, leaf| {
+            for &primitive in leaf.ids() {
                 self.consider(id, primitive);
             }
             self.limit
@@ -67,24 +67,24 @@ impl<'a> Search<'a> {
 
     /// Keeps the primitive's first hit in range if it is the nearest so far.
     fn consider(&mut self, id: u32, primitive: u32) {
-        let found = number::certify(&self.candidates(id, primitive));
+        let found = number::decide(&self.root_intervals(id, primitive));
         self.take_first(id, primitive, found);
     }
 
-    /// As `consider`, where float64 is not enough.
-    fn decide(&mut self, id: u32, primitive: u32) {
-        let found = number::certify_finely(&self.candidates(id, primitive));
+    /// As `consider`, without the float64 stage.
+    fn consider_exactly(&mut self, id: u32, primitive: u32) {
+        let found = number::decide_exactly(&self.root_intervals(id, primitive));
         self.take_first(id, primitive, found);
     }
 
-    fn candidates(&self, id: u32, primitive: u32) -> Candidates<'a> {
+    fn root_intervals(&self, id: u32, primitive: u32) -> RootIntervals<'a> {
         let (origin, direction) = (self.origin, self.direction);
-        Candidates { object: &self.scene.objects()[id as usize], primitive, origin, direction }
+        RootIntervals { object: &self.scene.objects()[id as usize], primitive, origin, direction }
     }
 
     fn take_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8)>; 2]) {
         for (index, &(t, feature)) in (0..).zip(found.iter().flatten()) {
-            if self.takes(Place { object: id, primitive, index, feature }, t) {
+            if self.takes(RootId { object: id, primitive, index, feature }, t) {
                 return;
             }
         }
@@ -92,7 +92,7 @@ impl<'a> Search<'a> {
 
     /// Keeps a hit, within bounds of t, if it is in range and the nearest so far; tells whether t ≥ t_min, so that later hits of the same
     /// primitive are of no interest.
-    fn takes(&mut self, at: Place, t: Interval) -> bool {
+    fn takes(&mut self, at: RootId, t: Interval) -> bool {
         // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
         if t.high < self.t_min || (t.low < self.t_min && self.rounded(at) < self.t_min) {
             return false;
@@ -102,17 +102,17 @@ impl<'a> Search<'a> {
         }
         if t.high < self.low || self.is_before(at) {
             let high = if t.high < self.t_max { t.high } else { self.t_max };
-            (self.place, self.low, self.limit) = (at, t.low, high);
+            (self.root, self.low, self.limit) = (at, t.low, high);
         }
         true
     }
 
-    fn rounded(&self, at: Place) -> f64 {
+    fn rounded(&self, at: RootId) -> f64 {
         self.scene.t(&at, self.origin, self.direction)
     }
 
-    fn is_before(&self, at: Place) -> bool {
-        let best = &self.place;
+    fn is_before(&self, at: RootId) -> bool {
+        let best = &self.root;
         match self.scene.compare(&at, best, self.origin, self.direction) {
             Ordering::Less => true,
             Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
@@ -127,9 +127,9 @@ fn bounds(low: f64, limit: f64) -> Interval {
     Interval { low, high: limit.next_up() }
 }
 
-/// The searches of the rays of a packet, a lane each: what every `Search` would find.
+/// The closest-hit queries of the rays of a packet, a lane each, with the results of a `ClosestHit` each.
 #[repr(C, align(64))]
-pub struct Searches<'a> {
+pub struct ClosestHits<'a> {
     low: [f64; LANES],
     limit: [f64; LANES],
     object: [u32; LANES],
@@ -141,9 +141,9 @@ pub struct Searches<'a> {
     t_max: f64,
 }
 
-impl<'a> Searches<'a> {
+impl<'a> ClosestHits<'a> {
     pub fn new(scene: &'a Scene, (t_min, t_max): (f64, f64)) -> Self {
-        Searches {
+        ClosestHits {
             low: [f64::INFINITY; LANES],
             limit: [0.0; LANES],
             object: [0; LANES],
@@ -170,7 +170,7 @@ impl<'a> Searches<'a> {
         self.t_min
     }
 
-    /// Nothing beyond these t is nearer.
+    /// Upper bounds of the closest t: the limits of traversal.
     #[inline(always)]
     pub fn limits(&self) -> &[f64; LANES] {
         &self.limit
@@ -200,20 +200,20 @@ impl<'a> Searches<'a> {
     }
 
     #[inline(always)]
-    pub fn place(&self, lane: usize) -> Place {
+    pub fn root(&self, lane: usize) -> RootId {
         let (object, primitive) = (self.object[lane], self.primitive[lane]);
-        Place { object, primitive, index: self.index[lane], feature: self.feature[lane] }
+        RootId { object, primitive, index: self.index[lane], feature: self.feature[lane] }
     }
 
     #[inline(always)]
-    pub fn put(&mut self, lane: usize, place: Place) {
-        (self.object[lane], self.primitive[lane]) = (place.object, place.primitive);
-        (self.index[lane], self.feature[lane]) = (place.index, place.feature);
+    pub fn put(&mut self, lane: usize, root: RootId) {
+        (self.object[lane], self.primitive[lane]) = (root.object, root.primitive);
+        (self.index[lane], self.feature[lane]) = (root.index, root.feature);
     }
 
-    /// As `Search::takes`.
+    /// As `ClosestHit::takes`.
     #[inline(always)]
-    pub fn takes(&mut self, rays: &Rays, lane: usize, at: Place, t: Interval) -> bool {
+    pub fn takes(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
         if t.high < self.t_min {
             return false;
         }
@@ -232,7 +232,7 @@ impl<'a> Searches<'a> {
 
     /// As `takes`, where there is no other hit of the primitive.
     #[inline(always)]
-    pub fn offer(&mut self, rays: &Rays, lane: usize, at: Place, t: Interval) {
+    pub fn offer(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) {
         if t.low <= self.limit[lane] && self.t_min <= t.high {
             self.takes(rays, lane, at, t);
         }
@@ -240,45 +240,45 @@ impl<'a> Searches<'a> {
 
     #[cold]
     #[inline(never)]
-    fn takes_narrowly(&mut self, rays: &Rays, lane: usize, at: Place, t: Interval) -> bool {
-        let mut search = self.of_lane(rays, lane);
-        let takes = search.takes(at, t);
-        self.set_lane(lane, &search);
+    fn takes_narrowly(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
+        let mut closest = self.of_lane(rays, lane);
+        let takes = closest.takes(at, t);
+        self.set_lane(lane, &closest);
         takes
     }
 
     /// Keeps the primitive's first hit in range if it is the nearest so far.
     #[inline(never)]
-    pub fn consider(&mut self, rays: &Rays, lane: usize, id: u32, primitive: u32) {
-        let mut search = self.of_lane(rays, lane);
-        search.consider(id, primitive);
-        self.set_lane(lane, &search);
+    pub fn consider(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
+        let mut closest = self.of_lane(rays, lane);
+        closest.consider(id, primitive);
+        self.set_lane(lane, &closest);
     }
 
-    /// As `consider`, of a primitive that float64 could not tell whether the ray meets.
+    /// As `consider`, of a primitive whose intersection float64 could not decide.
     #[inline(never)]
-    pub fn decide(&mut self, rays: &Rays, lane: usize, id: u32, primitive: u32) {
-        let mut search = self.of_lane(rays, lane);
-        search.decide(id, primitive);
-        self.set_lane(lane, &search);
+    pub fn consider_exactly(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
+        let mut closest = self.of_lane(rays, lane);
+        closest.consider_exactly(id, primitive);
+        self.set_lane(lane, &closest);
     }
 
-    /// As `Search::enter`.
-    pub fn enter(&mut self, rays: &Rays, lane: usize, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let mut search = self.of_lane(rays, lane);
-        search.enter(id, mesh, stack);
-        self.set_lane(lane, &search);
+    /// As `ClosestHit::enter`.
+    pub fn enter(&mut self, rays: &RayPacket, lane: usize, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
+        let mut closest = self.of_lane(rays, lane);
+        closest.enter(id, mesh, stack);
+        self.set_lane(lane, &closest);
     }
 
-    fn of_lane(&self, rays: &Rays, lane: usize) -> Search<'a> {
-        let Searches { scene, t_min, t_max, .. } = *self;
+    fn of_lane(&self, rays: &RayPacket, lane: usize) -> ClosestHit<'a> {
+        let ClosestHits { scene, t_min, t_max, .. } = *self;
         let (origin, direction) = (rays.origin(lane), rays.direction(lane));
         let (low, limit) = (self.low[lane], self.limit[lane]);
-        Search { scene, origin, direction, t_min, t_max, place: self.place(lane), low, limit }
+        ClosestHit { scene, origin, direction, t_min, t_max, root: self.root(lane), low, limit }
     }
 
-    fn set_lane(&mut self, lane: usize, search: &Search) {
-        self.put(lane, search.place);
-        (self.low[lane], self.limit[lane]) = (search.low, search.limit);
+    fn set_lane(&mut self, lane: usize, closest: &ClosestHit) {
+        self.put(lane, closest.root);
+        (self.low[lane], self.limit[lane]) = (closest.low, closest.limit);
     }
 }

@@ -1,4 +1,4 @@
-//! Triangles of a mesh, eight side by side on a grid.
+//! Leaves of a mesh: eight triangles as a structure of arrays, their vertices quantized to a grid.
 
 use super::Triangle;
 use crate::arith::number::{Interval, UNIT};
@@ -6,19 +6,19 @@ use crate::arith::simd::{self, Floats, Isa, lanes};
 use crate::geometry::pose::cross;
 use crate::geometry::vector::Point;
 
-/// Most triangles of a block: a register has a lane for each.
-pub const LEAF: usize = 8;
+/// Most triangles of a leaf: a register has a lane for each.
+pub const LEAF_SIZE: usize = 8;
 
-/// A leaf: up to eight triangles side by side, their vertices on a grid.
+/// Up to eight triangles, their vertices on a grid.
 ///
-/// What is decided here is certain for the vertices themselves, as the error of the grid is in every bound; the rest is left to
-/// exact arithmetic.
+/// What is decided here is certain for the vertices as given, since every bound includes the error of the grid; uncertain candidates are
+/// deferred.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
-pub struct Block {
+pub struct Leaf {
     /// By vertex and triangle, x in the lowest bits: a coordinate k stands for anchor + (1 + k/2²¹)·2^exponent.
-    grid: [[u64; LEAF]; 3],
-    id: [u32; LEAF],
+    grid: [[u64; LEAF_SIZE]; 3],
+    id: [u32; LEAF_SIZE],
     anchor: Point,
     /// How far any coordinate is off.
     error: f32,
@@ -31,14 +31,14 @@ pub struct Block {
 /// Bits of a coordinate.
 const GRID: u32 = simd::FRACTION;
 
-type Lanes<I> = <I as Isa>::F64x8;
+type F64x8<I> = <I as Isa>::F64x8;
 
-/// The triangles of a block as a ray's origin sees them.
+/// The triangles of a leaf relative to the origin of a ray.
 pub struct Edges<I: Isa> {
     /// a, b, c.
-    vertices: [[Lanes<I>; 3]; 3],
+    vertices: [[F64x8<I>; 3]; 3],
     /// c × b, a × c, b × a.
-    normals: [[Lanes<I>; 3]; 3],
+    normals: [[F64x8<I>; 3]; 3],
     /// At least the largest coordinate of an edge, on the grid.
     scale: f64,
     /// At least the largest coordinate of a vertex, and the error of any of them.
@@ -48,10 +48,10 @@ pub struct Edges<I: Isa> {
     bound: [f64; 2],
 }
 
-/// The planes of a block's triangles, as a ray's origin sees them.
+/// The planes of a leaf's triangles relative to the origin of a ray.
 pub struct Planes {
     /// a·(c × b), with the sign of the volumes.
-    distance: [f64; LEAF],
+    distance: [f64; LEAF_SIZE],
     /// Four times as much as the volumes' sum may be off, for each unit of a direction's length and of its error.
     turned: [f64; 2],
     /// The same of the distance.
@@ -60,18 +60,18 @@ pub struct Planes {
 
 /// A ray's direction, at least |d|₁, and how far any coordinate is off.
 #[derive(Clone, Copy)]
-pub struct Bearing {
+pub struct LeafRay {
     pub direction: Point,
     pub length: f64,
     pub error: f64,
 }
 
 impl Planes {
-    pub const NONE: Planes = Planes { distance: [0.0; LEAF], turned: [0.0; 2], moved: 0.0 };
+    pub const NONE: Planes = Planes { distance: [0.0; LEAF_SIZE], turned: [0.0; 2], moved: 0.0 };
 }
 
-impl Block {
-    /// Of up to `LEAF` triangles.
+impl Leaf {
+    /// Of up to `LEAF_SIZE` triangles.
     pub fn new(ids: &[u32], triangle: impl Fn(u32) -> Triangle) -> Self {
         const STEPS: f64 = (1 << GRID) as f64;
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -90,7 +90,7 @@ impl Block {
         let exponent = (side.to_bits() >> 52) as i16 - 1022;
         let scale = power_of_two(exponent);
         let anchor = low.map(|x| x - scale);
-        let (mut grid, mut all) = ([[0; LEAF]; 3], [0; LEAF]);
+        let (mut grid, mut all) = ([[0; LEAF_SIZE]; 3], [0; LEAF_SIZE]);
         // The largest |N|₁, of sides in units of the scale: they are at most 1, so that less than 32 roundings are u each.
         let mut thickness = 0.0;
         for (lane, &id) in ids.iter().enumerate() {
@@ -113,7 +113,7 @@ impl Block {
         let error = (error as f32).next_up();
         let above = ((thickness + 32.0 * UNIT).to_bits() >> 52) as i16 - 1022;
         let thinness = (3 - above).clamp(0, u8::MAX.into()) as u8;
-        Block { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness }
+        Leaf { grid, id: all, anchor, error, exponent, count: ids.len() as u8, thinness }
     }
 
     #[inline(always)]
@@ -148,33 +148,33 @@ impl Block {
 
     /// A vertex of each triangle, moved by `shift`.
     #[inline(always)]
-    fn vertices<I: Isa>(&self, vertex: usize, scale: f64, shift: Point) -> [Lanes<I>; 3] {
-        let (grid, scale) = (&self.grid[vertex], Lanes::<I>::splat(scale));
+    fn vertices<I: Isa>(&self, vertex: usize, scale: f64, shift: Point) -> [F64x8<I>; 3] {
+        let (grid, scale) = (&self.grid[vertex], F64x8::<I>::splat(scale));
         [
-            I::fraction::<0>(grid).fused(scale, Lanes::<I>::splat(shift[0])),
-            I::fraction::<GRID>(grid).fused(scale, Lanes::<I>::splat(shift[1])),
-            I::fraction::<{ 2 * GRID }>(grid).fused(scale, Lanes::<I>::splat(shift[2])),
+            I::fraction::<0>(grid).fused(scale, F64x8::<I>::splat(shift[0])),
+            I::fraction::<GRID>(grid).fused(scale, F64x8::<I>::splat(shift[1])),
+            I::fraction::<{ 2 * GRID }>(grid).fused(scale, F64x8::<I>::splat(shift[2])),
         ]
     }
 
-    /// The triangles that a ray may meet, a bit each, and those of them that it surely meets: by the three volumes d·(c × b), d·(a × c),
-    /// d·(b × a). Two of them with different signs rule a triangle out, three of one sign make a hit. Their sums go to `sums`.
+    /// The candidates, triangles that a ray may hit, and those of them that it certainly hits, a bit each: by the three volumes U = d·(c × b),
+    /// V = d·(a × c), W = d·(b × a). Two different signs are a miss, three equal signs a hit. U + V + W is stored in `sums`.
     ///
     /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is off by δ = 3u·m + ε at most,
     /// a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² a unit of |d|₁.
     /// While δ ≤ m, which m ≥ ε brings about, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has
     /// 32, 8 and 8 in these places to cover its own roundings.
     #[inline(always)]
-    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, bearing: &Bearing, sums: &mut [f64; LEAF]) -> (u32, u32) {
-        let d = lanes::splat(bearing.direction);
+    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, ray: &LeafRay, sums: &mut [f64; LEAF_SIZE]) -> (u32, u32) {
+        let d = lanes::splat(ray.direction);
         let [n0, n1, n2] = edges.normals;
         let (u, v, w) = (lanes::fused_dot(d, n0), lanes::fused_dot(d, n1), lanes::fused_dot(d, n2));
         *sums = u.add(v).add(w).store();
-        let bound = I::fused(bearing.error, edges.bound[1], f64::MIN_POSITIVE);
-        let bound = I::fused(bearing.length, edges.bound[0], bound);
+        let bound = I::fused(ray.error, edges.bound[1], f64::MIN_POSITIVE);
+        let bound = I::fused(ray.length, edges.bound[0], bound);
         let least = Floats::min(Floats::min(u, v), w);
         let most = Floats::max(Floats::max(u, v), w);
-        let (below, above) = (Lanes::<I>::splat(-bound), Lanes::<I>::splat(bound));
+        let (below, above) = (F64x8::<I>::splat(-bound), F64x8::<I>::splat(bound));
         let apart = least.lt(below) & above.lt(most);
         let together = above.lt(least) | most.lt(below);
         let candidates = !apart & ((1 << self.count) - 1);
@@ -194,25 +194,25 @@ impl Block {
         }
     }
 
-    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), for triangle i, which the ray surely meets; none if they would be of no use.
+    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), for triangle i, a certain hit; none if they would be of no use.
     ///
     /// N is the negated sum of c × b, a × c and b × a, so that t is a·(c × b) over the sum of the volumes. With m as above, for the triangle as
     /// it is seen: a minor rounds by 4u·m², so the distance by 12u·m³ and, as it is a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds
     /// by 10u·m² a unit of |d|₁, and the sum of the three by 10u·m² more: 40. `planes` has 32 and 64.
     ///
-    /// A vertex is off by δ = 3u·m + ε at most. The triangle seen is met in a mean of its vertices, so at most δ·|N|₁ off the true plane, |N|
+    /// A vertex is off by δ = 3u·m + ε at most. The quantized triangle is hit in a convex combination of its vertices, so at most δ·|N|₁ off the true plane, |N|
     /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice
     /// all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that makes the four in `planes`.
     /// The product with 1/(N·d) instead of a quotient rounds by 3u.
     ///
-    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the ray surely meets the triangle, each
+    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the hit is certain, each
     /// volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that
-    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is asked here. So it is beyond a tenth of this and nine of that:
+    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is tested here. So it is beyond a tenth of this and nine of that:
     /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ,
     /// N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
-    pub fn meet<I: Isa>(i: usize, planes: &Planes, bearing: &Bearing, sums: &[f64; LEAF]) -> Option<Interval> {
-        let Bearing { length, error, .. } = *bearing;
+    pub fn intersect<I: Isa>(i: usize, planes: &Planes, ray: &LeafRay, sums: &[f64; LEAF_SIZE]) -> Option<Interval> {
+        let LeafRay { length, error, .. } = *ray;
         let inverse = 1.0 / sums[i];
         let t = planes.distance[i] * inverse;
         let turned = I::fused(length, planes.turned[0], error * planes.turned[1]);
@@ -230,7 +230,7 @@ impl<I: Isa> Edges<I> {
     }
 }
 
-/// No NaN is met here; the comparison is one instruction.
+/// The larger of two numbers that are not NaN: one instruction.
 #[inline(always)]
 fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }
@@ -263,12 +263,12 @@ mod tests {
         (0..count).map(|_| Triangle(vertex(), vertex(), vertex())).collect()
     }
 
-    fn block(mesh: &[Triangle]) -> Block {
+    fn leaf(mesh: &[Triangle]) -> Leaf {
         // Ids need be neither sorted nor complete.
         let ids: Vec<u32> = (0..mesh.len() as u32).rev().collect();
-        let block = Block::new(&ids, |id| mesh[id as usize]);
-        assert_eq!(block.ids(), ids);
-        block
+        let leaf = Leaf::new(&ids, |id| mesh[id as usize]);
+        assert_eq!(leaf.ids(), ids);
+        leaf
     }
 
     /// Whether |x − y| ≤ bound.
@@ -305,26 +305,26 @@ mod tests {
     fn the_grid_is_as_near_as_it_says() {
         let mut next = numbers();
         for (place, size) in BOXES {
-            for count in 1..=LEAF {
+            for count in 1..=LEAF_SIZE {
                 let mesh = mesh(place, size, count, &mut next);
-                let block = block(&mesh);
-                let error = f64::from(block.error);
+                let leaf = leaf(&mesh);
+                let error = f64::from(leaf.error);
                 assert!(error > 0.0);
                 if error == f64::INFINITY {
                     assert!(size.max(place) > 1e44, "{place}, {size}");
                     continue;
                 }
                 // Half a step of the grid, but for what numbers at that place are rounded to, and float32 holds.
-                let half = power_of_two(block.exponent) / 4_194_304.0;
+                let half = power_of_two(leaf.exponent) / 4_194_304.0;
                 let rounded = place.abs() * (8.0 * UNIT) + f64::from(f32::MIN_POSITIVE);
                 assert!(error <= 1.01 * half + rounded && half <= size + rounded, "{place}, {size}: {error}");
-                let scale = Dyadic::exact(power_of_two(block.exponent));
-                for (lane, &id) in block.ids().iter().enumerate() {
+                let scale = Dyadic::exact(power_of_two(leaf.exponent));
+                for (lane, &id) in leaf.ids().iter().enumerate() {
                     for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
                         for axis in 0..3 {
-                            let k = block.grid[vertex][lane] >> (21 * axis) & 0x1f_ffff;
+                            let k = leaf.grid[vertex][lane] >> (21 * axis) & 0x1f_ffff;
                             let along = Dyadic::exact(1.0 + k as f64 / 2_097_152.0).times(&scale);
-                            let seen = Dyadic::exact(block.anchor[axis]).plus(&along);
+                            let seen = Dyadic::exact(leaf.anchor[axis]).plus(&along);
                             assert!(within(&seen, &Dyadic::exact(corner[axis]), error), "{place}, {size}: {corner:?}");
                         }
                     }
@@ -333,50 +333,50 @@ mod tests {
         }
     }
 
-    /// What a block says of a ray.
+    /// What a leaf tells of a ray.
     struct Said {
         candidates: u32,
         sure: u32,
         /// Of those that are sure.
-        t: [Option<Interval>; LEAF],
+        t: [Option<Interval>; LEAF_SIZE],
     }
 
-    struct Look<'a> {
-        block: &'a Block,
+    struct Probe<'a> {
+        leaf: &'a Leaf,
         origin: (Point, f64),
         directions: &'a [(Point, f64)],
     }
 
-    impl Task for Look<'_> {
+    impl Task for Probe<'_> {
         /// Vertices as they are seen from the origin, and how far they may be off.
-        type Output = ([[[f64; LEAF]; 3]; 3], f64, Vec<Said>);
+        type Output = ([[[f64; LEAF_SIZE]; 3]; 3], f64, Vec<Said>);
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
             let (origin, origin_error) = self.origin;
-            let edges = self.block.edges::<I>(origin, origin_error);
-            let planes = self.block.planes::<I>(&edges);
-            let mut said = Vec::new();
+            let edges = self.leaf.edges::<I>(origin, origin_error);
+            let planes = self.leaf.planes::<I>(&edges);
+            let mut told = Vec::new();
             for &(direction, direction_error) in self.directions {
                 let length = direction.iter().map(|x| x.abs()).sum();
-                let bearing = Bearing { direction, length, error: direction_error };
-                let mut sums = [0.0; LEAF];
-                let (candidates, sure) = self.block.candidates::<I>(&edges, &bearing, &mut sums);
-                let mut t = [None; LEAF];
-                for i in 0..LEAF {
+                let ray = LeafRay { direction, length, error: direction_error };
+                let mut sums = [0.0; LEAF_SIZE];
+                let (candidates, sure) = self.leaf.candidates::<I>(&edges, &ray, &mut sums);
+                let mut t = [None; LEAF_SIZE];
+                for i in 0..LEAF_SIZE {
                     if sure & 1 << i != 0 {
-                        t[i] = Block::meet::<I>(i, &planes, &bearing, &sums);
+                        t[i] = Leaf::intersect::<I>(i, &planes, &ray, &sums);
                     }
                 }
-                said.push(Said { candidates, sure, t });
+                told.push(Said { candidates, sure, t });
             }
-            let mut seen = [[[0.0; LEAF]; 3]; 3];
+            let mut seen = [[[0.0; LEAF_SIZE]; 3]; 3];
             for vertex in 0..3 {
                 for axis in 0..3 {
                     seen[vertex][axis] = edges.vertices[vertex][axis].store();
                 }
             }
-            (seen, edges.off(), said)
+            (seen, edges.off(), told)
         }
     }
 
@@ -391,16 +391,16 @@ mod tests {
     }
 
     #[test]
-    fn what_a_block_is_sure_of_is_so() {
+    fn what_a_leaf_is_certain_of_is_so() {
         let mut next = numbers();
-        // Met, and of these sure, and of these with bounds of t; not met, and of these ruled out.
-        let (mut met, mut sure, mut bounded, mut missed, mut out) = (0, 0, 0, 0, 0);
+        // Hit, and of these certain, and of these with bounds of t; not hit, and of these ruled out.
+        let (mut hit, mut sure, mut bounded, mut missed, mut out) = (0, 0, 0, 0, 0);
         for (place, size) in BOXES {
             for round in 0..12 {
                 let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
-                let block = block(&mesh);
+                let leaf = leaf(&mesh);
                 let distance = size.max(place.abs() * 1e-12) * [0.3, 3.0, 1e3, 1e6][round % 4];
-                // The true ray is somewhere within the errors of the one that the block is shown.
+                // The true ray is somewhere within the errors of the one that the leaf is given.
                 let vague = if round % 2 == 0 { 0.0 } else { 1e-9 * size };
                 let off = |next: &mut dyn FnMut() -> f64, by: f64| 0.9 * by * (2.0 * next() - 1.0);
                 let origin: Point = [0; 3].map(|_: u8| place + distance * (next() - 0.5));
@@ -426,11 +426,11 @@ mod tests {
                     Err(_) => unreachable!("exact arithmetic is never uncertain"),
                 };
                 let roots: Vec<Vec<_>> =
-                    directions.iter().map(|(d, _)| block.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
+                    directions.iter().map(|(d, _)| leaf.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    let look = Look { block: &block, origin: (shown, shown_error), directions: &given };
-                    let (seen, seen_error, said) = dispatch(level, look);
-                    for (lane, &id) in block.ids().iter().enumerate() {
+                    let probe = Probe { leaf: &leaf, origin: (shown, shown_error), directions: &given };
+                    let (seen, seen_error, told) = dispatch(level, probe);
+                    for (lane, &id) in leaf.ids().iter().enumerate() {
                         for (vertex, corner) in corners(&mesh, id).iter().enumerate() {
                             for axis in 0..3 {
                                 let x = Dyadic::exact(corner[axis]).minus(&Dyadic::exact(origin[axis]));
@@ -442,20 +442,20 @@ mod tests {
                             }
                         }
                     }
-                    for (said, roots) in said.iter().zip(&roots) {
-                        assert_eq!((said.candidates >> block.ids().len(), said.sure & !said.candidates), (0, 0));
+                    for (told, roots) in told.iter().zip(&roots) {
+                        assert_eq!((told.candidates >> leaf.ids().len(), told.sure & !told.candidates), (0, 0));
                         for (lane, root) in roots.iter().enumerate() {
                             let is = |mask: u32| mask >> lane & 1 != 0;
                             let Some(root) = root else {
-                                assert!(!is(said.sure), "{level:?}: {place}, {size}");
+                                assert!(!is(told.sure), "{level:?}: {place}, {size}");
                                 missed += 1;
-                                out += usize::from(!is(said.candidates));
+                                out += usize::from(!is(told.candidates));
                                 continue;
                             };
-                            assert!(is(said.candidates), "{level:?}: {place}, {size}");
-                            met += 1;
-                            sure += usize::from(is(said.sure));
-                            if let Some(t) = &said.t[lane] {
+                            assert!(is(told.candidates), "{level:?}: {place}, {size}");
+                            hit += 1;
+                            sure += usize::from(is(told.sure));
+                            if let Some(t) = &told.t[lane] {
                                 // t = b/a with a > 0.
                                 let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
                                 assert!(side(t.low) != Ok(Ordering::Greater), "{level:?}: {place}, {size}, {t:?}");
@@ -467,18 +467,18 @@ mod tests {
                 }
             }
         }
-        assert!(met > 8_000 && sure > 4_000 && bounded > 4_000, "{met}, {sure}, {bounded}");
+        assert!(hit > 8_000 && sure > 4_000 && bounded > 4_000, "{hit}, {sure}, {bounded}");
         assert!(missed > 50_000 && out > 20_000, "{missed}, {out}");
     }
 
     /// A triangle in a box of side 1, a ray towards a mean of its vertices, and how it is shown.
     struct Shown {
-        block: Block,
+        leaf: Leaf,
         /// Of the vertices, as the true ray sees them, and of the true direction.
         vertices: [[Dyadic; 3]; 3],
         direction: [Dyadic; 3],
         edges: Edges<Portable>,
-        bearing: Bearing,
+        ray: LeafRay,
     }
 
     /// What errors come from: the numbers are given on the grid, or anywhere, with an origin or a direction that is off by so much.
@@ -514,26 +514,26 @@ mod tests {
             let true_origin = [0, 1, 2].map(|k| Dyadic::exact(origin[k]).plus(&off(k, from.origin_error)));
             let true_direction = [0, 1, 2].map(|k| Dyadic::exact(direction[k]).plus(&off(k, from.direction_error)));
             let [a, b, c] = vertices;
-            let block = Block::new(&[0], |_| Triangle(a, b, c));
-            let edges = block.edges::<Portable>(origin, from.origin_error);
+            let leaf = Leaf::new(&[0], |_| Triangle(a, b, c));
+            let edges = leaf.edges::<Portable>(origin, from.origin_error);
             let length = direction.iter().map(|x| x.abs()).sum();
             Shown {
                 vertices: vertices
                     .map(|v| crate::geometry::vector::sub(&crate::geometry::vector::exact(v), &true_origin)),
                 direction: true_direction,
                 edges,
-                bearing: Bearing { direction, length, error: from.direction_error },
-                block,
+                ray: LeafRay { direction, length, error: from.direction_error },
+                leaf,
             }
         }
 
         /// The largest share of its bound that a volume is off by.
         fn volumes(&self) -> f64 {
             let [a, b, c] = &self.vertices;
-            let bound = self.bearing.length * self.edges.bound[0] + self.bearing.error * self.edges.bound[1];
+            let bound = self.ray.length * self.edges.bound[0] + self.ray.error * self.edges.bound[1];
             let mut largest: f64 = 0.0;
             for ((p, q), normal) in [(c, b), (a, c), (b, a)].into_iter().zip(self.edges.normals) {
-                let seen: [f64; 8] = lanes::fused_dot(lanes::splat(self.bearing.direction), normal);
+                let seen: [f64; 8] = lanes::fused_dot(lanes::splat(self.ray.direction), normal);
                 let truth = crate::geometry::vector::dot(&self.direction, &crate::geometry::vector::cross(p, q));
                 largest = largest.max(truth.minus(&Dyadic::exact(seen[0])).split().0.abs() / bound);
             }
@@ -542,13 +542,13 @@ mod tests {
 
         /// The share of its bound that t is off by, where there is one.
         fn t(&self) -> f64 {
-            let mut sums = [0.0; LEAF];
-            let (_, sure) = self.block.candidates::<Portable>(&self.edges, &self.bearing, &mut sums);
-            let planes = self.block.planes::<Portable>(&self.edges);
+            let mut sums = [0.0; LEAF_SIZE];
+            let (_, sure) = self.leaf.candidates::<Portable>(&self.edges, &self.ray, &mut sums);
+            let planes = self.leaf.planes::<Portable>(&self.edges);
             if sure & 1 == 0 {
                 return 0.0;
             }
-            let Some(t) = Block::meet::<Portable>(0, &planes, &self.bearing, &sums) else { return 0.0 };
+            let Some(t) = Leaf::intersect::<Portable>(0, &planes, &self.ray, &sums) else { return 0.0 };
             let [a, b, c] = &self.vertices;
             let normal = crate::shapes::triangle::normal_through(a, b, c);
             let (num, den) =
@@ -562,7 +562,7 @@ mod tests {
     /// Where each error alone counts. The bounds go by `reach`, which is twice a side of the box or more above what vertices and edges may be, and by the
     /// worst signs of all terms of a determinant, which cannot come together: that is what they have to spare.
     #[test]
-    fn errors_of_a_block_are_the_share_of_their_bounds_that_is_known() {
+    fn errors_of_a_leaf_are_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
         let found = FROM.map(|from| {
             let volume = worst(8, 1500, draw, |x| Shown::new(x, from).volumes()).0;
@@ -580,18 +580,18 @@ mod tests {
     fn a_huge_box_leaves_all_to_exact_arithmetic() {
         let mut next = numbers();
         for (place, size) in [(0.0, 1e308), (0.0, f64::MAX), (1e308, 1e308), (0.0, 1e46), (1e300, 1e290)] {
-            for count in 1..=LEAF {
+            for count in 1..=LEAF_SIZE {
                 let mesh = mesh(place, size, count, &mut next);
-                let block = block(&mesh);
+                let leaf = leaf(&mesh);
                 let directions: Vec<(Point, f64)> = (0..20)
                     .map(|k| ([0; 3].map(|_: u8| (next() - 0.5) * [1e-29, 1.0, 1e29][k % 3]), [0.0, 1e-9][k % 2]))
                     .collect();
                 for origin in [[0.0; 3], [1e29, -1e29, 3.0]] {
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                        let look = Look { block: &block, origin: (origin, 0.0), directions: &directions };
-                        for said in dispatch(level, look).2 {
+                        let probe = Probe { leaf: &leaf, origin: (origin, 0.0), directions: &directions };
+                        for told in dispatch(level, probe).2 {
                             assert_eq!(
-                                (said.candidates, said.sure),
+                                (told.candidates, told.sure),
                                 ((1 << count) - 1, 0),
                                 "{level:?}: {place}, {size}"
                             );

@@ -2,7 +2,7 @@
 
 /// Which root of which primitive.
 #[derive(Clone, Copy, Debug)]
-pub struct Place {
+pub struct RootId {
     pub object: u32,
     pub primitive: u32,
     pub index: u8,
@@ -10,8 +10,8 @@ pub struct Place {
     pub feature: u8,
 }
 
-impl Place {
+impl RootId {
     pub fn of_triangle(object: u32, primitive: u32) -> Self {
-        Place { object, primitive, index: 0, feature: 0 }
+        RootId { object, primitive, index: 0, feature: 0 }
     }
 }

@@ -1,10 +1,11 @@
-//! An order of rays in which neighbours point the same way and start near each other.
+//! Ray sorting: an order of rays in which neighbours are coherent, by octant, origin and a Morton code of the direction (K. Garanzha, C. Loop, Fast Ray
+//! Sorting and Breadth-First Packet Traversal for GPU Ray Tracing, 2010).
 
 use crate::arith::simd::{Floats, Isa};
 use crate::bvh::LANES;
 use crate::geometry::vector::Point;
 
-/// Rays that are sorted together where neighbours point the same way: they and their hits stay in the first caches.
+/// Rays that are sorted together where neighbours are coherent: they and their hits stay in the first caches.
 pub const NEAR: usize = 1024;
 
 /// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their keys have.
@@ -19,7 +20,7 @@ const COARSE: u32 = 4;
 
 /// Groups of rays, one after the other, each in a coherent order. Kept from some rays to others, so that its memory is used again.
 #[derive(Default)]
-pub struct Order {
+pub struct RaySort {
     /// The longest side of the scene.
     size: f64,
     group: usize,
@@ -34,7 +35,7 @@ pub struct Order {
     order: Vec<u32>,
 }
 
-impl Order {
+impl RaySort {
     /// Begins anew with other rays, which point this way.
     pub fn restart(&mut self, directions: &[Point], size: f64) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
@@ -43,7 +44,7 @@ impl Order {
     }
 
     /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a
-    /// Z-curve, so that tiles of directions stay together.
+    /// Morton curve, so that tiles of directions stay together.
     #[inline(always)]
     pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
         let group = self.start..directions.len().min(self.start + self.group);
@@ -70,7 +71,7 @@ impl Order {
         &self.order[..self.keys.len()]
     }
 
-    /// Finds the octant of each direction, and its place on its face of the octahedron |x| + |y| + |z| = 1: two coordinates of 16 bits, of which
+    /// Finds the octant of each direction, and its octahedral coordinates, the place on its face of |x| + |y| + |z| = 1: two of 16 bits, of which
     /// it returns the least and the largest.
     #[inline(always)]
     fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
@@ -123,7 +124,7 @@ impl Order {
         }
     }
 
-    /// Finds which rays are near the ones before them: runs of them are sorted as one, and taken up by the same packet.
+    /// Finds which rays are near the ones before them: runs of them are sorted as one, and gathered by the same packet.
     #[inline(always)]
     fn find_near(&mut self, low: [u32; 2], high: [u32; 2]) {
         let n = self.places.len();
@@ -239,7 +240,7 @@ const RUN: usize = 4;
 /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
 const WHOLE: f32 = 8_388_608.0;
 
-/// Points that are looked at side by side.
+/// Points that are processed together.
 const BLOCK: usize = 16;
 
 /// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point fills it.
@@ -266,7 +267,7 @@ fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
     [I::narrow(low[0], high[0]).store(), I::narrow(low[1], high[1]).store(), I::narrow(low[2], high[2]).store()]
 }
 
-/// Whether neighbours point elsewhere: then it is worth sorting rays in larger numbers.
+/// Whether neighbours are incoherent: then it is worth sorting rays in larger numbers.
 pub fn are_scattered(directions: &[Point]) -> bool {
     const SAMPLES: usize = 16;
     let n = directions.len();
@@ -327,7 +328,7 @@ mod tests {
         fn run<I: Isa>(self) -> Self::Output {
             let All(origins, directions, size) = self;
             let mut groups = Vec::new();
-            let mut order = Order::default();
+            let mut order = RaySort::default();
             // Whatever it was used for before.
             order.restart(&[[1.0, 0.0, 0.0]; 2], 1.0);
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));

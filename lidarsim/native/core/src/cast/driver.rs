@@ -1,17 +1,17 @@
-//! Casting many rays: sorted into packets that point the same way, traced through the hierarchies, and refined at the end.
+//! The driver of casts: rays are sorted into coherent packets, the packets traverse the hierarchies, and their closest hits are refined.
 //!
-//! What is found does not depend on how the rays are grouped, nor on the instruction set: all float32 and most float64 work here
-//! only rules out what is certainly not the nearest hit, and the rest is decided exactly.
+//! Results depend neither on how the rays are grouped nor on the instruction set: float32 tests and the bounds of float64 only cull what
+//! is certainly not the closest hit, and what they leave is decided exactly.
 
 use std::cell::Cell;
 
 use crate::arith::simd::{self, Isa, Level, Task};
-use crate::bvh::{LANES, Rays};
-use crate::cast::order::{NEAR, Order};
-use crate::cast::refine::Plain;
-use crate::cast::search::Search;
-use crate::cast::simple::{Met, Pending};
-use crate::cast::traversal::{self, Advance, Party, TRAVERSALS, Traversal};
+use crate::bvh::{LANES, RayPacket};
+use crate::cast::closest_hit::ClosestHit;
+use crate::cast::ray_sort::{NEAR, RaySort};
+use crate::cast::surface_intersector::{HitBatches, SurfaceHits};
+use crate::cast::traversal::{self, Advance, PacketState, TRAVERSALS, Traversal};
+use crate::cast::triangle_hits::TriangleHits;
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, Scene, Sink};
 
@@ -32,36 +32,36 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
         let Cast { scene, origins, directions, t_min, t_max, hits } = self;
-        let mut room = ROOM.take().unwrap_or_default();
-        let Room { traversals, before, pending, met, order } = &mut *room;
-        order.restart(directions, scene.size());
-        let mut supply = Supply { origins, directions, order, start: 0, done: 0 };
-        let mut traversals = traversals.each_mut().map(|room| Traversal::new(scene, (t_min, t_max), room));
-        // Hits of one packet are refined when the next is through: meanwhile their vertices come.
-        let (mut plain, mut before) = (Plain::new(), before);
-        let mut sorting = Sorting { scene, pending, hits };
+        let mut scratch = SCRATCH.take().unwrap_or_default();
+        let Scratch { traversals, previous, batches, surface_hits, ray_sort } = &mut *scratch;
+        ray_sort.restart(directions, scene.size());
+        let mut source = PacketSource { origins, directions, ray_sort, start: 0, done: 0 };
+        let mut traversals = traversals.each_mut().map(|scratch| Traversal::new(scene, (t_min, t_max), scratch));
+        // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices are prefetched.
+        let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
+        let mut router = HitRouter { scene, batches, hits };
         let mut legal = true;
         loop {
             for traversal in &mut traversals {
-                while traversal.is_idle() && supply.take_up::<I>(traversal.party.rays) {
-                    supply.prefetch::<I>(traversal.party.rays.count, sorting.hits);
-                    if traversal.party.rays.count > 0 {
+                while traversal.is_idle() && source.next_packet::<I>(traversal.state.rays) {
+                    source.prefetch::<I>(traversal.state.rays.count, router.hits);
+                    if traversal.state.rays.count > 0 {
                         traversal.make_ready();
                     } else {
-                        legal &= sorting.trace_alone(traversal, (t_min, t_max));
+                        legal &= router.trace_single(traversal, (t_min, t_max));
                     }
                 }
             }
-            plain.prefetch::<I>(scene);
-            let through = I::call(Advance { traversals: &mut traversals, met });
-            plain.refine::<I>(scene, before, sorting.hits);
-            let Some(k) = through else { break };
-            let party = &mut traversals[k].party;
-            sorting.sort_out::<I>(party, &mut plain);
-            std::mem::swap(&mut before, &mut party.rays);
+            triangle_hits.prefetch::<I>(scene);
+            let finished = I::call(Advance { traversals: &mut traversals, surface_hits });
+            triangle_hits.refine::<I>(scene, previous, router.hits);
+            let Some(k) = finished else { break };
+            let state = &mut traversals[k].state;
+            router.route::<I>(state, &mut triangle_hits);
+            std::mem::swap(&mut previous, &mut state.rays);
         }
-        sorting.pending.flush::<I>(scene, sorting.hits);
-        ROOM.set(Some(room));
+        router.batches.flush::<I>(scene, router.hits);
+        SCRATCH.set(Some(scratch));
         legal
     }
 }
@@ -82,64 +82,64 @@ impl Scene {
 }
 
 thread_local! {
-    /// What one cast leaves to the next, as it is large.
-    static ROOM: Cell<Option<Box<Room>>> = const { Cell::new(None) };
+    /// Reused from cast to cast, as it is large.
+    static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
-/// Room for a cast; whatever a cast has left there is of no meaning to the next.
-struct Room {
-    traversals: [traversal::Room; TRAVERSALS],
+/// Scratch memory of a cast; its contents mean nothing to the next.
+struct Scratch {
+    traversals: [traversal::TraversalScratch; TRAVERSALS],
     /// The rays of the packet whose hits are refined.
-    before: Rays,
-    pending: Pending,
-    met: Met,
-    order: Order,
+    previous: RayPacket,
+    batches: HitBatches,
+    surface_hits: SurfaceHits,
+    ray_sort: RaySort,
 }
 
-impl Default for Room {
+impl Default for Scratch {
     fn default() -> Self {
-        Room {
-            traversals: std::array::from_fn(|_| traversal::Room::new()),
-            before: Rays::empty(),
-            pending: Pending::new(),
-            met: Met::new(),
-            order: Order::default(),
+        Scratch {
+            traversals: std::array::from_fn(|_| traversal::TraversalScratch::new()),
+            previous: RayPacket::empty(),
+            batches: HitBatches::new(),
+            surface_hits: SurfaceHits::new(),
+            ray_sort: RaySort::default(),
         }
     }
 }
 
-/// The rays that are still to be traced.
-struct Supply<'a> {
+/// The source of packets: the rays that are still to be traced, in the order of the ray sort.
+struct PacketSource<'a> {
     origins: &'a [Point],
     directions: &'a [Point],
-    order: &'a mut Order,
-    /// How many of those sorted last have been taken up, and where these begin.
+    ray_sort: &'a mut RaySort,
+    /// How many of the rays sorted last have been gathered into packets, and where those begin.
     start: usize,
     done: usize,
 }
 
-impl Supply<'_> {
-    /// Takes up the next packet, or a single ray that no packet holds; false if there are no more.
+impl PacketSource<'_> {
+    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if there are no more.
     #[inline(always)]
-    fn take_up<I: Isa>(&mut self, rays: &mut Rays) -> bool {
-        let end = self.order.sorted().len();
+    fn next_packet<I: Isa>(&mut self, rays: &mut RayPacket) -> bool {
+        let end = self.ray_sort.sorted().len();
         if self.start == end {
-            if !self.order.advance::<I>(self.origins, self.directions) {
+            if !self.ray_sort.advance::<I>(self.origins, self.directions) {
                 return false;
             }
             (self.start, self.done) = (0, self.done + end);
         }
-        rays.take_up::<I>(self.origins, self.directions, &self.order.sorted()[self.start..]);
+        rays.gather::<I>(self.origins, self.directions, &self.ray_sort.sorted()[self.start..]);
         self.start += rays.count.max(1);
         true
     }
 
-    /// Brings the rays of a coming packet into the cache, and the places of their hits.
+    /// Prefetches the rays of a coming packet, and the places of their hits.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
-        let sorted = self.order.sorted();
+        let sorted = self.ray_sort.sorted();
         if sorted.len() == NEAR {
-            // Of the rays that will be sorted next, as many as were taken up last.
+            // Of the rays that will be sorted next, as many as were gathered last.
             let (end, next) = (self.origins.len(), self.done + NEAR + self.start);
             let ahead = end.min(next - count)..end.min(next);
             simd::prefetch::<I, _>(&self.origins[ahead.clone()]);
@@ -155,43 +155,43 @@ impl Supply<'_> {
     }
 }
 
-/// Passes hits on, each to what finishes its kind.
-struct Sorting<'a, S: ?Sized> {
+/// Routes closest hits to what refines them: triangles as given, or batches.
+struct HitRouter<'a, S: ?Sized> {
     scene: &'a Scene,
-    pending: &'a mut Pending,
+    batches: &'a mut HitBatches,
     hits: &'a mut S,
 }
 
-impl<'a, S: Sink + ?Sized> Sorting<'a, S> {
+impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
     #[inline(always)]
-    fn sort_out<I: Isa>(&mut self, party: &Party, plain: &mut Plain<'a>) {
-        let Party { rays, searches, .. } = party;
+    fn route<I: Isa>(&mut self, state: &PacketState, triangle_hits: &mut TriangleHits<'a>) {
+        let PacketState { rays, closest, .. } = state;
         let mut lanes = 0;
         for lane in 0..rays.count {
-            if !searches.has_found(lane) {
+            if !closest.has_found(lane) {
                 self.hits.put(rays.at[lane] as usize, Hit::MISS);
-            } else if self.scene.objects()[searches.object(lane) as usize].is_plain_triangle() {
+            } else if self.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
                 lanes |= 1 << lane;
             } else {
-                let (place, bounds) = (searches.place(lane), searches.bounds(lane));
-                let meeting = (rays.origin(lane), rays.direction(lane), bounds);
-                self.pending.push::<I>(self.scene, rays.at[lane], place, meeting, self.hits);
+                let (root, bounds) = (closest.root(lane), closest.bounds(lane));
+                let bracket = (rays.origin(lane), rays.direction(lane), bounds);
+                self.batches.push::<I>(self.scene, rays.at[lane], root, bracket, self.hits);
             }
         }
-        plain.take_up(searches, lanes);
+        triangle_hits.gather(closest, lanes);
     }
 
-    /// Traces a ray that packets do not hold; false if it is illegal.
-    fn trace_alone(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
-        let rays = &traversal.party.rays;
+    /// Traces a ray that does not fit into packets; false if it is illegal.
+    fn trace_single(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
+        let rays = &traversal.state.rays;
         let (at, origin, direction) = (rays.at[0] as usize, rays.origin(0), rays.direction(0));
         let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
         let mut hit = Hit::MISS;
         if legal {
-            let mut search = Search::new(self.scene, origin, direction, range);
-            search.run(traversal.stack());
-            if let Some((place, bounds)) = search.found() {
-                hit = self.scene.hit_within(&place, bounds, origin, direction);
+            let mut closest = ClosestHit::new(self.scene, origin, direction, range);
+            closest.run(traversal.stack());
+            if let Some((root, bounds)) = closest.found() {
+                hit = self.scene.hit_within(&root, bounds, origin, direction);
             }
         }
         self.hits.put(at, hit);
@@ -202,8 +202,8 @@ impl<'a, S: Sink + ?Sized> Sorting<'a, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::Place;
-    use crate::scene::tests::{LEVEL, object, tipped};
+    use crate::scene::RootId;
+    use crate::scene::tests::{FLAT, object, tipped};
     use crate::testing::with_large_frames;
 
     /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there is y/8, exactly.
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn of_two_triangles_in_nearly_one_level_the_upper_is_met_and_else_the_lowest() {
+    fn of_two_triangles_in_nearly_one_plane_the_upper_is_hit_and_else_the_lowest() {
         with_large_frames(cast_at_two_triangles);
     }
 
@@ -224,7 +224,7 @@ mod tests {
         let (mut ties, mut upper) = (0, 0);
         for z in [1.0, 1.0_f64.next_up(), 1.0_f64.next_down(), 1.5, 0.5] {
             for others in [[0, 0], [0, 9], [9, 0], [20, 3]] {
-                let objects = vec![object(LEVEL, others[0]), object(tipped(z), others[1])];
+                let objects = vec![object(FLAT, others[0]), object(tipped(z), others[1])];
                 for swapped in [false, true] {
                     let mut objects = objects.clone();
                     if swapped {
@@ -232,7 +232,7 @@ mod tests {
                     }
                     let scene = Scene::new(objects);
                     let at =
-                        [0, 1].map(|i: usize| Place::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
+                        [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                         let mut hits = vec![Hit::MISS; origins.len()];
                         assert!(scene.cast(level, &origins, &directions, (0.0, f64::INFINITY), &mut hits[..]));
@@ -240,7 +240,7 @@ mod tests {
                             // The surfaces part where the last vertex has a weight.
                             let tie = z == 1.0 || o[1] == 0.0;
                             let first = if tie { 0 } else { i32::from((z > 1.0) != swapped) };
-                            let Place { object, primitive, .. } = at[first as usize];
+                            let RootId { object, primitive, .. } = at[first as usize];
                             assert_eq!(
                                 (hit.object, hit.primitive),
                                 (object as i32, primitive as i32),

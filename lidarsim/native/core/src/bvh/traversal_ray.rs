@@ -1,6 +1,6 @@
-//! A ray as the boxes see it: an interval of origins and of reciprocal directions, in float32.
+//! A ray prepared for slab tests: float32 bounds of its origin and of its reciprocal direction, rounded outward (T. Ize, 2013).
 
-use super::WIDTH;
+use super::node::WIDTH;
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 
@@ -27,7 +27,7 @@ struct Axis {
 /// The part of a ray that is of interest, t from `t_min` ≥ 0 to a limit that shrinks, in units that make the largest
 /// component of the direction lie in [½, 1).
 #[derive(Clone, Debug)]
-pub struct Span {
+pub struct TraversalRay {
     axes: [Axis; 3],
     start: f32,
     limit: f32,
@@ -49,7 +49,7 @@ fn power(k: i64) -> f64 {
     f64::from_bits(((k + 1023) as u64) << 52)
 }
 
-impl Span {
+impl TraversalRay {
     /// `center` is that of the hierarchy; origins and directions are intervals.
     pub fn new(origin: [Interval; 3], direction: [Interval; 3], center: Point, t_min: f64, t_max: f64) -> Self {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.low.abs()).max(d.high.abs()));
@@ -76,10 +76,10 @@ impl Span {
             }
         });
         let scale = (power(exponent / 2), power(exponent - exponent / 2));
-        let mut span = Span { axes, start: 0.0, limit: f32::INFINITY, scale };
-        span.start = down(t_min * scale.0 * scale.1).max(0.0);
-        span.shorten(t_max);
-        span
+        let mut ray = TraversalRay { axes, start: 0.0, limit: f32::INFINITY, scale };
+        ray.start = down(t_min * scale.0 * scale.1).max(0.0);
+        ray.shorten(t_max);
+        ray
     }
 
     pub fn shorten(&mut self, t_max: f64) {
@@ -92,7 +92,7 @@ impl Span {
 
     /// Where the ray enters and leaves eight boxes: bounds from below and from above.
     #[inline(always)]
-    pub(super) fn meet(&self, low: &[[f32; WIDTH]; 3], high: &[[f32; WIDTH]; 3]) -> ([f32; WIDTH], [f32; WIDTH]) {
+    pub(super) fn intersect(&self, low: &[[f32; WIDTH]; 3], high: &[[f32; WIDTH]; 3]) -> ([f32; WIDTH], [f32; WIDTH]) {
         let mut near = [self.start; WIDTH];
         let mut far = [self.limit; WIDTH];
         for (i, axis) in self.axes.iter().enumerate() {
@@ -117,7 +117,7 @@ mod tests {
     use crate::arith::number::{Dyadic, Number};
     use crate::testing::worst;
 
-    /// Where a ray meets a plane, by its own float32 numbers: how far these are on the safe side at least, in roundings.
+    /// The t of a plane in float32: how far its bounds are on the safe side at least, in roundings.
     #[test]
     fn bounds_are_on_the_safe_side_by_what_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.5 + 0.499 * next();
@@ -126,10 +126,11 @@ mod tests {
             if !(0.5..1.0).contains(&d) {
                 return f64::NEG_INFINITY;
             }
-            let span = Span::new([Interval::point(0.0); 3], [d, 0.9, 0.9].map(Interval::point), [0.0; 3], 0.0, 1e9);
+            let ray =
+                TraversalRay::new([Interval::point(0.0); 3], [d, 0.9, 0.9].map(Interval::point), [0.0; 3], 0.0, 1e9);
             let (mut low, mut high) = ([[-1e9; WIDTH]; 3], [[1e9; WIDTH]; 3]);
             (low[0], high[0]) = ([plane; WIDTH], [plane; WIDTH]);
-            let (near, far) = span.meet(&low, &high);
+            let (near, far) = ray.intersect(&low, &high);
             // t·d against the plane; the largest coordinate is in [½, 1), so that t has no scale.
             let beyond = |t: f32| {
                 let off = Dyadic::exact(f64::from(t)).times(&Dyadic::exact(d)).minus(&Dyadic::exact(f64::from(plane)));

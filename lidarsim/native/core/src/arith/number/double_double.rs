@@ -21,9 +21,10 @@
 
 use std::cmp::Ordering;
 
-use super::ball::{interval, splat};
 use super::lanes::{Lanes, OfRays, One};
+use super::running_error::{interval, splat};
 use super::{Interval, Kinds, Number, PAD, Root, UNDERFLOW, UNIT, Uncertain};
+use crate::arith::error_free::{fast_two_sum, two_product, two_sum};
 use crate::arith::simd::Floats;
 
 const PLUS: f64 = 4.0 * UNIT * UNIT;
@@ -40,7 +41,7 @@ const LONG: f64 = f64::from_bits((1023 + 400) << 52);
 
 /// Real numbers, a lane each, within `error` of `high + low`, with |low| ≤ ½ ulp(high).
 #[derive(Clone, Copy, Debug)]
-pub struct DdBalls<L: Lanes<N>, const N: usize> {
+pub struct DoubleDoubles<L: Lanes<N>, const N: usize> {
     high: L::Floats,
     /// None: zero in every lane; then there is no error either.
     low: Option<L::Floats>,
@@ -49,41 +50,19 @@ pub struct DdBalls<L: Lanes<N>, const N: usize> {
     lanes: L,
 }
 
-pub type DdBall = DdBalls<One, 1>;
+pub type DoubleDouble = DoubleDoubles<One, 1>;
 
-/// 2Sum (D. E. Knuth, The Art of Computer Programming 2, §4.2.2): a + b = s + e, exactly.
-#[inline(always)]
-fn two_sum<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
-    let s = a.add(b);
-    let z = s.sub(a);
-    (s, a.sub(s.sub(z)).add(b.sub(z)))
-}
-
-/// Fast2Sum (T. J. Dekker, A floating-point technique for extending the available precision, 1971): exact for |a| ≥ |b| or a = 0.
-#[inline(always)]
-fn fast_two_sum<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
-    let s = a.add(b);
-    (s, b.sub(s.sub(a)))
-}
-
-/// 2Prod by FMA: a·b = p + e, exactly but for underflow of e.
-#[inline(always)]
-fn two_prod<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
-    let p = a.mul(b);
-    (p, a.mul_add(b, p.negated()))
-}
-
-impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DdBalls<L, N> {
+impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DoubleDoubles<L, N> {
     #[inline(always)]
     fn of_rays(value: L::Floats, lanes: L) -> Self {
-        DdBalls { high: value, low: None, error: None, lanes }
+        DoubleDoubles { high: value, low: None, error: None, lanes }
     }
 }
 
-impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
+impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
-        DdBalls { high: value, low: Some(splat::<L, N>(0.0)), error: Some(error), lanes }
+        DoubleDoubles { high: value, low: Some(splat::<L, N>(0.0)), error: Some(error), lanes }
     }
 
     /// The number to float64, and how far the whole of it may be off.
@@ -115,7 +94,7 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
     #[inline(always)]
     fn pick(by: L::Floats, a: Self, b: Self) -> Self {
         let zero = splat::<L, N>(0.0);
-        DdBalls {
+        DoubleDoubles {
             high: zero.le_pick(by, a.high, b.high),
             low: Some(zero.le_pick(by, a.low(), b.low())),
             error: Some(zero.le_pick(by, a.error(), b.error())),
@@ -126,7 +105,7 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
     /// To the nearest float64.
     #[inline(always)]
     pub fn rounded(self) -> Result<L::Floats, Uncertain> {
-        // Rounding is monotone: if both ends of the ball round to `high`, so does the truth.
+        // Rounding is monotone: if both ends of the interval round to `high`, so does the true value.
         let error = self.error().mul(splat::<L, N>(PAD)).add(self.low().abs().mul(splat::<L, N>(2.0 * UNIT)));
         let error = error.add(splat::<L, N>(UNDERFLOW));
         let (high, low) = (self.high, self.low());
@@ -144,7 +123,7 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
         let lanes = self.lanes.or(other.lanes);
         let (sh, sl) = two_sum(self.high, other.high);
         let (high, low) = match (self.low, other.low) {
-            (None, None) => return DdBalls { high: sh, low: Some(sl), error: None, lanes },
+            (None, None) => return DoubleDoubles { high: sh, low: Some(sl), error: None, lanes },
             (Some(low), None) | (None, Some(low)) => fast_two_sum(sh, sl.add(low)),
             (Some(a), Some(b)) => {
                 let (th, tl) = two_sum(a, b);
@@ -158,7 +137,7 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
             (Some(e), None) | (None, Some(e)) => e.add(rounding),
             (Some(e), Some(f)) => e.add(f).add(rounding),
         };
-        DdBalls { high, low: Some(low), error: Some(error.mul(splat::<L, N>(PAD))), lanes }
+        DoubleDoubles { high, low: Some(low), error: Some(error.mul(splat::<L, N>(PAD))), lanes }
     }
 
     /// 2Prod, DWTimesFP3 or DWTimesDW3, by which lower parts there are.
@@ -168,9 +147,9 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
         // What is exactly zero stays so.
         let zero = splat::<L, N>(0.0);
         let underflow = self.size().min(other.size()).le_pick(zero, zero, splat::<L, N>(UNDERFLOW));
-        let (ph, pl) = two_prod(self.high, other.high);
+        let (ph, pl) = two_product(self.high, other.high);
         let (high, low) = match (self.low, other.low) {
-            (None, None) => return DdBalls { high: ph, low: Some(pl), error: Some(underflow), lanes },
+            (None, None) => return DoubleDoubles { high: ph, low: Some(pl), error: Some(underflow), lanes },
             (Some(low), None) => fast_two_sum(ph, low.mul_add(other.high, pl)),
             (None, Some(low)) => fast_two_sum(ph, low.mul_add(self.high, pl)),
             (Some(a), Some(b)) => fast_two_sum(ph, pl.add(a.mul_add(other.high, self.high.mul_add(b, a.mul(b))))),
@@ -184,10 +163,10 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
             (None, Some(f)) => a.mul(f).mul(pad).add(rounding),
             (Some(e), Some(f)) => a.add(e).mul(f).add(b.mul(e)).mul(pad).add(rounding),
         };
-        DdBalls { high, low: Some(low), error: Some(error.mul(pad).add(underflow)), lanes }
+        DoubleDoubles { high, low: Some(low), error: Some(error.mul(pad).add(underflow)), lanes }
     }
 
-    /// One ray alone is what is left over: its code is kept small.
+    /// Out of line for a single ray, which is the rare case, to keep the code small.
     #[inline(never)]
     fn sum_apart(self, other: Self) -> Self {
         self.sum(other)
@@ -198,24 +177,24 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
         self.product(other)
     }
 
-    /// DWDivDW2. The error of the operands is propagated as in `Balls::over`.
+    /// DWDivDW2. The error of the operands is propagated as in `RunningErrors::over`.
     #[inline(always)]
     fn over(self, b: Self) -> Result<Self, Uncertain> {
         let pad = splat::<L, N>(PAD);
         let small = splat::<L, N>(SMALL);
-        let room = b.high.abs().mul(splat::<L, N>(1.0 - 2.0 * UNIT)).sub(b.error().mul(pad));
+        let margin = b.high.abs().mul(splat::<L, N>(1.0 - 2.0 * UNIT)).sub(b.error().mul(pad));
         let size = self.high.abs();
         let lanes = self.lanes.or(b.lanes);
-        lanes.keep(small.lt(room) & (small.le(size) | size.le(splat::<L, N>(0.0))))?;
+        lanes.keep(small.lt(margin) & (small.le(size) | size.le(splat::<L, N>(0.0))))?;
         let th = self.high.div(b.high);
-        let (ph, pl) = two_prod(b.high, th);
+        let (ph, pl) = two_product(b.high, th);
         let (rh, rl) = fast_two_sum(ph, b.low().mul_add(th, pl));
         let delta = self.high.sub(rh).add(self.low().sub(rl));
         let (high, low) = fast_two_sum(th, delta.div(b.high));
         let operands = self.error().add(high.abs().mul(b.error()).mul(pad));
-        let error = operands.div(room).mul(pad).add(high.abs().mul(splat::<L, N>(OVER)));
+        let error = operands.div(margin).mul(pad).add(high.abs().mul(splat::<L, N>(OVER)));
         let error = error.mul(pad).add(splat::<L, N>(UNDERFLOW));
-        Ok(DdBalls { high, low: Some(low), error: Some(error), lanes })
+        Ok(DoubleDoubles { high, low: Some(low), error: Some(error), lanes })
     }
 
     /// SQRTDWtoDW, for a true x ≥ 0.
@@ -230,7 +209,7 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
         let rho = s.negated().mul_add(s, self.high);
         let (high, low) = fast_two_sum(s, rho.add(self.low()).div(s.add(s)));
         let error = self.error().div(high).mul(pad).add(high.mul(splat::<L, N>(SQRT))).mul(pad);
-        Ok(DdBalls {
+        Ok(DoubleDoubles {
             high: size.le_pick(zero, zero, high),
             low: Some(size.le_pick(zero, zero, low)),
             error: Some(size.le_pick(zero, zero, error)),
@@ -238,7 +217,7 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
         })
     }
 
-    /// Stable forms of (b ± √disc)/a, as for `Balls`.
+    /// Stable forms of (b ± √disc)/a, as for `RunningErrors`.
     #[inline(always)]
     fn of_root(root: &Root<Self>) -> Result<Self, Uncertain> {
         if let Some(t) = root.t {
@@ -258,21 +237,21 @@ impl<L: Lanes<N>, const N: usize> DdBalls<L, N> {
 }
 
 /// With a lower part and a bound in any case, so that the compiler knows that there are.
-impl<L: Lanes<N>, const N: usize> From<&DdBall> for DdBalls<L, N> {
+impl<L: Lanes<N>, const N: usize> From<&DoubleDouble> for DoubleDoubles<L, N> {
     #[inline(always)]
-    fn from(ball: &DdBall) -> Self {
-        let low = Some(splat::<L, N>(ball.low()));
-        let error = Some(splat::<L, N>(ball.error()));
-        DdBalls { high: splat::<L, N>(ball.high), low, error, lanes: L::OF_NO_RAY }
+    fn from(x: &DoubleDouble) -> Self {
+        let low = Some(splat::<L, N>(x.low()));
+        let error = Some(splat::<L, N>(x.error()));
+        DoubleDoubles { high: splat::<L, N>(x.high), low, error, lanes: L::OF_NO_RAY }
     }
 }
 
-impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
+impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
     type Floats = L::Floats;
 
     #[inline(always)]
     fn exact(x: f64) -> Self {
-        DdBalls { high: splat::<L, N>(x), low: None, error: None, lanes: L::OF_NO_RAY }
+        DoubleDoubles { high: splat::<L, N>(x), low: None, error: None, lanes: L::OF_NO_RAY }
     }
 
     #[inline(always)]
@@ -293,8 +272,8 @@ impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
     #[inline(always)]
     fn negated(&self) -> Self {
         let high = self.high.negated();
-        let Some(low) = self.low else { return DdBalls { high, ..*self } };
-        DdBalls { high, low: Some(low.negated()), ..*self }
+        let Some(low) = self.low else { return DoubleDoubles { high, ..*self } };
+        DoubleDoubles { high, low: Some(low.negated()), ..*self }
     }
 
     #[inline(always)]
@@ -313,32 +292,32 @@ impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
 
     #[inline(always)]
     fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain> {
-        DdBalls::of_root(a)?.minus(&DdBalls::of_root(b)?).sign()
+        DoubleDoubles::of_root(a)?.minus(&DoubleDoubles::of_root(b)?).sign()
     }
 
     #[inline(always)]
     fn locate(root: &Root<Self>) -> Result<Option<Self>, Uncertain> {
-        Ok(Some(DdBalls::of_root(root)?))
+        Ok(Some(DoubleDoubles::of_root(root)?))
     }
 
     #[inline(always)]
     fn round(root: &Root<Self>) -> Result<L::Floats, Uncertain> {
-        DdBalls::of_root(root)?.rounded()
+        DoubleDoubles::of_root(root)?.rounded()
     }
 
     fn split(&self) -> (L::Floats, Self) {
-        let rest = DdBalls { high: self.low(), low: Some(splat::<L, N>(0.0)), ..*self };
+        let rest = DoubleDoubles { high: self.low(), low: Some(splat::<L, N>(0.0)), ..*self };
         (self.high, rest)
     }
 
     #[inline(always)]
     fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
-        K::convert(kinds.dd())
+        K::convert(kinds.double_double())
     }
 
     #[inline(always)]
     fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
-        DdBalls::of_root(root)
+        DoubleDoubles::of_root(root)
     }
 
     #[inline(always)]
@@ -354,13 +333,13 @@ impl<L: Lanes<N>, const N: usize> Number for DdBalls<L, N> {
 
     #[inline(always)]
     fn enclose(root: &Root<Self>) -> Result<Interval<L::Floats>, Uncertain> {
-        let t = DdBalls::of_root(root)?;
+        let t = DoubleDoubles::of_root(root)?;
         interval::<L, N>(t.high, t.low().abs().add(t.error()), t.lanes)
     }
 }
 
 #[cfg(test)]
-impl<L: Lanes<N>, const N: usize> super::tests::Rounded<N> for DdBalls<L, N> {
+impl<L: Lanes<N>, const N: usize> super::tests::Enclosure<N> for DoubleDoubles<L, N> {
     fn holds(&self, lane: usize, x: &super::Dyadic) -> bool {
         super::tests::within(x, self.high.store()[lane], self.low().store()[lane], self.error().store()[lane])
     }
@@ -377,11 +356,11 @@ mod tests {
     use crate::testing::{assert_slack, worst};
 
     /// high + fraction·ulp(high), without an error of its own.
-    fn number(high: f64, fraction: f64) -> (DdBall, Dyadic) {
+    fn number(high: f64, fraction: f64) -> (DoubleDouble, Dyadic) {
         let low = fraction * (high.abs().next_up() - high.abs());
-        let ball = DdBall::exact(high).plus(&DdBall::exact(low));
-        assert!(ball.error.is_none());
-        (ball, Dyadic::exact(high).plus(&Dyadic::exact(low)))
+        let sum = DoubleDouble::exact(high).plus(&DoubleDouble::exact(low));
+        assert!(sum.error.is_none());
+        (sum, Dyadic::exact(high).plus(&Dyadic::exact(low)))
     }
 
     /// High parts from ½ to 4 of either sign, and fractions of their last place.
@@ -390,12 +369,12 @@ mod tests {
     }
 
     /// |x − found| against its bound.
-    fn share(found: DdBall, x: &Dyadic) -> f64 {
+    fn share(found: DoubleDouble, x: &Dyadic) -> f64 {
         let off = x.minus(&Dyadic::exact(found.high)).minus(&Dyadic::exact(found.low()));
         off.split().0.abs() / found.error()
     }
 
-    fn share_of(found: Result<DdBall, Uncertain>, root: &Root<Dyadic>) -> f64 {
+    fn share_of(found: Result<DoubleDouble, Uncertain>, root: &Root<Dyadic>) -> f64 {
         match (found, Dyadic::value(root)) {
             (Ok(found), Ok(x)) => share(found, &x),
             _ => 0.0,

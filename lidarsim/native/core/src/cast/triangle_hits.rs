@@ -1,13 +1,13 @@
-//! The last look at the nearest triangle, with twice the digits of float64.
+//! Refines the closest hits on triangles of untransformed meshes, by expansions.
 
 use crate::arith::simd::{Floats, Isa};
-use crate::bvh::{LANES, Mask, Rays, take};
-use crate::cast::search::Searches;
-use crate::scene::{Hit, Place, Scene, Sink};
+use crate::bvh::{LANES, Mask, RayPacket, take};
+use crate::cast::closest_hit::ClosestHits;
+use crate::scene::{Hit, RootId, Scene, Sink};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of};
 
-/// Hits on triangles that were not moved.
-pub struct Plain<'a> {
+/// The hits of a packet on untransformed triangles.
+pub struct TriangleHits<'a> {
     lanes: Mask,
     object: [u32; LANES],
     primitive: [u32; LANES],
@@ -17,21 +17,21 @@ pub struct Plain<'a> {
     normal: [[f64; LANES]; 3],
 }
 
-impl<'a> Plain<'a> {
+impl<'a> TriangleHits<'a> {
     pub fn new() -> Self {
         let corners = [[NOWHERE; 3]; LANES];
         let (t, normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
-        Plain { lanes: 0, object: [0; LANES], primitive: [0; LANES], corners, t, normal }
+        TriangleHits { lanes: 0, object: [0; LANES], primitive: [0; LANES], corners, t, normal }
     }
 
     /// Takes the nearest hits of these lanes.
     #[inline(always)]
-    pub fn take_up(&mut self, searches: &Searches, lanes: Mask) {
+    pub fn gather(&mut self, closest: &ClosestHits, lanes: Mask) {
         self.lanes = lanes;
-        (self.object, self.primitive) = searches.triangles();
+        (self.object, self.primitive) = closest.triangles();
     }
 
-    /// Brings the corners of the triangles into the cache.
+    /// Prefetches the corners of the triangles.
     #[inline(always)]
     pub fn prefetch<I: Isa>(&mut self, scene: &'a Scene) {
         let mut left = self.lanes;
@@ -45,7 +45,7 @@ impl<'a> Plain<'a> {
 
     /// Puts the hits of the packet.
     #[inline(always)]
-    pub fn refine<I: Isa>(&mut self, scene: &Scene, rays: &Rays, hits: &mut (impl Sink + ?Sized)) {
+    pub fn refine<I: Isa>(&mut self, scene: &Scene, rays: &RayPacket, hits: &mut (impl Sink + ?Sized)) {
         // All are calculated before the first is put: that waits for long chains of operations.
         let (mut certain, mut left) = (0, self.lanes);
         while left != 0 {
@@ -61,15 +61,15 @@ impl<'a> Plain<'a> {
                 let primitive = scene.objects()[object as usize].reported(primitive);
                 hits.put(at, Hit { t: self.t[lane], normal, object: object as i32, primitive });
             } else {
-                let place = &Place::of_triangle(object, primitive);
-                hits.put(at, scene.hit(place, rays.origin(lane), rays.direction(lane)));
+                let root = &RootId::of_triangle(object, primitive);
+                hits.put(at, scene.hit(root, rays.origin(lane), rays.direction(lane)));
             }
         }
     }
 
     /// Says which hits of an eighth part are certain.
     #[inline(always)]
-    fn refine_eight<I: Isa>(&mut self, rays: &Rays, eight: usize) -> u32 {
+    fn refine_eight<I: Isa>(&mut self, rays: &RayPacket, eight: usize) -> u32 {
         let corners = corners_of::<I>(&self.corners.as_chunks().0[eight]);
         let crossing = Crossing::<I>::new(corners, rays.origins::<I>(eight), rays.directions::<I>(eight));
         let (t, normal, certain) = crossing.rounded();

@@ -1,64 +1,57 @@
-//! Numbers with about twice the digits of float64, eight side by side, without bounds of their own: whoever calculates with them derives these.
+//! Unevaluated sums of two float64 numbers, in eight lanes, built by error-free transformations (T. Dekker, 1971; D. Knuth, TAOCP 2, §4.2.2;
+//! J. Shewchuk, Adaptive precision floating-point arithmetic, 1997). They carry no error bound: each formula that uses them derives its own.
 
+use crate::arith::error_free::{fast_two_sum, two_diff, two_product, two_sum};
 use crate::arith::simd::{Floats, Isa};
 
 /// By axis.
 pub type V<I> = [<I as Isa>::F64x8; 3];
 
-/// Sums high + low side by side that are not brought into a normal form: low is small beside the terms that made high (M. Lange, S. Rump,
+/// high + low, not renormalized: low is small compared with the terms that were summed to high (the pair arithmetic of M. Lange, S. Rump,
 /// Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
 #[derive(Clone, Copy)]
-pub struct Pair<I: Isa> {
+pub struct Expansion<I: Isa> {
     pub high: I::F64x8,
     pub low: I::F64x8,
 }
 
-impl<I: Isa> Pair<I> {
-    /// a − b, exactly, an axis each.
+impl<I: Isa> Expansion<I> {
+    /// a − b, exactly, by axis.
     #[inline(always)]
-    pub fn differences(a: V<I>, b: V<I>) -> [Self; 3] {
-        [Self::difference(a[0], b[0]), Self::difference(a[1], b[1]), Self::difference(a[2], b[2])]
+    pub fn vector_diff(a: V<I>, b: V<I>) -> [Self; 3] {
+        [Self::diff(a[0], b[0]), Self::diff(a[1], b[1]), Self::diff(a[2], b[2])]
     }
 
-    /// a − b, exactly: 2Sum of a and −b, as in `dd`.
+    /// a − b, exactly.
     #[inline(always)]
-    pub fn difference(a: I::F64x8, b: I::F64x8) -> Self {
-        let high = a.sub(b);
-        let z = high.sub(a);
-        Pair { high, low: a.sub(high.sub(z)).sub(b.add(z)) }
+    fn diff(a: I::F64x8, b: I::F64x8) -> Self {
+        let (high, low) = two_diff(a, b);
+        Expansion { high, low }
     }
 
-    /// a + b, exactly: 2Sum.
+    /// a + b, exactly.
     #[inline(always)]
-    pub fn sum(a: I::F64x8, b: I::F64x8) -> Self {
-        let high = a.add(b);
-        let z = high.sub(a);
-        Pair { high, low: a.sub(high.sub(z)).add(b.sub(z)) }
+    fn sum(a: I::F64x8, b: I::F64x8) -> Self {
+        let (high, low) = two_sum(a, b);
+        Expansion { high, low }
     }
 
-    /// a + b, exactly, for |a| ≥ |b|: Fast2Sum.
+    /// a + b, exactly, for |a| ≥ |b|.
     #[inline(always)]
-    pub fn fast(a: I::F64x8, b: I::F64x8) -> Self {
-        let high = a.add(b);
-        Pair { high, low: b.sub(high.sub(a)) }
-    }
-
-    /// a·b, exactly: 2Prod by FMA.
-    #[inline(always)]
-    pub fn product(a: I::F64x8, b: I::F64x8) -> (I::F64x8, I::F64x8) {
-        let p = a.mul(b);
-        (p, a.mul_add(b, I::F64x8::splat(0.0).sub(p)))
+    pub fn fast_sum(a: I::F64x8, b: I::F64x8) -> Self {
+        let (high, low) = fast_two_sum(a, b);
+        Expansion { high, low }
     }
 
     /// p·q − r·s, and |p·q| + |r·s|.
     #[inline(always)]
     pub fn minor(p: Self, q: Self, r: Self, s: Self) -> (Self, I::F64x8) {
-        let (a, a_low) = Self::product(p.high, q.high);
-        let (b, b_low) = Self::product(r.high, s.high);
-        let Pair { high, low } = Self::difference(a, b);
+        let (a, a_low) = two_product(p.high, q.high);
+        let (b, b_low) = two_product(r.high, s.high);
+        let Expansion { high, low } = Self::diff(a, b);
         let first = p.low.mul_add(q.high, p.high.mul_add(q.low, a_low));
         let second = r.low.mul_add(s.high, r.high.mul_add(s.low, b_low));
-        (Pair { high, low: low.add(first.sub(second)) }, a.abs().add(b.abs()))
+        (Expansion { high, low: low.add(first.sub(second)) }, a.abs().add(b.abs()))
     }
 
     /// p × q; and for each coordinate, which is a difference of two products, the sum of their sizes.
@@ -74,9 +67,9 @@ impl<I: Isa> Pair<I> {
     /// of the factors in its correction. Its bound, with that of `minor`, is derived in `Crossing`.
     #[inline(always)]
     pub fn dot(a: [Self; 3], b: [Self; 3]) -> Self {
-        let (x, x_low) = Self::product(a[0].high, b[0].high);
-        let (y, y_low) = Self::product(a[1].high, b[1].high);
-        let (z, z_low) = Self::product(a[2].high, b[2].high);
+        let (x, x_low) = two_product(a[0].high, b[0].high);
+        let (y, y_low) = two_product(a[1].high, b[1].high);
+        let (z, z_low) = two_product(a[2].high, b[2].high);
         let x_low = a[0].low.mul_add(b[0].high, a[0].high.mul_add(b[0].low, x_low));
         let y_low = a[1].low.mul_add(b[1].high, a[1].high.mul_add(b[1].low, y_low));
         let z_low = a[2].low.mul_add(b[2].high, a[2].high.mul_add(b[2].low, z_low));
@@ -86,9 +79,9 @@ impl<I: Isa> Pair<I> {
     /// As `dot`.
     #[inline(always)]
     pub fn dot_plain(a: [Self; 3], b: V<I>) -> Self {
-        let (x, x_low) = Self::product(a[0].high, b[0]);
-        let (y, y_low) = Self::product(a[1].high, b[1]);
-        let (z, z_low) = Self::product(a[2].high, b[2]);
+        let (x, x_low) = two_product(a[0].high, b[0]);
+        let (y, y_low) = two_product(a[1].high, b[1]);
+        let (z, z_low) = two_product(a[2].high, b[2]);
         let x_low = a[0].low.mul_add(b[0], x_low);
         let y_low = a[1].low.mul_add(b[1], y_low);
         let z_low = a[2].low.mul_add(b[2], z_low);
@@ -97,7 +90,7 @@ impl<I: Isa> Pair<I> {
 
     /// The nearest float64, or the one beside it.
     #[inline(always)]
-    pub fn value(self) -> I::F64x8 {
+    pub fn rounded(self) -> I::F64x8 {
         self.high.add(self.low)
     }
 
@@ -108,6 +101,6 @@ impl<I: Isa> Pair<I> {
     ) -> Self {
         let xy = Self::sum(x, y);
         let all = Self::sum(xy.high, z);
-        Pair { high: all.high, low: xy.low.add(all.low).add(x_low.add(y_low).add(z_low)) }
+        Expansion { high: all.high, low: xy.low.add(all.low).add(x_low.add(y_low).add(z_low)) }
     }
 }

@@ -1,7 +1,7 @@
 //! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, §3.3).
 //!
-//! The bound is a weight times a size. Sizes add up and multiply as the numbers do; weights depend on the formula alone, so that the compiler works
-//! them out.
+//! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running error μ is; weights, small multiples of u,
+//! depend on the formula alone, so that they are compile-time constants.
 
 use std::cmp::Ordering;
 
@@ -11,7 +11,7 @@ use crate::arith::simd::Floats;
 
 /// Real numbers, a lane each, within `weight`·`size` of `value`. An infinite or NaN bound means: unknown.
 #[derive(Clone, Copy, Debug)]
-pub struct Balls<L: Lanes<N>, const N: usize> {
+pub struct RunningErrors<L: Lanes<N>, const N: usize> {
     value: L::Floats,
     /// |value| at least.
     size: L::Floats,
@@ -22,32 +22,32 @@ pub struct Balls<L: Lanes<N>, const N: usize> {
     lanes: L,
 }
 
-pub type Ball = Balls<One, 1>;
+pub type RunningError = RunningErrors<One, 1>;
 
 /// The weight where a bound is given: a power of two near that of ordinary formulas, so that the size remains near the value. Products of
 /// several sizes that were much larger would be larger by as many factors.
 const GIVEN: f64 = 8.0 * UNIT;
 
-impl<L: Lanes<N>, const N: usize> OfRays<L, N> for Balls<L, N> {
+impl<L: Lanes<N>, const N: usize> OfRays<L, N> for RunningErrors<L, N> {
     #[inline(always)]
     fn of_rays(value: L::Floats, lanes: L) -> Self {
         Self::rounded(value, 0.0, lanes)
     }
 }
 
-impl<L: Lanes<N>, const N: usize> Balls<L, N> {
+impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
         // In this order, a NaN for an error stays one.
         let size = value.abs().max(error.mul(splat::<L, N>(1.0 / GIVEN)));
-        Balls { value, size, weight: GIVEN, nonzero: u32::MAX, lanes }
+        RunningErrors { value, size, weight: GIVEN, nonzero: u32::MAX, lanes }
     }
 
     /// Numbers that are exact, or rounded once, and zero only where the truth is.
     #[inline(always)]
     fn rounded(value: L::Floats, weight: f64, lanes: L) -> Self {
         let size = value.abs();
-        Balls { value, size, weight, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
+        RunningErrors { value, size, weight, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
     }
 
     /// The number and how far it may be off.
@@ -65,7 +65,7 @@ impl<L: Lanes<N>, const N: usize> Balls<L, N> {
     #[inline(always)]
     fn pick(by: L::Floats, a: Self, b: Self) -> Self {
         let zero = splat::<L, N>(0.0);
-        Balls {
+        RunningErrors {
             value: zero.le_pick(by, a.value, b.value),
             size: zero.le_pick(by, a.size, b.size),
             weight: larger(a.weight, b.weight),
@@ -99,10 +99,10 @@ impl<L: Lanes<N>, const N: usize> Balls<L, N> {
             operands.mul(slope).mul(q.fused(splat::<L, N>(2.0), splat::<L, N>(1.0)))
         };
         let size = size.fused(pad, value.abs()).fused(pad, underflow);
-        Ok(Balls { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
+        Ok(RunningErrors { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
     }
 
-    /// For a true x ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where the ball reaches zero, 0 ≤ √x ≤ √(v + ε).
+    /// For a true x ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where v ≤ ε, 0 ≤ √x ≤ √(v + ε).
     #[inline(always)]
     fn sqrt(self) -> Self {
         let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
@@ -110,14 +110,18 @@ impl<L: Lanes<N>, const N: usize> Balls<L, N> {
         let value = self.value.sqrt();
         let units = error.mul(splat::<L, N>(1.0 / UNIT));
         let size = value.add(units.div(value)).fused(pad, underflow);
-        let root = Balls { value, size, weight: UNIT, ..self };
+        let root = RunningErrors { value, size, weight: UNIT, ..self };
         let away = error.lt(self.value);
-        if away & self.lanes.asked() == self.lanes.asked() {
+        if away & self.lanes.active() == self.lanes.active() {
             return root;
         }
         let zero = splat::<L, N>(0.0);
         let reach = self.value.max(zero).add(error).mul(pad).sqrt().mul(splat::<L, N>(PAD / UNIT));
-        Balls { value: self.value.le_pick(error, zero, value), size: self.value.le_pick(error, reach, size), ..root }
+        RunningErrors {
+            value: self.value.le_pick(error, zero, value),
+            size: self.value.le_pick(error, reach, size),
+            ..root
+        }
     }
 
     /// Stable forms of (b ± √disc)/a: where b and ±√disc cancel, c/(b ∓ √disc) is the same root.
@@ -165,18 +169,18 @@ pub(super) fn interval<L: Lanes<N>, const N: usize>(
 }
 
 /// With the same weight in any case, so that the compiler knows it.
-impl<L: Lanes<N>, const N: usize> From<&Ball> for Balls<L, N> {
+impl<L: Lanes<N>, const N: usize> From<&RunningError> for RunningErrors<L, N> {
     #[inline(always)]
-    fn from(ball: &Ball) -> Self {
-        let Balls { value, size, weight, nonzero, .. } = *ball;
+    fn from(x: &RunningError) -> Self {
+        let RunningErrors { value, size, weight, nonzero, .. } = *x;
         let size = larger(size, size * (weight * PAD / GIVEN));
         let nonzero = if nonzero & 1 == 0 { 0 } else { u32::MAX };
         let (value, size) = (splat::<L, N>(value), splat::<L, N>(size));
-        Balls { value, size, weight: GIVEN, nonzero, lanes: L::OF_NO_RAY }
+        RunningErrors { value, size, weight: GIVEN, nonzero, lanes: L::OF_NO_RAY }
     }
 }
 
-impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
+impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
     type Floats = L::Floats;
 
     #[inline(always)]
@@ -193,7 +197,7 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
             return Self::rounded(value, UNIT, lanes);
         }
         let weight = (larger(self.weight, other.weight) + UNIT) * PAD;
-        Balls { value, size: self.size.add(other.size), weight, nonzero: self.nonzero | other.nonzero, lanes }
+        RunningErrors { value, size: self.size.add(other.size), weight, nonzero: self.nonzero | other.nonzero, lanes }
     }
 
     #[inline(always)]
@@ -206,7 +210,7 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
         let (v, w) = (self.weight, other.weight);
-        Balls {
+        RunningErrors {
             value: self.value.mul(other.value),
             size: self.size.fused(other.size, splat::<L, N>(UNDERFLOW)),
             weight: (v + w + v * w + UNIT) * PAD,
@@ -217,13 +221,13 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
 
     #[inline(always)]
     fn negated(&self) -> Self {
-        Balls { value: self.value.negated(), ..*self }
+        RunningErrors { value: self.value.negated(), ..*self }
     }
 
     /// What overflows has an infinite size, too.
     #[inline(always)]
     fn doubled(&self) -> Self {
-        Balls { value: self.value.add(self.value), size: self.size.add(self.size), ..*self }
+        RunningErrors { value: self.value.add(self.value), size: self.size.add(self.size), ..*self }
     }
 
     #[inline(always)]
@@ -239,12 +243,12 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
 
     #[inline(always)]
     fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain> {
-        Balls::of_root(a)?.minus(&Balls::of_root(b)?).sign()
+        RunningErrors::of_root(a)?.minus(&RunningErrors::of_root(b)?).sign()
     }
 
     #[inline(always)]
     fn locate(root: &Root<Self>) -> Result<Option<Self>, Uncertain> {
-        Ok(Some(Balls::of_root(root)?))
+        Ok(Some(RunningErrors::of_root(root)?))
     }
 
     #[inline(always)]
@@ -258,12 +262,12 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
 
     #[inline(always)]
     fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
-        K::convert(kinds.ball())
+        K::convert(kinds.running_error())
     }
 
     #[inline(always)]
     fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
-        Balls::of_root(root)
+        RunningErrors::of_root(root)
     }
 
     #[inline(always)]
@@ -273,13 +277,13 @@ impl<L: Lanes<N>, const N: usize> Number for Balls<L, N> {
 
     #[inline(always)]
     fn enclose(root: &Root<Self>) -> Result<Interval<L::Floats>, Uncertain> {
-        let t = Balls::of_root(root)?;
+        let t = RunningErrors::of_root(root)?;
         interval::<L, N>(t.value, t.error(), t.lanes)
     }
 }
 
 #[cfg(test)]
-impl<L: Lanes<N>, const N: usize> super::tests::Rounded<N> for Balls<L, N> {
+impl<L: Lanes<N>, const N: usize> super::tests::Enclosure<N> for RunningErrors<L, N> {
     fn holds(&self, lane: usize, x: &super::Dyadic) -> bool {
         super::tests::within(x, self.value.store()[lane], 0.0, self.error().store()[lane])
     }
@@ -295,7 +299,7 @@ mod tests {
     use crate::arith::number::Dyadic;
     use crate::testing::{assert_slack, worst};
 
-    fn share(found: Ball, x: &Dyadic) -> f64 {
+    fn share(found: RunningError, x: &Dyadic) -> f64 {
         x.minus(&Dyadic::exact(found.value)).split().0.abs() / found.error()
     }
 
@@ -304,17 +308,17 @@ mod tests {
     }
 
     /// Off by all that it may be, which is eight roundings.
-    fn given(x: f64, up: bool) -> (Ball, Dyadic) {
+    fn given(x: f64, up: bool) -> (RunningError, Dyadic) {
         let error = GIVEN * x;
         let truth = Dyadic::exact(x).plus(&Dyadic::exact(if up { error } else { -error }));
-        (Ball::within(x, error, One), truth)
+        (RunningError::within(x, error, One), truth)
     }
 
-    fn exact(x: f64, _: bool) -> (Ball, Dyadic) {
-        (Ball::exact(x), Dyadic::exact(x))
+    fn exact(x: f64, _: bool) -> (RunningError, Dyadic) {
+        (RunningError::exact(x), Dyadic::exact(x))
     }
 
-    type Given = fn(f64, bool) -> (Ball, Dyadic);
+    type Given = fn(f64, bool) -> (RunningError, Dyadic);
 
     fn of_quotient([x, y]: &[f64; 2], of: Given) -> f64 {
         let mut largest: f64 = 0.0;
@@ -366,7 +370,7 @@ mod tests {
         }
     }
 
-    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of the ball, where one may be lost.
+    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of v ± m, where one may be lost.
     #[test]
     fn an_interval_reaches_beyond_its_ball() {
         let (least, _) = worst(2, 1000, draw, |x: &[f64; 2]| {
@@ -374,8 +378,8 @@ mod tests {
             let ends = interval::<One, 1>(x[0], error, One);
             let ends = ends.unwrap_or(Interval { low: x[0], high: x[0] });
             let beyond = |end: f64, sign: f64| {
-                let ball = Dyadic::exact(x[0]).plus(&Dyadic::exact(sign * error));
-                sign * Dyadic::exact(end).minus(&ball).split().0 / (UNIT * x[0])
+                let bound = Dyadic::exact(x[0]).plus(&Dyadic::exact(sign * error));
+                sign * Dyadic::exact(end).minus(&bound).split().0 / (UNIT * x[0])
             };
             -beyond(ends.low, -1.0).min(beyond(ends.high, 1.0))
         });

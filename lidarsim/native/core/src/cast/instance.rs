@@ -1,51 +1,51 @@
-//! Rays of a packet in the coordinates of a mesh that was moved.
+//! Instances: the rays of a packet in the local coordinates of a transformed mesh, with bounds of their rounding.
 
 use std::cell::Cell;
 
-use crate::arith::number::{Balls, Many, PAD, UNDERFLOW};
+use crate::arith::number::{Many, PAD, RunningErrors, UNDERFLOW};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
-use crate::bvh::{HUGE, LANES, Mask, Rays, TINY, part_of_mask, take};
+use crate::bvh::{LANES, LARGEST, Mask, RayPacket, SMALLEST, part_of_mask, take};
 use crate::geometry::affine::{Inverse, Placement};
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
 use crate::geometry::vector::of_rays;
 use crate::scene::Object;
 
-/// Rays that have entered a mesh, in its coordinates, where they may point into several octants.
-pub struct Local {
-    all: Rays,
-    /// Which of them point backward, by axis.
+/// The rays of an instance visit, in local coordinates, where they may be of several octants.
+pub struct InstanceRays {
+    all: RayPacket,
+    /// Which of them have a negative direction, by axis.
     backward: [Mask; 3],
     /// Those of one octant.
-    pub rays: Rays,
+    pub rays: RayPacket,
 }
 
-impl Local {
+impl InstanceRays {
     pub fn new() -> Self {
-        Local { all: Rays::empty(), backward: [0; 3], rays: Rays::empty() }
+        InstanceRays { all: RayPacket::empty(), backward: [0; 3], rays: RayPacket::empty() }
     }
 
-    /// Takes up these rays of the world, and says which of them packets hold.
+    /// Transforms these rays of the world, and returns those that fit into packets.
     #[inline(always)]
-    pub fn take_up<I: Isa>(&mut self, object: &Object, world: &Rays, mask: Mask) -> Mask {
+    pub fn gather<I: Isa>(&mut self, object: &Object, world: &RayPacket, mask: Mask) -> Mask {
         self.backward = [0; 3];
         let mut held = 0;
         if mask & (mask - 1) != 0
             && let Some(placement) = object.placement()
         {
-            held = I::apart(TakeUp { placement, world, mask, local: self }).unwrap_or(0);
+            held = I::apart(Gather { placement, world, mask, instance_rays: self }).unwrap_or(0);
         }
         let mut left = mask & !held;
         while let Some(lane) = take(&mut left) {
-            held |= Mask::from(self.take_up_one(object, world, lane)) << lane;
+            held |= Mask::from(self.gather_one(object, world, lane)) << lane;
         }
         held
     }
 
-    fn take_up_one(&mut self, object: &Object, world: &Rays, lane: usize) -> bool {
+    fn gather_one(&mut self, object: &Object, world: &RayPacket, lane: usize) -> bool {
         let [o, d] = object.enclose(world.origin(lane), world.direction(lane));
         let ((origin, origin_error), (direction, direction_error)) = (middle_of_one(o), middle_of_one(d));
-        if !(Rays::holds(origin, direction) && origin_error < HUGE && direction_error < HUGE) {
+        if !(RayPacket::fits(origin, direction) && origin_error < LARGEST && direction_error < LARGEST) {
             return false;
         }
         self.all.set(lane, origin, direction);
@@ -56,7 +56,7 @@ impl Local {
         true
     }
 
-    /// Makes ready those of `left` that point into one octant, which are the outcome.
+    /// Gathers those of `left` that are of the octant of the first, and returns them.
     pub fn next(&mut self, left: Mask) -> Mask {
         let first = left.trailing_zeros();
         let (mut next, mut octant) = (left, 0);
@@ -65,51 +65,51 @@ impl Local {
             next &= if is_backward { *backward } else { !*backward };
             octant |= u32::from(is_backward) << axis;
         }
-        self.rays.take_only(&self.all, next, octant);
+        self.rays.gather_octant(&self.all, next, octant);
         next
     }
 }
 
-/// Takes up rays, a register at a time; the outcome are those that are certain, and that packets hold.
-struct TakeUp<'a> {
+/// Transforms rays, a register at a time, and returns those whose bounds are certain and that fit into packets.
+struct Gather<'a> {
     placement: &'a Inverse,
-    world: &'a Rays,
+    world: &'a RayPacket,
     mask: Mask,
-    local: &'a mut Local,
+    instance_rays: &'a mut InstanceRays,
 }
 
-impl LaneTask for TakeUp<'_> {
+impl LaneTask for Gather<'_> {
     type Output = Mask;
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, const N: usize>(self) -> Mask {
-        let TakeUp { placement, world, mask, local } = self;
+        let Gather { placement, world, mask, instance_rays } = self;
         let mut held = 0;
         for i in 0..LANES / N {
-            let asked = Cell::new(part_of_mask::<N>(mask, i));
-            if asked.get() == 0 {
+            let active = Cell::new(part_of_mask::<N>(mask, i));
+            if active.get() == 0 {
                 continue;
             }
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&world.origin, i), lanes::part(&world.direction, i));
-            let origin = of_rays::<Balls<Many<F>, N>, _, N>(o, Many::new(&asked));
-            let ray = Ray { origin, direction: of_rays(d, Many::new(&asked)), weight: None };
+            let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, Many::new(&active));
+            let ray = Ray { origin, direction: of_rays(d, Many::new(&active)), weight: None };
             if let Ok([o, d]) = placement.local(ray).enclose() {
-                held |= Mask::from(local.put(i, o, d) & asked.get()) << (i * N);
+                held |= Mask::from(instance_rays.put(i, o, d) & active.get()) << (i * N);
             }
         }
-        for backward in &mut local.backward {
+        for backward in &mut instance_rays.backward {
             *backward &= held;
         }
         held
     }
 }
 
-impl Local {
-    /// Takes up part `i`, and says which of its rays packets hold: as `Rays::holds`.
+impl InstanceRays {
+    /// Stores part `i`, and returns those of its rays that fit into packets: as `RayPacket::fits`.
     #[inline(always)]
     fn put<F: Floats<f64, N>, const N: usize>(&mut self, i: usize, origin: Bounds<F>, direction: Bounds<F>) -> u32 {
         let ((o, origin_error), (d, direction_error)) = (middle(origin), middle(direction));
-        let huge = F::splat(HUGE);
+        let huge = F::splat(LARGEST);
         let mut fit = origin_error.lt(huge) & direction_error.lt(huge);
         let mut largest = F::splat(0.0);
         for axis in 0..3 {
@@ -122,7 +122,7 @@ impl Local {
         self.all.origin_error.as_chunks_mut().0[i] = origin_error.store();
         self.all.direction_error.as_chunks_mut().0[i] = direction_error.store();
         self.all.length.as_chunks_mut().0[i] = d[0].abs().add(d[1].abs()).add(d[2].abs()).store();
-        fit & F::splat(TINY).lt(largest)
+        fit & F::splat(SMALLEST).lt(largest)
     }
 }
 
@@ -157,14 +157,14 @@ mod tests {
     use crate::scene::TriangleMesh;
     use crate::testing::numbers;
 
-    struct Enter<'a>(&'a Object, &'a Rays, &'a mut Local);
+    struct Enter<'a>(&'a Object, &'a RayPacket, &'a mut InstanceRays);
 
     impl Task for Enter<'_> {
         type Output = Mask;
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Mask {
-            self.2.take_up::<I>(self.0, self.1, all(self.1.count))
+            self.2.gather::<I>(self.0, self.1, all(self.1.count))
         }
     }
 
@@ -175,7 +175,7 @@ mod tests {
         for _ in 0..=round % 2 {
             let place = [0.0, 1.0, 5e6][round % 3];
             let linear = [0; 3].map(|_: u8| [0; 3].map(|_: u8| 3.0 * (number() - 0.5)));
-            object = object.moved(Affine::new(linear, [0; 3].map(|_: u8| place * (number() + 0.5))))?;
+            object = object.transformed(Affine::new(linear, [0; 3].map(|_: u8| place * (number() + 0.5))))?;
         }
         Some(object)
     }
@@ -186,21 +186,21 @@ mod tests {
         let (mut checked, mut close) = (0, 0);
         for round in 0..60 {
             let Some(object) = object(round, &mut number) else { continue };
-            let mut world = Rays::empty();
+            let mut world = RayPacket::empty();
             world.count = 64;
             for lane in 0..world.count {
                 let place = [0.0, 100.0, 5e6][round % 3];
                 world.set(lane, [0; 3].map(|_: u8| place + number()), [0; 3].map(|_: u8| number() - 0.5));
             }
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let mut local = Local::new();
-                let mut left = dispatch(level, Enter(&object, &world, &mut local));
+                let mut instance_rays = InstanceRays::new();
+                let mut left = dispatch(level, Enter(&object, &world, &mut instance_rays));
                 assert_eq!(left, all(64), "{level:?}");
                 while left != 0 {
-                    let mut next = local.next(left);
+                    let mut next = instance_rays.next(left);
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
-                        let (rays, ray) = (&local.rays, Ray::new(world.origin(lane), world.direction(lane)));
+                        let (rays, ray) = (&instance_rays.rays, Ray::new(world.origin(lane), world.direction(lane)));
                         let truth: Ray<Dyadic> = object.placement().local(ray);
                         let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
                         let given = [

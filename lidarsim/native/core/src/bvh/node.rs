@@ -1,0 +1,41 @@
+//! Nodes of a hierarchy.
+
+/// Children of a node.
+pub const WIDTH: usize = 8;
+
+/// Eight child boxes as a structure of arrays, by axis, and the children. An absent child has an empty box.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub struct Node {
+    pub low: [[f32; WIDTH]; 3],
+    pub high: [[f32; WIDTH]; 3],
+    pub child: [Child; WIDTH],
+}
+
+/// The index of a node or of a leaf.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Child(pub u32);
+
+impl Child {
+    const LEAF_BIT: u32 = 1 << 31;
+    /// End of a stack: no node has the root for a child.
+    pub const END: Child = Child::node(0);
+
+    pub const fn node(index: usize) -> Self {
+        Child(index as u32)
+    }
+
+    pub fn leaf(index: usize) -> Self {
+        Child(Self::LEAF_BIT | index as u32)
+    }
+
+    #[inline(always)]
+    pub fn is_leaf(self) -> bool {
+        self.0 & Self::LEAF_BIT != 0
+    }
+
+    #[inline(always)]
+    pub fn index(self) -> usize {
+        (self.0 & !Self::LEAF_BIT) as usize
+    }
+}

@@ -1,0 +1,347 @@
+//! Ray packets: rays of one octant as a structure of arrays, and masks of their lanes.
+
+use crate::arith::simd::{Floats, Isa, lanes};
+use crate::geometry::vector::Point;
+
+/// Rays of a subpacket: those that are tested against a box by one instruction.
+pub(super) const WIDE: usize = 16;
+
+pub(super) const SUBPACKETS: usize = 4;
+
+/// Most rays of a packet.
+pub const LANES: usize = SUBPACKETS * WIDE;
+
+/// Packets hold rays whose numbers are all less than this, errors too, and one of whose direction is more than that: so their squares, and scaled
+/// ones, are ordinary float64 numbers.
+pub const LARGEST: f64 = 1e30;
+pub const SMALLEST: f64 = 1e-30;
+
+/// A bit for each ray of a packet.
+pub type Mask = u64;
+
+/// A ray packet in float64, a lane each; lanes beyond the last ray, up to a whole subpacket, repeat the first.
+#[derive(Clone)]
+#[repr(C, align(64))]
+pub struct RayPacket {
+    pub origin: [[f64; LANES]; 3],
+    pub direction: [[f64; LANES]; 3],
+    /// How far each coordinate of origin and direction may be off.
+    pub origin_error: [f64; LANES],
+    pub direction_error: [f64; LANES],
+    /// |d|₁, or the number beside it.
+    pub length: [f64; LANES],
+    /// Their indices among all rays.
+    pub at: [u32; LANES],
+    /// The signs of all directions, a bit an axis.
+    pub octant: u32,
+    /// Whether all rays have the same origin, which is off by the same.
+    pub one_origin: bool,
+    pub count: usize,
+}
+
+impl RayPacket {
+    pub const fn empty() -> Self {
+        RayPacket {
+            origin: [[0.0; LANES]; 3],
+            direction: [[0.0; LANES]; 3],
+            origin_error: [0.0; LANES],
+            direction_error: [0.0; LANES],
+            length: [0.0; LANES],
+            at: [0; LANES],
+            octant: 0,
+            one_origin: false,
+            count: 0,
+        }
+    }
+
+    #[inline(always)]
+    pub fn set(&mut self, lane: usize, origin: Point, direction: Point) {
+        self.length[lane] = direction[0].abs() + direction[1].abs() + direction[2].abs();
+        for i in 0..3 {
+            self.origin[i][lane] = origin[i];
+            self.direction[i][lane] = direction[i];
+        }
+    }
+
+    /// Gathers the first rays of an order, up to the first of another octant: none (`count` is 0) if the very first does not fit into packets; it
+    /// is then in lane 0, to be traced by itself as a `TraversalRay`.
+    #[inline(always)]
+    pub fn gather<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
+        self.count = 0;
+        let Some(&first) = order.first() else { return };
+        let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(LARGEST));
+        let (mut fit, mut together): (Mask, Mask) = (0, 0);
+        let mut signs: [Mask; 3] = [0; 3];
+        let given = order.len().min(LANES);
+        for eight in 0..given.div_ceil(8) {
+            let at = match order[8 * eight..].first_chunk() {
+                Some(at) => *at,
+                None => padded(&order[8 * eight..], first),
+            };
+            self.at.as_chunks_mut().0[eight] = at;
+            let (o, d) = (columns::<I>(origins, &at), columns::<I>(directions, &at));
+            let mut within = 0xff;
+            let mut at_one = 0xff;
+            let mut largest = I::F64x8::splat(0.0);
+            let [x, y, z] = lanes::abs(d);
+            self.length.as_chunks_mut().0[eight] = x.add(y).add(z).store();
+            for axis in 0..3 {
+                let (o, d) = (o[axis], d[axis]);
+                self.origin[axis].as_chunks_mut().0[eight] = o.store();
+                self.direction[axis].as_chunks_mut().0[eight] = d.store();
+                let first = I::F64x8::splat(first_origin[axis]);
+                // Each comparison is false for NaN.
+                within &= o.abs().lt(huge) & d.abs().lt(huge);
+                at_one &= o.le(first) & first.le(o);
+                largest = Floats::max(d.abs(), largest);
+                signs[axis] |= Mask::from(d.lt(I::F64x8::splat(0.0))) << (8 * eight);
+            }
+            fit |= Mask::from(within & I::F64x8::splat(SMALLEST).lt(largest)) << (8 * eight);
+            together |= Mask::from(at_one) << (8 * eight);
+        }
+        self.octant = (signs[0] & 1 | (signs[1] & 1) << 1 | (signs[2] & 1) << 2) as u32;
+        for sign in signs {
+            fit &= if sign & 1 != 0 { sign } else { !sign };
+        }
+        self.count = (fit.trailing_ones() as usize).min(given);
+        self.one_origin = together & all(self.count) == all(self.count);
+        for lane in self.count..self.count.next_multiple_of(WIDE) {
+            self.set(lane, self.origin(0), self.direction(0));
+        }
+    }
+
+    /// Whether packets may hold the ray: as `gather` asks.
+    pub fn fits(origin: Point, direction: Point) -> bool {
+        let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
+        origin.iter().chain(&direction).all(|x| x.abs() < LARGEST) && largest > SMALLEST
+    }
+
+    /// Gathers the rays of `mask`, which are of one octant, from another packet.
+    pub fn gather_octant(&mut self, others: &RayPacket, mask: Mask, octant: u32) {
+        self.clone_from(others);
+        self.octant = octant;
+        let first = mask.trailing_zeros() as usize;
+        self.count = LANES - mask.leading_zeros() as usize;
+        for lane in 0..self.count.next_multiple_of(WIDE) {
+            if mask & 1 << lane == 0 {
+                self.set(lane, others.origin(first), others.direction(first));
+                self.origin_error[lane] = others.origin_error[first];
+                self.direction_error[lane] = others.direction_error[first];
+            }
+        }
+        self.one_origin = self.at_origin_of(first) == all(self.count);
+    }
+
+    #[inline(always)]
+    pub fn origin(&self, lane: usize) -> Point {
+        [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]]
+    }
+
+    /// The rays that start where this one does.
+    #[inline(always)]
+    pub fn at_origin_of(&self, lane: usize) -> Mask {
+        let (origin, error) = (self.origin(lane), self.origin_error[lane]);
+        let mut same = 0;
+        for other in 0..self.count {
+            same |= Mask::from(self.origin(other) == origin && self.origin_error[other] == error) << other;
+        }
+        same
+    }
+
+    #[inline(always)]
+    pub fn direction(&self, lane: usize) -> Point {
+        [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]]
+    }
+
+    /// The origins of the eighth part `eight`, by axis.
+    #[inline(always)]
+    pub fn origins<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
+        lanes::part(&self.origin, eight)
+    }
+
+    /// As `origins`.
+    #[inline(always)]
+    pub fn directions<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
+        lanes::part(&self.direction, eight)
+    }
+
+    /// Whether the rays are coherent in a scene of this size, so that they enter much the same boxes.
+    #[inline(always)]
+    pub fn are_coherent<I: Isa>(&self, size: f64) -> bool {
+        let first = self.direction(0);
+        let length2 = first[0] * first[0] + first[1] * first[1] + first[2] * first[2];
+        let mut apart = 0;
+        for eight in 0..self.count.div_ceil(8) {
+            let (mut dot, mut norm2) = (I::F64x8::splat(0.0), I::F64x8::splat(0.0));
+            for axis in 0..3 {
+                let d = I::F64x8::load(&self.direction[axis].as_chunks().0[eight]);
+                dot = d.fused(I::F64x8::splat(first[axis]), dot);
+                norm2 = d.fused(d, norm2);
+            }
+            // More than 30° from the first.
+            apart |= dot.mul(dot).lt(norm2.mul(I::F64x8::splat(0.75 * length2)));
+        }
+        let mut wide = false;
+        if !self.one_origin {
+            for axis in 0..3 {
+                let (mut least, mut most) =
+                    (I::F64x8::splat(self.origin[axis][0]), I::F64x8::splat(self.origin[axis][0]));
+                for eight in 0..self.count.div_ceil(8) {
+                    let o = I::F64x8::load(&self.origin[axis].as_chunks().0[eight]);
+                    (least, most) = (Floats::min(o, least), Floats::max(o, most));
+                }
+                wide |= most.largest() - least.smallest() > size / 64.0;
+            }
+        }
+        apart == 0 && !wide
+    }
+}
+
+/// Fewer than eight numbers, and after them `filler`.
+fn padded(some: &[u32], filler: u32) -> [u32; 8] {
+    let mut eight = [filler; 8];
+    eight[..some.len()].copy_from_slice(some);
+    eight
+}
+
+/// The coordinates of these points, an axis after the other.
+#[inline(always)]
+fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
+    let [a, b, c, d, e, f, g, h] = *at;
+    I::columns([
+        &points[a as usize],
+        &points[b as usize],
+        &points[c as usize],
+        &points[d as usize],
+        &points[e as usize],
+        &points[f as usize],
+        &points[g as usize],
+        &points[h as usize],
+    ])
+}
+
+/// Takes the lowest lane out of a mask.
+#[inline(always)]
+pub fn take(mask: &mut Mask) -> Option<usize> {
+    if *mask == 0 {
+        return None;
+    }
+    let lane = mask.trailing_zeros() as usize;
+    *mask &= *mask - 1;
+    Some(lane)
+}
+
+/// A packet's bits of part `i`, as bits of the lanes of a register.
+#[inline(always)]
+pub fn part_of_mask<const N: usize>(mask: Mask, i: usize) -> u32 {
+    (mask >> (i * N)) as u32 & ((1 << N) - 1)
+}
+
+/// A mask of so many rays.
+#[inline(always)]
+pub const fn all(count: usize) -> Mask {
+    if count < LANES { (1 << count) - 1 } else { Mask::MAX }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::simd::{Level, Task, dispatch};
+
+    struct Gather<'a> {
+        rays: &'a mut RayPacket,
+        origins: &'a [Point],
+        directions: &'a [Point],
+        order: &'a [u32],
+    }
+
+    impl Task for Gather<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<I: Isa>(self) {
+            self.rays.gather::<I>(self.origins, self.directions, self.order);
+        }
+    }
+
+    /// One ray after the other, by scalar comparisons.
+    fn expected(rays: &[(Point, Point)]) -> usize {
+        let fits = |(o, d): &(Point, Point)| {
+            let small = o.iter().chain(d).all(|x| -1e30 < *x && *x < 1e30);
+            small && d.iter().any(|x| *x < -1e-30 || *x > 1e-30)
+        };
+        let signs = |d: Point| d.map(|x| x < 0.0);
+        rays.iter().take(LANES).take_while(|ray| fits(ray) && signs(ray.1) == signs(rays[0].1)).count()
+    }
+
+    #[test]
+    fn a_packet_ends_before_a_ray_that_it_cannot_hold() {
+        let odd_origins = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e30, -1e30, 1e300, 1e30_f64.next_down()];
+        let odd_directions: [fn(Point) -> Point; 12] = [
+            |d| [-d[0], d[1], d[2]],
+            |d| [d[0], -d[1], d[2]],
+            |d| [d[0], d[1], -d[2]],
+            |d| [f64::NAN, d[1], d[2]],
+            |d| [d[0], f64::INFINITY.copysign(d[1]), d[2]],
+            |d| [d[0], d[1], 1e30_f64.copysign(d[2])],
+            |d| d.map(|x| 1e-30_f64.copysign(x)),
+            |d| d.map(|x| 1e-30_f64.next_up().copysign(x)),
+            |d| d.map(|x| 1e-300 * x),
+            |_| [0.0; 3],
+            // Zeros belong to the positive side, whatever their sign.
+            |d| [d[0], d[1].min(-0.0), d[2]],
+            |d| [d[0], d[1].max(0.0), d[2]],
+        ];
+        let (mut whole, mut cut, mut none) = (0, 0, 0);
+        for octant in [0, 2, 5, 7] {
+            let sign = |axis: usize| if octant >> axis & 1 != 0 { -1.0 } else { 1.0 };
+            let ray = |i: usize| {
+                let direction = [1.0, 2.0, 3.0].map(|x| x + i as f64);
+                ([0.5, -7.0, i as f64], [0, 1, 2].map(|axis| sign(axis) * direction[axis]))
+            };
+            for place in [0, 1, 7, 8, 9, 15, 16, 17, 62, 63, 64, 70] {
+                for odd in 0..odd_origins.len() + odd_directions.len() {
+                    let mut rays: Vec<(Point, Point)> = (0..80).map(ray).collect();
+                    match odd_origins.get(odd) {
+                        Some(x) => rays[place].0[odd % 3] = *x,
+                        None => rays[place].1 = odd_directions[odd - odd_origins.len()](rays[place].1),
+                    }
+                    for many in [1, 5, 16, 63, 80] {
+                        let (origins, directions): (Vec<Point>, Vec<Point>) = rays.iter().copied().unzip();
+                        let order: Vec<u32> = (0..many).collect();
+                        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                            // What was in the lanes before must not matter.
+                            let mut found = RayPacket::empty();
+                            (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
+                            let (rays_taken, order) = (&mut found, &order[..]);
+                            let (origins, directions) = (&origins[..], &directions[..]);
+                            dispatch(level, Gather { rays: rays_taken, origins, directions, order });
+                            let count = found.count;
+                            let known = expected(&rays[..many as usize]);
+                            assert_eq!(count, known, "{level:?}: {odd} at {place} of {many}");
+                            assert!((0..count).all(|lane| found.at[lane] == lane as u32));
+                            check(&found, &rays);
+                            whole += usize::from(count == LANES.min(many as usize));
+                            cut += usize::from((1..LANES.min(many as usize)).contains(&count));
+                            none += usize::from(count == 0);
+                        }
+                    }
+                }
+            }
+        }
+        assert!(whole > 500 && cut > 500 && none > 500, "{whole}, {cut}, {none}");
+    }
+
+    /// The rays that were kept are as given, and lanes that a subpacket has beyond them repeat the first.
+    fn check(found: &RayPacket, given: &[(Point, Point)]) {
+        for lane in 0..found.count.next_multiple_of(WIDE) {
+            let (origin, direction) = given[if lane < found.count { lane } else { 0 }];
+            assert_eq!((found.origin(lane), found.direction(lane)), (origin, direction));
+        }
+        if found.count > 0 {
+            let signs = [1, 2, 4].map(|bit| found.octant & bit != 0);
+            assert_eq!(signs, given[0].1.map(|x| x < 0.0));
+            assert_eq!(found.one_origin, given[..found.count].iter().all(|(o, _)| *o == given[0].0));
+        }
+    }
+}

@@ -1,0 +1,493 @@
+//! The surface intersector: packets against implicit surfaces, a register of rays at a time. It bounds the roots in float64 with running errors, and refines
+//! the closest hits in batches by double-double; batches also refine hits on transformed meshes.
+//!
+//! Lanes that stay uncertain are decided ray by ray.
+
+use std::cell::Cell;
+
+use crate::arith::number::{Interval, Many, Number, RunningErrors, Uncertain};
+use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
+use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
+use crate::cast::closest_hit::ClosestHits;
+use crate::geometry::affine::{Identity, Placement};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::of_rays;
+use crate::geometry::vector::{self, Point};
+use crate::scene::TriangleMesh;
+use crate::scene::{Geometry, Hit, RootId, Scene, Sink};
+use crate::shapes::newton::{RootBracket, Target, newton_step};
+use crate::shapes::triangle::Triangles;
+use crate::shapes::{Surface, SurfaceTask};
+
+/// Part `i` of many numbers.
+#[inline(always)]
+fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
+    F::load(&x.as_chunks().0[i])
+}
+
+/// Intersects the rays of `mask` with an object, and updates their closest hits.
+#[inline(always)]
+pub fn intersect<I: Isa>(
+    scene: &Scene,
+    id: u32,
+    rays: &RayPacket,
+    closest: &mut ClosestHits,
+    mask: Mask,
+    surface_hits: &mut SurfaceHits,
+) {
+    let object = &scene.objects()[id as usize];
+    (surface_hits.count, surface_hits.unsure) = (0, mask);
+    let alone = mask & (mask - 1) == 0;
+    let mut filtered = false;
+    if !alone && let Geometry::Surface(shape) = &object.geometry {
+        let (t_min, surface_hits) = (closest.t_min(), &mut *surface_hits);
+        let done = match object.placement() {
+            None => shape.apart::<I, _>(IntersectSurface { placement: Identity, rays, t_min, surface_hits }),
+            Some(placement) => shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits }),
+        };
+        filtered = done.is_some();
+    }
+    let root = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
+    for agreeing in &surface_hits.agreeing[..surface_hits.count] {
+        let mut left = Mask::from(agreeing.lanes);
+        while let Some(lane) = take(&mut left) {
+            for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
+                let t = Interval { low: roots.low[lane], high: roots.high[lane] };
+                if closest.takes(rays, agreeing.start + lane, root(index, roots.feature), t) {
+                    break;
+                }
+            }
+        }
+    }
+    while let Some(lane) = take(&mut surface_hits.unsure) {
+        if filtered {
+            closest.consider_exactly(rays, lane, id, 0);
+        } else {
+            closest.consider(rays, lane, id, 0);
+        }
+    }
+}
+
+/// The hits of a packet on a surface. Reused, as it is large.
+pub struct SurfaceHits {
+    agreeing: [AgreeingLanes; LANES],
+    count: usize,
+    /// Rays to be decided one by one.
+    unsure: Mask,
+}
+
+/// Lanes of a register whose roots took the same branches.
+#[derive(Clone, Copy)]
+struct AgreeingLanes {
+    /// A bit each, from lane `start` of the packet on.
+    lanes: u32,
+    start: usize,
+    /// The first root, and the second too where the first may lie before the range.
+    roots: [RootBounds; 2],
+    count: usize,
+}
+
+/// Lanes of the widest register.
+const WIDEST: usize = 8;
+
+/// Bounds of a root of each, on one part of the surface.
+#[derive(Clone, Copy)]
+struct RootBounds {
+    feature: u8,
+    low: [f64; WIDEST],
+    high: [f64; WIDEST],
+}
+
+impl RootBounds {
+    const NONE: RootBounds = RootBounds { feature: 0, low: [0.0; WIDEST], high: [0.0; WIDEST] };
+
+    #[inline(always)]
+    fn set<F: Floats<f64, N>, const N: usize>(&mut self, feature: u8, t: Interval<F>) {
+        self.feature = feature;
+        self.low.as_chunks_mut().0[0] = t.low.store();
+        self.high.as_chunks_mut().0[0] = t.high.store();
+    }
+}
+
+impl SurfaceHits {
+    pub fn new() -> Self {
+        SurfaceHits {
+            agreeing: [AgreeingLanes { lanes: 0, start: 0, roots: [RootBounds::NONE; 2], count: 0 }; LANES],
+            count: 0,
+            unsure: 0,
+        }
+    }
+}
+
+/// Bounds the roots of the rays that `surface_hits` is unsure of.
+struct IntersectSurface<'a, P> {
+    placement: P,
+    rays: &'a RayPacket,
+    t_min: f64,
+    surface_hits: &'a mut SurfaceHits,
+}
+
+impl<P: Placement> SurfaceTask for IntersectSurface<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
+        let IntersectSurface { placement, rays, t_min, surface_hits } = self;
+        let mask = std::mem::take(&mut surface_hits.unsure);
+        for i in 0..LANES / N {
+            let mut left = part_of_mask::<N>(mask, i);
+            if left == 0 {
+                continue;
+            }
+            let active = Cell::new(left);
+            let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
+            let (origin, direction) = (of_rays(o, Many::new(&active)), of_rays(d, Many::new(&active)));
+            let world = Ray { origin, direction, weight: None };
+            let ray = placement.local(world);
+            while left != 0 {
+                active.set(left);
+                if surface_hits.bound(i, surface, &ray, &active, t_min).is_err() {
+                    surface_hits.unsure |= Mask::from(active.get()) << (i * N);
+                }
+                left &= !active.get();
+            }
+        }
+    }
+}
+
+impl SurfaceHits {
+    /// Bounds the roots of the active rays of part `i`.
+    #[inline(always)]
+    fn bound<F: Floats<f64, N>, S: Surface, const N: usize>(
+        &mut self,
+        i: usize,
+        surface: &S,
+        ray: &Ray<RunningErrors<Many<F>, N>>,
+        active: &Cell<u32>,
+        t_min: f64,
+    ) -> Result<(), Uncertain> {
+        let [first, second] = surface.roots(ray)?;
+        let Some(first) = first else { return Ok(()) };
+        let t = Number::enclose(&first)?;
+        let behind = t.low.lt(F::splat(t_min));
+        // There are as many as rays, and each ray is in one of them alone: the index is in range.
+        let agreeing = &mut self.agreeing[self.count];
+        agreeing.roots[0].set(first.feature, t);
+        agreeing.count = 1;
+        if behind & active.get() != 0
+            && let Some(second) = second
+        {
+            agreeing.roots[1].set(second.feature, Number::enclose(&second)?);
+            agreeing.count = 2;
+        }
+        (agreeing.lanes, agreeing.start) = (active.get(), i * N);
+        self.count += 1;
+        Ok(())
+    }
+}
+
+/// Batches of hits on one part of one object each, an implicit surface or a transformed mesh, to be refined together.
+pub struct HitBatches {
+    batches: Vec<HitBatch>,
+}
+
+/// Batches at once, a table indexed by a hash of object and part; on a collision the older batch is flushed.
+const BATCHES: usize = 32;
+
+/// Hits of a batch: two of the widest registers, so that the latency of one's divisions is hidden by the other's work.
+const BATCH_SIZE: usize = 2 * WIDEST;
+
+#[derive(Clone, Copy)]
+struct HitBatch {
+    /// Of all hits, but for the primitive and the index of the root.
+    root: RootId,
+    primitive: [u32; BATCH_SIZE],
+    index: [u8; BATCH_SIZE],
+    count: usize,
+    at: [u32; BATCH_SIZE],
+    origin: [[f64; BATCH_SIZE]; 3],
+    direction: [[f64; BATCH_SIZE]; 3],
+    /// Of t.
+    low: [f64; BATCH_SIZE],
+    high: [f64; BATCH_SIZE],
+}
+
+impl HitBatches {
+    pub fn new() -> Self {
+        let empty = HitBatch {
+            root: RootId { object: 0, primitive: 0, index: 0, feature: 0 },
+            primitive: [0; BATCH_SIZE],
+            count: 0,
+            at: [0; BATCH_SIZE],
+            index: [0; BATCH_SIZE],
+            origin: [[0.0; BATCH_SIZE]; 3],
+            direction: [[1.0; BATCH_SIZE]; 3],
+            low: [0.0; BATCH_SIZE],
+            high: [0.0; BATCH_SIZE],
+        };
+        HitBatches { batches: vec![empty; BATCHES] }
+    }
+
+    /// Takes a hit, with the ray and bounds of t.
+    #[inline(always)]
+    pub fn push<I: Isa>(
+        &mut self,
+        scene: &Scene,
+        at: u32,
+        root: RootId,
+        (origin, direction, bounds): (Point, Point, Interval),
+        hits: &mut (impl Sink + ?Sized),
+    ) {
+        let batch = &mut self.batches[(7 * root.object as usize + usize::from(root.feature)) % BATCHES];
+        if (batch.root.object, batch.root.feature) != (root.object, root.feature) {
+            batch.flush::<I>(scene, hits);
+            batch.root = root;
+        }
+        let slot = batch.count;
+        (batch.at[slot], batch.primitive[slot], batch.index[slot]) = (at, root.primitive, root.index);
+        for axis in 0..3 {
+            batch.origin[axis][slot] = origin[axis];
+            batch.direction[axis][slot] = direction[axis];
+        }
+        (batch.low[slot], batch.high[slot]) = (bounds.low, bounds.high);
+        batch.count += 1;
+        if batch.count == BATCH_SIZE {
+            batch.flush::<I>(scene, hits);
+        }
+    }
+
+    #[inline(always)]
+    pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        for batch in &mut self.batches {
+            batch.flush::<I>(scene, hits);
+        }
+    }
+}
+
+impl HitBatch {
+    #[inline(always)]
+    fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+        if self.count == 0 {
+            return;
+        }
+        let object = &scene.objects()[self.root.object as usize];
+        let mut refined = Refined { known: 0, t: [0.0; BATCH_SIZE], normal: [[0.0; BATCH_SIZE]; 3] };
+        let (batch, known) = (&*self, &mut refined);
+        match (&object.geometry, object.placement()) {
+            (Geometry::Surface(shape), None) => {
+                shape.apart::<I, _>(RefineBatch { placement: Identity, batch, refined: known });
+            }
+            (Geometry::Surface(shape), Some(placement)) => {
+                shape.apart::<I, _>(RefineBatch { placement, batch, refined: known });
+            }
+            (Geometry::Mesh(mesh), Some(placement)) => {
+                I::apart(RefineTriangleBatch { placement, corners: &batch.corners(mesh), batch, refined: known });
+            }
+            // Hits on untransformed meshes are refined by `TriangleHits`.
+            (Geometry::Mesh(_), None) => {}
+        }
+        for slot in 0..self.count {
+            let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
+            // No hit is put together first: to read back in one piece what was written in several takes long.
+            if refined.known & (1 << slot) != 0 {
+                let (normal, primitive) = (pick(&refined.normal, slot), object.reported(primitive));
+                hits.put(at, Hit { t: refined.t[slot], normal, object: self.root.object as i32, primitive });
+            } else {
+                let bounds = Interval { low: self.low[slot], high: self.high[slot] };
+                let root = RootId { primitive, index: self.index[slot], ..self.root };
+                let (origin, direction) = (pick(&self.origin, slot), pick(&self.direction, slot));
+                hits.put(at, scene.hit_within(&root, bounds, origin, direction));
+            }
+        }
+        self.count = 0;
+    }
+
+    /// The corners of the triangles, by corner and axis; empty slots repeat the first.
+    #[inline(always)]
+    fn corners(&self, mesh: &TriangleMesh) -> [[[f64; BATCH_SIZE]; 3]; 3] {
+        let mut corners = [[[0.0; BATCH_SIZE]; 3]; 3];
+        for slot in 0..BATCH_SIZE {
+            let primitive = self.primitive[if slot < self.count { slot } else { 0 }];
+            for (corner, point) in mesh.corners(primitive).into_iter().enumerate() {
+                for axis in 0..3 {
+                    corners[corner][axis][slot] = point[axis];
+                }
+            }
+        }
+        corners
+    }
+}
+
+#[inline(always)]
+fn pick(v: &[[f64; BATCH_SIZE]; 3], slot: usize) -> Point {
+    [v[0][slot], v[1][slot], v[2][slot]]
+}
+
+/// t and a unit normal, of the hits that are certain.
+struct Refined {
+    known: u32,
+    t: [f64; BATCH_SIZE],
+    normal: [[f64; BATCH_SIZE]; 3],
+}
+
+/// Refines the hits of a batch.
+struct RefineBatch<'a, P> {
+    placement: P,
+    batch: &'a HitBatch,
+    refined: &'a mut Refined,
+}
+
+impl<P: Placement> SurfaceTask for RefineBatch<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
+        for i in 0..self.batch.count.div_ceil(N) {
+            let active = Cell::new(self.batch.slots::<N>(i));
+            self.refined.refine::<F, N>(i, self.placement, surface, self.batch, &active);
+        }
+    }
+}
+
+/// Refines the hits of a batch that are on triangles of a transformed mesh.
+struct RefineTriangleBatch<'a, P> {
+    placement: P,
+    corners: &'a [[[f64; BATCH_SIZE]; 3]; 3],
+    batch: &'a HitBatch,
+    refined: &'a mut Refined,
+}
+
+impl<P: Placement> LaneTask for RefineTriangleBatch<'_, P> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) {
+        let [a, b, c] = self.corners;
+        for i in 0..self.batch.count.div_ceil(N) {
+            let active = Cell::new(self.batch.slots::<N>(i));
+            let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
+            self.refined.refine::<F, N>(i, self.placement, &triangles, self.batch, &active);
+        }
+    }
+}
+
+impl HitBatch {
+    /// The occupied slots of part `i`, as a mask of the lanes of a register.
+    #[inline(always)]
+    fn slots<const N: usize>(&self, i: usize) -> u32 {
+        ((1_u32 << self.count) - 1) >> (i * N) & ((1 << N) - 1)
+    }
+}
+
+impl Refined {
+    /// Refines part `i` of a batch.
+    #[inline(always)]
+    fn refine<'a, F: Floats<f64, N>, const N: usize>(
+        &mut self,
+        i: usize,
+        placement: impl Placement,
+        target: &impl Target<Many<'a, F>, N>,
+        batch: &HitBatch,
+        active: &'a Cell<u32>,
+    ) {
+        let bounds = Interval { low: load(&batch.low, i), high: load(&batch.high, i) };
+        let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&batch.origin, i), lanes::part(&batch.direction, i));
+        let bracket = RootBracket { feature: batch.root.feature, origin, direction, bounds };
+        if let Ok((t, normal)) = newton_step(placement, target, &bracket, Many::new(active)) {
+            let [x, y, z] = vector::unit(normal);
+            self.t.as_chunks_mut().0[i] = t.store();
+            self.normal[0].as_chunks_mut().0[i] = x.store();
+            self.normal[1].as_chunks_mut().0[i] = y.store();
+            self.normal[2].as_chunks_mut().0[i] = z.store();
+            self.known |= active.get() << (i * N);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::arith::simd::Level;
+    use crate::geometry::affine::Affine;
+    use crate::scene::Object;
+    use crate::shapes::{AnySurface, Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle};
+    use crate::testing::with_large_frames;
+
+    fn shapes() -> Vec<Object> {
+        let turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
+        let cylinder = |capped| Cylinder { start: [0.0, 0.0, -1.0], end: [0.0, 0.0, 1.0], radius: 1.0, capped };
+        let surfaces: Vec<AnySurface> = vec![
+            Sphere { center: [0.0; 3], radius: 1.0 }.into(),
+            Box { size: [2.0; 3], center: [0.0; 3] }.into(),
+            cylinder(true).into(),
+            cylinder(false).into(),
+            Triangle([-1.0, -1.0, 1.0], [1.0, -1.0, 1.0], [0.0, 1.0, 1.0]).into(),
+            Plane::PointNormal { point: [0.0, 0.0, 1.0], normal: [0.0, 0.0, 1.0] }.into(),
+        ];
+        let ellipsoid = Ellipsoid::new([0.0; 3], [1.0, 1.0, 2.0], turn).map(AnySurface::from);
+        let surfaces = surfaces.into_iter().chain(ellipsoid).map(Geometry::Surface);
+        let octahedron = TriangleMesh::new(
+            [0, 1, 2]
+                .iter()
+                .flat_map(|&axis| [-1.0, 1.0].map(|x| std::array::from_fn(|i| if i == axis { x } else { 0.0 })))
+                .collect(),
+            (0..8).map(|k| [k & 1, 2 + (k >> 1 & 1), 4 + (k >> 2)]).collect(),
+        );
+        let mesh = octahedron.map(|mesh| Geometry::Mesh(Arc::new(mesh)));
+        let objects = surfaces.chain(mesh).map(|geometry| Object::new(geometry, false));
+        let sheared = Affine::new([[1.0, 0.25, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -1.0]], [0.5, 0.0, 0.0]);
+        let twice = |object: &Object| object.transformed(sheared)?.transformed(Affine::new(turn, [0.0, 0.5, 0.0]));
+        objects.flat_map(|object| [twice(&object), object.transformed(sheared), Some(object)]).flatten().collect()
+    }
+
+    /// From a few origins to the points of a grid, of which many are corners, on edges, or where a line touches; and past them.
+    fn rays() -> (Vec<Point>, Vec<Point>) {
+        let (mut origins, mut directions) = (Vec::new(), Vec::new());
+        for origin in [[0.0, 0.0, 3.0], [1.0, -4.0, 0.0], [0.25, 0.125, 0.0], [-3.0, 2.0, 1.0], [0.1, 0.2, 4.3]] {
+            for k in 0..343 {
+                let point = [k % 7, k / 7 % 7, k / 49].map(|i| f64::from(i) / 2.0 - 1.5);
+                let direction = [point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]];
+                if direction != [0.0; 3] {
+                    origins.push(origin);
+                    directions.push(direction);
+                }
+            }
+        }
+        (origins, directions)
+    }
+
+    #[test]
+    fn lanes_find_what_single_rays_do() {
+        with_large_frames(compare_levels);
+    }
+
+    fn compare_levels() {
+        let (origins, directions) = rays();
+        let (mut hit, mut missed) = (0, 0);
+        let all = shapes();
+        let scenes = all.iter().map(|object| vec![object.clone()]).chain([all.clone()]);
+        for objects in scenes {
+            let scene = Scene::new(objects);
+            for range in [(0.0, f64::INFINITY), (1.0, 3.0)] {
+                let cast = |level| {
+                    let mut hits = vec![Hit::MISS; origins.len()];
+                    assert!(scene.cast(level, &origins, &directions, range, &mut hits[..]));
+                    hits
+                };
+                let expected = cast(Level::Scalar);
+                hit += expected.iter().filter(|hit| hit.object >= 0).count();
+                missed += expected.iter().filter(|hit| hit.object < 0).count();
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    for (i, (hit, expected)) in cast(level).iter().zip(&expected).enumerate() {
+                        let bits =
+                            |hit: &Hit| (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object, hit.primitive);
+                        assert_eq!(bits(hit), bits(expected), "{level:?}: {:?} + t·{:?}", origins[i], directions[i]);
+                    }
+                }
+            }
+        }
+        assert!(hit > 5_000 && missed > 5_000, "{hit}, {missed}");
+    }
+}
