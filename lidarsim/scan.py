@@ -217,8 +217,9 @@ class Scan:
 
         A row is a ring, the highest first, and a column a step of azimuth, which falls from left to right; rings whose
         channels look aside are moved by whole columns until they stand one above the other. A sensor that looks all
-        around gives as many columns as there are in a turn, with azimuth 0 in the middle and the seam behind. That
-        takes a pattern whose rings keep to one elevation each and turn one way, once around at most.
+        around gives as many columns as there are in a turn, with azimuth 0 in the middle and the seam behind. This
+        requires a pattern whose rings each keep to one elevation, or to a band of elevations that no other ring enters,
+        and turn one way, once around at most.
 
         Other patterns, and any for which `size` is given, are projected: rows and columns are equal steps of elevation
         and azimuth between the outermost pulses of the frame. Of those that fall into one pixel the one with the
