@@ -811,7 +811,7 @@ class Given:
         ),
         (
             {"time": [0.0, math.nan, 0.0]},
-            "pose: expected a trajectory over all pulses, got one from -inf to inf s and pulse 1 at NaN s",
+            "time: expected finite numbers, got time[1] = nan",
         ),
     ],
 )
