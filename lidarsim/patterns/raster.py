@@ -60,8 +60,8 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     row_of[downwards] = np.arange(len(rings))
 
     # Along a ring the azimuth falls by one step per column, from left to right: the slope of a straight line fitted to
-    # it, since columns may fire their channels at alternating times. What a ring is to the right of the first ring
-    # besides is rounded to whole columns, the same for all of it: no pixel is hit twice, and none between is left out.
+    # it, since columns may fire their channels at alternating times. How far a ring lies to the right of the first
+    # beyond that is rounded to whole columns, the same for all of it: no pixel is hit twice, and none is skipped.
     first, last = column.min(), column.max()
     counts = np.diff(np.append(starts, len(column)))
     centered = column - np.repeat(np.add.reduceat(column, starts) / counts, counts)
@@ -77,7 +77,8 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     # Half a column goes one way in all rings: angles kept in float32, up to 2**-23 off, leave no thousandth of a column
     # in doubt where there are fewer than some 20,000 in a turn.
     shift = np.floor(np.round(aside, 3) + 0.5).astype(np.int64)
-    # Times that alternate by less than a column leave the columns of a turn, n of them, off by less than 3/n.
+    # Times that alternate by a part d of a column change the fitted number n of columns in a turn by at most 3 d/n (the
+    # slope of +-d/2 over n columns): for d of a half, rounding to 0.01 removes that where there are 300 or more.
     columns = int(last - first + 1)
     width = max(columns, math.ceil(round(TURN / step, 2))) if all_around else columns + int(np.ptp(shift))
 
