@@ -1,14 +1,14 @@
 """What a sensor makes of what its pulses hit: noise, intensity, detection, returns.
 
 The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, detection, drop-out, range noise
-and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate is the
-sensor's, and acts on what the sensor measured: on the range with its noise, not on the true one.
+and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate, that of
+the `Lidar`, acts on the measured range, noise included, not on the true one.
 
-Random numbers come from Philox4x32-10. Its key is drawn from the seed and the sensor's name, its counter is pulse,
-frame, effect and draw; so the noise of a pulse hangs on these alone: not on threads, on which other pulses are fired,
-or on which other effects are on. The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevation),
-2 drop-out, 3 range noise (one draw an echo, from the nearest), 4 channel bias (frame 0, and the ring in place of the
-pulse).
+Random numbers come from Philox4x32-10. Its key is derived from the seed and the sensor's name; its counter consists of
+pulse, frame, effect and draw. So the noise of a pulse depends on these alone: not on threads, on which other pulses are
+fired, or on which other effects are on. The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1
+elevation), 2 drop-out, 3 range noise (one draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in
+place of the pulse).
 """
 
 from __future__ import annotations
@@ -31,11 +31,12 @@ Pairs = Sequence[Sequence[float]] | npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Detection:
-    """What a sensor detects, in the words of a datasheet: "150 m at 10 %".
+    """A detection limit as a datasheet states it: "150 m at 10 %".
 
-    A target of this reflectivity, met at normal incidence, is seen out to this range, and any other target as far as
-    it returns as much light: an echo of intensity I from range R is kept if I/R² >= ρ/r². A datasheet's figure is for
-    clear air, so the `extinction` of a `Measurement` weakens the echo and not this threshold: it only ever hides.
+    A target of this reflectivity at normal incidence is detected up to this range, and any other target as long as it
+    returns at least as much power: an echo of intensity I from range R is kept if I/R² >= ρ/r². Datasheet figures are
+    for clear air, so the `extinction` of a `Measurement` weakens the echo but does not lower this threshold: it can
+    hide a target, never reveal one.
 
     Parameters
     ----------
@@ -72,24 +73,24 @@ class Detection:
 
 @dataclass(frozen=True)
 class Beam:
-    """A beam that widens, as a few sub-rays over its footprint.
+    """A diverging beam, sampled by sub-rays over its footprint.
 
-    The profile is Gaussian, elliptical, and cut where its intensity is 1/e² of the axis'. The sub-rays stand on the
-    axis and on rings about it, 6, 12, 18, … of them, each with the energy that the profile has in its part of the
-    footprint. What they bring back makes the echoes: those that a receiver can tell apart, the peaks of the light that
-    it sees over time, each with all light between the valleys on either side of it. Its range is the mean over its
-    sub-rays, weighted by the power received, I/R², so that an echo over an edge lies between the two surfaces: a mixed
-    pixel. Its intensity is the sum over its sub-rays, each weighted by its share of the energy.
+    The profile is an elliptical Gaussian, cut off where its intensity is 1/e² of that on the axis. One sub-ray lies on
+    the axis, the others on rings of 6, 12, 18, … about it, each with the energy of the profile in its part of the
+    footprint. Together they give the waveform, the power received over time. Its peaks are the echoes, each of which
+    takes the sub-rays between the valleys on either side. The range of an echo is the mean over its sub-rays, weighted
+    by received power, I/R²; so an echo at an edge lies between the two surfaces: a mixed pixel. Its intensity is the
+    sum over its sub-rays, each weighted by its share of the energy.
 
     Parameters
     ----------
     divergence_azimuth, divergence_elevation : float
-        Full angles, horizontally and vertically, between the directions where the intensity is 1/e² of the axis', rad,
-        >= 0. (The angle at half of the intensity is 0.589 times that.) If only one is given, the beam is round.
+        Full angles, horizontal and vertical, between the directions where the intensity is 1/e² of that on the axis,
+        rad, 0 to 1. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
     pulse_length : float
-        Duration of the pulse, from half of its maximum to half of its maximum, s, > 0.
+        Duration of the pulse, full width at half maximum, s, > 0.
     rays : int
-        Sub-rays a pulse: 7, 19, 37, 61 or 91.
+        Number of sub-rays per pulse: 7, 19, 37, 61 or 91.
 
     Raises
     ------
@@ -98,13 +99,13 @@ class Beam:
 
     Notes
     -----
-    The light over range is the sum over the sub-rays of Gaussians of standard deviation σ = c/2·`pulse_length`/2.355:
-    the usual decomposition of full-waveform lidar (Wagner et al., Gaussian decomposition and calibration of a novel
+    Over range, the waveform is a sum of Gaussians, one per sub-ray, of standard deviation σ = c/2·`pulse_length`/2.355:
+    the usual model of full-waveform lidar (Wagner et al., Gaussian decomposition and calibration of a novel
     small-footprint full-waveform digitising airborne laser scanner, ISPRS J. 60, 2006). Two surfaces of equal power are
-    told apart if they are more than 2σ apart, 0.64 m with 5 ns; a weak one beside a strong one, if it is further away.
-    Where a sub-ray meets a slanted surface, the light of its part of the footprint is spread in range, and its
-    Gaussian is wider by that. So a slanted wall, and stairs whose steps are too short to be told from one, is one echo.
-    The number of echoes does not grow without end with `rays`: it tends to that of the waveform.
+    resolved if they are more than 2σ apart, 0.64 m at 5 ns; a weak one beside a strong one needs a greater distance.
+    A sub-ray on a slanted surface has a wider Gaussian, by the spread in range of its part of the footprint. So a
+    slanted wall is one echo, and so are stairs whose steps are too short to be resolved. As `rays` grows, the number of
+    echoes converges to that of the peaks of the waveform.
 
     Examples
     --------
@@ -138,39 +139,39 @@ class Beam:
 
 @dataclass(frozen=True, kw_only=True)
 class Measurement:
-    """What a sensor makes of what its pulses hit. Every effect is off until it is asked for.
+    """How a sensor measures what its pulses hit. Every effect is off by default.
 
     Parameters
     ----------
     range_sigma : float or sequence of (range, sigma), shape (n, 2)
-        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it against range, as datasheets print
-        it: linear between its rows, constant before the first and after the last; its ranges must rise.
+        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it against range, both in m, as
+        datasheets print it: linear between its rows, constant before the first and after the last; ranges must rise.
     range_sigma_slope : float
-        b, the part that grows with range, m a metre.
+        b, the part that grows with range, m per metre.
     range_bias : float
         Added to each range, m.
     channel_bias_sigma : float
-        Standard deviation of a bias of each channel (ring), m, which is drawn once for the unit: from the seed, the
-        sensor's name and the ring, and the same in all frames. With `range_bias` it makes up the accuracy of a
-        datasheet, where `range_sigma` is its precision.
+        Standard deviation of the range bias of each channel (ring), m. A bias depends on the seed, the sensor's name
+        and the ring, and is the same in all frames. Together with `range_bias` it models what datasheets call
+        accuracy; `range_sigma` models what they call precision or repeatability.
     range_resolution : float
-        Step to whose multiples the sensor's own ranges are rounded (those from its own zero, where the `Lidar` has a
-        `range_offset`), halves to even, m; 0 for none.
+        Step to whose multiples the sensor's own range is rounded, halves to even, m; 0 for none. The sensor's own range
+        is the measured range plus the `range_offset` of the `Lidar`.
     azimuth_sigma, elevation_sigma : float
-        Standard deviations of the direction that a pulse really takes, rad. Points are still put where the pulse
-        should have gone; `Scan.true_points` are where it went.
+        Standard deviations of the angles by which a pulse deviates from its nominal direction, rad, 0 to 1. Points are
+        still computed from the nominal direction; `Scan.true_points` gives those that the pulse really hit.
     dropout : float
         Probability that a pulse is lost, 0 to 1.
     detection : Detection, optional
-        The weakest echo that is seen. Default: any is.
+        Detection limit. Default: every echo is detected.
     extinction : float
-        α of the atmosphere, 1/m: light comes back weaker by exp(−2αR).
+        Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
     beam : Beam, optional
-        Divergence of the beam. Default: a pulse is a line.
+        Divergence of the beam. Default: none, each pulse is a single ray.
     returns : {"strongest", "first", "last", "dual"} or int
         Which echoes of a pulse are reported. "dual": the strongest and then the last or, if they are the same, the
-        next strongest. A number: so many at most, from the nearest on. More than one needs a `beam`, since a line has
-        one echo.
+        next strongest. A number: that many at most, the nearest first. More than one requires a `beam`, since a single
+        ray has one echo.
 
     Raises
     ------
@@ -180,8 +181,8 @@ class Measurement:
     Notes
     -----
     Intensity is Lambert's, I = ρ·cos θ·exp(−2αR), with reflectivity ρ and incidence θ: 1 for a white diffuser met at a
-    right angle. It is not divided by R², as sensors do not report it so either; the power that decides detection is
-    I/R².
+    right angle. It is not divided by R², since sensors report intensity corrected for range; the power that decides
+    detection is I/R².
 
     Examples
     --------
@@ -235,7 +236,7 @@ class Measurement:
 
     @property
     def max_returns(self) -> int:
-        """The most returns that a pulse can have."""
+        """Greatest number of returns that a pulse can have: int."""
         return self.returns if isinstance(self.returns, int) else 2 if self.returns == "dual" else 1
 
 
@@ -249,7 +250,7 @@ _NUMBERS = {
     "dropout": 1.0,
     "extinction": math.inf,
 }
-"""Greatest value of each number that is at least 0."""
+"""Parameters that are numbers >= 0, with the greatest value of each."""
 
 
 def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]:

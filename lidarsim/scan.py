@@ -1,4 +1,4 @@
-"""One scan: fire the pulses of a frame at a scene, and keep what comes back beside the truth."""
+"""One scan: fire the pulses of a frame at a scene, and keep the measurement beside the truth."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = ["Scan", "Status", "Summary", "moment_and_pose", "scan", "sensor_id"]
 
 
 class Sensor(Protocol):
-    """What a scan takes of a `lidarsim.Lidar`, which is a layer above."""
+    """The part of a `lidarsim.Lidar`, which is a layer above, that a scan uses."""
 
     @property
     def pattern(self) -> Pattern: ...
@@ -43,7 +43,7 @@ class Sensor(Protocol):
 
 
 class Status(enum.IntEnum):
-    """Why a pulse is or is not a point."""
+    """Whether a pulse gave a point, and if not, why."""
 
     hit = 0
     miss = 1
@@ -54,10 +54,10 @@ class Status(enum.IntEnum):
 
 
 class Summary(dict[str, int]):
-    """Numbers of pulses by the name of their status; it prints as a table."""
+    """Number of pulses for each `Status`, by its name; prints as a table."""
 
     def __str__(self) -> str:
-        """Return a line a status, with its share of all pulses."""
+        """Return one line for each status, with its share of all pulses."""
         total = sum(self.values())
         lines = [f"{name:16} {count:10,} {count / max(total, 1):7.1%}" for name, count in self.items()]
         return "\n".join([*lines, f"{'pulses':16} {total:10,}"])
@@ -69,24 +69,23 @@ _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Moments of a scan that `deskew` may name, in periods of the pattern."""
 
 _MISSING = {"label": 0, "object_id": -1, "return_count": 0}
-"""What an image of integers shows where there is no pulse, if it is not the greatest of their type."""
+"""Value of pixels without a pulse, where it is not the greatest of an integer type."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan:
     """A frame of a sensor: for each of n pulses, in firing order, up to k returns, and why there is none.
 
-    k is the most returns that a pulse can have by the measurement, 1 unless more are asked for. Unused entries are
-    nan, -1 for `object_id`, 0 for `label`. Of a pulse that hit something but is no point, the first entry still has
-    the truth: of its strongest echo.
+    k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `label`. If a pulse
+    hit something but gave no point, the first entry still holds the truth about its strongest echo.
 
     Attributes
     ----------
     range : ndarray of float64, shape (n, k)
         Measured distance from the beam's origin along the pulse, m; nan where there is no return.
     true_range : ndarray of float64, shape (n, k)
-        Distance along the direction that the pulse really took, m: the exact value to a relative 2.3e-16, for two
-        roundings, of the ray parameter and of its product with the length of the direction.
+        Distance along the direction that the pulse really took, m, exact to a relative 2.3e-16: two roundings, of the
+        ray parameter and of its product with the length of the direction.
     range_error : ndarray of float64, shape (n, k)
         Measured minus true range, m.
     intensity : ndarray of float32, shape (n, k)
@@ -114,13 +113,13 @@ class Scan:
     frame : int
         Number of the frame.
     true_direction : ndarray of float64, shape (n, k, 3), or None
-        Direction in which the light of each return really came and went, in the sensor frame; None where that is
-        the direction of the pulse: without angular jitter and beam.
+        Direction from the beam's origin to the point that each return really came from, in the sensor frame; None if
+        there is neither angular jitter nor a beam, since it is then the direction of the pulse.
 
     Notes
     -----
-    With a beam that diverges, an echo's truth is that of the object which most of its power comes from, at the sub-ray
-    nearest to the axis.
+    With a diverging beam, the truth about an echo is that of the object that returns most of its power, at the sub-ray
+    nearest to the axis that hits it.
     """
 
     range: npt.NDArray[np.float64]
@@ -158,30 +157,30 @@ class Scan:
         *,
         deskew: bool | Literal["start", "middle", "end"] | float = False,
     ) -> PointCloud:
-        """Return the returns as points, with all fields.
+        """Return the points of all returns, with all fields.
 
         Parameters
         ----------
         frame : {"sensor", "world"}
-            Coordinates of points and normals. "sensor": as a driver gives them, each point in the frame that the
-            sensor had when it fired the pulse, so that the cloud of a moving sensor is skewed. "world": through the
-            pose at that time, so that it is not.
+            Coordinates of points and normals. "sensor": as a driver gives them, each point in the sensor frame at the
+            time of its pulse, so that the cloud of a moving sensor is skewed. "world": transformed by the pose at that
+            time, and so not skewed.
         deskew : bool, {"start", "middle", "end"} or float
-            Give the points of frame "sensor" in the one frame that the sensor had at some moment, by the true poses.
-            "start" or True: when the scan starts. "end": one period of the pattern, 1/rate, later, whenever the last
-            pulse was fired. "middle": half a period after the start. A number: so many seconds after the start.
-            Points of frame "world", and those of a sensor that stands still, are not skewed: they stay as they are.
+            Transform the points of frame "sensor", by the true poses, to the sensor frame at one moment. "start" or
+            True: the start of the scan. "end": one period of the pattern, 1/rate, later, whenever the last pulse was
+            fired. "middle": half a period after the start. A number: that many seconds after the start. It has no
+            effect on frame "world" or on a sensor that does not move.
 
         Returns
         -------
         PointCloud
             In firing order, the returns of a pulse one after the other. A point lies at the measured range from the
-            beam's origin, in the direction that the pulse should have had, without angular jitter.
+            beam's origin, in the nominal direction of the pulse, without angular jitter.
 
         Raises
         ------
         TypeError, ValueError
-            If `frame` or `deskew` is none of these, or the trajectory has no pose at that moment.
+            If `frame` or `deskew` is none of these, or the trajectory does not cover that moment.
         """
         if frame not in {"sensor", "world"}:
             raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
@@ -213,16 +212,17 @@ class Scan:
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None
     ) -> npt.NDArray[Any]:
-        """Return a field as an image of what the sensor sees: upright, left on the left.
+        """Return a field as an image from the sensor's point of view: upright, and destaggered.
 
-        A row is a ring, the highest first, and a column a step of azimuth, which falls from left to right; rings whose
-        channels look aside are moved by whole columns until they stand one above the other. A sensor that looks all
-        around gives as many columns as there are in a turn, with azimuth 0 in the middle and the seam behind. That
-        takes a pattern whose rings keep to one elevation each and turn one way, once around at most.
+        A row is a ring, the highest first. A column is a step of azimuth, which decreases from left to right; rings
+        with azimuth offsets are shifted by whole columns so that pixels in one column look the same way. A sensor that
+        looks all around has as many columns as a turn, with azimuth 0 in the middle and the seam behind. This
+        requires a pattern whose rings each keep to one elevation, or to a band of elevations that no other ring enters,
+        and turn one way, once around at most.
 
         Other patterns, and any for which `size` is given, are projected: rows and columns are equal steps of elevation
-        and azimuth between the outermost pulses of the frame. Of those that fall into one pixel the one with the
-        nearest return shows.
+        and azimuth between the outermost pulses of the frame. A pixel shows the nearest of the returns that fall into
+        it.
 
         Parameters
         ----------
@@ -230,16 +230,16 @@ class Scan:
             An array of this scan or of its pulses: "range", "label", "normal", "status", "time" (of firing, since the
             start of the scan), …; normals are in the world, directions and origins in the sensor frame.
         return_number : int
-            Which return of each pulse, from 1 on. It decides what is nearest, too.
+            Which return of each pulse, counted from 1. In a projection, the nearest is chosen among these.
         size : tuple of int, optional
             Rows and columns of a projection.
 
         Returns
         -------
         ndarray, shape (rows, columns) or (rows, columns, 3)
-            Of the dtype of the field. Entries that the scan does not use are what they are in the scan. Where there is
-            no pulse, an image of a floating-point field is nan, "label" and "return_count" 0, "object_id" -1, and any
-            other integer the greatest of its type.
+            Of the dtype of the field. Unused entries of the scan keep their values. Pixels without a pulse are nan in
+            floating-point fields, 0 in "label" and "return_count", -1 in "object_id", and the greatest number of the
+            type in any other field of integers.
 
         Raises
         ------
@@ -280,18 +280,19 @@ class Scan:
         return image
 
     def true_points(self, frame: Literal["sensor", "world"] = "sensor") -> Floats:
-        """Return where the light of each return really came from, whatever jitter, beam or noise made of it.
+        """Return the points that the returns really came from, whatever angular jitter, beam and noise did.
 
         Parameters
         ----------
         frame : {"sensor", "world"}
-            Coordinates, as in `point_cloud`: of the sensor when it fired the pulse, or of the world.
+            Coordinates, as in `point_cloud`: those of the sensor at the time of the pulse, or of the world.
 
         Returns
         -------
         ndarray of float64, shape (m, 3)
-            A point for each of `point_cloud`, in the same order, m. It lies on the surface of its `object_id`, at
-            `true_range` in the direction that the pulse really took; with a beam, at the sub-ray that the truth is of.
+            One point for each of `point_cloud`, in the same order, m. It lies on the surface of the object
+            `object_id`, at `true_range` in the direction that the pulse really took; with a beam, on the sub-ray that
+            the truth is taken from (see `Scan`).
 
         Raises
         ------
@@ -313,7 +314,7 @@ class Scan:
         return turned + poses[:, :3, 3]
 
     def summary(self) -> Summary:
-        """Return the numbers of pulses by status, which print as a table.
+        """Return the number of pulses for each status, which prints as a table.
 
         Returns
         -------
@@ -437,8 +438,8 @@ def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:
 def _path(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:
     """Return where the sensor is while it fires a frame.
 
-    A trajectory to the end of the frame is enough: it is held, at the velocities of its end, for the rest of a firing
-    cycle that begins before the end of the frame and runs on after it.
+    A trajectory up to the end of the frame is enough: it is extrapolated, at its final velocities, for the rest of a
+    firing cycle that begins before the end of the frame.
     """
     if not isinstance(pose, Trajectory):
         return _native.Path.still(pose.tolist())
@@ -451,7 +452,7 @@ def _path(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float
 
 
 def _arrays(what: Scan | Pulses) -> dict[str, npt.NDArray[Any]]:
-    """Return the arrays by name that have an entry a pulse."""
+    """Return by name the arrays that have one entry per pulse."""
     values = {field.name: getattr(what, field.name) for field in fields(what) if field.name != "pose"}
     return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 

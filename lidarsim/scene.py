@@ -125,10 +125,10 @@ class Scene:
         return self._core()[1]
 
     def _core(self) -> tuple[int, core.Scene, core.Appearances]:
-        """Return the scene in the core, and labels and reflectivities, with the number of objects that they are of.
+        """Return the number of objects, and the scene and the labels and reflectivities that the core has of them.
 
-        They are kept. As objects are only ever added, it is by their number that a thread sees whether what another
-        has kept is of all of them.
+        They are cached. Objects are only ever added, so a cache is up to date if it has as many as there are now; this
+        also holds if another thread made it.
         """
         kept = self._in_core
         if kept is None or kept[0] != len(self._objects):
@@ -180,4 +180,4 @@ def _check_reflectivity(material: Material, shape: Shape) -> None:
     wanted = len(shape) if per == "face" else len(shape.vertices)
     given = np.size(material.reflectivity)
     if given != wanted:
-        raise ValueError(f"material: expected {wanted} reflectivities, one a {per}, got {given}")
+        raise ValueError(f"material: expected {wanted} reflectivities, one per {per}, got {given}")

@@ -1,4 +1,4 @@
-"""A lidar: a scan pattern, what it can see, and how it errs; from a preset, a file or its parts."""
+"""A lidar: a scan pattern, a range gate and measurement errors; from a preset, a file or its parts."""
 
 from __future__ import annotations
 
@@ -64,10 +64,10 @@ class Lidar:
     measurement : Measurement
         Noise and other effects; all of them are off by default.
     min_range, max_range : float
-        Ranges that the sensor reports, m, both included. They are its own ranges, as measured.
-    range_offset : float or sequence of float, one a ring
-        What the sensor's own range is more than the range from the beam's origin, m, where its maker counts from
-        another zero. Quantisation and the gate act on the sensor's own range; `Scan.range` is from the beam's origin.
+        Range gate, m, both ends included. It acts on the sensor's own range, as measured.
+    range_offset : float or sequence of float, one per ring
+        The sensor's own range minus the range from the beam's origin, m, for sensors that measure from another zero.
+        Quantisation and the gate act on the sensor's own range; `Scan.range` is from the beam's origin.
     name : str
         Name of the sensor. Sensors of different names draw different noise from the same seed.
 
@@ -233,7 +233,7 @@ class Lidar:
         path : path-like
             The file.
         **options
-            What the file leaves open. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
+            What the file does not say. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
             `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV
             or DAT: `firing_times` (the other CSV), `rate`, `noise`. RoboSense angle CSV: `rate`, `noise`. Livox scan
             pattern CSV: `rate`, `pulse_rate`, `noise`.
@@ -246,8 +246,8 @@ class Lidar:
         Raises
         ------
         FileFormatError
-            If the file cannot be read, is of no kind that is known, is not whole or describes a sensor that is not
-            covered.
+            If the file cannot be read, is of an unknown kind or incomplete, or describes a sensor that is not
+            supported.
         TypeError
             If a file of this kind has no such option.
         """
@@ -312,7 +312,7 @@ def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:
     offsets = array("range_offset", value, ("rings",))
     rings = pattern.shape[0]
     if len(offsets) != rings:
-        raise ValueError(f"range_offset: expected one number or one a ring, {rings} of them, got {len(offsets)}")
+        raise ValueError(f"range_offset: expected one number, or one per ring ({rings}), got {len(offsets)}")
     return tuple(offsets.tolist())
 
 

@@ -574,11 +574,15 @@ def test_strips_too_close_to_be_told_apart_give_the_peaks_of_their_waveform(orde
     ranges, light = waveform(scene, 4e-3, 5e-9)
     # Peaks that rise from their surroundings by more than the waveform is sampled to.
     peaks = ranges[signal.find_peaks(light, prominence=0.02 * light.max())[0]]
-    assert len(peaks) in {1, 2}
-    for rays in (19, 61, 91):
+    ramp = order == tuple(range(8))
+    assert len(peaks) == (1 if ramp else 2)
+    # The waveform of the ramp is so flat that a second peak, of 0.03 % of its height, is all but there: 37 sub-rays,
+    # which share out unevenly over the strips, show it.
+    for rays in (19, 61, 91) if ramp else (19, 37, 61, 91):
         scan = measured(beams([1.0, 0.0, 0.0]), scene, beam=ls.Beam(4e-3, rays=rays), returns=7)
         assert scan.return_count.tolist() == [len(peaks)], rays
-        assert np.allclose(scan.range[0, : len(peaks)], peaks, rtol=0, atol=0.3), rays
+        # To less than one standard deviation of the pulse, 0.318 m: an echo is a mean, a peak a mode.
+        assert np.abs(scan.range[0, : len(peaks)] - peaks).max() < 0.318, rays
 
 
 @pytest.mark.parametrize("rays", [19, 37, 61, 91])

@@ -236,12 +236,12 @@ def test_reflectivities_follow_the_scene_as_it_grows() -> None:
         (
             square(),
             ls.Material(reflectivity=[0.1, 0.2, 0.3], per="face"),
-            "material: expected 2 reflectivities, one a face, got 3",
+            "material: expected 2 reflectivities, one per face, got 3",
         ),
         (
             square(),
             ls.Material(reflectivity=[0.1, 0.2, 0.3], per="vertex"),
-            "material: expected 4 reflectivities, one a vertex, got 3",
+            "material: expected 4 reflectivities, one per vertex, got 3",
         ),
     ],
 )
@@ -849,7 +849,7 @@ class Given:
         ),
         (
             {"time": [0.0, math.nan, 0.0]},
-            "pose: expected a trajectory over all pulses, got one from -inf to inf s and pulse 1 at NaN s",
+            "time: expected finite numbers, got time[1] = nan",
         ),
     ],
 )

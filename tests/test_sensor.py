@@ -75,7 +75,7 @@ def test_own_pattern_needs_no_base_class() -> None:
         ({"name": 3}, "name: expected a string, got 3"),
         ({"range_offset": math.inf}, "range_offset: expected a finite number, got inf"),
         ({"range_offset": "12 mm"}, "range_offset: expected a finite number, got '12 mm'"),
-        ({"range_offset": [0.1]}, "range_offset: expected one number or one a ring, 2 of them, got 1"),
+        ({"range_offset": [0.1]}, "range_offset: expected one number, or one per ring (2), got 1"),
         ({"range_offset": [[0.1], [0.2]]}, "range_offset: expected shape (rings,), got (2, 1)"),
         ({"range_offset": (0.1, math.nan)}, "range_offset: expected finite numbers, got range_offset[1] = nan"),
     ],

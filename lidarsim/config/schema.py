@@ -1,4 +1,4 @@
-"""What a configuration may say, and the objects that come of it.
+"""What a configuration may say, and the objects that are built from it.
 
 A key is the name of a constructor's argument followed by its unit: ``radius_m`` is the ``radius`` of `Sphere`. Shapes,
 patterns and effects declare their keys themselves, as `configuration`, of which `model_of` makes models; what a value
@@ -120,7 +120,7 @@ class Part(Model):
 
     constructor: ClassVar[Callable[..., Any]]
     alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
-    """Keys of which one must be given: those of an argument that may have one unit or another."""
+    """Groups of keys of which one must be given: those of a required argument, in different units."""
 
     def build(self, place: Place) -> Any:
         """Return what it describes."""
@@ -174,7 +174,7 @@ def model_of(constructor: Any, base: type[Part] = Part, **more: Any) -> Any:
 
 
 def _kind(declared: Any) -> Any:
-    """Return the type in a model of a value that is declared as `declared`."""
+    """Return the type that a value declared as `declared` has in a model."""
     if hasattr(declared, "configuration"):
         return model_of(declared)
     (entry,) = getattr(declared, "__args__", (None,)) if getattr(declared, "__origin__", None) is list else (None,)
@@ -193,7 +193,7 @@ def _argument(key: str) -> str:
 
 
 def _either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
-    """Return the type of values that are of one of two types, and whose errors are those of that type alone."""
+    """Return a union of two types whose errors are those of the type that `is_second` chooses, not of both."""
     tag = Discriminator(lambda value: "second" if is_second(value) else "first")
     return Annotated[Annotated[first, Tag("first")] | Annotated[second, Tag("second")], tag]
 
@@ -240,7 +240,7 @@ _KINDS: dict[Any, Any] = {
     list[_validation.Vector]: list[Vector],
     _validation.Vector | list[_validation.Vector]: Vectors,
 }
-"""Types of values, as they are declared, and in models."""
+"""Type in a model for each type that a `configuration` may declare."""
 
 
 # Poses
@@ -491,7 +491,7 @@ _EXACT = Measurement()
 
 
 class Effects(model_of(Measurement)):  # type: ignore[misc]
-    """Noise and other effects, each off unless it is given."""
+    """Noise and other effects, each off by default."""
 
     def build(self, place: Place, base: Measurement = _EXACT) -> Measurement:
         """Return `base` with the effects that are given."""
@@ -580,7 +580,7 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
 
 
 class Cloud(Model):
-    """How points are given."""
+    """Coordinates and deskewing of the points that are written."""
 
     frame: Literal["sensor", "world"] = "sensor"
     deskew: bool | Literal["start", "middle", "end"] = False

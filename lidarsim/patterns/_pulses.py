@@ -15,9 +15,9 @@ from lidarsim._validation import array, integer, real
 class Pulses:
     """The pulses of one frame, in the sensor frame (x forward, y left, z up) and in firing order.
 
-    Anything that NumPy makes such an array of is converted. The arrays are read-only: a pattern whose frames are all
-    alike gives the same ones for each. Arrays that already are of the right kind are shared, not copied; the caller's
-    own stay writable.
+    Anything that NumPy can turn into such an array is converted. The arrays are read-only, so that a pattern whose
+    frames are all alike can return the same ones for each. Arrays that already have the right type are shared, not
+    copied; the caller's own remain writable.
 
     Parameters
     ----------
@@ -35,8 +35,9 @@ class Pulses:
     Raises
     ------
     TypeError, ValueError
-        If an argument does not hold numbers, has the wrong shape, or is a ring or column that is no such integer.
-        Whether directions are of unit length and all is finite is checked when the pulses are fired.
+        If an argument does not hold numbers, has the wrong shape, or a time is not finite, or a ring or column is not
+        an integer of its type. Directions and origins are checked, for unit length and finite numbers, when the pulses
+        are fired.
 
     Examples
     --------
@@ -59,7 +60,7 @@ class Pulses:
         converted = {
             "directions": directions,
             "origins": array("origins", self.origins, (count, 3), finite=False),
-            "time": array("time", self.time, (count,), finite=False),
+            "time": array("time", self.time, (count,)),
             "ring": _numbered("ring", self.ring, count, np.uint16),
             "column": _numbered("column", self.column, count, np.uint32),
         }
@@ -124,7 +125,7 @@ class Pattern(Protocol):
 
 
 def check_pattern(pattern: object) -> None:
-    """Check that something is a scan pattern; what its frames hold is checked when they are fired.
+    """Check that an object is a scan pattern; the pulses of its frames are checked when they are fired.
 
     Parameters
     ----------

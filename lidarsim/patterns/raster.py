@@ -32,7 +32,8 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     Raises
     ------
     ValueError
-        If the rings do not keep to one elevation each, or do not turn one way and at most once around.
+        If the rings do not keep to one elevation each, or to separate bands of elevation, or do not turn one way and
+        at most once around.
     """
     if not len(frame):
         return pulses.ring.astype(np.intp), pulses.column.astype(np.intp), (0, 0)
@@ -41,25 +42,33 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     column = frame.column[order].astype(np.int64)
     azimuth, elevation = _angles(frame.directions[order])
     within = np.diff(frame.ring[order]) == 0
-    turns = _wrapped(np.diff(azimuth))
-    highest = np.maximum.reduceat(elevation, starts)
-    around = np.abs(np.add.reduceat(np.append(np.where(within, turns, 0.0), 0.0), starts))
+    turns = np.where(within, _wrapped(np.diff(azimuth)), 0.0)
+    around = np.abs(np.add.reduceat(np.append(turns, 0.0), starts))
     rising = bool((turns[within] > 0.0).all())
+    highest, lowest = np.maximum.reduceat(elevation, starts), np.minimum.reduceat(elevation, starts)
+    downwards = np.argsort(-highest, kind="stable")
+    level = (highest - lowest <= FIXED).all()
+    banded = len(rings) > 1 and (lowest[downwards[:-1]] > highest[downwards[1:]]).all()
     if (
-        (highest - np.minimum.reduceat(elevation, starts) > FIXED).any()
+        not (level or banded)
         or not (rising or (turns[within] < 0.0).all())
         or (np.diff(column)[within] == 0).any()
         or (around >= TURN).any()
     ):
         raise ValueError("size: expected (rows, columns) of the image, since the pattern has none of its own, got None")
     row_of = np.empty(len(rings), np.intp)
-    row_of[np.argsort(-highest, kind="stable")] = np.arange(len(rings))
+    row_of[downwards] = np.arange(len(rings))
 
-    # Along a ring azimuths fall by a step a column, from left to right. How far it stands to the right of the first
-    # ring besides becomes whole columns, the same for all of it: no pixel is hit twice, and none between is left out.
+    # Along a ring the azimuth falls by one step per column, from left to right: the slope of a straight line fitted to
+    # it, since columns may fire their channels at alternating times. How far a ring lies to the right of the first
+    # beyond that is rounded to whole columns, the same for all of it: no pixel is hit twice, and none is skipped.
     first, last = column.min(), column.max()
-    apart = column[np.append(starts[1:], len(column)) - 1] - column[starts]
-    step = float(np.median(around[apart > 0] / apart[apart > 0])) if apart.any() else TURN
+    counts = np.diff(np.append(starts, len(column)))
+    centered = column - np.repeat(np.add.reduceat(column, starts) / counts, counts)
+    spread = np.add.reduceat(centered**2, starts)
+    covered = np.add.reduceat(centered * np.cumsum(np.append(0.0, turns)), starts)
+    several = spread > 0.0
+    step = float(np.median(np.abs(covered[several] / spread[several]))) if several.any() else TURN
     place = last - column[starts] if rising else column[starts] - first
     aside = _wrapped(azimuth[starts[0]] - azimuth[starts] - step * (place - place[0])) / step
     all_around = last - first + 2 > TURN / step
@@ -68,7 +77,10 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     # Half a column goes one way in all rings: angles kept in float32, up to 2**-23 off, leave no thousandth of a column
     # in doubt where there are fewer than some 20,000 in a turn.
     shift = np.floor(np.round(aside, 3) + 0.5).astype(np.int64)
-    width = math.ceil(round(TURN / step, 3)) if all_around else int(last - first + 1 + np.ptp(shift))
+    # Times that alternate by a part d of a column change the fitted number n of columns in a turn by at most 3 d/n (the
+    # slope of +-d/2 over n columns): for d of a half, rounding to 0.01 removes that where there are 300 or more.
+    columns = int(last - first + 1)
+    width = max(columns, math.ceil(round(TURN / step, 2))) if all_around else columns + int(np.ptp(shift))
 
     ring = np.searchsorted(rings, pulses.ring)
     there = pulses.column.astype(np.int64)

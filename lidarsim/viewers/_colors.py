@@ -18,10 +18,11 @@ BACKGROUND = "#14181d"
 SEQUENTIAL = (
     "#641a80", "#832681", "#a3307e", "#c43c75", "#e24d66", "#f56b5c", "#fc9065", "#feb67c", "#fdda9c", "#fcfdbf",
 )  # fmt: skip
-# The colour of each category from 0 to 259; greater ones begin anew. The first eight are for eyes with any colour
-# vision (M. Okabe and K. Ito, Color universal design, 2008, without black). Each of the others is, of the colours that
-# have a contrast of 3 to 1 with the background, the one farthest in OKLab (B. Ottosson, 2020) from those before it; 8
-# to 33 and the classes of SemanticKITTI, which go up to 259, were chosen before the rest.
+# The colour of each category from 0 to 259; from 260 on they repeat. The first eight can be told apart by people with
+# any kind of colour vision (M. Okabe and K. Ito, Color universal design, 2008, without black). Each later one is the
+# colour farthest in OKLab (B. Ottosson, 2020) from all chosen before, among the 4096 colours of three hexadecimal
+# digits that have a contrast of at least 3:1 with the background. First come 8 to 33 and the classes of SemanticKITTI,
+# then the rest. That search takes longer than drawing a picture, so its result stands here; the tests repeat it.
 # fmt: off
 _CATEGORIES = (
     "e69f0056b4e9009e73f0e4420072b2d55e00cc79a7bbbbbb9900ff00dd00ff22ffffffff00ffddbb0099776600ff99ffff00667777ff"
@@ -67,8 +68,8 @@ class Coloring:
 def coloring(cloud: PointCloud, color_by: str | None) -> Coloring:
     """Return the colours of a cloud by a scalar field, or ``"height"``; by default by intensity if it has that.
 
-    The limits are the 1st and 99th percentile, so that a few outliers do not take the colours of all others. A category
-    has one colour, whatever others there are.
+    The limits are the 1st and 99th percentile, so that a few outliers do not use up the range of colours. A category
+    always has the same colour, whichever others the cloud contains.
 
     Raises
     ------

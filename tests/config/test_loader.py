@@ -228,7 +228,7 @@ def test_range_offset_is_a_number_or_a_list() -> None:
     )
     assert load(f"sensor: {{file: {OUSTER}, range_offset_m: 0.028}}\nscene: []").lidar.range_offset == 0.028
     assert refusal("sensor:\n  preset: velodyne-vlp16\n  range_offset_m: [0.1]\nscene: []") == (
-        "run.yaml:3: sensor.range_offset_m: expected one number or one a ring, 16 of them, got 1"
+        "run.yaml:3: sensor.range_offset_m: expected one number, or one per ring (16), got 1"
     )
 
 

@@ -106,6 +106,32 @@ def test_offsets_of_a_field_of_view_widen_the_image() -> None:
     assert np.nanmax(np.abs(azimuth[0] - azimuth[1])) < 1e-9
 
 
+def test_firing_times_that_alternate_from_column_to_column_leave_no_empty_column() -> None:
+    columns, step = np.arange(1800), 2 * np.pi / 1800
+    for late in (-0.45, 0.45):  # of a column
+        azimuths = np.pi - step * (columns + late * (columns % 2))
+        directions = np.column_stack([np.cos(azimuths), np.sin(azimuths), np.zeros(1800)])
+        azimuth, _ = angles_of(Table(directions, columns=columns, rate=10.0).pulses())
+        assert azimuth.shape == (1, 1800)
+
+
+@pytest.mark.parametrize("apart", [0.011, 0.009])
+def test_rings_may_wander_within_bands_of_their_own(apart: float) -> None:
+    azimuths = np.linspace(0.5, -0.5, 101)
+    wander = 0.005 * np.sin(20 * azimuths)  # 0.01 rad from its lowest to its highest
+    tilt = np.concatenate([wander, wander + apart])
+    turn = np.tile(azimuths, 2)
+    directions = np.column_stack([np.cos(turn) * np.cos(tilt), np.sin(turn) * np.cos(tilt), np.sin(tilt)])
+    pattern = Table(directions, rings=np.repeat([0, 1], 101), columns=np.tile(np.arange(101), 2), rate=10.0)
+    if apart < 0.01:
+        with pytest.raises(ValueError, match=r"^size: "):
+            angles_of(pattern.pulses())
+        return
+    azimuth, elevation = angles_of(pattern.pulses())
+    assert azimuth.shape == (2, 101)
+    assert np.allclose(elevation, [wander + apart, wander], rtol=0.0, atol=1e-15)  # a few roundings of 0.016 at most
+
+
 @pytest.mark.parametrize(
     "directions",
     [

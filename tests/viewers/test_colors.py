@@ -94,6 +94,24 @@ def test_categories_are_seen_before_the_background() -> None:
     assert ((luminance[1:] + 0.05) / (luminance[0] + 0.05)).min() >= 3.0
 
 
+def test_each_category_after_the_first_eight_is_the_colour_farthest_from_those_before() -> None:
+    colors = np.array([list(bytes.fromhex(color[1:])) for color in QUALITATIVE], np.uint8)
+    steps = np.arange(0, 256, 17, dtype=np.uint8)  # the colours that CSS writes with three digits
+    candidates = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    background = np.array([list(bytes.fromhex(BACKGROUND[1:]))], np.uint8)
+    weights = [0.2126, 0.7152, 0.0722]
+    contrast = (linear(candidates) @ weights + 0.05) / (linear(background) @ weights + 0.05)
+    places, table = oklab(candidates[contrast >= 3.0]), oklab(colors)
+    order = list(dict.fromkeys([*range(34), *KITTI, *range(260)]))
+    nearest = np.full(len(places), np.inf)
+    for number, category in enumerate(order):
+        if number >= 8:
+            # The best two are never closer than 1.2e-6, far above any rounding of these numbers of about 1.
+            chosen = int(np.argmax(nearest))
+            assert np.abs(places[chosen] - table[category]).max() < 1e-12
+        nearest = np.minimum(nearest, np.linalg.norm(places - table[category], axis=-1))
+
+
 @pytest.mark.parametrize("field", ["label", "range", "height"])
 def test_no_points(field: str) -> None:
     empty = PointCloud(xyz=np.empty((0, 3)), label=np.empty(0, np.uint32), range=np.empty(0))

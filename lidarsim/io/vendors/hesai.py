@@ -1,12 +1,13 @@
-"""Hesai's corrections: a CSV or, of the AT128, a DAT with the angles of the channels; a CSV with their firing times.
+"""Hesai's calibration files: the angles of the channels, a CSV or for the AT128 a DAT, and their firing times, a CSV.
 
 Hesai's x points to the right and y to the front of the sensor, and azimuths grow clockwise from y. Channel i, fired
 while the rotor stands at azimuth a, looks from the optical centre, which turns with the rotor, at azimuth
 a + Azimuth[i] and elevation Elevation[i]. Here the front is x and azimuths grow counter-clockwise, so that those of the
 files change their sign.
 
-A range counts from the axis of the rotor: it is |o + r u| for an optical centre o and a beam u that measures r. To
-first order in o/r that is r + o.u; what is left out, (|o|^2 - (o.u)^2) / 2r, is less than 1 mm from 0.5 m on.
+Hesai measures ranges from the axis of the rotor: a point at distance r along a beam u from the optical centre o has
+the range |o + r u|. To first order in |o|/r that is r + o.u; the remainder, at most (|o|^2 - (o.u)^2) / 2r, is less
+than 1 mm beyond 0.5 m.
 
 In an AT128 a mirror turns instead, and its front is at azimuth 90 degrees. While the encoder stands at e, between the
 start of a facet and its end, the DAT file's channel i looks at::
@@ -14,8 +15,8 @@ start of a facet and its end, the DAT file's channel i looks at::
     azimuth   = 2 (e - start) - azimuth[i] + azimuth_adjust[i](e)
     elevation = elevation[i] + elevation_adjust[i](e)
 
-with adjustments that are listed every 2 degrees of e and linear between. So its azimuth[i] is the opposite of what a
-CSV of angles gives, and the same as the azimuth offset here.
+with adjustments tabulated every 2 degrees of e and interpolated linearly. So its azimuth[i] has the opposite sign of
+that in a CSV of angles, and the same sign as the azimuth offset here.
 
 Source: HesaiTechnology/HesaiLidar_SDK_2.0, libhesai/UdpParser: src/general_parser.cc, udp1_4_parser.cc,
 udp3_2_parser.cc and udp4_3_parser.cc, include/general_parser.h (where a range counts from) and udp4_3_parser.h.
@@ -48,14 +49,14 @@ FIRING_TIMES = "Hesai firetime correction CSV"
 
 
 class Model(NamedTuple):
-    """How a model is told by its angles, degrees."""
+    """The angles by which a model is recognised, degrees."""
 
     name: str
     channels: int
     top: float
     bottom: float
     widest: float
-    """Greatest azimuth of a channel, of either sign."""
+    """Greatest absolute azimuth of a channel."""
     preset: str | None
 
 
@@ -71,10 +72,12 @@ MODELS = (
     Model("AT128", 128, 12.9, -12.5, 2.4, "hesai-at128"),
 )
 MARGIN = 1.5
-"""How far the outer channels of a unit may be from its model's, degrees; units differ by less than half a degree."""
+"""How far the outermost channels of a unit may be from those of its model, degrees; units differ by less than half a
+degree."""
 
 Firings = list[tuple[npt.NDArray[np.intp], Floats]]
-"""Which channels fire in a column, and when, s from its start: one entry for each kind of column, which take turns."""
+"""Which channels fire in a column, and when, s from its start: one entry for each kind of column, in the order in which
+the kinds alternate."""
 
 
 def recognise_angles(path: Path, text: str) -> bool:
@@ -85,7 +88,7 @@ def recognise_angles(path: Path, text: str) -> bool:
 
 def recognise_mirror_angles(path: Path, text: str) -> bool:
     """Return whether the file `path`, whose head is `text`, is an angle correction DAT."""
-    if not text.startswith("\ufffd\ufffd"):  # what the two bytes of its mark are as text
+    if not text.startswith("\ufffd\ufffd"):  # the two bytes of its mark, neither of which is UTF-8
         return False
     with path.open("rb") as file:
         return file.read(2) == b"\xee\xff"
@@ -107,16 +110,16 @@ def read(
 ) -> Lidar:
     """Return the sensor whose angles a Hesai angle correction CSV lists.
 
-    Everything else is that of the preset of the model, which is told by the number and the angles of the channels.
+    The model is recognised by the number and the angles of its channels, and everything else is that of its preset.
 
     Parameters
     ----------
     path : path-like
         The file.
     firing_times : path-like, optional
-        The firetime correction CSV of the sensor. Of a Pandar128E3X and an OT128 the standard mode is taken, at far
-        ranges, in which two sets of firing times take turns from column to column. Of a QT128C2X it is needed: in each
-        column only 96 of its channels fire. Default: the preset's firing times.
+        The firetime correction CSV of the sensor. For a Pandar128E3X and an OT128 the standard mode at far ranges is
+        used, in which two sets of firing times alternate from column to column. A QT128C2X requires it, since only 96
+        of its channels fire in each column. Default: the preset's firing times.
     rate : float, optional
         Turns, and so frames, per second, Hz. Default: the preset's.
     noise : {"datasheet"}, optional
@@ -130,7 +133,7 @@ def read(
     Raises
     ------
     FileFormatError
-        If a file is not whole or the sensor is of a model that is not covered.
+        If a file is incomplete or the model of the sensor is not supported.
     """
     with refusals(path, ANGLES):
         elevations, azimuths = _by_channel(path, "elevation", "azimuth")
@@ -143,6 +146,7 @@ def read(
     lidar = _qt128(noise) if model.preset is None else Lidar.preset(model.preset, noise=noise)
     changes: dict[str, Any] = {"elevations": np.radians(elevations), "azimuth_offsets": np.radians(-azimuths)}
     if rate is not None:
+        rate = real("rate", rate, above=0.0)
         mirror = isinstance(lidar.pattern, PolygonMirror)
         changes |= {"rate": rate, "line_rate": rate} if mirror else {"rate": rate}
     firings: Firings = []
@@ -166,8 +170,8 @@ def read_mirror(
 ) -> Lidar:
     """Return the AT128 that a Hesai angle correction DAT describes.
 
-    A frame is the line of one of its facets, which differ: where each begins, and how it bends the beams, is that of
-    the file. The decoder rounds the adjustments to 0.01 degrees; here they are linear between those listed.
+    A frame is one sweep of one facet of the mirror. Facets differ, in where they begin and in how they deflect the
+    beams, as the file says. The decoder rounds the adjustments to 0.01 degrees; here they are not rounded.
 
     Parameters
     ----------
@@ -188,7 +192,7 @@ def read_mirror(
     Raises
     ------
     FileFormatError
-        If a file is not whole, or not that of an AT128.
+        If a file is incomplete, or not that of an AT128.
     """
     lidar = Lidar.preset("hesai-at128", noise=noise)
     preset = cast("PolygonMirror", lidar.pattern)
@@ -203,7 +207,7 @@ def read_mirror(
 
 
 def refuse_firing_times(path: Path) -> Lidar:
-    """Say what to do with a firetime correction CSV, which is half of a sensor."""
+    """Raise an error that says how to use a firetime correction CSV, which does not describe a sensor by itself."""
     raise FileFormatError(
         f"{path}: {FIRING_TIMES}: the angles of the channels are missing: "
         f"give the {ANGLES} as the file and this one as its firing_times"
@@ -214,21 +218,21 @@ class _Mirror(NamedTuple):
     """What a DAT file says, in degrees."""
 
     starts: Floats
-    """Where the encoder stands when each facet begins, shape (facets,)."""
+    """Encoder angle at which each facet begins, shape (facets,)."""
     azimuth: Floats
     elevation: Floats
     azimuth_adjust: Floats
-    """Of each channel, every 2 degrees of the encoder, shape (channels, 180)."""
+    """One row for each channel, one number for every 2 degrees of the encoder, shape (channels, 180)."""
     elevation_adjust: Floats
 
     @classmethod
     def from_bytes(cls, data: bytes, model: Model) -> _Mirror:
         """Return what the bytes of a file say, after checking their length and hash.
 
-        They are a header (mark, version, numbers of channels, mirrors and frames, eight bytes of the frames' order, and
-        a resolution, so that the unit of the angles is 1/25600 of it and that of the adjustments 1/100 of it, degrees);
-        then, in little-endian order, starts and ends of the frames (uint32), azimuths and elevations (int32), azimuth
-        and elevation adjustments (int8); and the SHA-256 of all of this.
+        The layout: a header (mark, version, numbers of channels, mirrors and frames, eight bytes for the order of the
+        frames, and a resolution: angles are in units of resolution/25600 degrees, adjustments of resolution/100
+        degrees); then, little-endian, starts and ends of the frames (uint32), azimuths and elevations (int32), azimuth
+        and elevation adjustments (int8); last the SHA-256 of all before it.
         """
         header = struct.Struct("<2x5B8xB")
         if len(data) < header.size:
@@ -243,7 +247,7 @@ class _Mirror(NamedTuple):
         if len(data) != size:
             raise ValueError(f"expected {size} bytes, got {len(data)}")
         if hashlib.sha256(data[:-digest]).digest() != data[-digest:]:
-            raise ValueError("expected the SHA-256 of the rest of the file at its end, got another")
+            raise ValueError("expected the last 32 bytes to be the SHA-256 of all before them, got others")
         whole = np.frombuffer(data, "<i4", 2 * frames + 2 * channels, header.size) * (resolution / 25600.0)
         small = np.frombuffer(data, "i1", adjusts, header.size + angles) * (resolution / 100.0)
         azimuth, elevation = whole[2 * frames :].reshape(2, channels)
@@ -251,8 +255,8 @@ class _Mirror(NamedTuple):
 
     def turn(self, preset: PolygonMirror, firing_times: Floats, rate: float) -> Table:
         """Return one turn of the mirror, each facet a frame, with the field of view and pulse rate of `preset`."""
-        used = math.degrees(preset.field_of_view) / 2.0  # of the encoder; the mirror turns the beams twice as fast
-        before = (90.0 - used) / 2.0  # so that the middle of what is used is the front
+        used = math.degrees(preset.field_of_view) / 2.0  # of the encoder: beams turn twice as fast as the mirror
+        before = (90.0 - used) / 2.0  # so that the middle of the used part looks to the front
         speed = rate * 360.0 / len(self.starts)
         past = (self.starts - self.starts[0]) % 360.0
         even = np.arange(len(past)) * 360.0 / len(past)
@@ -287,7 +291,7 @@ class _Mirror(NamedTuple):
 def _qt128(noise: str | None) -> Lidar:
     """Return a QT128C2X without the angles of its channels."""
     if noise is not None:
-        raise ValueError(f"noise: expected none, since there is no data sheet of a QT128C2X here, got {noise!r}")
+        raise ValueError(f"noise: expected None, since no datasheet noise is known for the QT128C2X, got {noise!r}")
     # Source: tier4/nebula nebula_hesai_decoders, pandar_qt128.hpp: ranges, and 0.4 degrees a column at 10 Hz; optical
     # centre: HesaiLidar_SDK_2.0, udp3_2_parser.cc.
     pattern = Spinning(np.zeros(128), column_period=1.0 / 9000.0, beam_origins=(0.0354, -0.0072, 0.0))
@@ -295,7 +299,7 @@ def _qt128(noise: str | None) -> Lidar:
 
 
 def _taking_turns(rotor: Spinning, firings: Firings) -> Table:
-    """Return one turn of a rotor with `firings` that take turns from column to column, and a whole number of each."""
+    """Return one turn of a rotor in whose columns the kinds of `firings` alternate, equally many columns of each."""
     kinds = len(firings)
     columns = round(rotor.columns_per_turn / kinds)
     channel = np.concatenate([channels for channels, _ in firings])
@@ -320,7 +324,7 @@ def _taking_turns(rotor: Spinning, firings: Firings) -> Table:
 
 
 def _firings(path: Path, model: Model) -> Firings:
-    """Return which channels fire when, counted from the first, as a firetime correction CSV lists it."""
+    """Return which channels fire when, counted from the earliest, as a firetime correction CSV lists it."""
     with refusals(path, FIRING_TIMES):
         lines = path.read_text(encoding="utf-8-sig").splitlines()
         cells = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
@@ -341,7 +345,7 @@ def _firings(path: Path, model: Model) -> Firings:
 def _states(cells: list[list[str]]) -> Firings:
     """Return the firings of the standard mode: the columns of operation mode 2, at far ranges, one for each state.
 
-    Times are microseconds or, in the files that tell far from near in their first line, nanoseconds.
+    Times are in microseconds or, in files whose first line distinguishes far from near, nanoseconds.
     """
     near_and_far = "distance" in "".join(cells[0])
     (modes, states, *rows), unit = (cells[1:], 1e-9) if near_and_far else (cells, 1e-6)
@@ -359,7 +363,7 @@ def _states(cells: list[list[str]]) -> Firings:
 
 
 def _loops(cells: list[list[str]]) -> Firings:
-    """Return the firings of loops, two columns each: a channel, or 0 in rows that are left over, and its time, us."""
+    """Return the firings of loops, two columns each: a channel, or 0 in unused rows, and its time, us."""
     rows = array("rows", [[float(cell) for cell in row] for row in cells[3:]], ("n", len(cells[2])))
     loops = np.split(rows, rows.shape[1] // 2, axis=1)
     fired = [loop[loop[:, 0] > 0.0] for loop in loops]
@@ -367,7 +371,7 @@ def _loops(cells: list[list[str]]) -> Firings:
 
 
 def _channels(numbers: list[str]) -> npt.NDArray[np.intp]:
-    """Return the places of channels that are numbered from 1."""
+    """Return the indices of channels that are numbered from 1."""
     channel = np.array([int(number) for number in numbers], dtype=np.intp)
     if not np.array_equal(np.sort(channel), np.arange(1, len(channel) + 1)):
         raise ValueError(f"expected each of the channels 1 to {len(channel)} once")

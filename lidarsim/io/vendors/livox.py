@@ -26,7 +26,7 @@ KIND = "Livox scan pattern CSV"
 
 
 class Model(NamedTuple):
-    """How a model is told, and how it fires."""
+    """How a model is recognised, and how it fires."""
 
     horizontal: float
     vertical: float

@@ -9,8 +9,8 @@ The published range-to-xyz formula, column m of W, channel i, range r, transform
     y  = (r - n) sin(te + ta) cos(phi) + B03 sin(te)
     z  = (r - n) sin(phi) + B23
 
-followed by lidar_to_sensor_transform. So a beam leaves (B03, 0, B23) of the head, and Ouster's range is n more than the
-range from there.
+followed by lidar_to_sensor_transform. So a beam leaves the head at (B03, 0, B23), and Ouster's range is the range from
+there plus n.
 
 Source: Ouster Software User Manual, "Lidar Range to XYZ"; ouster-sdk, ouster_client/src/lidar_scan.cpp, make_xyz_lut.
 """
@@ -37,7 +37,7 @@ KIND = "Ouster metadata JSON"
 MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
 
 PRESETS = {"OS-0": "ouster-os0-128", "OS-1": "ouster-os1-128", "OS-2": "ouster-os2-128"}
-"""Whose limits and noise a product has, by the start of its prod_line."""
+"""Presets that give the limits and noise of a product, by the start of its prod_line."""
 
 BEAM_ORIGIN_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}
 """Distance from the axis to the beams' origin for old files that lack it (ouster-sdk, ouster_client/src/types.cpp)."""
@@ -60,7 +60,8 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
     path : path-like
         The file.
     mode : str, optional
-        Columns a turn and turns a second, such as "1024x20", all around. Default: mode and column window of the file.
+        Columns per turn and turns per second, such as "1024x20", all around. Default: the mode and column window of the
+        file.
     noise : {"datasheet"}, optional
         As in `Lidar.preset`.
 
@@ -73,7 +74,7 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
     Raises
     ------
     FileFormatError
-        If the file is not whole or describes a sensor that is not covered.
+        If the file is incomplete or describes a sensor that is not supported.
     """
     with refusals(path, KIND):
         try:
@@ -128,7 +129,7 @@ def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning
 
 
 def _mode(asked: str | None, given: object) -> tuple[int, float]:
-    """Return columns a turn and turns a second."""
+    """Return the numbers of columns per turn and of turns per second."""
     mode = given if asked is None else asked
     if mode not in MODES:
         name = "lidar_mode" if asked is None else "mode"
@@ -138,7 +139,7 @@ def _mode(asked: str | None, given: object) -> tuple[int, float]:
 
 
 def _beam_origin(keys: dict[str, Any], product: str) -> Floats:
-    """Return where the beams leave the head, mm."""
+    """Return the position at which the beams leave the head, mm, shape (3,)."""
     if "beam_to_lidar_transform" not in keys:
         distance = keys.get("lidar_origin_to_beam_origin_mm", BEAM_ORIGIN_MM[product[:4]])
         return array("lidar_origin_to_beam_origin_mm", [distance, 0.0, 0.0], (3,))

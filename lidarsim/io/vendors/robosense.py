@@ -1,6 +1,6 @@
-"""RoboSense's angles of a unit: a CSV without names, one line a channel, as the ROS driver keeps it.
+"""RoboSense's angles of a unit: a CSV without a header, one line per channel, as the ROS driver keeps it.
 
-A line gives the elevation of a channel and, for the RS-LiDAR-32, its azimuth relative to the head, clockwise, degrees.
+A line gives the elevation of a channel and, for the RS-LiDAR-32, its clockwise azimuth relative to the head, degrees.
 Lines are in the order of the channels, which is not that of their elevations.
 
 Source: RoboSense-LiDAR/ros_rslidar, rslidar_pointcloud/data/rs_lidar_16/angle.csv and rs_lidar_32/angle.csv; firing
@@ -25,7 +25,7 @@ KIND = "RoboSense angle CSV"
 
 
 class Model(NamedTuple):
-    """What the angles do not say; the rest is that of the preset."""
+    """What the file does not say and the preset has in another order."""
 
     preset: str
     firing_us: list[float]
@@ -39,7 +39,7 @@ MODELS = {
         [start + 2.88 * step for start in (0.0, 1.44) for step in (*range(15), 15.5)],
     ),
 }
-"""By lines, and numbers a line."""
+"""Models by the number of lines and of values per line."""
 
 
 def recognise(path: Path, text: str) -> bool:
@@ -50,7 +50,7 @@ def recognise(path: Path, text: str) -> bool:
 
 
 def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> Lidar:
-    """Return the sensor whose angles a RoboSense CSV lists: an RS-LiDAR-16 or an RS-LiDAR-32, told by its lines.
+    """Return the sensor whose angles a RoboSense CSV lists: an RS-LiDAR-16 or an RS-LiDAR-32, by its number of lines.
 
     Rings count upwards from the lowest channel, as in the ROS driver.
 

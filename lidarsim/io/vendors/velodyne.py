@@ -86,7 +86,7 @@ def read(path: Path, *, model: str | None = None, rate: float | None = None, noi
     Raises
     ------
     FileFormatError
-        If the file is not whole or describes a sensor that is not covered.
+        If the file is incomplete or describes a sensor that is not supported.
     """
     with refusals(path, KIND):
         name, changes = _calibration(_yaml(path), model)
@@ -145,7 +145,7 @@ def _fours(laser: Floats, group: float, within: tuple[float, ...]) -> Floats:
 
 
 def _model(lasers: int, azimuth_offset: Floats) -> str:
-    """Return the model that a calibration is most likely of."""
+    """Return the model that most likely has such a calibration."""
     if lasers == 32:
         return "velodyne-vlp32c" if azimuth_offset.any() else "velodyne-hdl32e"
     for name, model in MODELS.items():

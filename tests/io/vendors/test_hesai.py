@@ -172,7 +172,7 @@ def test_facets_of_a_dat_begin_in_their_frames(tmp_path: Path) -> None:
         (lambda data: data[:-1], "expected 47176 bytes, got 47175"),
         (
             lambda data: data[:5000] + bytes([data[5000] ^ 1]) + data[5001:],
-            "expected the SHA-256 of the rest of the file at its end, got another",
+            "expected the last 32 bytes to be the SHA-256 of all before them, got others",
         ),
         (lambda data: data[:3] + b"\x03" + data[4:], "expected version 1.5, got 1.3"),
         (lambda data: data[:4] + b"\x40" + data[5:], "expected the 128 channels of an AT128, got 64"),
@@ -183,6 +183,12 @@ def test_bad_dat_is_named(tmp_path: Path, edit: Callable[[bytes], bytes], messag
     path.write_bytes(edit(MIRROR.read_bytes()))
     with pytest.raises(FileFormatError, match=f"^{re.escape(f'{path}: Hesai angle correction DAT: {message}')}$"):
         ls.Lidar.from_file(path)
+
+
+@pytest.mark.parametrize("path", [MIRROR, ANGLES, DATA / "nebula_PandarAT128.csv"])
+def test_bad_rates_are_named(path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^rate: expected a finite number > 0, got -1\.0$"):
+        ls.Lidar.from_file(path, rate=-1)
 
 
 def numbers(path: Path, skip: int) -> list[list[str]]:
@@ -332,7 +338,7 @@ def test_firing_times_alone_are_half_a_sensor(path: Path) -> None:
 
 def test_qt128_has_no_data_sheet() -> None:
     angles, times = DATA / "QT128C2X_Angle_Correction_File.csv", DATA / "QT128C2X_Firetime_Correction_File.csv"
-    message = "noise: expected none, since there is no data sheet of a QT128C2X here, got 'datasheet'"
+    message = "noise: expected None, since no datasheet noise is known for the QT128C2X, got 'datasheet'"
     with pytest.raises(ValueError, match=f"^{message}$"):
         ls.Lidar.from_file(angles, firing_times=times, noise="datasheet")
 
