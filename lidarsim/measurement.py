@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import array, integer, real
+from lidarsim._validation import angle, array, integer, real
 
 __all__ = ["Beam", "Detection", "Measurement"]
 
@@ -130,7 +130,7 @@ class Beam:
         """Check the arguments."""
         elevation = self.divergence_azimuth if self.divergence_elevation is None else self.divergence_elevation
         for name, value in (("divergence_azimuth", self.divergence_azimuth), ("divergence_elevation", elevation)):
-            object.__setattr__(self, name, real(name, value, at_least=0.0, at_most=1.0))
+            object.__setattr__(self, name, angle(name, value, at_least=0.0, at_most=1.0))
         object.__setattr__(self, "pulse_length", real("pulse_length", self.pulse_length, above=0.0))
         object.__setattr__(self, "rays", integer("rays", self.rays))
         if self.rays not in {7, 19, 37, 61, 91}:
@@ -224,7 +224,8 @@ class Measurement:
         is_table = isinstance(self.range_sigma, np.ndarray | list | tuple)
         for name, at_most in _NUMBERS.items():
             if not (name == "range_sigma" and is_table):
-                object.__setattr__(self, name, real(name, getattr(self, name), at_least=0.0, at_most=at_most))
+                number = angle if name in {"azimuth_sigma", "elevation_sigma"} else real
+                object.__setattr__(self, name, number(name, getattr(self, name), at_least=0.0, at_most=at_most))
         object.__setattr__(self, "range_bias", real("range_bias", self.range_bias))
         if is_table:
             object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))

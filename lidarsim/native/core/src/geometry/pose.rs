@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::arith::elementary::{RECIPROCAL_FACTORIALS, polynomial, sin_cos};
+use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::vector::Point;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -269,21 +270,6 @@ impl Turn {
         let twice = cross(self.vector, once);
         std::array::from_fn(|i| v[i] + first * once[i] + second * twice[i])
     }
-}
-
-#[inline(always)]
-pub fn dot(a: Point, b: Point) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-#[inline(always)]
-pub fn cross(a: Point, b: Point) -> Point {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-#[inline(always)]
-pub fn sub(a: Point, b: Point) -> Point {
-    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
 }
 
 fn product(a: [Point; 3], b: [Point; 3]) -> [Point; 3] {

@@ -1,7 +1,7 @@
 //! Directions: turned by a little, and of unit length to rounding.
 
 use crate::arith::elementary::sin_cos;
-use crate::geometry::pose::dot;
+use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 
 /// `direction` with its azimuth and elevation increased. At a pole, where the azimuth is free, it is 0.

@@ -21,11 +21,13 @@ use std::ops::Range;
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::number::Interval;
 use crate::arith::simd::{self, Isa, Level, Task};
-use crate::geometry::pose::{Path, Pose, cross, dot, sub};
+use crate::geometry::point::{cross, dot, sub};
+use crate::geometry::pose::{Path, Pose};
 use crate::geometry::vector::Point;
 use crate::measure::rng::{Effect, Stream};
 use crate::memory::split_off;
 use crate::scene::{Geometry, Hit, Scene};
+use crate::shapes::triangle::barycentric;
 use direction::{beside, distance, is_finite, is_unit, turned};
 use echo::{Echo, Light};
 use waveform::Waveform;
@@ -59,12 +61,8 @@ impl Caster for Scene {
         let middle = |x: Interval| x.low + 0.5 * (x.high - x.low);
         // From the hit to the corners: a triangle far from the origin of coordinates keeps its digits.
         let way = d.map(|x| hit.t * middle(x));
-        let [a, b, c] = vertices.map(|v| sub(sub(mesh.vertices()[v as usize], o.map(middle)), way));
-        // Twice the areas opposite to the corners; a hit on the rim may be outside by rounding.
-        let normal = cross(sub(b, a), sub(c, a));
-        let areas = [cross(b, c), cross(c, a), cross(a, b)].map(|n| dot(n, normal).max(0.0));
-        let all = areas[0] + areas[1] + areas[2];
-        Some((vertices, areas.map(|area| area / all)))
+        let corners = vertices.map(|v| sub(sub(mesh.vertices()[v as usize], o.map(middle)), way));
+        Some((vertices, barycentric(corners)))
     }
 }
 

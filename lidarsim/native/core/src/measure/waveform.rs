@@ -4,7 +4,7 @@ use super::Scratch;
 use super::beam::Beam;
 use super::echo::{Echo, Light};
 use crate::arith::elementary::exp;
-use crate::geometry::pose::dot;
+use crate::geometry::point::dot;
 
 /// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
 const REACH: f64 = 8.5;

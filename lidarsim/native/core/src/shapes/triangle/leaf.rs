@@ -3,7 +3,7 @@
 use super::Triangle;
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{self, Floats, Isa, lanes};
-use crate::geometry::pose::cross;
+use crate::geometry::point::cross;
 use crate::geometry::vector::Point;
 
 /// Most triangles of a leaf: a register has a lane for each.

@@ -14,6 +14,7 @@ use std::cmp::Ordering;
 use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
+use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -46,6 +47,16 @@ impl Triangle {
         let (Triangle(p, q, r), Triangle(u, v, w)) = (self, other);
         (0..3).any(|axis| [q, r, u, v, w].iter().all(|x| x[axis] == p[axis]))
     }
+}
+
+/// Barycentric coordinates of the origin in the plane of the triangle abc, each ≥ 0: a point on the rim may be outside by rounding.
+#[inline(always)]
+pub fn barycentric([a, b, c]: [Point; 3]) -> [f64; 3] {
+    let normal = cross(sub(b, a), sub(c, a));
+    // Twice the areas opposite to the corners, times the length of the normal.
+    let areas = [cross(b, c), cross(c, a), cross(a, b)].map(|n| dot(n, normal).max(0.0));
+    let all = areas[0] + areas[1] + areas[2];
+    areas.map(|area| area / all)
 }
 
 /// (b − a) × (c − a).
