@@ -929,7 +929,7 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"channel_bias_sigma": -0.1}, "channel_bias_sigma: expected a finite number >= 0, got -0.1"),
         ({"range_resolution": -0.1}, "range_resolution: expected a finite number >= 0, got -0.1"),
         ({"azimuth_sigma": -0.1}, "azimuth_sigma: expected a finite number from 0 to 1, got -0.1"),
-        ({"elevation_sigma": 2}, "elevation_sigma: expected a finite number from 0 to 1, got 2.0"),
+        ({"elevation_sigma": 2}, "elevation_sigma: expected a finite number from 0 to 1, got 2.0; degrees?"),
         ({"dropout": 1.5}, "dropout: expected a finite number from 0 to 1, got 1.5"),
         ({"dropout": -0.5}, "dropout: expected a finite number from 0 to 1, got -0.5"),
         ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
