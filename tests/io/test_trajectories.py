@@ -204,7 +204,7 @@ def test_files_that_cannot_be_read_or_written(tmp_path: Path) -> None:
         with pytest.raises(FileFormatError, match=f"^{re.escape(str(path))}: cannot read the file: {reason}$"):
             ls.Trajectory.load(path)
     path = tmp_path / "drive.bin"
-    message = f"{path}: unknown extension '.bin', expected .csv or .kitti or .tum or .txt"
+    message = f"{path}: unknown extension '.bin', expected .csv, .kitti, .tum or .txt"
     with pytest.raises(FileFormatError, match=f"^{re.escape(message)}$"):
         drive().save(path)
     with pytest.raises(OSError, match=f"^{re.escape(str(tmp_path / 'gone' / 'a.tum'))}: the folder "):

@@ -97,8 +97,9 @@ impl Frame<'_> {
     /// Whether each of some pulses has a pose.
     #[inline(always)]
     fn have_poses(&self, pulses: Range<usize>) -> bool {
-        // All at once, which is faster than to search for the first without.
-        self.times[pulses].iter().fold(true, |right, time| right & self.has_pose(*time))
+        // All at once, which is faster than to search for the first without; and the span of a path is not to be asked for at each.
+        let span = self.path.span();
+        self.times[pulses].iter().fold(true, |right, time| right & self.is_within(span, *time))
     }
 
     #[cold]
@@ -109,7 +110,7 @@ impl Frame<'_> {
                 Fault::Direction
             } else if !is_finite(self.origins[pulse]) {
                 Fault::Origin
-            } else if !self.has_pose(self.times[pulse]) {
+            } else if !self.is_within(self.path.span(), self.times[pulse]) {
                 Fault::Time
             } else {
                 continue;
@@ -120,8 +121,7 @@ impl Frame<'_> {
     }
 
     #[inline(always)]
-    fn has_pose(&self, time: f64) -> bool {
-        let [first, last] = self.path.span();
+    fn is_within(&self, [first, last]: [f64; 2], time: f64) -> bool {
         let time = self.start + time;
         time.is_finite() & (first <= time) & (time <= last)
     }
