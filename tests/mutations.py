@@ -176,7 +176,8 @@ def main() -> int:
         copy = Path(folder)
         ignored = shutil.ignore_patterns("target", "*.so", "__pycache__")
         for name in ("lidarsim", "tests"):
-            shutil.copytree(ROOT / name, copy / name, ignore=ignored)
+            # As new files: cargo takes those older than its last build, which may be of a mutant, for built.
+            shutil.copytree(ROOT / name, copy / name, ignore=ignored, copy_function=shutil.copy)
         places = {mutant: place(copy / CORE, mutant) for mutant in MUTANTS}
         chosen = [mutant for mutant in MUTANTS if options.only in mutant.name]
         if failed := unit_tests(copy / CORE, environment):
