@@ -461,4 +461,18 @@ mod tests {
         }
         assert!((6.5..8.0).contains(&least), "{least}");
     }
+
+    /// Where direction and error are rounded down by half a subnormal each, that is 8u of their sum, 2⁻¹²⁸: of the 12u, only the four would be left that the
+    /// reciprocal and what follows need, if the error were not rounded up.
+    #[test]
+    fn slopes_of_vague_directions_that_underflow_are_on_the_safe_side() {
+        let mut least = f64::INFINITY;
+        for k in 0..20_000 {
+            let d = 2.0_f64.powi(-129) + (f64::from(2 * k) + 0.5) * f64::from(f32::from_bits(1));
+            let subpacket = packet(0.0, d, d, 1.0).subpackets[0];
+            least = least.min((1.0 - f64::from(subpacket.near_slope[0][0]) * (d + d)) / f64::from(U));
+        }
+        // As many as for directions that are known, at least.
+        assert!(least >= 6.5, "{least}");
+    }
 }

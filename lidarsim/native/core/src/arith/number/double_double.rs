@@ -32,7 +32,8 @@ const TIMES: f64 = 5.0 * UNIT * UNIT;
 const OVER: f64 = 16.0 * UNIT * UNIT;
 const SQRT: f64 = 4.0 * UNIT * UNIT;
 
-/// Quotients and square roots below 2⁻⁸⁰⁰ are left to exact arithmetic: their residuals could underflow.
+/// Quotients and square roots of numbers below 2⁻⁸⁰⁰ are left to exact arithmetic. The residuals high − q·b.high and high − s² are multiples of
+/// a power of two above u²·|high|/4, so that they are exact down to 2⁻⁹⁶⁰; what underflow takes from the rest of a correction is far below u²·2⁻⁸⁰⁰.
 const SMALL: f64 = f64::from_bits((1023 - 800) << 52);
 
 /// Squares of numbers between 2⁻⁴⁰⁰ and 2⁴⁰⁰ neither overflow nor underflow.
@@ -416,5 +417,63 @@ mod tests {
         assert_slack("TIMES", product, 0.639);
         assert_slack("OVER", quotient, 0.384);
         assert_slack("SQRT", root, 0.733);
+    }
+
+    /// Down to where they are refused, quotients and square roots are as near as they are elsewhere.
+    #[test]
+    fn small_operands_are_as_near_or_refused() {
+        let (mut known, mut refused) = (0, 0);
+        let mut next = crate::testing::numbers();
+        for exponent in (-1010..-700).step_by(2) {
+            for _ in 0..4 {
+                let scale = 2.0_f64.powi(exponent / 2);
+                let mut operand = || {
+                    let (x, fraction) = (1.0 + next(), next() - 0.5);
+                    let low = fraction * f64::EPSILON;
+                    let sum = DoubleDouble {
+                        high: x * scale * scale,
+                        low: Some(low * scale * scale),
+                        ..DoubleDouble::exact(0.0)
+                    };
+                    (sum, Dyadic::exact(sum.high).plus(&Dyadic::exact(sum.low())))
+                };
+                let ((a, p), (b, q)) = (operand(), operand());
+                let zero = Dyadic::exact(0.0);
+                let [_, Some(root)] =
+                    Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p.clone(), Ordering::Greater, 0)
+                else {
+                    unreachable!("a positive number has a root")
+                };
+                for (found, root) in [(a.sqrt(), &root), (a.over(b), &Root::linear(p, q, 0))] {
+                    (known, refused) = (known + usize::from(found.is_ok()), refused + usize::from(found.is_err()));
+                    assert!(share_of(found, root) <= 1.0, "2^{exponent}");
+                }
+            }
+        }
+        assert!(known > 300 && refused > 300, "{known}, {refused}");
+    }
+
+    /// The 2u·|low| in `rounded` is twice what low ± error rounds. Of the 2u in `sign` low may take one from high, and the other is for the product.
+    #[test]
+    fn what_a_rounding_could_hide_is_uncertain() {
+        let number =
+            |low: f64, error: f64| DoubleDouble { low: Some(low), error: Some(error), ..DoubleDouble::exact(1.0) };
+        // The midpoint of 1 and the number above, or within less than half an ulp of `low` of it.
+        assert_eq!(number(UNIT, UNIT * UNIT / 2.0).rounded(), Err(Uncertain));
+        assert_eq!(number(UNIT, 0.0).rounded(), Err(Uncertain));
+        assert_eq!(number(UNIT * (1.0 - 4.0 * UNIT), 0.0).rounded(), Ok(1.0));
+        // Down to zero.
+        assert_eq!(number(-UNIT, 1.0 - UNIT).sign(), Err(Uncertain));
+        assert_eq!(number(-UNIT, 1.0 - 4.0 * UNIT).sign(), Ok(Ordering::Greater));
+    }
+
+    #[test]
+    fn proportions_are_known_to_what_is_promised() {
+        let promised = 2.0_f64.powi(-60);
+        for (error, known) in [(promised, true), (1.1 * promised, false)] {
+            let near = DoubleDouble::within(0.5, error, One);
+            let found = DoubleDouble::proportions(&[DoubleDouble::exact(1.0), near, near]);
+            assert_eq!(found, if known { Ok([1.0, 0.5, 0.5]) } else { Err(Uncertain) });
+        }
     }
 }

@@ -114,7 +114,7 @@ impl<I: Isa> Crossing<I> {
     #[inline(always)]
     pub fn bounds(&self) -> (Interval<I::F64x8>, u32) {
         let Expansion { high, low } = self.t;
-        // The last term alone is four times what the sum or difference rounds, and this sum.
+        // The last term alone is more than twice what the sum or difference rounds, and this sum.
         let off = self.error.add(low.abs()).add(high.abs().mul(I::F64x8::splat(8.0 * UNIT)));
         (Interval { low: high.sub(off), high: high.add(off) }, self.ordinary)
     }
@@ -215,5 +215,37 @@ mod tests {
             exact(t).times(&den).minus(&num).split().0.abs() / den.split().0.abs() / error[0]
         });
         assert_slack("error", found, 0.0149);
+    }
+
+    /// A crossing at a t with an error, of a normal along x whose coordinates are sums of products of this size.
+    fn crossing(t: [f64; 2], error: f64, size: f64) -> Crossing<Portable> {
+        let of = |high: f64, low: f64| Expansion { high: [high; 8], low: [low; 8] };
+        let normal = [of(1.0, 0.0), of(0.0, 0.0), of(0.0, 0.0)];
+        Crossing { normal, size: in_lanes([size, 0.0, 0.0]), t: of(t[0], t[1]), error: [error; 8], ordinary: 0xff }
+    }
+
+    /// The ends are at least seven roundings outside: eight, but for the one of the sum itself.
+    #[test]
+    fn bounds_reach_beyond_the_error() {
+        let draw = |i: usize, next: &mut dyn FnMut() -> f64| if i == 0 { 1.0 + next() } else { 2.0 * next() - 1.0 };
+        let (least, _) = worst(4, 1000, draw, |x: &[f64; 3]| {
+            let (high, low, error) = (x[0], x[1].clamp(-1.0, 1.0) * UNIT, x[2].abs() * UNIT);
+            let (t, _) = crossing([high, low], error, 1.0).bounds();
+            let beyond = |end: f64, sign: f64| {
+                let reached = Dyadic::exact(high).plus(&Dyadic::exact(low)).plus(&Dyadic::exact(sign * error));
+                sign * Dyadic::exact(end).minus(&reached).split().0 / (UNIT * high)
+            };
+            -beyond(t.low[0], -1.0).min(beyond(t.high[0], 1.0))
+        });
+        assert!((7.0..7.5).contains(&-least), "{least}");
+    }
+
+    /// With a length of 1, normals are known to `BOUND`·size.
+    #[test]
+    fn normals_are_known_to_what_is_promised() {
+        let promised = 2.0_f64.powi(-60) / BOUND;
+        for (size, known) in [(0.9 * promised, 0xff), (1.1 * promised, 0)] {
+            assert_eq!(crossing([1.0, 0.0], 0.0, size).rounded().2, known);
+        }
     }
 }
