@@ -97,7 +97,7 @@ impl Frame<'_> {
     /// Whether each of some pulses has a pose.
     #[inline(always)]
     fn have_poses(&self, pulses: Range<usize>) -> bool {
-        // All at once, which is faster than to search for the first without; and the span of a path is not to be asked for at each.
+        // All at once, which is faster than to search for the first without. The span of a path is found recursively: once is enough.
         let span = self.path.span();
         self.times[pulses].iter().fold(true, |right, time| right & self.is_within(span, *time))
     }

@@ -45,7 +45,7 @@ pub struct Measurement {
     pub range_sigma: RangeSigma,
     pub beam: Option<Beam>,
     pub returns: Returns,
-    /// What the sensor's own range is more than that from the beam's origin, m: none for 0, one for all rings, or one a ring.
+    /// The sensor's own range less the range from the beam's origin, m: empty for 0, one number for all rings, or one per ring.
     pub range_offset: Vec<f64>,
     pub min_range: f64,
     pub max_range: f64,
