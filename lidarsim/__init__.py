@@ -26,6 +26,7 @@ from lidarsim.shapes import (
     TriangleMesh,
 )
 from lidarsim.trajectory import Trajectory, register_trajectory_format
+from lidarsim.viewers import show
 
 __all__ = [
     "Beam",
@@ -60,6 +61,7 @@ __all__ = [
     "register_lidar_reader",
     "register_trajectory_format",
     "register_view",
+    "show",
 ]
 
 __version__ = "0.1.0"
