@@ -1,11 +1,12 @@
-"""The command line: ``lidarsim scan | view | sensors | check | bench``."""
+"""The command line: ``lidarsim scan | generate | view | sensors | check | bench``."""
 
 from __future__ import annotations
 
 import dataclasses
+import re
 import sys
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
@@ -163,9 +164,57 @@ def _bag(output: Path, run: Run) -> rosbag.Writer | None:
 
 
 @app.command()
+def generate(
+    recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="A recipe in YAML.")] = None,
+    *,
+    output: Annotated[str, _option("--output -o", "FOLDER|URL", "Where to: a folder, or such as s3://bucket/folder.")],
+    workers: Annotated[int | None, _option("--workers", "N", "Use N processes of one thread each.")] = None,
+    scheduler: Annotated[str | None, _option("--scheduler", "ADDRESS", "Use a Dask cluster: tcp://host:8786.")] = None,
+    shard: Annotated[str | None, _option("--shard", "I/N", "Make only the I-th of N parts, I from 0 on.")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Only check the files that are there.")] = False,
+    pictures: Annotated[int, _option("--pictures", "N", "How many frames the data card shows (3).")] = 3,
+    overrides: Annotated[list[str] | None, _option("--set", "KEY=VALUE", "Set a value of RECIPE: frames=100")] = None,
+) -> None:
+    """Make the data set that RECIPE describes, or go on with it.
+
+    What is there stays, so after a crash, a full disk or Ctrl-C the same command goes on where that one stopped. The
+    files are the same, to the last byte, for any number of workers.
+    """
+    if verify:
+        problems = ls.datasets.verify(output)
+        if problems:
+            raise LidarsimError(f"{output}: {len(problems)} files are not as made: {problems[0]}")
+        _print(f"{output}: all files are as made")
+        return
+    if recipe is None:
+        raise LidarsimError("RECIPE: expected a recipe, or --verify, got neither")
+    from lidarsim.datasets.engine import cluster
+
+    with cluster(workers, scheduler) as client:
+        if client is not None and client.dashboard_link:
+            _print(f"dashboard: {client.dashboard_link}")
+        made = ls.generate(
+            recipe, output, client=client, part=_part(shard), overrides=overrides or (), pictures=pictures
+        )
+    _print(f"{made.frames:,} frames, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    if made.shards_left:
+        _print(f"{made.shards_left:,} shards of other parts are not there yet")
+
+
+def _part(text: str | None) -> tuple[int, int]:
+    if text is None:
+        return 0, 1
+    found = re.fullmatch(r"(\d+)/(\d+)", text)
+    if found is None or not int(found[1]) < int(found[2]):
+        raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {text!r}")
+    return int(found[1]), int(found[2])
+
+
+@app.command()
 def view(
     path: Annotated[
-        Path, typer.Argument(metavar="PATH|CONFIG", help="A point cloud, a folder of them, or a configuration to scan.")
+        Path,
+        typer.Argument(metavar="PATH", help="A point cloud, a folder of them, a configuration or a recipe."),
     ],
     *,
     viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Whose window opens.")] = Viewer.PYVISTA,
@@ -202,11 +251,11 @@ def view(
         require_display()
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
     if path.suffix.lower() in (".yaml", ".yml"):
-        run = _load(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         if saves == [screenshot]:
             run = dataclasses.replace(run, frames=run.frames[:1])
         clouds, poses = zip(*_progress(_seen(run), len(run.frames)), strict=True)
-        looks |= {"pose": poses, "scene": run.scene if surfaces else None}
+        looks |= {"pose": poses, "scene": run.scene if surfaces else None, "class_names": names}
     else:
         given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
         unused = [name for name, value in given.items() if value is not None]
@@ -326,6 +375,19 @@ def _complain(problem: object) -> int:
 def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> Run:
     given = [f"{key}={value}" for key, value in settings.items() if value is not None]
     return ls.config.load(config, [*(overrides or []), *given])
+
+
+def _described(path: Path, overrides: list[str] | None, **settings: int | None) -> tuple[Run, Mapping[int, str] | None]:
+    """Return the run that a configuration describes, or the first of a recipe, with the names of its classes."""
+    from lidarsim.config.document import entries, read
+
+    if "run" not in entries(read(path)):
+        return _load(path, overrides, **settings), None
+    from lidarsim.datasets import recipe
+
+    given = [f"{key}={value}" for key, value in settings.items() if value is not None]
+    made = recipe.load(path, [*(overrides or []), *given])
+    return made.source.run(0), made.class_names
 
 
 def _check_screenshot(path: Path | None) -> None:

@@ -33,6 +33,7 @@ def show(
     *,
     scene: Scene | None = None,
     color_by: str | None = None,
+    class_names: Mapping[int, str] | None = None,
     pose: Transform | Sequence[Transform] | None = None,
     save: PathLike | None = None,
     camera: Camera | Sequence[Sequence[float]] = "behind",
@@ -51,6 +52,8 @@ def show(
         Surfaces to show beside the points, translucent and in the colours of their labels or objects if the points are.
     color_by : str, optional
         Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
+    class_names : mapping of int to str, optional
+        Names of labels, for the legend. Default: those of the scene.
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
         Where the sensor was when a cloud was taken, or each of several, in the coordinates of the points: shown by its
         axes (x red, y green, z blue). Default: the identity. Scans know theirs.
@@ -92,14 +95,14 @@ def show(
         check_save(save)
     width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(size))
     if isinstance(what, Scene):
-        picture = _picture([_frame(_nothing(), np.eye(4))], what, color_by, camera, 10.0)
+        picture = _picture([_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0)
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
         if not given:
             raise ValueError("what: expected at least one frame, got none")
         poses = _poses(pose, len(given))
         frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
-        picture = _picture(frames, scene, color_by, camera, _rate(given[0]))
+        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=_rate(given[0]))
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
@@ -167,7 +170,15 @@ def _rate(what: Shown) -> float:
     return max((scan.lidar.pattern.rate for scan in scans if isinstance(scan, Scan)), default=10.0)
 
 
-def _picture(frames: list[Frame], scene: Scene | None, color_by: str | None, camera: object, rate: float) -> Picture:
+def _picture(
+    frames: list[Frame],
+    scene: Scene | None,
+    color_by: str | None,
+    class_names: Mapping[int, str] | None,
+    *,
+    camera: object,
+    rate: float,
+) -> Picture:
     points = [frame.cloud.xyz for frame in frames]
     places = np.array([frame.pose[:3, 3] for frame in frames])
     everything = np.concatenate([*points, places])
@@ -180,6 +191,8 @@ def _picture(frames: list[Frame], scene: Scene | None, color_by: str | None, cam
             "object_id": {i: item.name for i, item in enumerate(scene.objects)},
             "label": getattr(scene, "class_names", {}),
         }
+    if class_names is not None:
+        names["label"] = class_names
     if color_by is None and scene is not None and not any(map(len, points)):
         color_by = "label"
     return Picture(
