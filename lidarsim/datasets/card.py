@@ -96,7 +96,8 @@ def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "frame.png"
             try:
-                pyvista.render(sample.cloud, path, color_by="label", window_size=(1200, 750))
+                cloud = sample.scan.point_cloud("world")  # where it is not skewed
+                pyvista.render(cloud, path, color_by="label", pose=sample.record.matrix, window_size=(1200, 750))
             except MissingExtraError:
                 return []
             plan.store.write(name, path.read_bytes())
