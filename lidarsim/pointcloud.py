@@ -39,6 +39,7 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
     "normal": ((3,), np.float32),
     "incidence": ((), np.float32),
     "range_error": ((), np.float64),
+    "radial_velocity": ((), np.float32),
 }
 """Shape per point and dtype of the fields that lidarsim itself gives, in their order."""
 
@@ -85,6 +86,8 @@ class PointCloud:
         Angle between the pulse and the surface normal, rad.
     range_error : ndarray of float64, shape (n,)
         Measured minus true range, m.
+    radial_velocity : ndarray of float32, shape (n,)
+        How fast the range grows, m/s; only where the sensor or an object moves.
 
     Raises
     ------
@@ -120,6 +123,7 @@ class PointCloud:
     normal: npt.NDArray[np.float32]
     incidence: npt.NDArray[np.float32]
     range_error: npt.NDArray[np.float64]
+    radial_velocity: npt.NDArray[np.float32]
 
     def __init__(self, fields: Mapping[str, npt.ArrayLike] | None = None, /, **more: npt.ArrayLike) -> None:
         given = dict(fields or {}, **more)

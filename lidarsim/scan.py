@@ -113,6 +113,10 @@ class Scan:
         Start of the scan, s.
     frame : int
         Number of the frame.
+    radial_velocity : ndarray of float32, shape (n, k), or None
+        How fast the true range grows, m/s, as an FMCW lidar measures it: the velocity of the point of the surface less
+        that of the beam's origin, along the direction that the pulse really took. None where neither the sensor nor
+        any object moves.
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the point that each return really came from, in the sensor frame; None if
         there is neither angular jitter nor a beam, since it is then the direction of the pulse.
@@ -139,6 +143,7 @@ class Scan:
     time: float
     frame: int
     true_direction: Floats | None = None
+    radial_velocity: npt.NDArray[np.float32] | None = None
 
     def __len__(self) -> int:
         """Return the number of pulses."""
@@ -361,8 +366,9 @@ def scan(
         What it looks at.
     pose : RigidTransform, array_like of shape (4, 4), or Trajectory, optional
         Sensor to world; default the identity. With a trajectory each pulse is fired from the pose at its own time.
+        Objects that move are where they are at that time.
     time : float
-        When the frame starts, s: the pulse fired at t in the frame is fired at `time` + t on the trajectory.
+        When the frame starts, s: the pulse fired at t in the frame is fired at `time` + t.
     frame : int
         Number of the frame, 0 to 2³² − 1.
     seed : int
@@ -378,8 +384,8 @@ def scan(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong type or out of its range, if the trajectory does not cover all pulses, or if a
-        pulse of the pattern is not finite or its direction not of unit length.
+        If an argument is of the wrong type or out of its range, if the trajectory or the motion of an object does
+        not cover all pulses, or if a pulse of the pattern is not finite or its direction not of unit length.
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"scene: expected a Scene, got {scene!r}")
@@ -388,14 +394,19 @@ def scan(
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
     where = _where(pose)
     pulses = pulses_of(lidar.pattern, frame)
-    path = _path(where, pulses, time, 1.0 / lidar.pattern.rate)
+    period = 1.0 / lidar.pattern.rate
+    path = _path(where, pulses, time, period)
+    _, world, appearances = scene._core()
+    whole = pulses
     chosen = None if indices is None else _indices(indices, len(pulses))
     if chosen is not None:
         pulses = replace(
             pulses,
             **{name: getattr(pulses, name)[chosen] for name in ("directions", "origins", "time", "ring", "column")},
         )
-    _, world, appearances = scene._core()
+    if world.moves() and len(pulses):
+        fired = time + pulses.time.min(), time + pulses.time.max()
+        scene._check_motions(*fired, lambda end: _carried_on(end, whole, time, period))
     arrays = _native.scan(
         world,
         appearances,
@@ -452,19 +463,26 @@ def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:
 
 
 def _path(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:
-    """Return where the sensor is while it fires a frame.
+    """Return where the sensor is while it fires a frame."""
+    if not isinstance(pose, Trajectory):
+        return _native.Path.still(pose.tolist())
+    end = pose.span[1]
+    until = _carried_on(end, pulses, start, period)
+    return pose._native.held(until) if until > end else pose._native
+
+
+def _carried_on(last: float, pulses: Pulses, start: float, period: float) -> float:
+    """Return to which time a trajectory whose last is `last` may be carried on for a frame.
 
     A trajectory up to the end of the frame is enough: it is extrapolated, at its final velocities, for the rest of a
     firing cycle that begins before the end of the frame.
     """
-    if not isinstance(pose, Trajectory):
-        return _native.Path.still(pose.tolist())
-    end = start + pulses.time.max(initial=-math.inf)
-    if end > pose.span[1]:
-        late, over = start + pulses.time > pose.span[1], pulses.time >= period
+    end: float = start + pulses.time.max(initial=-math.inf)
+    if end > last:
+        late, over = start + pulses.time > last, pulses.time >= period
         if not (late & ~over).any() and np.isin(pulses.column[late], pulses.column[~over]).all():
-            return pose._native.held(end)
-    return pose._native
+            return end
+    return last
 
 
 def _arrays(what: Scan | Pulses) -> dict[str, npt.NDArray[Any]]:

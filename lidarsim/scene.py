@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,10 +11,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._validation import Transform, affine, integer, rays, t_range
+from lidarsim._validation import Transform, affine, array, integer, rays, t_range
 from lidarsim._views import view
 from lidarsim.materials import Material
 from lidarsim.shapes import Hits, Shape, TriangleMesh
+from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
     import pyvista
@@ -35,6 +37,8 @@ class SceneObject:
         How its surface returns light.
     transform : ndarray of float64, shape (4, 4), or None
         Affine map, object to world; None for the identity.
+    motion : Trajectory or None
+        Rigid motion over time, after `transform`; None for what stands still.
     """
 
     shape: Shape
@@ -42,6 +46,7 @@ class SceneObject:
     label: int
     material: Material
     transform: npt.NDArray[Any] | None
+    motion: Trajectory | None
 
 
 class Scene:
@@ -72,6 +77,7 @@ class Scene:
         label: int = 0,
         material: Material | None = None,
         transform: Transform | None = None,
+        motion: Trajectory | None = None,
     ) -> int:
         """Add an object.
 
@@ -88,6 +94,10 @@ class Scene:
         transform : array_like, shape (4, 4), or RigidTransform, optional
             Affine map, object to world; it may shear and reflect. It comes after the transform that the shape may
             have of its own.
+        motion : Trajectory, optional
+            Rigid motion over time, which comes after `transform`: at time t the object is where its pose at t takes it,
+            as float64 has it, and all that is exact about casts is so for that pose. It has to cover the times of all
+            casts and scans.
 
         Returns
         -------
@@ -97,8 +107,8 @@ class Scene:
         Raises
         ------
         TypeError
-            If `shape` is not a shape, `name` not a string, `label` not an integer, or `material` not a material, or one
-            with a reflectivity per face or vertex where the shape is no mesh.
+            If `shape` is not a shape, `name` not a string, `label` not an integer, `motion` not a trajectory, or
+            `material` not a material, or one with a reflectivity per face or vertex where the shape is no mesh.
         ValueError
             If the label is out of range, the transform cannot be inverted, or the mesh has another number of faces or
             vertices than the material has reflectivities.
@@ -109,6 +119,8 @@ class Scene:
             raise TypeError(f"name: expected a string, got {name!r}")
         if material is not None and not isinstance(material, Material):
             raise TypeError(f"material: expected a Material, got {type(material).__name__}")
+        if motion is not None and not isinstance(motion, Trajectory):
+            raise TypeError(f"motion: expected a Trajectory, got {type(motion).__name__}")
         material = material or Material()
         _check_reflectivity(material, shape)
         label = integer("label", label, at_least=0, at_most=2**32 - 1)
@@ -116,7 +128,9 @@ class Scene:
         if transform is not None:
             transform = affine("transform", transform)
             placed = placed.transformed(transform.tolist())
-        self._objects.append((SceneObject(shape, name, label, material, transform), placed))
+        if motion is not None:
+            placed = placed.moving(motion._native)
+        self._objects.append((SceneObject(shape, name, label, material, transform, motion), placed))
         return len(self._objects) - 1
 
     @property
@@ -146,7 +160,13 @@ class Scene:
         return kept
 
     def cast(
-        self, origins: npt.ArrayLike, directions: npt.ArrayLike, *, t_min: float = 0.0, t_max: float = math.inf
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        t_min: float = 0.0,
+        t_max: float = math.inf,
+        time: float | npt.ArrayLike = 0.0,
     ) -> Hits:
         """Find the nearest hit of each ray.
 
@@ -156,6 +176,8 @@ class Scene:
             Rays ``origin + t * direction``. A direction may have any length but zero.
         t_min, t_max : float
             Range of t, in units of the length of the direction; 0 <= t_min <= t_max. Both ends belong to it.
+        time : float or array_like, shape (n,)
+            When the rays are cast, s: each meets every object where it then is.
 
         Returns
         -------
@@ -166,9 +188,34 @@ class Scene:
         Raises
         ------
         ValueError
-            If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
+            If a shape is wrong, a number is not finite, a direction is zero, the range is not one, or the motion of an
+            object does not cover the times.
         """
-        return Hits(*self._native.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+        o, d = rays(origins, directions)
+        when = array("time", time, ("n",) if np.ndim(time) else ())
+        if when.ndim and len(when) != len(o):
+            raise ValueError(f"time: expected one number or one for each of {len(o)} rays, got {len(when)}")
+        world = self._native
+        times = np.broadcast_to(when, len(o)).copy() if world.moves() else None
+        if times is not None and len(times):
+            self._check_motions(times.min(), times.max())
+        return Hits(*world.cast(o, d, *t_range(t_min, t_max), times))
+
+    def _check_motions(self, first: float, last: float, until: Callable[[float], float] = float) -> None:
+        """Raise an error that names the first object whose motion does not cover these times.
+
+        `until` says to which time a motion may be carried on, by its last.
+        """
+        for i, item in enumerate(self.objects):
+            if item.motion is None:
+                continue
+            start, end = item.motion.span
+            if first < start or last > until(end):
+                name = f" ({item.name!r})" if item.name else ""
+                raise ValueError(
+                    f"time: expected times within the motion of object {i}{name}, {start} to {end} s,"
+                    f" got {first} to {last} s"
+                )
 
     def to_pyvista(
         self, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None

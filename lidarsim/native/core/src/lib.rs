@@ -21,4 +21,4 @@ pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
 pub use parallel::threads;
-pub use scene::{Geometry, Object, Scene, TriangleMesh};
+pub use scene::{Geometry, Object, Scene, TriangleMesh, World};

@@ -1,6 +1,5 @@
 //! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
 
-use std::borrow::Cow;
 use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
@@ -26,7 +25,7 @@ const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
 /// Where the sensor is at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
 pub struct PyPath {
-    path: Arc<Path>,
+    pub path: Arc<Path>,
 }
 
 type Matrix = [[f64; 4]; 4];
@@ -299,15 +298,18 @@ struct ScanColumns {
     object_id: Vec<i32>,
     label: Vec<u32>,
     true_direction: Vec<Point>,
+    radial_velocity: Vec<f32>,
     status: Vec<u8>,
     return_count: Vec<u8>,
     /// Whether pulses need not go where they should, so that there are true directions.
     strays: bool,
+    /// Whether sensor or scene moves, so that there are radial velocities.
+    moves: bool,
 }
 
 impl ScanColumns {
     /// With capacity for the rows of so many pulses.
-    fn new(pulses: usize, most: usize, strays: bool) -> Self {
+    fn new(pulses: usize, most: usize, strays: bool, moves: bool) -> Self {
         let rows = pulses * most;
         ScanColumns {
             range: memory::with_capacity(rows),
@@ -319,9 +321,11 @@ impl ScanColumns {
             object_id: memory::with_capacity(rows),
             label: memory::with_capacity(rows),
             true_direction: if strays { memory::with_capacity(rows) } else { Vec::new() },
+            radial_velocity: if moves { memory::with_capacity(rows) } else { Vec::new() },
             status: Vec::with_capacity(pulses),
             return_count: Vec::with_capacity(pulses),
             strays,
+            moves,
         }
     }
 
@@ -338,6 +342,7 @@ impl ScanColumns {
             object_id: &mut self.object_id.spare_capacity_mut()[..rows],
             label: &mut self.label.spare_capacity_mut()[..rows],
             true_direction: if self.strays { &mut self.true_direction.spare_capacity_mut()[..rows] } else { &mut [] },
+            radial_velocity: if self.moves { &mut self.radial_velocity.spare_capacity_mut()[..rows] } else { &mut [] },
             status: &mut self.status.spare_capacity_mut()[..pulses],
             return_count: &mut self.return_count.spare_capacity_mut()[..pulses],
         }
@@ -359,6 +364,7 @@ impl ScanColumns {
             self.object_id.set_len(rows);
             self.label.set_len(rows);
             self.true_direction.set_len(if self.strays { rows } else { 0 });
+            self.radial_velocity.set_len(if self.moves { rows } else { 0 });
             self.status.set_len(pulses);
             self.return_count.set_len(pulses);
         }
@@ -380,6 +386,9 @@ impl ScanColumns {
         if self.strays {
             let directions = self.true_direction.into_flattened().into_pyarray(py).reshape([shape[0], most, 3])?;
             arrays.set_item("true_direction", directions)?;
+        }
+        if self.moves {
+            arrays.set_item("radial_velocity", self.radial_velocity.into_pyarray(py).reshape(shape)?)?;
         }
         Ok(arrays)
     }
@@ -410,10 +419,14 @@ pub fn scan<'py>(
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
     let most = measurement.returns.most();
-    let mut columns = ScanColumns::new(directions.len(), most, measurement.strays());
+    let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
+    let mut columns = ScanColumns::new(directions.len(), most, measurement.strays(), moves);
     let mut rows = columns.rows(directions.len(), most);
-    py.detach(|| scene.scene.prepare());
-    let scan = Scan::new(&frame, &measurement, &appearances.appearances, &scene.scene, level()?);
+    let world = py.detach(|| {
+        scene.scene.prepare();
+        scene.scene.during(times.iter().map(|time| start + time))
+    });
+    let scan = Scan::new(&frame, &measurement, &appearances.appearances, &world, level()?);
     for pulses in scan.slices() {
         py.detach(|| scan.share(pulses, &mut rows)).map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?;
         py.check_signals()?;
@@ -469,6 +482,7 @@ pub struct ScanArrays<'py> {
     normal: PyReadonlyArray3<'py, f32>,
     object_id: PyReadonlyArray2<'py, i32>,
     label: PyReadonlyArray2<'py, u32>,
+    radial_velocity: Option<PyReadonlyArray2<'py, f32>>,
     return_count: PyReadonlyArray1<'py, u8>,
 }
 
@@ -521,32 +535,34 @@ pub fn points_of<'py>(
     let label = column(n * most, &scan.label)?;
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
-    let returns = ReturnRows::new(counts, most);
-    // Not copied where there is but one: to read back in one piece what was written in several takes long.
-    let pose = |pulse: usize| match path {
-        Path::Still(pose) => Cow::Borrowed(pose),
-        _ => Cow::Owned(path.at(scan.time + times[pulse])),
-    };
-    let place = |row: usize, pulse: usize| {
+    let (returns, start) = (ReturnRows::new(counts, most), scan.time);
+    // Where the sensor was at a time, and that as seen from the moment: of the last return, as those next to each other share many times.
+    type Last = Option<(f64, Pose, Pose)>;
+    let place_and_turn = |last: &mut Last, row: usize, pulse: usize| {
         let local: Point = std::array::from_fn(|k| origins[pulse][k] + directions[pulse][k] * range[row]);
-        match coordinates {
-            Coordinates::Sensor => local,
-            Coordinates::Moment(at) => pose(pulse).relative_to(&at).place(local),
-            Coordinates::World => pose(pulse).place(local),
-        }
-    };
-    let turn = |row: usize, pulse: usize| {
         let normal = normals[row].map(f64::from);
-        let turned = match coordinates {
-            Coordinates::Sensor => pose(pulse).turn_back(normal),
-            Coordinates::Moment(at) => at.turn_back(normal),
-            Coordinates::World => normal,
+        let time = start + times[pulse];
+        let (pose, seen) = match (path, last.as_ref()) {
+            (Path::Still(pose), _) => (pose, pose),
+            (_, Some((then, pose, seen))) if *then == time => (pose, seen),
+            _ => {
+                let pose = path.at(time);
+                let seen = if let Coordinates::Moment(at) = coordinates { pose.relative_to(&at) } else { pose };
+                let (_, pose, seen) = &*last.insert((time, pose, seen));
+                (pose, seen)
+            }
         };
-        turned.map(|x| x as f32)
+        let (point, turned) = match coordinates {
+            Coordinates::Sensor => (local, pose.turn_back(normal)),
+            Coordinates::Moment(at) => (seen.place(local), at.turn_back(normal)),
+            Coordinates::World => (pose.place(local), normal),
+        };
+        (point, turned.map(|x| x as f32))
     };
+    let (xyz, turned) = gather_pairs(py, &returns, place_and_turn);
     let fields = PyDict::new(py);
     let shape = [returns.count(), 3];
-    fields.set_item("xyz", gather(py, &returns, place).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("xyz", xyz.into_flattened().into_pyarray(py).reshape(shape)?)?;
     fields.set_item("range", gather(py, &returns, |row, _| range[row]).into_pyarray(py))?;
     fields.set_item("true_range", gather(py, &returns, |row, _| true_range[row]).into_pyarray(py))?;
     fields.set_item("intensity", gather(py, &returns, |row, _| intensity[row]).into_pyarray(py))?;
@@ -560,9 +576,13 @@ pub fn points_of<'py>(
     fields.set_item("return_count", gather(py, &returns, |_, pulse| counts[pulse]).into_pyarray(py))?;
     fields.set_item("object_id", gather(py, &returns, |row, _| object_id[row]).into_pyarray(py))?;
     fields.set_item("label", gather(py, &returns, |row, _| label[row]).into_pyarray(py))?;
-    fields.set_item("normal", gather(py, &returns, turn).into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("normal", turned.into_flattened().into_pyarray(py).reshape(shape)?)?;
     fields.set_item("incidence", gather(py, &returns, |row, _| incidence[row]).into_pyarray(py))?;
     fields.set_item("range_error", gather(py, &returns, |row, _| range_error[row]).into_pyarray(py))?;
+    if let Some(velocity) = &scan.radial_velocity {
+        let velocity = column(n * most, velocity)?;
+        fields.set_item("radial_velocity", gather(py, &returns, |row, _| velocity[row]).into_pyarray(py))?;
+    }
     Ok(fields)
 }
 
@@ -583,6 +603,24 @@ fn gather<T: Send>(py: Python<'_>, returns: &ReturnRows, value: impl Fn(usize, u
     // SAFETY: the place of each return was written.
     unsafe { values.set_len(returns.count()) };
     values
+}
+
+/// Two values of each return, by what the return before left, its row and its pulse.
+fn gather_pairs<A: Send, B: Send, S>(
+    py: Python<'_>,
+    returns: &ReturnRows,
+    values: impl Fn(&mut Option<S>, usize, usize) -> (A, B) + Sync,
+) -> (Vec<A>, Vec<B>) {
+    let n = returns.count();
+    let (mut a, mut b) = (memory::with_capacity(n), memory::with_capacity(n));
+    let places = (&mut a.spare_capacity_mut()[..n], &mut b.spare_capacity_mut()[..n]);
+    py.detach(|| returns.gather_pairs(places, &values));
+    // SAFETY: both places of each return were written.
+    unsafe {
+        a.set_len(n);
+        b.set_len(n);
+    }
+    (a, b)
 }
 
 /// Philox4x32-10 of each counter (n, 4) with one key.

@@ -1,7 +1,8 @@
 //! Scenes, and casts at them.
 
 use lidarsim_core::{Columns, Point, Scene, memory};
-use numpy::{PyArray1, PyArray2, PyArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::{Points, PyShape, equal_points, interruptible, legal_rays, level};
@@ -27,7 +28,13 @@ impl PyScene {
         py.detach(|| self.scene.prepare());
     }
 
-    /// t (n,), object_id (n,), primitive_id (n,), normal (n, 3).
+    /// Whether anything moves, so that casts need times.
+    fn moves(&self) -> bool {
+        self.scene.moves()
+    }
+
+    /// t (n,), object_id (n,), primitive_id (n,), normal (n, 3). `times`: (n,), or none if nothing moves.
+    #[expect(clippy::too_many_arguments, reason = "those of `lidarsim.Scene.cast`")]
     fn cast<'py>(
         &self,
         py: Python<'py>,
@@ -35,9 +42,17 @@ impl PyScene {
         directions: Points<'py>,
         t_min: f64,
         t_max: f64,
+        times: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Arrays<'py>> {
         let (o, d) = equal_points(&origins, &directions)?;
         let n = o.len();
+        let times = match &times {
+            Some(times) => times.as_slice()?,
+            None => &[],
+        };
+        if times.len() != if self.scene.moves() { n } else { 0 } {
+            return Err(PyValueError::new_err("times: expected one for each ray of a scene that moves, and else none"));
+        }
         let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
         let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
         let level = level()?;
@@ -50,7 +65,9 @@ impl PyScene {
         };
         let mut legal = true;
         interruptible(py, n, |slice| {
-            legal &= columns.cast(&self.scene, level, &o[slice.clone()], &d[slice], (t_min, t_max));
+            let times = if times.is_empty() { times } else { &times[slice.clone()] };
+            let world = self.scene.during(times.iter().copied());
+            legal &= columns.cast(&world, level, (&o[slice.clone()], &d[slice], times), (t_min, t_max));
         })?;
         if !legal {
             legal_rays(o, d)?;

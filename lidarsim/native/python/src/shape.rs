@@ -8,6 +8,7 @@ use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
+use crate::scan::PyPath;
 use crate::{Points, interruptible, points, rays};
 
 /// A shape, placed by the maps it went through.
@@ -51,6 +52,11 @@ impl PyShape {
             Some(object) => Ok(PyShape { object }),
             None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),
         }
+    }
+
+    /// The same, which then moves along a path.
+    fn moving(&self, motion: &PyPath) -> Self {
+        PyShape { object: self.object.moving(motion.path.clone()) }
     }
 
     /// The vertices of a mesh, (n, 3).

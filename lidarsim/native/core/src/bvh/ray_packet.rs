@@ -30,6 +30,8 @@ pub struct RayPacket {
     pub direction_error: [f64; LANES],
     /// |d|₁, or the number beside it.
     pub length: [f64; LANES],
+    /// When they are cast, if anything moves; of rays in the coordinates of an object unset.
+    pub time: [f64; LANES],
     /// Their indices among all rays.
     pub at: [u32; LANES],
     /// The signs of all directions, a bit an axis.
@@ -47,6 +49,7 @@ impl RayPacket {
             origin_error: [0.0; LANES],
             direction_error: [0.0; LANES],
             length: [0.0; LANES],
+            time: [0.0; LANES],
             at: [0; LANES],
             octant: 0,
             one_origin: false,
@@ -118,7 +121,11 @@ impl RayPacket {
 
     /// Gathers the rays of `mask`, which are of one octant, from another packet.
     pub fn gather_octant(&mut self, others: &RayPacket, mask: Mask, octant: u32) {
-        self.clone_from(others);
+        self.origin.clone_from(&others.origin);
+        self.direction.clone_from(&others.direction);
+        self.origin_error.clone_from(&others.origin_error);
+        self.direction_error.clone_from(&others.direction_error);
+        self.length.clone_from(&others.length);
         self.octant = octant;
         let first = mask.trailing_zeros() as usize;
         self.count = LANES - mask.leading_zeros() as usize;

@@ -4,16 +4,17 @@ use std::cmp::Ordering;
 
 use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa};
-use crate::bvh::{LANES, RayPacket, Stack, TraversalRay};
+use crate::bvh::{Bvh, LANES, RayPacket, Stack, TraversalRay};
 use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
-use crate::scene::{Geometry, RootId, RootIntervals, Scene};
+use crate::scene::{Geometry, RootId, RootIntervals, Scene, World};
 
 /// The closest-hit query of one ray.
 pub struct ClosestHit<'a> {
     scene: &'a Scene,
     origin: Point,
     direction: Point,
+    time: f64,
     t_min: f64,
     t_max: f64,
     /// The closest hit so far, if `low` is finite; its t is between `low` and `limit`.
@@ -24,10 +25,10 @@ pub struct ClosestHit<'a> {
 
 impl<'a> ClosestHit<'a> {
     /// A t beyond what float64 holds is a miss.
-    pub fn new(scene: &'a Scene, origin: Point, direction: Point, (t_min, t_max): (f64, f64)) -> Self {
+    pub fn new(scene: &'a Scene, origin: Point, direction: Point, time: f64, (t_min, t_max): (f64, f64)) -> Self {
         let t_max = t_max.min(f64::MAX);
         let root = RootId::of_triangle(0, 0);
-        ClosestHit { scene, origin, direction, t_min, t_max, root, low: f64::INFINITY, limit: t_max }
+        ClosestHit { scene, origin, direction, time, t_min, t_max, root, low: f64::INFINITY, limit: t_max }
     }
 
     /// The nearest hit, with bounds of t.
@@ -36,14 +37,20 @@ impl<'a> ClosestHit<'a> {
     }
 
     /// Traverses the whole scene.
-    pub fn run(&mut self, stack: &mut Stack) {
-        let index = self.scene.index();
-        for &object in &index.unbounded {
+    pub fn run(&mut self, world: &World, stack: &mut Stack) {
+        for &object in &world.index.unbounded {
             self.consider(object, 0);
         }
+        self.traverse(&world.index.bounded, stack);
+        if let Some(movers) = &world.movers {
+            self.traverse(movers, stack);
+        }
+    }
+
+    fn traverse(&mut self, hierarchy: &Bvh<u32>, stack: &mut Stack) {
         let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
-        let mut ray = TraversalRay::new(o, d, index.bounded.center(), self.t_min, self.limit);
-        index.bounded.traverse(&mut ray, stack, |stack, leaf| {
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min, self.limit);
+        hierarchy.traverse(&mut ray, stack, |stack, leaf| {
             match &self.scene.objects()[*leaf as usize].geometry {
                 Geometry::Surface(_) => self.consider(*leaf, 0),
                 Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
@@ -54,7 +61,7 @@ impl<'a> ClosestHit<'a> {
 
     /// Traverses one mesh.
     pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let [o, d] = self.scene.objects()[id as usize].enclose(self.origin, self.direction);
+        let [o, d] = self.scene.at(id, self.time).enclose(self.origin, self.direction);
         let hierarchy = mesh.hierarchy();
         let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min, self.limit);
         hierarchy.traverse(&mut ray, stack, |_, leaf| {
@@ -79,7 +86,7 @@ impl<'a> ClosestHit<'a> {
 
     fn root_intervals(&self, id: u32, primitive: u32) -> RootIntervals<'a> {
         let (origin, direction) = (self.origin, self.direction);
-        RootIntervals { object: &self.scene.objects()[id as usize], primitive, origin, direction }
+        RootIntervals { object: self.scene.at(id, self.time), primitive, origin, direction }
     }
 
     fn take_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8)>; 2]) {
@@ -108,12 +115,12 @@ impl<'a> ClosestHit<'a> {
     }
 
     fn rounded(&self, at: RootId) -> f64 {
-        self.scene.t(&at, self.origin, self.direction)
+        self.scene.t(&at, self.origin, self.direction, self.time)
     }
 
     fn is_before(&self, at: RootId) -> bool {
         let best = &self.root;
-        match self.scene.compare(&at, best, self.origin, self.direction) {
+        match self.scene.compare(&at, best, self.origin, self.direction, self.time) {
             Ordering::Less => true,
             Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
             Ordering::Greater => false,
@@ -273,8 +280,8 @@ impl<'a> ClosestHits<'a> {
     fn of_lane(&self, rays: &RayPacket, lane: usize) -> ClosestHit<'a> {
         let ClosestHits { scene, t_min, t_max, .. } = *self;
         let (origin, direction) = (rays.origin(lane), rays.direction(lane));
-        let (low, limit) = (self.low[lane], self.limit[lane]);
-        ClosestHit { scene, origin, direction, t_min, t_max, root: self.root(lane), low, limit }
+        let (time, low, limit) = (rays.time[lane], self.low[lane], self.limit[lane]);
+        ClosestHit { scene, origin, direction, time, t_min, t_max, root: self.root(lane), low, limit }
     }
 
     fn set_lane(&mut self, lane: usize, closest: &ClosestHit) {

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::schedule::pieces;
 use crate::arith::simd::{self, Isa, Level};
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Scene, Sink};
+use crate::scene::{Hit, Sink, World};
 use crate::{memory, parallel};
 
 /// A part of the uninitialized arrays that hits are written to.
@@ -29,20 +29,21 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// As `Scene::cast`, on all threads: splits off the rows of these rays. Each row is written, of an illegal ray too.
+    /// As `World::cast`, on all threads: splits off the rows of these rays. Each row is written, of an illegal ray too.
     pub fn cast(
         &mut self,
-        scene: &Scene,
+        world: &World,
         level: Level,
-        origins: &[Point],
-        directions: &[Point],
+        (origins, directions, times): (&[Point], &[Point], &[f64]),
         range: (f64, f64),
     ) -> bool {
         let legal = AtomicBool::new(true);
         let pieces = pieces(directions, 1).into_iter();
         let pieces: Vec<_> = pieces.map(|piece| (self.split_off(piece.len()), piece)).collect();
         parallel::share(pieces.into_iter(), |(mut columns, piece)| {
-            if !scene.cast(level, &origins[piece.clone()], &directions[piece], range, &mut columns) {
+            let times = if times.is_empty() { times } else { &times[piece.clone()] };
+            let rays = (&origins[piece.clone()], &directions[piece], times);
+            if !world.cast(level, rays, range, &mut columns) {
                 legal.store(false, Ordering::Relaxed);
             }
         });

@@ -13,14 +13,15 @@ use crate::cast::surface_intersector::{HitBatches, SurfaceHits};
 use crate::cast::traversal::{self, Advance, PacketState, TRAVERSALS, Traversal};
 use crate::cast::triangle_hits::TriangleHits;
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Scene, Sink};
+use crate::scene::{Hit, Sink, World};
 
-/// The nearest hit of each ray with t_min ≤ t ≤ t_max. The outcome is false if there was a ray with a number that is not finite, or with a
+/// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be no times. The outcome is false if there was a ray with a number that is not finite, or with a
 /// zero direction; such a ray is a miss.
 pub struct Cast<'a, S: Sink + ?Sized> {
-    pub scene: &'a Scene,
+    pub world: &'a World<'a>,
     pub origins: &'a [Point],
     pub directions: &'a [Point],
+    pub times: &'a [f64],
     pub t_min: f64,
     pub t_max: f64,
     pub hits: &'a mut S,
@@ -31,15 +32,17 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
-        let Cast { scene, origins, directions, t_min, t_max, hits } = self;
+        let Cast { world, origins, directions, times, t_min, t_max, hits } = self;
+        let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let Scratch { traversals, previous, batches, surface_hits, ray_sort } = &mut *scratch;
-        ray_sort.restart(directions, scene.size());
-        let mut source = PacketSource { origins, directions, ray_sort, start: 0, done: 0 };
-        let mut traversals = traversals.each_mut().map(|scratch| Traversal::new(scene, (t_min, t_max), scratch));
+        ray_sort.restart(directions, world.size);
+        batches.restart(scene);
+        let mut source = PacketSource { origins, directions, times, ray_sort, start: 0, done: 0 };
+        let mut traversals = traversals.each_mut().map(|scratch| Traversal::new(world, (t_min, t_max), scratch));
         // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices are prefetched.
         let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
-        let mut router = HitRouter { scene, batches, hits };
+        let mut router = HitRouter { world, batches, hits };
         let mut legal = true;
         loop {
             for traversal in &mut traversals {
@@ -66,18 +69,17 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
     }
 }
 
-impl Scene {
+impl World<'_> {
     /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes first, then the
     /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
     pub fn cast(
         &self,
         level: Level,
-        origins: &[Point],
-        directions: &[Point],
+        (origins, directions, times): (&[Point], &[Point], &[f64]),
         (t_min, t_max): (f64, f64),
         hits: &mut (impl Sink + ?Sized),
     ) -> bool {
-        simd::dispatch(level, Cast { scene: self, origins, directions, t_min, t_max, hits })
+        simd::dispatch(level, Cast { world: self, origins, directions, times, t_min, t_max, hits })
     }
 }
 
@@ -112,6 +114,7 @@ impl Default for Scratch {
 struct PacketSource<'a> {
     origins: &'a [Point],
     directions: &'a [Point],
+    times: &'a [f64],
     ray_sort: &'a mut RaySort,
     /// How many of the rays sorted last have been gathered into packets, and where those begin.
     start: usize,
@@ -130,7 +133,13 @@ impl PacketSource<'_> {
             (self.start, self.done) = (0, self.done + end);
         }
         rays.gather::<I>(self.origins, self.directions, &self.ray_sort.sorted()[self.start..]);
-        self.start += rays.count.max(1);
+        let taken = rays.count.max(1);
+        self.start += taken;
+        if !self.times.is_empty() {
+            for lane in 0..taken {
+                rays.time[lane] = self.times[rays.at[lane] as usize];
+            }
+        }
         true
     }
 
@@ -157,7 +166,7 @@ impl PacketSource<'_> {
 
 /// Routes closest hits to what refines them: triangles as given, or batches.
 struct HitRouter<'a, S: ?Sized> {
-    scene: &'a Scene,
+    world: &'a World<'a>,
     batches: &'a mut HitBatches,
     hits: &'a mut S,
 }
@@ -170,12 +179,12 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
         for lane in 0..rays.count {
             if !closest.has_found(lane) {
                 self.hits.put(rays.at[lane] as usize, Hit::MISS);
-            } else if self.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
+            } else if self.world.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
                 lanes |= 1 << lane;
             } else {
                 let (root, bounds) = (closest.root(lane), closest.bounds(lane));
-                let bracket = (rays.origin(lane), rays.direction(lane), bounds);
-                self.batches.push::<I>(self.scene, rays.at[lane], root, bracket, self.hits);
+                let bracket = (rays.origin(lane), rays.direction(lane), rays.time[lane], bounds);
+                self.batches.push::<I>(self.world.scene, rays.at[lane], root, bracket, self.hits);
             }
         }
         triangle_hits.gather(closest, lanes);
@@ -184,14 +193,14 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
     /// Traces a ray that does not fit into packets; false if it is illegal.
     fn trace_single(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
         let rays = &traversal.state.rays;
-        let (at, origin, direction) = (rays.at[0] as usize, rays.origin(0), rays.direction(0));
+        let (at, origin, direction, time) = (rays.at[0] as usize, rays.origin(0), rays.direction(0), rays.time[0]);
         let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
         let mut hit = Hit::MISS;
         if legal {
-            let mut closest = ClosestHit::new(self.scene, origin, direction, range);
-            closest.run(traversal.stack());
+            let mut closest = ClosestHit::new(self.world.scene, origin, direction, time, range);
+            closest.run(self.world, traversal.stack());
             if let Some((root, bounds)) = closest.found() {
-                hit = self.scene.hit_within(&root, bounds, origin, direction);
+                hit = self.world.scene.hit_within(&root, bounds, origin, direction, time);
             }
         }
         self.hits.put(at, hit);
@@ -202,7 +211,7 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::RootId;
+    use crate::scene::{RootId, Scene};
     use crate::scene::tests::{FLAT, object, tipped};
     use crate::testing::with_large_frames;
 
@@ -235,7 +244,8 @@ mod tests {
                         [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                         let mut hits = vec![Hit::MISS; origins.len()];
-                        assert!(scene.cast(level, &origins, &directions, (0.0, f64::INFINITY), &mut hits[..]));
+                        let (world, rays) = (scene.during([].into_iter()), (&origins[..], &directions[..], &[][..]));
+                        assert!(world.cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
                         for (hit, o) in hits.iter().zip(&origins) {
                             // The surfaces part where the last vertex has a weight.
                             let tie = z == 1.0 || o[1] == 0.0;

@@ -5,7 +5,7 @@ use std::cell::Cell;
 use crate::arith::number::{Many, PAD, RunningErrors, UNDERFLOW};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
 use crate::bvh::{LANES, LARGEST, Mask, RayPacket, SMALLEST, part_of_mask, take};
-use crate::geometry::affine::{Inverse, Placement};
+use crate::geometry::affine::{Affines, PlacedRays, RayPlacement};
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
 use crate::geometry::vector::of_rays;
@@ -25,13 +25,22 @@ impl InstanceRays {
         InstanceRays { all: RayPacket::empty(), backward: [0; 3], rays: RayPacket::empty() }
     }
 
-    /// Transforms these rays of the world, and returns those that fit into packets.
+    /// Transforms these rays of the world, and returns those that fit into packets.  `then`: where an object that moves is for each of them.
     #[inline(always)]
-    pub fn gather<I: Isa>(&mut self, object: &Object, world: &RayPacket, mask: Mask) -> Mask {
+    pub fn gather<I: Isa>(
+        &mut self,
+        object: &Object,
+        then: Option<&Affines<LANES>>,
+        world: &RayPacket,
+        mask: Mask,
+    ) -> Mask {
         self.backward = [0; 3];
         let mut held = 0;
-        if mask & (mask - 1) != 0
-            && let Some(placement) = object.placement()
+        if let Some(then) = then {
+            let placement = PlacedRays { first: object.inverse(), then, part: 0 };
+            held = I::apart(Gather { placement, world, mask, instance_rays: self }).unwrap_or(0);
+        } else if mask & (mask - 1) != 0
+            && let Some(placement) = object.inverse()
         {
             held = I::apart(Gather { placement, world, mask, instance_rays: self }).unwrap_or(0);
         }
@@ -43,7 +52,7 @@ impl InstanceRays {
     }
 
     fn gather_one(&mut self, object: &Object, world: &RayPacket, lane: usize) -> bool {
-        let [o, d] = object.enclose(world.origin(lane), world.direction(lane));
+        let [o, d] = object.at(world.time[lane]).enclose(world.origin(lane), world.direction(lane));
         let ((origin, origin_error), (direction, direction_error)) = (middle_of_one(o), middle_of_one(d));
         if !(RayPacket::fits(origin, direction) && origin_error < LARGEST && direction_error < LARGEST) {
             return false;
@@ -71,14 +80,14 @@ impl InstanceRays {
 }
 
 /// Transforms rays, a register at a time, and returns those whose bounds are certain and that fit into packets.
-struct Gather<'a> {
-    placement: &'a Inverse,
+struct Gather<'a, P> {
+    placement: P,
     world: &'a RayPacket,
     mask: Mask,
     instance_rays: &'a mut InstanceRays,
 }
 
-impl LaneTask for Gather<'_> {
+impl<P: RayPlacement> LaneTask for Gather<'_, P> {
     type Output = Mask;
 
     #[inline(always)]
@@ -91,9 +100,10 @@ impl LaneTask for Gather<'_> {
                 continue;
             }
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&world.origin, i), lanes::part(&world.direction, i));
-            let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, Many::new(&active));
-            let ray = Ray { origin, direction: of_rays(d, Many::new(&active)), weight: None };
-            if let Ok([o, d]) = placement.local(ray).enclose() {
+            let rays = Many::new(&active);
+            let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, rays);
+            let ray = Ray { origin, direction: of_rays(d, rays), weight: None };
+            if let Ok([o, d]) = placement.part(i).local(ray, rays).enclose() {
                 held |= Mask::from(instance_rays.put(i, o, d) & active.get()) << (i * N);
             }
         }
@@ -152,7 +162,7 @@ mod tests {
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::{Level, Task, dispatch};
     use crate::bvh::all;
-    use crate::geometry::affine::Affine;
+    use crate::geometry::affine::{Affine, Placement};
     use crate::scene::Geometry;
     use crate::scene::TriangleMesh;
     use crate::testing::numbers;
@@ -164,7 +174,7 @@ mod tests {
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Mask {
-            self.2.gather::<I>(self.0, self.1, all(self.1.count))
+            self.2.gather::<I>(self.0, None, self.1, all(self.1.count))
         }
     }
 
@@ -201,7 +211,7 @@ mod tests {
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
                         let (rays, ray) = (&instance_rays.rays, Ray::new(world.origin(lane), world.direction(lane)));
-                        let truth: Ray<Dyadic> = object.placement().local(ray);
+                        let truth: Ray<Dyadic> = Placement::local(object.inverse(), ray);
                         let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
                         let given = [
                             (&truth.origin, rays.origin(lane), rays.origin_error[lane]),

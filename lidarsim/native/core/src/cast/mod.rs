@@ -6,6 +6,7 @@ mod deferred;
 mod driver;
 mod instance;
 mod leaf_intersector;
+mod poses;
 mod ray_sort;
 mod schedule;
 mod surface_intersector;

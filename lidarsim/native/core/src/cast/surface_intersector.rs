@@ -7,9 +7,10 @@ use std::cell::Cell;
 
 use crate::arith::number::{Interval, Many, Number, RunningErrors, Uncertain};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
-use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
+use crate::bvh::{LANES, Mask, RayPacket, all, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
-use crate::geometry::affine::{Identity, Placement};
+use crate::cast::poses::Poses;
+use crate::geometry::affine::{Identity, PlacedRays, RayPlacement};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::of_rays;
 use crate::geometry::vector::{self, Point};
@@ -33,15 +34,19 @@ pub fn intersect<I: Isa>(
     rays: &RayPacket,
     closest: &mut ClosestHits,
     mask: Mask,
-    surface_hits: &mut SurfaceHits,
+    (poses, surface_hits): (&mut Poses<LANES>, &mut SurfaceHits),
 ) {
     let object = &scene.objects()[id as usize];
     (surface_hits.count, surface_hits.unsure) = (0, mask);
-    let alone = mask & (mask - 1) == 0;
+    let (alone, moves) = (mask & (mask - 1) == 0, object.motion().is_some());
     let mut filtered = false;
-    if !alone && let Geometry::Surface(shape) = &object.geometry {
+    if (!alone || moves) && let Geometry::Surface(shape) = &object.geometry {
         let (t_min, surface_hits) = (closest.t_min(), &mut *surface_hits);
-        let done = match object.placement() {
+        let done = match object.inverse() {
+            first if moves => {
+                let placement = PlacedRays { first, then: poses.gather(scene, id, &rays.time, mask), part: 0 };
+                shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits })
+            }
             None => shape.apart::<I, _>(IntersectSurface { placement: Identity, rays, t_min, surface_hits }),
             Some(placement) => shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits }),
         };
@@ -127,7 +132,7 @@ struct IntersectSurface<'a, P> {
     surface_hits: &'a mut SurfaceHits,
 }
 
-impl<P: Placement> SurfaceTask for IntersectSurface<'_, P> {
+impl<P: RayPlacement> SurfaceTask for IntersectSurface<'_, P> {
     type Output = ();
 
     #[inline(always)]
@@ -141,9 +146,9 @@ impl<P: Placement> SurfaceTask for IntersectSurface<'_, P> {
             }
             let active = Cell::new(left);
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
-            let (origin, direction) = (of_rays(o, Many::new(&active)), of_rays(d, Many::new(&active)));
-            let world = Ray { origin, direction, weight: None };
-            let ray = placement.local(world);
+            let many = Many::new(&active);
+            let world = Ray { origin: of_rays(o, many), direction: of_rays(d, many), weight: None };
+            let ray = placement.part(i).local(world, many);
             while left != 0 {
                 active.set(left);
                 if surface_hits.bound(i, surface, &ray, &active, t_min).is_err() {
@@ -189,6 +194,7 @@ impl SurfaceHits {
 /// Batches of hits on one part of one object each, an implicit surface or a transformed mesh, to be refined together.
 pub struct HitBatches {
     batches: Vec<HitBatch>,
+    poses: Poses<BATCH_SIZE>,
 }
 
 /// Batches at once, a table indexed by a hash of object and part; on a collision the older batch is flushed.
@@ -207,6 +213,7 @@ struct HitBatch {
     at: [u32; BATCH_SIZE],
     origin: [[f64; BATCH_SIZE]; 3],
     direction: [[f64; BATCH_SIZE]; 3],
+    time: [f64; BATCH_SIZE],
     /// Of t.
     low: [f64; BATCH_SIZE],
     high: [f64; BATCH_SIZE],
@@ -222,10 +229,16 @@ impl HitBatches {
             index: [0; BATCH_SIZE],
             origin: [[0.0; BATCH_SIZE]; 3],
             direction: [[1.0; BATCH_SIZE]; 3],
+            time: [0.0; BATCH_SIZE],
             low: [0.0; BATCH_SIZE],
             high: [0.0; BATCH_SIZE],
         };
-        HitBatches { batches: vec![empty; BATCHES] }
+        HitBatches { batches: vec![empty; BATCHES], poses: Poses::new() }
+    }
+
+    /// Begins anew with another scene.
+    pub fn restart(&mut self, scene: &Scene) {
+        self.poses.restart(scene.moves());
     }
 
     /// Takes a hit, with the ray and bounds of t.
@@ -235,12 +248,12 @@ impl HitBatches {
         scene: &Scene,
         at: u32,
         root: RootId,
-        (origin, direction, bounds): (Point, Point, Interval),
+        (origin, direction, time, bounds): (Point, Point, f64, Interval),
         hits: &mut (impl Sink + ?Sized),
     ) {
         let batch = &mut self.batches[(7 * root.object as usize + usize::from(root.feature)) % BATCHES];
         if (batch.root.object, batch.root.feature) != (root.object, root.feature) {
-            batch.flush::<I>(scene, hits);
+            batch.flush::<I>(scene, &mut self.poses, hits);
             batch.root = root;
         }
         let slot = batch.count;
@@ -249,31 +262,51 @@ impl HitBatches {
             batch.origin[axis][slot] = origin[axis];
             batch.direction[axis][slot] = direction[axis];
         }
+        batch.time[slot] = time;
         (batch.low[slot], batch.high[slot]) = (bounds.low, bounds.high);
         batch.count += 1;
         if batch.count == BATCH_SIZE {
-            batch.flush::<I>(scene, hits);
+            batch.flush::<I>(scene, &mut self.poses, hits);
         }
     }
 
     #[inline(always)]
     pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
         for batch in &mut self.batches {
-            batch.flush::<I>(scene, hits);
+            batch.flush::<I>(scene, &mut self.poses, hits);
         }
     }
 }
 
 impl HitBatch {
     #[inline(always)]
-    fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
+    fn flush<I: Isa>(
+        &mut self,
+        scene: &Scene,
+        poses: &mut Poses<BATCH_SIZE>,
+        hits: &mut (impl Sink + ?Sized),
+    ) {
         if self.count == 0 {
             return;
         }
         let object = &scene.objects()[self.root.object as usize];
         let mut refined = Refined { known: 0, t: [0.0; BATCH_SIZE], normal: [[0.0; BATCH_SIZE]; 3] };
         let (batch, known) = (&*self, &mut refined);
-        match (&object.geometry, object.placement()) {
+        let slots = all(batch.count);
+        match (&object.geometry, object.inverse()) {
+            (geometry, first) if object.motion().is_some() => {
+                let then = poses.gather(scene, batch.root.object, &batch.time, slots);
+                let placement = PlacedRays { first, then, part: 0 };
+                match geometry {
+                    Geometry::Surface(shape) => {
+                        shape.apart::<I, _>(RefineBatch { placement, batch, refined: known });
+                    }
+                    Geometry::Mesh(mesh) => {
+                        let corners = &batch.corners(mesh);
+                        I::apart(RefineTriangleBatch { placement, corners, batch, refined: known });
+                    }
+                }
+            }
             (Geometry::Surface(shape), None) => {
                 shape.apart::<I, _>(RefineBatch { placement: Identity, batch, refined: known });
             }
@@ -296,7 +329,7 @@ impl HitBatch {
                 let bounds = Interval { low: self.low[slot], high: self.high[slot] };
                 let root = RootId { primitive, index: self.index[slot], ..self.root };
                 let (origin, direction) = (pick(&self.origin, slot), pick(&self.direction, slot));
-                hits.put(at, scene.hit_within(&root, bounds, origin, direction));
+                hits.put(at, scene.hit_within(&root, bounds, origin, direction, self.time[slot]));
             }
         }
         self.count = 0;
@@ -337,7 +370,7 @@ struct RefineBatch<'a, P> {
     refined: &'a mut Refined,
 }
 
-impl<P: Placement> SurfaceTask for RefineBatch<'_, P> {
+impl<P: RayPlacement> SurfaceTask for RefineBatch<'_, P> {
     type Output = ();
 
     #[inline(always)]
@@ -357,7 +390,7 @@ struct RefineTriangleBatch<'a, P> {
     refined: &'a mut Refined,
 }
 
-impl<P: Placement> LaneTask for RefineTriangleBatch<'_, P> {
+impl<P: RayPlacement> LaneTask for RefineTriangleBatch<'_, P> {
     type Output = ();
 
     #[inline(always)]
@@ -385,7 +418,7 @@ impl Refined {
     fn refine<'a, F: Floats<f64, N>, const N: usize>(
         &mut self,
         i: usize,
-        placement: impl Placement,
+        placement: impl RayPlacement,
         target: &impl Target<Many<'a, F>, N>,
         batch: &HitBatch,
         active: &'a Cell<u32>,
@@ -393,7 +426,7 @@ impl Refined {
         let bounds = Interval { low: load(&batch.low, i), high: load(&batch.high, i) };
         let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&batch.origin, i), lanes::part(&batch.direction, i));
         let bracket = RootBracket { feature: batch.root.feature, origin, direction, bounds };
-        if let Ok((t, normal)) = newton_step(placement, target, &bracket, Many::new(active)) {
+        if let Ok((t, normal)) = newton_step(placement.part(i), target, &bracket, Many::new(active)) {
             let [x, y, z] = vector::unit(normal);
             self.t.as_chunks_mut().0[i] = t.store();
             self.normal[0].as_chunks_mut().0[i] = x.store();
@@ -473,7 +506,8 @@ mod tests {
             for range in [(0.0, f64::INFINITY), (1.0, 3.0)] {
                 let cast = |level| {
                     let mut hits = vec![Hit::MISS; origins.len()];
-                    assert!(scene.cast(level, &origins, &directions, range, &mut hits[..]));
+                    let rays = (&origins[..], &directions[..], &[][..]);
+                    assert!(scene.during([].into_iter()).cast(level, rays, range, &mut hits[..]));
                     hits
                 };
                 let expected = cast(Level::Scalar);

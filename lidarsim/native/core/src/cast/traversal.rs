@@ -6,9 +6,10 @@ use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
 use crate::cast::instance::InstanceRays;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
+use crate::cast::poses::Poses;
 use crate::cast::surface_intersector::{self, SurfaceHits};
 use crate::scene::TriangleMesh;
-use crate::scene::{Geometry, Index, Object, Scene};
+use crate::scene::{Geometry, Object, Scene, World};
 use crate::shapes::triangle::Leaf;
 
 /// Packets whose traversals are interleaved.
@@ -24,6 +25,7 @@ pub struct TraversalScratch {
     inner: PacketTraversal,
     deferred: DeferredCandidates,
     instance_rays: Option<Box<InstanceRays>>,
+    poses: Poses<LANES>,
     scratch: LeafScratch,
 }
 
@@ -36,6 +38,7 @@ impl TraversalScratch {
             inner: PacketTraversal::new(),
             deferred: DeferredCandidates::new(),
             instance_rays: None,
+            poses: Poses::new(),
             scratch: LeafScratch::new(),
         }
     }
@@ -44,8 +47,10 @@ impl TraversalScratch {
 /// The traversal of a scene by a packet.
 pub struct Traversal<'a, 'b> {
     pub state: PacketState<'a, 'b>,
-    index: &'a Index,
-    size: f64,
+    world: &'a World<'a>,
+    /// The hierarchy of objects that is traversed, and the one after it: what moves comes after what stands still.
+    hierarchy: &'a Bvh<u32>,
+    later: Option<&'a Bvh<u32>>,
     stage: Stage,
     stack: &'b mut Stack,
     /// Among the objects.
@@ -74,13 +79,16 @@ struct InstanceVisit<'a> {
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
-    pub fn new(scene: &'a Scene, range: (f64, f64), scratch: &'b mut TraversalScratch) -> Self {
-        let TraversalScratch { rays, stack, outer, inner, deferred, instance_rays, scratch } = scratch;
+    pub fn new(world: &'a World, range: (f64, f64), scratch: &'b mut TraversalScratch) -> Self {
+        let TraversalScratch { rays, stack, outer, inner, deferred, instance_rays, poses, scratch } = scratch;
+        let scene = world.scene;
         let closest = ClosestHits::new(scene, range);
+        poses.restart(scene.moves());
         Traversal {
-            state: PacketState { scene, rays, closest, deferred, pending: 0, instance_rays, scratch },
-            index: scene.index(),
-            size: scene.size(),
+            state: PacketState { scene, rays, closest, deferred, pending: 0, instance_rays, poses, scratch },
+            world,
+            hierarchy: &world.index.bounded,
+            later: None,
             stage: Stage::Idle,
             stack,
             outer,
@@ -123,35 +131,47 @@ impl<'a, 'b> Traversal<'a, 'b> {
             self.start_within::<I>(visit);
         }
         if !self.outer.next_entry::<I>(self.stack, self.state.closest.limits()) {
-            return false;
+            let Some(hierarchy) = self.later.take() else { return false };
+            self.start_in::<I>(hierarchy);
+            return true;
         }
-        match self.index.bounded.leaf(self.outer) {
+        match self.hierarchy.leaf(self.outer) {
             Some(&id) => self.intersect::<I>(id, surface_hits),
-            None => self.index.bounded.open::<I>(self.outer, self.stack),
+            None => self.hierarchy.open::<I>(self.outer, self.stack),
         }
         true
     }
 
     #[inline(always)]
     fn start<I: Isa>(&mut self, surface_hits: &mut SurfaceHits) {
-        let Traversal { state, index, stack, outer, inner, .. } = self;
+        let Traversal { state, world, stack, outer, inner, .. } = self;
         self.stage = Stage::UnderWay;
         state.closest.restart::<I>();
         outer.stop(stack);
         let active = all(state.rays.count);
-        for &object in &index.unbounded {
+        for &object in &world.index.unbounded {
             state.intersect_surface::<I>(object, active, surface_hits);
         }
-        if state.rays.count == 1 || !state.rays.are_coherent::<I>(self.size) {
-            I::call(Incoherent { state, index, packets: [&mut outer.packet, &mut inner.packet], stack, surface_hits });
+        if state.rays.count == 1 || !state.rays.are_coherent::<I>(world.size) {
+            I::call(Incoherent { state, world, packets: [&mut outer.packet, &mut inner.packet], stack, surface_hits });
             return;
         }
-        match index.bounded.only_leaf() {
+        self.later = world.movers.as_ref();
+        self.start_in::<I>(&world.index.bounded);
+    }
+
+    /// Begins with a hierarchy of objects.
+    #[inline(always)]
+    fn start_in<I: Isa>(&mut self, hierarchy: &'a Bvh<u32>) {
+        self.hierarchy = hierarchy;
+        let Traversal { state, stack, outer, .. } = self;
+        let active = all(state.rays.count);
+        match hierarchy.only_leaf() {
             // The root of the mesh's own hierarchy does the test that the one above would do.
             Some(&id) if !state.scene.objects()[id as usize].is_surface() => self.enter::<I>(id, active),
             _ => {
-                state.fill::<I>(&mut outer.packet, &index.bounded);
-                index.bounded.start::<I>(outer, active, stack);
+                state.fill::<I>(&mut outer.packet, hierarchy);
+                hierarchy.start::<I>(outer, active, stack);
             }
         }
     }
@@ -234,13 +254,15 @@ pub struct PacketState<'a, 'b> {
     /// Rays that have yet to traverse the mesh that is visited.
     pending: Mask,
     instance_rays: &'b mut Option<Box<InstanceRays>>,
+    poses: &'b mut Poses<LANES>,
     scratch: &'b mut LeafScratch,
 }
 
 impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surface_hits: &mut SurfaceHits) {
-        surface_intersector::intersect::<I>(self.scene, id, self.rays, &mut self.closest, mask, surface_hits);
+        let PacketState { scene, rays, closest, poses, .. } = self;
+        surface_intersector::intersect::<I>(scene, id, rays, closest, mask, (poses, surface_hits));
     }
 
     /// Sets up a packet for the hierarchy of the objects.
@@ -264,7 +286,8 @@ impl<'a> PacketState<'a, '_> {
         self.pending = mask;
         if !object.is_untransformed() {
             let instance_rays = self.instance_rays.get_or_insert_with(|| Box::new(InstanceRays::new()));
-            self.pending = instance_rays.gather::<I>(object, self.rays, mask);
+            let then = object.motion().map(|_| self.poses.gather(self.scene, id, &self.rays.time, mask));
+            self.pending = instance_rays.gather::<I>(object, then, self.rays, mask);
             let mut alone = mask & !self.pending;
             while let Some(lane) = take(&mut alone) {
                 self.closest.enter(self.rays, lane, id, mesh, stack);
@@ -346,7 +369,7 @@ impl Task for SingleRays<'_, '_, '_> {
 /// A packet of incoherent rays, which are traced one by one.
 struct Incoherent<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
-    index: &'a Index,
+    world: &'a World<'a>,
     /// Among the objects, and within a mesh.
     packets: [&'t mut Packet; 2],
     stack: &'t mut Stack,
@@ -358,14 +381,16 @@ impl Task for Incoherent<'_, '_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Incoherent { state, index, packets: [outer, inner], stack, surface_hits } = self;
+        let Incoherent { state, world, packets: [outer, inner], stack, surface_hits } = self;
         let active = all(state.rays.count);
-        match index.bounded.only_leaf() {
-            Some(&id) => Objects { state, packet: inner, surface_hits }.intersect::<I>(stack, id, active),
-            None => {
-                state.fill::<I>(outer, &index.bounded);
-                let mut objects = Objects { state, packet: inner, surface_hits };
-                index.bounded.traverse_single::<I>(outer, active, stack, &mut objects);
+        for hierarchy in [Some(&world.index.bounded), world.movers.as_ref()].into_iter().flatten() {
+            match hierarchy.only_leaf() {
+                Some(&id) => Objects { state, packet: inner, surface_hits }.intersect::<I>(stack, id, active),
+                None => {
+                    state.fill::<I>(outer, hierarchy);
+                    let mut objects = Objects { state, packet: inner, surface_hits };
+                    hierarchy.traverse_single::<I>(outer, active, stack, &mut objects);
+                }
             }
         }
     }

@@ -62,7 +62,7 @@ impl<'a> TriangleHits<'a> {
                 hits.put(at, Hit { t: self.t[lane], normal, object: object as i32, primitive });
             } else {
                 let root = &RootId::of_triangle(object, primitive);
-                hits.put(at, scene.hit(root, rays.origin(lane), rays.direction(lane)));
+                hits.put(at, scene.hit(root, rays.origin(lane), rays.direction(lane), rays.time[lane]));
             }
         }
     }

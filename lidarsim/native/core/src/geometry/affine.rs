@@ -2,7 +2,9 @@
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{DoubleDouble, Dyadic, Interval, Kinds, Number, RunningError, Uncertain};
+use crate::arith::number::{DoubleDouble, Dyadic, Interval, Kinds, Lanes, Number, OfRays, RunningError, Uncertain};
+use crate::arith::simd::lanes;
+use crate::geometry::pose::Pose;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -21,6 +23,12 @@ impl Affine {
 
     pub fn new(linear: [[f64; 3]; 3], offset: Point) -> Self {
         Affine { linear, offset }
+    }
+
+    /// The columns of the homogeneous matrix, one after the other, and so the offset last.
+    pub fn columns(&self) -> [Point; 4] {
+        let [x, y, z] = self.linear;
+        [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]], self.offset]
     }
 
     pub fn is_identity(&self) -> bool {
@@ -48,6 +56,13 @@ impl Affine {
             }
             Interval { low, high }
         })
+    }
+}
+
+impl From<Pose> for Affine {
+    #[inline(always)]
+    fn from(pose: Pose) -> Self {
+        Affine::from_rows(pose.rows())
     }
 }
 
@@ -105,16 +120,16 @@ impl Kinds for Inverse {
 
     #[inline(always)]
     fn convert<N: Clone, M: Clone + for<'a> From<&'a N>>(kept: &Adjugate<N>) -> Adjugate<M> {
-        let [r0, r1, r2] = &kept.rows;
+        let [r0, r1, r2] = &kept.linear.rows;
         let rest = match &kept.rest {
             None => None,
             Some(rest) => Some(convert(rest)),
         };
+        let determinant = M::from(&kept.linear.determinant);
         Adjugate {
-            rows: [convert(r0), convert(r1), convert(r2)],
+            linear: Cofactors { rows: [convert(r0), convert(r1), convert(r2)], determinant },
             offset: kept.offset,
             rest,
-            determinant: M::from(&kept.determinant),
         }
     }
 }
@@ -178,33 +193,175 @@ impl<P: Placement> Placement for Option<P> {
     }
 }
 
-/// The inverse of an affine map without its division: linear⁻¹ = adjugate/determinant. The signs of both are changed where the
-/// determinant is negative.
+/// How the rays of a packet are placed: all in the same way, or each in its own.
+pub trait RayPlacement: Copy {
+    /// For the rays of part `i` of the packet, a register of them.
+    #[inline(always)]
+    fn part(self, _: usize) -> Self {
+        self
+    }
+
+    /// As `Placement::local`.
+    fn local<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, lanes: L) -> Ray<K>;
+    /// As `Placement::normal`.
+    fn normal<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, lanes: L) -> Vector<K>;
+}
+
+impl<P: Placement> RayPlacement for P {
+    #[inline(always)]
+    fn local<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, _: L) -> Ray<K> {
+        Placement::local(self, ray)
+    }
+
+    #[inline(always)]
+    fn normal<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, _: L) -> Vector<K> {
+        Placement::normal(self, normal)
+    }
+}
+
+/// Placed by `first`, and then by a map that preserves orientation, which is inverted anew for each ray; by each of them if there is one.
+#[derive(Clone, Copy)]
+pub struct Placed<'a> {
+    pub first: Option<&'a Inverse>,
+    pub then: Option<&'a Affine>,
+}
+
+impl Placement for Placed<'_> {
+    #[inline(always)]
+    fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
+        let Some(then) = self.then else { return self.first.local(ray) };
+        let from = ray.origin_from(vector::exact(then.offset));
+        self.first.local(Cofactors::new(&then.linear.map(vector::exact)).apply(from, &ray))
+    }
+
+    #[inline(always)]
+    fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N> {
+        let normal = self.first.normal(normal);
+        match self.then {
+            None => normal,
+            Some(then) => Cofactors::new(&then.linear.map(vector::exact)).normal(&normal),
+        }
+    }
+}
+
+/// As [`Placed`], with a map for each of M rays.
+#[derive(Clone, Copy)]
+pub struct PlacedRays<'a, const M: usize> {
+    pub first: Option<&'a Inverse>,
+    pub then: &'a Affines<M>,
+    pub part: usize,
+}
+
+/// M affine maps: the columns of their homogeneous matrices, and of each column its coordinates.
+#[derive(Clone, Copy, Debug)]
+#[repr(C, align(64))]
+pub struct Affines<const M: usize>([[[f64; M]; 3]; 4]);
+
+impl<const M: usize> Affines<M> {
+    pub const UNSET: Self = Affines([[[0.0; M]; 3]; 4]);
+
+    #[inline(always)]
+    pub fn set(&mut self, i: usize, columns: &[Point; 4]) {
+        for (kept, column) in self.0.iter_mut().zip(columns) {
+            for (kept, x) in kept.iter_mut().zip(column) {
+                kept[i] = *x;
+            }
+        }
+    }
+}
+
+impl<const M: usize> PlacedRays<'_, M> {
+    #[inline(always)]
+    fn column<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, j: usize, lanes: L) -> Vector<K> {
+        vector::of_rays(lanes::part(&self.then.0[j], self.part), lanes)
+    }
+
+    #[inline(always)]
+    fn cofactors<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, lanes: L) -> Cofactors<K> {
+        let [[a, b, c], [d, e, f], [g, h, i]] = [0, 1, 2].map(|j| self.column(j, lanes));
+        Cofactors::new(&[[a, d, g], [b, e, h], [c, f, i]])
+    }
+}
+
+impl<const M: usize> RayPlacement for PlacedRays<'_, M> {
+    #[inline(always)]
+    fn part(self, part: usize) -> Self {
+        PlacedRays { part, ..self }
+    }
+
+    #[inline(always)]
+    fn local<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, lanes: L) -> Ray<K> {
+        let from = ray.origin_from(self.column(3, lanes));
+        Placement::local(self.first, self.cofactors(lanes).apply(from, &ray))
+    }
+
+    #[inline(always)]
+    fn normal<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, lanes: L) -> Vector<K> {
+        self.cofactors(lanes).normal(&Placement::normal(self.first, normal))
+    }
+}
+
+/// The inverse of a linear map without its division: linear⁻¹ = rows/determinant, with the rows of the adjugate.
+#[derive(Clone, Debug)]
+struct Cofactors<N> {
+    rows: [Vector<N>; 3],
+    determinant: N,
+}
+
+impl<N: Number> Cofactors<N> {
+    /// From the rows of the map.
+    #[inline(always)]
+    fn new([r0, r1, r2]: &[Vector<N>; 3]) -> Self {
+        // The columns of the adjugate are the cross products of the rows.
+        let [c0, c1, c2] = [vector::cross(r1, r2), vector::cross(r2, r0), vector::cross(r0, r1)];
+        let determinant = vector::dot(r0, &c0);
+        Cofactors { rows: std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]), determinant }
+    }
+
+    /// The ray in the coordinates before the map, for a positive determinant; `from` is its origin less what the offset of the map is, times
+    /// the weight.
+    #[inline(always)]
+    fn apply(&self, from: Vector<N>, ray: &Ray<N>) -> Ray<N> {
+        let weight = ray.weighted(self.determinant.clone());
+        Ray { origin: self.times(&from), direction: self.times(&ray.direction), weight: Some(weight) }
+    }
+
+    #[inline(always)]
+    fn times(&self, v: &Vector<N>) -> Vector<N> {
+        [vector::dot(&self.rows[0], v), vector::dot(&self.rows[1], v), vector::dot(&self.rows[2], v)]
+    }
+
+    /// A normal after the map, times a positive number: linear⁻ᵀ·normal.
+    #[inline(always)]
+    fn normal(&self, n: &Vector<N>) -> Vector<N> {
+        let [r0, r1, r2] = &self.rows;
+        let sum = vector::add(&vector::scaled(r0, &n[0]), &vector::scaled(r1, &n[1]));
+        vector::add(&sum, &vector::scaled(r2, &n[2]))
+    }
+}
+
+/// The inverse of an affine map, with the signs of its cofactors changed where the determinant is negative: of what is then
+/// |determinant| times the inverse, outward normals stay outward through a reflection.
 #[derive(Clone, Debug)]
 pub struct Adjugate<N> {
-    rows: [Vector<N>; 3],
+    linear: Cofactors<N>,
     /// In float64, so that the difference to an origin near it keeps all its digits.
     offset: Point,
     /// What the true offset is beyond that; none if nothing.
     rest: Option<Vector<N>>,
-    determinant: N,
 }
 
 impl<N: Number<Floats = f64>> Adjugate<N> {
     fn of(map: &Affine, negate: bool) -> Self {
-        let [r0, r1, r2]: [Vector<N>; 3] = map.linear.map(vector::exact);
-        // The columns of the adjugate are the cross products of the rows.
-        let [c0, c1, c2] = [vector::cross(&r1, &r2), vector::cross(&r2, &r0), vector::cross(&r0, &r1)];
-        let determinant = vector::dot(&r0, &c0);
-        let rows: [Vector<N>; 3] = std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]);
+        let Cofactors { rows, determinant } = Cofactors::new(&map.linear.map(vector::exact));
         let (rows, determinant) =
             if negate { (rows.each_ref().map(vector::negated), determinant.negated()) } else { (rows, determinant) };
-        Adjugate { rows, offset: map.offset, rest: None, determinant }
+        Adjugate { linear: Cofactors { rows, determinant }, offset: map.offset, rest: None }
     }
 
     /// x = L₂·(L₁·y + t₁) + t₂, so that adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.
     fn after(&self, first: &Self, second: &Affine) -> Self {
-        let [r0, r1, r2] = &self.rows;
+        let [r0, r1, r2] = &self.linear.rows;
         let columns: [Vector<N>; 3] = std::array::from_fn(|j| [r0[j].clone(), r1[j].clone(), r2[j].clone()]);
         let (offset, rest) = if first.rest.is_none() && first.offset == [0.0; 3] {
             (self.offset, self.rest.clone())
@@ -213,12 +370,12 @@ impl<N: Number<Floats = f64>> Adjugate<N> {
             let parts = [0, 1, 2].map(|i| vector::dot(&vector::exact(second.linear[i]), &from).plus(&to[i]).split());
             (parts.each_ref().map(|(near, _)| *near), Some(parts.map(|(_, rest)| rest)))
         };
-        Adjugate {
-            rows: first.rows.each_ref().map(|row| columns.each_ref().map(|column| vector::dot(row, column))),
-            offset,
-            rest,
-            determinant: self.determinant.times(&first.determinant),
-        }
+        let product = |row: &Vector<N>| columns.each_ref().map(|column| vector::dot(row, column));
+        let linear = Cofactors {
+            rows: first.linear.rows.each_ref().map(product),
+            determinant: self.linear.determinant.times(&first.linear.determinant),
+        };
+        Adjugate { linear, offset, rest }
     }
 
     fn whole_offset(&self) -> Vector<N> {
@@ -234,28 +391,16 @@ impl<N: Number> Adjugate<N> {
     /// A world ray in the coordinates of the object.
     #[inline(always)]
     pub fn apply(&self, ray: &Ray<N>) -> Ray<N> {
-        let weight = match &ray.weight {
-            None => self.determinant.clone(),
-            Some(w) => w.times(&self.determinant),
-        };
         let mut from = ray.origin_from(vector::exact(self.offset));
         if let Some([x, y, z]) = self.rest.clone() {
             from = vector::sub(&from, &[ray.weighted(x), ray.weighted(y), ray.weighted(z)]);
         }
-        Ray { origin: self.times(&from), direction: self.times(&ray.direction), weight: Some(weight) }
+        self.linear.apply(from, ray)
     }
 
-    #[inline(always)]
-    fn times(&self, v: &Vector<N>) -> Vector<N> {
-        [vector::dot(&self.rows[0], v), vector::dot(&self.rows[1], v), vector::dot(&self.rows[2], v)]
-    }
-
-    /// A normal of the object in world coordinates, times a positive number: linear⁻ᵀ·normal. The rows are those of the inverse
-    /// times |determinant|, so that outward stays outward through a reflection.
+    /// A normal of the object in world coordinates, times a positive number.
     #[inline(always)]
     pub fn normal(&self, n: &Vector<N>) -> Vector<N> {
-        let [r0, r1, r2] = &self.rows;
-        let sum = vector::add(&vector::scaled(r0, &n[0]), &vector::scaled(r1, &n[1]));
-        vector::add(&sum, &vector::scaled(r2, &n[2]))
+        self.linear.normal(n)
     }
 }

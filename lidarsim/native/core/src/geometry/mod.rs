@@ -4,4 +4,5 @@ pub mod affine;
 pub mod point;
 pub mod pose;
 pub mod ray;
+mod sweep;
 pub mod vector;

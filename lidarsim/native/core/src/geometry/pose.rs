@@ -104,7 +104,7 @@ pub struct Step {
 }
 
 impl Step {
-    fn is_linear(&self) -> bool {
+    pub(super) fn is_linear(&self) -> bool {
         [&self.shift, &self.turn].iter().all(|Cubic([_, b, c])| [*b, *c] == [[0.0; 3]; 2])
     }
 }
@@ -200,6 +200,13 @@ impl Path {
             }
             Path::Mounted { body, mount } => body.at(time).then(mount),
         }
+    }
+
+    /// The velocity at a time of what moves along and is then at a point of the world.
+    pub fn velocity_of(&self, point: Point, time: f64) -> Point {
+        let (pose, Velocity { linear, angular }) = (self.at(time), self.velocity(time));
+        let swung = pose.turn(cross(angular, pose.turn_back(sub(point, pose.translation))));
+        std::array::from_fn(|i| linear[i] + swung[i])
     }
 
     /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which it is reached.

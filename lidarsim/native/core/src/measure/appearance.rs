@@ -23,11 +23,11 @@ pub enum Reflectivity {
 
 impl Reflectivity {
     #[inline(always)]
-    pub(super) fn at(&self, hit: &Hit, origin: Point, direction: Point, caster: &impl Caster) -> f64 {
+    pub(super) fn at(&self, hit: &Hit, (origin, direction, time): (Point, Point, f64), caster: &impl Caster) -> f64 {
         match self {
             Reflectivity::Object(value) => *value,
             Reflectivity::Face(values) => values[hit.primitive as usize],
-            Reflectivity::Vertex(values) => match caster.shares(hit, origin, direction) {
+            Reflectivity::Vertex(values) => match caster.shares(hit, origin, direction, time) {
                 Some((vertices, [u, v, w])) => {
                     let [a, b, c] = vertices.map(|i| values[i as usize]);
                     u * a + v * b + w * c

@@ -22,11 +22,11 @@ use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::number::Interval;
 use crate::arith::simd::{self, Isa, Level, Task};
 use crate::geometry::point::{cross, dot, sub};
-use crate::geometry::pose::{Path, Pose};
+use crate::geometry::pose::{Path, Pose, Velocity};
 use crate::geometry::vector::Point;
 use crate::measure::rng::{Effect, Stream};
 use crate::memory::split_off;
-use crate::scene::{Geometry, Hit, Scene};
+use crate::scene::{Geometry, Hit, World};
 use crate::shapes::triangle::barycentric;
 use direction::{beside, distance, is_finite, is_unit, turned};
 use echo::{Echo, Light};
@@ -40,21 +40,36 @@ pub use share::ReturnRows;
 
 /// What finds the surfaces.
 pub trait Caster: Sync {
-    /// The nearest hit of each ray with t ≥ 0.
-    fn cast(&self, level: Level, origins: &[Point], directions: &[Point], hits: &mut [Hit]);
+    /// Whether any surface moves, so that rays need their times.
+    fn moves(&self) -> bool;
+
+    /// The nearest hit of each ray with t ≥ 0, at its time; none have times if nothing moves.
+    fn cast(&self, level: Level, rays: (&[Point], &[Point], &[f64]), hits: &mut [Hit]);
 
     /// The vertices of the triangle of a mesh that was hit, and the share that each has of the hit.
-    fn shares(&self, hit: &Hit, origin: Point, direction: Point) -> Option<([u32; 3], [f64; 3])>;
+    fn shares(&self, hit: &Hit, origin: Point, direction: Point, time: f64) -> Option<([u32; 3], [f64; 3])>;
+
+    /// The velocity of a point of an object at a time.
+    fn velocity(&self, object: i32, point: Point, time: f64) -> Point;
 }
 
-impl Caster for Scene {
-    fn cast(&self, level: Level, origins: &[Point], directions: &[Point], hits: &mut [Hit]) {
-        // The rays are legal: `Frame::check` has seen them.
-        Scene::cast(self, level, origins, directions, (0.0, f64::INFINITY), hits);
+impl Caster for World<'_> {
+    fn moves(&self) -> bool {
+        self.scene.moves()
     }
 
-    fn shares(&self, hit: &Hit, origin: Point, direction: Point) -> Option<([u32; 3], [f64; 3])> {
-        let object = &self.objects()[hit.object as usize];
+    fn cast(&self, level: Level, rays: (&[Point], &[Point], &[f64]), hits: &mut [Hit]) {
+        // The rays are legal: `Frame::check` has seen them.
+        World::cast(self, level, rays, (0.0, f64::INFINITY), hits);
+    }
+
+    fn velocity(&self, object: i32, point: Point, time: f64) -> Point {
+        let motion = self.scene.objects()[object as usize].motion();
+        motion.map_or([0.0; 3], |motion| motion.velocity_of(point, time))
+    }
+
+    fn shares(&self, hit: &Hit, origin: Point, direction: Point, time: f64) -> Option<([u32; 3], [f64; 3])> {
+        let object = self.scene.at(hit.object as u32, time);
         let Geometry::Mesh(mesh) = &object.geometry else { return None };
         let vertices = mesh.faces()[hit.primitive as usize];
         let [o, d] = object.enclose(origin, direction);
@@ -156,6 +171,8 @@ pub struct Rows<'a> {
     pub label: &'a mut [MaybeUninit<u32>],
     /// Or none, where each pulse goes where it should.
     pub true_direction: &'a mut [MaybeUninit<Point>],
+    /// Or none, where nothing moves.
+    pub radial_velocity: &'a mut [MaybeUninit<f32>],
     pub status: &'a mut [MaybeUninit<u8>],
     pub return_count: &'a mut [MaybeUninit<u8>],
 }
@@ -165,6 +182,7 @@ impl<'a> Rows<'a> {
     pub fn split_off(&mut self, pulses: usize, most: usize) -> Rows<'a> {
         let rows = pulses * most;
         let directions = rows.min(self.true_direction.len());
+        let velocities = rows.min(self.radial_velocity.len());
         Rows {
             range: split_off(&mut self.range, rows),
             true_range: split_off(&mut self.true_range, rows),
@@ -175,12 +193,13 @@ impl<'a> Rows<'a> {
             object_id: split_off(&mut self.object_id, rows),
             label: split_off(&mut self.label, rows),
             true_direction: split_off(&mut self.true_direction, directions),
+            radial_velocity: split_off(&mut self.radial_velocity, velocities),
             status: split_off(&mut self.status, pulses),
             return_count: split_off(&mut self.return_count, pulses),
         }
     }
 
-    /// All but the incidence and the true direction.
+    /// All but the incidence, the true direction and the radial velocity.
     #[inline(always)]
     fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, label: u32) {
         self.true_range[row].write(echo.true_range);
@@ -204,6 +223,9 @@ impl<'a> Rows<'a> {
         self.intensity[row].write(f32::NAN);
         if let Some(direction) = self.true_direction.get_mut(row) {
             direction.write([f64::NAN; 3]);
+        }
+        if let Some(velocity) = self.radial_velocity.get_mut(row) {
+            velocity.write(f32::NAN);
         }
     }
 }
@@ -229,6 +251,8 @@ thread_local! {
 struct Scratch {
     origins: Vec<Point>,
     directions: Vec<Point>,
+    /// Empty if no surface moves.
+    times: Vec<f64>,
     hits: Vec<Hit>,
     /// Of each ray what it brings back; of one that hits nothing, anything.
     range: Vec<f64>,
@@ -239,6 +263,8 @@ struct Scratch {
     transmission: Vec<f64>,
     /// Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
     incidence: Vec<[f64; 2]>,
+    /// Of each pulse, the velocity of its origin in the world; empty if the sensor does not move.
+    velocity: Vec<Point>,
     /// Of each pulse, its number in the whole frame.
     index: Vec<u64>,
     /// Of each pulse, what effects draw, and its direction with its jitter; of effects that are off these are empty. Further echoes draw their
@@ -316,7 +342,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             if let Some(light) = rays.light(i) {
                 let echo = self.received(Echo::of(light), rays, i, 0);
                 status = echo.status();
-                self.report(first, &echo, rays, rows);
+                self.report(first, i, &echo, rays, rows);
                 if let Some(direction) = rows.true_direction.get_mut(first) {
                     direction.write(self.axis(pulses.start, i, rays));
                 }
@@ -340,7 +366,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             let first = i * most;
             let mut row = first;
             for echo in &chosen {
-                self.report(row, echo, rays, rows);
+                self.report(row, i, echo, rays, rows);
                 if let Some(direction) = rows.true_direction.get_mut(row) {
                     let offset = beam.offset(echo.ray - i * beam.len());
                     direction.write(beside(self.axis(pulses.start, i, rays), offset));
@@ -352,14 +378,33 @@ impl<'a, C: Caster> Scan<'a, C> {
         }
     }
 
-    /// Writes an echo, but for where it comes from.
+    /// Writes an echo of the `i`-th pulse of the batch, but for where it comes from.
     #[inline(always)]
-    fn report(&self, row: usize, echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
+    fn report(&self, row: usize, i: usize, echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
         let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
         let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
         rows.write(row, echo, hit, label);
         let across = cross(hit.normal, direction);
         rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
+        if let Some(velocity) = rows.radial_velocity.get_mut(row) {
+            velocity.write(self.radial_velocity(i, echo.ray, rays));
+        }
+    }
+
+    /// How fast the range of what a ray of the `i`-th pulse hits grows: the velocity of that point of the surface against the origin of the pulse,
+    /// along the ray.
+    #[inline(never)]
+    fn radial_velocity(&self, i: usize, ray: usize, rays: &Scratch) -> f32 {
+        let (origin, direction, hit) = (rays.origins[ray], rays.directions[ray], &rays.hits[ray]);
+        let mut velocity = [0.0; 3];
+        if let Some(&time) = rays.times.get(ray) {
+            let point = std::array::from_fn(|k| origin[k] + hit.t * direction[k]);
+            velocity = self.caster.velocity(hit.object, point, time);
+        }
+        if let Some(own) = rays.velocity.get(i) {
+            velocity = sub(velocity, *own);
+        }
+        (dot(velocity, direction) / dot(direction, direction).sqrt()) as f32
     }
 
     /// Where the `i`-th pulse of the batch that starts with pulse `start` went.
@@ -378,6 +423,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         let count = pulses.len() * measurement.rays();
         rays.origins.resize(count, [0.0; 3]);
         rays.directions.resize(count, [0.0; 3]);
+        rays.velocity.clear();
         let (mut start, mut right) = (pulses.start, true);
         while start < pulses.end {
             // Pulses of one time are fired from one pose.
@@ -389,14 +435,27 @@ impl<'a, C: Caster> Scan<'a, C> {
             while end < pulses.end && frame.times[end] == frame.times[start] {
                 end += 1;
             }
+            if let Path::Still(_) = frame.path {
+            } else {
+                let Velocity { linear, angular } = frame.path.velocity(frame.start + frame.times[start]);
+                for origin in &frame.origins[start..end] {
+                    let swung = pose.turn(cross(angular, *origin));
+                    rays.velocity.push(std::array::from_fn(|k| linear[k] + swung[k]));
+                }
+            }
             right &= self.aim(start..end, start - pulses.start, &pose, rays);
             start = end;
         }
         if !right {
             return frame.first_bad(pulses);
         }
+        rays.times.clear();
+        if self.caster.moves() {
+            let times = frame.times[pulses].iter().map(|time| frame.start + time);
+            rays.times.extend(times.flat_map(|time| std::iter::repeat_n(time, measurement.rays())));
+        }
         rays.hits.resize(count, Hit::MISS);
-        self.caster.cast(self.level, &rays.origins, &rays.directions, &mut rays.hits);
+        self.caster.cast(self.level, (&rays.origins, &rays.directions, &rays.times), &mut rays.hits);
         Ok(())
     }
 
@@ -488,7 +547,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     /// Range, cosine of the incidence, intensity and its loss, of all rays: a formula at a time, in loops that become vector instructions.
     #[inline(always)]
     fn shine(&self, rays: &mut Scratch) {
-        let Scratch { origins, directions, hits, range, cosine, intensity, transmission, .. } = rays;
+        let Scratch { origins, directions, times, hits, range, cosine, intensity, transmission, .. } = rays;
         range.resize(hits.len(), 0.0);
         cosine.resize(hits.len(), 0.0);
         intensity.resize(hits.len(), 0.0);
@@ -499,7 +558,8 @@ impl<'a, C: Caster> Scan<'a, C> {
         }
         for (i, (intensity, hit)) in intensity.iter_mut().zip(&*hits).enumerate() {
             if let Some(appearance) = self.appearances.get(hit.object as usize) {
-                *intensity = appearance.reflectivity.at(hit, origins[i], directions[i], self.caster);
+                let ray = (origins[i], directions[i], *times.get(i).unwrap_or(&0.0));
+                *intensity = appearance.reflectivity.at(hit, ray, self.caster);
             }
         }
         for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {

@@ -34,6 +34,9 @@ impl<C: Caster> Scan<'_, C> {
     }
 }
 
+/// Returns that a thread takes at a time.
+const PIECE: usize = 1 << 13;
+
 /// The returns of a scan: the row that each is in, and its pulse.
 pub struct ReturnRows {
     row: Vec<usize>,
@@ -63,12 +66,29 @@ impl ReturnRows {
 
     /// Writes a value of each return, by its row and its pulse, to the place of the return. All threads take part.
     pub fn gather<T: Send>(&self, places: &mut [MaybeUninit<T>], value: impl Fn(usize, usize) -> T + Sync) {
-        const PIECE: usize = 1 << 13;
         assert_eq!(places.len(), self.count());
         let pieces = places.chunks_mut(PIECE).zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE)));
         parallel::share(pieces, |(places, (rows, pulses))| {
             for ((place, &row), &pulse) in places.iter_mut().zip(rows).zip(pulses) {
                 place.write(value(row, pulse));
+            }
+        });
+    }
+
+    /// As `gather`, two values of each return, which also come by what the one before it left, if it was in the same piece.
+    pub fn gather_pairs<A: Send, B: Send, S>(
+        &self,
+        (a, b): (&mut [MaybeUninit<A>], &mut [MaybeUninit<B>]),
+        values: impl Fn(&mut Option<S>, usize, usize) -> (A, B) + Sync,
+    ) {
+        assert_eq!([a.len(), b.len()], [self.count(); 2]);
+        let places = a.chunks_mut(PIECE).zip(b.chunks_mut(PIECE));
+        parallel::share(places.zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE))), |((a, b), (rows, pulses))| {
+            let mut left = None;
+            for ((a, b), (&row, &pulse)) in a.iter_mut().zip(b).zip(rows.iter().zip(pulses)) {
+                let values = values(&mut left, row, pulse);
+                a.write(values.0);
+                b.write(values.1);
             }
         });
     }

@@ -5,6 +5,7 @@ mod object;
 mod predicates;
 mod root_id;
 mod triangle_mesh;
+mod world;
 
 use std::cmp::Ordering;
 use std::sync::OnceLock;
@@ -20,14 +21,17 @@ use crate::shapes::newton::{self, RootBracket};
 use predicates::{RefinedHit, RootOrder, RoundedRoot};
 
 pub use hit::{Hit, Sink};
-pub use object::{Geometry, Object};
+pub use object::{Geometry, Object, ObjectAt};
 pub use predicates::RootIntervals;
 pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
+pub use world::World;
 
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
     objects: Vec<Object>,
+    /// Those that move.
+    movers: Vec<u32>,
     index: OnceLock<Index>,
 }
 
@@ -35,13 +39,21 @@ pub struct Scene {
 pub struct Index {
     /// Unbounded objects, which are tested with every ray.
     pub unbounded: Vec<u32>,
+    /// What stands still.
     pub bounded: Bvh<u32>,
     size: f64,
 }
 
 impl Scene {
     pub fn new(objects: Vec<Object>) -> Self {
-        Scene { objects, index: OnceLock::new() }
+        let moves = |id: &u32| objects[*id as usize].motion().is_some();
+        let movers = (0..objects.len() as u32).filter(moves).collect();
+        Scene { objects, movers, index: OnceLock::new() }
+    }
+
+    /// Whether anything moves, so that rays need their times.
+    pub fn moves(&self) -> bool {
+        !self.movers.is_empty()
     }
 
     pub fn objects(&self) -> &[Object] {
@@ -58,41 +70,40 @@ impl Scene {
         self.index();
     }
 
-    /// The longest side of the box around all bounded objects.
-    pub fn size(&self) -> f64 {
-        self.index().size
-    }
-
-    pub fn index(&self) -> &Index {
+    fn index(&self) -> &Index {
         self.index.get_or_init(|| {
             let bounds: Vec<_> = self.objects.iter().map(Object::bounds).collect();
             let endless = |&i: &usize| bounds[i].is_none() && !self.objects[i].is_empty();
             let unbounded = (0..bounds.len()).filter(endless).map(|i| i as u32).collect();
-            let side = |i: usize| {
-                let all = bounds.iter().flatten().map(|b| b[i]);
-                all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
-            };
-            let size = side(0).max(side(1)).max(side(2));
-            let bounded = parallel::run(|| Bvh::new(bounds.len(), |id| bounds[id as usize], 1, |ids| ids[0]));
-            Index { unbounded, bounded, size }
+            let mut still = bounds;
+            for &id in &self.movers {
+                still[id as usize] = None;
+            }
+            let bounded = parallel::run(|| Bvh::new(still.len(), |id| still[id as usize], 1, |ids| ids[0]));
+            Index { unbounded, bounded, size: size(&still) }
         })
     }
 
-    /// Every t, ascending and distinct, at which the line intersects the object.
+    /// An object where it stands at a time.
+    #[inline(always)]
+    pub fn at(&self, object: u32, time: f64) -> ObjectAt<'_> {
+        self.objects[object as usize].at(time)
+    }
+
+    /// Every t, ascending and distinct, at which the line intersects the object, which does not move.
     pub fn roots(&self, object: u32, origin: Point, direction: Point) -> Vec<f64> {
         let primitives = self.primitives_on_line(object, origin, direction);
         let mut places: Vec<RootId> = Vec::new();
         for primitive in primitives {
-            let found =
-                number::decide(&RootIntervals { object: &self.objects[object as usize], primitive, origin, direction });
+            let found = number::decide(&RootIntervals { object: self.at(object, 0.0), primitive, origin, direction });
             for (index, &(_, feature)) in (0..).zip(found.iter().flatten()) {
                 places.push(RootId { object, primitive, index, feature });
             }
         }
-        let order = |a: &RootId, b: &RootId| self.compare(a, b, origin, direction);
+        let order = |a: &RootId, b: &RootId| self.compare(a, b, origin, direction, 0.0);
         places.sort_by(order);
         places.dedup_by(|a, b| order(a, b) == Ordering::Equal);
-        places.iter().map(|at| self.t(at, origin, direction)).collect()
+        places.iter().map(|at| self.t(at, origin, direction, 0.0)).collect()
     }
 
     /// As `roots`, of each of some lines.
@@ -102,7 +113,7 @@ impl Scene {
     }
 
     fn primitives_on_line(&self, object: u32, origin: Point, direction: Point) -> Vec<u32> {
-        let object = &self.objects[object as usize];
+        let object = self.at(object, 0.0);
         let Geometry::Mesh(mesh) = &object.geometry else { return vec![0] };
         let mut found = Vec::new();
         let mut stack = Stack::new();
@@ -120,13 +131,14 @@ impl Scene {
         found
     }
 
-    /// The order of two roots on a line.
-    pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point) -> Ordering {
+    /// The order of two roots on a line, at a time.
+    pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point, time: f64) -> Ordering {
         // Objects stand on floors, so coplanar triangles are common, and their ties would all go to exact arithmetic.
         if self.share_axis_plane(a, b) {
             return Ordering::Equal;
         }
-        number::decide(&RootOrder { objects: &self.objects, a, b, origin, direction })
+        let objects = [self.at(a.object, time), self.at(b.object, time)];
+        number::decide(&RootOrder { objects, a, b, origin, direction })
     }
 
     /// Whether both are triangles in one plane perpendicular to an axis.
@@ -137,19 +149,19 @@ impl Scene {
     }
 
     /// t, correctly rounded.
-    pub fn t(&self, at: &RootId, origin: Point, direction: Point) -> f64 {
-        number::decide_exactly(&RoundedRoot { object: &self.objects[at.object as usize], at, origin, direction })
+    pub fn t(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> f64 {
+        number::decide_exactly(&RoundedRoot { object: self.at(at.object, time), at, origin, direction })
     }
 
-    pub fn hit(&self, at: &RootId, origin: Point, direction: Point) -> Hit {
-        let object = &self.objects[at.object as usize];
+    pub fn hit(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> Hit {
+        let object = self.at(at.object, time);
         let found = number::decide_exactly(&RefinedHit { object, at, origin, direction });
         self.hit_of(at, found)
     }
 
     /// As `hit`, with bounds of t.
-    pub fn hit_within(&self, at: &RootId, bounds: Interval, origin: Point, direction: Point) -> Hit {
-        let object = &self.objects[at.object as usize];
+    pub fn hit_within(&self, at: &RootId, bounds: Interval, origin: Point, direction: Point, time: f64) -> Hit {
+        let object = self.at(at.object, time);
         let bracket = RootBracket { feature: at.feature, origin, direction, bounds };
         let found = match &object.geometry {
             Geometry::Surface(shape) => newton::newton_step(object.placement(), shape, &bracket, One),
@@ -159,7 +171,7 @@ impl Scene {
         };
         match found {
             Ok(found) => self.hit_of(at, found),
-            Err(Uncertain) => self.hit(at, origin, direction),
+            Err(Uncertain) => self.hit(at, origin, direction, time),
         }
     }
 
@@ -167,6 +179,15 @@ impl Scene {
         let primitive = self.objects[at.object as usize].reported(at.primitive);
         Hit { t, normal: vector::unit(normal), object: at.object as i32, primitive }
     }
+}
+
+/// The longest side of the box around all of some boxes.
+fn size(bounds: &[Option<[Interval; 3]>]) -> f64 {
+    let side = |i: usize| {
+        let all = bounds.iter().flatten().map(|b| b[i]);
+        all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
+    };
+    side(0).max(side(1)).max(side(2))
 }
 
 #[cfg(test)]

@@ -1,12 +1,14 @@
 //! Objects: a geometry, placed by affine maps.
 
+use std::ops::Deref;
 use std::sync::Arc;
 
 use super::{RootId, TriangleMesh};
 use crate::arith::number::{self, Interval, Number, Predicate, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::arith::simd::Isa;
-use crate::geometry::affine::{Affine, Inverse, Placement};
+use crate::geometry::affine::{Affine, Inverse, Placed, Placement};
+use crate::geometry::pose::Path;
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
 use crate::shapes::{AnySurface, Surface, Triangle};
@@ -18,20 +20,21 @@ pub enum Geometry {
     Mesh(Arc<TriangleMesh>),
 }
 
-/// A geometry and the maps that take it into the world, the first one first.
+/// A geometry, the maps that take it into the world, the first one first, and the motion that it then makes.
 #[derive(Clone, Debug)]
 pub struct Object {
     pub geometry: Geometry,
     maps: Vec<Affine>,
     /// Of all maps together; none if there are none.
     inverse: Option<Arc<Inverse>>,
+    motion: Option<Arc<Path>>,
     /// A mesh whose triangles are parts of one primitive, as those of a polygon are.
     whole: bool,
 }
 
 impl Object {
     pub fn new(geometry: Geometry, whole: bool) -> Self {
-        Object { geometry, maps: Vec::new(), inverse: None, whole }
+        Object { geometry, maps: Vec::new(), inverse: None, motion: None, whole }
     }
 
     /// The object under one more map; none if that cannot be inverted.
@@ -48,15 +51,32 @@ impl Object {
         Some(object)
     }
 
+    /// The object, which after its maps moves like this.
+    #[must_use]
+    pub fn moving(&self, motion: Arc<Path>) -> Self {
+        Object { motion: Some(motion), ..self.clone() }
+    }
+
+    #[inline(always)]
+    pub fn motion(&self) -> Option<&Path> {
+        self.motion.as_deref()
+    }
+
+    /// The object where it stands at a time.
+    #[inline(always)]
+    pub fn at(&self, time: f64) -> ObjectAt<'_> {
+        ObjectAt { object: self, then: self.motion().map(|motion| motion.at(time).into()) }
+    }
+
     #[inline(always)]
     pub fn is_untransformed(&self) -> bool {
-        self.maps.is_empty()
+        self.maps.is_empty() && self.motion.is_none()
     }
 
     /// Whether hits are on triangles in the coordinates of the world.
     #[inline(always)]
     pub fn is_untransformed_triangle(&self) -> bool {
-        self.maps.is_empty() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
+        self.is_untransformed() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
     }
 
     #[inline(always)]
@@ -96,36 +116,25 @@ impl Object {
         if self.whole { 0 } else { primitive as i32 }
     }
 
-    /// A ray of the world in the coordinates of the object.
+    /// The inverse of the maps; none if there are none.
     #[inline(always)]
-    pub(super) fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
-        self.placement().local(ray)
-    }
-
-    /// The map to local coordinates; none if the object is untransformed.
-    #[inline(always)]
-    pub fn placement(&self) -> Option<&Inverse> {
+    pub fn inverse(&self) -> Option<&Inverse> {
         self.inverse.as_deref()
     }
 
-    /// Bounds of the ray in the coordinates of the object.
-    pub fn enclose(&self, origin: Point, direction: Point) -> [Bounds<f64>; 2] {
-        if self.maps.is_empty() {
-            return [origin.map(Interval::point), direction.map(Interval::point)];
-        }
-        number::decide(&EnclosedRay { object: self, origin, direction })
+    /// A box around the object wherever it is between two times.
+    pub(super) fn bounds_during(&self, span: [f64; 2]) -> Option<[Interval; 3]> {
+        let bounds = self.bounds()?;
+        Some(self.motion().map_or(bounds, |motion| unless_nan(motion.sweep(bounds, span))))
     }
 
+    /// Without its motion.
     pub(super) fn bounds(&self) -> Option<[Interval; 3]> {
         let local = match &self.geometry {
             Geometry::Surface(shape) => shape.bounds()?,
             Geometry::Mesh(mesh) => mesh.bounds()?,
         };
-        let bounds = self.maps.iter().fold(local, |bounds, map| map.image(bounds));
-        Some(bounds.map(|b| Interval {
-            low: if b.low.is_nan() { f64::NEG_INFINITY } else { b.low },
-            high: if b.high.is_nan() { f64::INFINITY } else { b.high },
-        }))
+        Some(unless_nan(self.maps.iter().fold(local, |bounds, map| map.image(bounds))))
     }
 
     pub(super) fn is_empty(&self) -> bool {
@@ -146,9 +155,56 @@ impl Object {
     }
 }
 
+/// A box of which what is unknown is infinite.
+fn unless_nan(bounds: [Interval; 3]) -> [Interval; 3] {
+    bounds.map(|b| Interval {
+        low: if b.low.is_nan() { f64::NEG_INFINITY } else { b.low },
+        high: if b.high.is_nan() { f64::INFINITY } else { b.high },
+    })
+}
+
+/// An object where it stands at a time. What moves is there placed by the affine map that its motion has at that time, as the numbers
+/// of the pose say, and from there on all is exact.
+#[derive(Clone, Copy)]
+pub struct ObjectAt<'a> {
+    object: &'a Object,
+    then: Option<Affine>,
+}
+
+impl<'a> Deref for ObjectAt<'a> {
+    type Target = &'a Object;
+
+    #[inline(always)]
+    fn deref(&self) -> &&'a Object {
+        &self.object
+    }
+}
+
+impl ObjectAt<'_> {
+    /// The map to local coordinates.
+    #[inline(always)]
+    pub fn placement(&self) -> Placed<'_> {
+        Placed { first: self.object.inverse(), then: self.then.as_ref() }
+    }
+
+    /// A ray of the world in the coordinates of the object.
+    #[inline(always)]
+    pub(super) fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
+        self.placement().local(ray)
+    }
+
+    /// Bounds of the ray in the coordinates of the object.
+    pub fn enclose(&self, origin: Point, direction: Point) -> [Bounds<f64>; 2] {
+        if self.is_untransformed() {
+            return [origin.map(Interval::point), direction.map(Interval::point)];
+        }
+        number::decide(&EnclosedRay { object: self, origin, direction })
+    }
+}
+
 /// Bounds of the ray in the coordinates of an object.
 struct EnclosedRay<'a> {
-    object: &'a Object,
+    object: &'a ObjectAt<'a>,
     origin: Point,
     direction: Point,
 }

@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::{Geometry, Object, RootId};
+use super::{Geometry, ObjectAt, RootId};
 use crate::arith::number::{Interval, Number, Predicate, Uncertain};
 use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
@@ -11,7 +11,7 @@ use crate::shapes::Surface;
 
 /// Bounds of the roots of a primitive.
 pub struct RootIntervals<'a> {
-    pub object: &'a Object,
+    pub object: ObjectAt<'a>,
     pub primitive: u32,
     pub origin: Point,
     pub direction: Point,
@@ -34,7 +34,7 @@ impl Predicate for RootIntervals<'_> {
 }
 
 pub struct RootOrder<'a> {
-    pub objects: &'a [Object],
+    pub objects: [ObjectAt<'a>; 2],
     pub a: &'a RootId,
     pub b: &'a RootId,
     pub origin: Point,
@@ -45,16 +45,16 @@ impl Predicate for RootOrder<'_> {
     type Answer = Ordering;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
-        let root = |at: &RootId| {
-            let object = &self.objects[at.object as usize];
+        let root = |object: &ObjectAt, at: &RootId| {
             object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)))
         };
-        N::compare(&root(self.a)?, &root(self.b)?)
+        let [a, b] = &self.objects;
+        N::compare(&root(a, self.a)?, &root(b, self.b)?)
     }
 }
 
 pub struct RoundedRoot<'a> {
-    pub object: &'a Object,
+    pub object: ObjectAt<'a>,
     pub at: &'a RootId,
     pub origin: Point,
     pub direction: Point,
@@ -70,7 +70,7 @@ impl Predicate for RoundedRoot<'_> {
 
 /// A hit: t, correctly rounded, and a normal of ordinary length.
 pub struct RefinedHit<'a> {
-    pub object: &'a Object,
+    pub object: ObjectAt<'a>,
     pub at: &'a RootId,
     pub origin: Point,
     pub direction: Point,

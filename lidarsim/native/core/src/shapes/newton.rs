@@ -6,7 +6,7 @@ use crate::arith::number::{
     DoubleDoubles, Interval, Lanes, Number, OfRays, PAD, RunningErrors, UNDERFLOW, UNIT, Uncertain,
 };
 use crate::arith::simd::Floats;
-use crate::geometry::affine::Placement;
+use crate::geometry::affine::RayPlacement;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Vector, of_rays};
 
@@ -46,7 +46,7 @@ pub struct RootBracket<F> {
 /// |f|·e/(|S|·(|S| − e)), and the rounding of the quotient.
 #[inline(always)]
 pub fn newton_step<L: Lanes<N>, const N: usize>(
-    placement: impl Placement,
+    placement: impl RayPlacement,
     target: &impl Target<L, N>,
     bracket: &RootBracket<L::Floats>,
     lanes: L,
@@ -61,12 +61,12 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
     let (pad, unit) = (L::Floats::splat(PAD), L::Floats::splat(UNIT));
     let reach = bounds.high.sub(middle).max(middle.sub(bounds.low)).mul(pad);
     let somewhere = float.at(&RunningErrors::within(middle, reach, lanes));
-    let normal = placement.normal(target.normal(&placement.local(somewhere), feature, lanes));
+    let normal = placement.normal(target.normal(&placement.local(somewhere, lanes), feature, lanes), lanes);
     let (slope, slope_error) = vector::dot(&normal, &float.direction).doubled().parts();
 
     let middle = DoubleDoubles::of_rays(middle, lanes);
     let near = double.at(&middle);
-    let (implicit, implicit_error) = target.implicit(&placement.local(near.clone()), feature, lanes).parts();
+    let (implicit, implicit_error) = target.implicit(&placement.local(near.clone(), lanes), feature, lanes).parts();
     // The number has a lower half.
     let rest = implicit.abs().fused(unit, implicit_error);
     let slope_size = slope.abs();
@@ -77,6 +77,6 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
     let step = DoubleDoubles::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes);
 
     let t = middle.plus(&step).rounded()?;
-    let normal = placement.normal(target.normal(&placement.local(near.at(&step)), feature, lanes));
+    let normal = placement.normal(target.normal(&placement.local(near.at(&step), lanes), feature, lanes), lanes);
     Ok((t, DoubleDoubles::proportions(&normal)?))
 }

@@ -1,0 +1,141 @@
+//! Boxes around what moves, over a span of time.
+
+use super::affine::Affine;
+use super::pose::{Cubic, Path, Velocity};
+use super::vector::{Point, length_above};
+use crate::arith::number::{Interval, UNIT};
+
+/// A part of a span of time in which one formula holds, with bounds of how the body moves there.
+struct Part {
+    first: f64,
+    last: f64,
+    /// Most speed along each axis of the world, and most angular speed.
+    linear: Point,
+    angular: f64,
+    /// Most that the terms of the formula come to: a length, and an angle.
+    reach: f64,
+    turn: f64,
+}
+
+/// Parts are cut so that a body turns no further than this in one, rad, but into no more pieces than so many.
+const TURN: f64 = 0.25;
+const PIECES: f64 = 64.0;
+
+/// Sines and cosines of greater angles mean nothing.
+const LARGEST_ANGLE: f64 = 1e6;
+
+impl Path {
+    /// A box around all places of a box that moves along the path between two times.
+    pub fn sweep(&self, bounds: [Interval; 3], span: [f64; 2]) -> [Interval; 3] {
+        if let Path::Mounted { body, mount } = self {
+            // The pose of the mount, rounded, is within what `during` allows of that of the body and then that of the mount.
+            return body.sweep(Affine::from(*mount).image(bounds), span);
+        }
+        let mut all = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
+        for part in self.parts(span) {
+            // At the knots poses are as given, which the formulas meet but for rounding.
+            let ends = [part.first, part.last].map(|time| Affine::from(self.at(time)).image(bounds));
+            for place in [self.during(&part, bounds)].iter().chain(&ends) {
+                for (all, place) in all.iter_mut().zip(place) {
+                    // What is unknown makes the box endless.
+                    all.low = if all.low <= place.low { all.low } else { place.low };
+                    all.high = if all.high >= place.high { all.high } else { place.high };
+                }
+            }
+        }
+        all
+    }
+
+    fn parts(&self, [first, last]: [f64; 2]) -> Vec<Part> {
+        match self {
+            Path::Twist { linear, angular, .. } => {
+                let (speed, angular) = (length_above(*linear), length_above(*angular));
+                let longest = first.abs().max(last.abs());
+                let part = |[first, last]: [f64; 2]| {
+                    // The velocity is of one length, and turns with the body.
+                    let there = self.velocity(middle(first, last)).linear;
+                    let aside = speed * (angular * (last - first)).min(2.0);
+                    let linear = there.map(|v| v.abs() + aside);
+                    Part { first, last, linear, angular, reach: speed * longest, turn: angular * longest }
+                };
+                pieces([first, last], angular).map(part).collect()
+            }
+            Path::Knots { times, steps, .. } if !steps.is_empty() => {
+                let from = times.partition_point(|&t| t <= first).saturating_sub(1);
+                let to = times.partition_point(|&t| t < last).max(from + 1);
+                let parts = (from..to).flat_map(|i| {
+                    let first = if i == from { first } else { times[i] };
+                    let last = if i + 1 == to { last } else { times[i + 1] };
+                    self.parts_of_step(i, [first, last])
+                });
+                parts.collect()
+            }
+            _ => vec![Part { first, last, linear: [0.0; 3], angular: 0.0, reach: 0.0, turn: 0.0 }],
+        }
+    }
+
+    /// The parts of a span that belongs to the i-th knot and what is after it.
+    fn parts_of_step(&self, i: usize, [first, last]: [f64; 2]) -> Vec<Part> {
+        let Path::Knots { times, steps, .. } = self else { return Vec::new() };
+        let (linear, angular, reach, turn) = if i == steps.len() && !steps[i - 1].is_linear() {
+            let (Velocity { linear, angular }, longest) = (self.velocity(times[i]), last - times[i]);
+            let (speed, angular) = (length_above(linear), length_above(angular));
+            (linear.map(f64::abs), angular, speed * longest, angular * longest)
+        } else {
+            let i = i.min(steps.len() - 1);
+            let length = times[i + 1] - times[i];
+            let u = [first, last].map(|time| ((time - times[i]) / length).abs()).into_iter().fold(1.0, f64::max);
+            let [shift, turn] = [&steps[i].shift, &steps[i].turn];
+            // |(I − b[φ] + c[φ]²)·φ̇| ≤ |φ̇|: the matrix is normal, with the eigenvalues 1 and, of modulus sin(θ/2)/(θ/2), two more.
+            let angular = length_above(steepest(turn, u)) / length;
+            (steepest(shift, u).map(|x| x / length), angular, farthest(shift, u), farthest(turn, u))
+        };
+        let part = |[first, last]: [f64; 2]| Part { first, last, linear, angular, reach, turn };
+        pieces([first, last], angular).map(part).collect()
+    }
+
+    /// A box around all places of a box within a part.
+    ///
+    /// From the middle of the part, h before its end, the body moves by `linear`·h at most along each axis, and a point at r from its origin
+    /// turns by min(`angular`·h, 2)·r. A pose is rounded: with u = 2⁻⁵³, the rotation vector by less than 12u of the sum of its terms, its
+    /// exponential, two products with it, and how far the rotations given are from orthonormal, by less than 60u together; its
+    /// position by less than 12u of the terms, and u of itself; what a twist travels is off as a rotation is. A mount
+    /// adds a product more. Twice that, for middle and moment, in the three coordinates, is less than 512u of all lengths that take part.
+    fn during(&self, part: &Part, bounds: [Interval; 3]) -> [Interval; 3] {
+        let &Part { first, last, linear, angular, reach, turn } = part;
+        if !(turn <= LARGEST_ANGLE) {
+            return [Interval { low: f64::NEG_INFINITY, high: f64::INFINITY }; 3];
+        }
+        let there = middle(first, last);
+        let pose = Affine::from(self.at(there));
+        let radius = length_above(bounds.map(|b| b.low.abs().max(b.high.abs())));
+        let half = (last - there).max(there - first).next_up();
+        let rounding = 512.0 * UNIT * (1.0 + turn) * (radius + reach + length_above(pose.columns()[3]));
+        let place = pose.image(bounds);
+        std::array::from_fn(|i| {
+            let reach = (linear[i] * half + (angular * half).min(2.0) * radius) * (1.0 + 16.0 * UNIT) + rounding;
+            Interval { low: (place[i].low - reach).next_down(), high: (place[i].high + reach).next_up() }
+        })
+    }
+}
+
+fn middle(first: f64, last: f64) -> f64 {
+    (first + 0.5 * (last - first)).clamp(first, last)
+}
+
+/// Pieces of a span, one after the other, in each of which a body of this angular speed turns by [`TURN`] at most.
+fn pieces([first, last]: [f64; 2], angular: f64) -> impl Iterator<Item = [f64; 2]> {
+    let count = (angular * (last - first) / TURN).ceil().clamp(1.0, PIECES);
+    let end = move |k: f64| if k < count { (first + k / count * (last - first)).min(last) } else { last };
+    (0..count as u32).map(move |k| [end(f64::from(k)), end(f64::from(k + 1))])
+}
+
+/// Bounds of the derivative of a cubic, for |u| up to one.
+fn steepest(Cubic([a, b, c]): &Cubic, u: f64) -> Point {
+    std::array::from_fn(|i| a[i].abs() + u * (2.0 * b[i].abs() + u * 3.0 * c[i].abs()))
+}
+
+/// The sum of the terms of a cubic, for |u| up to one.
+fn farthest(Cubic([a, b, c]): &Cubic, u: f64) -> f64 {
+    u * (length_above(*a) + u * (length_above(*b) + u * length_above(*c)))
+}
