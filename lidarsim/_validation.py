@@ -119,6 +119,13 @@ def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = T
     return result
 
 
+def frozen(values: Floats) -> Floats:
+    """Return a read-only copy of `values`."""
+    copy = np.array(values, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
 def nonzero_vectors(name: str, vectors: Floats) -> Floats:
     """Return `vectors`, of shape (3,) or (n, 3), after checking that none of them is zero."""
     zero = ~vectors.any(axis=-1)

@@ -34,6 +34,7 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
     "return_number": ((), np.uint8),
     "return_count": ((), np.uint8),
     "object_id": ((), np.int32),
+    "instance": ((), np.uint32),
     "label": ((), np.uint32),
     "normal": ((3,), np.float32),
     "incidence": ((), np.float32),
@@ -76,8 +77,10 @@ class PointCloud:
         Which return of its pulse the point is, and how many returns that pulse has.
     object_id : ndarray of int32, shape (n,)
         Object that was hit.
+    instance : ndarray of uint32, shape (n,)
+        Instance of that object: points of one thing share it.
     label : ndarray of uint32, shape (n,)
-        Label of that object.
+        Label of that object, or of the face that was hit.
     normal : ndarray of float32, shape (n, 3)
         Unit outward surface normal.
     incidence : ndarray of float32, shape (n,)
@@ -115,6 +118,7 @@ class PointCloud:
     return_number: npt.NDArray[np.uint8]
     return_count: npt.NDArray[np.uint8]
     object_id: npt.NDArray[np.int32]
+    instance: npt.NDArray[np.uint32]
     label: npt.NDArray[np.uint32]
     normal: npt.NDArray[np.float32]
     incidence: npt.NDArray[np.float32]

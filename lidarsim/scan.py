@@ -68,7 +68,7 @@ class Summary(dict[str, int]):
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Moments of a scan that `deskew` may name, in periods of the pattern."""
 
-_MISSING = {"label": 0, "object_id": -1, "return_count": 0}
+_MISSING = {"label": 0, "instance": 0, "object_id": -1, "return_count": 0}
 """Value of pixels without a pulse, where it is not the greatest of an integer type."""
 
 
@@ -76,8 +76,8 @@ _MISSING = {"label": 0, "object_id": -1, "return_count": 0}
 class Scan:
     """A frame of a sensor: for each of n pulses, in firing order, up to k returns, and why there is none.
 
-    k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `label`. If a pulse
-    hit something but gave no point, the first entry still holds the truth about its strongest echo.
+    k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `instance` and
+    `label`. If a pulse hit something but gave no point, the first entry still holds the truth about its strongest echo.
 
     Attributes
     ----------
@@ -92,8 +92,10 @@ class Scan:
         Received intensity; 1 is a white diffuser at normal incidence.
     object_id : ndarray of int32, shape (n, k)
         Object that was hit.
+    instance : ndarray of uint32, shape (n, k)
+        Instance of that object.
     label : ndarray of uint32, shape (n, k)
-        Label of that object.
+        Label of that object, or of the face that was hit.
     normal : ndarray of float32, shape (n, k, 3)
         Unit outward normal there, in the world.
     incidence : ndarray of float32, shape (n, k)
@@ -127,6 +129,7 @@ class Scan:
     range_error: npt.NDArray[np.float64]
     intensity: npt.NDArray[np.float32]
     object_id: npt.NDArray[np.int32]
+    instance: npt.NDArray[np.uint32]
     label: npt.NDArray[np.uint32]
     normal: npt.NDArray[np.float32]
     incidence: npt.NDArray[np.float32]
@@ -238,8 +241,8 @@ class Scan:
         -------
         ndarray, shape (rows, columns) or (rows, columns, 3)
             Of the dtype of the field. Unused entries of the scan keep their values. Pixels without a pulse are nan in
-            floating-point fields, 0 in "label" and "return_count", -1 in "object_id", and the greatest number of the
-            type in any other field of integers.
+            floating-point fields, 0 in "label", "instance" and "return_count", -1 in "object_id", and the greatest
+            number of the type in any other field of integers.
 
         Raises
         ------
@@ -379,10 +382,9 @@ def scan(
             pulses,
             **{name: getattr(pulses, name)[chosen] for name in ("directions", "origins", "time", "ring", "column")},
         )
-    _, world, appearances = scene._core()
+    world = scene._snapshot()
     arrays = _native.scan(
-        world,
-        appearances,
+        world.native,
         path,
         pulses,
         chosen,
@@ -390,6 +392,7 @@ def scan(
         time,
         (seed, sensor_id(lidar.name), frame),
     )
+    arrays["object_id"] = world.ids_of(arrays["object_id"])
     return Scan(**arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame)
 
 

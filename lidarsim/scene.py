@@ -2,51 +2,174 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Self, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._validation import Transform, affine, integer, rays, t_range
+from lidarsim._files import PathLike
+from lidarsim._pickling import Immutable, Pickled
+from lidarsim._validation import Floats, Transform, affine, frozen, integer, rays, t_range
+from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
 from lidarsim.shapes import Hits, Shape, TriangleMesh
 
+__all__ = ["Scene", "SceneObject", "register_scene_reader"]
+
+Label = int | npt.NDArray[np.uint32]
+
+DIFFUSE = Material()
+HEAD = 1 << 16  # bytes of a file by which its kind is recognised
+LARGEST = 2**32 - 1
+MOST_LINES = 12  # of a repr
+MOST = 2**31 - 1  # ids are int32 in hits
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SceneObject:
+class SceneObject(Immutable):
     """A shape in a scene.
 
     Attributes
     ----------
+    id : int
+        Its number in the scene, which hits refer to.
     shape : Shape
         The shape in its own coordinates.
     name : str
         For people; it need not be unique.
-    label : int
-        Class of the object, 0 to 2³² − 1.
+    label : int or ndarray of uint32, shape (m,)
+        Class of the object, 0 to 2³² − 1, or of each face of a `TriangleMesh`.
+    instance : int
+        Number that tells things of one class apart, 0 to 2³² − 1; objects that are parts of one thing share it.
     material : Material
         How its surface returns light.
     transform : ndarray of float64, shape (4, 4), or None
         Affine map, object to world; None for the identity.
     """
 
+    id: int
     shape: Shape
     name: str
-    label: int
+    label: Label
+    instance: int
     material: Material
-    transform: npt.NDArray[Any] | None
+    transform: Floats | None
+
+    def __post_init__(self) -> None:
+        """Check and convert the arguments."""
+        if not isinstance(self.shape, Shape):
+            raise TypeError(f"shape: expected a lidarsim shape, got {_kind(self.shape)}")
+        if not isinstance(self.name, str):
+            raise TypeError(f"name: expected a string, got {self.name!r}")
+        if not isinstance(self.material, Material):
+            raise TypeError(f"material: expected a Material, got {_kind(self.material)}")
+        _check_reflectivity(self.material, self.shape)
+        set_ = object.__setattr__
+        set_(self, "label", _label(self.label, self.shape))
+        set_(self, "instance", integer("instance", self.instance, at_least=0, at_most=LARGEST))
+        if self.transform is not None:
+            set_(self, "transform", frozen(affine("transform", self.transform)))
+
+    @property
+    def bounds(self) -> Floats:
+        """Low and high corner of a box around the object in the world, m: ndarray of float64, shape (2, 3).
+
+        Infinite where the object is, nan if it is a mesh without triangles.
+        """
+        return self.shape._bounds(self._placed())
+
+    def _placed(self) -> core.Shape:
+        native = self.shape._native
+        return native if self.transform is None else native.transformed(self.transform.tolist())
+
+    def _appearance(self) -> core.Appearance:
+        values = np.atleast_1d(np.asarray(self.material.reflectivity, dtype=np.float64))
+        return core.Appearance(self.label, self.instance, self.material.per, values)
+
+    def __repr__(self) -> str:
+        """Return what it is and where."""
+        label = f"{len(np.unique(self.label))} labels" if isinstance(self.label, np.ndarray) else f"label {self.label}"
+        name = f" {self.name!r}" if self.name else ""
+        return f"SceneObject {self.id}{name}: {self.shape}, {label}, instance {self.instance}"
 
 
-class Scene:
+class _Changes(TypedDict, total=False):
+    """What of an object can be changed."""
+
+    shape: Shape
+    name: str
+    label: npt.ArrayLike
+    instance: int
+    material: Material | None
+    transform: Transform | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """An object and what the core has of it."""
+
+    item: SceneObject
+    shape: core.Shape
+    appearance: core.Appearance
+
+
+@dataclass(frozen=True, slots=True)
+class _Snapshot:
+    """The objects at one moment, in the core.
+
+    `ids` are those of its objects, the first to the last, and -1 for none; None where they count up from 0.
+    """
+
+    version: object
+    native: core.Scene
+    ids: npt.NDArray[np.int32] | None
+
+    def ids_of(self, places: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """Return the ids of objects by their places in the core; of -1, -1."""
+        return places if self.ids is None else self.ids[places]
+
+
+class Scene(Pickled):
     """Objects that rays are cast at together.
+
+    Iterating over a scene gives its objects in the order of their ids, ``len(scene)`` their number, and ``scene[id]``
+    one of them. A scene may be copied and pickled: a copy has the same objects under the same ids, and changes to
+    either do not show in the other. Shapes and materials never change, and so are shared.
+
+    Parameters
+    ----------
+    class_names : mapping of int to str, optional
+        Names of labels, for legends, summaries and files.
+
+    Attributes
+    ----------
+    class_names : mapping of int to str
+        Read-only.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a class name is not a string, or its label is out of range.
+
+    Notes
+    -----
+    One thread may change a scene while others cast at it or scan it: each cast and each scan sees the scene as it is
+    before or after a change, never between. Changes of several threads have to wait for each other.
+
+    A change costs what it takes to order the objects anew for casting; the triangles of a mesh are ordered once, when
+    they are first cast at, however often the mesh is added or moved.
 
     Examples
     --------
     >>> import lidarsim as ls
-    >>> scene = ls.Scene()
+    >>> scene = ls.Scene(class_names={40: "road"})
     >>> road = scene.add(ls.Plane((0, 0, 1), 0.0), name="road", label=40)
     >>> ball = scene.add(ls.Sphere((5, 0, 1), 1.0), name="ball", label=1)
     >>> hits = scene.cast([[0, 0, 1], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [0, 1, -1], [0, 0, 1]])
@@ -54,18 +177,25 @@ class Scene:
     array([ 4.,  1., inf])
     >>> hits.object_id
     array([ 1,  0, -1], dtype=int32)
+    >>> scene.update(ball, shape=ls.Sphere((5, 0, 1), 2.0))
+    >>> scene.cast([[0, 0, 1]], [[1, 0, 0]]).t
+    array([3.])
     """
 
-    def __init__(self) -> None:
-        self._objects: list[tuple[SceneObject, core.Shape]] = []
-        self._in_core: tuple[int, core.Scene, core.Appearances] | None = None
+    def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
+        self._class_names = class_names_of("class_names", class_names)
+        self._entries: dict[int, _Entry] = {}
+        self._next = 0
+        self._kept: _Snapshot | None = None
+        self._changed()
 
     def add(
         self,
         shape: Shape,
         *,
         name: str = "",
-        label: int = 0,
+        label: npt.ArrayLike = 0,
+        instance: int | None = None,
         material: Material | None = None,
         transform: Transform | None = None,
     ) -> int:
@@ -77,8 +207,11 @@ class Scene:
             A mesh may be added many times; its triangles and their hierarchy are shared.
         name : str
             For people.
-        label : int
-            Class of the object, 0 to 2³² − 1.
+        label : int or array_like of int, shape (m,)
+            Class of the object, 0 to 2³² − 1; of a `TriangleMesh` of m faces also one of each face.
+        instance : int, optional
+            Number that tells things of one class apart, 0 to 2³² − 1: objects that are parts of one thing may share it.
+            Default: the object's id + 1.
         material : Material, optional
             How its surface returns light; by default a perfect diffuser.
         transform : array_like, shape (4, 4), or RigidTransform, optional
@@ -88,57 +221,194 @@ class Scene:
         Returns
         -------
         int
-            The object's id, which hits refer to: 0 for the first object, then 1, and so on.
+            The object's id, which hits refer to: 0 for the first object, then 1, and so on. The id of an object that
+            was removed is not used again.
 
         Raises
         ------
         TypeError
-            If `shape` is not a shape, `name` not a string, `label` not an integer, or `material` not a material, or one
-            with a reflectivity per face or vertex where the shape is no mesh.
+            If `shape` is not a shape, `name` not a string, `label` or `instance` not an integer, or `material` not a
+            material; or if there is a label or reflectivity per face or vertex and the shape is no mesh.
         ValueError
-            If the label is out of range, the transform cannot be inverted, or the mesh has another number of faces or
-            vertices than the material has reflectivities.
+            If a label or the instance is out of range, the transform cannot be inverted, or the mesh has another number
+            of faces or vertices than there are labels or reflectivities.
         """
-        if not isinstance(shape, Shape):
-            raise TypeError(f"shape: expected a lidarsim shape, got {type(shape).__name__}")
+        number = self._next
+        if number > MOST:
+            raise ValueError(f"expected at most {MOST + 1} objects in the life of a scene")
+        own = number + 1 if instance is None else instance
+        item = SceneObject(number, shape, name, label, own, material or DIFFUSE, transform)  # type: ignore[arg-type]
+        self._entries[number] = _Entry(item, item._placed(), item._appearance())
+        self._next += 1
+        self._changed()
+        return number
+
+    def update(self, object_id: int, **changes: Unpack[_Changes]) -> None:
+        """Change an object.
+
+        Parameters
+        ----------
+        object_id : int
+            Its id, which it keeps.
+        **changes
+            Any of `shape`, `name`, `label`, `instance`, `material` and `transform`, as in `add`; what is not given
+            stays.
+
+        Raises
+        ------
+        KeyError
+            If there is no such object.
+        TypeError, ValueError
+            What `add` raises; the object is then as it was.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> ball = scene.add(ls.Sphere((0, 0, 0), 1.0))
+        >>> for x in (5.0, 6.0):
+        ...     place = np.eye(4)
+        ...     place[0, 3] = x
+        ...     scene.update(ball, transform=place)
+        ...     print(scene.cast([[0, 0, 0]], [[1, 0, 0]]).t)
+        [4.]
+        [5.]
+        """
+        entry = self._entry(object_id)
+        allowed = _Changes.__annotations__
+        for name in changes:
+            if name not in allowed:
+                raise TypeError(f"{name}: expected one of {', '.join(allowed)}")
+        given: dict[str, Any] = dict(changes)
+        if given.get("material", DIFFUSE) is None:
+            given["material"] = DIFFUSE
+        if given.get("instance", 0) is None:
+            given["instance"] = entry.item.id + 1
+        item = dataclasses.replace(entry.item, **given)
+        placed = item._placed() if given.keys() & {"shape", "transform"} else entry.shape
+        looks = item._appearance() if given.keys() & {"label", "instance", "material"} else entry.appearance
+        self._entries[item.id] = _Entry(item, placed, looks)
+        self._changed()
+
+    def remove(self, object_id: int) -> None:
+        """Remove an object; the others keep their ids.
+
+        Parameters
+        ----------
+        object_id : int
+            Its id.
+
+        Raises
+        ------
+        KeyError
+            If there is no such object.
+        """
+        del self._entries[self._entry(object_id).item.id]
+        self._changed()
+
+    def find(self, name: str) -> list[int]:
+        """Return the ids of the objects of a name.
+
+        Parameters
+        ----------
+        name : str
+            The whole name, as `add` was given it.
+
+        Returns
+        -------
+        list of int
+            In rising order; empty if there are none.
+        """
         if not isinstance(name, str):
             raise TypeError(f"name: expected a string, got {name!r}")
-        if material is not None and not isinstance(material, Material):
-            raise TypeError(f"material: expected a Material, got {type(material).__name__}")
-        material = material or Material()
-        _check_reflectivity(material, shape)
-        label = integer("label", label, at_least=0, at_most=2**32 - 1)
-        placed = shape._native
-        if transform is not None:
-            transform = affine("transform", transform)
-            placed = placed.transformed(transform.tolist())
-        self._objects.append((SceneObject(shape, name, label, material, transform), placed))
-        return len(self._objects) - 1
+        return [item.id for item in self if item.name == name]
+
+    @classmethod
+    def from_file(cls, path: PathLike) -> Scene:
+        """Read a scene from a file, told by its content.
+
+        Parameters
+        ----------
+        path : path-like
+            A scene in YAML, as configurations have it, or a scene file that trimesh reads, such as GLB, glTF, 3MF or
+            DAE. The latter's units are taken as metres; each instance of a mesh is an object named after its node, and
+            the instances of a mesh share its triangles.
+
+        Returns
+        -------
+        Scene
+            The objects in the order of the file.
+
+        Raises
+        ------
+        ConfigError, FileFormatError
+            If the file cannot be read as a scene.
+        OSError
+            If the file cannot be opened.
+        """
+        path = Path(path)
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+        for recognise, read in _readers.values():
+            if recognise(path, head):
+                return read(path)
+        raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
+
+    @property
+    def class_names(self) -> Mapping[int, str]:
+        """Names of labels: read-only mapping of int to str."""
+        return MappingProxyType(self._class_names)
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
         """The objects in the order of their ids: tuple of SceneObject."""
-        return tuple(item for item, _ in self._objects)
+        return tuple(self)
 
     @property
-    def _native(self) -> core.Scene:
-        return self._core()[1]
+    def bounds(self) -> Floats:
+        """Low and high corner of a box around all bounded objects, m: ndarray of float64, shape (2, 3).
 
-    def _core(self) -> tuple[int, core.Scene, core.Appearances]:
-        """Return the number of objects, and the scene and the labels and reflectivities that the core has of them.
-
-        They are cached. Objects are only ever added, so a cache is up to date if it has as many as there are now; this
-        also holds if another thread made it.
+        nan if there are none. A plane, for one, is not bounded.
         """
-        kept = self._in_core
-        if kept is None or kept[0] != len(self._objects):
-            objects = self._objects.copy()
-            looks = [
-                (item.label, item.material.per, np.atleast_1d(np.asarray(item.material.reflectivity, dtype=np.float64)))
-                for item, _ in objects
-            ]
-            kept = len(objects), core.Scene([placed for _, placed in objects]), core.Appearances(looks)
-            self._in_core = kept
+        boxes = [box for box in (item.bounds for item in self) if np.isfinite(box).all()]
+        if not boxes:
+            return np.full((2, 3), np.nan)
+        low, high = np.stack(boxes, axis=1)
+        return np.stack([low.min(axis=0), high.max(axis=0)])
+
+    def _entry(self, object_id: int) -> _Entry:
+        number = integer("object_id", object_id)
+        try:
+            return self._entries[number]
+        except KeyError:
+            have = f"0 to {self._next - 1}" if len(self) == self._next else "those of len(scene) objects"
+            expected = "the id of an object" + (f" ({have})" if self._entries else "; the scene is empty")
+            raise KeyError(f"object_id: expected {expected}, got {number}") from None
+
+    def _in_order(self) -> list[_Entry]:
+        """Return the entries in the order of their ids, as they are at one moment."""
+        return list(self._entries.copy().values())
+
+    def _changed(self) -> None:
+        """Note that the objects are no longer those of the snapshot."""
+        self._version = object()
+
+    def _snapshot(self) -> _Snapshot:
+        """Return the objects as they are now, in the core.
+
+        It is kept for the next cast. A change is made before it is noted, so that a snapshot under the version that was
+        read before has all of the changes noted by then.
+        """
+        version = self._version
+        kept = self._kept
+        if kept is None or kept.version is not version:
+            entries = self._in_order()
+            native = core.Scene([entry.shape for entry in entries], [entry.appearance for entry in entries])
+            ids = None
+            if entries and entries[-1].item.id != len(entries) - 1:
+                ids = np.array([*(entry.item.id for entry in entries), -1], dtype=np.int32)
+            kept = self._kept = _Snapshot(version, native, ids)
         return kept
 
     def cast(
@@ -164,10 +434,144 @@ class Scene:
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
         """
-        return Hits(*self._native.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+        now = self._snapshot()
+        t, places, primitives, normals = now.native.cast(*rays(origins, directions), *t_range(t_min, t_max))
+        return Hits(t, now.ids_of(places), primitives, normals)
+
+    def occluded(
+        self, origins: npt.ArrayLike, directions: npt.ArrayLike, *, t_min: float = 0.0, t_max: float = math.inf
+    ) -> npt.NDArray[np.bool_]:
+        """Tell whether each ray hits anything: the same as ``scene.cast(...).hit``, and faster.
+
+        Parameters
+        ----------
+        origins, directions : array_like, shape (n, 3)
+            Rays ``origin + t * direction``. A direction may have any length but zero: with that from one point to
+            another, and a `t_max` of 1, it is a line of sight between them.
+        t_min, t_max : float
+            Range of t, in units of the length of the direction; 0 <= t_min <= t_max. Both ends belong to it.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            Whether there is a hit with t_min <= t <= t_max, decided exactly.
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Box((1, 10, 3), center=(5, 0, 1.5)))
+        >>> eye, targets = np.array([0.0, 0.0, 1.0]), np.array([[10.0, 0.0, 1.0], [4.0, 0.0, 1.0]])
+        >>> scene.occluded(np.broadcast_to(eye, targets.shape), targets - eye, t_max=1.0)
+        array([ True, False])
+        """
+        return self._snapshot().native.occluded(*rays(origins, directions), *t_range(t_min, t_max))
+
+    def __getitem__(self, object_id: int) -> SceneObject:
+        """Return an object by its id."""
+        return self._entry(object_id).item
+
+    def __iter__(self) -> Iterator[SceneObject]:
+        """Iterate over the objects as they are now, in the order of their ids."""
+        return iter([entry.item for entry in self._in_order()])
 
     def __len__(self) -> int:
-        return len(self._objects)
+        """Return the number of objects."""
+        return len(self._entries)
+
+    def __repr__(self) -> str:
+        """Return how many objects there are of which shape and label, and where."""
+        kinds: dict[str, int] = {}
+        for item in self:
+            label = item.label if isinstance(item.label, int) else None
+            named = "labels by face" if label is None else self._class_names.get(label, f"label {label}")
+            what = f"{type(item.shape).__name__}, {named}"
+            kinds[what] = kinds.get(what, 0) + 1
+        shown = sorted(kinds.items(), key=lambda kind: -kind[1])[:MOST_LINES]
+        lines = [f"  {count:6,} × {what}" for what, count in shown]
+        if len(kinds) > len(shown):
+            lines.append(f"  {sum(kinds.values()) - sum(count for _, count in shown):6,} others")
+        extent = ""
+        box = self.bounds
+        if np.isfinite(box).all():
+            low, high = (", ".join(f"{x:.6g}" for x in corner) for corner in box)
+            extent = f", bounds ({low}) to ({high}) m"
+        return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
+
+    def _contents(self) -> dict[str, Any]:
+        return {"class_names": dict(self._class_names), "objects": self.objects, "next": self._next}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        scene = cls.__new__(cls)
+        Scene.__init__(scene)
+        scene._class_names = contents["class_names"]
+        scene._entries = {item.id: _Entry(item, item._placed(), item._appearance()) for item in contents["objects"]}
+        scene._next = contents["next"]
+        return scene
+
+
+_readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[[Path], Scene]]] = {}
+
+
+def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[[Path], Scene]) -> None:
+    """Let `Scene.from_file` read one more kind of file.
+
+    Parameters
+    ----------
+    name : str
+        What errors call the kind of file, such as "lidarsim YAML".
+    recognise : callable
+        ``recognise(path, head)`` says whether a file is of this kind; `head` is its first 64 KiB.
+    read : callable
+        ``read(path)`` returns the `Scene`.
+    """
+    _readers[name] = recognise, read
+
+
+def class_names_of(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
+    """Return names of labels after checking them; `name` is that of the argument."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{name}: expected a mapping from labels to names, got {_kind(value)}")
+    for label, text in value.items():
+        integer(f"{name}: label", label, at_least=0, at_most=LARGEST)
+        if not isinstance(text, str):
+            raise TypeError(f"{name}[{label}]: expected a string, got {text!r}")
+    return {int(label): text for label, text in value.items()}
+
+
+def _label(value: npt.ArrayLike, shape: Shape) -> Label:
+    """Return the label of an object, or the labels of its faces, after checking them."""
+    if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) == 0:
+        return integer("label", value, at_least=0, at_most=LARGEST)
+    given = np.asarray(value)
+    if not isinstance(shape, TriangleMesh):
+        raise TypeError(f"label: expected one integer, or a TriangleMesh for one a face, got {_kind(shape)}")
+    if given.dtype.kind not in "iu" or given.shape != (len(shape),):
+        raise ValueError(
+            f"label: expected one integer, or {len(shape)}, one a face, got {given.dtype} of shape {given.shape}"
+        )
+    if given.dtype == np.uint32 and not given.flags.writeable:  # as it comes from here
+        return given
+    wrong = (given < 0) | (given > LARGEST)
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(f"label: expected integers from 0 to {LARGEST}, got label[{i}] = {given[i]}")
+    labels = np.array(given, dtype=np.uint32)
+    labels.setflags(write=False)
+    return labels
+
+
+def _kind(value: object) -> str:
+    return type(value).__name__
 
 
 def _check_reflectivity(material: Material, shape: Shape) -> None:

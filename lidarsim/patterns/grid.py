@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angles, array, integer, real
-from lidarsim.patterns._parts import TURN, directions_of, frozen, rings
+from lidarsim._validation import Floats, angles, array, frozen, integer, real
+from lidarsim.patterns._parts import TURN, directions_of, rings
 from lidarsim.patterns._pulses import Pulses
 
 

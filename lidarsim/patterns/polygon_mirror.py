@@ -11,13 +11,12 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angle, angles, array, real
+from lidarsim._validation import Floats, angle, angles, array, frozen, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
     fired_in_cycles,
     firing_times_within,
-    frozen,
     per_channel,
     rings,
     used_cycles,

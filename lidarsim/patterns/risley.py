@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, Vector, angle, array, nonzero_vectors, real
-from lidarsim.patterns._parts import TURN, Ticks, fired_together, frozen, joined, rings, unit
+from lidarsim._validation import Floats, Vector, angle, array, frozen, nonzero_vectors, real
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
 

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angles, array, integer, nonzero_vectors, real
+from lidarsim._validation import Floats, angles, array, frozen, integer, nonzero_vectors, real
 from lidarsim.errors import FileFormatError
-from lidarsim.patterns._parts import TURN, directions_of, frozen, per_channel, unit
+from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
 

@@ -11,11 +11,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._validation import Transform, affine, rays, t_range
+from lidarsim._pickling import Immutable, Pickled
+from lidarsim._validation import Floats, Transform, affine, frozen, rays, t_range
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits:
+class Hits(Pickled):
     """Where rays first meet a shape or a scene, an entry a ray.
 
     Attributes
@@ -45,8 +46,10 @@ class Hits:
         return len(self.t)
 
 
-class Shape:
+class Shape(Immutable):
     """A surface that rays can be cast at. Immutable; use one of the subclasses.
+
+    Arguments of the constructor are attributes of the same names, arrays as read-only copies.
 
     Parameters
     ----------
@@ -54,31 +57,33 @@ class Shape:
         The shape in the core.
     transform : array_like, shape (4, 4), or RigidTransform, optional
         Affine map that the shape goes through; its entries are taken as exact.
+    **parameters
+        The other attributes.
     """
 
-    __slots__ = ("_native", "_scene")
+    __slots__ = ("_native", "transform")
+
+    __match_args__: ClassVar[tuple[str, ...]] = ()
+    """Attributes that say all of the shape but its transform: arguments of the constructor."""
 
     configuration: ClassVar[Mapping[str, Any]] = {}
     """Keys of configurations: arguments of the constructor with their units, and types of their values."""
 
     _native: core.Shape
-    _scene: core.Scene
+    transform: Floats | None
 
-    def __init__(self, native: core.Shape, transform: Transform | None = None) -> None:
+    def __init__(self, native: core.Shape, transform: Transform | None = None, **parameters: object) -> None:
+        matrix = None
         if transform is not None:
-            native = native.transformed(affine("transform", transform).tolist())
+            matrix = frozen(affine("transform", transform))
+            native = native.transformed(matrix.tolist())
         object.__setattr__(self, "_native", native)
-        object.__setattr__(self, "_scene", core.Scene([native]))
+        object.__setattr__(self, "transform", matrix)
+        for name, value in parameters.items():
+            object.__setattr__(self, name, frozen(value) if isinstance(value, np.ndarray) else value)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
-
-    @classmethod
-    def _of(cls, native: core.Shape, transform: Transform | None) -> Self:
-        """Make an instance of `cls` around a native shape, past its own constructor."""
-        shape = cls.__new__(cls)
-        Shape.__init__(shape, native, transform)
-        return shape
 
     def roots(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Find every place where lines meet the surface.
@@ -124,4 +129,40 @@ class Shape:
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
         """
-        return Hits(*self._scene.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+        return Hits(*core.Scene([self._native]).cast(*rays(origins, directions), *t_range(t_min, t_max)))
+
+    @property
+    def bounds(self) -> Floats:
+        """Low and high corner of a box around the surface, m: ndarray of float64, shape (2, 3).
+
+        The surface is within, and a shape without a transform of its own reaches every side. Infinite if the surface
+        is, nan if it is a mesh without triangles.
+        """
+        return self._bounds(self._native)
+
+    def _bounds(self, placed: core.Shape) -> Floats:
+        """Return `bounds` of this shape as it is placed in the core."""
+        found = placed.bounds()
+        if found is not None:
+            return np.array(found)
+        return np.array([[-math.inf] * 3, [math.inf] * 3] if placed.primitives() else np.full((2, 3), math.nan))
+
+    def _contents(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in (*self.__match_args__, "transform")}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return cls(**contents)
+
+    def __repr__(self) -> str:
+        """Return the arguments of the constructor."""
+        shown = [f"{name}={_shown(getattr(self, name))}" for name in self.__match_args__]
+        return f"{type(self).__name__}({', '.join(shown)}{'' if self.transform is None else ', transform=…'})"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        if value.ndim > 1:
+            return f"array of shape {value.shape}"
+        return f"({', '.join(f'{x:.6g}' for x in value)})"
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)

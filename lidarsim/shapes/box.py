@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, positive
+from lidarsim._validation import Floats, Transform, Vector, array, positive
 from lidarsim.shapes._shape import Shape
 
 
@@ -41,12 +41,16 @@ class Box(Shape):
     array([[3., 5.]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("size", "center")
 
     configuration: ClassVar = {"size_m": Vector, "center_m": Vector}
+
+    size: Floats
+    center: Floats
 
     def __init__(
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:
-        native = _native.Shape("Box", [*positive("size", array("size", size, (3,))), *array("center", center, (3,))])
-        super().__init__(native, transform)
+        sides, middle = positive("size", array("size", size, (3,))), array("center", center, (3,))
+        native = _native.Shape("Box", [*sides.tolist(), *middle.tolist()])
+        super().__init__(native, transform, size=sides, center=middle)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, real
+from lidarsim._validation import Floats, Transform, Vector, array, real
 from lidarsim.shapes._shape import Shape
 
 
@@ -46,9 +46,14 @@ class Cylinder(Shape):
     array([[3.5, 4.5]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("start", "end", "radius", "capped")
 
     configuration: ClassVar = {"start_m": Vector, "end_m": Vector, "radius_m": float, "capped": bool}
+
+    start: Floats
+    end: Floats
+    radius: float
+    capped: bool
 
     def __init__(
         self,
@@ -64,5 +69,6 @@ class Cylinder(Shape):
             raise ValueError(f"end: expected a point other than start, got {tuple(last.tolist())} for both")
         if not isinstance(capped, bool | np.bool_):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
-        native = _native.Shape("Cylinder", [*first, *last, real("radius", radius, above=0.0), bool(capped)])
-        super().__init__(native, transform)
+        length = real("radius", radius, above=0.0)
+        native = _native.Shape("Cylinder", [*first.tolist(), *last.tolist(), length, bool(capped)])
+        super().__init__(native, transform, start=first, end=last, radius=length, capped=bool(capped))

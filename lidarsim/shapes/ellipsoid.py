@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, positive
+from lidarsim._validation import Floats, Transform, Vector, array, positive
 from lidarsim.shapes._shape import Shape
 
 if TYPE_CHECKING:
@@ -45,9 +45,13 @@ class Ellipsoid(Shape):
     array([[3., 7.]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("center", "radii", "rotation")
 
     configuration: ClassVar = {"center_m": Vector, "radii_m": Vector}
+
+    center: Floats
+    radii: Floats
+    rotation: Floats
 
     def __init__(
         self,
@@ -61,12 +65,7 @@ class Ellipsoid(Shape):
             rotation = np.eye(3)
         elif hasattr(rotation, "as_matrix"):
             rotation = rotation.as_matrix()
-        native = _native.Shape(
-            "Ellipsoid",
-            [
-                *array("center", center, (3,)),
-                *positive("radii", array("radii", radii, (3,))),
-                *array("rotation", rotation, (3, 3)).ravel(),
-            ],
-        )
-        super().__init__(native, transform)
+        middle, lengths = array("center", center, (3,)), positive("radii", array("radii", radii, (3,)))
+        axes = array("rotation", rotation, (3, 3))
+        native = _native.Shape("Ellipsoid", [*middle.tolist(), *lengths.tolist(), *axes.ravel().tolist()])
+        super().__init__(native, transform, center=middle, radii=lengths, rotation=axes)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Self
+import math
+from typing import Any, Self
 
+import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, array, nonzero_vectors, real
+from lidarsim._validation import Floats, Transform, array, nonzero_vectors, real
 from lidarsim.shapes._shape import Shape
 
 
@@ -44,11 +46,13 @@ class Plane(Shape):
     array([2.])
     """
 
-    __slots__ = ()
+    __slots__ = ("_numbers",)
+    __match_args__ = ("normal", "distance")
+
+    _numbers: list[float]
 
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
-        native = _native.Shape("Plane", [*_normal(normal), real("distance", distance)])
-        super().__init__(native, transform)
+        self._set([*_normal(normal), real("distance", distance)], transform)
 
     @classmethod
     def from_point(cls, point: npt.ArrayLike, normal: npt.ArrayLike, *, transform: Transform | None = None) -> Self:
@@ -71,8 +75,9 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the normal is zero, or the transform cannot be inverted.
         """
-        native = _native.Shape("Plane", [*array("point", point, (3,)), *_normal(normal)])
-        return cls._of(native, transform)
+        return cls._restored(
+            {"numbers": [*array("point", point, (3,)).tolist(), *_normal(normal)], "transform": transform}
+        )
 
     @classmethod
     def from_points(
@@ -97,8 +102,50 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the points are on one line, or the transform cannot be inverted.
         """
-        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,))]
-        return cls._of(_native.Shape("Plane", points), transform)
+        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,)).tolist()]
+        return cls._restored({"numbers": points, "transform": transform})
+
+    def _set(self, numbers: list[float], transform: Transform | None) -> None:
+        """Set up the plane of a normal and a distance, of a point and a normal, or of three points."""
+        Shape.__init__(self, _native.Shape("Plane", numbers), transform, _numbers=numbers)
+
+    @property
+    def point(self) -> Floats:
+        """A point of the plane before any transform, m: ndarray of float64, shape (3,).
+
+        The first that the plane was made from, or else the one nearest to the origin of coordinates, rounded.
+        """
+        if len(self._numbers) > 4:
+            return np.array(self._numbers[:3])
+        unit = math.hypot(*self._numbers[:3])
+        point: Floats = self.normal / unit * (self.distance / unit)
+        return point
+
+    @property
+    def normal(self) -> Floats:
+        """The normal before any transform, of any length: ndarray of float64, shape (3,).
+
+        As it was given; rounded if the plane was made from three points.
+        """
+        numbers = np.array(self._numbers)
+        if len(numbers) == 9:
+            a, b, c = numbers.reshape(3, 3)
+            return np.cross(b - a, c - a)
+        return numbers[3:] if len(numbers) == 6 else numbers[:3]
+
+    @property
+    def distance(self) -> float:
+        """``normal · point``: m, times the length of the normal. Rounded if the plane was made from points."""
+        return self._numbers[3] if len(self._numbers) == 4 else float(self.normal @ self.point)
+
+    def _contents(self) -> dict[str, Any]:
+        return {"numbers": self._numbers, "transform": self.transform}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        plane = cls.__new__(cls)
+        plane._set(**contents)
+        return plane
 
 
 def _normal(value: npt.ArrayLike) -> list[float]:

@@ -48,6 +48,7 @@ class Polygon(Shape):
     """
 
     __slots__ = ()
+    __match_args__ = ("vertices",)
 
     configuration: ClassVar = {"vertices_m": list[Vector]}
 
@@ -57,6 +58,11 @@ class Polygon(Shape):
             raise ValueError(f"vertices: expected at least 3, got {len(points)}")
         faces = _triangulate(points)
         super().__init__(_native.Shape.triangle_mesh(points, faces, True), transform)
+
+    @property
+    def vertices(self) -> Floats:
+        """The outline before any transform, m: read-only ndarray of float64, shape (n, 3)."""
+        return self._native.vertices()
 
 
 def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:

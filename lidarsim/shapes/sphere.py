@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, real
+from lidarsim._validation import Floats, Transform, Vector, array, real
 from lidarsim.shapes._shape import Shape
 
 
@@ -42,10 +42,14 @@ class Sphere(Shape):
     array([[2., 4.]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("center", "radius")
 
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
+    center: Floats
+    radius: float
+
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
-        native = _native.Shape("Sphere", [*array("center", center, (3,)), real("radius", radius, above=0.0)])
-        super().__init__(native, transform)
+        middle, length = array("center", center, (3,)), real("radius", radius, above=0.0)
+        native = _native.Shape("Sphere", [*middle.tolist(), length])
+        super().__init__(native, transform, center=middle, radius=length)

@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array
+from lidarsim._validation import Floats, Transform, Vector, array
 from lidarsim.shapes._shape import Shape
 
 
@@ -40,12 +40,17 @@ class Triangle(Shape):
     array([3.])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("a", "b", "c")
 
     configuration: ClassVar = {"a_m": Vector, "b_m": Vector, "c_m": Vector}
+
+    a: Floats
+    b: Floats
+    c: Floats
 
     def __init__(
         self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
     ) -> None:
-        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,))]
-        super().__init__(_native.Shape("Triangle", points), transform)
+        corners = {name: array(name, value, (3,)) for name, value in (("a", a), ("b", b), ("c", c))}
+        native = _native.Shape("Triangle", [x for corner in corners.values() for x in corner.tolist()])
+        super().__init__(native, transform, **corners)

@@ -1,25 +1,54 @@
 //! Scenes, and casts at them.
 
-use lidarsim_core::{Columns, Point, Scene, memory};
+use std::sync::Arc;
+
+use lidarsim_core::measure::Appearance;
+use lidarsim_core::{Arrays, Columns, Occlusion, Point, Scene, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
 
+use crate::scan::PyAppearance;
 use crate::{Points, PyShape, equal_points, interruptible, legal_rays, level};
 
-type Arrays<'py> =
+type HitArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
 
-/// Objects in the order of their ids.
+/// Objects, which hits name by their places.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
 pub struct PyScene {
     pub scene: Scene,
+    pub appearances: Vec<Arc<Appearance>>,
+}
+
+impl PyScene {
+    /// Casts legal rays, as many as there are rows.
+    fn cast_into(
+        &self,
+        py: Python<'_>,
+        (o, d): (&[Point], &[Point]),
+        range: (f64, f64),
+        arrays: &mut impl Arrays,
+    ) -> PyResult<()> {
+        let level = level()?;
+        self.prepare(py);
+        let mut legal = true;
+        interruptible(py, o.len(), |slice| {
+            legal &= arrays.cast(&self.scene, level, &o[slice.clone()], &d[slice], range);
+        })?;
+        if legal { Ok(()) } else { legal_rays(o, d) }
+    }
 }
 
 #[pymethods]
 impl PyScene {
+    /// Appearances are needed for scans alone.
     #[new]
-    fn new(shapes: Vec<PyRef<'_, PyShape>>) -> Self {
-        PyScene { scene: Scene::new(shapes.iter().map(|shape| shape.object.clone()).collect()) }
+    #[pyo3(signature = (shapes, appearances=Vec::new()))]
+    fn new(shapes: Vec<PyRef<'_, PyShape>>, appearances: Vec<PyRef<'_, PyAppearance>>) -> Self {
+        PyScene {
+            scene: Scene::new(shapes.iter().map(|shape| shape.object.clone()).collect()),
+            appearances: appearances.iter().map(|of| of.appearance.clone()).collect(),
+        }
     }
 
     /// Builds the hierarchies now rather than at the first cast.
@@ -27,7 +56,7 @@ impl PyScene {
         py.detach(|| self.scene.prepare());
     }
 
-    /// t (n,), object_id (n,), primitive_id (n,), normal (n, 3).
+    /// t (n,), object (n,), primitive_id (n,), normal (n, 3).
     fn cast<'py>(
         &self,
         py: Python<'py>,
@@ -35,26 +64,18 @@ impl PyScene {
         directions: Points<'py>,
         t_min: f64,
         t_max: f64,
-    ) -> PyResult<Arrays<'py>> {
-        let (o, d) = equal_points(&origins, &directions)?;
-        let n = o.len();
+    ) -> PyResult<HitArrays<'py>> {
+        let rays = equal_points(&origins, &directions)?;
+        let n = rays.0.len();
         let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
         let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
-        let level = level()?;
-        self.prepare(py);
         let mut columns = Columns {
             t: &mut t.spare_capacity_mut()[..n],
             object: &mut object.spare_capacity_mut()[..n],
             primitive: &mut primitive.spare_capacity_mut()[..n],
             normal: &mut normal.spare_capacity_mut()[..n],
         };
-        let mut legal = true;
-        interruptible(py, n, |slice| {
-            legal &= columns.cast(&self.scene, level, &o[slice.clone()], &d[slice], (t_min, t_max));
-        })?;
-        if !legal {
-            legal_rays(o, d)?;
-        }
+        self.cast_into(py, rays, (t_min, t_max), &mut columns)?;
         // SAFETY: the slices cover 0..n, and a cast writes the hit of each of its rays, legal or not.
         unsafe {
             t.set_len(n);
@@ -68,5 +89,23 @@ impl PyScene {
             PyArray1::from_vec(py, primitive),
             PyArray1::from_vec(py, normal.into_flattened()).reshape([n, 3])?,
         ))
+    }
+
+    /// Whether each ray hits anything, (n,).
+    fn occluded<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Points<'py>,
+        directions: Points<'py>,
+        t_min: f64,
+        t_max: f64,
+    ) -> PyResult<Bound<'py, PyArray1<bool>>> {
+        let rays = equal_points(&origins, &directions)?;
+        let n = rays.0.len();
+        let mut occluded = memory::with_capacity(n);
+        self.cast_into(py, rays, (t_min, t_max), &mut Occlusion(&mut occluded.spare_capacity_mut()[..n]))?;
+        // SAFETY: as of `cast`.
+        unsafe { occluded.set_len(n) };
+        Ok(PyArray1::from_vec(py, occluded))
     }
 }

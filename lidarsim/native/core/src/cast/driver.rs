@@ -36,7 +36,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let Scratch { traversals, previous, batches, surface_hits, ray_sort } = &mut *scratch;
         ray_sort.restart(directions, scene.size());
         let mut source = PacketSource { origins, directions, ray_sort, start: 0, done: 0 };
-        let mut traversals = traversals.each_mut().map(|scratch| Traversal::new(scene, (t_min, t_max), scratch));
+        let mut traversals =
+            traversals.each_mut().map(|scratch| Traversal::new(scene, (t_min, t_max), S::ANY, scratch));
         // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices are prefetched.
         let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
         let mut router = HitRouter { scene, batches, hits };
@@ -170,6 +171,8 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
         for lane in 0..rays.count {
             if !closest.has_found(lane) {
                 self.hits.put(rays.at[lane] as usize, Hit::MISS);
+            } else if S::ANY {
+                self.hits.put(rays.at[lane] as usize, Hit::UNREFINED);
             } else if self.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
                 lanes |= 1 << lane;
             } else {
@@ -188,10 +191,10 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
         let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
         let mut hit = Hit::MISS;
         if legal {
-            let mut closest = ClosestHit::new(self.scene, origin, direction, range);
+            let mut closest = ClosestHit::new(self.scene, origin, direction, range, S::ANY);
             closest.run(traversal.stack());
             if let Some((root, bounds)) = closest.found() {
-                hit = self.scene.hit_within(&root, bounds, origin, direction);
+                hit = if S::ANY { Hit::UNREFINED } else { self.scene.hit_within(&root, bounds, origin, direction) };
             }
         }
         self.hits.put(at, hit);

@@ -74,9 +74,9 @@ struct InstanceVisit<'a> {
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
-    pub fn new(scene: &'a Scene, range: (f64, f64), scratch: &'b mut TraversalScratch) -> Self {
+    pub fn new(scene: &'a Scene, range: (f64, f64), any: bool, scratch: &'b mut TraversalScratch) -> Self {
         let TraversalScratch { rays, stack, outer, inner, deferred, instance_rays, scratch } = scratch;
-        let closest = ClosestHits::new(scene, range);
+        let closest = ClosestHits::new(scene, range, any);
         Traversal {
             state: PacketState { scene, rays, closest, deferred, pending: 0, instance_rays, scratch },
             index: scene.index(),

@@ -116,7 +116,8 @@ impl Object {
         number::decide(&EnclosedRay { object: self, origin, direction })
     }
 
-    pub(super) fn bounds(&self) -> Option<[Interval; 3]> {
+    /// A box around it; none if it is empty, or there is no such box.
+    pub fn bounds(&self) -> Option<[Interval; 3]> {
         let local = match &self.geometry {
             Geometry::Surface(shape) => shape.bounds()?,
             Geometry::Mesh(mesh) => mesh.bounds()?,
