@@ -3,11 +3,13 @@
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import config, errors, io, patterns, viewers  # noqa: F401 (viewers register what they offer)
+from lidarsim import config, datasets, errors, io, patterns, viewers  # noqa: F401 (viewers register what they offer)
+from lidarsim._views import register_view
+from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
-from lidarsim.pointcloud import PointCloud, register_format, register_view
+from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan import Scan, Status
 from lidarsim.scene import Scene, SceneObject, register_scene_reader
@@ -52,7 +54,9 @@ __all__ = [
     "TriangleMesh",
     "__version__",
     "config",
+    "datasets",
     "errors",
+    "generate",
     "io",
     "patterns",
     "register_format",

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 import errno
 import os
-import secrets
+import shutil
+import signal
+import stat
+import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import BinaryIO
+from tempfile import TemporaryDirectory
+from typing import BinaryIO, NoReturn
 
 from lidarsim.errors import FileFormatError
 
 PathLike = str | os.PathLike[str]
+
+LONGEST = 2000
+"""Characters of what an error says: what a file holds may be quoted in it."""
 
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
@@ -27,6 +34,15 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
     return max(fitting, key=len)
 
 
+def check_regular(path: PathLike) -> None:
+    """Raise an error unless `path` is a regular file: any other may have no end, or give its bytes but once."""
+    mode = Path(path).stat().st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(f"{path}: expected a file, got a folder")
+    if not stat.S_ISREG(mode):
+        raise FileFormatError(f"{path}: expected a regular file, got a device, pipe or socket")
+
+
 def check_folder(path: PathLike) -> None:
     """Raise `OSError` unless a file `path` can be written as far as its folder goes: it exists and lets us write."""
     path = Path(path)
@@ -37,7 +53,7 @@ def check_folder(path: PathLike) -> None:
         raise FileNotFoundError(f"{path}: the folder {folder} does not exist")
     if not folder.is_dir():
         raise NotADirectoryError(f"{path}: {folder} is not a folder")
-    if not os.access(folder, os.W_OK | os.X_OK):
+    if not _special(path) and not os.access(folder, os.W_OK | os.X_OK):
         raise PermissionError(f"{path}: no permission to write in the folder {folder}")
 
 
@@ -50,20 +66,76 @@ def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
     OSError
         If the file cannot be written; the message names `path`.
     """
+    with replacing(path) as temporary, temporary.open("xb") as file:
+        yield file
+
+
+@contextmanager
+def replacing(path: PathLike) -> Iterator[Path]:
+    """Give the name of a file that takes the name `path` when the block ends well, in a folder of its own.
+
+    The folder is removed however the block ends, be it by a SIGTERM that has no other handler and comes while the main
+    thread is in the block. A file that is replaced hands its permissions on; a link keeps pointing to its file, and a
+    pipe or device stays one and gets the content.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written, and in place of one that the block raises; the message names `path`.
+    """
     check_folder(path)
-    target = Path(path).resolve()  # a link keeps pointing to its file
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.tmp")
+    special, target = _special(path), Path(os.path.realpath(path))
     try:
-        with temporary.open("xb") as file:
-            yield file
-            file.flush()
-            os.fsync(file.fileno())  # the content is on disk before the name is
-        temporary.replace(target)
-    except BaseException as error:
-        temporary.unlink(missing_ok=True)
-        if isinstance(error, OSError):
-            raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
-        raise
+        with (
+            _unwinding_at_sigterm(),
+            TemporaryDirectory(prefix=".lidarsim-", suffix=".tmp", dir=None if special else target.parent) as folder,
+        ):
+            temporary = Path(folder, "written")
+            yield temporary
+            if special:
+                with temporary.open("rb") as written, target.open("wb") as file:
+                    shutil.copyfileobj(written, file)
+                return
+            with temporary.open("r+b") as written:
+                os.fsync(written.fileno())  # the content is on disk before the name is
+            if target.exists():
+                shutil.copymode(target, temporary)
+            temporary.replace(target)
+    except OSError as error:
+        raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _special(path: PathLike) -> bool:
+    """Return whether there is something other than a file or folder at `path`, such as a pipe or a device."""
+    try:
+        mode = Path(path).stat().st_mode
+    except FileNotFoundError:
+        return False
+    return not stat.S_ISREG(mode) and not stat.S_ISDIR(mode)
+
+
+@contextmanager
+def _unwinding_at_sigterm() -> Iterator[None]:
+    """Let SIGTERM raise `SystemExit`, where it would end the process on the spot and leave what is half written."""
+    main = threading.current_thread() is threading.main_thread()
+    if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
+        yield
+        return
+    signal.signal(signal.SIGTERM, _exit)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def _exit(number: int, _: object) -> NoReturn:
+    raise SystemExit(128 + number)  # as shells report a process that a signal ended
+
+
+def told(error: BaseException) -> str:
+    """Return what an error says, on one line and of bounded length, or its kind if it says nothing."""
+    text = str(error).strip().partition("\n")[0] or type(error).__name__
+    return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
 
 
 @contextmanager
@@ -71,12 +143,11 @@ def parsing(path: PathLike, kind: str) -> Iterator[None]:
     """Let parsers of a file fail as they will, and raise a `FileFormatError` of one line that names the file.
 
     A missing package, and a disk that cannot be read, pass as they are; not so a seek to where no file has bytes, which
-    is what a damaged file claims.
+    is what a damaged file claims, and the `OSError` of a decompressor, which has no number.
     """
     try:
         yield
     except Exception as error:
-        if isinstance(error, ImportError) or (isinstance(error, OSError) and error.errno != errno.EINVAL):
+        if isinstance(error, ImportError) or (isinstance(error, OSError) and error.errno not in {None, errno.EINVAL}):
             raise
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise FileFormatError(f"{path}: not a readable {kind}: {reason}") from error
+        raise FileFormatError(f"{path}: not a readable {kind}: {told(error)}") from error

@@ -1,8 +1,9 @@
-"""The command line: ``lidarsim scan | view | sensors | check | bench``."""
+"""The command line: ``lidarsim scan | generate | view | sensors | check | bench``."""
 
 from __future__ import annotations
 
 import dataclasses
+import re
 import sys
 import time
 from collections.abc import Iterable, Sequence
@@ -127,6 +128,53 @@ def _bag(output: Path, run: Run) -> rosbag.Writer | None:
     if output.suffix.lower() not in rosbag.SUFFIXES:
         return None
     return rosbag.Writer(output, sensors=run.sensor if isinstance(run.sensor, ls.Rig) else None, trajectory=run.pose)
+
+
+@app.command()
+def generate(
+    recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="A recipe in YAML.")] = None,
+    *,
+    output: Annotated[str, _option("--output -o", "FOLDER|URL", "Where to: a folder, or such as s3://bucket/folder.")],
+    workers: Annotated[int | None, _option("--workers", "N", "Use N processes of one thread each.")] = None,
+    scheduler: Annotated[str | None, _option("--scheduler", "ADDRESS", "Use a Dask cluster: tcp://host:8786.")] = None,
+    shard: Annotated[str | None, _option("--shard", "I/N", "Make only the I-th of N parts, I from 0 on.")] = None,
+    verify: Annotated[bool, typer.Option("--verify", help="Only check the files that are there.")] = False,
+    pictures: Annotated[int, _option("--pictures", "N", "How many frames the data card shows (3).")] = 3,
+    overrides: Annotated[list[str] | None, _option("--set", "KEY=VALUE", "Set a value of RECIPE: frames=100")] = None,
+) -> None:
+    """Make the data set that RECIPE describes, or go on with it.
+
+    What is there stays, so after a crash, a full disk or Ctrl-C the same command goes on where that one stopped. The
+    files are the same, to the last byte, for any number of workers.
+    """
+    if verify:
+        problems = ls.datasets.verify(output)
+        if problems:
+            raise LidarsimError(f"{output}: {len(problems)} files are not as made: {problems[0]}")
+        _print(f"{output}: all files are as made")
+        return
+    if recipe is None:
+        raise LidarsimError("RECIPE: expected a recipe, or --verify, got neither")
+    from lidarsim.datasets.engine import cluster
+
+    with cluster(workers, scheduler) as client:
+        if client is not None and client.dashboard_link:
+            _print(f"dashboard: {client.dashboard_link}")
+        made = ls.generate(
+            recipe, output, client=client, part=_part(shard), overrides=overrides or (), pictures=pictures
+        )
+    _print(f"{made.frames:,} frames, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    if made.shards_left:
+        _print(f"{made.shards_left:,} shards of other parts are not there yet")
+
+
+def _part(text: str | None) -> tuple[int, int]:
+    if text is None:
+        return 0, 1
+    found = re.fullmatch(r"(\d+)/(\d+)", text)
+    if found is None or not int(found[1]) < int(found[2]):
+        raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {text!r}")
+    return int(found[1]), int(found[2])
 
 
 @app.command()

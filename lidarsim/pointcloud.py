@@ -14,12 +14,13 @@ import numpy.typing as npt
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix, parsing
 from lidarsim._validation import Transform
+from lidarsim._views import view
 
 if TYPE_CHECKING:
     import open3d
     import pyvista
 
-__all__ = ["PointCloud", "check_output", "register_format", "register_view"]
+__all__ = ["PointCloud", "check_output", "register_format"]
 
 Fields = dict[str, npt.NDArray[Any]]
 
@@ -285,7 +286,7 @@ class PointCloud:
         ValueError
             If an integer is beyond 2⁵³, which none of these types holds.
         """
-        converted: open3d.t.geometry.PointCloud = _VIEWS["open3d"](self)
+        converted: open3d.t.geometry.PointCloud = view(PointCloud, "open3d")(self)
         return converted
 
     def to_pyvista(self) -> pyvista.PolyData:
@@ -301,7 +302,7 @@ class PointCloud:
         MissingExtraError
             If PyVista is not installed.
         """
-        converted: pyvista.PolyData = _VIEWS["pyvista"](self)
+        converted: pyvista.PolyData = view(PointCloud, "pyvista")(self)
         return converted
 
 
@@ -364,7 +365,6 @@ class _Format:
 
 _HEAD = 16  # bytes of a file, no fewer than any signature has
 _FORMATS: dict[str, _Format] = {}
-_VIEWS: dict[str, Callable[[PointCloud], Any]] = {}
 
 
 def register_format(
@@ -389,19 +389,6 @@ def register_format(
         First bytes of every file of the format, by which it is known whatever its name; none, if it has none.
     """
     _FORMATS[suffix] = _Format(save, load, signature)
-
-
-def register_view(name: str, function: Callable[[PointCloud], Any]) -> None:
-    """Let the method ``to_<name>`` of `PointCloud` convert with a function.
-
-    Parameters
-    ----------
-    name : str
-        Name of the library.
-    function : callable
-        Takes a cloud and returns what that library works on.
-    """
-    _VIEWS[name] = function
 
 
 def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:

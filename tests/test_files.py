@@ -1,11 +1,27 @@
 """Files are whole or not there."""
 
 import errno
+import os
+import signal
+import stat
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import lidarsim as ls
 from lidarsim._files import atomic_writer
+from lidarsim.pointcloud import PointCloud
+
+
+def write(path: Path) -> None:
+    if path.suffix == ".tum":
+        ls.Trajectory([0, 1], [np.eye(4)] * 2).save(path)
+    else:
+        PointCloud(xyz=np.ones((10, 3))).save(path)
 
 
 @pytest.fixture
@@ -60,3 +76,121 @@ def test_permissions_are_those_of_any_new_file(tmp_path: Path) -> None:
     with atomic_writer(tmp_path / "ours"):
         pass
     assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_permissions_of_a_replaced_file_stay(target: Path) -> None:
+    target.chmod(0o600)
+    with atomic_writer(target) as file:
+        file.write(b"secret")
+        assert Path(file.name).parent.stat().st_mode & 0o077 == 0, "nobody else reads it meanwhile"
+    assert (target.read_bytes(), stat.S_IMODE(target.stat().st_mode)) == (b"secret", 0o600)
+
+
+@pytest.mark.parametrize("suffix", [".npz", ".laz", ".mcap", ".tum"])
+def test_the_longest_names(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / ("n" * (255 - len(suffix)) + suffix)
+    write(path)
+    assert path.stat().st_size > 0
+    assert list(tmp_path.iterdir()) == [path]
+    too_long = path.with_name(f"n{path.name}")
+    with pytest.raises(OSError, match="File name too long"):
+        write(too_long)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
+@pytest.mark.parametrize("suffix", [".npz", ".laz", ".mcap", ".tum"])
+def test_a_pipe_stays_one_and_gets_the_content(suffix: str, tmp_path: Path) -> None:
+    pipe, plain, folder = tmp_path / f"pipe{suffix}", tmp_path / f"plain{suffix}", tmp_path / "fixed"
+    folder.mkdir()
+    os.mkfifo(pipe)
+    os.mkfifo(folder / pipe.name)
+    folder.chmod(0o500)  # where no file could be made
+    write(plain)
+    for path in (pipe, folder / pipe.name):
+        reader = os.open(path, os.O_RDONLY | os.O_NONBLOCK)
+        try:
+            write(path)
+            assert os.read(reader, 1 << 16) == plain.read_bytes()  # all fits in a pipe
+        finally:
+            os.close(reader)
+        assert path.is_fifo()
+    assert sorted(tmp_path.iterdir()) == sorted([pipe, plain, folder])
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="the numbers of devices are Linux's")
+def test_a_device_stays_one(tmp_path: Path) -> None:
+    null, full = tmp_path / "null.npz", tmp_path / "full.npz"  # never the system's own: a failure would replace them
+    try:
+        for path, number in ((null, 3), (full, 7)):
+            os.mknod(path, stat.S_IFCHR | 0o666, os.makedev(1, number))
+            path.open("r+b").close()
+    except PermissionError:
+        pytest.skip("only root makes devices, where a file system lets them be used")
+    write(null)
+    with pytest.raises(OSError, match=f"{full}: cannot be written: No space left on device"):
+        write(full)
+    assert null.is_char_device()
+    assert full.is_char_device()
+    assert sorted(tmp_path.iterdir()) == [full, null]
+
+
+def test_links_that_lead_nowhere(tmp_path: Path) -> None:
+    loop, dangling = tmp_path / "loop.npz", tmp_path / "dangling.npz"
+    loop.symlink_to(loop.name)
+    with pytest.raises(OSError, match="symbolic link"):
+        write(loop)
+    assert loop.is_symlink()
+    dangling.symlink_to("new.npz")
+    write(dangling)
+    assert dangling.is_symlink()
+    assert (tmp_path / "new.npz").stat().st_size > 0
+    with pytest.raises(OSError, match="symbolic link"):
+        PointCloud.load(loop)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows ends a process without a signal")
+@pytest.mark.parametrize("suffix", [".npz", ".laz", ".mcap", ".db3"])
+def test_sigterm_leaves_nothing(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    path.write_bytes(b"old")
+    script = f"""
+import sys, time
+import numpy as np
+import lidarsim as ls
+path = {str(path)!r}
+cloud = ls.PointCloud(xyz=np.ones((10, 3)))
+def stay(*_, **__):
+    print("writing", flush=True)
+    time.sleep(60)
+if path.endswith(".npz"):
+    np.lib.format.write_array = stay
+    cloud.save(path)
+else:
+    kind = ls.io.las.Writer if path.endswith(".laz") else ls.io.rosbag.Writer
+    with kind(path) as file:
+        file.write(cloud) if path.endswith(".laz") else file.write_cloud(cloud)
+        stay()
+"""
+    with subprocess.Popen([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "writing\n"
+        assert len(list(tmp_path.iterdir())) == 2
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(timeout=30) == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == [path]
+    assert path.read_bytes() == b"old"
+
+
+def test_the_handler_of_a_user_stays(target: Path) -> None:
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    with atomic_writer(target):
+        assert signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL
+    assert signal.getsignal(signal.SIGTERM) is signal.SIG_DFL
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    try:
+        with atomic_writer(target):
+            assert signal.getsignal(signal.SIGTERM) is signal.SIG_IGN
+    finally:
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    with ThreadPoolExecutor() as pool:
+        pool.submit(write, target.with_suffix(".npz")).result()  # only the main thread may set a handler

@@ -33,7 +33,6 @@ https://github.com/HesaiTechnology/HesaiLidar_ROS_2.0, https://github.com/autowa
 from __future__ import annotations
 
 import itertools
-import os
 import re
 import shutil
 import sqlite3
@@ -42,7 +41,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
 from pathlib import Path
-from tempfile import TemporaryDirectory, mkdtemp
+from tempfile import TemporaryDirectory
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple, Self
 
@@ -51,7 +50,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_folder, check_suffix, parsing
+from lidarsim._files import PathLike, check_suffix, parsing, replacing
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
@@ -167,36 +166,15 @@ class Writer:
 
     def __enter__(self) -> Self:
         """Open a temporary bag beside the file to be."""
-        check_folder(self._path)
-        rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
-        storage = rosbag2.StoragePlugin.MCAP if self._suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
-        target = Path(self._path).resolve()
-        with self._writing(), ExitStack() as stack:
-            folder = Path(mkdtemp(prefix=f".{target.name}.", suffix=".tmp", dir=target.parent))
-            stack.callback(shutil.rmtree, folder, ignore_errors=True)
-            # Version 8 writes qualities of service as numbers, which readers from ROS Humble on understand.
-            self._bag = rosbag2.Writer(folder / "bag", version=8, storage_plugin=storage)
-            self._bag.open()
-            self._stack = stack.pop_all()
+        self._bag = self._stack.enter_context(_new_bag(self._path, self._suffix))
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Give the file its name, unless there was an error."""
-        bag, self._bag = self._bag, None
-        with self._stack:
-            try:
-                if kind is None:
-                    with self._writing():
-                        bag.close()
-                        (written,) = bag.path.glob(f"*{self._suffix}")
-                        with written.open("rb") as file:
-                            os.fsync(file.fileno())  # the content is on disk before the name is
-                        written.replace(Path(self._path).resolve())
-            finally:
-                with suppress(Exception):  # it may be closed already
-                    bag.abort()
+        self._bag = None
+        self._stack.__exit__(kind, error, trace)
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
         """Write a scan, or those of several sensors.
@@ -255,7 +233,7 @@ class Writer:
         header = self._header(stamp, name)
         message = self._custom(header, records) if layout == "livox" else self._cloud(header, records)
         del records  # rosbags makes copies enough
-        with self._writing():
+        with _lost_writes():
             self._advance(stamp, stamp + last)
             self._send(f"/{name}/points", _CUSTOM if layout == "livox" else _CLOUD, stamp + last, message)
 
@@ -367,14 +345,6 @@ class Writer:
                 topic, kind, typestore=self._ros, offered_qos_profiles=qualities
             )
         self._bag.write(self._topics[topic], stamp, data)
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        try:
-            yield
-        except (OSError, sqlite3.Error) as error:
-            reason = getattr(error, "strerror", None) or error
-            raise OSError(f"{self._path}: cannot be written: {reason}") from error
 
 
 class Message(NamedTuple):
@@ -515,6 +485,34 @@ def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
     frame = bytes(body[12 : 11 + length]).decode()
     cloud = to_cloud(columns, base)
     return frame, seconds * 10**9 + nanoseconds, cloud
+
+
+@contextmanager
+def _new_bag(path: PathLike, suffix: str) -> Iterator[Any]:
+    """Open a bag of rosbags whose only file takes the name `path` when the block ends well."""
+    rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
+    storage = rosbag2.StoragePlugin.MCAP if suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+    with replacing(path) as temporary, _lost_writes():
+        # Version 8 writes qualities of service as numbers, which readers from ROS Humble on understand.
+        bag = rosbag2.Writer(temporary.with_name("bag"), version=8, storage_plugin=storage)
+        bag.open()
+        try:
+            yield bag
+            bag.close()
+            (written,) = bag.path.glob(f"*{suffix}")
+            written.replace(temporary)
+        finally:
+            with suppress(Exception):  # it may be closed already
+                bag.abort()
+
+
+@contextmanager
+def _lost_writes() -> Iterator[None]:
+    """Turn SQLite's own error into the `OSError` that it hides."""
+    try:
+        yield
+    except sqlite3.Error as error:
+        raise OSError(str(error)) from error
 
 
 @cache

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._pickling import Immutable, Pickled
 from lidarsim._validation import Floats, Transform, affine, frozen, rays, t_range
+from lidarsim.shapes._tessellation import Triangles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,6 +70,9 @@ class Shape(Immutable):
     configuration: ClassVar[Mapping[str, Any]] = {}
     """Keys of configurations: arguments of the constructor with their units, and types of their values."""
 
+    bounded: ClassVar[bool] = True
+    """Whether the surface ends somewhere."""
+
     _native: core.Shape
     transform: Floats | None
 
@@ -84,6 +88,24 @@ class Shape(Immutable):
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:
+        """Return triangles that stand for the surface where it is looked at, before any transform.
+
+        Parameters
+        ----------
+        chord_error : float, optional
+            Greatest distance of a triangle from the surface; by default a fixed share of the shape's radius.
+        box : ndarray, shape (8, 3)
+            Corners of the part of space that is looked at, in the order of `numpy.ndindex(2, 2, 2)`. The surface ends
+            there if it is not bounded.
+
+        Returns
+        -------
+        Triangles
+            Their vertices are on the surface.
+        """
+        raise NotImplementedError
 
     def roots(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Find every place where lines meet the surface.

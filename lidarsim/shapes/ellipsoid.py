@@ -10,6 +10,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._validation import Floats, Transform, Vector, array, positive
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -69,3 +70,11 @@ class Ellipsoid(Shape):
         axes = array("rotation", rotation, (3, 3))
         native = _native.Shape("Ellipsoid", [*middle.tolist(), *lengths.tolist(), *axes.ravel().tolist()])
         super().__init__(native, transform, center=middle, radii=lengths, rotation=axes)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        axes = self.rotation * self.radii
+        # A point of the unit sphere and one near it are taken at most this many times farther apart.
+        longest = float(np.linalg.norm(axes, ord=2))
+        vertices, faces = unit_sphere(None if chord_error is None else chord_error / longest)
+        mirrored = np.linalg.det(axes) < 0
+        return self.center + vertices @ axes.T, faces[:, ::-1] if mirrored else faces

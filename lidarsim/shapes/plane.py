@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +11,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._validation import Floats, Transform, array, nonzero_vectors, real
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles
 
 
 class Plane(Shape):
@@ -50,6 +51,8 @@ class Plane(Shape):
     __match_args__ = ("normal", "distance")
 
     _numbers: list[float]
+
+    bounded: ClassVar = False
 
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
         self._set([*_normal(normal), real("distance", distance)], transform)
@@ -146,6 +149,25 @@ class Plane(Shape):
         plane = cls.__new__(cls)
         plane._set(**contents)
         return plane
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        normal, point = self.normal / np.linalg.norm(self.normal), self.point
+        # The box is widened by a tenth, and so far that it holds the point of the plane that is nearest to its middle.
+        middle, edges = box.mean(axis=0), 1.1 * (box[[4, 2, 1]] - box[0])
+        nearest = np.linalg.solve(edges.T, normal * (normal @ (point - middle)))
+        edges *= np.maximum(1.0, 2.2 * np.abs(nearest))[:, None]
+        corners = middle + (np.array(list(np.ndindex(2, 2, 2))) - 0.5) @ edges
+        heights = (corners - point) @ normal
+        # An edge of the box joins corners that differ in one bit of their index.
+        i, j = np.array([(i, i | bit) for i in range(8) for bit in (1, 2, 4) if not i & bit]).T
+        cut = (heights[i] < 0) != (heights[j] < 0)
+        share = (heights[i] / (heights[i] - heights[j] + ~cut))[cut, None]
+        outline = corners[i][cut] + share * (corners[j] - corners[i])[cut]
+        across = outline[0] - outline.mean(axis=0)
+        around = (outline - outline.mean(axis=0)) @ np.stack([across, np.cross(normal, across)], axis=-1)
+        outline = outline[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
+        fan = np.arange(1, len(outline) - 1)
+        return outline, np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1).astype(np.uint32)
 
 
 def _normal(value: npt.ArrayLike) -> list[float]:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._validation import Floats, Transform, Vector, array, real
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
 
 class Sphere(Shape):
@@ -53,3 +54,7 @@ class Sphere(Shape):
         middle, length = array("center", center, (3,)), real("radius", radius, above=0.0)
         native = _native.Shape("Sphere", [*middle.tolist(), length])
         super().__init__(native, transform, center=middle, radius=length)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        vertices, faces = unit_sphere(None if chord_error is None else chord_error / self.radius)
+        return self.center + self.radius * vertices, faces

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._validation import Floats, Transform, Vector, array
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles
 
 
 class Triangle(Shape):
@@ -54,3 +56,6 @@ class Triangle(Shape):
         corners = {name: array(name, value, (3,)) for name, value in (("a", a), ("b", b), ("c", c))}
         native = _native.Shape("Triangle", [x for corner in corners.values() for x in corner.tolist()])
         super().__init__(native, transform, **corners)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        return np.stack([self.a, self.b, self.c]), np.array([[0, 1, 2]], np.uint32)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import ctypes
 from contextlib import suppress
 from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lidarsim._extras import import_extra
-from lidarsim.pointcloud import Fields, PointCloud, narrowed, register_view
+from lidarsim._views import register_view
+from lidarsim.pointcloud import Fields, PointCloud, narrowed
+from lidarsim.scene import Scene
 from lidarsim.viewers._colors import BACKGROUND, coloring
 from lidarsim.viewers._display import require_display
+from lidarsim.viewers._surfaces import surfaces
 
 if TYPE_CHECKING:
     import open3d
@@ -61,6 +64,23 @@ def to_open3d(cloud: PointCloud) -> open3d.t.geometry.PointCloud:
     return converted
 
 
+def scene_to_open3d(scene: Scene, **options: Any) -> list[dict[str, Any]]:
+    """Convert as `Scene.to_open3d` documents."""
+    o3d = import_open3d()
+    converted = []
+    for surface in surfaces(scene, **options):
+        faces = np.ascontiguousarray(surface.outward(), np.int32)
+        if not len(faces):
+            continue
+        mesh = o3d.t.geometry.TriangleMesh(o3d.core.Tensor(surface.points()), o3d.core.Tensor(faces))
+        for name, value in (("object_id", surface.object_id), ("label", surface.item.label)):
+            column = narrowed(name, np.full((len(faces), 1), value, np.int64))
+            mesh.triangle[name] = o3d.core.Tensor(column)
+        name = f"{surface.object_id} {surface.item.name}".rstrip()
+        converted.append({"name": name, "geometry": mesh})
+    return converted
+
+
 def show(cloud: PointCloud, *, color_by: str | None = None, point_size: int = 3) -> None:
     """Show a cloud in Open3D's viewer until the user closes it.
 
@@ -93,4 +113,5 @@ def show(cloud: PointCloud, *, color_by: str | None = None, point_size: int = 3)
     )
 
 
-register_view("open3d", to_open3d)
+register_view(PointCloud, "open3d", to_open3d)
+register_view(Scene, "open3d", scene_to_open3d)

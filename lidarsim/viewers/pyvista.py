@@ -13,10 +13,13 @@ from lidarsim import _validation
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
 from lidarsim._validation import Floats
+from lidarsim._views import register_view
 from lidarsim.errors import LidarsimError
-from lidarsim.pointcloud import PointCloud, register_view
+from lidarsim.pointcloud import PointCloud
+from lidarsim.scene import Scene
 from lidarsim.viewers._colors import BACKGROUND, Coloring, coloring
 from lidarsim.viewers._display import require_display
+from lidarsim.viewers._surfaces import Surface, surfaces
 
 if TYPE_CHECKING:
     import pyvista
@@ -35,6 +38,33 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
         else:  # PyVista refuses an empty vector field, VTK does not
             converted.point_data.VTKObject.AddArray(pv.convert_array(array, name=name))
     return converted
+
+
+def scene_to_pyvista(scene: Scene, **options: Any) -> pyvista.MultiBlock:
+    """Convert as `Scene.to_pyvista` documents."""
+    pv = import_extra("pyvista", "pyvista", "this view")
+    blocks: pyvista.MultiBlock = pv.MultiBlock()
+    shared: dict[tuple[int, bool], pyvista.CellArray] = {}
+    for surface in surfaces(scene, **options):
+        block = _triangles(surface, shared)
+        block.cell_data["object_id"] = np.full(block.n_cells, surface.object_id, np.int32)
+        block.cell_data["label"] = np.full(block.n_cells, surface.item.label, np.uint32)
+        block.field_data["name"] = [surface.item.name]
+        blocks.append(block, surface.item.name or f"object {surface.object_id}")
+    return blocks
+
+
+def _triangles(surface: Surface, shared: dict[tuple[int, bool], pyvista.CellArray]) -> pyvista.PolyData:
+    """Return a surface in the world; those of one shape have the same connectivity."""
+    pv = import_extra("pyvista", "pyvista", "this view")
+    faces = surface.outward()
+    key = id(surface.vertices), faces is surface.faces
+    if key not in shared:
+        shared[key] = pv.CellArray.from_regular_cells(faces)
+    triangles: pyvista.PolyData = pv.PolyData()
+    triangles.SetPoints(pv.vtk_points(surface.points()))
+    triangles.SetPolys(shared[key])
+    return triangles
 
 
 def check_screenshot(path: PathLike) -> None:
@@ -185,4 +215,5 @@ def _extent(cloud: PointCloud, sensor: Floats) -> tuple[Floats, float]:
     return middle, float(max(most, 1.6 * half)) or 1.0  # a ball is seen whole, a street without its far ends
 
 
-register_view("pyvista", to_pyvista)
+register_view(PointCloud, "pyvista", to_pyvista)
+register_view(Scene, "pyvista", scene_to_pyvista)
