@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 from dataclasses import fields
 from typing import Any, Self
@@ -10,6 +11,9 @@ import numpy as np
 
 FORMAT = 1
 """Format of the pickles, raised whenever the contents of a public class change."""
+
+
+SHORT = 64  # numbers of an array that take part in a hash
 
 
 class Pickled:
@@ -36,6 +40,10 @@ class Pickled:
         """Return how `copy` and `pickle` make an equal object."""
         return _restore, (FORMAT, type(self), self._contents())
 
+    def __copy__(self) -> Self:
+        """Return a copy that shares nothing which can change."""
+        return copy.deepcopy(self)
+
 
 class Immutable(Pickled):
     """Base of the public classes whose objects never change: copies are the object itself."""
@@ -54,6 +62,30 @@ class Immutable(Pickled):
 
     def __deepcopy__(self, memo: object) -> Self:
         return self
+
+
+class Value(Immutable):
+    """Base of the public classes whose objects are equal if all that they are made of is."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not type(self):
+            return NotImplemented
+        if other is self:
+            return True
+        mine, others = self._contents(), other._contents()
+        return all(np.array_equal(value, others[name]) for name, value in mine.items())
+
+    def __hash__(self) -> int:
+        return hash((type(self), *(_hashable(value) for value in self._contents().values())))
+
+
+def _hashable(value: object) -> object:
+    """Return something of which equal values have the same: of a long array no more than its shape."""
+    if not isinstance(value, np.ndarray):
+        return value
+    return tuple(value.ravel().tolist()) if value.size <= SHORT else value.shape
 
 
 def _restore(number: int, cls: type[Pickled], contents: dict[str, Any]) -> Pickled:

@@ -5,14 +5,15 @@ from __future__ import annotations
 import enum
 import math
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native, _validation
+from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
@@ -73,7 +74,7 @@ _MISSING = {"label": 0, "instance": 0, "object_id": -1, "return_count": 0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scan:
+class Scan(Pickled):
     """A frame of a sensor: for each of n pulses, in firing order, up to k returns, and why there is none.
 
     k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `instance` and
@@ -117,6 +118,8 @@ class Scan:
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the point that each return really came from, in the sensor frame; None if
         there is neither angular jitter nor a beam, since it is then the direction of the pulse.
+    class_names : mapping of int to str
+        Names of labels, those of the scene.
 
     Notes
     -----
@@ -141,6 +144,7 @@ class Scan:
     time: float
     frame: int
     true_direction: Floats | None = None
+    class_names: Mapping[int, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of pulses."""
@@ -189,7 +193,7 @@ class Scan:
             raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
         offset = self._moment(deskew)
         if not isinstance(self.pose, Trajectory):
-            return PointCloud(_native.points_of(self, _native.Path.still(self.pose.tolist()), frame, None))
+            return self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
         moment = None if offset is None or frame == "world" else self.time + offset
         first, last = self.pose.span
         # The start, the period, their sum and the end are each rounded, by half an ulp of the greatest at most.
@@ -197,7 +201,10 @@ class Scan:
             raise ValueError(
                 f"deskew: expected a moment within the trajectory, {first} to {last} s, got {deskew!r}, at {moment} s"
             )
-        return PointCloud(_native.points_of(self, self.pose._native, frame, moment))
+        return self._cloud(self.pose._native, frame, moment)
+
+    def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
+        return PointCloud(_native.points_of(self, path, frame, moment), class_names=self.class_names)
 
     def _moment(self, deskew: object) -> float | None:
         """Return the moment that `deskew` names, s after the start of the scan; None for raw points."""
@@ -393,7 +400,9 @@ def scan(
         (seed, sensor_id(lidar.name), frame),
     )
     arrays["object_id"] = world.ids_of(arrays["object_id"])
-    return Scan(**arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame)
+    return Scan(
+        **arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame, class_names=dict(scene.class_names)
+    )
 
 
 def moment_and_pose(

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._files import PathLike
 from lidarsim._pickling import Immutable, Pickled
-from lidarsim._validation import Floats, Transform, affine, frozen, integer, rays, t_range
+from lidarsim._validation import UINT32, Floats, Transform, affine, frozen, integer, named_labels, rays, t_range
 from lidarsim._views import view
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
@@ -31,7 +31,6 @@ Label = int | npt.NDArray[np.uint32]
 
 DIFFUSE = Material()
 HEAD = 1 << 16  # bytes of a file by which its kind is recognised
-LARGEST = 2**32 - 1
 MOST_LINES = 12  # of a repr
 MOST = 2**31 - 1  # ids are int32 in hits
 
@@ -77,7 +76,7 @@ class SceneObject(Immutable):
         _check_reflectivity(self.material, self.shape)
         set_ = object.__setattr__
         set_(self, "label", _label(self.label, self.shape))
-        set_(self, "instance", integer("instance", self.instance, at_least=0, at_most=LARGEST))
+        set_(self, "instance", integer("instance", self.instance, at_least=0, at_most=UINT32))
         if self.transform is not None:
             set_(self, "transform", frozen(affine("transform", self.transform)))
 
@@ -187,7 +186,7 @@ class Scene(Pickled):
     """
 
     def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
-        self._class_names = class_names_of("class_names", class_names)
+        self._class_names = named_labels("class_names", class_names)
         self._entries: dict[int, _Entry] = {}
         self._next = 0
         self._kept: _Snapshot | None = None
@@ -601,23 +600,10 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
     _readers[name] = recognise, read
 
 
-def class_names_of(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
-    """Return names of labels after checking them; `name` is that of the argument."""
-    if value is None:
-        return {}
-    if not isinstance(value, Mapping):
-        raise TypeError(f"{name}: expected a mapping from labels to names, got {_kind(value)}")
-    for label, text in value.items():
-        integer(f"{name}: label", label, at_least=0, at_most=LARGEST)
-        if not isinstance(text, str):
-            raise TypeError(f"{name}[{label}]: expected a string, got {text!r}")
-    return {int(label): text for label, text in value.items()}
-
-
 def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
     if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) == 0:
-        return integer("label", value, at_least=0, at_most=LARGEST)
+        return integer("label", value, at_least=0, at_most=UINT32)
     given = np.asarray(value)
     if not isinstance(shape, TriangleMesh):
         raise TypeError(f"label: expected one integer, or a TriangleMesh for one a face, got {_kind(shape)}")
@@ -627,10 +613,10 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
         )
     if given.dtype == np.uint32 and not given.flags.writeable:  # as it comes from here
         return given
-    wrong = (given < 0) | (given > LARGEST)
+    wrong = (given < 0) | (given > UINT32)
     if wrong.any():
         i = int(np.argmax(wrong))
-        raise ValueError(f"label: expected integers from 0 to {LARGEST}, got label[{i}] = {given[i]}")
+        raise ValueError(f"label: expected integers from 0 to {UINT32}, got label[{i}] = {given[i]}")
     labels = np.array(given, dtype=np.uint32)
     labels.setflags(write=False)
     return labels

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._pickling import Immutable, Pickled
+from lidarsim._pickling import Pickled, Value
 from lidarsim._validation import Floats, Transform, affine, frozen, rays, t_range
 from lidarsim.shapes._tessellation import Triangles
 
@@ -47,7 +47,7 @@ class Hits(Pickled):
         return len(self.t)
 
 
-class Shape(Immutable):
+class Shape(Value):
     """A surface that rays can be cast at. Immutable; use one of the subclasses.
 
     Arguments of the constructor are attributes of the same names, arrays as read-only copies.

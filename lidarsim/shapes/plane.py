@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -50,7 +51,7 @@ class Plane(Shape):
     __slots__ = ("_numbers",)
     __match_args__ = ("normal", "distance")
 
-    _numbers: list[float]
+    _numbers: tuple[float, ...]
 
     bounded: ClassVar = False
 
@@ -108,9 +109,9 @@ class Plane(Shape):
         points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,)).tolist()]
         return cls._restored({"numbers": points, "transform": transform})
 
-    def _set(self, numbers: list[float], transform: Transform | None) -> None:
+    def _set(self, numbers: Sequence[float], transform: Transform | None) -> None:
         """Set up the plane of a normal and a distance, of a point and a normal, or of three points."""
-        Shape.__init__(self, _native.Shape("Plane", numbers), transform, _numbers=numbers)
+        Shape.__init__(self, _native.Shape("Plane", numbers), transform, _numbers=tuple(numbers))
 
     @property
     def point(self) -> Floats:

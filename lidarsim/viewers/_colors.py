@@ -45,7 +45,7 @@ _CATEGORIES = (
 QUALITATIVE = tuple(f"#{_CATEGORIES[i : i + 6]}" for i in range(0, len(_CATEGORIES), 6))
 
 UNITS = {"height": "m", "range": "m", "true_range": "m", "range_error": "m", "time": "s", "incidence": "rad"}
-CATEGORIES = {"label", "object_id", "return_number", "return_count"}
+CATEGORIES = {"label", "object_id", "instance", "return_number", "return_count"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +85,9 @@ def coloring(cloud: PointCloud, color_by: str | None) -> Coloring:
     if color_by in CATEGORIES and len(cloud):
         found, index = np.unique(values, return_inverse=True)
         table = [QUALITATIVE[int(value) % len(QUALITATIVE)] for value in found]
-        return Coloring(color_by, index, (-0.5, len(found) - 0.5), table, [str(value) for value in found])
+        known = cloud.class_names if color_by == "label" else {}
+        names = [known.get(int(value), str(value)) for value in found]
+        return Coloring(color_by, index, (-0.5, len(found) - 0.5), table, names)
     finite = values[np.isfinite(values)].astype(np.float64)
     low, high = np.percentile(finite, (1, 99)) if len(finite) else (0.0, 1.0)
     if low == high:
