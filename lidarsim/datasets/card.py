@@ -13,7 +13,7 @@ from lidarsim.datasets.samples import samples
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
 from lidarsim.rig import Rig
-from lidarsim.viewers import pyvista
+from lidarsim.viewers import show
 
 if TYPE_CHECKING:
     from lidarsim.datasets.engine import Plan
@@ -96,7 +96,7 @@ def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "frame.png"
             try:
-                pyvista.render(sample.cloud, path, color_by="label", window_size=(1200, 750))
+                show(sample.cloud, color_by="label", class_names=recipe.class_names, save=path, size=(1200, 750))
             except MissingExtraError:
                 return []
             plan.store.write(name, path.read_bytes())
