@@ -30,8 +30,8 @@ print(scan.summary())
 
 cloud = scan.point_cloud(frame="world")
 print(cloud)
-for index, item in enumerate(scene.objects):
-    seen = cloud[cloud.object_id == index]
+for item in scene:
+    seen = cloud[cloud.object_id == item.id]
     error = 1e3 * np.std(seen.range_error) if len(seen) else np.nan
     print(f"{item.name:8} {len(seen):6} points, range noise {error:.1f} mm")
 

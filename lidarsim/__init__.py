@@ -12,7 +12,7 @@ from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan import Scan, Status
-from lidarsim.scene import Scene, SceneObject
+from lidarsim.scene import Scene, SceneObject, register_scene_reader
 from lidarsim.sensor import Lidar, register_lidar_reader
 from lidarsim.shapes import (
     Box,
@@ -62,6 +62,7 @@ __all__ = [
     "patterns",
     "register_format",
     "register_lidar_reader",
+    "register_scene_reader",
     "register_trajectory_format",
     "register_view",
     "show",

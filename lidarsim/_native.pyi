@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 __all__ = [
-    "Appearances",
+    "Appearance",
     "Path",
     "Scene",
     "Shape",
@@ -32,6 +32,7 @@ class Shape:
     def vertices(self) -> npt.NDArray[np.float64]: ...
     def faces(self) -> npt.NDArray[np.uint32]: ...
     def primitives(self) -> int: ...
+    def bounds(self) -> tuple[_Point, _Point] | None: ...
     def degenerate(self) -> int: ...
     def bytes(self) -> int: ...
     def roots(
@@ -40,9 +41,8 @@ class Shape:
 
 @final
 class Scene:
-    def __new__(cls, shapes: Sequence[Shape]) -> Scene: ...
+    def __new__(cls, shapes: Sequence[Shape], appearances: Sequence[Appearance] = ()) -> Scene: ...
     def prepare(self) -> None: ...
-    def moves(self) -> bool: ...
     def cast(
         self,
         origins: npt.NDArray[np.float64],
@@ -51,6 +51,14 @@ class Scene:
         t_max: float,
         times: npt.NDArray[np.float64] | None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]: ...
+    def occluded(
+        self,
+        origins: npt.NDArray[np.float64],
+        directions: npt.NDArray[np.float64],
+        t_min: float,
+        t_max: float,
+        times: npt.NDArray[np.float64] | None,
+    ) -> npt.NDArray[np.bool_]: ...
 
 @final
 class Path:
@@ -69,12 +77,13 @@ class Path:
     def velocity(self, times: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]: ...
 
 @final
-class Appearances:
-    def __new__(cls, objects: Sequence[tuple[int, str, npt.NDArray[np.float64]]]) -> Appearances: ...
+class Appearance:
+    def __new__(
+        cls, label: int | npt.NDArray[np.uint32], instance: int, per: str, reflectivity: npt.NDArray[np.float64]
+    ) -> Appearance: ...
 
 def scan(
     scene: Scene,
-    appearances: Appearances,
     path: Path,
     pulses: object,
     indices: npt.NDArray[np.uint64] | None,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import operator
 import reprlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -24,6 +24,9 @@ Vector = tuple[float, float, float]
 
 Transform: TypeAlias = "RigidTransform | npt.ArrayLike"
 """A pose or placement: a `scipy.spatial.transform.RigidTransform`, or array_like of shape (4, 4)."""
+
+UINT32 = 2**32 - 1
+"""The greatest label or instance."""
 
 DEGREES = "; degrees?"
 """What ends the error of an angle that is too great for one in radians."""
@@ -119,6 +122,13 @@ def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = T
     return result
 
 
+def frozen(values: Floats) -> Floats:
+    """Return a read-only copy of `values`."""
+    copy = np.array(values, order="C")
+    copy.setflags(write=False)
+    return copy
+
+
 def nonzero_vectors(name: str, vectors: Floats) -> Floats:
     """Return `vectors`, of shape (3,) or (n, 3), after checking that none of them is zero."""
     zero = ~vectors.any(axis=-1)
@@ -178,6 +188,19 @@ def affine(name: str, value: Transform) -> Floats:
     if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
         raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(matrix[3].tolist())}")
     return matrix
+
+
+def named_labels(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
+    """Return names of labels as a dictionary of its own."""
+    if value is None:
+        return {}
+    if not isinstance(value, Mapping):
+        raise TypeError(f"{name}: expected a mapping from labels to their names, got {_shown(value)}")
+    for label, text in value.items():
+        integer(f"{name}, its keys", label, at_least=0, at_most=UINT32)
+        if not isinstance(text, str):
+            raise TypeError(f"{name}[{label}]: expected a string, got {_shown(text)}")
+    return {int(label): text for label, text in value.items()}
 
 
 def _between(low: str | None, high: str | None) -> str:

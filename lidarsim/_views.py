@@ -9,16 +9,16 @@ _VIEWS: dict[tuple[type, str], Callable[..., Any]] = {}
 
 
 def register_view(kind: type, name: str, function: Callable[..., Any]) -> None:
-    """Let a method of `PointCloud`, `Scan` or `Scene` work by a function: ``to_<name>``, or ``plot``.
+    """Let a method of `PointCloud`, `Scan` or `Scene` work by a function: ``to_<name>``, ``from_<name>``, or ``plot``.
 
     Parameters
     ----------
     kind : type
         The class whose instances are converted or shown.
     name : str
-        Name of the library that they are converted for, or "plot".
+        Name of the library that they are converted for, "from_" and that name for the way back, or "plot".
     function : callable
-        Takes an instance, and the keywords of the method.
+        Takes what the method takes: an instance, or what it is made from, and keywords.
     """
     _VIEWS[kind, name] = function
 

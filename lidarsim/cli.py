@@ -303,10 +303,11 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
         for result in next(dataclasses.replace(run, frames=range(frame, frame + 1)).scans()).values():
             result.point_cloud(**run.cloud)
     table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate")
-    for index, item in enumerate(run.scene.objects):
+    for item in run.scene:
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
         triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
-        _row(table, index, type(item.shape).__name__, item.name, item.label, item.material.reflectivity, *triangles)
+        label = "by face" if isinstance(item.label, np.ndarray) else item.label
+        _row(table, item.id, type(item.shape).__name__, item.name, label, item.material.reflectivity, *triangles)
     _print(table)
     for lidar in [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, ls.Rig) else [run.sensor]:
         _print_sensor(lidar)

@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._pickling import Value
 from lidarsim._validation import array, real
 
 __all__ = ["Material"]
@@ -17,7 +18,7 @@ Per = Literal["object", "face", "vertex"]
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Material:
+class Material(Value):
     """How a surface returns light.
 
     Parameters
@@ -94,13 +95,3 @@ class Material:
         # IEC 61966-2-1
         linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
         return cls(reflectivity=linear @ (0.2126, 0.7152, 0.0722), per=per)
-
-    def __eq__(self, other: object) -> bool:
-        """Say whether the parameters are equal."""
-        if not isinstance(other, Material):
-            return NotImplemented
-        return self.per == other.per and np.array_equal(self.reflectivity, other.reflectivity)
-
-    def __hash__(self) -> int:
-        """Return a hash of the parameters."""
-        return hash((self.per, np.asarray(self.reflectivity).tobytes()))

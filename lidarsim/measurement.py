@@ -21,6 +21,7 @@ from typing import Any, ClassVar, Literal, get_args
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._pickling import Immutable
 from lidarsim._validation import angle, array, integer, real
 
 __all__ = ["Beam", "Detection", "Measurement"]
@@ -30,7 +31,7 @@ Pairs = Sequence[Sequence[float]] | npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Detection:
+class Detection(Immutable):
     """A detection limit as a datasheet states it: "150 m at 10 %".
 
     A target of this reflectivity at normal incidence is detected up to this range, and any other target as long as it
@@ -72,7 +73,7 @@ class Detection:
 
 
 @dataclass(frozen=True)
-class Beam:
+class Beam(Immutable):
     """A diverging beam, sampled by sub-rays over its footprint.
 
     The profile is an elliptical Gaussian, cut off where its intensity is 1/e² of that on the axis. One sub-ray lies on
@@ -138,7 +139,7 @@ class Beam:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Measurement:
+class Measurement(Immutable):
     """How a sensor measures what its pulses hit. Every effect is off by default.
 
     Parameters

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+import math
+import textwrap
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, BinaryIO, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix, parsing
-from lidarsim._validation import Transform
+from lidarsim._html import html_table
+from lidarsim._pickling import Pickled
+from lidarsim._validation import Transform, named_labels
 from lidarsim._views import view
 
 if TYPE_CHECKING:
@@ -35,6 +40,7 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
     "return_number": ((), np.uint8),
     "return_count": ((), np.uint8),
     "object_id": ((), np.int32),
+    "instance": ((), np.uint32),
     "label": ((), np.uint32),
     "normal": ((3,), np.float32),
     "incidence": ((), np.float32),
@@ -43,10 +49,12 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
 }
 """Shape per point and dtype of the fields that lidarsim itself gives, in their order."""
 
+MOST_ROWS = 14  # of a repr, below its title
+
 _EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"))
 
 
-class PointCloud:
+class PointCloud(Pickled):
     """Points with named fields, each an array attribute of one entry a point.
 
     Only the fields that are given exist. Fields can be set and added later (``cloud.cluster = ids``) under the same
@@ -56,9 +64,12 @@ class PointCloud:
     Parameters
     ----------
     fields, **more : mapping or keywords of array_like
-        The fields by name, `xyz` among them. Those listed below are converted to their dtype: float32 rounds, but an
-        integer must fit, and a number with a fraction is refused where an integer is expected. A field of any other
-        name has shape (n,) or (n, m) and is bool, of any integer type, float32 or float64, and keeps its dtype.
+        The fields by name, `xyz` among them; or, in place of the mapping, an array of shape (n, 3), which is `xyz`.
+        Those listed below are converted to their dtype: float32 rounds, but an integer must fit, and a number with a
+        fraction is refused where an integer is expected. A field of any other name has shape (n,) or (n, m) and is
+        bool, of any integer type, float32 or float64, and keeps its dtype.
+    class_names : mapping of int to str, optional
+        Names of labels, for legends and files.
 
     Attributes
     ----------
@@ -78,8 +89,10 @@ class PointCloud:
         Which return of its pulse the point is, and how many returns that pulse has.
     object_id : ndarray of int32, shape (n,)
         Object that was hit.
+    instance : ndarray of uint32, shape (n,)
+        Instance of that object: points of one thing share it.
     label : ndarray of uint32, shape (n,)
-        Label of that object.
+        Label of that object, or of the face that was hit.
     normal : ndarray of float32, shape (n, 3)
         Unit outward surface normal.
     incidence : ndarray of float32, shape (n,)
@@ -88,6 +101,8 @@ class PointCloud:
         Measured minus true range, m.
     radial_velocity : ndarray of float32, shape (n,)
         How fast the range grows, m/s; only where the sensor or an object moves.
+    class_names : mapping of int to str
+        Names of labels; read-only, but may be set to another.
 
     Raises
     ------
@@ -102,12 +117,16 @@ class PointCloud:
     >>> cloud.intensity = [0.5, 0.25]
     >>> cloud
     PointCloud: 2 points
-      xyz        float64 (2, 3)  (0, 0, 0) … (4, 3, 1)
-      intensity  float32 (2,)    0.25 … 0.5
-      ring       uint16  (2,)    0 … 1
+      xyz        float64 × 3  (0, 0, 0) … (4, 3, 1)
+      intensity  float32      0.25 … 0.5
+      ring       uint16       0 … 1
     >>> cloud[cloud.ring == 1].xyz
     array([[0., 3., 1.]])
     """
+
+    __slots__ = ("__dict__", "__weakref__", "_class_names")  # the dictionary holds the fields
+
+    _class_names: dict[int, str]
 
     xyz: npt.NDArray[np.float64]
     range: npt.NDArray[np.float64]
@@ -119,21 +138,44 @@ class PointCloud:
     return_number: npt.NDArray[np.uint8]
     return_count: npt.NDArray[np.uint8]
     object_id: npt.NDArray[np.int32]
+    instance: npt.NDArray[np.uint32]
     label: npt.NDArray[np.uint32]
     normal: npt.NDArray[np.float32]
     incidence: npt.NDArray[np.float32]
     range_error: npt.NDArray[np.float64]
     radial_velocity: npt.NDArray[np.float32]
 
-    def __init__(self, fields: Mapping[str, npt.ArrayLike] | None = None, /, **more: npt.ArrayLike) -> None:
-        given = dict(fields or {}, **more)
+    def __init__(
+        self,
+        fields: Mapping[str, npt.ArrayLike] | npt.ArrayLike | None = None,
+        /,
+        *,
+        class_names: Mapping[int, str] | None = None,
+        **more: npt.ArrayLike,
+    ) -> None:
+        if fields is not None and not isinstance(fields, Mapping):
+            fields = {"xyz": _positions(fields)}
+        given = {**(fields or {}), **more}
+        self.class_names = given.pop("class_names", class_names)  # type: ignore[assignment]
         if "xyz" not in given:
             raise TypeError(f"PointCloud: expected a field 'xyz', got {', '.join(given) or 'no fields'}")
         for name in sorted(given, key=lambda name: name != "xyz"):  # first xyz, which sets the length
             setattr(self, name, given[name])
 
-    def __setattr__(self, name: str, values: npt.ArrayLike) -> None:
+    @property
+    def class_names(self) -> Mapping[int, str]:
+        """Names of labels: read-only mapping of int to str."""
+        return MappingProxyType(self._class_names)
+
+    @class_names.setter
+    def class_names(self, names: Mapping[int, str] | None) -> None:
+        object.__setattr__(self, "_class_names", named_labels("class_names", names))
+
+    def __setattr__(self, name: str, values: Any) -> None:
         """Set or add a field."""
+        if name == "class_names":
+            object.__setattr__(self, name, values)
+            return
         if not (name.isascii() and name.isidentifier()) or name in {"_", "x", "y", "z"} or hasattr(PointCloud, name):
             raise ValueError(f"PointCloud: {name!r} cannot be the name of a field")
         array = _field(name, values)
@@ -161,21 +203,176 @@ class PointCloud:
         """Return the number of points."""
         return len(self.xyz)
 
-    def __getitem__(self, index: Any) -> PointCloud:
-        """Return the cloud of the points that a slice, a mask or an array of indices selects."""
-        return PointCloud({name: array[index] for name, array in self._arrays().items()})
+    def __getitem__(self, index: int | slice | npt.ArrayLike) -> PointCloud:
+        """Return the cloud of the points that a slice, a mask, an array of indices or one index selects."""
+        if isinstance(index, str):
+            raise TypeError(f"index: expected indices, a mask or a slice, got {index!r}; a field is cloud.{index}")
+        if isinstance(index, tuple):
+            raise TypeError(f"index: expected one, of points, got {len(index)}; a field such as cloud.xyz takes two")
+        if isinstance(index, int | np.integer) and not isinstance(index, bool):
+            if not -len(self) <= index < len(self):
+                raise IndexError(f"index: expected one of {len(self)} points, got {index}")
+            index = [int(index)]
+        chosen = np.asarray(index) if isinstance(index, list) and index else index
+        if isinstance(chosen, np.ndarray) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
+            raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry a point, got {chosen.shape}")
+        arrays = {name: array[chosen] for name, array in self._arrays().items()}  # type: ignore[index]
+        return PointCloud(arrays, class_names=self._class_names)
 
     def __repr__(self) -> str:
-        """Return a line a field: dtype, shape, least and greatest finite value."""
-        rows = [(name, array.dtype, array.shape, _extent(array)) for name, array in self._arrays().items()]
-        width, type_width, shape_width = (max(len(str(row[i])) for row in rows) for i in (0, 1, 2))
-        lines = [
-            f"  {name:{width}}  {dtype!s:{type_width}} {shape!s:{shape_width}}  {extent}".rstrip()
-            for name, dtype, shape, extent in rows
+        """Return a line a field: dtype, least and greatest finite value."""
+        rows = self._rows()
+        width, type_width = (max(len(row[i]) for row in rows) for i in (0, 1))
+        lines = [f"  {name:{width}}  {dtype:{type_width}}  {extent}".rstrip() for name, dtype, extent in rows]
+        if len(lines) > MOST_ROWS:
+            names = ", ".join(name for name, *_ in rows[MOST_ROWS - 1 :])
+            lines[MOST_ROWS - 1 :] = [f"  and {textwrap.shorten(names, 100, placeholder=' …')}"]
+        return "\n".join((self._title(), *lines))
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: a small table."""
+        return html_table(self._title(), self._rows())
+
+    def _title(self) -> str:
+        return f"PointCloud: {len(self):,} point{'' if len(self) == 1 else 's'}"
+
+    def _rows(self) -> list[tuple[str, str, str]]:
+        """Return of each field its name, its type, and its extent."""
+        return [
+            (name, f"{array.dtype}{f' × {array.shape[1]}' if array.ndim == 2 else ''}", _extent(array))
+            for name, array in self._arrays().items()
         ]
-        return "\n".join((f"PointCloud: {len(self)} point{'' if len(self) == 1 else 's'}", *lines))
+
+    def _contents(self) -> dict[str, Any]:
+        return {**self._arrays(), "class_names": self._class_names}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return cls(contents)
+
+    def copy(self) -> PointCloud:
+        """Return a cloud with arrays of its own.
+
+        Returns
+        -------
+        PointCloud
+            Equal in all fields and class names.
+        """
+        return PointCloud({name: array.copy() for name, array in self._arrays().items()}, class_names=self._class_names)
+
+    def transformed(self, transform: Transform) -> PointCloud:
+        """Return the cloud under an affine map.
+
+        Parameters
+        ----------
+        transform : RigidTransform or array_like, shape (4, 4)
+            Affine map, such as the pose of a sensor, which takes points of its frame into the world.
+
+        Returns
+        -------
+        PointCloud
+            With `xyz` mapped, and with `normal` mapped as normals are: by the inverse transpose of the linear part, and
+            of unit length again. All other fields are as they were, `range` and vectors of other names too; arrays
+            that do not change are shared.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the transform is not affine or cannot be inverted.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> up = np.eye(4)
+        >>> up[2, 3] = 1.5
+        >>> PointCloud(xyz=[[4, 0, 0]]).transformed(up).xyz
+        array([[4. , 0. , 1.5]])
+        """
+        matrix = _validation.affine("transform", transform)
+        linear, shift = matrix[:3, :3], matrix[:3, 3]
+        arrays = self._arrays()
+        # Column by column: a matrix product of NumPy's need not have the same bits on every processor.
+        arrays["xyz"] = _mapped(linear, self.xyz) + shift
+        determinant = float(np.linalg.det(linear))
+        if determinant == 0.0 or not math.isfinite(determinant):
+            raise ValueError(f"transform: expected an invertible matrix, got determinant {determinant:g}")
+        if "normal" in arrays:
+            # The cofactors are the inverse transpose times the determinant, whose sign a reflection makes negative.
+            cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
+            turned = _mapped(cofactors, self.normal.astype(np.float64)) * np.sign(determinant)
+            length = np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
+            arrays["normal"] = np.divide(turned, length, out=np.zeros_like(turned), where=length > 0)
+        return PointCloud(arrays, class_names=self._class_names)
+
+    @classmethod
+    def concatenate(cls, clouds: Iterable[PointCloud]) -> PointCloud:
+        """Join clouds to one.
+
+        Parameters
+        ----------
+        clouds : iterable of PointCloud
+            At least one, all with the same fields.
+
+        Returns
+        -------
+        PointCloud
+            The points of the first, then of the second, and so on, with the class names of all.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there are no clouds, one of them is not one, their fields differ, or a label has two names.
+
+        Examples
+        --------
+        >>> front, back = PointCloud(xyz=[[1, 0, 0]]), PointCloud(xyz=[[-1, 0, 0]])
+        >>> len(PointCloud.concatenate([front, back]))
+        2
+        """
+        if isinstance(clouds, PointCloud):
+            raise TypeError("clouds: expected a sequence of clouds, got one")
+        given = list(clouds)
+        if not given:
+            raise ValueError("clouds: expected at least one, got none")
+        names: dict[int, str] = {}
+        for i, cloud in enumerate(given):
+            if not isinstance(cloud, PointCloud):
+                raise TypeError(f"clouds[{i}]: expected a PointCloud, got {type(cloud).__name__}")
+            odd = sorted(set(cloud.fields) ^ set(given[0].fields))
+            if odd:
+                has = "has" if odd[0] in cloud.fields else "has no"
+                raise ValueError(f"clouds: expected the same fields in all, got clouds[{i}], which {has} {odd[0]!r}")
+            for label, name in cloud.class_names.items():
+                if names.setdefault(label, name) != name:
+                    raise ValueError(
+                        f"clouds: expected one name for each label, got {names[label]!r} and {name!r} for {label}"
+                    )
+        arrays = {name: np.concatenate([getattr(cloud, name) for cloud in given]) for name in given[0].fields}
+        return cls(arrays, class_names=names)
+
+    def to_structured(self) -> npt.NDArray[np.void]:
+        """Return the points as records.
+
+        Returns
+        -------
+        ndarray of a structured dtype, shape (n,)
+            A copy, with a part for each field: ``points["ring"]`` has shape (n,), ``points["xyz"]`` (n, 3).
+
+        Examples
+        --------
+        >>> points = PointCloud(xyz=[[1, 2, 3]], ring=[7]).to_structured()
+        >>> points.dtype.names, points[0]["ring"].item()
+        (('xyz', 'ring'), 7)
+        """
+        arrays = self._arrays()
+        dtype = np.dtype([(name, array.dtype, array.shape[1:]) for name, array in arrays.items()])
+        records = np.empty(len(self), dtype)
+        for name, array in arrays.items():
+            records[name] = array
+        return records
 
     def _arrays(self) -> Fields:
+        """Return the fields by name, as they are."""
         return {name: getattr(self, name) for name in self.fields}
 
     def save(
@@ -222,7 +419,9 @@ class PointCloud:
             arrays["xyz"] = arrays["xyz"].astype(np.float32)
         check_output(path)
         save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
-        options = {"pose": where} if "pose" in inspect.signature(save).parameters else {}
+        known = inspect.signature(save).parameters
+        options = {"pose": where, "class_names": self.class_names}
+        options = {name: option for name, option in options.items() if name in known}
         with atomic_writer(path) as file:
             save(arrays, file, **options)
 
@@ -305,6 +504,50 @@ class PointCloud:
         converted: pyvista.PolyData = view(PointCloud, "pyvista")(self)
         return converted
 
+    @classmethod
+    def from_open3d(cls, points: open3d.t.geometry.PointCloud | open3d.geometry.PointCloud) -> PointCloud:
+        """Take over an Open3D point cloud with all its attributes.
+
+        Parameters
+        ----------
+        points : open3d.t.geometry.PointCloud or open3d.geometry.PointCloud
+            Its ``positions`` become `xyz` and its ``normals`` `normal`; other attributes keep their names, and the
+            columns that `to_open3d` made of vectors are joined again.
+
+        Returns
+        -------
+        PointCloud
+            A copy. Fields of lidarsim's names have lidarsim's dtypes again; others have those that Open3D left them.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is no point cloud, or an attribute cannot be a field.
+        """
+        return cls(view(PointCloud, "from_open3d")(points))
+
+    @classmethod
+    def from_pyvista(cls, mesh: pyvista.DataSet) -> PointCloud:
+        """Take over the points of a PyVista data set with all their data.
+
+        Parameters
+        ----------
+        mesh : pyvista.DataSet
+            Its points become `xyz`, and its point data fields of their names, normals as VTK names them `normal`. Data
+            of cells, and text, is left out.
+
+        Returns
+        -------
+        PointCloud
+            Arrays that already have the right dtype are shared.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If it is no data set, or an array cannot be a field.
+        """
+        return cls(view(PointCloud, "from_pyvista")(mesh))
+
     def plot(self, **options: Any) -> Any:
         """Show the cloud; a short way to write ``lidarsim.show(cloud, …)``.
 
@@ -319,6 +562,28 @@ class PointCloud:
             What `lidarsim.show` returns.
         """
         return view(PointCloud, "plot")(self, **options)
+
+
+def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
+    """Return what is given in place of fields, after checking that it can be `xyz`."""
+    given = np.asarray(value)
+    if given.dtype.kind in "fiu" and given.ndim == 2 and given.shape[1] == 3:
+        return given
+    expected = "PointCloud: expected an array of shape (n, 3), or fields by name"
+    if given.dtype.kind == "V" or given.dtype == object:
+        raise TypeError(f"{expected}, such as PointCloud(xyz=…, intensity=…), got {type(value).__name__}")
+    hint = ""
+    if given.ndim == 2 and given.shape[1] > 3:
+        hint = "; PointCloud(xyz=a[:, :3], intensity=a[:, 3]) takes its columns apart"
+    elif given.ndim == 2 and given.shape[0] == 3:
+        hint = "; PointCloud(a.T) takes points as columns"
+    raise ValueError(f"{expected}, got shape {given.shape}{hint}")
+
+
+def _mapped(linear: npt.NDArray[np.float64], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return points, shape (n, 3), under a linear map."""
+    x, y, z = points.T
+    return np.stack([row[0] * x + row[1] * y + row[2] * z for row in linear], axis=-1)
 
 
 def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -397,9 +662,11 @@ def register_format(
         With its dot, in lower case; it may have several parts, such as ".pcd.bin".
     save : callable
         ``save(fields, file)`` writes the fields of a cloud, in their order, into an open binary file. A format that has
-        a place for the pose that `PointCloud.save` is given takes it as the keyword `pose`: a 4×4 array, or None.
+        a place for the pose that `PointCloud.save` is given takes it as the keyword `pose`: a 4×4 array, or None; one
+        that has a place for the names of labels takes them as the keyword `class_names`.
     load : callable
-        Returns the fields that an open binary file holds; the message of any exception says why it cannot.
+        Returns the fields that an open binary file holds, and the names of labels, if there are any, as
+        ``"class_names"``; the message of any exception says why it cannot.
     signature : bytes
         First bytes of every file of the format, by which it is known whatever its name; none, if it has none.
     """

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from lidarsim import _validation
+from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim.scan import sensor_id
 from lidarsim.sensor import Lidar, checked_pose
@@ -40,7 +41,7 @@ class RigSensor(NamedTuple):
     offset: float = 0.0
 
 
-class Rig(Mapping[str, RigSensor]):
+class Rig(Pickled, Mapping[str, RigSensor]):
     """Named sensors on one body: a mapping from their names to `RigSensor`.
 
     The name in the rig becomes the name of the sensor, by which its noise is drawn: two sensors of one kind draw
@@ -176,6 +177,9 @@ class Rig(Mapping[str, RigSensor]):
     def __len__(self) -> int:
         """Return the number of sensors."""
         return len(self._sensors)
+
+    def _contents(self) -> dict[str, Any]:
+        return {"_sensors": self._sensors}
 
     __eq__ = object.__eq__
     __hash__ = object.__hash__

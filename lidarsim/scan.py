@@ -5,14 +5,15 @@ from __future__ import annotations
 import enum
 import math
 import zlib
-from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native, _validation
+from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import view
 from lidarsim.measurement import Measurement
@@ -69,16 +70,16 @@ class Summary(dict[str, int]):
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Moments of a scan that `deskew` may name, in periods of the pattern."""
 
-_MISSING = {"label": 0, "object_id": -1, "return_count": 0}
+_MISSING = {"label": 0, "instance": 0, "object_id": -1, "return_count": 0}
 """Value of pixels without a pulse, where it is not the greatest of an integer type."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scan:
+class Scan(Pickled):
     """A frame of a sensor: for each of n pulses, in firing order, up to k returns, and why there is none.
 
-    k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `label`. If a pulse
-    hit something but gave no point, the first entry still holds the truth about its strongest echo.
+    k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `instance` and
+    `label`. If a pulse hit something but gave no point, the first entry still holds the truth about its strongest echo.
 
     Attributes
     ----------
@@ -93,8 +94,10 @@ class Scan:
         Received intensity; 1 is a white diffuser at normal incidence.
     object_id : ndarray of int32, shape (n, k)
         Object that was hit.
+    instance : ndarray of uint32, shape (n, k)
+        Instance of that object.
     label : ndarray of uint32, shape (n, k)
-        Label of that object.
+        Label of that object, or of the face that was hit.
     normal : ndarray of float32, shape (n, k, 3)
         Unit outward normal there, in the world.
     incidence : ndarray of float32, shape (n, k)
@@ -120,6 +123,8 @@ class Scan:
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the point that each return really came from, in the sensor frame; None if
         there is neither angular jitter nor a beam, since it is then the direction of the pulse.
+    class_names : mapping of int to str
+        Names of labels, those of the scene.
 
     Notes
     -----
@@ -132,6 +137,7 @@ class Scan:
     range_error: npt.NDArray[np.float64]
     intensity: npt.NDArray[np.float32]
     object_id: npt.NDArray[np.int32]
+    instance: npt.NDArray[np.uint32]
     label: npt.NDArray[np.uint32]
     normal: npt.NDArray[np.float32]
     incidence: npt.NDArray[np.float32]
@@ -144,6 +150,7 @@ class Scan:
     frame: int
     true_direction: Floats | None = None
     radial_velocity: npt.NDArray[np.float32] | None = None
+    class_names: Mapping[int, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
         """Return the number of pulses."""
@@ -192,7 +199,7 @@ class Scan:
             raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
         offset = self._moment(deskew)
         if not isinstance(self.pose, Trajectory):
-            return PointCloud(_native.points_of(self, _native.Path.still(self.pose.tolist()), frame, None))
+            return self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
         moment = None if offset is None or frame == "world" else self.time + offset
         first, last = self.pose.span
         # The start, the period, their sum and the end are each rounded, by half an ulp of the greatest at most.
@@ -200,7 +207,10 @@ class Scan:
             raise ValueError(
                 f"deskew: expected a moment within the trajectory, {first} to {last} s, got {deskew!r}, at {moment} s"
             )
-        return PointCloud(_native.points_of(self, self.pose._native, frame, moment))
+        return self._cloud(self.pose._native, frame, moment)
+
+    def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
+        return PointCloud(_native.points_of(self, path, frame, moment), class_names=self.class_names)
 
     def _moment(self, deskew: object) -> float | None:
         """Return the moment that `deskew` names, s after the start of the scan; None for raw points."""
@@ -244,8 +254,8 @@ class Scan:
         -------
         ndarray, shape (rows, columns) or (rows, columns, 3)
             Of the dtype of the field. Unused entries of the scan keep their values. Pixels without a pulse are nan in
-            floating-point fields, 0 in "label" and "return_count", -1 in "object_id", and the greatest number of the
-            type in any other field of integers.
+            floating-point fields, 0 in "label", "instance" and "return_count", -1 in "object_id", and the greatest
+            number of the type in any other field of integers.
 
         Raises
         ------
@@ -396,7 +406,6 @@ def scan(
     pulses = pulses_of(lidar.pattern, frame)
     period = 1.0 / lidar.pattern.rate
     path = _path(where, pulses, time, period)
-    _, world, appearances = scene._core()
     whole = pulses
     chosen = None if indices is None else _indices(indices, len(pulses))
     if chosen is not None:
@@ -404,12 +413,12 @@ def scan(
             pulses,
             **{name: getattr(pulses, name)[chosen] for name in ("directions", "origins", "time", "ring", "column")},
         )
-    if world.moves() and len(pulses):
+    world = scene._snapshot()
+    if world.movers and len(pulses):
         fired = time + pulses.time.min(), time + pulses.time.max()
-        scene._check_motions(*fired, lambda end: _carried_on(end, whole, time, period))
+        world.check_motions(*fired, lambda end: _carried_on(end, whole, time, period))
     arrays = _native.scan(
-        world,
-        appearances,
+        world.native,
         path,
         pulses,
         chosen,
@@ -417,7 +426,10 @@ def scan(
         time,
         (seed, sensor_id(lidar.name), frame),
     )
-    return Scan(**arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame)
+    arrays["object_id"] = world.ids_of(arrays["object_id"])
+    return Scan(
+        **arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame, class_names=dict(scene.class_names)
+    )
 
 
 def moment_and_pose(

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Self, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._validation import Transform, affine, array, integer, rays, t_range
+from lidarsim._files import PathLike
+from lidarsim._pickling import Immutable, Pickled
+from lidarsim._validation import UINT32, Floats, Transform, affine, array, frozen, integer, named_labels, rays, t_range
 from lidarsim._views import view
+from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
 from lidarsim.shapes import Hits, Shape, TriangleMesh
 from lidarsim.trajectory import Trajectory
@@ -20,19 +26,32 @@ from lidarsim.trajectory import Trajectory
 if TYPE_CHECKING:
     import pyvista
 
+__all__ = ["Scene", "SceneObject", "register_scene_reader"]
+
+Label = int | npt.NDArray[np.uint32]
+
+DIFFUSE = Material()
+HEAD = 1 << 16  # bytes of a file by which its kind is recognised
+MOST_LINES = 12  # of a repr
+MOST = 2**31 - 1  # ids are int32 in hits
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class SceneObject:
+class SceneObject(Immutable):
     """A shape in a scene.
 
     Attributes
     ----------
+    id : int
+        Its number in the scene, which hits refer to.
     shape : Shape
         The shape in its own coordinates.
     name : str
         For people; it need not be unique.
-    label : int
-        Class of the object, 0 to 2³² − 1.
+    label : int or ndarray of uint32, shape (m,)
+        Class of the object, 0 to 2³² − 1, or of each face of a `TriangleMesh`.
+    instance : int
+        Number that tells things of one class apart, 0 to 2³² − 1; objects that are parts of one thing share it.
     material : Material
         How its surface returns light.
     transform : ndarray of float64, shape (4, 4), or None
@@ -41,21 +60,156 @@ class SceneObject:
         Rigid motion over time, after `transform`; None for what stands still.
     """
 
+    id: int
     shape: Shape
     name: str
-    label: int
+    label: Label
+    instance: int
     material: Material
-    transform: npt.NDArray[Any] | None
+    transform: Floats | None
+    motion: Trajectory | None
+
+    def __post_init__(self) -> None:
+        """Check and convert the arguments."""
+        if not isinstance(self.shape, Shape):
+            raise TypeError(f"shape: expected a lidarsim shape, got {_kind(self.shape)}")
+        if not isinstance(self.name, str):
+            raise TypeError(f"name: expected a string, got {self.name!r}")
+        if not isinstance(self.material, Material):
+            raise TypeError(f"material: expected a Material, got {_kind(self.material)}")
+        if self.motion is not None and not isinstance(self.motion, Trajectory):
+            raise TypeError(f"motion: expected a Trajectory, got {_kind(self.motion)}")
+        _check_reflectivity(self.material, self.shape)
+        set_ = object.__setattr__
+        set_(self, "label", _label(self.label, self.shape))
+        set_(self, "instance", integer("instance", self.instance, at_least=0, at_most=UINT32))
+        if self.transform is not None:
+            set_(self, "transform", frozen(affine("transform", self.transform)))
+
+    @property
+    def bounds(self) -> Floats:
+        """Low and high corner of a box around the object in the world, m: ndarray of float64, shape (2, 3).
+
+        Infinite where the object is, nan if it is a mesh without triangles. Of what moves: without its motion.
+        """
+        return self.shape._bounds(self._placed())
+
+    def _placed(self) -> core.Shape:
+        placed = self.shape._native
+        if self.transform is not None:
+            placed = placed.transformed(self.transform.tolist())
+        return placed if self.motion is None else placed.moving(self.motion._native)
+
+    def _appearance(self) -> core.Appearance:
+        values = np.atleast_1d(np.asarray(self.material.reflectivity, dtype=np.float64))
+        return core.Appearance(self.label, self.instance, self.material.per, values)
+
+    def __repr__(self) -> str:
+        """Return what it is and where."""
+        label = f"{len(np.unique(self.label))} labels" if isinstance(self.label, np.ndarray) else f"label {self.label}"
+        name = f" {self.name!r}" if self.name else ""
+        moves = "" if self.motion is None else ", moves"
+        return f"SceneObject {self.id}{name}: {self.shape}, {label}, instance {self.instance}{moves}"
+
+
+class _Changes(TypedDict, total=False):
+    """What of an object can be changed."""
+
+    shape: Shape
+    name: str
+    label: npt.ArrayLike
+    instance: int
+    material: Material | None
+    transform: Transform | None
     motion: Trajectory | None
 
 
-class Scene:
+@dataclass(frozen=True, slots=True)
+class _Entry:
+    """An object and what the core has of it."""
+
+    item: SceneObject
+    shape: core.Shape
+    appearance: core.Appearance
+
+
+@dataclass(frozen=True, slots=True)
+class _Snapshot:
+    """The objects at one moment, in the core.
+
+    `ids` are those of its objects, the first to the last, and -1 for none; None where they count up from 0.
+    """
+
+    version: object
+    native: core.Scene
+    ids: npt.NDArray[np.int32] | None
+    movers: tuple[tuple[SceneObject, Trajectory], ...]
+
+    def ids_of(self, places: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+        """Return the ids of objects by their places in the core; of -1, -1."""
+        return places if self.ids is None else self.ids[places]
+
+    def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
+        """Return the time of each of some rays, checked; None if nothing moves."""
+        when = array("time", time, ("n",) if np.ndim(time) else ())
+        if when.ndim and len(when) != count:
+            raise ValueError(f"time: expected one number or one for each of {count} rays, got {len(when)}")
+        if not self.movers:
+            return None
+        times = np.broadcast_to(when, count).copy()
+        if count:
+            self.check_motions(times.min(), times.max())
+        return times
+
+    def check_motions(self, first: float, last: float, until: Callable[[float], float] = float) -> None:
+        """Raise an error that names the first object whose motion does not cover these times.
+
+        `until` says to which time a motion may be carried on, by its last.
+        """
+        for item, motion in self.movers:
+            start, end = motion.span
+            if first < start or last > until(end):
+                name = f" ({item.name!r})" if item.name else ""
+                raise ValueError(
+                    f"time: expected times within the motion of object {item.id}{name}, {start} to {end} s,"
+                    f" got {first} to {last} s"
+                )
+
+
+class Scene(Pickled):
     """Objects that rays are cast at together.
+
+    Iterating over a scene gives its objects in the order of their ids, ``len(scene)`` their number, and ``scene[id]``
+    one of them. A scene may be copied and pickled: a copy has the same objects under the same ids, and changes to
+    either do not show in the other. Shapes and materials never change, and so are shared.
+
+    Parameters
+    ----------
+    class_names : mapping of int to str, optional
+        Names of labels, for legends, summaries and files.
+
+    Attributes
+    ----------
+    class_names : mapping of int to str
+        Read-only.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a class name is not a string, or its label is out of range.
+
+    Notes
+    -----
+    One thread may change a scene while others cast at it or scan it: each cast and each scan sees the scene as it is
+    before or after a change, never between. Changes of several threads have to wait for each other.
+
+    A change costs what it takes to order the objects anew for casting; the triangles of a mesh are ordered once, when
+    they are first cast at, however often the mesh is added or moved.
 
     Examples
     --------
     >>> import lidarsim as ls
-    >>> scene = ls.Scene()
+    >>> scene = ls.Scene(class_names={40: "road"})
     >>> road = scene.add(ls.Plane((0, 0, 1), 0.0), name="road", label=40)
     >>> ball = scene.add(ls.Sphere((5, 0, 1), 1.0), name="ball", label=1)
     >>> hits = scene.cast([[0, 0, 1], [0, 0, 1], [0, 0, 1]], [[1, 0, 0], [0, 1, -1], [0, 0, 1]])
@@ -63,18 +217,25 @@ class Scene:
     array([ 4.,  1., inf])
     >>> hits.object_id
     array([ 1,  0, -1], dtype=int32)
+    >>> scene.update(ball, shape=ls.Sphere((5, 0, 1), 2.0))
+    >>> scene.cast([[0, 0, 1]], [[1, 0, 0]]).t
+    array([3.])
     """
 
-    def __init__(self) -> None:
-        self._objects: list[tuple[SceneObject, core.Shape]] = []
-        self._in_core: tuple[int, core.Scene, core.Appearances] | None = None
+    def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
+        self._class_names = named_labels("class_names", class_names)
+        self._entries: dict[int, _Entry] = {}
+        self._next = 0
+        self._kept: _Snapshot | None = None
+        self._changed()
 
     def add(
         self,
         shape: Shape,
         *,
         name: str = "",
-        label: int = 0,
+        label: npt.ArrayLike = 0,
+        instance: int | None = None,
         material: Material | None = None,
         transform: Transform | None = None,
         motion: Trajectory | None = None,
@@ -87,8 +248,11 @@ class Scene:
             A mesh may be added many times; its triangles and their hierarchy are shared.
         name : str
             For people.
-        label : int
-            Class of the object, 0 to 2³² − 1.
+        label : int or array_like of int, shape (m,)
+            Class of the object, 0 to 2³² − 1; of a `TriangleMesh` of m faces also one of each face.
+        instance : int, optional
+            Number that tells things of one class apart, 0 to 2³² − 1: objects that are parts of one thing may share it.
+            Default: the object's id + 1.
         material : Material, optional
             How its surface returns light; by default a perfect diffuser.
         transform : array_like, shape (4, 4), or RigidTransform, optional
@@ -102,61 +266,197 @@ class Scene:
         Returns
         -------
         int
-            The object's id, which hits refer to: 0 for the first object, then 1, and so on.
+            The object's id, which hits refer to: 0 for the first object, then 1, and so on. The id of an object that
+            was removed is not used again.
 
         Raises
         ------
         TypeError
-            If `shape` is not a shape, `name` not a string, `label` not an integer, `motion` not a trajectory, or
-            `material` not a material, or one with a reflectivity per face or vertex where the shape is no mesh.
+            If `shape` is not a shape, `name` not a string, `label` or `instance` not an integer, `motion` not a
+            trajectory, or `material` not a material; or if there is a label or reflectivity per face or vertex and the
+            shape is no mesh.
         ValueError
-            If the label is out of range, the transform cannot be inverted, or the mesh has another number of faces or
-            vertices than the material has reflectivities.
+            If a label or the instance is out of range, the transform cannot be inverted, or the mesh has another number
+            of faces or vertices than there are labels or reflectivities.
         """
-        if not isinstance(shape, Shape):
-            raise TypeError(f"shape: expected a lidarsim shape, got {type(shape).__name__}")
+        number = self._next
+        if number > MOST:
+            raise ValueError(f"expected at most {MOST + 1} objects in the life of a scene")
+        own = number + 1 if instance is None else instance
+        item = SceneObject(number, shape, name, label, own, material or DIFFUSE, transform, motion)  # type: ignore[arg-type]
+        self._entries[number] = _Entry(item, item._placed(), item._appearance())
+        self._next += 1
+        self._changed()
+        return number
+
+    def update(self, object_id: int, **changes: Unpack[_Changes]) -> None:
+        """Change an object.
+
+        Parameters
+        ----------
+        object_id : int
+            Its id, which it keeps.
+        **changes
+            Any of `shape`, `name`, `label`, `instance`, `material`, `transform` and `motion`, as in `add`; what is not
+            given stays.
+
+        Raises
+        ------
+        KeyError
+            If there is no such object.
+        TypeError, ValueError
+            What `add` raises; the object is then as it was.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> ball = scene.add(ls.Sphere((0, 0, 0), 1.0))
+        >>> for x in (5.0, 6.0):
+        ...     place = np.eye(4)
+        ...     place[0, 3] = x
+        ...     scene.update(ball, transform=place)
+        ...     print(scene.cast([[0, 0, 0]], [[1, 0, 0]]).t)
+        [4.]
+        [5.]
+        """
+        entry = self._entry(object_id)
+        allowed = _Changes.__annotations__
+        for name in changes:
+            if name not in allowed:
+                raise TypeError(f"{name}: expected one of {', '.join(allowed)}")
+        given: dict[str, Any] = dict(changes)
+        if given.get("material", DIFFUSE) is None:
+            given["material"] = DIFFUSE
+        if given.get("instance", 0) is None:
+            given["instance"] = entry.item.id + 1
+        item = dataclasses.replace(entry.item, **given)
+        placed = item._placed() if given.keys() & {"shape", "transform", "motion"} else entry.shape
+        looks = item._appearance() if given.keys() & {"label", "instance", "material"} else entry.appearance
+        self._entries[item.id] = _Entry(item, placed, looks)
+        self._changed()
+
+    def remove(self, object_id: int) -> None:
+        """Remove an object; the others keep their ids.
+
+        Parameters
+        ----------
+        object_id : int
+            Its id.
+
+        Raises
+        ------
+        KeyError
+            If there is no such object.
+        """
+        del self._entries[self._entry(object_id).item.id]
+        self._changed()
+
+    def find(self, name: str) -> list[int]:
+        """Return the ids of the objects of a name.
+
+        Parameters
+        ----------
+        name : str
+            The whole name, as `add` was given it.
+
+        Returns
+        -------
+        list of int
+            In rising order; empty if there are none.
+        """
         if not isinstance(name, str):
             raise TypeError(f"name: expected a string, got {name!r}")
-        if material is not None and not isinstance(material, Material):
-            raise TypeError(f"material: expected a Material, got {type(material).__name__}")
-        if motion is not None and not isinstance(motion, Trajectory):
-            raise TypeError(f"motion: expected a Trajectory, got {type(motion).__name__}")
-        material = material or Material()
-        _check_reflectivity(material, shape)
-        label = integer("label", label, at_least=0, at_most=2**32 - 1)
-        placed = shape._native
-        if transform is not None:
-            transform = affine("transform", transform)
-            placed = placed.transformed(transform.tolist())
-        if motion is not None:
-            placed = placed.moving(motion._native)
-        self._objects.append((SceneObject(shape, name, label, material, transform, motion), placed))
-        return len(self._objects) - 1
+        return [item.id for item in self if item.name == name]
+
+    @classmethod
+    def from_file(cls, path: PathLike) -> Scene:
+        """Read a scene from a file, told by its content.
+
+        Parameters
+        ----------
+        path : path-like
+            A scene in YAML, as configurations have it, or a scene file that trimesh reads, such as GLB, glTF, 3MF or
+            DAE. The latter's units are taken as metres; each instance of a mesh is an object named after its node, and
+            the instances of a mesh share its triangles.
+
+        Returns
+        -------
+        Scene
+            The objects in the order of the file.
+
+        Raises
+        ------
+        ConfigError, FileFormatError
+            If the file cannot be read as a scene.
+        OSError
+            If the file cannot be opened.
+        """
+        path = Path(path)
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+        for recognise, read in _readers.values():
+            if recognise(path, head):
+                return read(path)
+        raise FileFormatError(f"{path}: expected a scene of one of these kinds: {', '.join(sorted(_readers))}")
+
+    @property
+    def class_names(self) -> Mapping[int, str]:
+        """Names of labels: read-only mapping of int to str."""
+        return MappingProxyType(self._class_names)
 
     @property
     def objects(self) -> tuple[SceneObject, ...]:
         """The objects in the order of their ids: tuple of SceneObject."""
-        return tuple(item for item, _ in self._objects)
+        return tuple(self)
 
     @property
-    def _native(self) -> core.Scene:
-        return self._core()[1]
+    def bounds(self) -> Floats:
+        """Low and high corner of a box around all bounded objects, m: ndarray of float64, shape (2, 3).
 
-    def _core(self) -> tuple[int, core.Scene, core.Appearances]:
-        """Return the number of objects, and the scene and the labels and reflectivities that the core has of them.
-
-        They are cached. Objects are only ever added, so a cache is up to date if it has as many as there are now; this
-        also holds if another thread made it.
+        nan if there are none. A plane, for one, is not bounded.
         """
-        kept = self._in_core
-        if kept is None or kept[0] != len(self._objects):
-            objects = self._objects.copy()
-            looks = [
-                (item.label, item.material.per, np.atleast_1d(np.asarray(item.material.reflectivity, dtype=np.float64)))
-                for item, _ in objects
-            ]
-            kept = len(objects), core.Scene([placed for _, placed in objects]), core.Appearances(looks)
-            self._in_core = kept
+        boxes = [box for box in (item.bounds for item in self) if np.isfinite(box).all()]
+        if not boxes:
+            return np.full((2, 3), np.nan)
+        low, high = np.stack(boxes, axis=1)
+        return np.stack([low.min(axis=0), high.max(axis=0)])
+
+    def _entry(self, object_id: int) -> _Entry:
+        number = integer("object_id", object_id)
+        try:
+            return self._entries[number]
+        except KeyError:
+            have = f"0 to {self._next - 1}" if len(self) == self._next else "those of len(scene) objects"
+            expected = "the id of an object" + (f" ({have})" if self._entries else "; the scene is empty")
+            raise KeyError(f"object_id: expected {expected}, got {number}") from None
+
+    def _in_order(self) -> list[_Entry]:
+        """Return the entries in the order of their ids, as they are at one moment."""
+        return list(self._entries.copy().values())
+
+    def _changed(self) -> None:
+        """Note that the objects are no longer those of the snapshot."""
+        self._version = object()
+
+    def _snapshot(self) -> _Snapshot:
+        """Return the objects as they are now, in the core.
+
+        It is kept for the next cast. A change is made before it is noted, so that a snapshot under the version that was
+        read before has all of the changes noted by then.
+        """
+        version = self._version
+        kept = self._kept
+        if kept is None or kept.version is not version:
+            entries = self._in_order()
+            native = core.Scene([entry.shape for entry in entries], [entry.appearance for entry in entries])
+            ids = None
+            if entries and entries[-1].item.id != len(entries) - 1:
+                ids = np.array([*(entry.item.id for entry in entries), -1], dtype=np.int32)
+            motions = ((entry.item, entry.item.motion) for entry in entries)
+            movers = tuple((item, motion) for item, motion in motions if motion is not None)
+            kept = self._kept = _Snapshot(version, native, ids, movers)
         return kept
 
     def cast(
@@ -191,31 +491,64 @@ class Scene:
             If a shape is wrong, a number is not finite, a direction is zero, the range is not one, or the motion of an
             object does not cover the times.
         """
+        now = self._snapshot()
         o, d = rays(origins, directions)
-        when = array("time", time, ("n",) if np.ndim(time) else ())
-        if when.ndim and len(when) != len(o):
-            raise ValueError(f"time: expected one number or one for each of {len(o)} rays, got {len(when)}")
-        world = self._native
-        times = np.broadcast_to(when, len(o)).copy() if world.moves() else None
-        if times is not None and len(times):
-            self._check_motions(times.min(), times.max())
-        return Hits(*world.cast(o, d, *t_range(t_min, t_max), times))
+        t, places, primitives, normals = now.native.cast(o, d, *t_range(t_min, t_max), now.times(time, len(o)))
+        return Hits(t, now.ids_of(places), primitives, normals)
 
-    def _check_motions(self, first: float, last: float, until: Callable[[float], float] = float) -> None:
-        """Raise an error that names the first object whose motion does not cover these times.
+    def occluded(
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        t_min: float = 0.0,
+        t_max: float = math.inf,
+        time: npt.ArrayLike = 0.0,
+    ) -> npt.NDArray[np.bool_]:
+        """Tell whether each ray hits anything: the same as ``scene.cast(...).hit``, and faster.
 
-        `until` says to which time a motion may be carried on, by its last.
+        Parameters
+        ----------
+        origins, directions : array_like, shape (n, 3)
+            Rays ``origin + t * direction``. A direction may have any length but zero: with that from one point to
+            another, and a `t_max` of 1, it is a line of sight between them.
+        t_min, t_max : float
+            Range of t, in units of the length of the direction; 0 <= t_min <= t_max. Both ends belong to it.
+        time : float, or array_like, shape (n,)
+            When, as in `cast`, s.
+
+        Returns
+        -------
+        ndarray of bool, shape (n,)
+            Whether there is a hit with t_min <= t <= t_max, decided exactly.
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong, a number is not finite, a direction is zero, the range is not one, or the motion of an
+            object does not cover the times.
+
+        Examples
+        --------
+        >>> import numpy as np
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Box((1, 10, 3), center=(5, 0, 1.5)))
+        >>> eye, targets = np.array([0.0, 0.0, 1.0]), np.array([[10.0, 0.0, 1.0], [4.0, 0.0, 1.0]])
+        >>> scene.occluded(np.broadcast_to(eye, targets.shape), targets - eye, t_max=1.0)
+        array([ True, False])
         """
-        for i, item in enumerate(self.objects):
-            if item.motion is None:
-                continue
-            start, end = item.motion.span
-            if first < start or last > until(end):
-                name = f" ({item.name!r})" if item.name else ""
-                raise ValueError(
-                    f"time: expected times within the motion of object {i}{name}, {start} to {end} s,"
-                    f" got {first} to {last} s"
-                )
+        now = self._snapshot()
+        o, d = rays(origins, directions)
+        return now.native.occluded(o, d, *t_range(t_min, t_max), now.times(time, len(o)))
+
+    def __getitem__(self, object_id: int) -> SceneObject:
+        """Return an object by its id."""
+        return self._entry(object_id).item
+
+    def __iter__(self) -> Iterator[SceneObject]:
+        """Iterate over the objects as they are now, in the order of their ids."""
+        return iter([entry.item for entry in self._in_order()])
 
     def to_pyvista(
         self, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None
@@ -295,7 +628,83 @@ class Scene:
         return view(Scene, "plot")(self, **options)
 
     def __len__(self) -> int:
-        return len(self._objects)
+        """Return the number of objects."""
+        return len(self._entries)
+
+    def __repr__(self) -> str:
+        """Return how many objects there are of which shape and label, and where."""
+        kinds: dict[str, int] = {}
+        for item in self:
+            label = item.label if isinstance(item.label, int) else None
+            named = "labels by face" if label is None else self._class_names.get(label, f"label {label}")
+            what = f"{type(item.shape).__name__}, {named}"
+            kinds[what] = kinds.get(what, 0) + 1
+        shown = sorted(kinds.items(), key=lambda kind: -kind[1])[:MOST_LINES]
+        lines = [f"  {count:6,} × {what}" for what, count in shown]
+        if len(kinds) > len(shown):
+            lines.append(f"  {sum(kinds.values()) - sum(count for _, count in shown):6,} others")
+        extent = ""
+        box = self.bounds
+        if np.isfinite(box).all():
+            low, high = (", ".join(f"{x:.6g}" for x in corner) for corner in box)
+            extent = f", bounds ({low}) to ({high}) m"
+        return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
+
+    def _contents(self) -> dict[str, Any]:
+        return {"class_names": dict(self._class_names), "objects": self.objects, "next": self._next}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        scene = cls.__new__(cls)
+        Scene.__init__(scene)
+        scene._class_names = contents["class_names"]
+        scene._entries = {item.id: _Entry(item, item._placed(), item._appearance()) for item in contents["objects"]}
+        scene._next = contents["next"]
+        return scene
+
+
+_readers: dict[str, tuple[Callable[[Path, bytes], bool], Callable[[Path], Scene]]] = {}
+
+
+def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], read: Callable[[Path], Scene]) -> None:
+    """Let `Scene.from_file` read one more kind of file.
+
+    Parameters
+    ----------
+    name : str
+        What errors call the kind of file, such as "lidarsim YAML".
+    recognise : callable
+        ``recognise(path, head)`` says whether a file is of this kind; `head` is its first 64 KiB.
+    read : callable
+        ``read(path)`` returns the `Scene`.
+    """
+    _readers[name] = recognise, read
+
+
+def _label(value: npt.ArrayLike, shape: Shape) -> Label:
+    """Return the label of an object, or the labels of its faces, after checking them."""
+    if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) == 0:
+        return integer("label", value, at_least=0, at_most=UINT32)
+    given = np.asarray(value)
+    if not isinstance(shape, TriangleMesh):
+        raise TypeError(f"label: expected one integer, or a TriangleMesh for one a face, got {_kind(shape)}")
+    if given.dtype.kind not in "iu" or given.shape != (len(shape),):
+        raise ValueError(
+            f"label: expected one integer, or {len(shape)}, one a face, got {given.dtype} of shape {given.shape}"
+        )
+    if given.dtype == np.uint32 and not given.flags.writeable:  # as it comes from here
+        return given
+    wrong = (given < 0) | (given > UINT32)
+    if wrong.any():
+        i = int(np.argmax(wrong))
+        raise ValueError(f"label: expected integers from 0 to {UINT32}, got label[{i}] = {given[i]}")
+    labels = np.array(given, dtype=np.uint32)
+    labels.setflags(write=False)
+    return labels
+
+
+def _kind(value: object) -> str:
+    return type(value).__name__
 
 
 def _check_reflectivity(material: Material, shape: Shape) -> None:

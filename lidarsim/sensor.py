@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim import scan as _scan
+from lidarsim._pickling import Pickled
 from lidarsim._validation import Transform, array, integer, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
@@ -52,7 +53,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
 
 
 @dataclass(frozen=True)
-class Lidar:
+class Lidar(Pickled):
     """A lidar sensor.
 
     Frozen; `dataclasses.replace` gives a varied copy.

@@ -10,13 +10,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO, Literal
+from typing import TYPE_CHECKING, Any, BinaryIO, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native, _validation
 from lidarsim._files import PathLike, atomic_writer, check_suffix
+from lidarsim._pickling import Immutable
 from lidarsim._validation import Floats, Transform, array
 from lidarsim.errors import FileFormatError
 
@@ -32,7 +33,7 @@ MOST_LINES = 10_000_000
 """Bounds on the lines of a file, in bytes, and on their number: a day of poses at 100 Hz has 8.64 million."""
 
 
-class Trajectory:
+class Trajectory(Immutable):
     """Rigid poses over time: where a sensor, or an object, is at each moment.
 
     Each given pose is met exactly at its time. From one to the next, while u = (t − tᵢ)/(tᵢ₊₁ − tᵢ) grows from 0 to 1,
@@ -352,16 +353,19 @@ class Trajectory:
         return self._made(self._times, (kind, arguments, (*mounts, matrix)), self._native.mounted(matrix))
 
     @classmethod
-    def _made(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Trajectory:
+    def _made(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Self:
         trajectory = cls.__new__(cls)
         times.setflags(write=False)
         trajectory._times, trajectory._recipe = times, recipe
         trajectory._native = _built(recipe) if native is None else native
         return trajectory
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to make it anew: of the same numbers, and so with the same bits."""
-        return self._made, (self._times, self._recipe)
+    def _contents(self) -> dict[str, Any]:
+        return {"times": self._times, "recipe": self._recipe}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return cls._made(**contents)
 
     def __repr__(self) -> str:
         """Return the class and the span."""

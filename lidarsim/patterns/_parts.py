@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lidarsim._validation import Floats, array, integer
+from lidarsim._validation import Floats, array, frozen, integer
 from lidarsim.patterns._pulses import Pulses
 
 TURN = 2.0 * math.pi
@@ -24,13 +24,6 @@ def per_channel(name: str, value: Any, channels: int, *, width: int | None = Non
         one_for_all = False
     values = array(name, value, tail if one_for_all else (channels, *tail))
     return frozen(np.broadcast_to(values, (channels, *tail)))
-
-
-def frozen(values: Floats) -> Floats:
-    """Return a read-only copy of `values`."""
-    copy = np.array(values, order="C")
-    copy.setflags(write=False)
-    return copy
 
 
 def rings(name: str, count: int, *, at_least: int = 1) -> int:

@@ -8,11 +8,12 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._pickling import Immutable
 from lidarsim._validation import array, integer, real
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pulses:
+class Pulses(Immutable):
     """The pulses of one frame, in the sensor frame (x forward, y left, z up) and in firing order.
 
     Anything that NumPy can turn into such an array is converted. The arrays are read-only, so that a pattern whose

@@ -10,13 +10,14 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angles, array, integer, real
-from lidarsim.patterns._parts import TURN, directions_of, frozen, rings
+from lidarsim._pickling import Value
+from lidarsim._validation import Floats, angles, array, frozen, integer, real
+from lidarsim.patterns._parts import TURN, directions_of, rings
 from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Grid:
+class Grid(Value):
     """Beams at each azimuth and elevation of a grid: a flash or solid-state lidar; with one elevation, a 2D one.
 
     Columns fire one after the other in the order given, `column_period` apart, all rings of a column together. All

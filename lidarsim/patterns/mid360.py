@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from lidarsim._pickling import Value
 from lidarsim._validation import real
 from lidarsim.patterns._parts import TURN, Ticks, fired_together, turned
 from lidarsim.patterns._pulses import Pulses
@@ -23,7 +24,7 @@ SLOW = 10
 
 
 @dataclass(frozen=True)
-class Mid360:
+class Mid360(Value):
     """The four beams of the Livox Mid-360: all around z, from 7 degrees below the horizon to 52 above.
 
     They fire together every 20 us. With ``psi = 2 pi 2189/12 t``, ``phi = 2 pi 10 t`` and k = -1.5, -0.5, 0.5, 1.5 for

@@ -10,13 +10,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from lidarsim._pickling import Value
 from lidarsim._validation import Floats, angle, real
 from lidarsim.patterns._parts import TURN, Ticks, directions_of, fired_together
 from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True)
-class OscillatingMirror:
+class OscillatingMirror(Value):
     """A beam that swings to and fro about x in the x-y plane: the zigzag of an airborne scanner that looks along x.
 
     The azimuth starts at the left end. It moves at constant speed, and where it turns back it brakes and speeds up at

@@ -10,13 +10,14 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from lidarsim._pickling import Value
 from lidarsim._validation import angle, real
 from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined
 from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True)
-class Palmer:
+class Palmer(Value):
     """A beam that goes round a cone about x, from left to up: the circles of a bathymetric scanner that looks along x.
 
     Pulse `m` fires at ``m / pulse_rate`` towards ``(cos a, sin a cos h, sin a sin h)`` with ``h = 2 pi scan_rate m /

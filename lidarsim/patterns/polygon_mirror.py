@@ -11,13 +11,13 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angle, angles, array, real
+from lidarsim._pickling import Value
+from lidarsim._validation import Floats, angle, angles, array, frozen, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
     fired_in_cycles,
     firing_times_within,
-    frozen,
     per_channel,
     rings,
     used_cycles,
@@ -26,7 +26,7 @@ from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class PolygonMirror:
+class PolygonMirror(Value):
     """Channels that a rotating polygon sweeps about z at constant speed, each facet from the left end to the right.
 
     A facet of a polygon of N mirrors, which turns by ``2 pi / N``, sweeps twice that angle, but only the field of view

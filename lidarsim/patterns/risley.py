@@ -11,13 +11,14 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, Vector, angle, array, nonzero_vectors, real
-from lidarsim.patterns._parts import TURN, Ticks, fired_together, frozen, joined, rings, unit
+from lidarsim._pickling import Value
+from lidarsim._validation import Floats, Vector, angle, array, frozen, nonzero_vectors, real
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True)
-class Prism:
+class Prism(Value):
     """A wedge of glass that rotates about the x axis.
 
     Each of its faces is flat (0) or tilted: at time t the normal of a face tilted by `a` is ``(cos a, sin a cos h, sin
@@ -60,7 +61,7 @@ class Prism:
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Risley:
+class Risley(Value):
     """Beams along x that rotating prisms bend in turn: the rosettes of non-repetitive lidars.
 
     Pulse `m` fires at ``m / pulse_rate``, all beams together; frame `k` takes those from ``k / rate`` to ``(k + 1) /

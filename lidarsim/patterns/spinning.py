@@ -10,13 +10,13 @@ from typing import Any, ClassVar, cast
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, Vector, angle, angles, array, real
+from lidarsim._pickling import Value
+from lidarsim._validation import Floats, Vector, angle, angles, array, frozen, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
     fired_in_cycles,
     firing_times_within,
-    frozen,
     per_channel,
     rings,
     used_cycles,
@@ -25,7 +25,7 @@ from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Spinning:
+class Spinning(Value):
     """Channels on a head that spins about the z axis: one frame a turn.
 
     The head fires its channels in cycles, one cycle a column. Cycle `c` of a frame starts when the head has gone the

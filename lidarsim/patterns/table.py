@@ -11,14 +11,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, angles, array, integer, nonzero_vectors, real
+from lidarsim._pickling import Value
+from lidarsim._validation import Floats, angles, array, frozen, integer, nonzero_vectors, real
 from lidarsim.errors import FileFormatError
-from lidarsim.patterns._parts import TURN, directions_of, frozen, per_channel, unit
+from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
 
 @dataclass(frozen=True, eq=False, init=False)
-class Table:
+class Table(Value):
     """Pulses listed one by one: a measured pattern, a patent's, or one that no other class makes.
 
     The list is cut into frames by its times: frame `k` takes the pulses from ``k / rate`` to ``(k + 1) / rate``. After

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -11,12 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._validation import Floats, Transform, affine, rays, t_range
+from lidarsim._pickling import Pickled, Value
+from lidarsim._validation import Floats, Transform, affine, frozen, rays, t_range
 from lidarsim.shapes._tessellation import Triangles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Hits:
+class Hits(Pickled):
     """Where rays first meet a shape or a scene, an entry a ray.
 
     Attributes
@@ -46,8 +47,10 @@ class Hits:
         return len(self.t)
 
 
-class Shape:
+class Shape(Value):
     """A surface that rays can be cast at. Immutable; use one of the subclasses.
+
+    Arguments of the constructor are attributes of the same names, arrays as read-only copies.
 
     Parameters
     ----------
@@ -55,11 +58,14 @@ class Shape:
         The shape in the core.
     transform : array_like, shape (4, 4), or RigidTransform, optional
         Affine map that the shape goes through; its entries are taken as exact.
-    numbers : sequence of float
-        What the shape is made of, as the core was given it, for those that tessellate it.
+    **parameters
+        The other attributes.
     """
 
-    __slots__ = ("_matrix", "_native", "_numbers", "_scene")
+    __slots__ = ("_native", "transform")
+
+    __match_args__: ClassVar[tuple[str, ...]] = ()
+    """Attributes that say all of the shape but its transform: arguments of the constructor."""
 
     configuration: ClassVar[Mapping[str, Any]] = {}
     """Keys of configurations: arguments of the constructor with their units, and types of their values."""
@@ -67,29 +73,21 @@ class Shape:
     bounded: ClassVar[bool] = True
     """Whether the surface ends somewhere."""
 
-    _matrix: Floats | None
     _native: core.Shape
-    _numbers: Sequence[float]
-    _scene: core.Scene
+    transform: Floats | None
 
-    def __init__(self, native: core.Shape, transform: Transform | None = None, numbers: Sequence[float] = ()) -> None:
-        matrix = None if transform is None else affine("transform", transform)
-        if matrix is not None:
+    def __init__(self, native: core.Shape, transform: Transform | None = None, **parameters: object) -> None:
+        matrix = None
+        if transform is not None:
+            matrix = frozen(affine("transform", transform))
             native = native.transformed(matrix.tolist())
-        object.__setattr__(self, "_matrix", matrix)
         object.__setattr__(self, "_native", native)
-        object.__setattr__(self, "_numbers", numbers)
-        object.__setattr__(self, "_scene", core.Scene([native]))
+        object.__setattr__(self, "transform", matrix)
+        for name, value in parameters.items():
+            object.__setattr__(self, name, frozen(value) if isinstance(value, np.ndarray) else value)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
-
-    @classmethod
-    def _of(cls, native: core.Shape, transform: Transform | None, numbers: Sequence[float] = ()) -> Self:
-        """Make an instance of `cls` around a native shape, past its own constructor."""
-        shape = cls.__new__(cls)
-        Shape.__init__(shape, native, transform, numbers)
-        return shape
 
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:
         """Return triangles that stand for the surface where it is looked at, before any transform.
@@ -153,4 +151,40 @@ class Shape:
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
         """
-        return Hits(*self._scene.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+        return Hits(*core.Scene([self._native]).cast(*rays(origins, directions), *t_range(t_min, t_max), None))
+
+    @property
+    def bounds(self) -> Floats:
+        """Low and high corner of a box around the surface, m: ndarray of float64, shape (2, 3).
+
+        The surface is within, and a shape without a transform of its own reaches every side. Infinite if the surface
+        is, nan if it is a mesh without triangles.
+        """
+        return self._bounds(self._native)
+
+    def _bounds(self, placed: core.Shape) -> Floats:
+        """Return `bounds` of this shape as it is placed in the core."""
+        found = placed.bounds()
+        if found is not None:
+            return np.array(found)
+        return np.array([[-math.inf] * 3, [math.inf] * 3] if placed.primitives() else np.full((2, 3), math.nan))
+
+    def _contents(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in (*self.__match_args__, "transform")}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return cls(**contents)
+
+    def __repr__(self) -> str:
+        """Return the arguments of the constructor."""
+        shown = [f"{name}={_shown(getattr(self, name))}" for name in self.__match_args__]
+        return f"{type(self).__name__}({', '.join(shown)}{'' if self.transform is None else ', transform=…'})"
+
+
+def _shown(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        if value.ndim > 1:
+            return f"array of shape {value.shape}"
+        return f"({', '.join(f'{x:.6g}' for x in value)})"
+    return f"{value:.6g}" if isinstance(value, float) else repr(value)

@@ -53,16 +53,19 @@ class Box(Shape):
     array([[3., 5.]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("size", "center")
 
     configuration: ClassVar = {"size_m": Vector, "center_m": Vector}
+
+    size: Floats
+    center: Floats
 
     def __init__(
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:
-        numbers = [*positive("size", array("size", size, (3,))), *array("center", center, (3,))]
-        super().__init__(_native.Shape("Box", numbers), transform, numbers)
+        sides, middle = positive("size", array("size", size, (3,))), array("center", center, (3,))
+        native = _native.Shape("Box", [*sides.tolist(), *middle.tolist()])
+        super().__init__(native, transform, size=sides, center=middle)
 
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
-        size, center = np.split(np.asarray(self._numbers), 2)
-        return center + size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES
+        return self.center + self.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES

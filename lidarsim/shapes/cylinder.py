@@ -47,9 +47,14 @@ class Cylinder(Shape):
     array([[3.5, 4.5]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("start", "end", "radius", "capped")
 
     configuration: ClassVar = {"start_m": Vector, "end_m": Vector, "radius_m": float, "capped": bool}
+
+    start: Floats
+    end: Floats
+    radius: float
+    capped: bool
 
     def __init__(
         self,
@@ -65,11 +70,12 @@ class Cylinder(Shape):
             raise ValueError(f"end: expected a point other than start, got {tuple(last.tolist())} for both")
         if not isinstance(capped, bool | np.bool_):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
-        numbers = [*first, *last, real("radius", radius, above=0.0), bool(capped)]
-        super().__init__(_native.Shape("Cylinder", numbers), transform, numbers)
+        length = real("radius", radius, above=0.0)
+        native = _native.Shape("Cylinder", [*first.tolist(), *last.tolist(), length, bool(capped)])
+        super().__init__(native, transform, start=first, end=last, radius=length, capped=bool(capped))
 
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
-        start, end, (radius, capped) = np.split(np.asarray(self._numbers), [3, 6])
+        start, end, radius = self.start, self.end, self.radius
         axis = (end - start) / np.linalg.norm(end - start)
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
         across /= np.linalg.norm(across)
@@ -80,7 +86,7 @@ class Cylinder(Shape):
         after = np.roll(low, -1)
         faces = [np.stack([low, after, after + count], axis=-1), np.stack([low, after + count, high], axis=-1)]
         vertices = [start + rim, end + rim]
-        if capped:
+        if self.capped:
             middles = np.full((2, count), [[2 * count], [2 * count + 1]])
             vertices.append(np.stack([start, end]))
             faces += [np.stack([middles[0], after, low], -1), np.stack([middles[1], high, after + count], -1)]

@@ -46,9 +46,13 @@ class Ellipsoid(Shape):
     array([[3., 7.]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("center", "radii", "rotation")
 
     configuration: ClassVar = {"center_m": Vector, "radii_m": Vector}
+
+    center: Floats
+    radii: Floats
+    rotation: Floats
 
     def __init__(
         self,
@@ -62,18 +66,15 @@ class Ellipsoid(Shape):
             rotation = np.eye(3)
         elif hasattr(rotation, "as_matrix"):
             rotation = rotation.as_matrix()
-        numbers = [
-            *array("center", center, (3,)),
-            *positive("radii", array("radii", radii, (3,))),
-            *array("rotation", rotation, (3, 3)).ravel(),
-        ]
-        super().__init__(_native.Shape("Ellipsoid", numbers), transform, numbers)
+        middle, lengths = array("center", center, (3,)), positive("radii", array("radii", radii, (3,)))
+        axes = array("rotation", rotation, (3, 3))
+        native = _native.Shape("Ellipsoid", [*middle.tolist(), *lengths.tolist(), *axes.ravel().tolist()])
+        super().__init__(native, transform, center=middle, radii=lengths, rotation=axes)
 
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
-        center, radii, rotation = np.split(np.asarray(self._numbers), [3, 6])
-        axes = rotation.reshape(3, 3) * radii
+        axes = self.rotation * self.radii
         # A point of the unit sphere and one near it are taken at most this many times farther apart.
         longest = float(np.linalg.norm(axes, ord=2))
         vertices, faces = unit_sphere(None if chord_error is None else chord_error / longest)
         mirrored = np.linalg.det(axes) < 0
-        return center + vertices @ axes.T, faces[:, ::-1] if mirrored else faces
+        return self.center + vertices @ axes.T, faces[:, ::-1] if mirrored else faces

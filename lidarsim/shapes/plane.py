@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Self
+import math
+from collections.abc import Sequence
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -46,13 +48,15 @@ class Plane(Shape):
     array([2.])
     """
 
-    __slots__ = ()
+    __slots__ = ("_numbers",)
+    __match_args__ = ("normal", "distance")
+
+    _numbers: tuple[float, ...]
 
     bounded: ClassVar = False
 
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
-        numbers = [*_normal(normal), real("distance", distance)]
-        super().__init__(_native.Shape("Plane", numbers), transform, numbers)
+        self._set([*_normal(normal), real("distance", distance)], transform)
 
     @classmethod
     def from_point(cls, point: npt.ArrayLike, normal: npt.ArrayLike, *, transform: Transform | None = None) -> Self:
@@ -75,8 +79,9 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the normal is zero, or the transform cannot be inverted.
         """
-        numbers = [*array("point", point, (3,)), *_normal(normal)]
-        return cls._of(_native.Shape("Plane", numbers), transform, numbers)
+        return cls._restored(
+            {"numbers": [*array("point", point, (3,)).tolist(), *_normal(normal)], "transform": transform}
+        )
 
     @classmethod
     def from_points(
@@ -101,11 +106,53 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the points are on one line, or the transform cannot be inverted.
         """
-        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,))]
-        return cls._of(_native.Shape("Plane", points), transform, points)
+        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,)).tolist()]
+        return cls._restored({"numbers": points, "transform": transform})
+
+    def _set(self, numbers: Sequence[float], transform: Transform | None) -> None:
+        """Set up the plane of a normal and a distance, of a point and a normal, or of three points."""
+        Shape.__init__(self, _native.Shape("Plane", numbers), transform, _numbers=tuple(numbers))
+
+    @property
+    def point(self) -> Floats:
+        """A point of the plane before any transform, m: ndarray of float64, shape (3,).
+
+        The first that the plane was made from, or else the one nearest to the origin of coordinates, rounded.
+        """
+        if len(self._numbers) > 4:
+            return np.array(self._numbers[:3])
+        unit = math.hypot(*self._numbers[:3])
+        point: Floats = self.normal / unit * (self.distance / unit)
+        return point
+
+    @property
+    def normal(self) -> Floats:
+        """The normal before any transform, of any length: ndarray of float64, shape (3,).
+
+        As it was given; rounded if the plane was made from three points.
+        """
+        numbers = np.array(self._numbers)
+        if len(numbers) == 9:
+            a, b, c = numbers.reshape(3, 3)
+            return np.cross(b - a, c - a)
+        return numbers[3:] if len(numbers) == 6 else numbers[:3]
+
+    @property
+    def distance(self) -> float:
+        """``normal · point``: m, times the length of the normal. Rounded if the plane was made from points."""
+        return self._numbers[3] if len(self._numbers) == 4 else float(self.normal @ self.point)
+
+    def _contents(self) -> dict[str, Any]:
+        return {"numbers": self._numbers, "transform": self.transform}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        plane = cls.__new__(cls)
+        plane._set(**contents)
+        return plane
 
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
-        normal, point = self._normal_and_point()
+        normal, point = self.normal / np.linalg.norm(self.normal), self.point
         # The box is widened by a tenth, and so far that it holds the point of the plane that is nearest to its middle.
         middle, edges = box.mean(axis=0), 1.1 * (box[[4, 2, 1]] - box[0])
         nearest = np.linalg.solve(edges.T, normal * (normal @ (point - middle)))
@@ -122,19 +169,6 @@ class Plane(Shape):
         outline = outline[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
         fan = np.arange(1, len(outline) - 1)
         return outline, np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1).astype(np.uint32)
-
-    def _normal_and_point(self) -> tuple[Floats, Floats]:
-        """Return the unit normal and a point, both rounded: for looking at the plane, not for casting at it."""
-        numbers = np.asarray(self._numbers)
-        if len(numbers) == 9:
-            a, b, c = numbers.reshape(3, 3)
-            point, normal = a, np.cross(b - a, c - a)
-        elif len(numbers) == 6:
-            point, normal = numbers[:3], numbers[3:]
-        else:
-            normal = numbers[:3]
-            point = normal * (numbers[3] / (normal @ normal))
-        return normal / np.linalg.norm(normal), point
 
 
 def _normal(value: npt.ArrayLike) -> list[float]:

@@ -49,6 +49,7 @@ class Polygon(Shape):
     """
 
     __slots__ = ()
+    __match_args__ = ("vertices",)
 
     configuration: ClassVar = {"vertices_m": list[Vector]}
 
@@ -59,8 +60,13 @@ class Polygon(Shape):
         faces = _triangulate(points)
         super().__init__(_native.Shape.triangle_mesh(points, faces, True), transform)
 
+    @property
+    def vertices(self) -> Floats:
+        """The outline before any transform, m: read-only ndarray of float64, shape (n, 3)."""
+        return self._native.vertices()
+
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
-        return self._native.vertices(), self._native.faces()
+        return self.vertices, self._native.faces()
 
 
 def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
@@ -44,15 +43,18 @@ class Sphere(Shape):
     array([[2., 4.]])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("center", "radius")
 
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
+    center: Floats
+    radius: float
+
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
-        numbers = [*array("center", center, (3,)), real("radius", radius, above=0.0)]
-        super().__init__(_native.Shape("Sphere", numbers), transform, numbers)
+        middle, length = array("center", center, (3,)), real("radius", radius, above=0.0)
+        native = _native.Shape("Sphere", [*middle.tolist(), length])
+        super().__init__(native, transform, center=middle, radius=length)
 
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
-        *center, radius = self._numbers
-        vertices, faces = unit_sphere(None if chord_error is None else chord_error / radius)
-        return np.asarray(center) + radius * vertices, faces
+        vertices, faces = unit_sphere(None if chord_error is None else chord_error / self.radius)
+        return self.center + self.radius * vertices, faces

@@ -42,15 +42,20 @@ class Triangle(Shape):
     array([3.])
     """
 
-    __slots__ = ()
+    __slots__ = __match_args__ = ("a", "b", "c")
 
     configuration: ClassVar = {"a_m": Vector, "b_m": Vector, "c_m": Vector}
+
+    a: Floats
+    b: Floats
+    c: Floats
 
     def __init__(
         self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
     ) -> None:
-        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,))]
-        super().__init__(_native.Shape("Triangle", points), transform, points)
+        corners = {name: array(name, value, (3,)) for name, value in (("a", a), ("b", b), ("c", c))}
+        native = _native.Shape("Triangle", [x for corner in corners.values() for x in corner.tolist()])
+        super().__init__(native, transform, **corners)
 
     def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
-        return np.reshape(self._numbers, (3, 3)), np.array([[0, 1, 2]], np.uint32)
+        return np.stack([self.a, self.b, self.c]), np.array([[0, 1, 2]], np.uint32)

@@ -53,6 +53,7 @@ class TriangleMesh(Shape):
     """
 
     __slots__ = ()
+    __match_args__ = ("vertices", "faces")
 
     def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         points = array("vertices", vertices, ("n", 3))
@@ -232,12 +233,12 @@ class TriangleMesh(Shape):
 
     @property
     def vertices(self) -> npt.NDArray[np.float64]:
-        """Copy of the vertices before any transform, m: ndarray of float64, shape (n, 3)."""
+        """The vertices before any transform, m: read-only ndarray of float64, shape (n, 3)."""
         return self._native.vertices()
 
     @property
     def faces(self) -> npt.NDArray[np.uint32]:
-        """Copy of the faces: ndarray of uint32, shape (m, 3)."""
+        """The faces: read-only ndarray of uint32, shape (m, 3)."""
         return self._native.faces()
 
     @property
@@ -250,6 +251,11 @@ class TriangleMesh(Shape):
 
     def __len__(self) -> int:
         return self._native.primitives()
+
+    def __repr__(self) -> str:
+        """Return how much there is of it."""
+        placed = "" if self.transform is None else ", transform=…"
+        return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{placed})"
 
 
 def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:

@@ -183,7 +183,11 @@ def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
 
 
 def surface_color(surface: Surface, colors: Coloring) -> str:
-    """Return the colour of a surface: that of its points where they have one by object or label, else grey."""
+    """Return the colour of a surface: that of its points where they have one by object or label, else grey.
+
+    Of a mesh with labels by face it is that of the most frequent.
+    """
     if colors.field == "label":
-        return category_color(surface.item.label)
+        labels, counts = np.unique(surface.item.label, return_counts=True)
+        return category_color(int(labels[counts.argmax()])) if len(labels) else SURFACE
     return category_color(surface.object_id) if colors.field == "object_id" else SURFACE

@@ -53,7 +53,7 @@ def show(
     color_by : str, optional
         Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
     class_names : mapping of int to str, optional
-        Names of labels, for the legend. Default: those of the scene.
+        Names of labels, for the legend. Default: those of the scene and the clouds.
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
         Where the sensor was when a cloud was taken, or each of several, in the coordinates of the points: shown by its
         axes (x red, y green, z blue). Default: the identity. Scans know theirs.
@@ -183,14 +183,18 @@ def _picture(
     places = np.array([frame.pose[:3, 3] for frame in frames])
     everything = np.concatenate([*points, places])
     bounds = np.stack([everything.min(axis=0), everything.max(axis=0)])
-    names: dict[str, Mapping[int, str]] = {}
+    labels: dict[int, str] = {}
+    for frame in frames:
+        labels |= frame.cloud.class_names
+    names: dict[str, Mapping[int, str]] = {"label": labels}
     others: dict[str, Iterable[int]] = {}
     if scene is not None:
-        others = {"object_id": range(len(scene)), "label": {item.label for item in scene.objects}}
-        names = {
-            "object_id": {i: item.name for i, item in enumerate(scene.objects)},
-            "label": getattr(scene, "class_names", {}),
+        others = {
+            "object_id": {item.id for item in scene},
+            "label": {label for item in scene for label in np.unique(item.label).tolist()},
         }
+        names["object_id"] = {item.id: item.name for item in scene}
+        labels |= scene.class_names
     if class_names is not None:
         names["label"] = class_names
     if color_by is None and scene is not None and not any(map(len, points)):

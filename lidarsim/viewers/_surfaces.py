@@ -92,7 +92,7 @@ def surfaces(scene: Scene, *, chord_error: float | None = None, bounds: npt.Arra
         found[object_id] = surface = Surface(object_id, item, *triangles, matrix)
         return surface
 
-    objects = list(enumerate(scene.objects))
+    objects = [(item.id, item) for item in scene]
     for object_id, item in objects:
         if item.shape.bounded:
             points = add(object_id, item, np.zeros((8, 3))).points()
@@ -117,7 +117,7 @@ def joined(parts: Sequence[Surface], origin: Floats) -> Triangles:
 
 def _placement(item: SceneObject) -> Floats:
     """Return the map from the coordinates of an object's shape, before its own transform, to the world."""
-    own, outer = item.shape._matrix, item.transform
+    own, outer = item.shape.transform, item.transform
     if own is None or outer is None:
         return np.eye(4) if own is None and outer is None else np.asarray(outer if own is None else own)
     placed: Floats = outer @ own

@@ -74,11 +74,35 @@ def scene_to_open3d(scene: Scene, **options: Any) -> list[dict[str, Any]]:
             continue
         mesh = _mesh(o3d, surface)
         for name, value in (("object_id", surface.object_id), ("label", surface.item.label)):
-            column = narrowed(name, np.full((len(surface.faces), 1), value, np.int64))
-            mesh.triangle[name] = o3d.core.Tensor(column)
+            column = narrowed(name, np.full(len(surface.faces), value, np.int64))
+            mesh.triangle[name] = o3d.core.Tensor(column[:, np.newaxis])
         name = f"{surface.object_id} {surface.item.name}".rstrip()
         converted.append({"name": name, "geometry": mesh})
     return converted
+
+
+def from_open3d(points: Any) -> dict[str, Any]:
+    """Return the fields as `PointCloud.from_open3d` documents."""
+    o3d = import_open3d()
+    if isinstance(points, o3d.geometry.PointCloud):
+        points = o3d.t.geometry.PointCloud.from_legacy(points, o3d.core.float64)
+    if not isinstance(points, o3d.t.geometry.PointCloud):
+        raise TypeError(f"points: expected an Open3D point cloud, got {type(points).__name__}")
+    if "positions" not in points.point:
+        raise ValueError("points: expected a point cloud with positions, got an empty one")
+    names = {"positions": "xyz", "normals": "normal"}
+    fields: dict[str, Any] = {}
+    vectors: dict[str, list[Any]] = {}
+    for name in sorted(points.point, key=lambda name: (len(name), name)):  # columns of a vector in their order
+        array = points.point[name].cpu().numpy()
+        if array.ndim == 2 and array.shape[1] == 1:
+            array = array[:, 0]
+        base, _, index = name.rpartition(".")
+        if base and index == str(len(vectors.get(base, ()))):
+            vectors.setdefault(base, []).append(array)
+        else:
+            fields[names.get(name, name)] = array.copy()
+    return fields | {name: np.stack(columns, axis=1) for name, columns in vectors.items()}
 
 
 def _mesh(o3d: ModuleType, surface: Surface) -> open3d.t.geometry.TriangleMesh:
@@ -155,4 +179,5 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
 
 
 register_view(PointCloud, "open3d", to_open3d)
+register_view(PointCloud, "from_open3d", from_open3d)
 register_view(Scene, "open3d", scene_to_open3d)

@@ -47,7 +47,24 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
             converted.point_data[name] = array
         else:  # PyVista refuses an empty vector field, VTK does not
             converted.point_data.VTKObject.AddArray(pv.convert_array(array, name=name))
+    if cloud.class_names:
+        converted.field_data["class_label"] = np.array(list(cloud.class_names), np.uint32)
+        converted.field_data["class_name"] = list(cloud.class_names.values())
     return converted
+
+
+def from_pyvista(mesh: pyvista.DataSet) -> dict[str, Any]:
+    """Return the fields as `PointCloud.from_pyvista` documents."""
+    if not (hasattr(mesh, "points") and hasattr(mesh, "point_data")):
+        raise TypeError(f"mesh: expected a PyVista data set, got {type(mesh).__name__}")
+    fields: dict[str, Any] = {"xyz": np.asarray(mesh.points)}
+    for name, array in mesh.point_data.items():
+        if array.dtype.kind in "biuf":
+            fields["normal" if name == "Normals" else name] = np.asarray(array)
+    if {"class_label", "class_name"} <= set(mesh.field_data.keys()):
+        labels, names = mesh.field_data["class_label"], mesh.field_data["class_name"]
+        fields["class_names"] = {int(label): str(name) for label, name in zip(labels, names, strict=True)}
+    return fields
 
 
 def scene_to_pyvista(scene: Scene, **options: Any) -> pyvista.MultiBlock:
@@ -371,4 +388,5 @@ def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: f
 
 
 register_view(PointCloud, "pyvista", to_pyvista)
+register_view(PointCloud, "from_pyvista", from_pyvista)
 register_view(Scene, "pyvista", scene_to_pyvista)

@@ -16,7 +16,7 @@ pub mod shapes;
 mod testing;
 
 pub use arith::simd::Level;
-pub use cast::{Columns, slices};
+pub use cast::{Arrays, Columns, Occlusion, slices};
 pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;

@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    Appearance, BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, Reflectivity, ReturnRows,
-    Returns, Rows, Scan,
+    Appearance, BadPulse, Beam, Detection, Effects, Fault, Frame, Labels, Measurement, RangeSigma, Reflectivity,
+    ReturnRows, Returns, Rows, Scan,
 };
 use lidarsim_core::{Cubic, Path, Point, Pose, Step, Velocity, memory};
 use numpy::ndarray::Dimension;
@@ -121,32 +121,45 @@ impl PyPath {
     }
 }
 
-/// Label and reflectivity of each object of a scene.
-#[pyclass(frozen, name = "Appearances", module = "lidarsim._native")]
-pub struct PyAppearances {
-    appearances: Vec<Appearance>,
+/// What a lidar can tell of an object.
+#[pyclass(frozen, name = "Appearance", module = "lidarsim._native")]
+pub struct PyAppearance {
+    pub appearance: Arc<Appearance>,
+}
+
+#[derive(FromPyObject)]
+enum LabelParameter<'py> {
+    Object(u32),
+    Face(PyReadonlyArray1<'py, u32>),
 }
 
 #[pymethods]
-impl PyAppearances {
-    /// For each object its label, what its reflectivity is given per ("object", "face" or "vertex"), and the values of that.
+impl PyAppearance {
+    /// The label, or one a face; the instance; what the reflectivity is given per ("object", "face" or "vertex"), and the
+    /// values of that.
     #[new]
-    fn new(objects: Vec<(u32, String, PyReadonlyArray1<'_, f64>)>) -> PyResult<Self> {
-        let appearances = objects.into_iter().map(|(label, per, values)| {
-            let values = values.as_array().to_vec();
-            let reflectivity = match (per.as_str(), values.as_slice()) {
-                ("object", [value]) => Reflectivity::Object(*value),
-                ("face", _) => Reflectivity::Face(values),
-                ("vertex", _) => Reflectivity::Vertex(values),
-                _ => {
-                    return Err(PyValueError::new_err(
-                        "reflectivity: expected one of an object, or some per face or vertex",
-                    ));
-                }
-            };
-            Ok(Appearance { label, reflectivity })
-        });
-        Ok(PyAppearances { appearances: appearances.collect::<PyResult<_>>()? })
+    fn new(
+        label: LabelParameter<'_>,
+        instance: u32,
+        per: &str,
+        reflectivity: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let labels = match label {
+            LabelParameter::Object(label) => Labels::Object(label),
+            LabelParameter::Face(labels) => Labels::Face(labels.as_array().to_vec()),
+        };
+        let values = reflectivity.as_array().to_vec();
+        let reflectivity = match (per, values.as_slice()) {
+            ("object", [value]) => Reflectivity::Object(*value),
+            ("face", _) => Reflectivity::Face(values),
+            ("vertex", _) => Reflectivity::Vertex(values),
+            _ => {
+                return Err(PyValueError::new_err(
+                    "reflectivity: expected one of an object, or some per face or vertex",
+                ));
+            }
+        };
+        Ok(PyAppearance { appearance: Arc::new(Appearance { labels, instance, reflectivity }) })
     }
 }
 
@@ -296,6 +309,7 @@ struct ScanColumns {
     incidence: Vec<f32>,
     normal: Vec<[f32; 3]>,
     object_id: Vec<i32>,
+    instance: Vec<u32>,
     label: Vec<u32>,
     true_direction: Vec<Point>,
     radial_velocity: Vec<f32>,
@@ -319,6 +333,7 @@ impl ScanColumns {
             incidence: memory::with_capacity(rows),
             normal: memory::with_capacity(rows),
             object_id: memory::with_capacity(rows),
+            instance: memory::with_capacity(rows),
             label: memory::with_capacity(rows),
             true_direction: if strays { memory::with_capacity(rows) } else { Vec::new() },
             radial_velocity: if moves { memory::with_capacity(rows) } else { Vec::new() },
@@ -340,6 +355,7 @@ impl ScanColumns {
             incidence: &mut self.incidence.spare_capacity_mut()[..rows],
             normal: &mut self.normal.spare_capacity_mut()[..rows],
             object_id: &mut self.object_id.spare_capacity_mut()[..rows],
+            instance: &mut self.instance.spare_capacity_mut()[..rows],
             label: &mut self.label.spare_capacity_mut()[..rows],
             true_direction: if self.strays { &mut self.true_direction.spare_capacity_mut()[..rows] } else { &mut [] },
             radial_velocity: if self.moves { &mut self.radial_velocity.spare_capacity_mut()[..rows] } else { &mut [] },
@@ -362,6 +378,7 @@ impl ScanColumns {
             self.incidence.set_len(rows);
             self.normal.set_len(rows);
             self.object_id.set_len(rows);
+            self.instance.set_len(rows);
             self.label.set_len(rows);
             self.true_direction.set_len(if self.strays { rows } else { 0 });
             self.radial_velocity.set_len(if self.moves { rows } else { 0 });
@@ -380,6 +397,7 @@ impl ScanColumns {
         arrays.set_item("incidence", self.incidence.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("normal", self.normal.into_flattened().into_pyarray(py).reshape([shape[0], most, 3])?)?;
         arrays.set_item("object_id", self.object_id.into_pyarray(py).reshape(shape)?)?;
+        arrays.set_item("instance", self.instance.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("label", self.label.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("status", self.status.into_pyarray(py))?;
         arrays.set_item("return_count", self.return_count.into_pyarray(py))?;
@@ -403,7 +421,6 @@ impl ScanColumns {
 pub fn scan<'py>(
     py: Python<'py>,
     scene: &PyScene,
-    appearances: &PyAppearances,
     path: &PyPath,
     pulses: PulseArrays<'py>,
     indices: Option<PyReadonlyArray1<'py, u64>>,
@@ -426,7 +443,7 @@ pub fn scan<'py>(
         scene.scene.prepare();
         scene.scene.during(times.iter().map(|time| start + time))
     });
-    let scan = Scan::new(&frame, &measurement, &appearances.appearances, &world, level()?);
+    let scan = Scan::new(&frame, &measurement, &scene.appearances, &world, level()?);
     for pulses in scan.slices() {
         py.detach(|| scan.share(pulses, &mut rows)).map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?;
         py.check_signals()?;
@@ -481,6 +498,7 @@ pub struct ScanArrays<'py> {
     incidence: PyReadonlyArray2<'py, f32>,
     normal: PyReadonlyArray3<'py, f32>,
     object_id: PyReadonlyArray2<'py, i32>,
+    instance: PyReadonlyArray2<'py, u32>,
     label: PyReadonlyArray2<'py, u32>,
     radial_velocity: Option<PyReadonlyArray2<'py, f32>>,
     return_count: PyReadonlyArray1<'py, u8>,
@@ -532,7 +550,7 @@ pub fn points_of<'py>(
     let (range, true_range) = (column(n * most, &scan.range)?, column(n * most, &scan.true_range)?);
     let (range_error, intensity) = (column(n * most, &scan.range_error)?, column(n * most, &scan.intensity)?);
     let (incidence, object_id) = (column(n * most, &scan.incidence)?, column(n * most, &scan.object_id)?);
-    let label = column(n * most, &scan.label)?;
+    let (instance, label) = (column(n * most, &scan.instance)?, column(n * most, &scan.label)?);
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
     let (returns, start) = (ReturnRows::new(counts, most), scan.time);
@@ -575,6 +593,7 @@ pub fn points_of<'py>(
     )?;
     fields.set_item("return_count", gather(py, &returns, |_, pulse| counts[pulse]).into_pyarray(py))?;
     fields.set_item("object_id", gather(py, &returns, |row, _| object_id[row]).into_pyarray(py))?;
+    fields.set_item("instance", gather(py, &returns, |row, _| instance[row]).into_pyarray(py))?;
     fields.set_item("label", gather(py, &returns, |row, _| label[row]).into_pyarray(py))?;
     fields.set_item("normal", turned.into_flattened().into_pyarray(py).reshape(shape)?)?;
     fields.set_item("incidence", gather(py, &returns, |row, _| incidence[row]).into_pyarray(py))?;

@@ -3,8 +3,9 @@
 use std::sync::Arc;
 
 use lidarsim_core::shapes::{self, AnySurface};
-use lidarsim_core::{Affine, Geometry, Object, Scene, TriangleMesh, memory};
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
+use lidarsim_core::{Affine, Geometry, Object, Point, Scene, TriangleMesh, memory};
+use numpy::ndarray::aview2;
+use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
@@ -59,16 +60,19 @@ impl PyShape {
         PyShape { object: self.object.moving(motion.path.clone()) }
     }
 
-    /// The vertices of a mesh, (n, 3).
-    fn vertices<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        let points = self.mesh().map_or(&[][..], TriangleMesh::vertices);
-        PyArray1::from_slice(py, points.as_flattened()).reshape([points.len(), 3])
+    /// The vertices of a mesh, (n, 3): a read-only view.
+    fn vertices<'py>(shape: &Bound<'py, Self>) -> Bound<'py, PyArray2<f64>> {
+        view(shape, shape.get().mesh().map_or(&[][..], TriangleMesh::vertices))
     }
 
-    /// The faces of a mesh, (m, 3).
-    fn faces<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<u32>>> {
-        let faces = self.mesh().map_or(&[][..], TriangleMesh::faces);
-        PyArray1::from_slice(py, faces.as_flattened()).reshape([faces.len(), 3])
+    /// The faces of a mesh, (m, 3): a read-only view.
+    fn faces<'py>(shape: &Bound<'py, Self>) -> Bound<'py, PyArray2<u32>> {
+        view(shape, shape.get().mesh().map_or(&[][..], TriangleMesh::faces))
+    }
+
+    /// The low and the high corner of a box around the surface; none if there is no surface, or no such box.
+    fn bounds(&self) -> Option<(Point, Point)> {
+        self.object.bounds().map(|sides| (sides.map(|side| side.low), sides.map(|side| side.high)))
     }
 
     /// The number of primitives that hits tell apart.
@@ -109,6 +113,15 @@ impl PyShape {
             roots.iter().flat_map(|t| t.iter().copied().chain(std::iter::repeat(f64::NAN)).take(width)).collect();
         PyArray1::from_vec(py, flat).reshape([o.len(), width])
     }
+}
+
+/// A read-only array over rows of a shape, which it keeps alive.
+fn view<'py, T: Element>(shape: &Bound<'py, PyShape>, rows: &[[T; 3]]) -> Bound<'py, PyArray2<T>> {
+    let rows = aview2(rows);
+    // SAFETY: the rows are in the shape, which is frozen and which the array owns a reference to.
+    let array = unsafe { PyArray2::borrow_from_array(&rows, shape.clone().into_any()) };
+    array.readwrite().make_nonwriteable();
+    array
 }
 
 /// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex i.

@@ -17,18 +17,29 @@ pub struct ClosestHit<'a> {
     time: f64,
     t_min: f64,
     t_max: f64,
+    cap: f64,
     /// The closest hit so far, if `low` is finite; its t is between `low` and `limit`.
     root: RootId,
     low: f64,
     limit: f64,
 }
 
+/// What the limit of t is at most once there is a hit. Below any t if any hit will do: then no other is looked for.
+fn cap(any: bool) -> f64 {
+    if any { f64::NEG_INFINITY } else { f64::INFINITY }
+}
+
 impl<'a> ClosestHit<'a> {
-    /// A t beyond what float64 holds is a miss.
-    pub fn new(scene: &'a Scene, origin: Point, direction: Point, time: f64, (t_min, t_max): (f64, f64)) -> Self {
-        let t_max = t_max.min(f64::MAX);
-        let root = RootId::of_triangle(0, 0);
-        ClosestHit { scene, origin, direction, time, t_min, t_max, root, low: f64::INFINITY, limit: t_max }
+    /// A t beyond what float64 holds is a miss. `any`: whether any hit will do, of which no more is known than that there is one.
+    pub fn new(
+        scene: &'a Scene,
+        (origin, direction, time): (Point, Point, f64),
+        (t_min, t_max): (f64, f64),
+        any: bool,
+    ) -> Self {
+        let (t_max, root) = (t_max.min(f64::MAX), RootId::of_triangle(0, 0));
+        let (cap, low) = (cap(any), f64::INFINITY);
+        ClosestHit { scene, origin, direction, time, t_min, t_max, cap, root, low, limit: t_max }
     }
 
     /// The nearest hit, with bounds of t.
@@ -109,7 +120,7 @@ impl<'a> ClosestHit<'a> {
         }
         if t.high < self.low || self.is_before(at) {
             let high = if t.high < self.t_max { t.high } else { self.t_max };
-            (self.root, self.low, self.limit) = (at, t.low, high);
+            (self.root, self.low, self.limit) = (at, t.low, if high < self.cap { high } else { self.cap });
         }
         true
     }
@@ -146,10 +157,11 @@ pub struct ClosestHits<'a> {
     scene: &'a Scene,
     t_min: f64,
     t_max: f64,
+    cap: f64,
 }
 
 impl<'a> ClosestHits<'a> {
-    pub fn new(scene: &'a Scene, (t_min, t_max): (f64, f64)) -> Self {
+    pub fn new(scene: &'a Scene, (t_min, t_max): (f64, f64), any: bool) -> Self {
         ClosestHits {
             low: [f64::INFINITY; LANES],
             limit: [0.0; LANES],
@@ -160,6 +172,7 @@ impl<'a> ClosestHits<'a> {
             scene,
             t_min,
             t_max: t_max.min(f64::MAX),
+            cap: cap(any),
         }
     }
 
@@ -230,7 +243,7 @@ impl<'a> ClosestHits<'a> {
             }
             if t.high <= self.t_max && t.high < self.low[lane] {
                 self.put(lane, at);
-                (self.low[lane], self.limit[lane]) = (t.low, t.high);
+                (self.low[lane], self.limit[lane]) = (t.low, if t.high < self.cap { t.high } else { self.cap });
                 return true;
             }
         }
@@ -278,10 +291,10 @@ impl<'a> ClosestHits<'a> {
     }
 
     fn of_lane(&self, rays: &RayPacket, lane: usize) -> ClosestHit<'a> {
-        let ClosestHits { scene, t_min, t_max, .. } = *self;
+        let ClosestHits { scene, t_min, t_max, cap, .. } = *self;
         let (origin, direction) = (rays.origin(lane), rays.direction(lane));
         let (time, low, limit) = (rays.time[lane], self.low[lane], self.limit[lane]);
-        ClosestHit { scene, origin, direction, time, t_min, t_max, root: self.root(lane), low, limit }
+        ClosestHit { scene, origin, direction, time, t_min, t_max, cap, root: self.root(lane), low, limit }
     }
 
     fn set_lane(&mut self, lane: usize, closest: &ClosestHit) {

@@ -1,4 +1,4 @@
-//! Casts of many rays, shared among threads, into an array for each part of a hit.
+//! Casts of many rays, shared among threads, into arrays.
 
 use std::mem::MaybeUninit;
 use std::ops::Range;
@@ -10,27 +10,13 @@ use crate::geometry::vector::Point;
 use crate::scene::{Hit, Sink, World};
 use crate::{memory, parallel};
 
-/// A part of the uninitialized arrays that hits are written to.
-pub struct Columns<'a> {
-    pub t: &'a mut [MaybeUninit<f64>],
-    pub object: &'a mut [MaybeUninit<i32>],
-    pub primitive: &'a mut [MaybeUninit<i32>],
-    pub normal: &'a mut [MaybeUninit<Point>],
-}
-
-impl<'a> Columns<'a> {
+/// Arrays that the hits of many rays go to; each thread writes to a part of them.
+pub trait Arrays: Sink + Send + Sized {
     /// Splits off the rows of the first rays.
-    fn split_off(&mut self, count: usize) -> Columns<'a> {
-        Columns {
-            t: memory::split_off(&mut self.t, count),
-            object: memory::split_off(&mut self.object, count),
-            primitive: memory::split_off(&mut self.primitive, count),
-            normal: memory::split_off(&mut self.normal, count),
-        }
-    }
+    fn split_off(&mut self, count: usize) -> Self;
 
     /// As `World::cast`, on all threads: splits off the rows of these rays. Each row is written, of an illegal ray too.
-    pub fn cast(
+    fn cast(
         &mut self,
         world: &World,
         level: Level,
@@ -40,14 +26,42 @@ impl<'a> Columns<'a> {
         let legal = AtomicBool::new(true);
         let pieces = pieces(directions, 1).into_iter();
         let pieces: Vec<_> = pieces.map(|piece| (self.split_off(piece.len()), piece)).collect();
-        parallel::share(pieces.into_iter(), |(mut columns, piece)| {
+        parallel::share(pieces.into_iter(), |(mut arrays, piece)| {
             let times = if times.is_empty() { times } else { &times[piece.clone()] };
             let rays = (&origins[piece.clone()], &directions[piece], times);
-            if !world.cast(level, rays, range, &mut columns) {
+            if !world.cast(level, rays, range, &mut arrays) {
                 legal.store(false, Ordering::Relaxed);
             }
         });
         legal.into_inner()
+    }
+}
+
+/// An uninitialized array for each part of a hit.
+pub struct Columns<'a> {
+    pub t: &'a mut [MaybeUninit<f64>],
+    pub object: &'a mut [MaybeUninit<i32>],
+    pub primitive: &'a mut [MaybeUninit<i32>],
+    pub normal: &'a mut [MaybeUninit<Point>],
+}
+
+/// An uninitialized array of whether each ray hits anything.
+pub struct Occlusion<'a>(pub &'a mut [MaybeUninit<bool>]);
+
+impl Arrays for Columns<'_> {
+    fn split_off(&mut self, count: usize) -> Self {
+        Columns {
+            t: memory::split_off(&mut self.t, count),
+            object: memory::split_off(&mut self.object, count),
+            primitive: memory::split_off(&mut self.primitive, count),
+            normal: memory::split_off(&mut self.normal, count),
+        }
+    }
+}
+
+impl Arrays for Occlusion<'_> {
+    fn split_off(&mut self, count: usize) -> Self {
+        Occlusion(memory::split_off(&mut self.0, count))
     }
 }
 
@@ -66,5 +80,19 @@ impl Sink for Columns<'_> {
         simd::prefetch::<I, _>(&self.object[hits.clone()]);
         simd::prefetch::<I, _>(&self.primitive[hits.clone()]);
         simd::prefetch::<I, _>(&self.normal[hits]);
+    }
+}
+
+impl Sink for Occlusion<'_> {
+    const ANY: bool = true;
+
+    #[inline(always)]
+    fn put(&mut self, i: usize, hit: Hit) {
+        self.0[i].write(hit.object >= 0);
+    }
+
+    #[inline(always)]
+    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
+        simd::prefetch::<I, _>(&self.0[hits]);
     }
 }

@@ -39,7 +39,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         ray_sort.restart(directions, world.size);
         batches.restart(scene);
         let mut source = PacketSource { origins, directions, times, ray_sort, start: 0, done: 0 };
-        let mut traversals = traversals.each_mut().map(|scratch| Traversal::new(world, (t_min, t_max), scratch));
+        let mut traversals =
+            traversals.each_mut().map(|scratch| Traversal::new(world, (t_min, t_max), S::ANY, scratch));
         // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices are prefetched.
         let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
         let mut router = HitRouter { world, batches, hits };
@@ -179,6 +180,8 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
         for lane in 0..rays.count {
             if !closest.has_found(lane) {
                 self.hits.put(rays.at[lane] as usize, Hit::MISS);
+            } else if S::ANY {
+                self.hits.put(rays.at[lane] as usize, Hit::UNREFINED);
             } else if self.world.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
                 lanes |= 1 << lane;
             } else {
@@ -197,10 +200,15 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
         let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
         let mut hit = Hit::MISS;
         if legal {
-            let mut closest = ClosestHit::new(self.world.scene, origin, direction, time, range);
+            let scene = self.world.scene;
+            let mut closest = ClosestHit::new(scene, (origin, direction, time), range, S::ANY);
             closest.run(self.world, traversal.stack());
             if let Some((root, bounds)) = closest.found() {
-                hit = self.world.scene.hit_within(&root, bounds, origin, direction, time);
+                hit = if S::ANY {
+                    Hit::UNREFINED
+                } else {
+                    scene.hit_within(&root, bounds, origin, direction, time)
+                };
             }
         }
         self.hits.put(at, hit);

@@ -13,5 +13,5 @@ mod surface_intersector;
 mod traversal;
 mod triangle_hits;
 
-pub use columns::Columns;
+pub use columns::{Arrays, Columns, Occlusion};
 pub use schedule::{pieces, slices};

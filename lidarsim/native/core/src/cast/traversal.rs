@@ -79,10 +79,10 @@ struct InstanceVisit<'a> {
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
-    pub fn new(world: &'a World, range: (f64, f64), scratch: &'b mut TraversalScratch) -> Self {
+    pub fn new(world: &'a World, range: (f64, f64), any: bool, scratch: &'b mut TraversalScratch) -> Self {
         let TraversalScratch { rays, stack, outer, inner, deferred, instance_rays, poses, scratch } = scratch;
         let scene = world.scene;
-        let closest = ClosestHits::new(scene, range);
+        let closest = ClosestHits::new(scene, range, any);
         poses.restart(scene.moves());
         Traversal {
             state: PacketState { scene, rays, closest, deferred, pending: 0, instance_rays, poses, scratch },

@@ -7,8 +7,28 @@ use crate::scene::Hit;
 /// What a lidar can tell of an object, besides where it is.
 #[derive(Clone, Debug)]
 pub struct Appearance {
-    pub label: u32,
+    pub labels: Labels,
+    /// The number of what the object is, or is a part of.
+    pub instance: u32,
     pub reflectivity: Reflectivity,
+}
+
+/// The class of an object.
+#[derive(Clone, Debug)]
+pub enum Labels {
+    Object(u32),
+    /// One a triangle.
+    Face(Vec<u32>),
+}
+
+impl Labels {
+    #[inline(always)]
+    pub(super) fn at(&self, hit: &Hit) -> u32 {
+        match self {
+            Labels::Object(label) => *label,
+            Labels::Face(labels) => labels[hit.primitive as usize],
+        }
+    }
 }
 
 /// How much light an object returns, as a share of what a white diffuser does.

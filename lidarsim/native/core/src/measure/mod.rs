@@ -17,6 +17,7 @@ mod waveform;
 use std::cell::Cell;
 use std::mem::MaybeUninit;
 use std::ops::Range;
+use std::sync::Arc;
 
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::number::Interval;
@@ -32,7 +33,7 @@ use direction::{beside, distance, is_finite, is_unit, turned};
 use echo::{Echo, Light};
 use waveform::Waveform;
 
-pub use appearance::{Appearance, Reflectivity};
+pub use appearance::{Appearance, Labels, Reflectivity};
 pub use beam::Beam;
 pub use echo::Returns;
 pub use parameters::{Detection, Effects, Measurement, RangeSigma};
@@ -168,6 +169,7 @@ pub struct Rows<'a> {
     pub incidence: &'a mut [MaybeUninit<f32>],
     pub normal: &'a mut [MaybeUninit<[f32; 3]>],
     pub object_id: &'a mut [MaybeUninit<i32>],
+    pub instance: &'a mut [MaybeUninit<u32>],
     pub label: &'a mut [MaybeUninit<u32>],
     /// Or none, where each pulse goes where it should.
     pub true_direction: &'a mut [MaybeUninit<Point>],
@@ -191,6 +193,7 @@ impl<'a> Rows<'a> {
             incidence: split_off(&mut self.incidence, rows),
             normal: split_off(&mut self.normal, rows),
             object_id: split_off(&mut self.object_id, rows),
+            instance: split_off(&mut self.instance, rows),
             label: split_off(&mut self.label, rows),
             true_direction: split_off(&mut self.true_direction, directions),
             radial_velocity: split_off(&mut self.radial_velocity, velocities),
@@ -201,10 +204,11 @@ impl<'a> Rows<'a> {
 
     /// All but the incidence, the true direction and the radial velocity.
     #[inline(always)]
-    fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, label: u32) {
+    fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, [instance, label]: [u32; 2]) {
         self.true_range[row].write(echo.true_range);
         self.normal[row].write(hit.normal.map(|x| x as f32));
         self.object_id[row].write(hit.object);
+        self.instance[row].write(instance);
         self.label[row].write(label);
         let range = echo.measured.unwrap_or(f64::NAN);
         self.range[row].write(range);
@@ -217,6 +221,7 @@ impl<'a> Rows<'a> {
         self.true_range[row].write(f64::NAN);
         self.normal[row].write([f32::NAN; 3]);
         self.object_id[row].write(-1);
+        self.instance[row].write(0);
         self.label[row].write(0);
         self.range[row].write(f64::NAN);
         self.range_error[row].write(f64::NAN);
@@ -234,7 +239,7 @@ impl<'a> Rows<'a> {
 pub struct Scan<'a, C> {
     frame: &'a Frame<'a>,
     measurement: &'a Measurement,
-    appearances: &'a [Appearance],
+    appearances: &'a [Arc<Appearance>],
     caster: &'a C,
     level: Level,
     /// The least power that is detected.
@@ -301,7 +306,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     pub fn new(
         frame: &'a Frame<'a>,
         measurement: &'a Measurement,
-        appearances: &'a [Appearance],
+        appearances: &'a [Arc<Appearance>],
         caster: &'a C,
         level: Level,
     ) -> Self {
@@ -382,8 +387,9 @@ impl<'a, C: Caster> Scan<'a, C> {
     #[inline(always)]
     fn report(&self, row: usize, i: usize, echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
         let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
-        let label = self.appearances.get(hit.object as usize).map_or(0, |appearance| appearance.label);
-        rows.write(row, echo, hit, label);
+        let appearance = self.appearances.get(hit.object as usize);
+        let numbers = appearance.map_or([0; 2], |object| [object.instance, object.labels.at(hit)]);
+        rows.write(row, echo, hit, numbers);
         let across = cross(hit.normal, direction);
         rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
         if let Some(velocity) = rows.radial_velocity.get_mut(row) {

@@ -20,10 +20,15 @@ pub struct Hit {
 
 impl Hit {
     pub const MISS: Hit = Hit { t: f64::INFINITY, normal: [0.0; 3], object: -1, primitive: 0 };
+    /// A hit of which no more is said than that there is one.
+    pub const UNREFINED: Hit = Hit { t: f64::NAN, object: 0, ..Hit::MISS };
 }
 
 /// Where hits go: the hit of ray i, once for each ray, in any order.
 pub trait Sink {
+    /// Whether any hit of a ray will do: then what is put is `Hit::UNREFINED` or `Hit::MISS`.
+    const ANY: bool = false;
+
     fn put(&mut self, i: usize, hit: Hit);
     /// Prefetches the memory of some hits.
     fn prefetch<I: Isa>(&self, hits: Range<usize>);

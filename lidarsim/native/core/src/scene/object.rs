@@ -128,8 +128,8 @@ impl Object {
         Some(self.motion().map_or(bounds, |motion| unless_nan(motion.sweep(bounds, span))))
     }
 
-    /// Without its motion.
-    pub(super) fn bounds(&self) -> Option<[Interval; 3]> {
+    /// A box around it without its motion; none if it is empty, or there is no such box.
+    pub fn bounds(&self) -> Option<[Interval; 3]> {
         let local = match &self.geometry {
             Geometry::Surface(shape) => shape.bounds()?,
             Geometry::Mesh(mesh) => mesh.bounds()?,
