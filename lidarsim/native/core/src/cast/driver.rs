@@ -204,11 +204,7 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
             let mut closest = ClosestHit::new(scene, (origin, direction, time), range, S::ANY);
             closest.run(self.world, traversal.stack());
             if let Some((root, bounds)) = closest.found() {
-                hit = if S::ANY {
-                    Hit::UNREFINED
-                } else {
-                    scene.hit_within(&root, bounds, origin, direction, time)
-                };
+                hit = if S::ANY { Hit::UNREFINED } else { scene.hit_within(&root, bounds, origin, direction, time) };
             }
         }
         self.hits.put(at, hit);
@@ -219,8 +215,8 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{RootId, Scene};
     use crate::scene::tests::{FLAT, object, tipped};
+    use crate::scene::{RootId, Scene};
     use crate::testing::with_large_frames;
 
     /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there is y/8, exactly.

@@ -40,7 +40,9 @@ pub fn intersect<I: Isa>(
     (surface_hits.count, surface_hits.unsure) = (0, mask);
     let (alone, moves) = (mask & (mask - 1) == 0, object.motion().is_some());
     let mut filtered = false;
-    if (!alone || moves) && let Geometry::Surface(shape) = &object.geometry {
+    if (!alone || moves)
+        && let Geometry::Surface(shape) = &object.geometry
+    {
         let (t_min, surface_hits) = (closest.t_min(), &mut *surface_hits);
         let done = match object.inverse() {
             first if moves => {
@@ -280,12 +282,7 @@ impl HitBatches {
 
 impl HitBatch {
     #[inline(always)]
-    fn flush<I: Isa>(
-        &mut self,
-        scene: &Scene,
-        poses: &mut Poses<BATCH_SIZE>,
-        hits: &mut (impl Sink + ?Sized),
-    ) {
+    fn flush<I: Isa>(&mut self, scene: &Scene, poses: &mut Poses<BATCH_SIZE>, hits: &mut (impl Sink + ?Sized)) {
         if self.count == 0 {
             return;
         }

@@ -73,10 +73,30 @@ impl Object {
         self.maps.is_empty() && self.motion.is_none()
     }
 
+    /// Whether both are placed in the world alike, at any time.
+    pub fn is_placed_as(&self, other: &Self) -> bool {
+        let alike = match (&self.motion, &other.motion) {
+            (None, None) => true,
+            (Some(motion), Some(other)) => Arc::ptr_eq(motion, other),
+            _ => false,
+        };
+        alike && self.maps == other.maps
+    }
+
+    pub fn maps(&self) -> &[Affine] {
+        &self.maps
+    }
+
+    /// Whether hits are on triangles.
+    #[inline(always)]
+    pub fn is_triangle(&self) -> bool {
+        matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
+    }
+
     /// Whether hits are on triangles in the coordinates of the world.
     #[inline(always)]
     pub fn is_untransformed_triangle(&self) -> bool {
-        self.is_untransformed() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
+        self.is_untransformed() && self.is_triangle()
     }
 
     #[inline(always)]
