@@ -34,7 +34,6 @@ impl PyScene {
     }
 
     /// t (n,), object_id (n,), primitive_id (n,), normal (n, 3). `times`: (n,), or none if nothing moves.
-    #[expect(clippy::too_many_arguments, reason = "those of `lidarsim.Scene.cast`")]
     fn cast<'py>(
         &self,
         py: Python<'py>,

@@ -211,8 +211,8 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scene::{RootId, Scene};
     use crate::scene::tests::{FLAT, object, tipped};
+    use crate::scene::{RootId, Scene};
     use crate::testing::with_large_frames;
 
     /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there is y/8, exactly.

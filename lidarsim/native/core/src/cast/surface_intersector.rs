@@ -40,7 +40,9 @@ pub fn intersect<I: Isa>(
     (surface_hits.count, surface_hits.unsure) = (0, mask);
     let (alone, moves) = (mask & (mask - 1) == 0, object.motion().is_some());
     let mut filtered = false;
-    if (!alone || moves) && let Geometry::Surface(shape) = &object.geometry {
+    if (!alone || moves)
+        && let Geometry::Surface(shape) = &object.geometry
+    {
         let (t_min, surface_hits) = (closest.t_min(), &mut *surface_hits);
         let done = match object.inverse() {
             first if moves => {
@@ -148,7 +150,7 @@ impl<P: RayPlacement> SurfaceTask for IntersectSurface<'_, P> {
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
             let many = Many::new(&active);
             let world = Ray { origin: of_rays(o, many), direction: of_rays(d, many), weight: None };
-            let ray = placement.part(i).local(world, many);
+            let ray = placement.part(i).local_rays(world, many);
             while left != 0 {
                 active.set(left);
                 if surface_hits.bound(i, surface, &ray, &active, t_min).is_err() {
@@ -280,12 +282,7 @@ impl HitBatches {
 
 impl HitBatch {
     #[inline(always)]
-    fn flush<I: Isa>(
-        &mut self,
-        scene: &Scene,
-        poses: &mut Poses<BATCH_SIZE>,
-        hits: &mut (impl Sink + ?Sized),
-    ) {
+    fn flush<I: Isa>(&mut self, scene: &Scene, poses: &mut Poses<BATCH_SIZE>, hits: &mut (impl Sink + ?Sized)) {
         if self.count == 0 {
             return;
         }

@@ -83,13 +83,16 @@ impl ReturnRows {
     ) {
         assert_eq!([a.len(), b.len()], [self.count(); 2]);
         let places = a.chunks_mut(PIECE).zip(b.chunks_mut(PIECE));
-        parallel::share(places.zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE))), |((a, b), (rows, pulses))| {
-            let mut left = None;
-            for ((a, b), (&row, &pulse)) in a.iter_mut().zip(b).zip(rows.iter().zip(pulses)) {
-                let values = values(&mut left, row, pulse);
-                a.write(values.0);
-                b.write(values.1);
-            }
-        });
+        parallel::share(
+            places.zip(self.row.chunks(PIECE).zip(self.pulse.chunks(PIECE))),
+            |((a, b), (rows, pulses))| {
+                let mut left = None;
+                for ((a, b), (&row, &pulse)) in a.iter_mut().zip(b).zip(rows.iter().zip(pulses)) {
+                    let values = values(&mut left, row, pulse);
+                    a.write(values.0);
+                    b.write(values.1);
+                }
+            },
+        );
     }
 }

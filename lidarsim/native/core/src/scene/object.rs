@@ -76,7 +76,8 @@ impl Object {
     /// Whether hits are on triangles in the coordinates of the world.
     #[inline(always)]
     pub fn is_untransformed_triangle(&self) -> bool {
-        self.is_untransformed() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
+        self.is_untransformed()
+            && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
     }
 
     #[inline(always)]

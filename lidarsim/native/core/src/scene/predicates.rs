@@ -45,9 +45,8 @@ impl Predicate for RootOrder<'_> {
     type Answer = Ordering;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
-        let root = |object: &ObjectAt, at: &RootId| {
-            object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)))
-        };
+        let root =
+            |object: &ObjectAt, at: &RootId| object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)));
         let [a, b] = &self.objects;
         N::compare(&root(a, self.a)?, &root(b, self.b)?)
     }
