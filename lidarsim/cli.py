@@ -312,9 +312,13 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     for lidar in [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, ls.Rig) else [run.sensor]:
         _print_sensor(lidar)
     count = len(run.frames)
+    spans = {f"object {i} ({item.name})": item.motion.span for i, item in enumerate(run.scene.objects) if item.motion}
     if isinstance(run.pose, ls.Trajectory):
+        spans = {"pose": run.pose.span, **spans}
+    if spans:
         first, last = run.time(run.frames.start), run.time(run.frames.stop)
-        _print("pose from {:g} to {:g} s; ".format(*run.pose.span) + f"frames from {first:g} to {last:g} s")
+        moving = (f"{name} from {start:g} to {end:g} s" for name, (start, end) in spans.items())
+        _print("; ".join((*moving, f"frames from {first:g} to {last:g} s")))
     _print(f"{config}: ok, {len(run.scene):,} objects, {count:,} frame{'s' * (count > 1)}, seed {run.seed}")
 
 

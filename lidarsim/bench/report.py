@@ -193,6 +193,12 @@ def to_markdown(results: Results) -> str:
                 for row in results["coincident"]
             ),
         ),
+        "## Motion",
+        "128 channels: what moves over the same standing still.",
+        _table(
+            "what | ms | × still",
+            ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["motion"]),
+        ),
         "## Methods",
         _table("method | version", ([name, state] for name, state in results["casters"].items())),
     ]

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim.bench import report, scenes
+from lidarsim.bench import motion, report, scenes
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, Truth, World
 
@@ -217,6 +217,7 @@ class _Run:
         self.builds: list[Build] = []
         self.scan: list[dict[str, Any]] = []
         self.coincident: list[dict[str, Any]] = []
+        self.motion: list[dict[str, Any]] = []
         self.stand_in: str | None = None  # the tessellation that stands for Open3D
 
     def meshes(self) -> None:
@@ -317,6 +318,16 @@ class _Run:
                 }
             )
 
+    def moving(self) -> None:
+        """Measure what moves over the same standing still."""
+        world = self._world(scenes.city)
+        caster = Lidarsim(world, self.plan.threads[-1])
+        what = motion.calls(caster.scene, world.sensor, scenes.spinning(128, self.plan.columns[0], math.pi / 4))
+        for _, call in what.values():
+            call()
+        times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
+        self.motion += motion.over(times, what)
+
     def results(self) -> dict[str, Any]:
         """Return everything as JSON would hold it."""
         return {
@@ -328,6 +339,7 @@ class _Run:
             "builds": [asdict(row) for row in self.builds],
             "scan": self.scan,
             "coincident": self.coincident,
+            "motion": self.motion,
         }
 
     def _world(self, make: Callable[..., World], offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
@@ -501,6 +513,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.sizes()
         bench.whole_scan()
         bench.coincident_surfaces()
+        bench.moving()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}
 

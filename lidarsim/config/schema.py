@@ -320,10 +320,19 @@ def _rigid(placement: Placement, place: Place) -> Floats:
         return rigid("matrix", placement.to_matrix(place))
 
 
+class Twist(Model):
+    """A constant velocity, of an object in its own axes."""
+
+    linear_m_per_s: Vector = [0.0, 0.0, 0.0]
+    angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
+
+
 if TYPE_CHECKING:
-    Motion = Pose | list[Waypoint] | TrajectoryFile
+    PoseOverTime = Pose | list[Waypoint] | TrajectoryFile
+    Motion = Twist | list[Waypoint] | TrajectoryFile
 else:
-    Motion = either(either(Pose, TrajectoryFile, _has_file), list[Waypoint], _is_list)
+    PoseOverTime = either(either(Pose, TrajectoryFile, _has_file), list[Waypoint], _is_list)
+    Motion = either(either(Twist, TrajectoryFile, _has_file), list[Waypoint], _is_list)
 
 
 # Objects of the scene
@@ -337,6 +346,7 @@ class Object(Part, Placement):
     reflectivity: Numbers = 1.0
     reflectivity_per: Literal["object", "face", "vertex"] = "object"
     scale: Scale = 1.0
+    motion: Motion | None = None
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the object to `scene`."""
@@ -350,12 +360,28 @@ class Object(Part, Placement):
         else:
             self._add(self.build(place), scene, place, transform=pose @ sized)
 
-    def _add(self, shape: Shape, scene: Scene, place: Place, **more: object) -> None:
+    def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
         material = construct(Material, self, ["reflectivity"], place, per=self.reflectivity_per)
-        placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
-        transform = self.to_matrix(place, self.scale) if placed else None
-        more = {"transform": transform, **more}
+        transform, motion = self._placed(place)
+        if inner is not None:
+            transform = inner if transform is None else transform @ inner
+        more = {"transform": transform, "motion": motion, **more}
         construct(scene.add, self, ["name", "label"], place, shape=shape, material=material, **more)
+
+    def _placed(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
+        """Return the transform, and the motion after it."""
+        placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
+        if isinstance(self.motion, Twist):
+            # It starts at the placement and has its axes, so only the scale comes before.
+            pose = Pose(**{key: getattr(self, key) for key in placed - {"scale"}}, **self.motion.model_dump())
+            start = build_pose(pose, place)
+            if isinstance(start, Trajectory):
+                return np.diag([*np.broadcast_to(self.scale, 3), 1.0]) if "scale" in placed else None, start
+        transform = self.to_matrix(place, self.scale) if placed else None
+        if self.motion is None or isinstance(self.motion, Twist):
+            return transform, None
+        motion = build_pose(self.motion, place / "motion")
+        return transform, motion if isinstance(motion, Trajectory) else None
 
 
 class Plane(Object):
@@ -419,8 +445,7 @@ class SceneFile(Object):
         meshes, graph = (place / "file").load(self.file, _read_scene)
         for node in graph.nodes_geometry:
             to_file, mesh = graph[node]
-            to_world = self.to_matrix(place, self.scale) @ to_file
-            self._add(meshes[mesh], scene, place, transform=to_world, name=f"{self.name}/{node}".lstrip("/"))
+            self._add(meshes[mesh], scene, place, inner=to_file, name=f"{self.name}/{node}".lstrip("/"))
 
 
 def _public(package: ModuleType) -> list[Any]:
@@ -617,7 +642,7 @@ class Config(Model):
     scene: list[AnyObject]
     sensor: AnySensor | None = None
     rig: dict[str, Mounted] | None = None
-    pose: Motion = Pose()
+    pose: PoseOverTime = Pose()
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     first_frame: Annotated[int, Field(ge=0)] = 0
     frames: Annotated[int, Field(ge=1)] = 1

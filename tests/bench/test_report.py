@@ -65,6 +65,10 @@ def results() -> dict[str, Any]:
             {"what": "Scene.cast", "rays": 131072, "seconds": 0.004, "ratio": 1.0},
             {"what": "Lidar.scan, range noise", "rays": 131072, "seconds": 0.005, "ratio": 1.25},
         ],
+        "motion": [
+            {"what": "still", "over": "still", "seconds": 0.004, "ratio": 1.0},
+            {"what": "moving", "over": "still", "seconds": 0.006, "ratio": 1.5},
+        ],
     }
 
 
@@ -109,7 +113,8 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
         ["city", "740,000", "Open3D", "0.3", "1", "88", "—"],
     ]
     assert [cells[3] for cells in table(text, "triangles")] == ["100"] * 4
-    assert table(text, "what") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
+    assert table(text, "what | ms | × cast") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
+    assert table(text, "what | ms | × still") == [["still", "4", "1"], ["moving", "6", "1.5"]]
     assert table(text, "method | version")[-1] == ["MuJoCo-LiDAR, Taichi", "not installed (taichi)"]
     assert "Measured on Abacus 3, 2 cores, Linux x86_64, Python 3.11.7, with 2 threads where a method has them" in text
 

@@ -125,6 +125,13 @@ def test_coincident_surfaces_change_no_hit(results: dict[str, Any]) -> None:
         assert row["ns"] > 0
 
 
+def test_what_moves_is_over_the_same_standing_still(results: dict[str, Any]) -> None:
+    seconds = {row["what"]: row["seconds"] for row in results["motion"]}
+    assert {row["over"] for row in results["motion"]} == {"a still sensor, point_cloud", "1,000 still instances"}
+    assert all(row["ratio"] == row["seconds"] / seconds[row["over"]] for row in results["motion"])
+    assert len(seconds) == 4
+
+
 def test_growth_of_a_process_is_of_the_order_of_the_core_count(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIDARSIM_THREADS", "1")
     world = scenes.terrain(200_000)

@@ -68,7 +68,6 @@ impl PyScene {
     }
 
     /// t (n,), object (n,), primitive_id (n,), normal (n, 3). `times`: (n,), or none if nothing moves.
-    #[expect(clippy::too_many_arguments, reason = "those of `lidarsim.Scene.cast`")]
     fn cast<'py>(
         &self,
         py: Python<'py>,
@@ -105,7 +104,6 @@ impl PyScene {
     }
 
     /// Whether each ray hits anything, (n,). `times`: as of `cast`.
-    #[expect(clippy::too_many_arguments, reason = "those of `lidarsim.Scene.occluded`")]
     fn occluded<'py>(
         &self,
         py: Python<'py>,

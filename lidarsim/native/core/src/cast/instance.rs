@@ -103,7 +103,7 @@ impl<P: RayPlacement> LaneTask for Gather<'_, P> {
             let rays = Many::new(&active);
             let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, rays);
             let ray = Ray { origin, direction: of_rays(d, rays), weight: None };
-            if let Ok([o, d]) = placement.part(i).local(ray, rays).enclose() {
+            if let Ok([o, d]) = placement.part(i).local_rays(ray, rays).enclose() {
                 held |= Mask::from(instance_rays.put(i, o, d) & active.get()) << (i * N);
             }
         }
@@ -211,7 +211,7 @@ mod tests {
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
                         let (rays, ray) = (&instance_rays.rays, Ray::new(world.origin(lane), world.direction(lane)));
-                        let truth: Ray<Dyadic> = Placement::local(object.inverse(), ray);
+                        let truth: Ray<Dyadic> = object.inverse().local(ray);
                         let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
                         let given = [
                             (&truth.origin, rays.origin(lane), rays.origin_error[lane]),

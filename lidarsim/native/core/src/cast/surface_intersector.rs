@@ -150,7 +150,7 @@ impl<P: RayPlacement> SurfaceTask for IntersectSurface<'_, P> {
             let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
             let many = Many::new(&active);
             let world = Ray { origin: of_rays(o, many), direction: of_rays(d, many), weight: None };
-            let ray = placement.part(i).local(world, many);
+            let ray = placement.part(i).local_rays(world, many);
             while left != 0 {
                 active.set(left);
                 if surface_hits.bound(i, surface, &ray, &active, t_min).is_err() {

@@ -144,7 +144,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
 
     #[inline(always)]
     fn start<I: Isa>(&mut self, surface_hits: &mut SurfaceHits) {
-        let Traversal { state, world, stack, outer, inner, .. } = self;
+        let Traversal { state, stack, outer, inner, .. } = self;
+        let world = self.world;
         self.stage = Stage::UnderWay;
         state.closest.restart::<I>();
         outer.stop(stack);

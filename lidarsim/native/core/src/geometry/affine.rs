@@ -86,7 +86,7 @@ impl Inverse {
     /// None if there is none: the determinant is zero, exactly.
     pub fn of(map: &Affine) -> Option<Self> {
         let dyadic = Adjugate::<Dyadic>::of(map, false);
-        let reflects = match dyadic.determinant.sign() {
+        let reflects = match dyadic.linear.determinant.sign() {
             Ok(Ordering::Less) => true,
             Ok(Ordering::Greater) => false,
             Ok(Ordering::Equal) | Err(Uncertain) => return None,
@@ -210,20 +210,20 @@ pub trait RayPlacement: Copy {
     }
 
     /// As `Placement::local`.
-    fn local<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, lanes: L) -> Ray<K>;
+    fn local_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, lanes: L) -> Ray<K>;
     /// As `Placement::normal`.
-    fn normal<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, lanes: L) -> Vector<K>;
+    fn normals<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, lanes: L) -> Vector<K>;
 }
 
 impl<P: Placement> RayPlacement for P {
     #[inline(always)]
-    fn local<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, _: L) -> Ray<K> {
-        Placement::local(self, ray)
+    fn local_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, _: L) -> Ray<K> {
+        self.local(ray)
     }
 
     #[inline(always)]
-    fn normal<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, _: L) -> Vector<K> {
-        Placement::normal(self, normal)
+    fn normals<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, _: L) -> Vector<K> {
+        self.normal(normal)
     }
 }
 
@@ -298,14 +298,14 @@ impl<const M: usize> RayPlacement for PlacedRays<'_, M> {
     }
 
     #[inline(always)]
-    fn local<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, lanes: L) -> Ray<K> {
+    fn local_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, ray: Ray<K>, lanes: L) -> Ray<K> {
         let from = ray.origin_from(self.column(3, lanes));
-        Placement::local(self.first, self.cofactors(lanes).apply(from, &ray))
+        self.first.local(self.cofactors(lanes).apply(from, &ray))
     }
 
     #[inline(always)]
-    fn normal<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, lanes: L) -> Vector<K> {
-        self.cofactors(lanes).normal(&Placement::normal(self.first, normal))
+    fn normals<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, normal: Vector<K>, lanes: L) -> Vector<K> {
+        self.cofactors(lanes).normal(&self.first.normal(normal))
     }
 }
 
@@ -361,7 +361,7 @@ pub struct Adjugate<N> {
 
 impl<N: Number<Floats = f64>> Adjugate<N> {
     fn of(map: &Affine, negate: bool) -> Self {
-        let Cofactors { rows, determinant } = Cofactors::new(&map.linear.map(vector::exact));
+        let Cofactors { rows, determinant } = Cofactors::<N>::new(&map.linear.map(vector::exact));
         let (rows, determinant) =
             if negate { (rows.each_ref().map(vector::negated), determinant.negated()) } else { (rows, determinant) };
         Adjugate { linear: Cofactors { rows, determinant }, offset: map.offset, rest: None }

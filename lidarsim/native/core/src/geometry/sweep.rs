@@ -139,3 +139,94 @@ fn steepest(Cubic([a, b, c]): &Cubic, u: f64) -> Point {
 fn farthest(Cubic([a, b, c]): &Cubic, u: f64) -> f64 {
     u * (length_above(*a) + u * (length_above(*b) + u * length_above(*c)))
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::geometry::pose::{Pose, Step};
+    use crate::testing::numbers;
+
+    fn pose(number: &mut impl FnMut() -> f64, place: f64) -> Pose {
+        let mut one = || 2.0 * number() - 1.0;
+        let ([a, b, c], position) = ([one(), one(), one()], [one(), one(), one()].map(|x| place * (1.0 + x)));
+        let start = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+        let [x, y, z] = Path::Twist { start, linear: [0.0; 3], angular: [a, b, c] }.at(3.0).rows();
+        let [p, q, r] = position;
+        Pose::from_rows([[x[0], x[1], x[2], p], [y[0], y[1], y[2], q], [z[0], z[1], z[2], r]])
+    }
+
+    /// Of each kind; the poses of the knots are not quite those that the steps lead to.
+    fn paths(number: &mut impl FnMut() -> f64, place: f64, speed: f64) -> Vec<Path> {
+        let cubic = |number: &mut dyn FnMut() -> f64, curved: f64| {
+            let mut three = |scale: f64| [(); 3].map(|()| scale * (2.0 * number() - 1.0));
+            Cubic([three(speed), three(speed * curved), three(speed * curved)])
+        };
+        let mut all = Vec::new();
+        for curved in [0.0, 1.0] {
+            let (mut times, mut poses, mut steps) = (vec![0.0], vec![pose(number, place)], Vec::<Step>::new());
+            for i in 0..4 {
+                let step = Step { shift: cubic(number, curved), turn: cubic(number, curved) };
+                let (last, time) = (times[i], times[i] + 0.1 + number());
+                let path =
+                    Path::Knots { times: vec![last, time], poses: vec![poses[i]; 2], steps: vec![step], end: time };
+                poses.push(path.at(time.next_down()));
+                times.push(time);
+                steps.push(step);
+            }
+            let end = times[4] + 0.25;
+            all.push(Path::Knots { times, poses, steps, end });
+        }
+        let velocity = |number: &mut dyn FnMut() -> f64| [(); 3].map(|()| speed * (2.0 * number() - 1.0));
+        all.push(Path::Twist { start: pose(number, place), linear: velocity(number), angular: velocity(number) });
+        let mounts: Vec<Path> =
+            all.iter().map(|path| Arc::new(path.clone()).mounted(&pose(number, place.min(4.0)))).collect();
+        all.extend(mounts);
+        all
+    }
+
+    #[test]
+    fn a_sweep_holds_all_places_and_little_more() {
+        let mut number = numbers();
+        let (mut tight, mut count) = (0, 0);
+        for (place, speed) in [(1.0, 0.1), (10.0, 1.0), (5e6, 2.0), (0.0, 20.0)] {
+            for path in paths(&mut number, place, speed) {
+                let [first, last] = if let Path::Knots { end, .. } = &path { [0.0, *end] } else { [0.0, 3.0] };
+                let bounds = [(); 3].map(|()| {
+                    let low = 4.0 * (number() - 0.5);
+                    Interval { low, high: low + number() }
+                });
+                for _ in 0..20 {
+                    let a = first + number() * (last - first);
+                    let b = (a + [0.0, 0.01, 0.1, 5.0][count % 4]).min(last);
+                    let swept = path.sweep(bounds, [a, b]);
+                    let mut hull = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
+                    for k in 0..=200 {
+                        let pose = path.at((a + f64::from(k) / 200.0 * (b - a)).min(b));
+                        for corner in 0..8 {
+                            let point =
+                                std::array::from_fn(
+                                    |i| {
+                                        if corner >> i & 1 == 0 { bounds[i].low } else { bounds[i].high }
+                                    },
+                                );
+                            for (i, x) in pose.place(point).into_iter().enumerate() {
+                                hull[i] = Interval { low: hull[i].low.min(x), high: hull[i].high.max(x) };
+                            }
+                        }
+                    }
+                    for i in 0..3 {
+                        // The corners here are rounded to their place.
+                        let rounding = 1e-15 * place.max(100.0);
+                        assert!(swept[i].low <= hull[i].low + rounding, "{path:?} {a} {b} {i}");
+                        assert!(hull[i].high <= swept[i].high + rounding, "{path:?} {a} {b} {i}");
+                        tight += usize::from(swept[i].high - swept[i].low < 2.0 * (hull[i].high - hull[i].low) + 0.1);
+                    }
+                    count += 1;
+                }
+            }
+        }
+        assert!(2 * tight > 3 * count, "{tight} of {}", 3 * count);
+    }
+}

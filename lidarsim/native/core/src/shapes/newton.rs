@@ -61,12 +61,13 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
     let (pad, unit) = (L::Floats::splat(PAD), L::Floats::splat(UNIT));
     let reach = bounds.high.sub(middle).max(middle.sub(bounds.low)).mul(pad);
     let somewhere = float.at(&RunningErrors::within(middle, reach, lanes));
-    let normal = placement.normal(target.normal(&placement.local(somewhere, lanes), feature, lanes), lanes);
+    let normal = placement.normals(target.normal(&placement.local_rays(somewhere, lanes), feature, lanes), lanes);
     let (slope, slope_error) = vector::dot(&normal, &float.direction).doubled().parts();
 
     let middle = DoubleDoubles::of_rays(middle, lanes);
     let near = double.at(&middle);
-    let (implicit, implicit_error) = target.implicit(&placement.local(near.clone(), lanes), feature, lanes).parts();
+    let (implicit, implicit_error) =
+        target.implicit(&placement.local_rays(near.clone(), lanes), feature, lanes).parts();
     // The number has a lower half.
     let rest = implicit.abs().fused(unit, implicit_error);
     let slope_size = slope.abs();
@@ -77,6 +78,6 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
     let step = DoubleDoubles::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes);
 
     let t = middle.plus(&step).rounded()?;
-    let normal = placement.normal(target.normal(&placement.local(near.at(&step), lanes), feature, lanes), lanes);
+    let normal = placement.normals(target.normal(&placement.local_rays(near.at(&step), lanes), feature, lanes), lanes);
     Ok((t, DoubleDoubles::proportions(&normal)?))
 }

@@ -1,0 +1,90 @@
+"""What motion costs: scans of what moves over scans of the same standing still, in turns."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+import lidarsim as ls
+from lidarsim._validation import Floats
+from lidarsim.patterns import Pattern
+
+__all__ = ["calls", "instances", "over"]
+
+SPEED = 15.0
+"""Of what moves, m/s."""
+
+PERIOD = 0.1
+"""Of a frame, s."""
+
+
+def instances(count: int, *, moving: bool) -> ls.Scene:
+    """Return instances of one mesh that stand around the origin, or each drive and turn their own way.
+
+    Parameters
+    ----------
+    count : int
+        How many.
+    moving : bool
+        Whether they move; in the middle of the first frame they are where those are that stand still.
+
+    Returns
+    -------
+    Scene
+        The instances, on a plane.
+    """
+    import trimesh
+
+    scene, draw = ls.Scene(), np.random.default_rng(7)
+    scene.add(ls.Plane((0, 0, 1), -2.0))
+    mesh = ls.TriangleMesh.from_trimesh(trimesh.creation.icosphere(subdivisions=3, radius=1.0))
+    for place, heading in zip(draw.uniform(-80, 80, (count, 2)), draw.uniform(-math.pi, math.pi, count), strict=True):
+        cos, sin = math.cos(heading), math.sin(heading)
+        pose = np.array([[cos, -sin, 0, place[0]], [sin, cos, 0, place[1]], [0, 0, 1, -1.0], [0, 0, 0, 1]])
+        if moving:
+            back = np.eye(4)
+            back[0, 3] = -SPEED * PERIOD / 2.0
+            scene.add(mesh, motion=ls.Trajectory.from_twist(pose @ back, (SPEED, 0, 0), (0, 0, 0.2)))
+        else:
+            scene.add(mesh, transform=pose)
+    return scene
+
+
+def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[str, Callable[[], Any]]]:
+    """Return what to time.
+
+    Parameters
+    ----------
+    scene : Scene
+        For a sensor to drive through.
+    place : ndarray of float64, shape (3,)
+        Where it starts.
+    pattern : Pattern
+        Of the sensor.
+
+    Returns
+    -------
+    dict of str to (str, callable)
+        For each name that of what it is compared with, and the scan to time.
+    """
+    lidar, still = ls.Lidar(pattern), np.eye(4)
+    still[:3, 3] = place
+    drive = ls.Trajectory.from_twist(still, (SPEED, 0, 0), (0, 0, 0.2))
+    crowds = [instances(1000, moving=moving) for moving in (False, True)]
+    return {
+        "a still sensor, point_cloud": ("a still sensor, point_cloud", lambda: lidar.scan(scene, still).point_cloud()),
+        "a moving sensor, point_cloud": ("a still sensor, point_cloud", lambda: lidar.scan(scene, drive).point_cloud()),
+        "1,000 still instances": ("1,000 still instances", lambda: lidar.scan(crowds[0])),
+        "1,000 moving instances": ("1,000 still instances", lambda: lidar.scan(crowds[1])),
+    }
+
+
+def over(times: dict[str, float], what: dict[str, tuple[str, Callable[[], Any]]]) -> list[dict[str, Any]]:
+    """Return a row for each of `calls` by their times, with the ratio to what it is compared with."""
+    return [
+        {"what": name, "over": base, "seconds": times[name], "ratio": times[name] / times[base]}
+        for name, (base, _) in what.items()
+    ]
