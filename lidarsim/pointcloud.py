@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _validation
-from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix, parsing
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
 from lidarsim._validation import Transform
 
 if TYPE_CHECKING:
@@ -251,6 +251,7 @@ class PointCloud:
         if path.is_dir():
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
         try:
+            check_regular(path)
             with path.open("rb") as file:
                 suffix = _recognised(file.read(_HEAD), path)
                 file.seek(0)

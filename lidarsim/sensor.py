@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim import scan as _scan
+from lidarsim._files import check_regular
 from lidarsim._validation import Transform, array, integer, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
@@ -253,6 +254,7 @@ class Lidar:
         """
         path = Path(path)
         try:
+            check_regular(path)
             with path.open("rb") as file:
                 text = file.read(HEAD).decode("utf-8-sig", errors="replace")
         except OSError as error:

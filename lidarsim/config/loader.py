@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import reprlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import pydantic
 import yaml
 
+from lidarsim._validation import shown
 from lidarsim.config import recognise, schema
 from lidarsim.config.document import Node, Place, entries, merge, override, plain, read, replace, without
 from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose, build_rig
@@ -307,4 +307,4 @@ def _describe(value: object) -> str:
         return f"a list of {len(value)}"
     if isinstance(value, bool):
         return str(value).lower()
-    return reprlib.repr(value)
+    return shown(value)

@@ -678,7 +678,9 @@ def test_a_file_that_trimesh_cannot_read(shape: str, what: str) -> None:
 def test_bad_heights() -> None:
     Path("z.npy").write_text("no array", encoding="utf-8")
     text = "sensor: {preset: velodyne-vlp16}\nscene: [{shape: heightfield, file: z.npy, spacing_m: 1}]"
-    assert refusal(text).startswith("run.yaml:2: scene.0.file: the magic string is not correct")
+    assert refusal(text).startswith(
+        "run.yaml:2: scene.0.file: z.npy: not a readable .npy file: the magic string is not correct"
+    )
     np.save("z.npy", np.array([[1.0, np.nan], [0.0, 0.0]]))
     assert refusal(text) == "run.yaml:2: scene.0: z: expected finite numbers, got z[0][1] = nan"
 
