@@ -56,9 +56,7 @@ def test_mutations(slow: bool) -> None:
     for line, (read, refused, _) in zip(lines, outcomes, strict=True):
         assert read + refused == count, line
         assert refused > 0, line
-    assert sum(read > 0 for read, _, _ in outcomes) > KINDS - 8, (
-        "a file of few bytes, or with a checksum, may be refused always"
-    )
+    assert sum(read > 0 for read, _, _ in outcomes) > KINDS // 2  # what is damaged is not damaged beyond reading
 
 
 @pytest.mark.parametrize(
