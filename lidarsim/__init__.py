@@ -3,11 +3,13 @@
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import config, errors, io, patterns, viewers  # noqa: F401 (viewers register what they offer)
+from lidarsim import config, datasets, errors, io, patterns, viewers  # noqa: F401 (viewers register what they offer)
+from lidarsim._views import register_view
+from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
-from lidarsim.pointcloud import PointCloud, register_format, register_view
+from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
 from lidarsim.scan import Scan, Status
 from lidarsim.scene import Scene, SceneObject
@@ -25,6 +27,7 @@ from lidarsim.shapes import (
     TriangleMesh,
 )
 from lidarsim.trajectory import Trajectory, register_trajectory_format
+from lidarsim.viewers import show
 
 __all__ = [
     "Beam",
@@ -52,13 +55,16 @@ __all__ = [
     "TriangleMesh",
     "__version__",
     "config",
+    "datasets",
     "errors",
+    "generate",
     "io",
     "patterns",
     "register_format",
     "register_lidar_reader",
     "register_trajectory_format",
     "register_view",
+    "show",
 ]
 
 __version__ = "0.1.0"

@@ -14,12 +14,13 @@ import numpy.typing as npt
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
 from lidarsim._validation import Transform
+from lidarsim._views import view
 
 if TYPE_CHECKING:
     import open3d
     import pyvista
 
-__all__ = ["PointCloud", "check_output", "register_format", "register_view"]
+__all__ = ["PointCloud", "check_output", "register_format"]
 
 Fields = dict[str, npt.NDArray[Any]]
 
@@ -282,7 +283,7 @@ class PointCloud:
         ValueError
             If an integer is beyond 2⁵³, which none of these types holds.
         """
-        converted: open3d.t.geometry.PointCloud = _VIEWS["open3d"](self)
+        converted: open3d.t.geometry.PointCloud = view(PointCloud, "open3d")(self)
         return converted
 
     def to_pyvista(self) -> pyvista.PolyData:
@@ -298,8 +299,23 @@ class PointCloud:
         MissingExtraError
             If PyVista is not installed.
         """
-        converted: pyvista.PolyData = _VIEWS["pyvista"](self)
+        converted: pyvista.PolyData = view(PointCloud, "pyvista")(self)
         return converted
+
+    def plot(self, **options: Any) -> Any:
+        """Show the cloud; a short way to write ``lidarsim.show(cloud, …)``.
+
+        Parameters
+        ----------
+        **options
+            Those of `lidarsim.show`: `color_by`, `scene`, `save`, `camera` and others.
+
+        Returns
+        -------
+        Page or None
+            What `lidarsim.show` returns.
+        """
+        return view(PointCloud, "plot")(self, **options)
 
 
 def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -361,7 +377,6 @@ class _Format:
 
 _HEAD = 16  # bytes of a file, no fewer than any signature has
 _FORMATS: dict[str, _Format] = {}
-_VIEWS: dict[str, Callable[[PointCloud], Any]] = {}
 
 
 def register_format(
@@ -386,19 +401,6 @@ def register_format(
         First bytes of every file of the format, by which it is known whatever its name; none, if it has none.
     """
     _FORMATS[suffix] = _Format(save, load, signature)
-
-
-def register_view(name: str, function: Callable[[PointCloud], Any]) -> None:
-    """Let the method ``to_<name>`` of `PointCloud` convert with a function.
-
-    Parameters
-    ----------
-    name : str
-        Name of the library.
-    function : callable
-        Takes a cloud and returns what that library works on.
-    """
-    _VIEWS[name] = function
 
 
 def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -454,6 +456,11 @@ def check_output(path: PathLike) -> None:
     """
     _format(path)
     check_folder(path)
+
+
+def is_point_cloud(path: PathLike) -> bool:
+    """Return whether the suffix of a file is that of a format that `PointCloud.load` reads."""
+    return any(Path(path).name.lower().endswith(suffix) for suffix in _FORMATS)
 
 
 def _format(path: PathLike) -> _Format:

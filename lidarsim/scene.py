@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
 from lidarsim._validation import Transform, affine, integer, rays, t_range
+from lidarsim._views import view
 from lidarsim.materials import Material
 from lidarsim.shapes import Hits, Shape, TriangleMesh
+
+if TYPE_CHECKING:
+    import pyvista
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -165,6 +169,83 @@ class Scene:
             If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
         """
         return Hits(*self._native.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+
+    def to_pyvista(
+        self, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None
+    ) -> pyvista.MultiBlock:
+        """Return the surfaces of the objects as triangles, in the world, to look at.
+
+        Parameters
+        ----------
+        chord_error : float, optional
+            Greatest distance of a triangle from the surface that it stands for, m. By default a 200th of the radius of
+            each sphere, ellipsoid and cylinder; all other shapes are exact.
+        bounds : array_like, shape (2, 3), optional
+            Least and greatest coordinates of what else is seen, m. A plane is clipped to a box around all other objects
+            and these, widened by a tenth of its size, and so far that it holds the point of the plane nearest to its
+            middle.
+
+        Returns
+        -------
+        pyvista.MultiBlock
+            A block for each object, in their order and by their names; empty where an object has no triangles. A block
+            has the cell data ``object_id`` and ``label`` and the field data ``name``. Objects of one mesh share the
+            connectivity of its triangles.
+
+        Raises
+        ------
+        MissingExtraError
+            If PyVista is not installed.
+        TypeError, ValueError
+            If `chord_error` is no positive number, or less than a millionth of the radius of an object, or `bounds`
+            are not finite numbers of that shape.
+        """
+        converted: pyvista.MultiBlock = view(Scene, "pyvista")(self, chord_error=chord_error, bounds=bounds)
+        return converted
+
+    def to_open3d(
+        self, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None
+    ) -> list[dict[str, Any]]:
+        """Return the surfaces of the objects as triangles, in the world, to look at.
+
+        Parameters
+        ----------
+        chord_error : float, optional
+            As in `to_pyvista`.
+        bounds : array_like, shape (2, 3), optional
+            As in `to_pyvista`.
+
+        Returns
+        -------
+        list of dict
+            What ``open3d.visualization.draw`` takes: for each object that has triangles its ``name``, with its id
+            before it so that it is unique, and the ``geometry``, an ``open3d.t.geometry.TriangleMesh`` with the
+            attributes ``object_id`` and ``label`` of each triangle.
+
+        Raises
+        ------
+        MissingExtraError
+            If Open3D is not installed.
+        TypeError, ValueError
+            As in `to_pyvista`; or if a label is beyond 2⁵³.
+        """
+        converted: list[dict[str, Any]] = view(Scene, "open3d")(self, chord_error=chord_error, bounds=bounds)
+        return converted
+
+    def plot(self, **options: Any) -> Any:
+        """Show the surfaces; a short way to write ``lidarsim.show(scene, …)``.
+
+        Parameters
+        ----------
+        **options
+            Those of `lidarsim.show`: `color_by`, `save`, `camera` and others.
+
+        Returns
+        -------
+        Page or None
+            What `lidarsim.show` returns.
+        """
+        return view(Scene, "plot")(self, **options)
 
     def __len__(self) -> int:
         return len(self._objects)

@@ -26,6 +26,9 @@ T = TypeVar("T")
 MOST_BYTES, MOST_VALUES, MOST_DEPTH = 1 << 24, 1_000_000, 100
 """What a document may have: its values are counted wherever an alias repeats them, and it is small beside them."""
 
+Loaded = dict[tuple[Path, Callable[[Path], Any]], Any]
+"""What files were read as, by their paths and readers."""
+
 _OVERRIDE = "--set "
 _TAG = "tag:yaml.org,2002:"
 _SCALARS: dict[str, Callable[[str], Any]] = {
@@ -146,19 +149,47 @@ def merge(base: Node, difference: Node) -> Node:
 
 
 def override(node: Node, assignment: str) -> Node:
-    """Return `node` with one value replaced or added, as ``scene.0.radius_m=2`` says: keys and list indices, then YAML.
+    """Return `node` with one value replaced or added, as ``scene.0.radius_m=2`` says.
 
     Raises
     ------
     ConfigError
         If the assignment cannot be read, or leads into a value that has no keys.
     """
+    return replace(node, *assigned(assignment))
+
+
+def assigned(assignment: str) -> tuple[list[str], Node]:
+    """Return path and value of an assignment, ``scene.0.radius_m=2``: keys and list indices, then YAML.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be read.
+    """
     name = f"{_OVERRIDE}{assignment}"
     path, equals, text = assignment.partition("=")
     keys = path.split(".")
     if not equals or not all(keys) or len(keys) > MOST_DEPTH:
         raise ConfigError(f"{name}: expected KEY=VALUE, such as scene.0.radius_m=2")
-    return replace(node, keys, parse(text or "null", name))
+    return keys, parse(text or "null", name)
+
+
+def written(value: Any, place: Node) -> Node:
+    """Return the node of a number, of text or of a list of them, as if it stood where `place` stands.
+
+    Raises
+    ------
+    TypeError
+        If it is something else.
+    """
+    if isinstance(value, list):
+        items = [written(item, place) for item in value]
+        return yaml.SequenceNode(f"{_TAG}seq", items, place.start_mark, place.end_mark)
+    kinds = {float: "float", int: "int", str: "str"}
+    if type(value) not in kinds:
+        raise TypeError(f"value: expected numbers or text, got {shown(value)}")
+    return yaml.ScalarNode(f"{_TAG}{kinds[type(value)]}", str(value), place.start_mark, place.end_mark)
 
 
 def replace(node: Node | None, path: list[str], value: Node) -> Node:
@@ -192,7 +223,7 @@ class Place:
 
     root: Node
     keys: tuple[int | str, ...] = ()
-    _loaded: dict[tuple[Path, Callable[[Path], Any]], Any] = field(default_factory=dict, repr=False, compare=False)
+    _loaded: Loaded = field(default_factory=dict, repr=False, compare=False)
 
     def __truediv__(self, key: int | str) -> Place:
         """Return the place of `key` in the value here."""

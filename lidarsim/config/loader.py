@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -12,8 +12,8 @@ import pydantic
 import yaml
 
 from lidarsim._validation import shown
-from lidarsim.config import recognise, schema
-from lidarsim.config.document import Node, Place, entries, merge, override, plain, read, replace, without
+from lidarsim.config import recognise
+from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
 from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose, build_rig
 from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
@@ -28,9 +28,10 @@ if TYPE_CHECKING:
 M = TypeVar("M", bound=Model)
 
 # These choose what a document includes, so overrides of them come first and all others after it is whole.
-CHOICES = re.compile(
-    r"(rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?)="
-)
+CHOICES = re.compile(r"rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?")
+
+Change = tuple[list[str], Node]
+"""Where a value stands in a document, as keys and indices, and what it becomes."""
 
 
 @dataclass(frozen=True)
@@ -136,15 +137,26 @@ class Run:
 
 def load(path: Path, overrides: Sequence[str]) -> Run:
     """Return the run that a file describes; see `lidarsim.config.load`."""
-    root = read(path)
-    for assignment in overrides:
-        if CHOICES.match(assignment):
-            root = override(root, assignment)
+    return built(whole(read(path), [assigned(text) for text in overrides]))
+
+
+def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
+    """Return a run's document with the files and presets that it names in their places, and with `changes` made."""
+    later = []
+    for path, value in changes:
+        if CHOICES.fullmatch(".".join(path)):
+            root = replace(root, path, value)
+        else:
+            later.append((path, value))
     root = _include(root)
-    for assignment in overrides:
-        if not CHOICES.match(assignment):
-            root = override(root, assignment)
-    config, place = _check(Config, root), Place(root)
+    for path, value in later:
+        root = replace(root, path, value)
+    return root
+
+
+def built(root: Node, loaded: Loaded | None = None) -> Run:
+    """Return the run that a whole document describes; what it loads from files is kept in `loaded`, and found there."""
+    config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
     scene = Scene()
     for index, item in enumerate(config.scene):
         item.add_to(scene, place / "scene" / index)
@@ -173,8 +185,8 @@ def read_lidar(path: Path, *, mode: str | None, noise: str | None) -> Lidar:
     document = read(path)
     root = _variant(_sensor(document, Place(document)), mode, noise)
     if "file" in entries(root):
-        return _check(VendorSensor, root).build(Place(root))
-    return _check(Sensor, root).build(Place(root))
+        return checked(VendorSensor, root).build(Place(root))
+    return checked(Sensor, root).build(Place(root))
 
 
 def _include(root: Node) -> Node:
@@ -250,7 +262,7 @@ def _text(node: Node, key: str, place: Place) -> str | None:
     return value
 
 
-def _check(model: type[M], root: Node) -> M:
+def checked(model: type[M], root: Node) -> M:
     """Return `root` as `model`; an error tells the first problem in the file, and how many more there are."""
     try:
         return model.model_validate(plain(root))
@@ -293,9 +305,15 @@ def _problem(place: Place, error: Any) -> tuple[Place, str]:
         key = context["discriminator"].strip("'")
         return place / key, f"expected one of {context['expected_tags']}, got {_describe(got[key])}"
     if kind in _EXPECTED:
-        keys = ", ".join(getattr(schema, context["class_name"]).model_fields) if kind == "model_type" else ""
+        keys = ", ".join(_keys_of(Model, context["class_name"])) if kind == "model_type" else ""
         return place, f"expected {_EXPECTED[kind].format(keys=keys, **context)}, got {_describe(got)}"
     return place, error["msg"]
+
+
+def _keys_of(base: type[Model], name: str) -> Iterator[str]:
+    """Yield the keys of the model of that name."""
+    for model in base.__subclasses__():
+        yield from model.model_fields if model.__name__ == name else _keys_of(model, name)
 
 
 def _describe(value: object) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -11,7 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._validation import Transform, affine, rays, t_range
+from lidarsim._validation import Floats, Transform, affine, rays, t_range
+from lidarsim.shapes._tessellation import Triangles
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,31 +55,59 @@ class Shape:
         The shape in the core.
     transform : array_like, shape (4, 4), or RigidTransform, optional
         Affine map that the shape goes through; its entries are taken as exact.
+    numbers : sequence of float
+        What the shape is made of, as the core was given it, for those that tessellate it.
     """
 
-    __slots__ = ("_native", "_scene")
+    __slots__ = ("_matrix", "_native", "_numbers", "_scene")
 
     configuration: ClassVar[Mapping[str, Any]] = {}
     """Keys of configurations: arguments of the constructor with their units, and types of their values."""
 
+    bounded: ClassVar[bool] = True
+    """Whether the surface ends somewhere."""
+
+    _matrix: Floats | None
     _native: core.Shape
+    _numbers: Sequence[float]
     _scene: core.Scene
 
-    def __init__(self, native: core.Shape, transform: Transform | None = None) -> None:
-        if transform is not None:
-            native = native.transformed(affine("transform", transform).tolist())
+    def __init__(self, native: core.Shape, transform: Transform | None = None, numbers: Sequence[float] = ()) -> None:
+        matrix = None if transform is None else affine("transform", transform)
+        if matrix is not None:
+            native = native.transformed(matrix.tolist())
+        object.__setattr__(self, "_matrix", matrix)
         object.__setattr__(self, "_native", native)
+        object.__setattr__(self, "_numbers", numbers)
         object.__setattr__(self, "_scene", core.Scene([native]))
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
 
     @classmethod
-    def _of(cls, native: core.Shape, transform: Transform | None) -> Self:
+    def _of(cls, native: core.Shape, transform: Transform | None, numbers: Sequence[float] = ()) -> Self:
         """Make an instance of `cls` around a native shape, past its own constructor."""
         shape = cls.__new__(cls)
-        Shape.__init__(shape, native, transform)
+        Shape.__init__(shape, native, transform, numbers)
         return shape
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:
+        """Return triangles that stand for the surface where it is looked at, before any transform.
+
+        Parameters
+        ----------
+        chord_error : float, optional
+            Greatest distance of a triangle from the surface; by default a fixed share of the shape's radius.
+        box : ndarray, shape (8, 3)
+            Corners of the part of space that is looked at, in the order of `numpy.ndindex(2, 2, 2)`. The surface ends
+            there if it is not bounded.
+
+        Returns
+        -------
+        Triangles
+            Their vertices are on the surface.
+        """
+        raise NotImplementedError
 
     def roots(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> npt.NDArray[np.float64]:
         """Find every place where lines meet the surface.

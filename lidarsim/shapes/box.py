@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, positive
+from lidarsim._validation import Floats, Transform, Vector, array, positive
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles
+
+# Two triangles a face, over corners in the order of numpy.ndindex(2, 2, 2).
+_FACES = np.array(
+    [
+        *((0, 1, 3), (0, 3, 2), (4, 6, 7), (4, 7, 5)),
+        *((0, 4, 5), (0, 5, 1), (2, 3, 7), (2, 7, 6)),
+        *((0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3)),
+    ],
+    np.uint32,
+)
 
 
 class Box(Shape):
@@ -48,5 +60,9 @@ class Box(Shape):
     def __init__(
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:
-        native = _native.Shape("Box", [*positive("size", array("size", size, (3,))), *array("center", center, (3,))])
-        super().__init__(native, transform)
+        numbers = [*positive("size", array("size", size, (3,))), *array("center", center, (3,))]
+        super().__init__(_native.Shape("Box", numbers), transform, numbers)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        size, center = np.split(np.asarray(self._numbers), 2)
+        return center + size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES

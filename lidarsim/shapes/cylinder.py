@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, real
+from lidarsim._validation import Floats, Transform, Vector, array, real
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles, segments
 
 
 class Cylinder(Shape):
@@ -64,5 +65,23 @@ class Cylinder(Shape):
             raise ValueError(f"end: expected a point other than start, got {tuple(last.tolist())} for both")
         if not isinstance(capped, bool | np.bool_):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
-        native = _native.Shape("Cylinder", [*first, *last, real("radius", radius, above=0.0), bool(capped)])
-        super().__init__(native, transform)
+        numbers = [*first, *last, real("radius", radius, above=0.0), bool(capped)]
+        super().__init__(_native.Shape("Cylinder", numbers), transform, numbers)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        start, end, (radius, capped) = np.split(np.asarray(self._numbers), [3, 6])
+        axis = (end - start) / np.linalg.norm(end - start)
+        across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])
+        across /= np.linalg.norm(across)
+        count = segments(radius, chord_error)
+        angle = np.arange(count)[:, None] * (2 * np.pi / count)
+        rim = radius * (np.cos(angle) * across + np.sin(angle) * np.cross(axis, across))
+        low, high = np.arange(count), np.arange(count) + count
+        after = np.roll(low, -1)
+        faces = [np.stack([low, after, after + count], axis=-1), np.stack([low, after + count, high], axis=-1)]
+        vertices = [start + rim, end + rim]
+        if capped:
+            middles = np.full((2, count), [[2 * count], [2 * count + 1]])
+            vertices.append(np.stack([start, end]))
+            faces += [np.stack([middles[0], after, low], -1), np.stack([middles[1], high, after + count], -1)]
+        return np.concatenate(vertices), np.concatenate(faces).astype(np.uint32)

@@ -8,8 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, positive
+from lidarsim._validation import Floats, Transform, Vector, array, positive
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
@@ -61,12 +62,18 @@ class Ellipsoid(Shape):
             rotation = np.eye(3)
         elif hasattr(rotation, "as_matrix"):
             rotation = rotation.as_matrix()
-        native = _native.Shape(
-            "Ellipsoid",
-            [
-                *array("center", center, (3,)),
-                *positive("radii", array("radii", radii, (3,))),
-                *array("rotation", rotation, (3, 3)).ravel(),
-            ],
-        )
-        super().__init__(native, transform)
+        numbers = [
+            *array("center", center, (3,)),
+            *positive("radii", array("radii", radii, (3,))),
+            *array("rotation", rotation, (3, 3)).ravel(),
+        ]
+        super().__init__(_native.Shape("Ellipsoid", numbers), transform, numbers)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        center, radii, rotation = np.split(np.asarray(self._numbers), [3, 6])
+        axes = rotation.reshape(3, 3) * radii
+        # A point of the unit sphere and one near it are taken at most this many times farther apart.
+        longest = float(np.linalg.norm(axes, ord=2))
+        vertices, faces = unit_sphere(None if chord_error is None else chord_error / longest)
+        mirrored = np.linalg.det(axes) < 0
+        return center + vertices @ axes.T, faces[:, ::-1] if mirrored else faces

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._validation import Floats, Transform, Vector, array
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles
 
 # Vertices of a plane outline that went through one rigid map in float64 are each off by at most 4 roundings a
 # coordinate, of numbers up to three times the largest coordinate M: 12·u·M, or 12·√3·u·M in all directions. The plane
@@ -57,6 +58,9 @@ class Polygon(Shape):
             raise ValueError(f"vertices: expected at least 3, got {len(points)}")
         faces = _triangulate(points)
         super().__init__(_native.Shape.triangle_mesh(points, faces, True), transform)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        return self._native.vertices(), self._native.faces()
 
 
 def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array, real
+from lidarsim._validation import Floats, Transform, Vector, array, real
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
 
 class Sphere(Shape):
@@ -47,5 +49,10 @@ class Sphere(Shape):
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
-        native = _native.Shape("Sphere", [*array("center", center, (3,)), real("radius", radius, above=0.0)])
-        super().__init__(native, transform)
+        numbers = [*array("center", center, (3,)), real("radius", radius, above=0.0)]
+        super().__init__(_native.Shape("Sphere", numbers), transform, numbers)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        *center, radius = self._numbers
+        vertices, faces = unit_sphere(None if chord_error is None else chord_error / radius)
+        return np.asarray(center) + radius * vertices, faces

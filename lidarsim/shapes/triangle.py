@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Transform, Vector, array
+from lidarsim._validation import Floats, Transform, Vector, array
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles
 
 
 class Triangle(Shape):
@@ -48,4 +50,7 @@ class Triangle(Shape):
         self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
     ) -> None:
         points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,))]
-        super().__init__(_native.Shape("Triangle", points), transform)
+        super().__init__(_native.Shape("Triangle", points), transform, points)
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        return np.reshape(self._numbers, (3, 3)), np.array([[0, 1, 2]], np.uint32)

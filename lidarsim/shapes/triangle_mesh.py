@@ -12,9 +12,10 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._files import mesh_source, told
-from lidarsim._validation import Transform, array, positive
+from lidarsim._validation import Floats, Transform, array, positive
 from lidarsim.errors import FileFormatError
 from lidarsim.shapes._shape import Shape
+from lidarsim.shapes._tessellation import Triangles
 
 
 class TriangleMesh(Shape):
@@ -243,6 +244,9 @@ class TriangleMesh(Shape):
     def degenerate_count(self) -> int:
         """Number of triangles whose vertices lie on one line, exactly; nothing hits them."""
         return self._native.degenerate()
+
+    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+        return self.vertices, self.faces
 
     def __len__(self) -> int:
         return self._native.primitives()

@@ -1,0 +1,178 @@
+"""Data sets: many frames of scenes that vary, made on one machine or on many, always the same to the last bit.
+
+A frame depends on the recipe and on the numbers of its sequence and of the frame alone, so a data set can be made in
+any order and by any number of workers, and what is there already need not be made again.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from lidarsim.errors import LidarsimError
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from lidarsim._files import PathLike
+    from lidarsim._validation import Transform
+    from lidarsim.rig import Rig
+    from lidarsim.scene import Scene
+    from lidarsim.sensor import Lidar
+    from lidarsim.trajectory import Trajectory
+
+    MakeRun = Callable[[np.random.Generator, int], tuple[Scene, Lidar | Rig, Trajectory | Transform | None]]
+
+__all__ = ["Generated", "generate", "verify"]
+
+TOLD = 10
+"""Frames that failed which an error names."""
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What a call of `generate` did.
+
+    Attributes
+    ----------
+    frames, points : int
+        How many it made; none that were there before.
+    seconds : float
+        How long that took.
+    shards_left : int
+        Shards that are not there yet, since they are of other parts; 0 when the data set is whole.
+    """
+
+    frames: int
+    points: int
+    seconds: float
+    shards_left: int
+
+
+def generate(
+    recipe: str | Path | MakeRun,
+    output: PathLike,
+    *,
+    client: Any = None,
+    part: tuple[int, int] = (0, 1),
+    overrides: Sequence[str] = (),
+    sequences: int | None = None,
+    frames: int | None = None,
+    seed: int | None = None,
+    layout: str | dict[str, Any] | None = None,
+    shard_frames: int | None = None,
+    class_names: dict[int, str] | None = None,
+    pictures: int = 3,
+) -> Generated:
+    """Make a data set, or go on with one that is not whole.
+
+    What a place already holds of the same data set stays: after a crash, the same call goes on where that one stopped.
+
+    Parameters
+    ----------
+    recipe : path-like or callable
+        A YAML file (``configs/README.md`` has its keys); or a function of a `numpy.random.Generator` and the number of
+        a sequence, which returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, pose or None.
+    output : path-like
+        A folder, or a URL such as ``s3://bucket/folder``.
+    client : dask.distributed.Client, optional
+        Whose workers make it. They need the files that the recipe names under the same paths. Default: this process.
+    part : tuple of int
+        ``(i, n)`` makes the i-th of n parts alone, i from 0 on. Whichever call finds all parts there writes the tables.
+    overrides : sequence of str
+        Values of a recipe in YAML to replace or add, such as ``"run.sensor.preset=ouster-os1-64"``.
+    sequences, frames : int, optional
+        How many sequences, and frames in each. Default: those of the recipe; 1 for a function.
+    seed : int, optional
+        Of all that is drawn, and of all noise. Default: that of the recipe; 0 for a function.
+    layout : str or dict, optional
+        ``"semantickitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with that as ``type`` and the
+        layout's options. Default: that of the recipe; ``"shards"`` for a function.
+    shard_frames : int, optional
+        How many frames are made at a time. Default: those that fire some 40 million pulses.
+    class_names : dict of int to str, optional
+        Names of labels.
+    pictures : int
+        How many frames the data card shows.
+
+    Returns
+    -------
+    Generated
+        What was made.
+
+    Raises
+    ------
+    ConfigError
+        If the recipe cannot be used.
+    LidarsimError
+        If the place holds another data set, the scheduler is lost, or frames failed three times; all others are made.
+    OSError
+        If the disk is full. What is done stays, and the same call goes on.
+    TypeError, ValueError
+        If an argument is of the wrong type or out of its range.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> import lidarsim as ls
+    >>> def scenes(rng, sequence):
+    ...     scene = ls.Scene()
+    ...     _ = scene.add(ls.Sphere((rng.uniform(5, 10), 0, 0), 1.0), label=1)
+    ...     return scene, ls.Lidar.preset("velodyne-vlp16"), None
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     done = ls.generate(scenes, folder, sequences=2, layout="semantickitti", pictures=0)
+    ...     done.frames, sorted(path.name for path in Path(folder).rglob("*.bin"))
+    (2, ['000000.bin', '000000.bin'])
+    """
+    from lidarsim.datasets import recipe as recipes
+    from lidarsim.datasets.run import run
+
+    given: dict[str, Any] = {
+        "sequences": sequences,
+        "frames": frames,
+        "seed": seed,
+        "layout": layout,
+        "shard_frames": shard_frames,
+    }
+    if callable(recipe):
+        if overrides:
+            raise ValueError("overrides: expected none beside a function")
+        defaults = {"sequences": 1, "frames": 1, "seed": 0, "layout": "shards"}
+        chosen = {key: defaults.get(key) if value is None else value for key, value in given.items()}
+        made = recipes.from_function(recipe, class_names or {}, **chosen)
+    else:
+        given["class_names"] = class_names and {str(label): name for label, name in class_names.items()}
+        texts = [f"{key}={json.dumps(value)}" for key, value in given.items() if value is not None]
+        made = recipes.load(Path(recipe), [*overrides, *texts])
+    result, failed = run(made, output, client, part, pictures)
+    if failed:
+        more = f" (and {len(failed) - TOLD} more)" if len(failed) > TOLD else ""
+        raise LidarsimError(f"{len(failed)} shards failed; " + "; ".join(map(str, failed[:TOLD])) + more)
+    return result
+
+
+def verify(output: PathLike) -> list[str]:
+    """Check the SHA-256 of each file of a data set.
+
+    Parameters
+    ----------
+    output : path-like
+        A folder, or a URL such as ``s3://bucket/folder``.
+
+    Returns
+    -------
+    list of str
+        What is wrong, a line a file; empty if all is well.
+
+    Raises
+    ------
+    FileFormatError
+        If the place holds no data set, or one that is not whole.
+    """
+    from lidarsim.datasets import manifest
+    from lidarsim.datasets.store import open_store
+
+    return [problem for problem in manifest.verify(open_store(output)) if problem]

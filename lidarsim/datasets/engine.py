@@ -1,0 +1,240 @@
+"""Making the shards of a data set: in this process, or on the workers of a Dask cluster."""
+
+from __future__ import annotations
+
+import dataclasses
+import errno
+import json
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidarsim._extras import import_extra
+from lidarsim.datasets import manifest
+from lidarsim.datasets.layouts import Files
+from lidarsim.datasets.samples import Record, samples
+from lidarsim.errors import LidarsimError
+
+if TYPE_CHECKING:
+    from lidarsim.datasets.recipe import Recipe
+    from lidarsim.datasets.store import Store
+
+__all__ = ["RANGES", "Made", "Plan", "cluster", "make"]
+
+RANGES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, np.inf)
+"""Edges of the histogram of ranges, m."""
+
+TRIES = 3
+WAVE = 1000
+"""Shards that a scheduler is given at a time."""
+
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """All that a worker has to know: what is made, where it goes, and the versions that make it."""
+
+    recipe: Recipe
+    store: Store
+    versions: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Made:
+    """What became of a shard: how much was made; if it was not ended, what the `problem` was, and in which frame."""
+
+    shard: int
+    frames: int = 0
+    points: int = 0
+    problem: str = ""
+    sequence: int = 0
+    frame: int = 0
+    seed: int = 0
+
+    def __str__(self) -> str:
+        """Return a line of the problem."""
+        return f"sequence {self.sequence}, frame {self.frame} (seed {self.seed}): {self.problem}"
+
+
+def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Made:
+    """Make the frames of a shard, and then note that it is done.
+
+    Raises
+    ------
+    OSError
+        If the disk is full: nothing can go on then.
+    """
+    recipe, files = plan.recipe, Files(plan.store)
+    labels: Counter[int] = Counter()
+    ranges = np.zeros(len(RANGES) - 1, np.int64)
+    records: list[Record] = []
+    sequence, frame = next(recipe.shard(shard))
+    run, seed, built = None, recipe.seed, -1
+    made: list[int] = []
+    try:
+        with recipe.layout.writer(files, shard) as write:
+            for sequence, frame in recipe.shard(shard):
+                if run is None or recipe.source.by_frame or sequence != built:
+                    run, built = recipe.source.run(sequence, frame), sequence
+                    seed = run.seed
+                points = 0
+                for sample in samples(run, sequence, frame):
+                    records.append(dataclasses.replace(sample.record, extra=write(sample)))
+                    values, counts = np.unique(sample.cloud.label, return_counts=True)
+                    labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+                    ranges += np.histogram(sample.cloud.range, RANGES)[0]
+                    points += sample.record.points
+                tell(1, points)
+                made.append(points)
+        part = {
+            "shard": shard,
+            "files": files.entries,
+            "records": [dataclasses.asdict(record) for record in records],
+            "labels": {str(label): count for label, count in sorted(labels.items())},
+            "ranges": ranges.tolist(),
+        }
+        plan.store.write(manifest.part_name(shard), json.dumps(part).encode())
+    except Exception as error:
+        if _full(error):
+            raise
+        return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed)
+    return Made(shard, len(made), sum(made))
+
+
+def _told(error: BaseException) -> str:
+    return str(error) if isinstance(error, LidarsimError) else f"{type(error).__name__}: {error}"
+
+
+def _full(error: BaseException | None) -> bool:
+    """Return whether an error is that of a full disk, or comes from one."""
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in FULL:
+            return True
+        error = error.__cause__
+    return False
+
+
+def make(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, int], object]) -> Iterator[Made]:
+    """Make shards, and yield what became of each as they end; one that fails is tried three times in all.
+
+    Parameters
+    ----------
+    plan : Plan
+        What they are shards of.
+    shards : iterable of int
+        Their numbers.
+    client : dask.distributed.Client or None
+        Whose workers make them; this process if None.
+    tell : callable
+        Is told of new frames and points.
+
+    Raises
+    ------
+    LidarsimError
+        If the scheduler is lost.
+    OSError
+        If the disk is full.
+    """
+    return _here(plan, shards, tell) if client is None else _there(plan, shards, client, tell)
+
+
+def _here(plan: Plan, shards: Iterable[int], tell: Callable[[int, int], object]) -> Iterator[Made]:
+    for shard in shards:
+        for _ in range(TRIES):
+            made = make_shard(plan, shard, tell)
+            if not made.problem:
+                break
+            tell(-made.frames, -made.points)
+        yield made
+
+
+def _there(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, int], object]) -> Iterator[Made]:
+    distributed = import_extra("distributed", "cluster", "a cluster")
+    pickled = import_extra("cloudpickle", "cluster", "a cluster").dumps(plan)
+    waiting, tries, shard_of = iter(shards), Counter[int](), {}
+    futures = distributed.as_completed()
+
+    def submit(shard: int) -> None:
+        future = client.submit(_task, pickled, shard, pure=False)
+        shard_of[future.key] = shard
+        futures.add(future)
+
+    for shard, _ in zip(waiting, range(WAVE), strict=False):
+        submit(shard)
+    for future in futures:
+        shard = shard_of.pop(future.key)
+        if future.status == "finished":
+            made = future.result()
+        elif future.status == "error":
+            error = future.exception()
+            if isinstance(error, OSError) and _full(error):
+                raise error
+            sequence, frame = next(plan.recipe.shard(shard))
+            made = Made(shard, 0, 0, _told(error), sequence, frame, plan.recipe.seed)
+        else:
+            raise LidarsimError("the scheduler was lost: run the same command again, and it goes on")
+        tries[shard] += 1
+        if made.problem and tries[shard] < TRIES:
+            submit(shard)
+            continue
+        if not made.problem:
+            tell(made.frames, made.points)
+        yield made
+        if (following := next(waiting, None)) is not None:
+            submit(following)
+
+
+def _task(pickled: bytes, shard: int) -> Made:
+    plan = _plan(pickled)
+    if plan.versions != manifest.versions():
+        raise LidarsimError(f"expected a worker with {plan.versions}, got one with {manifest.versions()}")
+    return make_shard(plan, shard, lambda *_: None)
+
+
+@lru_cache(maxsize=1)
+def _plan(pickled: bytes) -> Plan:
+    """Return a plan, the same from one task to the next: it keeps the meshes that it loads."""
+    plan: Plan = import_extra("cloudpickle", "cluster", "a cluster").loads(pickled)
+    return plan
+
+
+@contextmanager
+def cluster(workers: int | None, scheduler: str | None) -> Iterator[Any]:
+    """Yield a Dask client: of `workers` processes of one thread each on this machine, or of a scheduler elsewhere.
+
+    Neither gives None, for this process alone.
+
+    Raises
+    ------
+    LidarsimError
+        If both are given, or the scheduler cannot be reached.
+    """
+    if workers is not None and scheduler is not None:
+        raise LidarsimError("--workers, --scheduler: expected one of them, got both")
+    if workers is None and scheduler is None:
+        yield None
+        return
+    distributed = import_extra("distributed", "cluster", "a cluster")
+    if scheduler is not None:
+        try:
+            client = distributed.Client(scheduler)
+        except (OSError, TimeoutError, ValueError) as error:
+            raise LidarsimError(f"--scheduler: cannot reach {scheduler}: {error}") from None
+        with client:
+            yield client
+        return
+    environment = {"LIDARSIM_THREADS": os.environ.get("LIDARSIM_THREADS", "1")}
+    with (
+        distributed.LocalCluster(
+            n_workers=workers, threads_per_worker=1, env=environment, silence_logs="CRITICAL", dashboard_address=":0"
+        ) as local,
+        distributed.Client(local) as client,
+    ):
+        yield client

@@ -1,0 +1,49 @@
+"""How the files of a data set are laid out: one module a layout, and its line in `LAYOUTS`."""
+
+from __future__ import annotations
+
+from functools import reduce
+from operator import or_
+from typing import TYPE_CHECKING, Annotated, Any
+
+from pydantic import BeforeValidator, Discriminator, TypeAdapter, ValidationError
+
+from lidarsim.datasets.layouts._layout import Files, Layout, Summary
+from lidarsim.datasets.layouts.bags import Bags
+from lidarsim.datasets.layouts.nuscenes import NuScenes
+from lidarsim.datasets.layouts.semantickitti import SemanticKitti
+from lidarsim.datasets.layouts.shards import Shards
+
+__all__ = ["LAYOUTS", "AnyLayout", "Files", "Layout", "Summary", "layout_of"]
+
+LAYOUTS: dict[str, type[Layout]] = {
+    "bags": Bags,
+    "nuscenes": NuScenes,
+    "semantickitti": SemanticKitti,
+    "shards": Shards,
+}
+
+
+def _by_name(value: object) -> object:
+    return {"type": value} if isinstance(value, str) else value
+
+
+if TYPE_CHECKING:
+    AnyLayout = Layout
+else:
+    AnyLayout = Annotated[reduce(or_, LAYOUTS.values()), Discriminator("type"), BeforeValidator(_by_name)]
+
+
+def layout_of(value: str | dict[str, Any]) -> Layout:
+    """Return the layout of a name, or of a mapping with its name as ``type`` and its options.
+
+    Raises
+    ------
+    ValueError
+        If there is no such layout or option.
+    """
+    try:
+        layout: Layout = TypeAdapter(AnyLayout).validate_python(value)
+    except ValidationError as invalid:
+        raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)} and its options, got {value!r}") from invalid
+    return layout

@@ -1,0 +1,95 @@
+"""What a layout is."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from lidarsim.config.schema import Model
+from lidarsim.datasets.samples import Record, Sample
+from lidarsim.datasets.store import Store
+
+Extra = dict[str, Any]
+"""What a layout notes of a sample for its tables, as JSON can hold it."""
+
+Write = Callable[[Sample], Extra]
+
+
+@dataclass
+class Files:
+    """Files on their way into a store, and what is said of each in the manifest."""
+
+    store: Store
+    entries: list[dict[str, Any]] = field(default_factory=list)
+
+    def write(self, name: str, data: bytes | memoryview, **more: object) -> None:
+        """Write a file; `more` is said of it in the manifest."""
+        data = bytes(data)
+        self.store.write(name, data)
+        self._add(name, hashlib.sha256(data).hexdigest(), len(data), more)
+
+    @contextmanager
+    def local(self, name: str, more: Mapping[str, object] | None = None) -> Iterator[Path]:
+        """Yield the path of a local file to write, which becomes the file `name` when the block ends well.
+
+        What `more` then holds is said of it in the manifest.
+        """
+        with self.store.writing(name) as path:
+            yield path
+            with path.open("rb") as file:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+            size = path.stat().st_size
+        self._add(name, digest, size, more or {})
+
+    def write_json(self, name: str, rows: Iterable[object]) -> None:
+        """Write a JSON file with a list of rows, one a line."""
+        with self.local(name) as path, path.open("w", encoding="utf-8", newline="\n") as file:
+            file.write("[")
+            for index, row in enumerate(rows):
+                file.write(("," if index else "") + "\n" + json.dumps(row))
+            file.write("\n]\n")
+
+    def _add(self, name: str, digest: str, size: int, more: Mapping[str, object]) -> None:
+        self.entries.append({"file": name, "sha256": digest, "bytes": size, **more})
+
+
+@dataclass(frozen=True)
+class Summary:
+    """What a layout's tables are made from, when all shards are there.
+
+    Attributes
+    ----------
+    records : callable
+        Iterates over the records of all samples in their order: sequence, frame, sensor of the rig.
+    labels : dict of int to int
+        How many points have each label.
+    class_names : dict of int to str
+        Names of all labels that points have, and of those that the recipe names.
+    digest : str
+        Hash of the recipe.
+    """
+
+    records: Callable[[], Iterator[Record]]
+    labels: dict[int, int]
+    class_names: dict[int, str]
+    digest: str
+
+
+class Layout(Model):
+    """Base of the layouts, which are also the keys of their options."""
+
+    type: str
+
+    @abstractmethod
+    def writer(self, files: Files, shard: int) -> AbstractContextManager[Write]:
+        """Return what writes the samples of a shard, in their order."""
+
+    @abstractmethod
+    def finish(self, files: Files, summary: Summary) -> None:
+        """Write the tables, when all shards are there."""

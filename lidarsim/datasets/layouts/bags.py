@@ -1,0 +1,47 @@
+"""ROS 2 bags: one a sequence, split where its shards end; see `lidarsim.io.rosbag`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Any, Literal
+
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
+from lidarsim.datasets.samples import Sample
+from lidarsim.io import rosbag
+from lidarsim.rig import Rig
+
+
+class Bags(Layout):
+    """ROS 2 bags, as the drivers of the sensors would record them."""
+
+    type: Literal["bags"]
+
+    @contextmanager
+    def writer(self, files: Files, shard: int) -> Iterator[Write]:
+        """Yield what writes samples into the bag of their sequence."""
+        del shard
+        bags: dict[int, tuple[rosbag.Writer, dict[str, Any]]] = {}
+        with ExitStack() as stack:
+
+            def write(sample: Sample) -> Extra:
+                record, run = sample.record, sample.run
+                if record.sequence not in bags:
+                    stack.close()  # the bag of the sequence before
+                    about: dict[str, Any] = {"samples": 0, "points": 0, "seed": run.seed}
+                    path = stack.enter_context(
+                        files.local(f"sequence_{record.sequence:04}/{record.frame:06}.mcap", about)
+                    )
+                    sensors = run.sensor if isinstance(run.sensor, Rig) else None
+                    bag = stack.enter_context(rosbag.Writer(path, sensors=sensors, trajectory=run.pose))
+                    bags[record.sequence] = bag, about
+                bag, about = bags[record.sequence]
+                bag.write({record.sensor: sample.scan} if record.sensor else sample.scan)
+                about["samples"] += 1
+                about["points"] += record.points
+                return {}
+
+            yield write
+
+    def finish(self, files: Files, summary: Summary) -> None:
+        """Do nothing: all is in the bags."""

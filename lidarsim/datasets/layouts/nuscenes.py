@@ -1,0 +1,210 @@
+"""Tables of nuScenes with lidarseg, as its development kit reads them.
+
+``v1.0-lidarsim/`` holds the tables, ``samples/LIDAR_TOP/`` the points, ``lidarseg/v1.0-lidarsim/`` a uint8 class for
+each. A sequence is a scene and each frame a sample. The sensor of a run is LIDAR_TOP; those of a rig are LIDAR_ and
+their names. Points keep lidarsim's axes, x forward, and ``calibrated_sensor`` says so. There are no boxes, and the map
+is empty. The kit knows the colours of its own class names alone; give it those of others: ``NuScenes(…, colormap=…)``.
+
+Format: https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from itertools import groupby
+from typing import Any, Literal
+
+import numpy as np
+
+from lidarsim._validation import Floats
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
+from lidarsim.datasets.samples import Record, Sample
+from lidarsim.io import nuscenes
+from lidarsim.io._units import fitting
+
+VERSION = "v1.0-lidarsim"
+START = 1_577_836_800_000_000
+"""Time 0 of each sequence: the start of 2020, µs since 1970."""
+
+
+class NuScenes(Layout):
+    """Tables of nuScenes with lidarseg."""
+
+    type: Literal["nuscenes"]
+
+    @contextmanager
+    def writer(self, files: Files, shard: int) -> Iterator[Write]:
+        """Yield what writes samples: two files each."""
+        del shard
+
+        def write(sample: Sample) -> Extra:
+            record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
+            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
+            buffer = BytesIO()
+            nuscenes.save(fields, buffer)
+            files.write(_points(record), buffer.getbuffer(), **about)
+            label = fitting("label", sample.cloud.label, np.uint8, "a class of lidarseg")
+            files.write(_labels(record), label.astype(np.uint8).tobytes(), **about)
+            return {}
+
+        yield write
+
+    def finish(self, files: Files, summary: Summary) -> None:
+        """Write the tables, one pass over the samples each."""
+        tables = _Tables(summary)
+        for name in ("attribute", "visibility", "instance", "sample_annotation"):
+            files.write_json(f"{VERSION}/{name}.json", ())
+        for name in ("category", "log", "map", "sensor", "calibrated_sensor", "scene", "sample", "sample_data"):
+            files.write_json(f"{VERSION}/{name}.json", getattr(tables, name)())
+        files.write_json(f"{VERSION}/ego_pose.json", tables.ego_pose())
+        files.write_json(f"{VERSION}/lidarseg.json", tables.lidarseg())
+        files.write("maps/empty.png", _black_pixel())
+
+
+def _channel(sensor: str) -> str:
+    return f"LIDAR_{sensor.upper()}" if sensor else "LIDAR_TOP"
+
+
+def _points(record: Record) -> str:
+    channel = _channel(record.sensor)
+    return f"samples/{channel}/scene-{record.sequence:04}__{channel}__{record.frame:06}.pcd.bin"
+
+
+def _labels(record: Record) -> str:
+    name = f"scene-{record.sequence:04}__{_channel(record.sensor)}__{record.frame:06}"
+    return f"lidarseg/{VERSION}/{name}_lidarseg.bin"
+
+
+def _stamp(record: Record) -> int:
+    return START + round(record.seconds * 1e6)
+
+
+def _placed(matrix: Floats) -> dict[str, list[float]]:
+    from scipy.spatial.transform import Rotation
+
+    quaternion = Rotation.from_matrix(matrix[:3, :3]).as_quat(canonical=True, scalar_first=True)
+    return {"translation": matrix[:3, 3].tolist(), "rotation": quaternion.tolist()}
+
+
+class _Tables:
+    """The rows of each table."""
+
+    def __init__(self, summary: Summary) -> None:
+        self.summary = summary
+
+    def token(self, *parts: object) -> str:
+        text = "/".join(map(str, (self.summary.digest, *parts)))
+        return hashlib.blake2b(text.encode(), digest_size=16).hexdigest()
+
+    def of(self, record: Record, table: str) -> str:
+        return self.token(table, record.sequence, record.frame, record.sensor)
+
+    def sequences(self) -> Iterator[list[Record]]:
+        for _, records in groupby(self.summary.records(), lambda record: record.sequence):
+            yield list(records)
+
+    def frames(self, records: list[Record]) -> list[Record]:
+        """Return the first record of each frame."""
+        return [next(group) for _, group in groupby(records, lambda record: record.frame)]
+
+    def category(self) -> Iterator[dict[str, Any]]:
+        names = {0: "noise", **self.summary.class_names}
+        for label in range(max(names) + 1):  # the kit counts them by index, so there is none missing
+            name = names.get(label, f"class_{label}")
+            yield {"token": self.token("category", label), "name": name, "description": "", "index": label}
+
+    def log(self) -> Iterator[dict[str, Any]]:
+        yield {
+            "token": self.token("log"), "logfile": "", "vehicle": "lidarsim", "date_captured": "2020-01-01",
+            "location": "lidarsim",
+        }  # fmt: skip
+
+    def map(self) -> Iterator[dict[str, Any]]:
+        yield {
+            "token": self.token("map"), "log_tokens": [self.token("log")], "category": "semantic_prior",
+            "filename": "maps/empty.png",
+        }  # fmt: skip
+
+    def sensor(self) -> Iterator[dict[str, Any]]:
+        for name in sorted({record.sensor for record in self.summary.records()}):
+            yield {"token": self.token("sensor", name), "channel": _channel(name), "modality": "lidar"}
+
+    def calibrated_sensor(self) -> Iterator[dict[str, Any]]:
+        for records in self.sequences():
+            firsts = {record.sensor: record for record in reversed(records)}
+            for name, record in sorted(firsts.items()):
+                yield {
+                    "token": self.token("calibrated_sensor", record.sequence, name),
+                    "sensor_token": self.token("sensor", name),
+                    **_placed(np.linalg.inv(record.body_matrix) @ record.matrix),
+                    "camera_intrinsic": [],
+                }
+
+    def scene(self) -> Iterator[dict[str, Any]]:
+        for records in self.sequences():
+            number = records[0].sequence
+            yield {
+                "token": self.token("scene", number),
+                "log_token": self.token("log"),
+                "nbr_samples": len(self.frames(records)),
+                "first_sample_token": self.token("sample", number, records[0].frame),
+                "last_sample_token": self.token("sample", number, records[-1].frame),
+                "name": f"scene-{number:04}",
+                "description": "",
+            }
+
+    def sample(self) -> Iterator[dict[str, Any]]:
+        for records in self.sequences():
+            frames = self.frames(records)
+            tokens = ["", *(self.token("sample", record.sequence, record.frame) for record in frames), ""]
+            for index, record in enumerate(frames):
+                yield {
+                    "token": tokens[index + 1], "timestamp": _stamp(record), "prev": tokens[index],
+                    "next": tokens[index + 2], "scene_token": self.token("scene", record.sequence),
+                }  # fmt: skip
+
+    def sample_data(self) -> Iterator[dict[str, Any]]:
+        for records in self.sequences():
+            for name in sorted({record.sensor for record in records}):
+                own = [record for record in records if record.sensor == name]
+                tokens = ["", *(self.of(record, "sample_data") for record in own), ""]
+                for index, record in enumerate(own):
+                    yield {
+                        "token": tokens[index + 1],
+                        "sample_token": self.token("sample", record.sequence, record.frame),
+                        "ego_pose_token": self.of(record, "ego_pose"),
+                        "calibrated_sensor_token": self.token("calibrated_sensor", record.sequence, name),
+                        "timestamp": _stamp(record),
+                        "fileformat": "pcd",
+                        "is_key_frame": True,
+                        "height": 0,
+                        "width": 0,
+                        "filename": _points(record),
+                        "prev": tokens[index],
+                        "next": tokens[index + 2],
+                    }
+
+    def ego_pose(self) -> Iterator[dict[str, Any]]:
+        for record in self.summary.records():
+            yield {
+                "token": self.of(record, "ego_pose"), "timestamp": _stamp(record), **_placed(record.body_matrix)
+            }  # fmt: skip
+
+    def lidarseg(self) -> Iterator[dict[str, Any]]:
+        for record in self.summary.records():
+            token = self.of(record, "sample_data")
+            yield {"token": token, "sample_data_token": token, "filename": _labels(record)}
+
+
+def _black_pixel() -> bytes:
+    """Return a PNG of one black pixel: the kit opens a map."""
+    chunks = (b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(b"\0\0")), (b"IEND", b"")
+    parts = (
+        struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(parts)

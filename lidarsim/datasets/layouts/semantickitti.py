@@ -1,0 +1,111 @@
+"""SemanticKITTI: scans, labels and poses as its development kit reads them.
+
+``sequences/00/velodyne/000000.bin`` holds the points, ``labels/000000.label`` their classes and instances,
+``poses.txt`` the poses in the frame of a camera, relative to the first, ``calib.txt`` how that camera is turned
+against the sensor, ``times.txt`` the times, and ``semantic-kitti.yaml`` the classes. With a rig each sensor has all of
+that in a folder of its name.
+
+Format: https://github.com/PRBonn/semantic-kitti-api, https://www.cvlibs.net/datasets/kitti/eval_odometry.php.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from itertools import groupby
+from typing import Literal
+
+import numpy as np
+import yaml
+
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
+from lidarsim.datasets.samples import Record, Sample
+from lidarsim.io import kitti, semantickitti
+from lidarsim.io.trajectories.kitti import write as write_poses
+from lidarsim.viewers._colors import QUALITATIVE
+
+# KITTI's camera looks along z, with x to the right and y down; ours is where the sensor is. There are no images, but
+# readers expect the projections P0 to P3 of four lenses: identities.
+CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
+
+
+class SemanticKitti(Layout):
+    """Scans, labels and poses as the development kit of SemanticKITTI reads them."""
+
+    type: Literal["semantickitti"]
+
+    @contextmanager
+    def writer(self, files: Files, shard: int) -> Iterator[Write]:
+        """Yield what writes samples: two files each."""
+        del shard
+
+        def write(sample: Sample) -> Extra:
+            record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
+            about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
+            for folder, suffix, save in (("velodyne", "bin", kitti.save), ("labels", "label", semantickitti.save)):
+                buffer = BytesIO()
+                save(fields, buffer)
+                files.write(f"{_folder(record)}/{folder}/{record.frame:06}.{suffix}", buffer.getbuffer(), **about)
+            return {}
+
+        yield write
+
+    def finish(self, files: Files, summary: Summary) -> None:
+        """Write poses, calibration and times of each sequence, and the classes."""
+        sequences = []
+        sensors = set()
+        for sequence, group in groupby(summary.records(), lambda record: record.sequence):
+            sequences.append(sequence)
+            records = list(group)
+            for sensor in sorted({record.sensor for record in records}):
+                sensors.add(sensor)
+                _finish(files, [record for record in records if record.sensor == sensor])
+        text = yaml.safe_dump(_classes(summary.class_names, sequences), sort_keys=False).encode()
+        for sensor in sorted(sensors):
+            files.write(f"{_root(sensor)}semantic-kitti.yaml", text)
+
+
+def _root(sensor: str) -> str:
+    return f"{sensor}/" if sensor else ""
+
+
+def _folder(record: Record) -> str:
+    return f"{_root(record.sensor)}sequences/{record.sequence:02}"
+
+
+def _finish(files: Files, records: list[Record]) -> None:
+    """Write the tables of a sensor in a sequence."""
+    folder = _folder(records[0])
+    first = np.linalg.inv(records[0].matrix)
+    to_sensor = CAMERA.T  # a rotation: its inverse
+    poses = BytesIO()
+    # The first is the identity itself, not the rounded product of a matrix and its inverse.
+    relative = np.array([np.eye(4), *(CAMERA @ (first @ record.matrix) @ to_sensor for record in records[1:])])
+    write_poses(np.zeros(len(records)), relative, poses)
+    files.write(f"{folder}/poses.txt", poses.getvalue())
+    files.write(
+        f"{folder}/times.txt", "".join(f"{record.seconds - records[0].seconds:.9e}\n" for record in records).encode()
+    )
+    lines = {**{f"P{index}": np.eye(4) for index in range(4)}, "Tr": CAMERA}
+    rows = (f"{name}: {' '.join(f'{value:.12e}' for value in matrix[:3].flat)}\n" for name, matrix in lines.items())
+    files.write(f"{folder}/calib.txt", "".join(rows).encode())
+
+
+def _classes(names: dict[int, str], sequences: list[int]) -> dict[str, object]:
+    """Return the description of the classes as the kit has it; colours are blue, green, red."""
+    labels = {0: "unlabeled", **names}
+    learnt = {label: index for index, label in enumerate(sorted(labels))}
+    return {
+        "name": "lidarsim",
+        "labels": dict(sorted(labels.items())),
+        "color_map": {label: _color(label) if label else [0, 0, 0] for label in sorted(labels)},
+        "learning_map": learnt,
+        "learning_map_inv": {index: label for label, index in learnt.items()},
+        "learning_ignore": {index: label == 0 for label, index in learnt.items()},
+        "split": {"train": sequences, "valid": [], "test": []},
+    }
+
+
+def _color(label: int) -> list[int]:
+    return list(bytes.fromhex(QUALITATIVE[label % len(QUALITATIVE)][1:]))[::-1]

@@ -1,0 +1,100 @@
+"""Tar files of NumPy archives, which WebDataset reads as they are, and an index of them in Parquet.
+
+``shards/000000.tar`` holds, for each sample, ``<sequence>_<frame>.npz`` with its points and ``….json`` with its numbers
+and pose; with a rig ``….<sensor>.npz``. ``index.parquet`` has a row a sample: where its archive is in the tar, and all
+that the JSON says.
+
+Format: https://github.com/webdataset/webdataset.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import tarfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BytesIO
+from itertools import islice
+from typing import Any, Literal
+
+import numpy as np
+from pydantic import Field
+
+from lidarsim._extras import import_extra
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
+from lidarsim.datasets.samples import Record, Sample
+from lidarsim.errors import FileFormatError
+from lidarsim.io import npz
+
+FIELDS = ("intensity", "time", "ring", "label", "object_id")
+ROWS = 1 << 16
+
+
+class Shards(Layout):
+    """Tar files of NumPy archives, and an index in Parquet. `xyz` is float32; which other fields there are, is said."""
+
+    type: Literal["shards"]
+    fields: list[str] = Field(default=list(FIELDS))
+
+    @contextmanager
+    def writer(self, files: Files, shard: int) -> Iterator[Write]:
+        """Yield what adds samples to the tar of the shard."""
+        name = f"shards/{shard:06}.tar"
+        about: dict[str, Any] = {"samples": 0, "points": 0}
+
+        def add(member: str, data: bytes) -> int:
+            head = tarfile.TarInfo(member)  # with a time of 0 and no owner
+            head.size = len(data)
+            start = tar.offset + tarfile.BLOCKSIZE
+            tar.addfile(head, BytesIO(data))
+            return start
+
+        def write(sample: Sample) -> Extra:
+            record = sample.record
+            buffer = BytesIO()
+            npz.save(self._arrays(sample), buffer)
+            base = ".".join(filter(None, (f"{record.sequence:06}_{record.frame:06}", record.sensor)))
+            offset = add(f"{base}.npz", buffer.getvalue())
+            add(f"{base}.json", json.dumps(_said(record)).encode())
+            about["samples"] += 1
+            about["points"] += record.points
+            return {"shard": name, "offset": offset, "size": buffer.tell()}
+
+        with files.local(name, about) as path, tarfile.open(path, "w", format=tarfile.USTAR_FORMAT) as tar:
+            yield write
+
+    def _arrays(self, sample: Sample) -> dict[str, Any]:
+        cloud = sample.cloud
+        for name in self.fields:
+            if name not in cloud.fields:
+                raise FileFormatError(f"fields: expected some of {', '.join(cloud.fields)}, got {name!r}")
+        arrays = {"xyz": cloud.xyz.astype(np.float32)}
+        return arrays | {name: getattr(cloud, name) for name in self.fields if name != "xyz"}
+
+    def finish(self, files: Files, summary: Summary) -> None:
+        """Write the index."""
+        arrow = import_extra("pyarrow", "cluster", "the index of shards")
+        parquet = import_extra("pyarrow.parquet", "cluster", "the index of shards")
+        numbers = {
+            "sequence": arrow.int64(),
+            "frame": arrow.int64(),
+            "seconds": arrow.float64(),
+            "points": arrow.int64(),
+        }
+        numbers |= {"offset": arrow.int64(), "size": arrow.int64()}
+        texts = dict.fromkeys(("shard", "key", "sensor"), arrow.string())
+        schema = arrow.schema({**texts, **numbers, "pose": arrow.list_(arrow.float64(), 12)})
+        with files.local("index.parquet") as path, parquet.ParquetWriter(path, schema) as writer:
+            samples = summary.records()
+            while records := list(islice(samples, ROWS)):
+                rows = [{**_said(record), **record.extra, "key": _key(record)} for record in records]
+                writer.write_table(arrow.Table.from_pylist(rows, schema=schema))
+
+
+def _key(record: Record) -> str:
+    return f"{record.sequence:06}_{record.frame:06}"
+
+
+def _said(record: Record) -> dict[str, Any]:
+    return {key: value for key, value in dataclasses.asdict(record).items() if key not in {"body", "extra"}}

@@ -1,0 +1,64 @@
+"""How far a data set is: a bar on a terminal, a line a minute in a log."""
+
+from __future__ import annotations
+
+import sys
+import time
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as Bar
+
+__all__ = ["Progress"]
+
+MINUTE = 60.0
+
+
+class Progress:
+    """Counts frames and points, and tells of them on stderr."""
+
+    def __init__(self, frames: int, done: int) -> None:
+        self.total, self.done, self.new, self.points = frames, done, 0, 0
+        self.begin = self.told = time.monotonic()
+        self._stack = ExitStack()
+        self._bar: Bar | None = None
+
+    def __enter__(self) -> Self:
+        """Show the bar."""
+        if sys.stderr.isatty():
+            rate = TextColumn("{task.fields[rate]}")
+            columns = (TextColumn("frames"), BarColumn(), MofNCompleteColumn(), rate, TimeRemainingColumn(compact=True))
+            self._bar = Bar(*columns, console=Console(stderr=True), transient=True, speed_estimate_period=10 * MINUTE)
+            self._stack.enter_context(self._bar)
+            self._bar.add_task("frames", total=self.total, completed=self.done, rate="")
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Take the bar away."""
+        self._stack.close()
+
+    @property
+    def seconds(self) -> float:
+        """How long it has taken so far."""
+        return time.monotonic() - self.begin
+
+    def add(self, frames: int, points: int) -> None:
+        """Count what was made."""
+        self.new += frames
+        self.points += points
+        now = time.monotonic()
+        rate = self.points / max(self.seconds, 1e-9)
+        if self._bar:
+            self._bar.update(self._bar.task_ids[0], completed=self.done + self.new, rate=f"{rate:,.0f} points/s")
+        elif now - self.told >= MINUTE:
+            self.told = now
+            made = self.done + self.new
+            left = (self.total - made) * self.seconds / max(self.new, 1)
+            text = f"{made:,} of {self.total:,} frames, {rate:,.0f} points/s, {left / MINUTE:,.0f} min remaining"
+            sys.stderr.write(f"lidarsim: {text}\n")
+            sys.stderr.flush()

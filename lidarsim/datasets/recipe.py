@@ -1,0 +1,398 @@
+"""What a data set is made from: a run and what varies in it, or a function."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+import math
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+
+import numpy as np
+import yaml
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from lidarsim._validation import integer
+from lidarsim.config.document import (
+    Loaded,
+    Node,
+    Place,
+    assigned,
+    entries,
+    merge,
+    plain,
+    read,
+    replace,
+    without,
+    written,
+)
+from lidarsim.config.loader import CHOICES, Change, Run, built, checked, whole
+from lidarsim.config.schema import Model, Pair
+from lidarsim.datasets.draws import Stream
+from lidarsim.datasets.layouts import AnyLayout, Layout, layout_of
+from lidarsim.errors import ConfigError
+from lidarsim.rig import Rig
+from lidarsim.scene import Scene
+from lidarsim.sensor import Lidar
+from lidarsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lidarsim._validation import Transform
+
+__all__ = ["Recipe", "from_function", "load"]
+
+SHARD_PULSES = 40_000_000
+"""Pulses of a shard if its frames are not given: what a core fires and writes in some 20 s."""
+
+MOST_SHARDS = 100_000
+FILES = {"file", "times", "firing_times"}
+"""Keys whose values are paths, relative to the folder of the file that they are written in."""
+
+
+class Draw(Model):
+    """How a value is drawn."""
+
+    uniform: Pair | None = None
+    log_uniform: Pair | None = None
+    normal: Pair | None = None
+    integer: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
+    choice: Annotated[list[Any], Field(min_length=1)] | None = None
+    weights: list[float] | None = None
+    per: Literal["sequence", "frame"] = "sequence"
+
+    @model_validator(mode="after")
+    def _one(self) -> Draw:
+        given = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(given) != 1:
+            raise PydanticCustomError("draw", "expected one of {kinds}, got {got}", _told(KINDS, given))
+        return self
+
+    def check(self, place: Place) -> None:
+        """Raise an error where the numbers are not those of such a draw."""
+        for kind in ("uniform", "log_uniform", "integer"):
+            low, high = getattr(self, kind) or (1, 1)
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise (place / kind).error(f"expected [least, greatest], got [{low}, {high}]")
+            if kind == "log_uniform" and low <= 0:
+                raise (place / kind).error(f"expected positive numbers, got [{low}, {high}]")
+        mean, sigma = self.normal or (0.0, 0.0)
+        if not (math.isfinite(mean) and math.isfinite(sigma) and sigma >= 0):
+            raise (place / "normal").error(f"expected [mean, sigma] with sigma >= 0, got [{mean}, {sigma}]")
+        if self.weights is not None:
+            if self.choice is None or len(self.weights) != len(self.choice):
+                expected = "none without choice" if self.choice is None else f"{len(self.choice)}, one a choice"
+                raise (place / "weights").error(f"expected {expected}, got {len(self.weights)}")
+            if not all(0 < weight < math.inf for weight in self.weights):
+                raise (place / "weights").error(f"expected positive numbers, got {self.weights}")
+
+    def draw(self, stream: Stream) -> float | int | None:
+        """Return what is drawn; of a choice its index."""
+        if self.uniform is not None:
+            return stream.uniform(*self.uniform)
+        if self.log_uniform is not None:
+            return stream.log_uniform(*self.log_uniform)
+        if self.normal is not None:
+            return stream.normal(*self.normal)
+        if self.integer is not None:
+            return stream.integer(*self.integer)
+        return stream.index(self.weights or [1.0] * len(self.choice or ()))
+
+
+KINDS = ("uniform", "log_uniform", "normal", "integer", "choice")
+
+
+def _told(kinds: Iterable[str], given: Sequence[str]) -> dict[str, str]:
+    return {"kinds": ", ".join(kinds), "got": " and ".join(given) or "none of them"}
+
+
+class Settings(Model):
+    """The keys of a recipe beside its run."""
+
+    sequences: Annotated[int, Field(ge=1)] = 1
+    frames: Annotated[int, Field(ge=1)] = 1
+    seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
+    shard_frames: Annotated[int, Field(ge=1)] | None = None
+    layout: AnyLayout
+    class_names: dict[str, str] = Field(default={})
+    vary: dict[str, Draw] = Field(default={})
+
+
+class Source(Protocol):
+    """Where the runs of a data set come from; it can be pickled."""
+
+    def run(self, sequence: int, frame: int | None = None) -> Run:
+        """Return the run of a sequence, or what it is in one frame."""
+
+    @property
+    def by_frame(self) -> bool:
+        """Whether the frames of a sequence differ in more than time."""
+
+    def resolved(self) -> dict[str, Any]:
+        """Return what the runs are made from, as plain values."""
+
+    def files(self) -> dict[str, str]:
+        """Return the SHA-256 of each file that the runs are made from, by its name in `resolved`."""
+
+
+@dataclass(frozen=True)
+class Recipe:
+    """What a data set is made from.
+
+    Attributes
+    ----------
+    source : Source
+        Gives the run of each sequence.
+    sequences, frames : int
+        How many sequences there are, and frames in each.
+    seed : int
+        Of all that is drawn, and of all noise.
+    shard_frames : int
+        How many frames are made at a time: frame f of sequence s belongs to shard ``(s * frames + f) // shard_frames``.
+    layout : Layout
+        How the files are laid out.
+    class_names : dict of int to str
+        Names of labels.
+    """
+
+    source: Source
+    sequences: int
+    frames: int
+    seed: int
+    shard_frames: int
+    layout: Layout
+    class_names: dict[int, str]
+
+    @property
+    def shards(self) -> int:
+        """How many shards there are."""
+        return -(-self.sequences * self.frames // self.shard_frames)
+
+    def shard(self, index: int) -> Iterator[tuple[int, int]]:
+        """Yield sequence and frame of each frame of a shard."""
+        stop = min((index + 1) * self.shard_frames, self.sequences * self.frames)
+        for number in range(index * self.shard_frames, stop):
+            yield divmod(number, self.frames)
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the recipe as plain values: whatever was left open is in it."""
+        return {
+            "sequences": self.sequences,
+            "frames": self.frames,
+            "seed": self.seed,
+            "shard_frames": self.shard_frames,
+            "layout": self.layout.model_dump(),
+            "class_names": {str(label): name for label, name in sorted(self.class_names.items())},
+            **self.source.resolved(),
+        }
+
+
+def noise_seed(seed: int, sequence: int) -> int:
+    """Return the seed of the noise in a sequence."""
+    return Stream(seed, "noise", sequence).word()
+
+
+@dataclass(frozen=True, eq=False)
+class Document:
+    """Runs of a YAML document in which some values are drawn."""
+
+    folder: str
+    node: Node
+    vary: dict[str, Draw]
+    place: Place
+    frames: int
+    seed: int
+    loaded: Loaded = field(default_factory=dict, repr=False)
+    assembled: dict[tuple[int, ...], Node] = field(default_factory=dict, repr=False)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Leave out what was loaded."""
+        return Document, (self.folder, self.node, self.vary, self.place, self.frames, self.seed)
+
+    @property
+    def by_frame(self) -> bool:
+        """Whether anything is drawn anew for each frame."""
+        return any(draw.per == "frame" for draw in self.vary.values())
+
+    def run(self, sequence: int, frame: int | None = None) -> Run:
+        """Return the run of a sequence, or what it is in one frame."""
+        choices: list[Change] = []
+        others: list[Change] = []
+        chosen = []
+        for key, draw in self.vary.items():
+            stream = Stream(self.seed, f"vary.{key}", sequence, frame if draw.per == "frame" else None)
+            there = entries(entries(entries(self.place.root)["vary"][1])[key][1])
+            drawn = draw.draw(stream)
+            value: Node
+            value = there["choice"][1].value[drawn] if draw.choice else written(drawn, next(iter(there.values()))[0])
+            if CHOICES.fullmatch(key):
+                choices.append((key.split("."), value))
+                chosen.append(int(drawn or 0))
+            else:
+                others.append((key.split("."), value))
+        node = self.assembled.get(tuple(chosen))
+        if node is None:
+            node = self.assembled.setdefault(tuple(chosen), whole(self.node, choices))
+        for path, value in others:
+            node = replace(node, path, value)
+        run = built(node, self.loaded)
+        first = run.frames.start
+        seed = noise_seed(self.seed, sequence)
+        return Run(run.scene, run.sensor, run.pose, seed, range(first, first + self.frames), run.cloud)
+
+    def resolved(self) -> dict[str, Any]:
+        """Return run and draws; paths are relative to the folder of the recipe."""
+        chooses = any(CHOICES.fullmatch(key) for key in self.vary)
+        run = plain(self._located(self.node if chooses else whole(self.node)))
+        vary = entries(self.place.root).get("vary")
+        return {"run": run, **({"vary": plain(vary[1])} if vary else {})}
+
+    def files(self) -> dict[str, str]:
+        """Return the SHA-256 of each file that the run names, by its path from the folder of the recipe."""
+        hashes: dict[str, str] = {}
+        nodes = [self._located(whole(self.node))]
+        while nodes:
+            node = nodes.pop()
+            for key, (_, value) in entries(node).items():
+                if key in FILES and isinstance(value, yaml.ScalarNode):
+                    path = Path(self.folder) / value.value
+                    hashes[value.value] = hashlib.sha256(path.read_bytes()).hexdigest()
+                nodes.append(value)
+            if isinstance(node, yaml.SequenceNode):
+                nodes.extend(node.value)
+        return dict(sorted(hashes.items()))
+
+    def _located(self, node: Node) -> Node:
+        """Return a document whose paths are relative to the folder of the recipe, wherever they are written."""
+        if isinstance(node, yaml.SequenceNode):
+            return yaml.SequenceNode(node.tag, [self._located(item) for item in node.value], node.start_mark)
+        if not isinstance(node, yaml.MappingNode):
+            return node
+        items: list[tuple[Node, Node]] = []
+        for key, value in node.value:
+            if key.value in FILES and isinstance(value, yaml.ScalarNode):
+                path = Path(value.start_mark.name).parent / value.value
+                path = Path(os.path.relpath(path, self.folder))
+                items.append((key, yaml.ScalarNode(value.tag, path.as_posix(), value.start_mark, value.end_mark)))
+            else:
+                items.append((key, self._located(value)))
+        return yaml.MappingNode(node.tag, items, node.start_mark, node.end_mark)
+
+
+def load(path: Path, overrides: Sequence[str] = ()) -> Recipe:
+    """Return the recipe in a YAML file.
+
+    Raises
+    ------
+    ConfigError
+        If the recipe cannot be used; the message names file, line and key.
+    """
+    path = path.absolute()
+    root = read(path)
+    for assignment in overrides:
+        root = replace(root, *assigned(assignment))
+    place = Place(root)
+    settings = checked(Settings, without(root, "run"))
+    for key, draw in settings.vary.items():
+        draw.check(place / "vary" / key)
+    if "run" not in entries(root):
+        raise place.error("missing key 'run'")
+    source = Document(str(path.parent), _run(place / "run", root), settings.vary, place, settings.frames, settings.seed)
+    names = {}
+    for label, name in settings.class_names.items():
+        if not (label.isdecimal() and int(label) < 2**32):
+            raise (place / "class_names" / label).error("expected a label, 0 to 4294967295")
+        names[int(label)] = name
+    return _recipe(source, settings, names)
+
+
+def _run(place: Place, root: Node) -> Node:
+    """Return the document of the run: the file that it names, and the differences from it."""
+    node = entries(root)["run"][1]
+    found = entries(node)
+    if "file" not in found:
+        return node
+    name = plain(found["file"][1])
+    if not isinstance(name, str):
+        raise (place / "file").error("expected the path of a configuration")
+    return merge(read((place / "file").file(name)), without(node, "file"))
+
+
+MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Trajectory | Transform | None"]]
+
+
+@dataclass(frozen=True)
+class Function:
+    """Runs of a function."""
+
+    function: MakeRun
+    frames: int
+    seed: int
+    by_frame: bool = False
+
+    def run(self, sequence: int, frame: int | None = None) -> Run:
+        """Return the run of a sequence."""
+        del frame
+        parts: Any = self.function(np.random.Generator(Stream(self.seed, "", sequence).bits), sequence)
+        if not isinstance(parts, tuple) or len(parts) != 3:
+            raise TypeError(f"recipe: expected it to return (scene, rig, trajectory), got {type(parts).__name__}")
+        scene, sensor, pose = parts
+        if not isinstance(scene, Scene) or not isinstance(sensor, Lidar | Rig):
+            got = f"{type(scene).__name__}, {type(sensor).__name__}"
+            raise TypeError(f"recipe: expected it to return a Scene and a Lidar or a Rig first, got {got}")
+        still = np.eye(4) if pose is None else pose
+        seed = noise_seed(self.seed, sequence)
+        return Run(scene, sensor, still, seed, range(self.frames), {"frame": "sensor", "deskew": False})
+
+    def resolved(self) -> dict[str, Any]:
+        """Return the name of the function."""
+        return {"function": f"{self.function.__module__}.{self.function.__qualname__}"}
+
+    def files(self) -> dict[str, str]:
+        """Return the SHA-256 of the function's own text, if there is one."""
+        try:
+            text = inspect.getsource(self.function)
+        except OSError:
+            return {}
+        return {self.function.__qualname__: hashlib.sha256(text.encode()).hexdigest()}
+
+
+def from_function(function: MakeRun, class_names: dict[int, str], **settings: Any) -> Recipe:
+    """Return the recipe that a function is, with these settings.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a setting is of the wrong type or out of its range.
+    """
+    for name, least in {"sequences": 1, "frames": 1, "seed": 0, "shard_frames": 1}.items():
+        if settings[name] is not None:
+            settings[name] = integer(name, settings[name], at_least=least, at_most=2**64 - 1)
+    settings["layout"] = layout_of(settings["layout"])
+    known = Settings.model_construct(**settings)
+    return _recipe(Function(function, known.frames, known.seed), known, class_names)
+
+
+def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> Recipe:
+    """Return the recipe, after the first frame's run is seen to be one."""
+    run = source.run(0, 0)
+    if run.cloud["frame"] == "world":
+        raise ConfigError("cloud.frame: expected sensor in a data set, which has the poses beside, got world")
+    run.scans()  # raises an error if the trajectory does not cover the frames
+    total, shard_frames = settings.sequences * settings.frames, settings.shard_frames
+    if shard_frames is None:
+        lidars = [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, Rig) else [run.sensor]
+        pulses = sum(len(lidar.pattern.pulses(run.frames.start).time) for lidar in lidars)
+        shard_frames = max(1, SHARD_PULSES // max(pulses, 1), -(-total // MOST_SHARDS))
+    return Recipe(
+        source=source,
+        sequences=settings.sequences,
+        frames=settings.frames,
+        seed=settings.seed,
+        shard_frames=min(shard_frames, total),
+        layout=settings.layout,
+        class_names=class_names,
+    )

@@ -1,0 +1,98 @@
+"""What layouts are given: the measured frame of one sensor, and what is kept of it for their tables."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from lidarsim._validation import Floats
+from lidarsim.rig import Rig
+from lidarsim.scan import moment_and_pose
+from lidarsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lidarsim.config.loader import Run
+    from lidarsim.pointcloud import PointCloud
+    from lidarsim.scan import Scan
+
+__all__ = ["Record", "Sample", "samples"]
+
+
+@dataclass(frozen=True)
+class Record:
+    """What is known of the frame of a sensor without its points.
+
+    Attributes
+    ----------
+    sequence, frame : int
+        Numbers, from 0 on.
+    sensor : str
+        Name in the rig; empty if there is one sensor alone.
+    seconds : float
+        The moment of the cloud: the start of the frame, or to which the points are deskewed, s.
+    points : int
+        How many.
+    pose, body : tuple of 12 floats
+        Of the sensor and of the body that carries it at that moment, to world: the upper three rows of the matrices.
+    extra : dict
+        What the layout noted of it for its tables.
+    """
+
+    sequence: int
+    frame: int
+    sensor: str
+    seconds: float
+    points: int
+    pose: tuple[float, ...]
+    body: tuple[float, ...]
+    extra: dict[str, Any] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, values: dict[str, Any]) -> Self:
+        """Return a record from what `dataclasses.asdict` made of it and JSON kept."""
+        return cls(**{**values, "pose": tuple(values["pose"]), "body": tuple(values["body"])})
+
+    @property
+    def matrix(self) -> Floats:
+        """Pose of the sensor, shape (4, 4)."""
+        return np.array([*self.pose, 0.0, 0.0, 0.0, 1.0]).reshape(4, 4)
+
+    @property
+    def body_matrix(self) -> Floats:
+        """Pose of the body, shape (4, 4)."""
+        return np.array([*self.body, 0.0, 0.0, 0.0, 1.0]).reshape(4, 4)
+
+
+@dataclass(frozen=True)
+class Sample:
+    """A measured frame of a sensor; `cloud` is in the sensor's frame."""
+
+    record: Record
+    run: Run
+    scan: Scan
+    cloud: PointCloud
+
+
+def samples(run: Run, sequence: int, frame: int) -> Iterator[Sample]:
+    """Scan frame number `frame` of a run, and yield what each sensor measured."""
+    number = run.frames.start + frame
+    (scans,) = dataclasses.replace(run, frames=range(number, number + 1)).scans()
+    for name, scan in scans.items():
+        cloud = scan.point_cloud(**run.cloud)
+        moment, pose = moment_and_pose(scan, **run.cloud)
+        if not isinstance(run.sensor, Rig):
+            body = pose
+        elif isinstance(run.pose, Trajectory):
+            body = run.pose.at(moment).as_matrix()
+        else:
+            body = np.asarray(run.pose)
+        record = Record(sequence, frame, name, moment, len(cloud), _rows(pose), _rows(body))
+        yield Sample(record, run, scan, cloud)
+
+
+def _rows(matrix: Floats) -> tuple[float, ...]:
+    return tuple(matrix[:3].ravel().tolist())

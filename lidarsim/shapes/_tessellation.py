@@ -1,0 +1,86 @@
+"""Triangles that stand for curved surfaces where they are looked at; nothing is cast at them."""
+
+from __future__ import annotations
+
+import math
+from typing import TypeAlias
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats
+
+Triangles: TypeAlias = tuple[Floats, npt.NDArray[np.uint32]]
+"""Vertices, shape (n, 3), and faces, shape (m, 3), counter-clockwise seen from outside."""
+
+_DEFAULT = 1 / 200  # chord error, of the radius
+_MOST = 2048  # segments of a circle: a sphere of them has four million triangles
+
+
+def segments(radius: float, chord_error: float | None) -> int:
+    """Return into how many segments a circle is cut so that its chords keep within an error of it.
+
+    A chord over the angle 2π/n is r (1 − cos(π/n)) away from its arc at most.
+
+    Parameters
+    ----------
+    radius : float
+        Of the circle.
+    chord_error : float, optional
+        Greatest distance of a chord from its arc; by default a 200th of the radius.
+
+    Returns
+    -------
+    int
+        An even number, at least 8.
+
+    Raises
+    ------
+    ValueError
+        If there would be more than 2048 segments.
+    """
+    share = _DEFAULT if chord_error is None else min(chord_error / radius, 1.0)
+    count = math.ceil(math.pi / (2.0 * math.asin(math.sqrt(share / 2.0)))) if share > 0.0 else math.inf
+    if count > _MOST:
+        least = 2.0 * math.sin(math.pi / (2 * _MOST)) ** 2
+        raise ValueError(
+            f"chord_error: expected at least {least:.2g} of the radius of each object, got {share:.2g} of one"
+        )
+    return max(8, 2 * math.ceil(count / 2))
+
+
+def unit_sphere(chord_error: float | None) -> Triangles:
+    """Return triangles whose vertices are on the unit sphere and whose points keep within an error of it.
+
+    The plane through four neighbours on a grid of steps 2α in longitude and latitude is at least cos²α away from the
+    centre, so its error is sin²α <= 2 (1 − cos α): that of a circle of the same steps with half the error.
+
+    Parameters
+    ----------
+    chord_error : float, optional
+        Greatest distance from the sphere; by default a 200th.
+
+    Returns
+    -------
+    Triangles
+        In rings from the south pole to the north pole.
+    """
+    count = segments(1.0, (_DEFAULT if chord_error is None else chord_error) / 2)
+    longitude = np.arange(count) * (2 * np.pi / count)
+    latitude = (np.arange(1, count // 2) * (2 * np.pi / count) - np.pi / 2)[:, None]
+    x, y, z = np.broadcast_arrays(
+        np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)
+    )
+    rings = np.stack([x, y, z], axis=-1).reshape(-1, 3)
+    south, north = len(rings), len(rings) + 1
+    index = np.arange(len(rings)).reshape(-1, count)
+    after = np.roll(index, -1, axis=1)
+    a, b, c, d = index[:-1], after[:-1], after[1:], index[1:]
+    faces = np.concatenate(
+        [
+            np.stack([np.full(count, south), after[0], index[0]], axis=-1),
+            np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3),
+            np.stack([np.full(count, north), index[-1], after[-1]], axis=-1),
+        ]
+    )
+    return np.concatenate([rings, [(0.0, 0.0, -1.0), (0.0, 0.0, 1.0)]]), faces.astype(np.uint32)

@@ -1,0 +1,129 @@
+"""Surfaces of a scene as triangles in the world, for all viewers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats, array, real
+from lidarsim.scene import Scene, SceneObject
+from lidarsim.shapes._tessellation import Triangles
+
+ALONE = 10.0
+"""Half the edge of the cube around the origin that planes are clipped to where there is nothing else, m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Surface:
+    """An object of a scene as triangles; objects of one shape share `vertices` and `faces`.
+
+    Attributes
+    ----------
+    object_id : int
+        Its number in the scene.
+    item : SceneObject
+        The object.
+    vertices : ndarray of float64, shape (n, 3)
+        In the coordinates of the shape before any transform, m.
+    faces : ndarray of uint32, shape (m, 3)
+        Counter-clockwise from outside there.
+    matrix : ndarray of float64, shape (4, 4)
+        From there to the world.
+    """
+
+    object_id: int
+    item: SceneObject
+    vertices: Floats
+    faces: npt.NDArray[np.uint32]
+    matrix: Floats
+
+    def points(self) -> Floats:
+        """Return the vertices in the world, m: ndarray of float64, shape (n, 3)."""
+        placed: Floats = self.vertices @ self.matrix[:3, :3].T + self.matrix[:3, 3]
+        return placed
+
+    def outward(self) -> npt.NDArray[np.uint32]:
+        """Return the faces, counter-clockwise from outside in the world: ndarray of uint32, shape (m, 3)."""
+        return self.faces[:, ::-1] if np.linalg.det(self.matrix[:3, :3]) < 0 else self.faces
+
+
+def surfaces(scene: Scene, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None) -> list[Surface]:
+    """Return what the objects of a scene look like.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene.
+    chord_error : float, optional
+        Greatest distance of a triangle from its surface, m; by default a 200th of the radius of each object.
+    bounds : array_like, shape (2, 3), optional
+        Least and greatest coordinates of what else is seen, m, which planes reach to as well.
+
+    Returns
+    -------
+    list of Surface
+        One for each object, in their order. A plane ends at the faces of a box around all other objects and `bounds`,
+        widened by a tenth of its size, and so far that the box holds the point of the plane nearest to its middle.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the chord error is no positive number, or so small that a circle would have more than 2048 segments, or the
+        bounds are not finite numbers of that shape.
+    """
+    if chord_error is not None:
+        chord_error = real("chord_error", chord_error, above=0.0)
+    extent = [] if bounds is None else [array("bounds", bounds, (2, 3))]
+    shared: dict[tuple[int, float | None], Triangles] = {}
+    found: dict[int, Surface] = {}
+
+    def add(object_id: int, item: SceneObject, box: Floats) -> Surface:
+        matrix = _placement(item)
+        # A map makes distances at most this many times longer.
+        error = None if chord_error is None else chord_error / float(np.linalg.norm(matrix[:3, :3], ord=2))
+        inverse: Floats = np.asarray(np.linalg.inv(matrix), np.float64)
+        key = id(item.shape), error
+        triangles = shared.get(key) or item.shape._tessellated(error, _moved(inverse, box))
+        if item.shape.bounded:
+            shared[key] = triangles
+        found[object_id] = surface = Surface(object_id, item, *triangles, matrix)
+        return surface
+
+    objects = list(enumerate(scene.objects))
+    for object_id, item in objects:
+        if item.shape.bounded:
+            points = add(object_id, item, np.zeros((8, 3))).points()
+            if len(points):
+                extent.append(np.stack([points.min(axis=0), points.max(axis=0)]))
+    ends = np.concatenate(extent or [np.full((1, 3), -ALONE), np.full((1, 3), ALONE)])
+    low, high = ends.min(axis=0), ends.max(axis=0)
+    thin = 1e-3 * float((high - low).max()) or ALONE  # a box without a thickness has no inside
+    low, high = np.where(high - low < thin, low - thin, low), np.where(high - low < thin, high + thin, high)
+    for object_id, item in objects:
+        if not item.shape.bounded:
+            add(object_id, item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
+    return [found[object_id] for object_id, _ in objects]
+
+
+def joined(parts: Sequence[Surface], origin: Floats) -> Triangles:
+    """Return several surfaces as one, relative to an origin in the world."""
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.outward() + np.uint32(start) for part, start in zip(parts, starts, strict=False)]
+    return np.concatenate([part.points() for part in parts]) - origin, np.concatenate(faces)
+
+
+def _placement(item: SceneObject) -> Floats:
+    """Return the map from the coordinates of an object's shape, before its own transform, to the world."""
+    own, outer = item.shape._matrix, item.transform
+    if own is None or outer is None:
+        return np.eye(4) if own is None and outer is None else np.asarray(outer if own is None else own)
+    placed: Floats = outer @ own
+    return placed
+
+
+def _moved(matrix: Floats, points: Floats) -> Floats:
+    moved: Floats = points @ matrix[:3, :3].T + matrix[:3, 3]
+    return moved

@@ -1,0 +1,303 @@
+"""Making data sets: the same bytes for any order, workers, kills and resumes, and nothing made twice."""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+import trimesh
+
+import lidarsim as ls
+from lidarsim.cli import main
+from lidarsim.datasets import engine, manifest
+from lidarsim.datasets.store import open_store
+from lidarsim.errors import FileFormatError, LidarsimError
+
+Tree = Callable[[Path], dict[str, str]]
+
+samples = engine.samples
+
+DRIVE = [
+    "run.sensor={preset: velodyne-vlp16}",
+    "vary={scene.1.radius_m: {uniform: [1, 2]}}",
+    "frames=10",
+    "shard_frames=2",
+]
+"""Fifteen shards of a sensor that takes some time."""
+
+
+def command(*arguments: object) -> list[str]:
+    code = "import sys; from lidarsim.cli import main; main(sys.argv[1:])"
+    return [sys.executable, "-c", code, "generate", *map(str, arguments), "--pictures", "0"]
+
+
+def of(settings: Sequence[str]) -> list[str]:
+    return [word for setting in settings for word in ("--set", setting)]
+
+
+def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+    until = time.monotonic() + 60
+    while not condition():
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < until
+        time.sleep(0.01)
+
+
+@pytest.fixture
+def whole(recipe: Path, tmp_path: Path, tree: Tree) -> dict[str, str]:
+    """What one process makes in one go."""
+    ls.generate(recipe, tmp_path / "whole", pictures=0)
+    return tree(tmp_path / "whole")
+
+
+def test_the_manifest_holds_every_file_with_its_hash(recipe: Path, tmp_path: Path, tree: Tree) -> None:
+    made = ls.generate(recipe, tmp_path / "out", pictures=0)
+    files = tree(tmp_path / "out")
+    head, *entries = map(json.loads, (tmp_path / "out" / "manifest.jsonl").read_text().splitlines())
+    assert {entry["file"]: entry["sha256"] for entry in entries} == {
+        name: digest for name, digest in files.items() if name not in {"manifest.jsonl", "README.md", "recipe.yaml"}
+    }
+    clouds = [entry for entry in entries if entry["file"].endswith(".bin")]
+    assert len(clouds) == made.frames == 12
+    assert sum(entry["points"] for entry in clouds) == made.points > 0
+    assert [entry["seconds"] for entry in clouds[:5]] == pytest.approx([0, 0.1, 0.2, 0.3, 0])
+    assert len({entry["seed"] for entry in clouds}) == 3
+    assert head["seed"] == 7
+    assert head["versions"]["lidarsim"] == ls.__version__
+    assert head["recipe"] == files["recipe.yaml"]
+
+
+def test_the_same_bytes_in_parts_of_any_order(recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str]) -> None:
+    out = tmp_path / "parts"
+    left = [ls.generate(recipe, out, part=(part, 3), pictures=0).shards_left for part in (2, 0, 1)]
+    assert left == [2, 1, 0]
+    assert tree(out) == whole
+
+
+def test_what_is_done_is_not_cast_again(
+    recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, cast = tmp_path / "out", []
+    ls.generate(recipe, out, part=(1, 3), pictures=0)
+    monkeypatch.setattr(engine, "samples", lambda *key: cast.append(key[1:]) or samples(*key))
+    assert ls.generate(recipe, out, pictures=0).frames == 7
+    assert cast == [(0, 0), (0, 1), (0, 2), (0, 3), (1, 0), (2, 2), (2, 3)]
+    assert tree(out) == whole
+    assert ls.generate(recipe, out, pictures=0) == ls.datasets.Generated(0, 0, 0.0, 0)
+    assert len(cast) == 7
+
+
+def test_a_shard_that_fails_is_told_and_the_rest_is_made(
+    recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def failing(run: object, sequence: int, frame: int) -> object:
+        if (sequence, frame) == (1, 2):
+            tried.append(frame)
+            raise RuntimeError("no such frame")
+        return samples(run, sequence, frame)  # type: ignore[arg-type]
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "samples", failing)
+        with pytest.raises(
+            LidarsimError, match=r"1 shards failed; sequence 1, frame 2 \(seed \d+\): RuntimeError: no such"
+        ):
+            ls.generate(recipe, out, pictures=0)
+    assert len(tried) == 3
+    assert manifest.done(open_store(out)) == {0, 2}
+    with pytest.raises(FileFormatError, match="not whole"):
+        ls.datasets.verify(out)
+    assert ls.generate(recipe, out, pictures=0).frames == 5
+    assert tree(out) == whole
+
+
+def test_a_shard_that_fails_once_is_made_again(
+    recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tried = []
+
+    def failing(run: object, sequence: int, frame: int) -> object:
+        tried.append((sequence, frame))
+        if len(tried) == 7:
+            raise RuntimeError("once")
+        return samples(run, sequence, frame)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(engine, "samples", failing)
+    made = ls.generate(recipe, tmp_path / "out", pictures=0)
+    assert (made.frames, len(tried)) == (12, 14)
+    assert tree(tmp_path / "out") == whole
+
+
+def test_verify_finds_what_was_changed(recipe: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    ls.generate(recipe, out, pictures=0)
+    assert ls.datasets.verify(out) == []
+    label, cloud = (out / "sequences/01" / name for name in ("labels/000002.label", "velodyne/000001.bin"))
+    data = bytearray(label.read_bytes())
+    data[0] ^= 1
+    label.write_bytes(data)
+    cloud.unlink()
+    problems = ls.datasets.verify(out)
+    assert [problem.partition(":")[0] for problem in problems] == [
+        "sequences/01/velodyne/000001.bin", "sequences/01/labels/000002.label"
+    ]  # fmt: skip
+    assert "got no file" in problems[0]
+
+
+def test_a_place_with_another_data_set_is_refused(
+    recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "out"
+    ls.generate(recipe, out, part=(0, 3), pictures=0)
+    with pytest.raises(LidarsimError, match=r"another recipe\.yaml"):
+        ls.generate(recipe, out, seed=8, pictures=0)
+    monkeypatch.setattr(manifest, "versions", lambda: {"lidarsim": "0.0"})
+    with pytest.raises(LidarsimError, match=r"same versions \(\{'lidarsim': '0\.0'\}\)"):
+        ls.generate(recipe, out, pictures=0)
+
+
+def test_a_file_that_changed_is_another_data_set(recipe: Path, tmp_path: Path) -> None:
+    recipe.write_text(recipe.read_text() + "    - {shape: mesh, file: ball.ply}\n")
+    trimesh.creation.icosphere(1).export(tmp_path / "ball.ply")
+    out = tmp_path / "out"
+    ls.generate(recipe, out, part=(0, 3), pictures=0)
+    trimesh.creation.icosphere(1, 1.01).export(tmp_path / "ball.ply")
+    with pytest.raises(LidarsimError, match="same sources"):
+        ls.generate(recipe, out, pictures=0)
+
+
+def test_a_function_is_a_recipe(tmp_path: Path, tree: Tree) -> None:
+    def scenes(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Rig, ls.Trajectory]:
+        scene = ls.Scene()
+        scene.add(ls.Sphere((rng.uniform(4, 8), 0, 0), 1.0 + sequence), label=3)
+        lidar = ls.Lidar(ls.patterns.Grid([-0.1, 0.0, 0.1], [0.0, 0.1], rate=10.0))
+        rig = ls.Rig({"left": (lidar, None), "right": (lidar, None)})
+        return scene, rig, ls.Trajectory.from_twist(np.eye(4), linear=(1, 0, 0))
+
+    settings = {"sequences": 2, "frames": 3, "seed": 3, "layout": "semantickitti", "pictures": 0}
+    made = ls.generate(scenes, tmp_path / "a", **settings)
+    ls.generate(scenes, tmp_path / "b", shard_frames=1, **settings)
+    assert made.frames == 6
+    first, second = tree(tmp_path / "a"), tree(tmp_path / "b")
+    clouds = {name for name in first if name.endswith(".bin")}
+    assert len(clouds) == 12
+    assert {name: first[name] for name in clouds} == {name: second[name] for name in clouds}
+
+
+def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree) -> None:
+    ls.generate(recipe, tmp_path / "one", overrides=DRIVE, pictures=0)
+    out = tmp_path / "two"
+    with subprocess.Popen(
+        command(recipe, "-o", out, "--workers", 2, *of(DRIVE)),
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    ) as process:  # fmt: skip
+        wait_for(lambda: len(list(out.glob("manifest/0*.json"))) >= 2, process)
+        workers = [
+            child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())
+        ]
+        assert len(workers) == 2
+        workers[0].kill()
+        left = 15 - len(list(out.glob("manifest/0*.json")))
+        printed, complaints = process.communicate(timeout=60)
+    assert left > 0
+    assert process.returncode == 0, complaints
+    assert "30 frames" in printed
+    assert "dashboard: http://" in printed
+    assert tree(out) == tree(tmp_path / "one")
+
+
+def test_interrupted_and_gone_on(recipe: Path, tmp_path: Path, tree: Tree) -> None:
+    ls.generate(recipe, tmp_path / "one", overrides=DRIVE, pictures=0)
+    out = tmp_path / "two"
+    with subprocess.Popen(command(recipe, "-o", out, *of(DRIVE)), stderr=subprocess.PIPE, text=True) as process:
+        wait_for(lambda: len(list(out.glob("manifest/0*.json"))) >= 2, process)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 130, process.communicate()
+    there = len(list(out.glob("manifest/0*.json")))
+    assert 2 <= there < 15
+    assert not (out / "manifest.jsonl").exists()
+    assert ls.generate(recipe, out, overrides=DRIVE, pictures=0).frames == 30 - 2 * there
+    assert tree(out) == tree(tmp_path / "one")
+
+
+def test_a_process_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str]) -> None:
+    code = f"""
+import os, signal, lidarsim as ls
+from lidarsim import _files
+real, count = os.fsync, 0
+def fsync(descriptor):
+    global count
+    count += 1
+    if count == 13:  # in the middle of writing a file
+        os.kill(os.getpid(), signal.SIGKILL)
+    real(descriptor)
+os.fsync = fsync
+ls.generate({str(recipe)!r}, {str(tmp_path / "out")!r}, pictures=0)
+"""
+    killed = subprocess.run([sys.executable, "-c", code], check=False)
+    assert killed.returncode == -signal.SIGKILL
+    assert list((tmp_path / "out").rglob(".*.tmp"))
+    ls.generate(recipe, tmp_path / "out", pictures=0)
+    assert tree(tmp_path / "out") == whole
+
+
+@pytest.mark.parametrize("layout", ["semantickitti", "shards"])
+def test_a_full_disk(recipe: Path, tmp_path: Path, tree: Tree, layout: str) -> None:
+    """A limit on the size of files is what a quota looks like to a program: its writes fail."""
+    settings = ["layout=" + layout, "vary={}", "frames=20", "shard_frames=30"]
+    ls.generate(recipe, tmp_path / "one", overrides=settings, pictures=0)
+    largest = max((path.stat().st_size, path.name) for path in (tmp_path / "one").rglob("*") if path.is_file())
+    out = tmp_path / "two"
+
+    def limit() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (largest[0] - 1, largest[0] - 1))
+
+    failed = subprocess.run(
+        command(recipe, "-o", out, *of(settings)),
+        preexec_fn=limit, capture_output=True, text=True, check=False,
+        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
+    )  # fmt: skip
+    assert failed.returncode == 2
+    assert failed.stderr.count("\n") == 1
+    assert "File too large" in failed.stderr
+    assert not (out / "manifest.jsonl").exists()
+    ls.generate(recipe, out, overrides=settings, pictures=0)
+    assert tree(out) == tree(tmp_path / "one")
+
+
+def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    def run(*arguments: object) -> tuple[object, str]:
+        with pytest.raises(SystemExit) as ended:
+            main(["generate", *map(str, arguments)])
+        printed = capsys.readouterr()
+        return ended.value.code, printed.out + printed.err
+
+    out = tmp_path / "out"
+    for arguments, code, text in (
+        ((recipe, "-o", out, "--shard", "0/2"), 0, "1 shards of other parts are not there yet"),
+        (("--verify", "-o", out), 2, "not whole"),
+        ((recipe, "-o", out, "--shard", "1/2", "--pictures", 0), 0, "5 frames, "),
+        (("--verify", "-o", out), 0, "all files are as made"),
+        (("-o", out), 2, "expected a recipe, or --verify"),
+        ((recipe, "-o", out, "--shard", "2/2"), 2, "--shard: expected I/N"),
+        ((recipe, "-o", out, "--workers", "2", "--scheduler", "tcp://x"), 2, "got both"),
+        ((tmp_path / "none.yaml", "-o", out), 2, "cannot read the file"),
+    ):
+        ended, printed = run(*arguments)
+        assert (ended, text in printed) == (code, True), printed
+    (out / "sequences/00/velodyne/000000.bin").write_bytes(b"")
+    ended, printed = run("--verify", "-o", out)
+    assert ended == 2
+    assert "1 files are not as made: sequences/00/velodyne/000000.bin" in printed

@@ -1,0 +1,211 @@
+"""Layouts, read back by the readers of others, or by code that shares nothing with what wrote them."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import json
+import tarfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from scipy.spatial.transform import Rotation
+
+import lidarsim as ls
+from lidarsim.datasets.recipe import load
+
+POSE = "{position_m: [500000, 5000000, 1.5], linear_m_per_s: [3, 0, 0], angular_deg_per_s: [0, 0, 20]}"
+TURN = f"run.pose={POSE}"
+BALL = "{shape: sphere, center_m: [500009, 5000000, 1], radius_m: 2, label: 10}"
+SCENE = f"[{{shape: plane, normal: [0, 0, 1], label: 40}}, {BALL}]"
+SIDE = "{type: grid, azimuths_deg: [0, 5], elevations_deg: [-9, -4], rate_hz: 5}"
+TOP = "sensor: {preset: velodyne-vlp16}, position_m: [1, 0, 2], rotation_deg: {yaw: 30}"
+RIG = (
+    "vary={}",
+    f"run={{pose: {POSE}, scene: {SCENE}, rig: {{top: {{{TOP}}}, side: {{sensor: {{pattern: {SIDE}}}}}}}}}",
+)
+"""A rig of two whose second sensor has half as many frames, far from the origin."""
+
+
+def make(recipe: Path, out: Path, layout: str, *overrides: str) -> None:
+    ls.generate(recipe, out, layout=layout, overrides=overrides, pictures=0)
+
+
+def clouds(recipe: Path, sequence: int, frame: int, *overrides: str) -> dict[str, tuple[ls.Scan, ls.PointCloud]]:
+    """What the sensors measure, by way of the public scans."""
+    run = load(recipe, overrides).source.run(sequence, frame)
+    (scans,) = dataclasses.replace(run, frames=range(frame, frame + 1)).scans()
+    return {name: (scan, scan.point_cloud()) for name, scan in scans.items()}
+
+
+def rows(path: Path) -> np.ndarray:
+    """Poses of a file: 4×4 matrices."""
+    return np.array([np.vstack([row.reshape(3, 4), [0, 0, 0, 1]]) for row in np.loadtxt(path, ndmin=2)])
+
+
+def test_semantickitti(recipe: Path, tmp_path: Path) -> None:
+    far = (TURN, f"run.scene={SCENE}")
+    make(recipe, tmp_path / "out", "semantickitti", *far)
+    classes = yaml.safe_load((tmp_path / "out/semantic-kitti.yaml").read_text())
+    assert classes["labels"] == {0: "unlabeled", 30: "class_30", 40: "road"}
+    assert classes["split"]["train"] == [0, 1, 2]
+    assert {classes["learning_map_inv"][index] for index in classes["learning_map"].values()} == set(classes["labels"])
+    assert set(classes["color_map"]) == set(classes["labels"])
+    for sequence in range(3):
+        folder = tmp_path / f"out/sequences/{sequence:02}"
+        calibration = dict(line.split(":") for line in (folder / "calib.txt").read_text().splitlines())
+        to_camera = np.vstack([np.array(calibration["Tr"].split(), float).reshape(3, 4), [0, 0, 0, 1]])
+        poses = np.linalg.inv(to_camera) @ rows(folder / "poses.txt") @ to_camera  # as the kit has it
+        times = np.loadtxt(folder / "times.txt")
+        np.testing.assert_allclose(times, np.arange(4) / 10, atol=5e-10)  # nine decimals
+        assert np.array_equal(poses[0], np.eye(4))
+        first = None
+        for frame in range(4):
+            ((scan, cloud),) = clouds(recipe, sequence, frame, *far).values()
+            points = np.fromfile(folder / f"velodyne/{frame:06}.bin", np.float32).reshape(-1, 4)
+            labels = np.fromfile(folder / f"labels/{frame:06}.label", np.uint32)
+            assert len(points) == len(labels) == len(cloud) > 0
+            np.testing.assert_array_equal(points[:, :3], cloud.xyz.astype(np.float32))
+            np.testing.assert_array_equal(points[:, 3], cloud.intensity)
+            np.testing.assert_array_equal(labels & 0xFFFF, cloud.label)
+            np.testing.assert_array_equal(labels >> 16, cloud.object_id + 1)
+            pose = scan.pose.at(scan.time).as_matrix()
+            first = pose if first is None else first
+            # Coordinates of 5e6 m have steps of 2**-30 m, and the difference of two a few of them.
+            np.testing.assert_allclose(poses[frame], np.linalg.inv(first) @ pose, rtol=0, atol=8 * 2.0**-30)
+
+
+def test_semantickitti_of_a_rig(recipe: Path, tmp_path: Path) -> None:
+    make(recipe, tmp_path / "out", "semantickitti", *RIG)
+    for name, (_, cloud) in clouds(recipe, 1, 2, *RIG).items():
+        file = tmp_path / f"out/{name}/sequences/01/velodyne/000002.bin"
+        np.testing.assert_array_equal(np.fromfile(file, np.float32).reshape(-1, 4)[:, :3], cloud.xyz.astype(np.float32))
+    assert len(rows(tmp_path / "out/top/sequences/01/poses.txt")) == 4
+    assert len(rows(tmp_path / "out/side/sequences/01/poses.txt")) == 2  # at half the rate
+
+
+def test_nuscenes_tables_fit_together(recipe: Path, tmp_path: Path) -> None:
+    make(recipe, tmp_path / "out", "nuscenes", *RIG)
+    tables = {path.stem: json.loads(path.read_text()) for path in (tmp_path / "out/v1.0-lidarsim").glob("*.json")}
+    index = {name: {row["token"]: row for row in table} for name, table in tables.items()}
+    assert all(len(index[name]) == len(tables[name]) for name in tables)  # tokens are unique
+    for table in tables.values():
+        for row in table:
+            for key, value in row.items():
+                if key.endswith("_token"):
+                    name = key.removesuffix("_token").removeprefix("first_").removeprefix("last_")
+                    assert value in index[name], (key, value)
+    assert len(tables["scene"]) == 3
+    assert len(tables["sample"]) == 12
+    assert len(tables["sample_data"]) == len(tables["lidarseg"]) == 12 + 6
+    for scene in tables["scene"]:
+        chain, token = [], scene["first_sample_token"]
+        while token:
+            chain.append(token)
+            token = index["sample"][token]["next"]
+        assert chain[-1] == scene["last_sample_token"]
+        assert len(chain) == scene["nbr_samples"] == 4
+    start = min(row["timestamp"] for row in tables["sample"])
+    for data in tables["sample_data"]:
+        sensor = index["calibrated_sensor"][data["calibrated_sensor_token"]]
+        channel = index["sensor"][sensor["sensor_token"]]["channel"]
+        sequence = int(
+            index["scene"][index["sample"][data["sample_token"]]["scene_token"]]["name"].removeprefix("scene-")
+        )
+        frame = round((data["timestamp"] - start) / 1e5)
+        scan, cloud = clouds(recipe, sequence, frame, *RIG)[channel.removeprefix("LIDAR_").lower()]
+        points = np.fromfile(tmp_path / "out" / data["filename"], np.float32).reshape(-1, 5)
+        labels = np.fromfile(tmp_path / "out" / index["lidarseg"][data["token"]]["filename"], np.uint8)
+        np.testing.assert_array_equal(labels, cloud.label)
+        np.testing.assert_array_equal(points[:, 4], cloud.ring)
+        placed = points[:, :3].astype(float)
+        for place in (sensor, index["ego_pose"][data["ego_pose_token"]]):
+            placed = Rotation.from_quat(place["rotation"], scalar_first=True).apply(placed) + place["translation"]
+        pose = scan.pose.at(scan.time)
+        # float32 rounds coordinates of up to 128 m by 2**-18 m each, and a rotation turns three of them together.
+        np.testing.assert_allclose(placed, pose.apply(cloud.xyz), rtol=0, atol=4 * 2.0**-18)
+
+
+def test_nuscenes_in_its_own_kit(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its own kit has to be installed by hand, ``pip install --no-deps nuscenes-devkit``: it wants a NumPy before 2."""
+    kit = pytest.importorskip("nuscenes.nuscenes", exc_type=ImportError)
+    make(recipe, tmp_path / "out", "nuscenes")
+    names = [row["name"] for row in json.loads((tmp_path / "out/v1.0-lidarsim/category.json").read_text())]
+    data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=dict.fromkeys(names, (1, 2, 3)))
+    sample = data.get("sample", data.scene[1]["first_sample_token"])
+    cloud = clouds(recipe, 1, 0)[""][1]
+    data.get_sample_lidarseg_stats(sample["token"])
+    printed = capsys.readouterr().out
+    for label, name in ((30, "class_30"), (40, "road")):
+        assert f"{np.count_nonzero(cloud.label == label)}" in next(
+            line for line in printed.splitlines() if name in line
+        )
+    path, boxes, _ = data.get_sample_data(sample["data"]["LIDAR_TOP"])
+    assert len(kit.LidarPointCloud.from_file(path).points.T) == len(cloud)
+    assert boxes == []
+
+
+def test_shards(recipe: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    make(recipe, tmp_path / "out", "shards", *RIG)
+    index = parquet.read_table(tmp_path / "out/index.parquet").to_pylist()
+    assert [(row["sequence"], row["frame"]) for row in index if row["sensor"] == "top"] == [
+        (sequence, frame) for sequence in range(3) for frame in range(4)
+    ]
+    assert len(index) == 18
+    seen = 0
+    for row in index:
+        data = (tmp_path / "out" / row["shard"]).read_bytes()[row["offset"] :][: row["size"]]
+        scan, cloud = clouds(recipe, row["sequence"], row["frame"], *RIG)[row["sensor"]]
+        with np.load(io.BytesIO(data)) as arrays:
+            assert set(arrays) == {"xyz", "intensity", "time", "ring", "label", "object_id"}
+            assert len(arrays["xyz"]) == row["points"]
+            np.testing.assert_array_equal(arrays["xyz"], cloud.xyz.astype(np.float32))
+            for name in set(arrays) - {"xyz"}:
+                np.testing.assert_array_equal(arrays[name], getattr(cloud, name))
+        pose = scan.pose.at(scan.time).as_matrix()
+        ulps = 8 * np.finfo(float).eps  # SciPy's product of two rotations is rounded in another way than the core's
+        np.testing.assert_allclose(np.reshape(row["pose"], (3, 4)), pose[:3], rtol=ulps, atol=ulps)
+        with tarfile.open(tmp_path / "out" / row["shard"]) as tar:
+            member = tar.extractfile(f"{row['key']}.{row['sensor']}.json")
+            assert member is not None
+            said = json.load(member)
+        assert said == {key: row[key] for key in said}
+        seen += 1
+    assert seen == 18
+
+
+def test_shards_with_other_fields(recipe: Path, tmp_path: Path) -> None:
+    ls.generate(recipe, tmp_path / "out", layout={"type": "shards", "fields": ["normal", "label"]}, pictures=0)
+    with tarfile.open(tmp_path / "out/shards/000000.tar") as tar:
+        names = tar.getnames()
+        member = tar.extractfile(names[0])
+        assert member is not None
+        with np.load(io.BytesIO(member.read())) as arrays:
+            assert set(arrays) == {"xyz", "normal", "label"}
+    assert names[:4] == ["000000_000000.npz", "000000_000000.json", "000000_000001.npz", "000000_000001.json"]
+
+
+def test_shards_without_such_a_field(recipe: Path, tmp_path: Path) -> None:
+    with pytest.raises(ls.errors.LidarsimError, match=r"sequence 0, frame 0 .* got 'colour'"):
+        ls.generate(recipe, tmp_path / "out", layout={"type": "shards", "fields": ["colour"]})
+
+
+def test_bags(recipe: Path, tmp_path: Path) -> None:
+    make(recipe, tmp_path / "out", "bags", *RIG)
+    names = sorted(path.relative_to(tmp_path / "out").as_posix() for path in tmp_path.rglob("*.mcap"))
+    assert names == [
+        "sequence_0000/000000.mcap", "sequence_0001/000000.mcap", "sequence_0001/000001.mcap",
+        "sequence_0002/000000.mcap", "sequence_0002/000002.mcap",
+    ]  # fmt: skip
+    found = {}
+    for name in names:
+        for message in ls.io.rosbag.read(tmp_path / "out" / name):
+            found[int(name[9:13]), message.frame_id, message.stamp] = message.cloud
+    assert len(found) == 18
+    start = min(stamp for _, _, stamp in found)
+    for (sequence, sensor, stamp), cloud in found.items():
+        _, wanted = clouds(recipe, sequence, round((stamp - start) / 1e8), *RIG)[sensor]
+        np.testing.assert_array_equal(cloud.xyz, wanted.xyz.astype(np.float32))

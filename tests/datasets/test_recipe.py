@@ -1,0 +1,151 @@
+"""Recipes: what they accept, what they refuse, and that each value is drawn by its own name."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+import lidarsim as ls
+from lidarsim.datasets.recipe import load
+from lidarsim.errors import ConfigError
+
+
+def radius(path: Path, sequence: int, *overrides: str) -> float:
+    shape = load(path, overrides).source.run(sequence).scene.objects[1].shape
+    return float(shape.cast([[12.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]]).t[0])  # from the center on
+
+
+def test_values_are_drawn_anew_for_each_sequence(recipe: Path) -> None:
+    radii = [radius(recipe, sequence) for sequence in range(3)]
+    assert len(set(radii)) == 3
+    assert all(1 <= value <= 2 for value in radii)
+
+
+def test_adding_a_draw_leaves_the_others(recipe: Path) -> None:
+    more = 'vary={"pose.position_m.2": {normal: [1, 0.1]}, "scene.1.radius_m": {uniform: [1, 2]}}'
+    assert [radius(recipe, k, more) for k in range(3)] == [radius(recipe, k) for k in range(3)]
+    assert [radius(recipe, k, "seed=8") for k in range(3)] != [radius(recipe, k) for k in range(3)]
+
+
+def test_values_by_frame_change_within_a_sequence(recipe: Path) -> None:
+    source = load(recipe).source
+    sigmas = [source.run(1, frame).lidar.measurement.range_sigma for frame in range(4)]
+    assert source.by_frame
+    assert len(set(sigmas)) == 4
+    assert len({id(source.run(1, frame).scene.objects[1].label) for frame in range(4)}) == 1
+
+
+def test_a_preset_can_be_chosen(recipe: Path) -> None:
+    vary = "vary={sensor.preset: {choice: [velodyne-vlp16, ouster-os1-64]}}"
+    source = load(recipe, ["run.sensor={preset: velodyne-vlp16}", vary]).source
+    names = {source.run(sequence).lidar.name for sequence in range(20)}
+    assert names == {"velodyne-vlp16", "ouster-os1-64"}
+
+
+def test_the_seed_of_the_noise_is_another_in_each_sequence(recipe: Path) -> None:
+    source = load(recipe).source
+    assert len({source.run(sequence).seed for sequence in range(3)}) == 3
+    assert source.run(1, 0).seed == source.run(1, 3).seed
+
+
+def test_shards_hold_each_frame_once(recipe: Path) -> None:
+    made = load(recipe)
+    frames = [frame for shard in range(made.shards) for frame in made.shard(shard)]
+    assert frames == [(sequence, frame) for sequence in range(3) for frame in range(4)]
+    assert made.shards == 3
+
+
+def test_a_million_frames_are_few_shards(recipe: Path) -> None:
+    made = load(recipe, ["sequences=1000000", "frames=1", "shard_frames=null"])
+    assert made.shards <= 100_000
+    big = load(
+        recipe, ["run.sensor={preset: ouster-os1-128}", "vary={}", "sequences=1000", "frames=1000", "shard_frames=null"]
+    )
+    assert 10 <= big.shard_frames <= 1000
+
+
+def test_the_resolved_recipe_makes_the_same(recipe: Path, tmp_path: Path) -> None:
+    (tmp_path / "runs").mkdir()
+    run = yaml.safe_load(recipe.read_text())["run"]
+    (tmp_path / "runs" / "scene.yaml").write_text(yaml.safe_dump(run.pop("scene")))
+    (tmp_path / "runs" / "run.yaml").write_text(yaml.safe_dump({**run, "scene": {"file": "scene.yaml"}}))
+    here = tmp_path / "here.yaml"
+    here.write_text(yaml.safe_dump({**yaml.safe_load(recipe.read_text()), "run": {"file": "runs/run.yaml"}}))
+    resolved = tmp_path / "resolved.yaml"
+    resolved.write_text(yaml.safe_dump(load(here).resolved()))
+    again = load(resolved)
+    assert again.resolved() == load(here).resolved() == load(recipe).resolved()
+    for sequence in range(3):
+        scans = [load(path).source.run(sequence, 2).scan(2) for path in (recipe, resolved)]
+        np.testing.assert_array_equal(scans[0].range, scans[1].range)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("sequence=3", r"unknown key; did you mean sequences"),
+        ("frames=0", r"--set frames=0: expected a value >= 1, got 0"),
+        ("layout=tum", r"layout"),
+        ("layout={type: shards, colour: red}", r"unknown key"),
+        ("class_names={car: 1}", r"expected text"),
+        ("class_names={car: auto}", r"expected a label"),
+        ("vary={scene.1.radius_m: {uniform: [2, 1]}}", r"expected \[least, greatest\], got \[2"),
+        ("vary={scene.1.radius_m: {uniform: [1]}}", r"expected at least 2 items"),
+        ("vary={scene.1.radius_m: {log_uniform: [0, 1]}}", r"expected positive numbers"),
+        ("vary={scene.1.radius_m: {normal: [1, -1]}}", r"sigma >= 0"),
+        ("vary={scene.1.radius_m: {choice: [1, 2], weights: [1]}}", r"expected 2, one a choice, got 1"),
+        ("vary={scene.1.radius_m: {choice: [1, 2], weights: [0, 1]}}", r"expected positive numbers"),
+        ("vary={scene.1.radius_m: {uniform: [1, 2], weights: [1]}}", r"expected none without choice"),
+        ("vary={scene.1.radius_m: {uniform: [1, 2], normal: [1, 2]}}", r"expected one of .*got uniform and normal"),
+        ("vary={scene.1.radius_m: {per: frame}}", r"got none of them"),
+        ("vary={scene.1.radius_m: {uniform: [-2, -1]}}", r"radius_m: expected .* got -1\.\d+"),
+        ("vary={scene.1.radios_m: {uniform: [1, 2]}}", r"unknown key; did you mean radius_m"),
+        ("vary={scene.7.radius_m: {uniform: [1, 2]}}", r"expected an index below 2, got '7'"),
+        ("run.cloud={frame: world}", r"cloud.frame: expected sensor"),
+        ("run.pose=[{time_s: 0}, {time_s: 0.1}]", r"trajectory"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(recipe: Path, change: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        load(recipe, [change])
+
+
+def test_an_error_in_a_draw_names_file_and_line(recipe: Path) -> None:
+    recipe.write_text(recipe.read_text().replace("{uniform: [1, 2]}", "{uniform: [-3, -2]}"))
+    with pytest.raises(ConfigError, match=r"recipe\.yaml:8: scene\.1\.radius_m: "):
+        load(recipe)
+
+
+def test_without_a_run(recipe: Path) -> None:
+    recipe.write_text("layout: bags\n")
+    with pytest.raises(ConfigError, match="missing key 'run'"):
+        load(recipe)
+
+
+def test_a_function_has_a_generator_of_its_own_a_sequence() -> None:
+    from lidarsim.datasets.recipe import from_function
+
+    drawn = {}
+
+    def scenes(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Lidar, None]:
+        drawn.setdefault(sequence, []).append(rng.uniform())
+        return ls.Scene(), ls.Lidar.preset("velodyne-vlp16"), None
+
+    settings = {"sequences": 3, "frames": 2, "seed": 1, "layout": "shards", "shard_frames": None}
+    made = from_function(scenes, {}, **settings)
+    for sequence in (2, 0, 1, 2):
+        made.source.run(sequence)
+    assert {key: len(set(values)) for key, values in drawn.items()} == {0: 1, 1: 1, 2: 1}
+    assert len({values[0] for values in drawn.values()}) == 3
+
+
+@pytest.mark.parametrize(
+    ("result", "message"),
+    [(None, "expected it to return"), ((1, 2, 3), "a Scene and a Lidar or a Rig first, got int, int")],
+)
+def test_a_function_that_returns_something_else(result: object, message: str, tmp_path: Path) -> None:
+    with pytest.raises(TypeError, match=message):
+        ls.generate(lambda rng, sequence: result, tmp_path)  # type: ignore[arg-type, return-value] # noqa: ARG005
