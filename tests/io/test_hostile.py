@@ -264,7 +264,6 @@ def test_a_link_to_itself_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "run.yaml").write_text("sensor: {preset: velodyne-vlp16}\nscene: [{shape: plane, normal: [0, 0, 1]}]\n")
     for arguments in (
         ["check", "loop.yaml"],
-        ["view", "loop.ply"],
         ["scan", "run.yaml", "-o", "loop.ply"],
     ):
         result = subprocess.run(
