@@ -20,6 +20,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 import lidarsim as ls
+from lidarsim import _native as core
 from lidarsim._extras import import_extra
 from lidarsim._files import atomic_writer, check_suffix
 from lidarsim.errors import LidarsimError
@@ -43,6 +44,8 @@ app = typer.Typer(
 
 Item = TypeVar("Item")
 
+ROWS = 10
+"""Most rows of the table that a scan of many frames prints."""
 _DRAWN = {
     ".png": ("pyvista", "pyvista"),
     ".html": ("plotly", "html"),
@@ -86,6 +89,21 @@ View = Annotated[Camera, _option("--camera", "|".join(Camera), "From where to lo
 Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Of window and pictures, pixels; 1600x1000 if not given.")]
 
 
+def _version(asked: bool) -> None:
+    if asked:
+        _print(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    pass
+
+
 @app.command()
 def scan(
     config: Configuration,
@@ -115,8 +133,8 @@ def scan(
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     frame_scans = run.scans()
-    reasons = [status.name.replace("_", " ") for status in ls.Status]
-    table = _table("frame", "pulses", *reasons, "points", "ms", "points/s")
+    totals = np.zeros(len(ls.Status), np.int64)
+    rows: list[tuple[object, ...]] = []
     points = 0
     track: dict[str, list[tuple[float, float, Floats]]] = {}
     bag = _bag(output, run)
@@ -141,19 +159,27 @@ def scan(
                     picture = _of_frame(screenshot, run, name, f"{number:04}")
                     placed = cloud if in_world else _moved(cloud, pose)
                     ls.show(placed, scene=run.scene if surfaces else None, pose=pose, save=picture, **looks)
-            counts = np.sum([list(result.summary().values()) for result in scans.values()], axis=0)
+            for result in scans.values():
+                totals += list(result.summary().values())
             found = sum(map(len, clouds.values()))
-            _row(table, number, sum(map(len, scans.values())), *counts, found, 1e3 * seconds, found / seconds)
+            rows.append((number, sum(map(len, scans.values())), found, 1e3 * seconds, found / seconds))
             points += found
     for name, frames_of_it in track.items() if len(run.frames) > 1 else ():
         starts, moments, poses = zip(*frames_of_it, strict=True)
         ls.Trajectory(moments, np.array(poses)).save(_named(output, name, "poses").with_suffix(".tum"))
         with atomic_writer(_named(output, name, "times").with_suffix(".txt")) as file:
             file.writelines(f"{moment!r}\n".encode("ascii") for moment in starts)
+    table = _table("frame", "pulses", "points", "ms", "points/s")
+    shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
+    for row in shown:
+        _row(table, *row)
     _print(table)
+    fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
+    _print(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     paths = (output if bag else _of_frame(output, run, "*", "*"), screenshot and _of_frame(screenshot, run, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
-    _print(f"{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+    count = f"{len(rows):,} frames, " * (len(rows) > 1)
+    _print(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
 
 def _bag(output: Path, run: Run) -> rosbag.Writer | None:
@@ -276,7 +302,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     for frame in sorted({run.frames[0], run.frames[-1]}):
         for result in next(dataclasses.replace(run, frames=range(frame, frame + 1)).scans()).values():
             result.point_cloud(**run.cloud)
-    table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "without area")
+    table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate")
     for index, item in enumerate(run.scene.objects):
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
         triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
@@ -305,11 +331,9 @@ def sensors(
         for preset in ls.Lidar.presets():
             lidar = ls.Lidar.preset(preset)
             facts = describe(lidar.pattern)
-            angles = (_span(np.degrees(span)) for span in (facts.azimuth, facts.elevation))
-            rate = round(facts.pulses_per_second)
-            _row(
-                table, preset, facts.rings, rate, lidar.pattern.rate, *angles, _span((lidar.min_range, lidar.max_range))
-            )
+            ends = (*np.degrees([facts.azimuth, facts.elevation]), (lidar.min_range, lidar.max_range))
+            spans = (_span(span, digits=3).replace(" ", "") for span in ends)
+            _row(table, preset, facts.rings, round(facts.pulses_per_second), lidar.pattern.rate, *spans)
         _print(table)
         return
     path = preset_path(name)
@@ -453,9 +477,10 @@ def _of_frame(path: Path, run: Run, name: str, number: str) -> Path:
 
 
 def _table(*columns: str) -> Table:
-    table = Table(box=SIMPLE_HEAD)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column in columns:
-        table.add_column(column, justify="left" if column in ("shape", "name", "sensor") else "right")
+        left = column in ("shape", "name", "sensor")
+        table.add_column(column, justify="left" if left else "right", no_wrap=column == "sensor")
     return table
 
 
@@ -473,8 +498,8 @@ def _row(table: Table, *cells: object) -> None:
     table.add_row(*texts)
 
 
-def _span(ends: Iterable[float]) -> str:
-    low, high = (f"{end:.4g}" for end in ends)
+def _span(ends: Iterable[float], *, digits: int = 4) -> str:
+    low, high = (f"{end:.{digits}g}" for end in ends)
     return low if low == high else f"{low} … {high}"
 
 
@@ -489,7 +514,7 @@ def _print_sensor(lidar: ls.Lidar) -> None:
         "sensor": lidar.name or "(no name)",
         "pattern": f"{type(lidar.pattern).__name__}, {'the same' if facts.repeats else 'another'} in each frame",
         "rings, columns": f"{facts.rings:,}, {facts.columns:,}",
-        "pulses": f"{facts.pulses_per_second:,.0f} a second in {lidar.pattern.rate:g} frames",
+        "rate": f"{facts.pulses_per_second:,.0f} pulses/s at {lidar.pattern.rate:g} Hz",
         "azimuth": f"{_span(np.degrees(facts.azimuth))} °",
         "elevation": f"{_span(np.degrees(facts.elevation))} °",
         "ring to ring": f"{_span(np.degrees(facts.elevation_gap))} °",
@@ -506,5 +531,5 @@ def _print_sensor(lidar: ls.Lidar) -> None:
 
 
 def _print(what: object) -> None:
-    """Print to stdout: as wide as the terminal, or as wide as it takes if that is none."""
+    """Print to stdout: as wide as the terminal, or as wide as it takes if there is none."""
     Console(width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(what)

@@ -224,6 +224,22 @@ def test_a_trajectory_that_ends_too_soon_is_told_before_the_work(capsys: pytest.
     assert set(Path().iterdir()) == before
 
 
+def test_many_frames_give_ten_rows_and_their_totals(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a.mcap", "--frames", "15") == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert [line[0] for line in lines[2:-2]] == ["0", "1", "2", "3", "4", "…", "11", "12", "13", "14"]
+    scans = [ls.config.load("run.yaml", ["frames=15"]).scan(frame) for frame in range(15)]
+    hits = sum(scan.summary()["hit"] for scan in scans)
+    assert lines[-2][:4] == [f"{sum(map(len, scans)):,}", "pulses:", f"{hits:,}", "hit,"]
+    assert lines[-1][:4] == ["15", "frames,", f"{hits:,}", "points"]
+    assert max(map(len, lines)) < 80
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("--version") == 0
+    assert capsys.readouterr().out.startswith(f"lidarsim {ls.__version__}, core with ")
+
+
 def test_overrides_and_seed() -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.npz", "--set", "scene.1.label=9", "--set", "sensor.noise=none") == 0
     exact = ls.PointCloud.load("a.npz")
@@ -316,7 +332,7 @@ def test_sensors_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("sensors", "ouster-os1-64") == 0
     printed = capsys.readouterr().out
-    assert "655,360 a second in 10 frames" in printed
+    assert "655,360 pulses/s at 10 Hz" in printed
     assert "modes: 512x10, 512x20, 1024x10, 1024x20, 2048x10" in printed
     assert "pattern.elevations_deg" in printed
 
