@@ -213,7 +213,7 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
     difference: Node | None = without(node, "preset", "file", "mode", "noise")
     if preset is not None:
         with (place / "preset").refusals({"preset": ("", "")}):
-            base = read(preset_path(preset))
+            base = replace(read(preset_path(preset)), ["model"], entries(node)["preset"][1])
     elif file is not None:
         path = (place / "file").file(file)
         if not recognise(path, path.read_bytes()[:HEAD].decode("utf-8-sig", errors="replace")):

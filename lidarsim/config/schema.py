@@ -516,6 +516,7 @@ class Sensor(_Limits):
     """A lidar. `datasheet_noise` and `modes` are merged in on request; `sources` says where numbers are from."""
 
     pattern: AnyPattern
+    model: str = ""
     description: str = ""
     datasheet_noise: Effects | None = None
     modes: dict[str, dict[str, Any]] = {}
@@ -528,7 +529,7 @@ class Sensor(_Limits):
             "pattern": self.pattern.build(place / "pattern"),
             "measurement": self.measurement.build(place / "measurement"),
         }
-        return construct(Lidar, self, _LIMITS, place, **parts)
+        return construct(Lidar, self, _LIMITS | {"model"}, place, **parts)
 
 
 class VendorSensor(_Limits):

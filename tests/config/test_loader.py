@@ -53,6 +53,13 @@ def refusal(text: str, *overrides: str) -> str:
     return str(caught.value)
 
 
+def test_the_model_of_a_preset_stays_under_another_name() -> None:
+    scene = "scene: []\nsensor: {preset: ouster-os1-64, name: front"
+    lidar = load(f"{scene}}}\n").lidar
+    assert (lidar.name, lidar.model) == ("front", "ouster-os1-64")
+    assert load(f"{scene}, model: hesai-x}}\n").lidar.model == "hesai-x"
+
+
 def test_a_configuration_is_built() -> None:
     run = load(CONFIG)
     road, ball = run.scene.objects

@@ -91,7 +91,8 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
         pattern = _pattern(keys, origin, mode)
     preset = Lidar.preset(PRESETS[product[:4]], noise=noise)
     offset = math.hypot(*origin) / 1e3
-    return dataclasses.replace(preset, pattern=pattern, range_offset=offset, name=f"ouster-{product.lower()}")
+    name = f"ouster-{product.lower()}"
+    return dataclasses.replace(preset, pattern=pattern, range_offset=offset, name=name, model=name)
 
 
 def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning:
