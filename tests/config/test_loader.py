@@ -538,7 +538,7 @@ def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
 
 
 SENSOR_KEYS = (
-    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, description, datasheet_noise, modes, "
+    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, description, datasheet_noise, modes, "
     "datasheet, sources"
 )
 SHAPE_NAMES = (
