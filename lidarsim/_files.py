@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import os
 import shutil
 import signal
@@ -10,9 +11,13 @@ import stat
 import threading
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager
+from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import BinaryIO, NoReturn
+from typing import IO, Any, BinaryIO, NoReturn
+
+import numpy as np
+import numpy.typing as npt
 
 from lidarsim.errors import FileFormatError
 
@@ -21,7 +26,7 @@ PathLike = str | os.PathLike[str]
 TEMPORARY = ".lidarsim-", ".tmp"
 """Beginning and end of the names of folders in which files are written, before they are moved to their places."""
 
-LONGEST = 2000
+LONGEST = 1000
 """Characters of what an error says: what a file holds may be quoted in it."""
 
 
@@ -38,12 +43,9 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
 
 
 def check_regular(path: PathLike) -> None:
-    """Raise an error unless `path` is a regular file: any other may have no end, or give its bytes but once."""
-    mode = Path(path).stat().st_mode
-    if stat.S_ISDIR(mode):
-        raise IsADirectoryError(f"{path}: expected a file, got a folder")
-    if not stat.S_ISREG(mode):
-        raise FileFormatError(f"{path}: expected a regular file, got a device, pipe or socket")
+    """Raise an error if `path` is a pipe or device: these may have no end, and need not give their bytes twice."""
+    if _special(path):
+        raise FileFormatError(f"{path}: expected a regular file, got a pipe or device")
 
 
 def check_folder(path: PathLike) -> None:
@@ -154,3 +156,49 @@ def parsing(path: PathLike, kind: str) -> Iterator[None]:
         if isinstance(error, ImportError) or (isinstance(error, OSError) and error.errno not in {None, errno.EINVAL}):
             raise
         raise FileFormatError(f"{path}: not a readable {kind}: {told(error)}") from error
+
+
+def read_array(file: IO[bytes], size: int) -> npt.NDArray[Any]:
+    """Read an array in NumPy's format from a file of `size` bytes, after checking that it claims no more.
+
+    Raises
+    ------
+    Exception
+        What NumPy raises for a damaged header, of any kind: to be read within `parsing`.
+    """
+    version = np.lib.format.read_magic(file)
+    if version not in {(1, 0), (2, 0)}:
+        raise FileFormatError(f"its array is of the unknown version {version}")
+    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
+    shape, _, dtype = header(file)
+    claimed = math.prod(shape) * dtype.itemsize
+    if not dtype.hasobject and claimed > size:
+        raise FileFormatError(f"its array claims {claimed:,} bytes of {size:,}")
+    file.seek(0)
+    array: npt.NDArray[Any] = np.lib.format.read_array(file, allow_pickle=False)
+    return array
+
+
+def load_array(path: PathLike) -> npt.NDArray[Any]:
+    """Return the array in a NumPy file (``.npy``).
+
+    Raises
+    ------
+    FileFormatError
+        If it is not one, or damaged.
+    OSError
+        If it cannot be read.
+    """
+    check_regular(path)
+    with Path(path).open("rb") as file, parsing(path, ".npy file"):
+        return read_array(file, os.fstat(file.fileno()).st_size)
+
+
+def mesh_source(path: Path) -> dict[str, Any]:
+    """Return the arguments by which trimesh reads a file: a GLB from memory.
+
+    trimesh reads as many bytes as a GLB claims to have, for which a file allocates the memory and a `BytesIO` does not.
+    """
+    if path.suffix.lower() != ".glb":
+        return {"file_obj": path}
+    return {"file_obj": BytesIO(path.read_bytes()), "file_type": "glb"}

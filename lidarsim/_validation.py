@@ -48,11 +48,13 @@ def real(
     else:
         expected += _between(*(f"{end:g}" if math.isfinite(end) else None for end in (at_least, at_most)))
     if isinstance(value, bool | str | bytes):
-        raise TypeError(f"{name}: expected {expected}, got {value!r}")
+        raise TypeError(f"{name}: expected {expected}, got {shown(value)}")
     try:
         number = float(value)  # type: ignore[arg-type]
+    except OverflowError:
+        raise ValueError(f"{name}: expected {expected}, got an integer beyond them") from None
     except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected {expected}, got {_shown(value)}") from None
+        raise TypeError(f"{name}: expected {expected}, got {shown(value)}") from None
     if (
         math.isnan(number)
         or (math.isinf(number) and not infinite)
@@ -71,9 +73,9 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
     except TypeError:
         number = None
     if number is None:
-        raise TypeError(f"{name}: expected {expected}, got {_shown(value)}")
+        raise TypeError(f"{name}: expected {expected}, got {shown(value)}")
     if (at_least is not None and number < at_least) or (at_most is not None and number > at_most):
-        raise ValueError(f"{name}: expected {expected}, got {number}")
+        raise ValueError(f"{name}: expected {expected}, got {shown(number)}")
     return number
 
 
@@ -210,8 +212,16 @@ def _between(low: str | None, high: str | None) -> str:
     return f" >= {low}" if low else f" <= {high}" if high else ""
 
 
-def _shown(value: object) -> str:
-    """Return what an error shows of a value: all of it only if that is short."""
+def shown(value: object) -> str:
+    """Return what an error shows of a value: all of it only if that is short, and never more than 200 characters."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape}"
-    return reprlib.repr(value)
+    if isinstance(value, int) and value.bit_length() > 256:  # Python refuses to print thousands of digits
+        return f"an integer of {value.bit_length():,} bits"
+    return short(reprlib.repr(value))
+
+
+def short(text: object) -> str:
+    """Return what an error shows of a text: no more than 200 characters."""
+    whole = str(text)
+    return whole if len(whole) <= 200 else f"{whole[:199]}…"

@@ -115,6 +115,10 @@ def scan(
     seed: Seed = None,
     frame: Frame = None,
     frames: Frames = None,
+    layout: Annotated[
+        str | None,
+        _option("--layout", "NAME", f"How a bag has its points: {', '.join(rosbag.LAYOUTS)}; by the sensor's vendor."),
+    ] = None,
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
@@ -137,7 +141,7 @@ def scan(
     rows: list[tuple[object, ...]] = []
     points = 0
     track: dict[str, list[tuple[float, float, Floats]]] = {}
-    bag = _bag(output, run)
+    bag = _bag(output, run, layout)
     with (
         bag or nullcontext(),
         Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
@@ -182,11 +186,14 @@ def scan(
     _print(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
 
-def _bag(output: Path, run: Run) -> rosbag.Writer | None:
+def _bag(output: Path, run: Run, layout: str | None) -> rosbag.Writer | None:
     """Return what writes all frames into one file, if the format is one of those; for a rig with its sensors."""
     if output.suffix.lower() not in rosbag.SUFFIXES:
+        if layout is not None:
+            raise LidarsimError(f"--layout: expected a bag ({', '.join(rosbag.SUFFIXES)}) as output, got {output}")
         return None
-    return rosbag.Writer(output, sensors=run.sensor if isinstance(run.sensor, ls.Rig) else None, trajectory=run.pose)
+    sensors = run.sensor if isinstance(run.sensor, ls.Rig) else None
+    return rosbag.Writer(output, sensors=sensors, trajectory=run.pose, layout=layout)
 
 
 @app.command()

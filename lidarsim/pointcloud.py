@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _validation
-from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix, parsing
+from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
 from lidarsim._html import html_table
 from lidarsim._pickling import Pickled
 from lidarsim._validation import Transform, named_labels
@@ -455,6 +455,7 @@ class PointCloud(Pickled):
         if path.is_dir():
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
         try:
+            check_regular(path)
             with path.open("rb") as file:
                 suffix = _recognised(file.read(_HEAD), path)
                 file.seek(0)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim import scan as _scan
+from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._validation import Transform, array, integer, real
 from lidarsim.errors import FileFormatError
@@ -71,6 +72,9 @@ class Lidar(Pickled):
         Quantisation and the gate act on the sensor's own range; `Scan.range` is from the beam's origin.
     name : str
         Name of the sensor. Sensors of different names draw different noise from the same seed.
+    model : str
+        What kind of sensor it is, such as "ouster-os1-128", whatever its name: the vendor in it says in which layout
+        bags have its points. Default: its name.
 
     Raises
     ------
@@ -85,14 +89,17 @@ class Lidar(Pickled):
     max_range: float = math.inf
     range_offset: float | Sequence[float] = 0.0
     name: str = ""
+    model: str = ""
 
     def __post_init__(self) -> None:
         """Check the arguments."""
         check_pattern(self.pattern)
         if not isinstance(self.measurement, Measurement):
             raise TypeError(f"measurement: expected a Measurement, got {self.measurement!r}")
-        if not isinstance(self.name, str):
-            raise TypeError(f"name: expected a string, got {self.name!r}")
+        for what in ("name", "model"):
+            if not isinstance(getattr(self, what), str):
+                raise TypeError(f"{what}: expected a string, got {getattr(self, what)!r}")
+        object.__setattr__(self, "model", self.model or self.name)
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
         object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
@@ -254,6 +261,7 @@ class Lidar(Pickled):
         """
         path = Path(path)
         try:
+            check_regular(path)
             with path.open("rb") as file:
                 text = file.read(HEAD).decode("utf-8-sig", errors="replace")
         except OSError as error:

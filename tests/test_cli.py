@@ -224,6 +224,19 @@ def test_a_trajectory_that_ends_too_soon_is_told_before_the_work(capsys: pytest.
     assert set(Path().iterdir()) == before
 
 
+def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a.mcap", "--layout", "livox", "--frames", "1") == 0
+    (message,) = ls.io.rosbag.read("a.mcap")
+    assert "tag" in message.cloud.fields
+    capsys.readouterr()
+    assert lidarsim("scan", "run.yaml", "-o", "b.mcap", "--layout", "pandar") == 2
+    assert capsys.readouterr().err.startswith(
+        "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox"
+    )
+    assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--layout", "livox") == 2
+    assert capsys.readouterr().err == "lidarsim: --layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
+
+
 def test_many_frames_give_ten_rows_and_their_totals(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.mcap", "--frames", "15") == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()]

@@ -270,3 +270,10 @@ def test_threads_and_instruction_sets_change_nothing(
             (scans,) = rig.frames(street(), drive(), 1, first=3)
             for name in rig:
                 assert_same(scans[name], expected[name])
+
+
+def test_the_model_of_a_sensor_stays() -> None:
+    own = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0))
+    rig = ls.Rig({"top": (ls.Lidar.preset("ouster-os1-64"), None), "own": (own, None)})
+    assert (rig["top"].lidar.name, rig["top"].lidar.model) == ("top", "ouster-os1-64")
+    assert rig["own"].lidar.model == "own"

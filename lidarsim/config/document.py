@@ -16,11 +16,15 @@ from typing import Any, TypeVar
 
 import yaml
 
-from lidarsim._validation import DEGREES
-from lidarsim.errors import ConfigError, LidarsimError
+from lidarsim._files import check_regular, told
+from lidarsim._validation import DEGREES, short, shown
+from lidarsim.errors import ConfigError, FileFormatError, LidarsimError
 
 Node = yaml.Node
 T = TypeVar("T")
+
+MOST_BYTES, MOST_VALUES, MOST_DEPTH = 1 << 24, 1_000_000, 100
+"""What a document may have: its values are counted wherever an alias repeats them, and it is small beside them."""
 
 Loaded = dict[tuple[Path, Callable[[Path], Any]], Any]
 """What files were read as, by their paths and readers."""
@@ -68,10 +72,10 @@ def parse(text: str, name: str) -> Node:
         node = loader.get_single_node()
         if node is None:
             raise ConfigError(f"{name}: expected YAML, got nothing")
-        _check_keys(node)
+        _extent(node, {})
     except yaml.MarkedYAMLError as error:
         where = _written(error.problem_mark) if error.problem_mark else name
-        raise ConfigError(f"{where}: not valid YAML: {error.problem or error.context}") from None
+        raise ConfigError(f"{where}: not valid YAML: {short(error.problem or error.context)}") from None
     except yaml.reader.ReaderError as error:
         raise ConfigError(
             f"{name}: not valid YAML: character {error.character!r} at position {error.position}"
@@ -82,7 +86,7 @@ def parse(text: str, name: str) -> Node:
 
 
 def read(path: Path) -> Node:
-    """Return the node of the one YAML document in the file `path`.
+    """Return the node of the one YAML document in the file `path`, a mapping or a list.
 
     Raises
     ------
@@ -90,11 +94,18 @@ def read(path: Path) -> Node:
         If the file cannot be read, and as `parse` does.
     """
     try:
-        return parse(path.read_text(encoding="utf-8-sig"), str(path))
+        with path.open("rb") as file:
+            content = file.read(MOST_BYTES + 1)
+        if len(content) > MOST_BYTES:
+            raise ConfigError(f"{path}: expected at most {MOST_BYTES:,} bytes of YAML, got more")
+        node = parse(content.decode("utf-8-sig"), str(path))
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not valid YAML: byte {error.start} is not UTF-8") from None
+    if isinstance(node, yaml.ScalarNode):  # what it is stays unsaid: it may be any file
+        raise ConfigError(f"{path}: expected a mapping or a list in YAML, got plain text")
+    return node
 
 
 def plain(node: Node) -> Any:
@@ -108,7 +119,7 @@ def plain(node: Node) -> Any:
     except (KeyError, TypeError, ValueError):
         kind = node.tag.removeprefix(_TAG)
         raise ConfigError(
-            f"{_written(node.start_mark)}: not valid YAML: {kind} is unknown or not what stands here"
+            f"{_written(node.start_mark)}: not valid YAML: {short(kind)} is unknown or not what stands here"
         ) from None
 
 
@@ -158,9 +169,10 @@ def assigned(assignment: str) -> tuple[list[str], Node]:
     """
     name = f"{_OVERRIDE}{assignment}"
     path, equals, text = assignment.partition("=")
-    if not equals or not all(path.split(".")):
+    keys = path.split(".")
+    if not equals or not all(keys) or len(keys) > MOST_DEPTH:
         raise ConfigError(f"{name}: expected KEY=VALUE, such as scene.0.radius_m=2")
-    return path.split("."), parse(text or "null", name)
+    return keys, parse(text or "null", name)
 
 
 def written(value: Any, place: Node) -> Node:
@@ -176,7 +188,7 @@ def written(value: Any, place: Node) -> Node:
         return yaml.SequenceNode(f"{_TAG}seq", items, place.start_mark, place.end_mark)
     kinds = {float: "float", int: "int", str: "str"}
     if type(value) not in kinds:
-        raise TypeError(f"value: expected numbers or text, got {value!r}")
+        raise TypeError(f"value: expected numbers or text, got {shown(value)}")
     return yaml.ScalarNode(f"{_TAG}{kinds[type(value)]}", str(value), place.start_mark, place.end_mark)
 
 
@@ -192,7 +204,7 @@ def replace(node: Node | None, path: list[str], value: Node) -> Node:
         changed[int(head)] = replace(changed[int(head)], rest, value)
         return yaml.SequenceNode(node.tag, changed, node.start_mark, node.end_mark)
     if isinstance(node, yaml.ScalarNode) and node.tag != f"{_TAG}null":
-        raise ConfigError(f"{_written(value.start_mark)}: {node.value!r} has no key {head!r} to set")
+        raise ConfigError(f"{_written(value.start_mark)}: {shown(node.value)} has no key {head!r} to set")
     found = entries(node)
     key, old = found.get(head, (None, None))
     if key is None or not rest:  # keys on the way to the value stay where they were written
@@ -243,7 +255,7 @@ class Place:
         mark, keys = self._walk()
         key = ".".join(keys)
         told = not key or mark.name.startswith(f"{_OVERRIDE}{key}=")
-        return ConfigError(": ".join([_written(mark), *([] if told else [key]), str(problem)]))
+        return ConfigError(": ".join([_written(mark), *([] if told else [short(key)]), str(problem)]))
 
     @contextmanager
     def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
@@ -256,11 +268,11 @@ class Place:
         except ConfigError:
             raise
         except (LidarsimError, OSError, TypeError, ValueError) as error:
-            argument, _, problem = str(error).removesuffix(DEGREES).partition(": ")
+            argument, _, problem = told(error).removesuffix(DEGREES).partition(": ")
             if keys and argument in keys:
                 key, addition = keys[argument]
                 raise (self / key).error(problem + (addition if re.search(r"\d", problem) else "")) from error
-            raise self.error(error) from error
+            raise self.error(told(error)) from error
 
     def file(self, name: str) -> Path:
         """Return the path of the file `name`, which is relative to the folder of the file in which this place is.
@@ -273,9 +285,12 @@ class Place:
         mark, _ = self._walk()
         path = (Path() if mark.name.startswith(_OVERRIDE) else Path(mark.name).parent) / name
         try:
+            check_regular(path)
             path.open("rb").close()
-        except OSError as error:
-            raise self.error(f"cannot read {path}: {error.strerror}") from None
+        except FileFormatError as error:
+            raise self.error(error) from None
+        except (OSError, ValueError) as error:  # a name with a null character
+            raise self.error(f"cannot read {short(path)}: {getattr(error, 'strerror', error)}") from None
         return path
 
     def load(self, name: str, read: Callable[[Path], T]) -> T:
@@ -298,22 +313,41 @@ def _written(mark: yaml.Mark) -> str:
     return str(mark.name) if mark.name.startswith(_OVERRIDE) else f"{mark.name}:{mark.line + 1}"
 
 
-def _check_keys(node: Node, above: tuple[Node, ...] = ()) -> None:
+def _extent(node: Node, known: dict[Node, tuple[int, int] | None]) -> tuple[int, int]:
+    """Return how many values `node` holds, itself included, and how deep they are, after checking that it may be used.
+
+    `known` has the extents of the nodes seen so far, each of which is looked at once, and None while it is looked at.
+    """
     if isinstance(node, yaml.ScalarNode):
-        return
-    if node in above:
+        return 1, 0
+    if node not in known:
+        known[node] = None
+        children = [value for _, value in node.value] if _has_keys(node) else node.value
+        extents = [_extent(child, known) for child in children]
+        values, depth = 1 + sum(values for values, _ in extents), 1 + max((depth for _, depth in extents), default=0)
+        if values > MOST_VALUES:
+            where = _written(node.start_mark)
+            raise ConfigError(f"{where}: expected at most {MOST_VALUES:,} values, aliases followed, got {values:,}")
+        if depth > MOST_DEPTH:
+            raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: nested too deeply")
+        known[node] = values, depth
+    extent = known[node]
+    if extent is None:
         raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: this value holds itself")
-    children = node.value
-    if isinstance(node, yaml.MappingNode):
-        lines: dict[str, int] = {}
-        for key, _ in node.value:
-            if not isinstance(key, yaml.ScalarNode):
-                raise ConfigError(f"{_written(key.start_mark)}: expected a word as a key")
-            if key.value in lines:
-                raise ConfigError(
-                    f"{_written(key.start_mark)}: {key.value}: this key is already on line {lines[key.value]}"
-                )
-            lines[key.value] = key.start_mark.line + 1
-        children = [value for _, value in node.value]
-    for child in children:
-        _check_keys(child, (*above, node))
+    return extent
+
+
+def _has_keys(node: Node) -> bool:
+    """Return whether `node` is a mapping, after checking that its keys are words and differ."""
+    if not isinstance(node, yaml.MappingNode):
+        return False
+    lines: dict[str, int] = {}
+    for key, _ in node.value:
+        if not isinstance(key, yaml.ScalarNode):
+            raise ConfigError(f"{_written(key.start_mark)}: expected a word as a key")
+        if key.value in lines:
+            raise ConfigError(
+                f"{_written(key.start_mark)}: {short(key.value)}: this key is already on line {lines[key.value]}"
+            )
+        lines[key.value] = key.start_mark.line + 1
+    return True

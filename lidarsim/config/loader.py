@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import reprlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import pydantic
 import yaml
 
+from lidarsim._validation import shown
 from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
 from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose, build_rig
@@ -213,7 +213,7 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
     difference: Node | None = without(node, "preset", "file", "mode", "noise")
     if preset is not None:
         with (place / "preset").refusals({"preset": ("", "")}):
-            base = read(preset_path(preset))
+            base = replace(read(preset_path(preset)), ["model"], entries(node)["preset"][1])
     elif file is not None:
         path = (place / "file").file(file)
         if not recognise(path, path.read_bytes()[:HEAD].decode("utf-8-sig", errors="replace")):
@@ -325,4 +325,4 @@ def _describe(value: object) -> str:
         return f"a list of {len(value)}"
     if isinstance(value, bool):
         return str(value).lower()
-    return reprlib.repr(value)
+    return shown(value)

@@ -24,6 +24,7 @@ from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
 from lidarsim import _validation, patterns, shapes
+from lidarsim._files import load_array, mesh_source, told
 from lidarsim._validation import pose as rigid
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
@@ -428,7 +429,7 @@ class Heightfield(Object):
 
     def build(self, place: Place) -> Shape:
         """Return the shape."""
-        heights = (place / "file").load(self.file, _read_npy)
+        heights = (place / "file").load(self.file, load_array)
         return construct(shapes.TriangleMesh.from_heightfield, self, ["spacing_m", "origin_m"], place, z=heights)
 
 
@@ -461,19 +462,13 @@ def _models_of(constructors: Iterable[Any], tag: str, base: type[Part]) -> dict[
     }
 
 
-def _read_npy(path: Path) -> Floats:
-    with path.open("rb") as file:
-        array: Floats = np.lib.format.read_array(file, allow_pickle=False)
-    return array
-
-
 def _read_scene(path: Path) -> tuple[dict[str, shapes.TriangleMesh], Any]:
     import trimesh
 
     try:
-        scene = trimesh.load_scene(path)
+        scene = trimesh.load_scene(**mesh_source(path))
     except Exception as error:  # trimesh's readers raise whatever their parsers do
-        raise FileFormatError(f"{path}: cannot be read as a scene: {error}") from error
+        raise FileFormatError(f"{path}: cannot be read as a scene: {told(error)}") from error
     return {name: shapes.TriangleMesh.from_trimesh(mesh) for name, mesh in scene.geometry.items()}, scene.graph
 
 
@@ -546,6 +541,7 @@ class Sensor(_Limits):
     """A lidar. `datasheet_noise` and `modes` are merged in on request; `sources` says where numbers are from."""
 
     pattern: AnyPattern
+    model: str = ""
     description: str = ""
     datasheet_noise: Effects | None = None
     modes: dict[str, dict[str, Any]] = {}
@@ -558,7 +554,7 @@ class Sensor(_Limits):
             "pattern": self.pattern.build(place / "pattern"),
             "measurement": self.measurement.build(place / "measurement"),
         }
-        return construct(Lidar, self, _LIMITS, place, **parts)
+        return construct(Lidar, self, _LIMITS | {"model"}, place, **parts)
 
 
 class VendorSensor(_Limits):
@@ -624,7 +620,7 @@ class Cloud(Model):
     def _name(cls, value: object) -> object:
         if not isinstance(value, bool) and value not in ("start", "middle", "end"):
             expected = "expected true, false, start, middle, end, or seconds as deskew_s, got {got}"
-            raise PydanticCustomError("deskew", expected, {"got": repr(value)})
+            raise PydanticCustomError("deskew", expected, {"got": _validation.shown(value)})
         return value
 
     def build(self, place: Place) -> dict[str, Any]:

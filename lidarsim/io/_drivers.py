@@ -46,7 +46,7 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
 """The layouts of a point, by the name of a driver."""
 
 VENDORS = {"ouster": "ouster", "hesai": "hesai", "robosense": "hesai", "livox": "livox"}
-"""The layout of a sensor, by the vendor in its name; that of all others is velodyne."""
+"""The layout of a sensor, by the vendor in its model; that of all others is velodyne."""
 
 LAST, FIRST, STRONGEST, SECOND, SECOND_STRONGEST = 1, 2, 3, 7, 8
 """Types of returns, as Autoware's nebula drivers number them; 0 is unknown."""
@@ -54,8 +54,8 @@ LAST, FIRST, STRONGEST, SECOND, SECOND_STRONGEST = 1, 2, 3, 7, 8
 
 def layout_of(lidar: Sensor | None) -> str:
     """Return the layout in which the driver of a sensor publishes."""
-    name = lidar.name.lower() if lidar else ""
-    return next((layout for vendor, layout in VENDORS.items() if vendor in name), "velodyne")
+    model = lidar.model.lower() if lidar else ""
+    return next((layout for vendor, layout in VENDORS.items() if vendor in model), "velodyne")
 
 
 class _Points(NamedTuple):

@@ -101,7 +101,10 @@ def to_fields(columns: Fields, normal: Collection[str]) -> Fields:
         base, _, index = name.rpartition(".")
         if base and index == str(len(vectors.get(base, ()))):
             vectors.setdefault(base, []).append(name)
-    fields = {_identifier(name): np.stack([columns.pop(part) for part in parts], 1) for name, parts in vectors.items()}
+    fields: Fields = {}
+    for name, parts in vectors.items():
+        dtype = np.float64 if name == "xyz" else None  # what a cloud has it as, so that it is copied but once
+        fields[_identifier(name)] = np.stack([columns.pop(part) for part in parts], 1, dtype=dtype)
     return fields | {_identifier(name): column for name, column in columns.items()}
 
 

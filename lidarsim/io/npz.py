@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import os
-from typing import IO, BinaryIO
+from typing import BinaryIO
 from zipfile import ZipFile
 
 import numpy as np
 
+from lidarsim._files import read_array
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion
 from lidarsim.pointcloud import Fields, register_format
@@ -32,22 +33,11 @@ def load(file: BinaryIO) -> Fields:
         for entry in archive.infolist():
             name = entry.filename.removesuffix(".npy")
             with archive.open(entry) as stream:
-                _check_size(name, stream, entry.file_size)
-            with archive.open(entry) as stream:
-                fields[name] = np.lib.format.read_array(stream, allow_pickle=False)
+                try:
+                    fields[name] = read_array(stream, entry.file_size)
+                except FileFormatError as error:
+                    raise FileFormatError(f"{name}: {error}") from None
     return fields
-
-
-def _check_size(name: str, stream: IO[bytes], size: int) -> None:
-    """Raise an error if the header of an array claims more bytes than its entry of the archive has."""
-    version = np.lib.format.read_magic(stream)
-    if version not in {(1, 0), (2, 0)}:
-        raise FileFormatError(f"{name}: its array is of the unknown version {version}")
-    header = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
-    shape, _, dtype = header(stream)
-    claimed = int(np.prod(shape, dtype=object)) * dtype.itemsize
-    if not dtype.hasobject and claimed > size:
-        raise FileFormatError(f"{name}: its array claims {claimed:,} bytes of {size:,}")
 
 
 register_format(".npz", save=save, load=load, signature=b"PK\x03\x04")

@@ -4,7 +4,7 @@ A file is a whole bag, without the folder and the metadata.yaml of ROS's own rec
 ``/clock``, the transforms to the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
 velocity (``/tf``, ``/odom``).
 
-Each cloud goes out in one of these layouts, by the sensor's name or as asked:
+Each cloud goes out in one of these layouts, by the sensor's model or as asked:
 
 =========  ==========================================================================================================
 layout     fields, with their types as NumPy writes them
@@ -93,7 +93,7 @@ class Writer:
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
-        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: that of the vendor in the name of the
+        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: that of the vendor in the model of the
         `Lidar` (ouster, hesai, robosense or livox, as presets have it), and velodyne's for all others.
     start : float
         Time of the ROS clock at time 0 of the scans, s since 1970. Default: the start of 2020.

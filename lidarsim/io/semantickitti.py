@@ -15,7 +15,7 @@ from typing import BinaryIO, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._files import PathLike
+from lidarsim._files import PathLike, check_regular
 from lidarsim.errors import FileFormatError
 from lidarsim.io._units import fitting
 from lidarsim.pointcloud import Fields, register_format
@@ -60,6 +60,7 @@ def read_labels(path: PathLike) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.
     OSError
         If it cannot be read.
     """
+    check_regular(path)
     data = Path(path).read_bytes()
     if len(data) % 4:
         raise FileFormatError(f"{path}: not a readable .label file: its {len(data)} bytes are not a multiple of 4")

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._files import check_regular, load_array, told
 from lidarsim._pickling import Value
 from lidarsim._validation import Floats, angles, array, frozen, integer, nonzero_vectors, real
 from lidarsim.errors import FileFormatError
@@ -117,6 +118,7 @@ class Table(Value):
         if path.suffix.lower() not in (".csv", ".npy"):
             raise FileFormatError(f"{path}: expected a .csv or .npy file")
         try:
+            check_regular(path)
             if path.suffix.lower() == ".npy":
                 columns = _npy_columns(path)
             else:
@@ -124,8 +126,10 @@ class Table(Value):
             return cls._from_columns(columns, rate, pulse_rate)
         except OSError as error:
             raise FileFormatError(f"{path}: cannot read the file: {error.strerror or error}") from None
-        except (EOFError, TypeError, ValueError) as error:
-            raise FileFormatError(f"{path}: {error}") from None
+        except FileFormatError:
+            raise
+        except (TypeError, ValueError) as error:
+            raise FileFormatError(f"{path}: {told(error)}") from None
 
     @classmethod
     def _from_columns(cls, columns: dict[str, Floats], rate: float, pulse_rate: float | None) -> Table:
@@ -232,7 +236,7 @@ def columns_of(lines: Sequence[str]) -> dict[str, Floats]:
 
 
 def _npy_columns(path: Path) -> dict[str, Floats]:
-    values = np.load(path, allow_pickle=False)
+    values = load_array(path)
     if values.ndim != 2 or values.shape[1] not in (2, 3) or values.dtype.kind not in "fiu":
         raise ValueError(f"expected numbers of shape (n, 3) or (n, 2), got {values.dtype} of shape {values.shape}")
     names = ("x", "y", "z") if values.shape[1] == 3 else ("azimuth_rad", "elevation_rad")

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
+from lidarsim._files import mesh_source, told
 from lidarsim._validation import Floats, Transform, array, positive
 from lidarsim.errors import FileFormatError
 from lidarsim.shapes._shape import Shape
@@ -91,10 +92,9 @@ class TriangleMesh(Shape):
         if not path.is_file():
             raise FileNotFoundError(f"{path}: no such mesh file")
         try:
-            loaded = trimesh.load_mesh(path, process=False)
+            loaded = trimesh.load_mesh(**mesh_source(path), process=False)
         except Exception as error:  # trimesh's readers raise whatever their parsers do
-            reason = str(error).strip().splitlines() or [type(error).__name__]
-            raise FileFormatError(f"{path}: cannot be read as a mesh: {reason[0]}") from error
+            raise FileFormatError(f"{path}: cannot be read as a mesh: {told(error)}") from error
         if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
             raise FileFormatError(f"{path}: cannot be read as a mesh: it holds no triangles")
         try:

@@ -53,6 +53,13 @@ def refusal(text: str, *overrides: str) -> str:
     return str(caught.value)
 
 
+def test_the_model_of_a_preset_stays_under_another_name() -> None:
+    scene = "scene: []\nsensor: {preset: ouster-os1-64, name: front"
+    lidar = load(f"{scene}}}\n").lidar
+    assert (lidar.name, lidar.model) == ("front", "ouster-os1-64")
+    assert load(f"{scene}, model: hesai-x}}\n").lidar.model == "hesai-x"
+
+
 def test_a_configuration_is_built() -> None:
     run = load(CONFIG)
     road, ball = run.scene.objects
@@ -531,7 +538,7 @@ def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
 
 
 SENSOR_KEYS = (
-    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, description, datasheet_noise, modes, "
+    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, description, datasheet_noise, modes, "
     "datasheet, sources"
 )
 SHAPE_NAMES = (
@@ -678,7 +685,9 @@ def test_a_file_that_trimesh_cannot_read(shape: str, what: str) -> None:
 def test_bad_heights() -> None:
     Path("z.npy").write_text("no array", encoding="utf-8")
     text = "sensor: {preset: velodyne-vlp16}\nscene: [{shape: heightfield, file: z.npy, spacing_m: 1}]"
-    assert refusal(text).startswith("run.yaml:2: scene.0.file: the magic string is not correct")
+    assert refusal(text).startswith(
+        "run.yaml:2: scene.0.file: z.npy: not a readable .npy file: the magic string is not correct"
+    )
     np.save("z.npy", np.array([[1.0, np.nan], [0.0, 0.0]]))
     assert refusal(text) == "run.yaml:2: scene.0: z: expected finite numbers, got z[0][1] = nan"
 

@@ -1,4 +1,4 @@
-"""Damage files in every way that pays, and see that a reader gives a cloud or a clear error, in little memory.
+"""Damage files in every way that pays, and see that a reader gives what it reads or a clear error, in little memory.
 
     python tests/io/mutations.py [mutations a reader] [seed] [suffix ...]
 
@@ -7,27 +7,37 @@ On Linux a limit on the address space makes an allocation of more than `ROOM` a 
 
 from __future__ import annotations
 
+import re
+import shutil
 import sys
 import tempfile
 import time
 import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import plyfile
 import pypcd4
+import trimesh
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Reader as BagReader
 from rosbags.rosbag2 import Writer as BagWriter
+from scipy.spatial.transform import Rotation
 
-from lidarsim import PointCloud, io
-from lidarsim.errors import FileFormatError
+from lidarsim import Lidar, PointCloud, Trajectory, TriangleMesh, config, io
+from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.io.semantickitti import read_labels
+from lidarsim.patterns import Table
 
 ROOM = 1 << 30
+LONGEST = 2000  # characters of an error, path and place included
+ROOT = Path(__file__).parents[2]
+BESIDE = ("scene_file.yaml", "heightfield.yaml", "Angle_Correction", "Firetime_Correction")
+"""Files that are read with a damaged one, and may be blamed."""
 NUMBERS = (0, 1, 2, 255, 65_535, 2**31 - 1, 2**31, 2**32 - 1, 10**12, 2**63 - 1, 2**64 - 1)
 
 
@@ -98,8 +108,132 @@ def samples(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]
     yield ".mcap zstd", folder / "zstd" / "zstd.mcap", PointCloud.load
 
 
+def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
+    """The same of configurations, of vendors' files and of what else describes a scene, a sensor or a path."""
+    shutil.copytree(ROOT / "configs", folder / "configs")
+    for path in sorted((folder / "configs").glob("*.yaml")):
+        yield f"config {path.stem}", path, config.load
+    yield "config sensor", folder / "configs" / "sensors" / "city-lidar.yaml", Lidar.from_file
+    shutil.copytree(ROOT / "tests" / "data" / "sensors", folder / "sensors")
+    for path in sorted((folder / "sensors").glob("*/*.*")):
+        if path.parent.name == "hesai" and "Firetime" in path.name:
+            angles = path.with_name(path.name.replace("Firetime", "Angle"))
+            yield f"vendor {path.name}", path, partial(with_firing_times, angles)
+        elif path.suffix in {".yaml", ".json", ".csv", ".dat"} and not path.name.startswith(("xyz", "QT128", "mid")):
+            yield f"vendor {path.name}", path, Lidar.from_file
+
+    turns = Rotation.from_rotvec(np.linspace([0, 0, 0], [0, 0, 1], 30)).as_matrix()
+    poses = np.tile(np.eye(4), (30, 1, 1))
+    poses[:, :3, :3] = turns
+    drive = Trajectory(np.arange(30) / 10, poses)
+    for suffix in (".tum", ".csv", ".kitti"):
+        path = folder / f"drive{suffix}"
+        drive.save(path)
+        yield f"trajectory {suffix}", path, partial(load_path, suffix)
+    path = folder / "livox.csv"
+    rows = [f"{i},{i * 0.9},{38 + 59.4 * (i * 7 % 400) / 399}\n" for i in range(401)]  # the field of view of a Mid-360
+    path.write_text(f"Time/s,Azimuth/deg,Zenith/deg\n{''.join(rows)}")
+    yield "vendor livox.csv", path, Lidar.from_file
+    path = folder / "table.csv"
+    path.write_text(
+        "azimuth_deg,elevation_deg,time_s,ring\n" + "".join(f"{i},{i / 9},{i / 99},{i % 4}\n" for i in range(60))
+    )
+    yield "table .csv", path, partial(Table.from_file, rate=10.0)
+    np.save(folder / "table.npy", np.random.default_rng(1).normal(size=(50, 3)))
+    yield "table .npy", folder / "table.npy", partial(Table.from_file, rate=10.0)
+    mesh = trimesh.creation.icosphere(subdivisions=1)
+    for suffix in (".ply", ".stl", ".obj", ".off", ".glb"):
+        path = folder / f"mesh{suffix}"
+        mesh.export(path)
+        yield f"mesh {suffix}", path, TriangleMesh.from_file
+    scene = folder / "scene.yaml"
+    for shape, file in (("scene_file", "mesh.glb"), ("heightfield", "table.npy")):
+        scene = folder / f"{shape}.yaml"
+        more = ", spacing_m: 1" if shape == "heightfield" else ""
+        scene.write_text(
+            f"sensor: {{preset: velodyne-vlp16}}\nscene: [{{shape: {shape}, file: damaged{file[-4:]}{more}}}]\n"
+        )
+        yield shape, folder / file, partial(load_scene, scene)
+
+
+def with_firing_times(angles: Path, path: Path) -> Lidar:
+    return Lidar.from_file(angles, firing_times=path)
+
+
+def load_path(suffix: str, path: Path) -> Trajectory:
+    return Trajectory.load(path, times=np.arange(30) if suffix == ".kitti" else None)
+
+
+def load_scene(scene: Path, path: Path) -> object:
+    path.replace(scene.with_name(f"damaged{path.suffix}"))
+    return config.load(scene)
+
+
+WORDS = (
+    *(
+        "&a",
+        "*a",
+        "[*a, *a]",
+        "<<: *a",
+        "[",
+        "{",
+        "]",
+        "- ",
+        ": ",
+        "? ",
+        "|",
+        ">",
+        "'",
+        '"',
+        "#",
+        "%",
+        "@",
+        "\t",
+        "\0",
+        ",",
+    ),
+    *("!!binary", "!!python/name:os.system", "!x", "---", "null", "~", "true", "no", "NaN", ".nan", ".inf", "-.inf"),
+    *("1e999", "-1", "0", "1e-320", "0x" + "f" * 5000, "9" * 5000, "1" * 400, "é", "\u2028", "\ufeff", "x" * 100_000),
+    *(
+        "[" * 2000,
+        "{a: " * 500,
+        "- " * 500,
+        "../..",
+        "/dev/zero",
+        "/",
+        "file",
+        "preset",
+        "type",
+        "1_000",
+        "0o17",
+        "12:30:45",
+    ),
+)
+
+
+def reworded(content: bytes, rng: np.random.Generator) -> bytes:
+    """Change one to three words of a text: by another of its words, by a hostile one, by none, or with its line."""
+    parts = re.split(r"(\w+|\n)", content.decode("utf-8", errors="replace"))
+    for _ in range(rng.integers(1, 4)):
+        i, j = (int(k) for k in rng.integers(len(parts), size=2))
+        match rng.integers(6):
+            case 0 | 1:
+                parts[i] = WORDS[rng.integers(len(WORDS))]
+            case 2:
+                parts[i] = str(NUMBERS[rng.integers(len(NUMBERS))])
+            case 3:
+                parts[i] = parts[j]
+            case 4:
+                parts[i] = ""
+            case 5:
+                parts[i:i] = parts[min(i, j) : max(i, j)][:40]
+    return "".join(parts).encode("utf-8", errors="replace")
+
+
 def mutated(content: bytes, rng: np.random.Generator) -> bytes:
     """Change one to three places, half of them near an end, where headers and indices are."""
+    if content.isascii() and rng.integers(2):
+        return reworded(content, rng)
     data = bytearray(content)
     for _ in range(rng.integers(1, 4)):
         if not data:
@@ -144,12 +278,16 @@ def faults(
         try:
             read(damaged)
             outcomes["read"] += 1
-        except FileFormatError as error:
+        except (ConfigError, FileFormatError) as error:
             outcomes["refused"] += 1
-            if "\n" in str(error) or str(damaged) not in str(error) or isinstance(error.__cause__, MemoryError):
-                wrong.append(f"{name}, mutation {index}: {error!r}, from {error.__cause__!r}")
+            told, causes = str(error), [error]
+            while causes[-1].__cause__:
+                causes.append(causes[-1].__cause__)
+            named = any(file in told for file in (damaged.name, *BESIDE))
+            if "\n" in told or len(told) > LONGEST or not named or isinstance(causes[-1], MemoryError):
+                wrong.append(f"{name}, mutation {index}: {told[:LONGEST]}, {len(told)} characters, from {causes[-1]!r}")
         except BaseException as error:  # noqa: BLE001 - that is what is looked for
-            wrong.append(f"{name}, mutation {index}: {error!r}")
+            wrong.append(f"{name}, mutation {index}: {repr(error)[:LONGEST]}")
     return outcomes, wrong
 
 
@@ -159,9 +297,11 @@ def main(count: int = 300, seed: int = 0, *suffixes: str) -> int:
     assert io, "the formats register themselves on import"
     total = 0
     with tempfile.TemporaryDirectory() as folder:
-        everything = [sample for sample in samples(Path(folder)) if not suffixes or sample[0] in suffixes]
+        everything = [*samples(Path(folder)), *texts(Path(folder))]
+        everything = [sample for sample in everything if not suffixes or sample[0].startswith(suffixes)]
         for _, path, read in everything:
-            read(path)  # imports what it needs before the limit
+            shutil.copy(path, copy := path.with_name(f"damaged{''.join(path.suffixes[-2:])}"))
+            read(copy)  # imports what it needs before the limit
         if sys.platform == "linux":
             import resource
 

@@ -134,7 +134,7 @@ def test_npy_may_give_components_or_angles(tmp_path: Path, values: np.ndarray) -
         ("a.csv", b"x,y,z\n1,0,nan\n", "directions: expected finite numbers, got directions[0][2] = nan"),
         ("a.csv", b"x,y,z,time_s\n1,0,0,0\n", "pulse_rate: expected none beside the column time_s, got 10.0"),
         ("a.csv", b"x,y,z\n1,0,up\n", "could not convert string 'up' to float64 at row 0, column 3."),
-        ("a.npy", b"\x93NUMPY", "EOF: reading magic string, expected 8 bytes got 6"),
+        ("a.npy", b"\x93NUMPY", "not a readable .npy file: EOF: reading magic string, expected 8 bytes got 6"),
     ],
 )
 def test_bad_files_are_named(tmp_path: Path, name: str, content: bytes | None, message: str) -> None:
@@ -150,7 +150,10 @@ def test_bad_files_are_named(tmp_path: Path, name: str, content: bytes | None, m
     [
         (np.zeros((2, 4)), "expected numbers of shape (n, 3) or (n, 2), got float64 of shape (2, 4)"),
         (np.array([["a", "b"]]), "expected numbers of shape (n, 3) or (n, 2), got <U1 of shape (1, 2)"),
-        (np.array([[{}, {}]], object), "Object arrays cannot be loaded when allow_pickle=False"),
+        (
+            np.array([[{}, {}]], object),
+            "not a readable .npy file: Object arrays cannot be loaded when allow_pickle=False",
+        ),
     ],
 )
 def test_bad_arrays_are_named(tmp_path: Path, values: np.ndarray, message: str) -> None:

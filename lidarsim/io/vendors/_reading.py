@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from lidarsim._files import check_regular, told
 from lidarsim.errors import FileFormatError
 
 
@@ -13,6 +14,7 @@ from lidarsim.errors import FileFormatError
 def refusals(path: Path, kind: str) -> Iterator[None]:
     """Turn what the checks refuse into an error that names the file and what it was recognised as."""
     try:
+        check_regular(path)
         yield
     except FileFormatError:
         raise
@@ -20,5 +22,7 @@ def refusals(path: Path, kind: str) -> Iterator[None]:
         raise FileFormatError(f"{path}: {kind}: not UTF-8 at byte {error.start}") from None
     except OSError as error:
         raise FileFormatError(f"{path}: cannot read the file: {error.strerror}") from None
-    except (TypeError, ValueError) as error:
-        raise FileFormatError(f"{path}: {kind}: {error}") from None
+    except RecursionError:
+        raise FileFormatError(f"{path}: {kind}: nested too deeply") from None
+    except (ArithmeticError, LookupError, TypeError, ValueError) as error:
+        raise FileFormatError(f"{path}: {kind}: {told(error)}") from None

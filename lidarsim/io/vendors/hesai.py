@@ -149,20 +149,21 @@ def read(
         rate = real("rate", rate, above=0.0)
         mirror = isinstance(lidar.pattern, PolygonMirror)
         changes |= {"rate": rate, "line_rate": rate} if mirror else {"rate": rate}
-    firings: Firings = []
-    if firing_times is not None:
-        firings = _firings(Path(firing_times), model)
-        if len(firings) == 1:
-            changes["firing_times"] = firings[0][1]
-    pattern = dataclasses.replace(cast("PolygonMirror | Spinning", lidar.pattern), **changes)
-    if isinstance(pattern, PolygonMirror):
-        return dataclasses.replace(lidar, pattern=pattern)
-    beams = directions_of(pattern.azimuth_offsets, pattern.elevations)
-    return dataclasses.replace(
-        lidar,
-        pattern=_taking_turns(pattern, firings) if len(firings) > 1 else pattern,
-        range_offset=(pattern.beam_origins * beams).sum(axis=-1).tolist(),
-    )
+    firings = [] if firing_times is None else _firings(Path(firing_times), model)
+    if len(firings) == 1:
+        changes["firing_times"] = firings[0][1]
+    with refusals(
+        path if firing_times is None else Path(firing_times), ANGLES if firing_times is None else FIRING_TIMES
+    ):
+        pattern = dataclasses.replace(cast("PolygonMirror | Spinning", lidar.pattern), **changes)
+        if isinstance(pattern, PolygonMirror):
+            return dataclasses.replace(lidar, pattern=pattern)
+        beams = directions_of(pattern.azimuth_offsets, pattern.elevations)
+        return dataclasses.replace(
+            lidar,
+            pattern=_taking_turns(pattern, firings) if len(firings) > 1 else pattern,
+            range_offset=(pattern.beam_origins * beams).sum(axis=-1).tolist(),
+        )
 
 
 def read_mirror(
@@ -201,9 +202,15 @@ def read_mirror(
         mirror = _Mirror.from_bytes(path.read_bytes(), model)
     times = preset.firing_times
     if firing_times is not None:
-        ((_, times),) = _firings(Path(firing_times), model)
+        firings = _firings(Path(firing_times), model)
+        if len(firings) != 1:
+            raise FileFormatError(
+                f"{firing_times}: {FIRING_TIMES}: expected one time of each channel, got {len(firings)}"
+            )
+        times = firings[0][1]
     rate = preset.rate if rate is None else real("rate", rate, above=0.0)
-    return dataclasses.replace(lidar, pattern=mirror.turn(preset, times, rate))
+    with refusals(path, MIRROR_ANGLES):
+        return dataclasses.replace(lidar, pattern=mirror.turn(preset, times, rate))
 
 
 def refuse_firing_times(path: Path) -> Lidar:

@@ -76,18 +76,21 @@ def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> 
     with refusals(path, KIND):
         rows = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
         angles = array("angles", rows, ("n", "of each"))
+        if angles.shape not in MODELS:
+            raise ValueError(f"expected 16 lines of an angle or 32 of two, got shape {angles.shape}")
     model = MODELS[angles.shape]
     lidar = Lidar.preset(model.preset, noise=noise)
     pattern = cast("Spinning", lidar.pattern)
     rings = np.argsort(angles[:, 0], kind="stable")
     elevation, azimuth = np.radians(np.c_[angles, np.zeros(len(angles))][rings, :2].T)  # of 16 without azimuths: 0
-    pattern = dataclasses.replace(
-        pattern,
-        elevations=elevation,
-        azimuth_offsets=-azimuth,
-        firing_times=np.array(model.firing_us)[rings] / 1e6,
-        rate=pattern.rate if rate is None else rate,
-    )
+    with refusals(path, KIND):
+        pattern = dataclasses.replace(
+            pattern,
+            elevations=elevation,
+            azimuth_offsets=-azimuth,
+            firing_times=np.array(model.firing_us)[rings] / 1e6,
+            rate=pattern.rate if rate is None else rate,
+        )
     return dataclasses.replace(lidar, pattern=pattern)
 
 

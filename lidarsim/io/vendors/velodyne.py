@@ -25,7 +25,8 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from lidarsim._validation import Floats, array
+from lidarsim._files import told
+from lidarsim._validation import Floats, array, short, shown
 from lidarsim.errors import FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.patterns import Spinning
@@ -33,6 +34,9 @@ from lidarsim.patterns._parts import turned
 from lidarsim.sensor import Lidar, register_lidar_reader
 
 KIND = "Velodyne calibration YAML"
+
+DEPTH = 8
+"""Lists and mappings inside one another; a calibration has three."""
 
 
 class Model(NamedTuple):
@@ -93,26 +97,40 @@ def read(path: Path, *, model: str | None = None, rate: float | None = None, noi
     lidar = Lidar.preset(name, noise=noise)
     if rate is not None:
         changes["rate"] = rate
-    return dataclasses.replace(lidar, pattern=dataclasses.replace(cast("Spinning", lidar.pattern), **changes))
+    with refusals(path, KIND):
+        return dataclasses.replace(lidar, pattern=dataclasses.replace(cast("Spinning", lidar.pattern), **changes))
 
 
 def _yaml(path: Path) -> Any:
     import yaml
 
+    text, loader = path.read_text(encoding="utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+    depth = 0
     try:
-        return yaml.load(path.read_text(encoding="utf-8-sig"), getattr(yaml, "CSafeLoader", yaml.SafeLoader))  # noqa: S506
+        for event in yaml.parse(text, loader):
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEPTH or isinstance(
+                event, yaml.AliasEvent
+            ):  # which would take the loader's stack, or the memory
+                raise ValueError("expected a list of lasers, got deeper nesting or an alias")
+        return yaml.load(text, loader)  # noqa: S506 - a safe one
     except yaml.MarkedYAMLError as error:
         where = f" at line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise FileFormatError(f"{path}: {KIND}: not valid YAML{where}: {error.problem or error.context}") from None
+        problem = short(error.problem or error.context)
+        raise FileFormatError(f"{path}: {KIND}: not valid YAML{where}: {problem}") from None
+    except yaml.YAMLError as error:
+        raise FileFormatError(f"{path}: {KIND}: not valid YAML: {told(error)}") from None
 
 
-def _calibration(document: dict[str, Any], name: str | None) -> tuple[str, dict[str, Any]]:
+def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any]]:
     """Return the preset, and what a calibration changes in its pattern."""
+    if not isinstance(document, dict) or "lasers" not in document:
+        raise ValueError("lasers is missing")
     lasers = document["lasers"]
     if not isinstance(lasers, list) or not all(isinstance(laser, dict) for laser in lasers):
         raise ValueError("lasers: expected a list of mappings")
     if document.get("num_lasers") != len(lasers):
-        given = document.get("num_lasers", "none")
+        given = shown(document["num_lasers"]) if "num_lasers" in document else "none"
         raise ValueError(f"num_lasers: expected {len(lasers)}, the number of lasers listed, got {given}")
     ids = _column(lasers, "laser_id")
     if not np.array_equal(np.sort(ids), np.arange(len(lasers))):
