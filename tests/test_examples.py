@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 EXAMPLES = sorted((Path(__file__).parents[1] / "examples").glob("*.py"))
+IMAGES = Path(__file__).parents[1] / "examples" / "images"
 
 
 def test_there_are_examples() -> None:
@@ -23,3 +26,15 @@ def test_example_runs(path: Path, tmp_path: Path) -> None:
         [sys.executable, path], cwd=tmp_path, env=headless, stderr=subprocess.PIPE, text=True, check=False
     )
     assert result.returncode == 0, result.stderr
+    (picture,) = (file for file in tmp_path.iterdir() if file.stem == path.stem and file.suffix in {".png", ".gif"})
+    with Image.open(picture) as drawn, Image.open(IMAGES / picture.name) as shown:
+        assert drawn.width / drawn.height == pytest.approx(shown.width / shown.height, rel=0.01)
+        assert len(drawn.convert("RGB").getcolors(2**24) or []) > 16  # it is not blank
+
+
+def test_the_gallery_shows_every_example() -> None:
+    gallery = (IMAGES.parent / "README.md").read_text(encoding="utf-8")
+    for path in EXAMPLES:
+        assert f"[`{path.name}`]({path.name})" in gallery
+        assert f"](images/{path.stem}." in gallery
+    assert [name for name in re.findall(r"\]\(([^)]+)\)", gallery) if not (IMAGES.parent / name).exists()] == []
