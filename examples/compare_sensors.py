@@ -1,8 +1,9 @@
-"""How many points do sensors put on a pedestrian, and how far away? One scene, every spinning preset."""
+"""How many points does each spinning preset put on a pedestrian, and how far away? Writes compare_sensors.png."""
 
 from __future__ import annotations
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import lidarsim as ls
 
@@ -18,6 +19,8 @@ for number, distance in enumerate(DISTANCES):  # in a row, but none behind anoth
 roof = np.eye(4)
 roof[2, 3] = 1.8
 
+figure = Figure(figsize=(10, 6.2), layout="constrained")
+axes = figure.add_subplot()
 print(f"{'sensor':20}" + "".join(f"{distance:>8} m" for distance in DISTANCES))
 for name in ls.Lidar.presets():
     lidar = ls.Lidar.preset(name)
@@ -25,3 +28,10 @@ for name in ls.Lidar.presets():
         cloud = lidar.scan(scene, roof).point_cloud()
         counts = np.bincount(cloud.object_id, minlength=len(scene))[1:]
         print(f"{name:20}" + "".join(f"{count:10}" for count in counts))
+        axes.plot(DISTANCES, np.maximum(counts, 0.5), marker="o", label=name)
+
+axes.set(xscale="log", yscale="log", xlabel="distance [m]", ylabel="points on a pedestrian")
+axes.set_xticks(DISTANCES, DISTANCES)
+axes.minorticks_off()
+axes.legend(fontsize=7, loc="upper left", bbox_to_anchor=(1, 1))
+figure.savefig("compare_sensors.png", dpi=100)

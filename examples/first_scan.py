@@ -1,4 +1,4 @@
-"""Build a scene, scan it, and see what became of every pulse; writes scan.pcd and scan.png into the working folder."""
+"""Build a scene, scan it, and see what became of every pulse; writes scan.pcd and first_scan.png."""
 
 from __future__ import annotations
 
@@ -36,4 +36,12 @@ for item in scene:
     print(f"{item.name:8} {len(seen):6} points, range noise {error:.1f} mm")
 
 cloud.save("scan.pcd")
-cloud.plot(scene=scene, color_by="label", pose=mast, save="scan.png")
+names = {item.label: item.name for item in scene.objects}
+scan.plot(
+    scene=scene,
+    color_by="label",
+    class_names=names,
+    camera=[(-13, -7, 10), (6, 0.5, 0), (0, 0, 1)],
+    size=(1000, 620),
+    save="first_scan.png",
+)

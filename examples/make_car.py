@@ -1,7 +1,7 @@
 """Make a mesh from a few curves: the car of configs/scenes/car.ply.
 
 The body is a stack of rounded cross-sections along x, whose top, bottom and half width follow the curves below; the
-wheels are cylinders. Usage: python make_car.py [FILE]
+wheels are cylinders. Usage: python make_car.py [FILE]; also writes make_car.png.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
+
+import lidarsim as ls
 
 # Length, top, bottom and half width of the body, m: the car drives towards +x and stands on z = 0.
 X = [-2.15, -2.10, -1.90, -1.45, -0.95, -0.30, 0.25, 0.85, 1.20, 1.85, 2.10, 2.15]
@@ -53,4 +55,8 @@ path = Path(sys.argv[1] if len(sys.argv) > 1 else "car.ply")
 car.vertices = car.vertices.astype(np.float32)
 path.write_bytes(trimesh.exchange.ply.export_ply(car, vertex_normal=False))
 closed = all(part.is_volume for part in car.split())  # watertight, normals outward
+
+scene = ls.Scene()
+scene.add(ls.TriangleMesh.from_file(path), name="car", label=1)
+scene.plot(camera="orbit", color_by="object_id", size=(1000, 620), save="make_car.png")
 print(f"{path}: {len(car.faces)} triangles, closed: {closed}, {path.stat().st_size / 1e3:.0f} kB")

@@ -19,6 +19,7 @@ from lidarsim.bench.peers import ABSENT, FAILING
 __all__ = [
     "around_section",
     "machine",
+    "plot_distance",
     "plot_growth",
     "plot_speed",
     "readme_section",
@@ -32,7 +33,7 @@ Results = dict[str, Any]
 Row = dict[str, Any]
 
 BEGIN, END = "<!-- bench: begin, written by `lidarsim bench --readme` -->", "<!-- bench: end -->"
-PICTURE = Path("examples/images/speed.png")  # from the folder of the README
+PICTURES = Path("../../examples/images")  # from the folder of the README
 
 COLORS = {
     "lidarsim": "#c2410c",
@@ -42,6 +43,8 @@ COLORS = {
     "MuJoCo": "#4d7c0f",
     "textbook": "#4b5563",
 }
+NEAREST = 10.0
+"""Where a distance of 0 stands on a logarithmic axis, m."""
 INK, FAINT = "#1f2937", "#e5e7eb"
 
 CASTING = """\
@@ -88,12 +91,13 @@ def _cpu() -> str:
 
 
 def write(results: Results, folder: Path) -> None:
-    """Write ``speed.json``, ``speed.md``, ``speed.png`` and ``growth.png``."""
+    """Write ``speed.json``, ``speed.md``, ``speed.png``, ``growth.png`` and ``distance.png``."""
     for name, text in (("speed.json", json.dumps(results, indent=1)), ("speed.md", to_markdown(results))):
         with atomic_writer(folder / name) as file:
             file.write(text.encode())
     plot_speed(results, folder / "speed.png")
     plot_growth(results, folder / "growth.png")
+    plot_distance(results, folder / "distance.png")
 
 
 def around_section(readme: Path) -> tuple[str, str]:
@@ -116,9 +120,10 @@ def update_readme(results: Results, readme: Path) -> None:
         If the file has no such section.
     """
     around_section(readme)
-    picture = readme.parent / PICTURE
-    picture.parent.mkdir(parents=True, exist_ok=True)
-    plot_speed(results, picture)
+    folder = (readme.parent / PICTURES).resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    plot_speed(results, folder / "speed.png")
+    plot_distance(results, folder / "distance.png")
     sections.write(readme, BEGIN, END, readme_section(results))
 
 
@@ -178,6 +183,9 @@ def to_markdown(results: Results) -> str:
                 for row in results["growth"]
             ),
         ),
+        "## Far from the origin",
+        "Errors of the range on a terrain of 10,000 triangles, moved along x.",
+        "![Error against the distance from the origin](distance.png)",
         "## A whole scan",
         "In the city, 128 channels, over the bare cast of the same rays.",
         _table(
@@ -232,12 +240,13 @@ def readme_section(results: Results) -> str:
     sample = max(row["error"]["rays"] for row in results["speed"])
     missing = [name for name, state in results["casters"].items() if state.startswith((ABSENT, FAILING))]
     parts = [
-        f"![Speed against error]({PICTURE})",
-        _machine(results) + (f" Not to be had there: {'; '.join(missing)}." if missing else ""),
+        f"![Speed against error]({PICTURES / 'speed.png'})",
+        _machine(results) + (f" Not available on that machine: {'; '.join(missing)}." if missing else ""),
         MESHES.format(rays=sample),
         _table("scene | rays | lidarsim | Open3D | ratio | lidarsim: wrong; worst | Open3D: wrong; worst", meshes),
         SHAPES.format(shapes=results["plan"]["shapes"]),
         _table("method | threads | Mray/s | × Open3D | median, mm | p99, mm | max, mm | max, ulp | wrong", shapes),
+        f"![Error against the distance from the origin]({PICTURES / 'distance.png'})",
         summary(results),
     ]
     return "\n\n".join(parts)
@@ -398,6 +407,31 @@ def plot_growth(results: Results, path: Path) -> None:
         axes.set_xlabel("triangles", color=INK)
         axes.set_ylabel("ns a ray", color=INK)
         _title(axes, results, "A terrain, 128 channels")
+
+    _figure(draw, path)
+
+
+def plot_distance(results: Results, path: Path) -> None:
+    """Draw the greatest error of the range against the distance from the origin of coordinates."""
+
+    def draw(axes: Any) -> None:
+        labels = []
+        for method in dict.fromkeys(row["method"] for row in results["distance"]):
+            rows = [
+                row for row in results["distance"] if row["method"] == method and row["error"]["max_mm"] is not None
+            ]
+            x, y = [max(row["distance"], NEAREST) for row in rows], [row["error"]["max_mm"] for row in rows]
+            axes.plot(x, y, marker="o", markersize=6, linewidth=2, color=_color(method), mec="white")
+            if rows:
+                labels.append((method, x[-1], y[-1], _color(method), "bold" if method == "lidarsim" else "normal"))
+        axes.set_yscale("log")
+        ticks = sorted({max(row["distance"], NEAREST) for row in results["distance"]})
+        axes.set_xticks(ticks, ["0" if tick == NEAREST else f"{tick / 1000:g} km" for tick in ticks])
+        axes.set_xlim(ticks[0] / 2, ticks[-1] * 8)  # room for the labels
+        _label(axes, sorted(labels, key=lambda label: -label[2]), RIGHT)
+        axes.set_xlabel("distance from the origin of coordinates", color=INK)
+        axes.set_ylabel("greatest error of the range, mm", color=INK)
+        axes.set_title("A terrain of 10,000 triangles, 16 channels", fontsize=10, color=INK, loc="left")
 
     _figure(draw, path)
 

@@ -1,7 +1,7 @@
 """Speed against error: lidarsim and its peers on the same rays, in one process, in turns.
 
-``lidarsim bench --quick -o DIR`` ends within two minutes on two cores; without ``--quick`` it measures longer, and
-up to ten million triangles.
+``lidarsim bench --quick -o DIR`` takes about a minute on two cores. Without ``--quick`` it takes about half an hour,
+and goes up to ten million triangles.
 """
 
 from __future__ import annotations
@@ -57,6 +57,8 @@ class Plan:
         Icosphere levels of the tessellations.
     sizes : tuple of int
         Triangles of the terrains that show how the cost grows.
+    distances : tuple of float
+        Distances from the origin of coordinates at which errors are measured, m.
     threads : tuple of int
         Threads to cast with.
     rounds : int
@@ -77,6 +79,7 @@ class Plan:
     random: int = 200_000
     levels: tuple[int, ...] = (2, 3, 4, 5, 6)
     sizes: tuple[int, ...] = (10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
+    distances: tuple[float, ...] = (0.0, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7)
     threads: tuple[int, ...] = (1, 2)
     rounds: int = 41
     seconds: float = 8.0
@@ -89,11 +92,11 @@ FULL = Plan()
 QUICK = Plan(
     levels=(1, 2, 3, 4, 5),
     sizes=(10_000, 100_000, 1_000_000),
-    rounds=9,
-    seconds=0.4,
-    builds=2,
+    rounds=5,
+    seconds=0.15,
+    builds=1,
     memory=("city",),
-    sample=300,
+    sample=200,
 )
 
 
@@ -214,6 +217,7 @@ class _Run:
         self.casters, self.states = installed()
         self.speed: list[Speed] = []
         self.growth: list[Speed] = []
+        self.distance: list[dict[str, Any]] = []
         self.builds: list[Build] = []
         self.scan: list[dict[str, Any]] = []
         self.coincident: list[dict[str, Any]] = []
@@ -249,6 +253,15 @@ class _Run:
             world = scenes.terrain(triangles)
             methods = self._built(world, 0)
             self.growth += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
+
+    def distances(self) -> None:
+        """Measure errors of the range farther and farther from the origin of coordinates."""
+        for distance in self.plan.distances:
+            world = scenes.terrain(10_000, (distance, 0.0, 0.0))
+            rows = self._compare(
+                world, scenes.lidar(world, 16, 250, math.pi / 6), self._built(world, 0), self.plan.threads[-1:]
+            )
+            self.distance += [{"distance": distance, "method": row.method, "error": asdict(row.error)} for row in rows]
 
     def whole_scan(self) -> None:
         """Measure whole scans over the bare cast of the same rays."""
@@ -336,6 +349,7 @@ class _Run:
             "casters": self.states,
             "speed": [asdict(row) for row in self.speed],
             "growth": [asdict(row) for row in self.growth],
+            "distance": self.distance,
             "builds": [asdict(row) for row in self.builds],
             "scan": self.scan,
             "coincident": self.coincident,
@@ -511,6 +525,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.meshes()
         bench.analytic()
         bench.sizes()
+        bench.distances()
         bench.whole_scan()
         bench.coincident_surfaces()
         bench.moving()
@@ -521,11 +536,16 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = argparse.ArgumentParser(prog="lidarsim bench", description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="end within two minutes on two cores")
+    parser.add_argument("--quick", action="store_true", help="take about a minute, in place of about half an hour")
     parser.add_argument(
         "-o", "--output", type=Path, metavar="DIR", default=Path("out/bench"), help="folder to write to"
     )
-    parser.add_argument("--readme", type=Path, metavar="FILE", help="write the section on speed of this file anew")
+    parser.add_argument(
+        "--readme",
+        type=Path,
+        metavar="FILE",
+        help="write the section on speed of this file anew: lidarsim/bench/README.md",
+    )
     parser.add_argument(
         "--from", dest="known", type=Path, metavar="JSON", help="report an earlier run; measure nothing"
     )
@@ -546,7 +566,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _show(line: str) -> None:
-    sys.stderr.write(f"\r\033[K{line}" if line else "\r\033[K")
+    sys.stderr.write(f"\r\033[K{time.process_time():4.0f} s  {line}" if line else "\r\033[K")
     sys.stderr.flush()
 
 

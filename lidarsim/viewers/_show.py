@@ -129,7 +129,7 @@ def check_save(path: PathLike) -> None:
 
 
 def _nothing() -> PointCloud:
-    return PointCloud(xyz=np.empty((0, 3)), label=np.empty(0, np.uint32))
+    return PointCloud(xyz=np.empty((0, 3)), label=np.empty(0, np.uint32), object_id=np.empty(0, np.int32))
 
 
 def _frame(cloud: PointCloud, pose: Floats) -> Frame:

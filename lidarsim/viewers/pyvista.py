@@ -261,7 +261,7 @@ class _Stage:
     def _surfaces(self) -> None:
         """Add all surfaces, translucent: those of one mesh as instances of it, all others in one piece."""
         colors = self.picture.colors
-        look = {"opacity": 0.15 if self.picture.has_points else 0.5, **SHADING}
+        look = {"opacity": 0.15 if self.picture.has_points else 1.0, **SHADING}
         groups: dict[int, list[Surface]] = {}
         for surface in self.picture.surfaces:
             if len(surface.faces):
@@ -284,7 +284,7 @@ class _Stage:
             table = np.array([list(bytes.fromhex(surface_color(surface, colors)[1:])) for surface in others], np.uint8)
             whole.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for surface in others], axis=0)
             self._add(_shaded(whole), scalars="rgb", rgb=True, **look)
-        if groups:
+        if groups and self.picture.has_points:
             self.plotter.enable_depth_peeling(8)
 
     def _grid(self) -> float:
@@ -346,7 +346,13 @@ class _Stage:
                 write(colors.clipped, 0.04, low - line)
         write(f"grid {spacing:,g} m", 0.04, 0.04 + line)
         objects, frames = len(self.picture.surfaces), len(self.actors)
-        counted = f"{frames:,} frames" if frames > 1 else f"{most:,} points" if most else f"{objects:,} objects"
+        counted = (
+            f"{frames:,} frames"
+            if frames > 1
+            else f"{most:,} points"
+            if most
+            else f"{objects:,} object{'s' * (objects != 1)}"
+        )
         write(counted, 0.04, 0.04)
         camera = renderer.camera  # a unit is the height of the panel
         camera.parallel_projection, camera.parallel_scale = True, 0.5

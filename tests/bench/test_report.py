@@ -57,6 +57,11 @@ def results() -> dict[str, Any]:
             for n in (10_000, 100_000)
             for name in ("lidarsim", "Open3D")
         ],
+        "distance": [
+            {"distance": distance, "method": name, "error": error(max_mm=worst)}
+            for distance in (0.0, 1e6)
+            for name, worst in (("lidarsim", 3e-11), ("Open3D", 0.05 + distance / 1e4))
+        ],
         "builds": [
             {**build, "method": "lidarsim", "seconds": 0.25, "ratio": 1.2, "resident": 80.4, "counted": 79.6},
             {**build, "method": "Open3D", "seconds": 0.3, "ratio": 1.0, "resident": 88.0},
@@ -149,11 +154,14 @@ def test_the_report_does_without_peers(results: dict[str, Any]) -> None:
 
 
 def test_the_readme_section_is_replaced(results: dict[str, Any], tmp_path: Path) -> None:
-    readme = tmp_path / "README.md"
+    readme = tmp_path / "lidarsim/bench/README.md"
+    readme.parent.mkdir(parents=True)
     readme.write_text(f"# Title\n\nBefore.\n\n{report.BEGIN}\nold figures\n{report.END}\n\nAfter.\n", encoding="utf-8")
     report.update_readme(results, readme)
     text = readme.read_text(encoding="utf-8")
-    assert text.startswith(f"# Title\n\nBefore.\n\n{report.BEGIN}\n![Speed against error](examples/images/speed.png)\n")
+    assert text.startswith(
+        f"# Title\n\nBefore.\n\n{report.BEGIN}\n![Speed against error](../../examples/images/speed.png)\n"
+    )
     assert text.endswith(f"\n{report.END}\n\nAfter.\n")
     assert "old figures" not in text
     assert table(text, "scene | rays")[0] == [
@@ -171,8 +179,8 @@ def test_the_readme_section_is_replaced(results: dict[str, Any], tmp_path: Path)
         "Open3D, icosphere 4",
         "Open3D, icosphere 5",
     ]
-    assert "Not to be had there: MuJoCo-LiDAR, Taichi." in text
-    assert (tmp_path / "examples/images/speed.png").is_file()
+    assert "Not available on that machine: MuJoCo-LiDAR, Taichi." in text
+    assert {path.name for path in (tmp_path / "examples/images").iterdir()} == {"speed.png", "distance.png"}
     report.update_readme(results, readme)
     assert readme.read_text(encoding="utf-8") == text
 
@@ -191,7 +199,7 @@ def test_files_are_written(results: dict[str, Any], tmp_path: Path) -> None:
     report.write(results, tmp_path)
     assert json.loads((tmp_path / "speed.json").read_text(encoding="utf-8")) == results
     assert (tmp_path / "speed.md").read_text(encoding="utf-8") == report.to_markdown(results)
-    for name in ("speed.png", "growth.png"):
+    for name in ("speed.png", "growth.png", "distance.png"):
         head = (tmp_path / name).read_bytes()[:24]
         assert head[:8] == b"\x89PNG\r\n\x1a\n"
         assert struct.unpack(">II", head[16:]) == (1280, 768)

@@ -24,6 +24,7 @@ PLAN = Plan(
     random=1700,
     levels=(1, 2),
     sizes=(500, 2000),
+    distances=(0.0, 1e6),
     threads=(1, 2),
     rounds=2,
     seconds=0.2,
@@ -96,6 +97,14 @@ def test_ratios_are_to_open3d(results: dict[str, Any]) -> None:
         assert reference["method"].startswith("Open3D")
         for row in cell:
             assert row["ratio"] == pytest.approx(row["mrays"] / reference["mrays"])
+
+
+def test_far_from_the_origin_only_float32_loses_the_range(results: dict[str, Any]) -> None:
+    worst = {(row["method"], row["distance"]): row["error"]["max_mm"] for row in results["distance"]}
+    assert worst["lidarsim", 0.0] < 1e-9
+    assert worst["lidarsim", 1e6] < 1e-9
+    if ("Open3D", 1e6) in worst:  # whose spacing there is 62 mm
+        assert worst["Open3D", 1e6] > 10 > worst["Open3D", 0.0]
 
 
 def test_growth_builds_and_memory(results: dict[str, Any]) -> None:
@@ -201,7 +210,9 @@ def test_command_line_reports_an_earlier_run(
     earlier = tmp_path / "earlier.json"
     earlier.write_text(json.dumps(results), encoding="utf-8")
     assert speed.main(["--from", str(earlier), "-o", str(tmp_path / "out")]) == 0
-    assert {path.name for path in (tmp_path / "out").iterdir()} == {"speed.json", "speed.md", "speed.png", "growth.png"}
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        *("speed.json", "speed.md", "speed.png", "growth.png", "distance.png")
+    }
     assert "lidarsim against exact arithmetic: 0 wrong of" in capsys.readouterr().out
 
 
