@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from lidarsim import _validation, patterns, shapes
 from lidarsim._validation import pose as rigid
-from lidarsim.errors import FileFormatError
+from lidarsim.io import mesh_scene
 from lidarsim.materials import Material
 from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
@@ -408,11 +408,11 @@ class SceneFile(Object):
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add an object to `scene` for each instance, named after its node; the instances of a mesh share it."""
-        meshes, graph = (place / "file").load(self.file, _read_scene)
-        for node in graph.nodes_geometry:
-            to_file, mesh = graph[node]
-            to_world = self.to_matrix(place, self.scale) @ to_file
-            self._add(meshes[mesh], scene, place, transform=to_world, name=f"{self.name}/{node}".lstrip("/"))
+        to_world = self.to_matrix(place, self.scale)
+        for item in (place / "file").load(self.file, mesh_scene.read):
+            name = f"{self.name}/{item.name}".lstrip("/")
+            placed = to_world if item.transform is None else to_world @ item.transform
+            self._add(item.shape, scene, place, transform=placed, name=name)
 
 
 def _public(package: ModuleType) -> list[Any]:
@@ -432,16 +432,6 @@ def _read_npy(path: Path) -> Floats:
     with path.open("rb") as file:
         array: Floats = np.lib.format.read_array(file, allow_pickle=False)
     return array
-
-
-def _read_scene(path: Path) -> tuple[dict[str, shapes.TriangleMesh], Any]:
-    import trimesh
-
-    try:
-        scene = trimesh.load_scene(path)
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        raise FileFormatError(f"{path}: cannot be read as a scene: {error}") from error
-    return {name: shapes.TriangleMesh.from_trimesh(mesh) for name, mesh in scene.geometry.items()}, scene.graph
 
 
 SHAPES: dict[str, type[Object]] = {
