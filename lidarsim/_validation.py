@@ -197,11 +197,11 @@ def named_labels(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
     if value is None:
         return {}
     if not isinstance(value, Mapping):
-        raise TypeError(f"{name}: expected a mapping from labels to their names, got {_shown(value)}")
+        raise TypeError(f"{name}: expected a mapping from labels to their names, got {shown(value)}")
     for label, text in value.items():
         integer(f"{name}, its keys", label, at_least=0, at_most=UINT32)
         if not isinstance(text, str):
-            raise TypeError(f"{name}[{label}]: expected a string, got {_shown(text)}")
+            raise TypeError(f"{name}[{label}]: expected a string, got {shown(text)}")
     return {int(label): text for label, text in value.items()}
 
 

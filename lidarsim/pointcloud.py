@@ -63,13 +63,15 @@ class PointCloud(Pickled):
 
     Parameters
     ----------
-    fields, **more : mapping or keywords of array_like
-        The fields by name, `xyz` among them; or, in place of the mapping, an array of shape (n, 3), which is `xyz`.
-        Those listed below are converted to their dtype: float32 rounds, but an integer must fit, and a number with a
-        fraction is refused where an integer is expected. A field of any other name has shape (n,) or (n, m) and is
-        bool, of any integer type, float32 or float64, and keeps its dtype.
+    fields : mapping of array_like, or array_like of shape (n, 3), optional
+        The fields by name, `xyz` among them; or `xyz` alone. Those listed below are converted to their dtype: float32
+        rounds, but an integer must fit, and a number with a fraction is refused where an integer is expected. A field
+        of any other name has shape (n,) or (n, m) and is bool, of any integer type, float32 or float64, and keeps its
+        dtype.
     class_names : mapping of int to str, optional
         Names of labels, for legends and files.
+    **more
+        More fields, or all of them, as keywords.
 
     Attributes
     ----------

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.sensor import Lidar, register_lidar_reader
 
 if TYPE_CHECKING:
@@ -72,6 +73,29 @@ def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None =
     return loader.read_lidar(Path(path), mode=mode, noise=noise)
 
 
+def read_scene(path: Path) -> Scene:
+    """Return the scene that a YAML file describes; `Scene.from_file` comes here.
+
+    Parameters
+    ----------
+    path : Path
+        A YAML file: a list of objects, or a configuration whose ``scene`` is one.
+
+    Returns
+    -------
+    Scene
+        The scene.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be used; the message names file, line and key.
+    """
+    from lidarsim.config import loader
+
+    return loader.read_scene(path)
+
+
 def recognise(path: Path, text: str) -> bool:
     """Return whether `text`, the head of the file `path`, is that of a sensor in lidarsim's own YAML."""
     own = re.search(r"^(pattern|preset|file)\s*:", text, re.MULTILINE)
@@ -79,3 +103,4 @@ def recognise(path: Path, text: str) -> bool:
 
 
 register_lidar_reader("lidarsim YAML", recognise, read_lidar)
+register_scene_reader("lidarsim YAML", lambda path, _: path.suffix.lower() in {".yaml", ".yml"}, read_scene)

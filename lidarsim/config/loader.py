@@ -157,17 +157,28 @@ def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
 def built(root: Node, loaded: Loaded | None = None) -> Run:
     """Return the run that a whole document describes; what it loads from files is kept in `loaded`, and found there."""
     config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
-    scene = Scene()
-    for index, item in enumerate(config.scene):
-        item.add_to(scene, place / "scene" / index)
     return Run(
-        scene=scene,
+        scene=_scene(config, place),
         sensor=_sensor_or_rig(config, place),
         pose=build_pose(config.pose, place / "pose"),
         seed=config.seed,
         frames=range(config.first_frame, config.first_frame + config.frames),
         cloud=config.cloud.build(place / "cloud"),
     )
+
+
+def _scene(config: Config, place: Place) -> Scene:
+    scene = Scene()
+    for index, item in enumerate(config.scene):
+        item.add_to(scene, place / "scene" / index)
+    return scene
+
+
+def read_scene(path: Path) -> Scene:
+    """Return the scene that a file describes: a list of objects, or a configuration with one."""
+    root = read(path)
+    root = replace(None, ["scene"], root) if isinstance(root, yaml.SequenceNode) else _include(root)
+    return _scene(checked(Config, root), Place(root))
 
 
 def _sensor_or_rig(config: Config, place: Place) -> Lidar | Rig:

@@ -14,7 +14,6 @@ import re
 from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from operator import or_
-from pathlib import Path
 from types import ModuleType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
@@ -24,9 +23,9 @@ from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
 from lidarsim import _validation, patterns, shapes
-from lidarsim._files import load_array, mesh_source, told
+from lidarsim._files import load_array
 from lidarsim._validation import pose as rigid
-from lidarsim.errors import FileFormatError
+from lidarsim.io import mesh_scene
 from lidarsim.materials import Material
 from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
@@ -443,10 +442,8 @@ class SceneFile(Object):
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add an object to `scene` for each instance, named after its node; the instances of a mesh share it."""
-        meshes, graph = (place / "file").load(self.file, _read_scene)
-        for node in graph.nodes_geometry:
-            to_file, mesh = graph[node]
-            self._add(meshes[mesh], scene, place, inner=to_file, name=f"{self.name}/{node}".lstrip("/"))
+        for item in (place / "file").load(self.file, mesh_scene.read):
+            self._add(item.shape, scene, place, inner=item.transform, name=f"{self.name}/{item.name}".lstrip("/"))
 
 
 def _public(package: ModuleType) -> list[Any]:
@@ -460,16 +457,6 @@ def _models_of(constructors: Iterable[Any], tag: str, base: type[Part]) -> dict[
     return {
         name: model_of(made, base, **{tag: (Literal[name], ...)}) for name, made in zip(names, declaring, strict=True)
     }
-
-
-def _read_scene(path: Path) -> tuple[dict[str, shapes.TriangleMesh], Any]:
-    import trimesh
-
-    try:
-        scene = trimesh.load_scene(**mesh_source(path))
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        raise FileFormatError(f"{path}: cannot be read as a scene: {told(error)}") from error
-    return {name: shapes.TriangleMesh.from_trimesh(mesh) for name, mesh in scene.geometry.items()}, scene.graph
 
 
 SHAPES: dict[str, type[Object]] = {

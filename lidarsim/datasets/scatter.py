@@ -293,7 +293,7 @@ def _bounds(shape: Shape, transform: npt.NDArray[Any] | None) -> Floats:
     vertices = shape._tessellated(CHORD, np.zeros((8, 3)))[0]
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    for matrix in (shape._matrix, transform):
+    for matrix in (shape.transform, transform):
         if matrix is not None:
             box = box @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
     return np.array([box.min(axis=0), box.max(axis=0)])

@@ -3,6 +3,7 @@
 from lidarsim.io import (  # noqa: F401 - each registers itself
     kitti,
     las,
+    mesh_scene,
     npz,
     nuscenes,
     pcd,

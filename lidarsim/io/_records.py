@@ -6,15 +6,18 @@ into the format's own names; any other field ``f`` of shape (n, m) into ``f.0`` 
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._validation import UINT32
 from lidarsim.errors import FileFormatError
 from lidarsim.pointcloud import Fields
 
@@ -106,6 +109,22 @@ def to_fields(columns: Fields, normal: Collection[str]) -> Fields:
         dtype = np.float64 if name == "xyz" else None  # what a cloud has it as, so that it is copied but once
         fields[_identifier(name)] = np.stack([columns.pop(part) for part in parts], 1, dtype=dtype)
     return fields | {_identifier(name): column for name, column in columns.items()}
+
+
+def class_comments(names: Mapping[int, str]) -> list[str]:
+    """Return a comment for each name of a label, in ASCII: ``class 40 "road"``, the name as JSON has it."""
+    return [f"class {label} {json.dumps(name)}" for label, name in names.items()]
+
+
+def commented_classes(comments: Iterable[str]) -> dict[int, str]:
+    """Return the names of labels that are among the comments of a file; what is not such a name is passed over."""
+    names = {}
+    for comment in comments:
+        found = re.fullmatch(r"class (\d{1,10}) (\".*\")", comment.strip())
+        if found and int(found[1]) <= UINT32:
+            with suppress(ValueError):
+                names[int(found[1])] = json.loads(found[2])
+    return names
 
 
 def check_expansion(size: int, compressed: int) -> None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import BinaryIO
+from collections.abc import Mapping
+from typing import Any, BinaryIO
 from zipfile import ZipFile
 
 import numpy as np
@@ -14,20 +15,27 @@ from lidarsim.io._records import check_expansion
 from lidarsim.pointcloud import Fields, register_format
 
 
-def save(fields: Fields, file: BinaryIO) -> None:
-    """Write the fields, uncompressed; unlike `numpy.savez`, whatever their names are."""
+def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | None = None) -> None:
+    """Write the fields, uncompressed; unlike `numpy.savez`, whatever their names are.
+
+    The names of labels, if there are any, are records of ``label`` and ``name`` in one more array, ``class_names``.
+    """
+    if class_names:
+        longest = max(1, *map(len, class_names.values()))
+        records = np.array(list(class_names.items()), np.dtype([("label", "<u4"), ("name", f"<U{longest}")]))
+        fields = fields | {"class_names": records}
     with ZipFile(file, "w") as archive:
         for name, array in fields.items():
             with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
                 np.lib.format.write_array(entry, array, allow_pickle=False)
 
 
-def load(file: BinaryIO) -> Fields:
+def load(file: BinaryIO) -> dict[str, Any]:
     """Read all arrays; nothing in the file is executed, and no claim of a size is believed unchecked."""
     if file.read(2) != b"PK":
         raise FileFormatError("it does not begin as a NumPy archive does")
     size = file.seek(0, os.SEEK_END)
-    fields: Fields = {}
+    fields: dict[str, Any] = {}
     with ZipFile(file) as archive:
         check_expansion(sum(entry.file_size for entry in archive.infolist()), size)
         for entry in archive.infolist():
@@ -37,6 +45,8 @@ def load(file: BinaryIO) -> Fields:
                     fields[name] = read_array(stream, entry.file_size)
                 except FileFormatError as error:
                     raise FileFormatError(f"{name}: {error}") from None
+    if "class_names" in fields:
+        fields["class_names"] = {int(label): str(name) for label, name in fields["class_names"].tolist()}
     return fields
 
 

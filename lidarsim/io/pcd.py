@@ -10,8 +10,8 @@ import itertools
 import os
 import struct
 import sys
-from collections.abc import Iterator
-from typing import BinaryIO
+from collections.abc import Iterator, Mapping
+from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,8 @@ from lidarsim.io._records import (
     BLOCK,
     blocks,
     check_expansion,
+    class_comments,
+    commented_classes,
     from_records,
     joined,
     record_of,
@@ -37,10 +39,13 @@ CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 
 
-def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
+def save(
+    fields: Fields, file: BinaryIO, *, pose: Floats | None = None, class_names: Mapping[int, str] | None = None
+) -> None:
     """Write the fields as ``DATA binary``; VIEWPOINT, ``tx ty tz qw qx qy qz``, takes the points into the world.
 
     Normals get the type of the positions: Open3D's reader takes them to have it, and gives garbage where they do not.
+    Comments hold the names of labels.
     """
     if "normal" in fields:
         fields = fields | {"normal": fields["normal"].astype(fields["xyz"].dtype)}
@@ -48,9 +53,10 @@ def save(fields: Fields, file: BinaryIO, *, pose: Floats | None = None) -> None:
     record = record_of(columns)
     parts = [record[name] for name in columns]
     points = len(fields["xyz"])
+    comments = "".join(f"# {comment}\n" for comment in class_comments(class_names or {}))
     header = f"""\
 # .PCD v0.7 - Point Cloud Data file format
-VERSION 0.7
+{comments}VERSION 0.7
 FIELDS {" ".join(columns)}
 SIZE {" ".join(str(part.itemsize) for part in parts)}
 TYPE {" ".join(part.kind.upper() for part in parts)}
@@ -74,7 +80,7 @@ def _viewpoint(pose: Floats | None) -> str:
     return " ".join(map(repr, (*pose[:3, 3].tolist(), w, x, y, z)))
 
 
-def load(file: BinaryIO) -> Fields:
+def load(file: BinaryIO) -> dict[str, Any]:
     """Read the points in the file's own coordinates: like other readers, this one leaves VIEWPOINT unapplied."""
     header = _header(file)
     points, dtype = _layout(header)
@@ -88,14 +94,19 @@ def load(file: BinaryIO) -> Fields:
     else:
         raise FileFormatError(f"its DATA is {encoding!r}, expected ascii, binary or binary_compressed")
     columns = joined(parts)
-    return to_fields({name: column for name, column in columns.items() if not name.startswith("_ ")}, NORMAL)
+    fields = to_fields({name: column for name, column in columns.items() if not name.startswith("_ ")}, NORMAL)
+    return fields | {"class_names": commented_classes(header.get("#", ()))}
 
 
 def _header(file: BinaryIO) -> dict[str, list[str]]:
+    """Return the values of each key, and the comments as those of "#"."""
     header: dict[str, list[str]] = {}
     while "DATA" not in header:
         line = file.readline(1 << 16)
-        if line.startswith(b"#") or line.isspace():
+        if line.startswith(b"#"):
+            header.setdefault("#", []).append(line[1:].decode("ascii", "replace"))
+            continue
+        if line.isspace():
             continue
         key, *values = line.decode("ascii", "replace").split() or [""]
         if key not in KEYS:

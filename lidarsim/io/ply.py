@@ -7,12 +7,13 @@ held.
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from io import BytesIO
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from lidarsim._extras import import_extra
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import record_of, to_columns, to_fields, to_records
+from lidarsim.io._records import class_comments, commented_classes, record_of, to_columns, to_fields, to_records
 from lidarsim.pointcloud import Fields, narrowed, register_format
 
 NORMAL = ("nx", "ny", "nz")
@@ -20,11 +21,11 @@ CODES = {"f4", "f8", "i4", "u1", "u2"}
 WIDENED = {"i1", "i2", "u4"}
 
 
-def save(fields: Fields, file: BinaryIO) -> None:
+def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | None = None) -> None:
     """Write the fields as the element ``vertex``.
 
     Types are named by their size, since Open3D reads ``uint16`` but passes over ``ushort``. It passes over int8, int16
-    and uint32, too: these are widened, and a comment names what they were.
+    and uint32, too: these are widened, and a comment names what they were. Comments also hold the names of labels.
     """
     widened = {name: array for name, array in fields.items() if array.dtype.str[1:] in WIDENED}
     columns = to_columns(fields | {name: narrowed(name, array) for name, array in widened.items()}, NORMAL, CODES)
@@ -33,6 +34,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
         "ply",
         "format binary_little_endian 1.0",
         *(f"comment type {name} {array.dtype.name}" for name, array in widened.items()),
+        *(f"comment {comment}" for comment in class_comments(class_names or {})),
         f"element vertex {len(fields['xyz'])}",
         *(f"property {record[name].name} {name}" for name in columns),
         "end_header\n",
@@ -41,7 +43,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
     file.writelines(records.data for records in to_records(columns, record))
 
 
-def load(file: BinaryIO) -> Fields:
+def load(file: BinaryIO) -> dict[str, Any]:
     """Read the element ``vertex``, lists left out; faces and other elements are passed over."""
     plyfile = import_extra("plyfile", "formats", "reading PLY files")
     text = _check_counts(file)
@@ -52,12 +54,12 @@ def load(file: BinaryIO) -> Fields:
         raise FileFormatError(f"it has no element 'vertex' among its elements {elements}")
     vertices = ply["vertex"]
     scalars = [prop.name for prop in vertices.properties if not isinstance(prop, plyfile.PlyListProperty)]
-    fields = to_fields({name: vertices[name] for name in scalars}, NORMAL)
+    fields: dict[str, Any] = to_fields({name: vertices[name] for name in scalars}, NORMAL)
     for comment in ply.comments:
         match comment.split():
             case ["type", name, "int8" | "int16" | "uint32" as was] if name in fields:
                 fields[name] = fields[name].astype(was)
-    return fields
+    return fields | {"class_names": commented_classes(ply.comments)}
 
 
 def _check_counts(file: BinaryIO) -> bool:

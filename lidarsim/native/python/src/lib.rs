@@ -21,7 +21,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyShape>()?;
     m.add_class::<PyScene>()?;
     m.add_class::<scan::PyPath>()?;
-    m.add_class::<scan::PyAppearance>()?;
+    m.add_class::<scene::PyAppearance>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
     m.add_function(wrap_pyfunction!(scan::points_of, m)?)?;
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;

@@ -4,8 +4,7 @@ use std::sync::Arc;
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    Appearance, BadPulse, Beam, Detection, Effects, Fault, Frame, Labels, Measurement, RangeSigma, Reflectivity,
-    ReturnRows, Returns, Rows, Scan,
+    BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, ReturnRows, Returns, Rows, Scan,
 };
 use lidarsim_core::{Cubic, Path, Point, Pose, Step, Velocity, memory};
 use numpy::ndarray::Dimension;
@@ -118,48 +117,6 @@ impl PyPath {
             })
             .collect();
         Ok(velocities.into_pyarray(py).reshape([times.len(), 2, 3])?.into_any())
-    }
-}
-
-/// What a lidar can tell of an object.
-#[pyclass(frozen, name = "Appearance", module = "lidarsim._native")]
-pub struct PyAppearance {
-    pub appearance: Arc<Appearance>,
-}
-
-#[derive(FromPyObject)]
-enum LabelParameter<'py> {
-    Object(u32),
-    Face(PyReadonlyArray1<'py, u32>),
-}
-
-#[pymethods]
-impl PyAppearance {
-    /// The label, or one a face; the instance; what the reflectivity is given per ("object", "face" or "vertex"), and the
-    /// values of that.
-    #[new]
-    fn new(
-        label: LabelParameter<'_>,
-        instance: u32,
-        per: &str,
-        reflectivity: PyReadonlyArray1<'_, f64>,
-    ) -> PyResult<Self> {
-        let labels = match label {
-            LabelParameter::Object(label) => Labels::Object(label),
-            LabelParameter::Face(labels) => Labels::Face(labels.as_array().to_vec()),
-        };
-        let values = reflectivity.as_array().to_vec();
-        let reflectivity = match (per, values.as_slice()) {
-            ("object", [value]) => Reflectivity::Object(*value),
-            ("face", _) => Reflectivity::Face(values),
-            ("vertex", _) => Reflectivity::Vertex(values),
-            _ => {
-                return Err(PyValueError::new_err(
-                    "reflectivity: expected one of an object, or some per face or vertex",
-                ));
-            }
-        };
-        Ok(PyAppearance { appearance: Arc::new(Appearance { labels, instance, reflectivity }) })
     }
 }
 

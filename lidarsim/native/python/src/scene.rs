@@ -2,17 +2,58 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::measure::Appearance;
+use lidarsim_core::measure::{Appearance, Labels, Reflectivity};
 use lidarsim_core::{Arrays, Columns, Occlusion, Point, Scene, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::scan::PyAppearance;
 use crate::{Points, PyShape, equal_points, interruptible, legal_rays, level};
 
 type HitArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
+
+/// What a lidar can tell of an object.
+#[pyclass(frozen, name = "Appearance", module = "lidarsim._native")]
+pub struct PyAppearance {
+    pub appearance: Arc<Appearance>,
+}
+
+#[derive(FromPyObject)]
+enum LabelParameter<'py> {
+    Object(u32),
+    Face(PyReadonlyArray1<'py, u32>),
+}
+
+#[pymethods]
+impl PyAppearance {
+    /// The label, or one a face; the instance; what the reflectivity is given per ("object", "face" or "vertex"), and the
+    /// values of that.
+    #[new]
+    fn new(
+        label: LabelParameter<'_>,
+        instance: u32,
+        per: &str,
+        reflectivity: PyReadonlyArray1<'_, f64>,
+    ) -> PyResult<Self> {
+        let labels = match label {
+            LabelParameter::Object(label) => Labels::Object(label),
+            LabelParameter::Face(labels) => Labels::Face(labels.as_array().to_vec()),
+        };
+        let values = reflectivity.as_array().to_vec();
+        let reflectivity = match (per, values.as_slice()) {
+            ("object", [value]) => Reflectivity::Object(*value),
+            ("face", _) => Reflectivity::Face(values),
+            ("vertex", _) => Reflectivity::Vertex(values),
+            _ => {
+                return Err(PyValueError::new_err(
+                    "reflectivity: expected one of an object, or some per face or vertex",
+                ));
+            }
+        };
+        Ok(PyAppearance { appearance: Arc::new(Appearance { labels, instance, reflectivity }) })
+    }
+}
 
 /// Objects, which hits name by their places.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]

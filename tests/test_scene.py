@@ -1,0 +1,286 @@
+"""Scenes: objects that are added, found, changed and removed, and lines of sight between them."""
+
+import copy
+import threading
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from numpy.typing import NDArray
+
+import lidarsim as ls
+from lidarsim.errors import FileFormatError
+
+DOWN = np.array([[0.0, 0.0, -1.0]])
+
+
+def at(x: float, y: float = 0.0, z: float = 0.0) -> NDArray[np.float64]:
+    matrix = np.eye(4)
+    matrix[:3, 3] = (x, y, z)
+    return matrix
+
+
+def row_of_spheres(count: int) -> ls.Scene:
+    scene = ls.Scene()
+    for x in range(count):
+        scene.add(ls.Sphere((3.0 * x, 0.0, 0.0), 1.0), name="odd" if x % 2 else "even", label=x)
+    return scene
+
+
+def seen(scene: ls.Scene, xs: list[float]) -> list[int]:
+    """Return what is hit from above at some x."""
+    origins = np.array([[x, 0.0, 10.0] for x in xs])
+    return scene.cast(origins, np.broadcast_to(DOWN, origins.shape)).object_id.tolist()
+
+
+def test_objects_are_found_by_id_and_name() -> None:
+    scene = row_of_spheres(5)
+    assert [item.id for item in scene] == [0, 1, 2, 3, 4]
+    assert [scene[i].label for i in range(5)] == [0, 1, 2, 3, 4]
+    assert (scene.find("even"), scene.find("odd"), scene.find("")) == ([0, 2, 4], [1, 3], [])
+    assert scene.objects == tuple(scene)
+    assert len(scene) == 5
+
+
+def test_ids_stay_and_are_never_used_again() -> None:
+    scene = row_of_spheres(4)
+    scene.remove(1)
+    scene.remove(3)
+    assert seen(scene, [0, 3, 6, 9]) == [0, -1, 2, -1]
+    assert scene.add(ls.Sphere((3, 0, 0), 1.0)) == 4
+    assert seen(scene, [0, 3, 6, 9]) == [0, 4, 2, -1]
+    assert [item.id for item in scene] == [0, 2, 4]
+    with pytest.raises(KeyError, match=r"object_id: expected the id of an object.*got 3"):
+        scene.remove(3)
+    for item in scene.objects:
+        scene.remove(item.id)
+    assert seen(scene, [0, 3]) == [-1, -1]
+    assert scene.add(ls.Sphere((0, 0, 0), 1.0)) == 5
+
+
+def test_scans_have_the_ids_of_the_scene() -> None:
+    scene = row_of_spheres(3)
+    scene.remove(0)
+    lidar = ls.Lidar(ls.patterns.Table(DOWN, rate=10.0))
+    scan = lidar.scan(scene, at(6, 0, 5))
+    assert (scan.object_id[0, 0], scan.instance[0, 0], scan.label[0, 0]) == (2, 3, 2)
+    assert scan.point_cloud().instance.tolist() == [3]
+    assert lidar.scan(scene, at(0, 0, 5)).object_id.tolist() == [[-1]]
+
+
+def test_of_equal_hits_the_lowest_id_is_named() -> None:
+    scene = ls.Scene()
+    for _ in range(6):
+        scene.add(ls.Box((2, 2, 2)))
+    scene.remove(0)
+    scene.update(1, transform=at(50))
+    scene.update(1, transform=None)
+    assert seen(scene, [0]) == [1]
+    scene.remove(1)
+    assert seen(scene, [0]) == [2]
+
+
+def test_updates_change_what_they_name_and_nothing_else() -> None:
+    mesh = ls.TriangleMesh([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 1, 2], [0, 2, 3]])
+    scene = ls.Scene()
+    scene.add(mesh, name="plate", label=3, material=ls.Material(reflectivity=0.5))
+    before = scene[0]
+    scene.update(0, transform=at(0, 0, 2))
+    after = scene[0]
+    assert after.shape is mesh
+    assert (after.name, after.label, after.instance, after.material) == ("plate", 3, 1, before.material)
+    assert before.transform is None
+    np.testing.assert_array_equal(after.transform, at(0, 0, 2))
+    lidar = ls.Lidar(ls.patterns.Table(DOWN, rate=10.0))
+    assert lidar.scan(scene, at(0.2, 0.1, 5)).range[0, 0] == 3.0
+    scene.update(0, label=[7, 8], instance=40, material=ls.Material(reflectivity=0.25))
+    scan = lidar.scan(scene, at(0.5, -0.5, 5))
+    assert (scan.label[0, 0], scan.instance[0, 0], scan.intensity[0, 0]) == (7, 40, 0.25)
+    assert lidar.scan(scene, at(-0.5, 0.5, 5)).label[0, 0] == 8
+    scene.update(0, label=1, shape=ls.Sphere((0, 0, 0), 1.0), material=None, instance=None)
+    scan = lidar.scan(scene, at(0, 0, 5))
+    assert (scan.range[0, 0], scan.label[0, 0], scan.instance[0, 0], scan.intensity[0, 0]) == (2.0, 1, 1, 1.0)
+
+
+def test_a_refused_change_leaves_the_object_as_it_was() -> None:
+    scene = row_of_spheres(2)
+    before = scene[1]
+    changes = [{"label": -1}, {"transform": np.zeros((4, 4))}, {"shape": 3}, {"label": [1, 2]}, {"colour": 1}]
+    for wrong in changes:
+        with pytest.raises((TypeError, ValueError)):
+            scene.update(1, **wrong)  # type: ignore[arg-type]
+    singular = np.diag([1.0, 0.0, 1.0, 1.0])
+    with pytest.raises(ValueError, match="transform: expected an invertible matrix"):
+        scene.update(1, transform=singular)
+    assert scene[1] is before
+    with pytest.raises(KeyError, match="got 7"):
+        scene.update(7, label=1)
+
+
+def test_an_update_keeps_the_hierarchy_of_a_mesh() -> None:
+    mesh = ls.TriangleMesh.from_heightfield(np.zeros((60, 60)), 1.0)
+    scene = ls.Scene()
+    scene.add(mesh)
+    seen(scene, [30])
+    built = mesh._native.bytes()
+    assert built > mesh.vertices.nbytes + mesh.faces.nbytes
+    for z in (1.0, 2.0):
+        scene.update(0, transform=at(0, 0, z))
+        assert scene.cast([[30.5, 30.5, 9]], DOWN).t[0] == 9.0 - z
+    assert mesh._native.bytes() == built
+    assert scene[0].shape is mesh
+
+
+def test_copies_share_no_changes() -> None:
+    scene = row_of_spheres(3)
+    for other in (copy.copy(scene), copy.deepcopy(scene)):
+        other.remove(0)
+        other.update(1, transform=at(30))
+        assert other.add(ls.Sphere((0, 0, 0), 1.0)) == 3
+        assert seen(scene, [0, 3]) == [0, 1]
+        assert len(scene) == 3
+
+
+def test_bounds_are_those_of_what_is_bounded() -> None:
+    scene = ls.Scene()
+    assert np.isnan(scene.bounds).all()
+    scene.add(ls.Plane((0, 0, 1), 0.0))
+    scene.add(ls.TriangleMesh(np.empty((0, 3)), np.empty((0, 3), int)))
+    assert np.isnan(scene.bounds).all()
+    scene.add(ls.Box((2, 4, 6), center=(1, 2, 3)), transform=at(10))
+    scene.add(ls.Sphere((0, 0, 0), 0.5))
+    low, high = scene.bounds
+    exact = np.array([[-0.5, -0.5, -0.5], [12.0, 4.0, 6.0]])
+    assert (low <= exact[0]).all()
+    assert (high >= exact[1]).all()
+    # Rounded outward at each of the few steps, by an ulp of the greatest coordinate at most.
+    assert np.abs(scene.bounds - exact).max() <= 8 * np.spacing(12.0)
+
+
+@pytest.mark.parametrize("level", range(3))
+def test_a_line_of_sight_is_blocked_where_a_cast_hits(level: int) -> None:
+    rng = np.random.default_rng(level)
+    scene = ls.Scene()
+    mesh = ls.TriangleMesh.from_heightfield(rng.uniform(0, 2, (12, 12)), 1.0, origin=(-6, -6))
+    shapes = [mesh, ls.Plane((0, 0, 1), -3.0), ls.Sphere((2, 0, 3), 1.0), ls.Cylinder((-3, 0, 0), (-3, 0, 4), 0.5)]
+    for shape in shapes[: level + 2]:
+        scene.add(shape)
+    turned = np.eye(4)
+    turned[:3, :3] = [[0, -1, 0], [1, 0, 0], [0, 0, 2]]
+    scene.add(mesh, transform=turned @ at(3, 3, 2))
+    count = 20_000
+    origins = rng.uniform(-8, 8, (count, 3))
+    origins[: count // 2] = (0.0, 0.0, 5.0)
+    directions = rng.normal(size=(count, 3)) * 10.0 ** rng.integers(-3, 4, (count, 1))
+    hits = scene.cast(origins, directions)
+    for low, high in ((0.0, np.inf), (0.5, 2.0), (1.0, 1.0)):
+        expected = scene.cast(origins, directions, t_min=low, t_max=high).hit
+        np.testing.assert_array_equal(scene.occluded(origins, directions, t_min=low, t_max=high), expected)
+    assert 0.1 < hits.hit.mean() < 0.95
+    # Both ends are part of the range, and the next numbers on either side are not.
+    for i in np.flatnonzero(hits.hit)[:200]:
+        ray, t = (origins[i : i + 1], directions[i : i + 1]), float(hits.t[i])
+        assert scene.occluded(*ray, t_max=t)[0]
+        assert not scene.occluded(*ray, t_max=np.nextafter(t, 0))[0]
+        assert scene.occluded(*ray, t_min=t, t_max=t)[0]
+
+
+def test_lines_of_sight_refuse_what_casts_refuse() -> None:
+    scene = row_of_spheres(1)
+    assert scene.occluded(np.empty((0, 3)), np.empty((0, 3))).shape == (0,)
+    with pytest.raises(ValueError, match=r"directions: expected non-zero vectors, got directions\[1\]"):
+        scene.occluded(np.zeros((2, 3)), [[1, 0, 0], [0, 0, 0]])
+    with pytest.raises(ValueError, match="origins: expected finite numbers"):
+        scene.occluded([[np.nan, 0, 0]], [[1, 0, 0]])
+
+
+def test_a_cast_sees_the_scene_before_or_after_a_change() -> None:
+    """Two plates are moved by one step each time in one update: a cast sees either all or nothing of it."""
+    corners = [[-9, -1, 0], [9, -1, 0], [9, 1, 0], [-9, 1, 0]]
+    plate = ls.TriangleMesh(corners, [[0, 1, 2], [0, 2, 3]])
+    scene = ls.Scene()
+    scene.add(plate, label=0)
+    origins = np.stack([np.linspace(-8, 8, 5000), np.zeros(5000), np.full(5000, 2000.0)], axis=1)
+    directions = np.broadcast_to(DOWN, origins.shape)
+    heights: list[list[float]] = []
+    wrong: list[BaseException] = []
+    done = threading.Event()
+
+    def watch() -> None:
+        try:
+            mine: list[float] = []
+            while not done.is_set():
+                found = np.unique(2000.0 - scene.cast(origins, directions).t)
+                assert len(found) == 1, found
+                mine.append(float(found[0]))
+            heights.append(mine)
+        except BaseException as error:  # noqa: BLE001
+            wrong.append(error)
+
+    watchers = [threading.Thread(target=watch) for _ in range(3)]
+    for watcher in watchers:
+        watcher.start()
+    for step in range(1, 400):
+        scene.update(0, transform=at(0, 0, step))
+        assert 2000.0 - scene.cast(origins[:1], directions[:1]).t[0] == step
+    done.set()
+    for watcher in watchers:
+        watcher.join()
+    assert not wrong
+    assert sum(map(len, heights)) > 3
+    for mine in heights:  # no cast sees an older scene than the one before it
+        assert all(a <= b for a, b in pairwise(mine))
+
+
+def test_class_names_reach_the_cloud() -> None:
+    scene = ls.Scene(class_names={4: "wall"})
+    scene.add(ls.Plane((1, 0, 0), 10.0), label=4)
+    scan = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0)).scan(scene)
+    assert scan.class_names == scan.point_cloud().class_names == scene.class_names == {4: "wall"}
+    with pytest.raises(TypeError):
+        scene.class_names[5] = "floor"  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    ("names", "error", "message"),
+    [
+        ([(1, "car")], TypeError, "class_names: expected a mapping from labels to their names"),
+        ({"car": 1}, TypeError, "class_names, its keys: expected an integer"),
+        ({-1: "car"}, ValueError, "class_names, its keys: expected an integer from 0 to 4294967295, got -1"),
+        ({1: 2}, TypeError, r"class_names\[1\]: expected a string, got 2"),
+    ],
+)
+def test_bad_class_names(names: object, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        ls.Scene(class_names=names)  # type: ignore[arg-type]
+
+
+def test_scene_files_keep_their_instances(tmp_path: Path) -> None:
+    file = trimesh.Scene()
+    box = trimesh.creation.box((1, 1, 1))
+    file.add_geometry(box, node_name="near", geom_name="box", transform=at(3))
+    file.graph.update(frame_to="far", geometry="box", matrix=at(7))
+    file.export(tmp_path / "two.glb")
+    scene = ls.Scene.from_file(tmp_path / "two.glb")
+    assert sorted(item.name for item in scene) == ["far", "near"]
+    assert scene[0].shape is scene[1].shape
+    np.testing.assert_allclose(scene.bounds, [[2.5, -0.5, -0.5], [7.5, 0.5, 0.5]])
+
+
+def test_scene_files_in_yaml(tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text("- {shape: sphere, center_m: [5, 0, 0], radius_m: 1, name: ball, label: 2}\n")
+    scene = ls.Scene.from_file(path)
+    assert (scene[0].name, scene[0].label) == ("ball", 2)
+    assert scene.cast([[0, 0, 0]], [[1, 0, 0]]).t[0] == 4.0
+
+
+def test_other_files_are_no_scenes(tmp_path: Path) -> None:
+    path = tmp_path / "scene.docx"
+    path.write_text("no scene")
+    with pytest.raises(FileFormatError, match=r"scene\.docx: expected a scene of one of these kinds"):
+        ls.Scene.from_file(path)
+    with pytest.raises(FileNotFoundError):
+        ls.Scene.from_file(tmp_path / "none.glb")
