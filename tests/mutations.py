@@ -112,6 +112,11 @@ MUTANTS = [
         "0 * longest.unwrap_or(0) + 2 * BEYOND",
         ROUNDING,
     ),
+    Mutant(
+        "axis planes: products from 2⁻⁹⁰⁰", "product.abs() > ORDINARY || self.high", "product.abs() > 0.0 || self.high"
+    ),
+    Mutant("axis planes: quotients from 2⁻⁹⁰⁰", "a.abs() > ORDINARY && quotient", "a.abs() > 0.0 && quotient"),
+    Mutant("axis planes: the rest of a sum", "if beyond == 0.0 {", "if beyond == beyond {"),
     Mutant("logarithm, exponential: ln 2", "0x3dea_39ef_3579_3c76", "0x3dea_39ef_3000_0000"),
     Mutant("sine, cosine: π/2", "0x3ba3_198a_2e03_7073", "0x3b83_198a_2e03_7073"),
     Mutant("|d|² − 1", "ROUNDER: f64 = 1.5 * (1_u64 << 26)", "ROUNDER: f64 = 1.5 * (1_u64 << 25)"),

@@ -55,6 +55,10 @@ BUILDING = """\
 From arrays to the first answered ray, with as many threads as there are. Memory is what a fresh process grows by when
 it builds the scene (resident pages, once those not in use were given back); for lidarsim also what its core counts."""
 
+COINCIDENT = """\
+Scenes in which one surface lies in another, so that each hit is on both, against the same scenes without the second.
+The hit is on the first of the two; wrong are rays whose hit differs from that without the second."""
+
 MESHES = """\
 Triangle meshes, million rays a second on the same rays, in turns; wrong hits (lost + invented + on another triangle) of
 {rays:,} rays judged by exact arithmetic; the worst range, mm."""
@@ -179,6 +183,15 @@ def to_markdown(results: Results) -> str:
         _table(
             "what | ms | × cast",
             ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["scan"]),
+        ),
+        "## Coincident surfaces",
+        COINCIDENT,
+        _table(
+            "scene | ns a ray | × without the second surface | wrong",
+            (
+                [row["what"], _short(row["ns"]), _short(row["ratio"]), f"{row['wrong']} of {row['rays']:,}"]
+                for row in results["coincident"]
+            ),
         ),
         "## Methods",
         _table("method | version", ([name, state] for name, state in results["casters"].items())),

@@ -15,12 +15,26 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from lidarsim.bench import oracle
 from lidarsim.bench.cases import UTM, Spec
 from lidarsim.patterns import Spinning
 
-__all__ = ["UTM", "Rays", "Truth", "World", "analytic", "city", "lidar", "random_rays", "scans", "terrain"]
+__all__ = [
+    "UTM",
+    "Rays",
+    "Truth",
+    "World",
+    "analytic",
+    "city",
+    "coincident",
+    "downward",
+    "lidar",
+    "random_rays",
+    "scans",
+    "terrain",
+]
 
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
@@ -208,6 +222,50 @@ def random_rays(world: World, count: int, seed: int = 0) -> Rays:
     return Rays("random", rng.uniform(world.low, world.high, (count, 3)), directions, one_origin=False)
 
 
+def downward(count: int, reach: float = 14.0, seed: int = 0) -> Rays:
+    """Return rays from one origin, 40 m up, to points of the disc of radius `reach` about the origin, row after row."""
+    rng = np.random.default_rng((seed, 11))
+    radius, angle = rng.uniform(0, reach, count), rng.uniform(0, 2 * np.pi, count)
+    targets = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)])
+    targets = targets[np.lexsort((targets[:, 0], np.round(targets[:, 1])))]
+    origin = np.array([4.0, -7.0, 40.0])
+    directions = (targets - origin) / np.linalg.norm(targets - origin, axis=1, keepdims=True)
+    return Rays("downward", np.tile(origin, (count, 1)), directions, one_origin=True)
+
+
+def coincident(triangles: int = 130_000) -> dict[str, tuple[list[Spec], list[Spec]]]:
+    """Return scenes under `downward` rays, by name: as they are, and with a second surface that lies in the first."""
+    turn = np.eye(4)
+    turn[:3] = np.column_stack([Rotation.from_rotvec((0.5, -0.7, 1.1)).as_matrix(), (1.0, 2.0, 3.0)])
+    lowered = np.eye(4)
+    lowered[2, 3] = -0.125
+    vertices, faces = terrain(triangles).shapes[0].args
+    flat = np.array([0.2, 0.2, 0.0])
+    hills, field = Spec("TriangleMesh", (0.2 * vertices, faces)), Spec("TriangleMesh", (flat * vertices, faces))
+    ground, box = Spec("Plane", (np.array([0.0, 0.0, 1.0]), 0.0)), (np.array([30.0, 20.0, 10.0]), np.zeros(3))
+    top = Spec("Box", (np.array([60.0, 60.0, 1.0]), np.array([0.0, 0.0, -0.5])))
+    slab = Spec("Box", (np.array([60.0, 60.0, 0.25]), np.zeros(3)), lowered)
+    ellipsoid = Spec("Ellipsoid", (np.zeros(3), np.array([30.0, 20.0, 10.0]), turn[:3, :3]))
+    cylinder = Spec("Cylinder", (np.array([-10.0, -5.0, -8.0]), np.array([12.0, 3.0, 4.0]), 9.0))
+    twice = {
+        "a plane": ground,
+        "an ellipsoid": ellipsoid,
+        "a cylinder": cylinder,
+        "a turned box": Spec("Box", box, turn),
+        "a mesh": hills,
+        "a turned mesh": replace(hills, transform=turn),
+    }
+    return {f"{name}, twice": ([spec], [spec, spec]) for name, spec in twice.items()} | {
+        "a mesh, each triangle twice": (
+            [hills],
+            [Spec("TriangleMesh", (0.2 * vertices, np.concatenate([faces, faces])))],
+        ),
+        "a plane and the top of a box": ([ground], [ground, top]),
+        "a plane and the top of a box put there": ([ground], [ground, slab]),
+        "a flat height field in a plane": ([field], [field, ground]),
+    }
+
+
 def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
     """Return streets of boxes and poles, with 36 finely meshed spheres that hold nearly all of the triangles."""
     rng = np.random.default_rng(1)
@@ -281,8 +339,6 @@ def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> 
 
 def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
     """Return a quarter each of spheres, boxes, cylinders and ellipsoids, 0.3 m to 2 m in radius, over a plane."""
-    from scipy.spatial.transform import Rotation
-
     rng = np.random.default_rng(4)
     shift = np.asarray(offset, dtype=np.float64)
     specs = [Spec("Plane.from_point", (shift.copy(), np.array([0.0, 0.0, 1.0])))]

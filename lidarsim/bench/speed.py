@@ -216,6 +216,7 @@ class _Run:
         self.growth: list[Speed] = []
         self.builds: list[Build] = []
         self.scan: list[dict[str, Any]] = []
+        self.coincident: list[dict[str, Any]] = []
         self.stand_in: str | None = None  # the tessellation that stands for Open3D
 
     def meshes(self) -> None:
@@ -290,6 +291,32 @@ class _Run:
             for name, s in times.items()
         ]
 
+    def coincident_surfaces(self) -> None:
+        """Measure scenes in which one surface lies in another, over the same without the second."""
+        import lidarsim as ls
+
+        rays = scenes.downward(self.plan.columns[0] * 64)
+        os.environ["LIDARSIM_THREADS"] = str(self.plan.threads[-1])
+        for name, pair in scenes.coincident(self.plan.triangles or 130_000).items():
+            self.progress(f"coincident surfaces: {name}")
+            built = {"once": ls.Scene(), "twice": ls.Scene()}
+            for scene, specs in zip(built.values(), pair, strict=True):
+                for spec in specs:
+                    scene.add(spec.build())
+            calls = {key: partial(scene.cast, rays.origins, rays.directions) for key, scene in built.items()}
+            once, twice = (call() for call in calls.values())
+            times = interleave(calls, self.plan.rounds, self.plan.seconds)
+            self.coincident.append(
+                {
+                    "what": name,
+                    "rays": len(rays),
+                    "hits": int(np.isfinite(once.t).sum()),
+                    "ns": times["twice"] / len(rays) * 1e9,
+                    "ratio": times["twice"] / times["once"],
+                    "wrong": int(((once.t != twice.t) | (once.primitive_id != twice.primitive_id)).sum()),
+                }
+            )
+
     def results(self) -> dict[str, Any]:
         """Return everything as JSON would hold it."""
         return {
@@ -300,6 +327,7 @@ class _Run:
             "growth": [asdict(row) for row in self.growth],
             "builds": [asdict(row) for row in self.builds],
             "scan": self.scan,
+            "coincident": self.coincident,
         }
 
     def _world(self, make: Callable[..., World], offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
@@ -472,6 +500,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.analytic()
         bench.sizes()
         bench.whole_scan()
+        bench.coincident_surfaces()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}
 

@@ -116,6 +116,15 @@ def test_whole_scans_are_over_the_bare_cast(results: dict[str, Any]) -> None:
     assert [row["ratio"] for row in scan] == pytest.approx([row["seconds"] / scan[0]["seconds"] for row in scan])
 
 
+def test_coincident_surfaces_change_no_hit(results: dict[str, Any]) -> None:
+    assert len(results["coincident"]) == 10
+    for row in results["coincident"]:
+        assert row["rays"] == 64 * 32
+        assert row["hits"] > 0.8 * row["rays"]
+        assert row["wrong"] == 0
+        assert row["ns"] > 0
+
+
 def test_growth_of_a_process_is_of_the_order_of_the_core_count(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIDARSIM_THREADS", "1")
     world = scenes.terrain(200_000)

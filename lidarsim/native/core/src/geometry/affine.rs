@@ -3,6 +3,7 @@
 use std::cmp::Ordering;
 
 use crate::arith::number::{DoubleDouble, Dyadic, Interval, Kinds, Number, RunningError, Uncertain};
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -48,6 +49,13 @@ impl Affine {
             }
             Interval { low, high }
         })
+    }
+
+    /// The image of a plane perpendicular to an axis, if that is known to be such a plane.
+    pub fn image_of_plane(&self, plane: AxisPlane) -> Option<AxisPlane> {
+        // The coordinate that depends on that of the plane alone.
+        let axis = self.linear.iter().position(|row| (0..3).all(|j| (row[j] != 0.0) == (j == plane.axis)))?;
+        plane.image(axis, self.linear[axis][plane.axis], self.offset[axis])
     }
 }
 

@@ -1,5 +1,6 @@
 //! The scene: objects, and the exact predicates and refined hits of rays on them.
 
+mod coincidence;
 mod hit;
 mod object;
 mod predicates;
@@ -122,18 +123,9 @@ impl Scene {
 
     /// The order of two roots on a line.
     pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point) -> Ordering {
-        // Objects stand on floors, so coplanar triangles are common, and their ties would all go to exact arithmetic.
-        if self.share_axis_plane(a, b) {
-            return Ordering::Equal;
-        }
-        number::decide(&RootOrder { objects: &self.objects, a, b, origin, direction })
-    }
-
-    /// Whether both are triangles in one plane perpendicular to an axis.
-    fn share_axis_plane(&self, a: &RootId, b: &RootId) -> bool {
         let object = |at: &RootId| &self.objects[at.object as usize];
-        let are_triangles = object(a).is_untransformed_triangle() && object(b).is_untransformed_triangle();
-        are_triangles && object(a).triangle(a.primitive).shares_axis_plane(&object(b).triangle(b.primitive))
+        coincidence::order(object(a), a, object(b), b)
+            .unwrap_or_else(|| number::decide(&RootOrder { objects: &self.objects, a, b, origin, direction }))
     }
 
     /// t, correctly rounded.
@@ -174,7 +166,6 @@ pub mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::geometry::affine::Affine;
     use crate::shapes::Triangle;
 
     pub const FLAT: Triangle = Triangle([0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]);
@@ -195,21 +186,5 @@ pub mod tests {
         let faces = (0..=others as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let mesh = TriangleMesh::new(vertices, faces).map(Arc::new);
         Object::new(mesh.map_or(Geometry::Surface(triangle.into()), Geometry::Mesh), false)
-    }
-
-    #[test]
-    fn triangles_share_an_axis_plane_as_they_are_in_the_world() {
-        for (z, others) in [(1.0, [0, 0]), (1.0, [0, 9]), (1.0_f64.next_up(), [0, 0]), (1.0_f64.next_down(), [20, 3])] {
-            let scene = Scene::new(vec![object(FLAT, others[0]), object(tipped(z), others[1])]);
-            let [a, b] = [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i] as u32));
-            assert_eq!([scene.share_axis_plane(&a, &b), scene.share_axis_plane(&b, &a)], [z == 1.0; 2]);
-        }
-        // Where an object is transformed, its vertices are not those of the world.
-        let flat = object(FLAT, 0);
-        let transformed =
-            flat.transformed(Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 0.0, 1.0]));
-        let scene = Scene::new(transformed.into_iter().chain([flat]).collect());
-        assert_eq!(scene.objects().len(), 2);
-        assert!(!scene.share_axis_plane(&RootId::of_triangle(0, 0), &RootId::of_triangle(1, 0)));
     }
 }

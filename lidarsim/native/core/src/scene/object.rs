@@ -53,10 +53,25 @@ impl Object {
         self.maps.is_empty()
     }
 
+    /// Whether both are placed in the world alike.
+    pub fn is_placed_as(&self, other: &Self) -> bool {
+        self.maps == other.maps
+    }
+
+    pub fn maps(&self) -> &[Affine] {
+        &self.maps
+    }
+
+    /// Whether hits are on triangles.
+    #[inline(always)]
+    pub fn is_triangle(&self) -> bool {
+        matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
+    }
+
     /// Whether hits are on triangles in the coordinates of the world.
     #[inline(always)]
     pub fn is_untransformed_triangle(&self) -> bool {
-        self.maps.is_empty() && matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
+        self.maps.is_empty() && self.is_triangle()
     }
 
     #[inline(always)]

@@ -5,10 +5,11 @@ use std::cmp::Ordering;
 use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root, Roots};
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Box {
     pub size: Point,
     pub center: Point,
@@ -74,6 +75,15 @@ impl Surface for Box {
         let mut normal = [0.0; 3];
         normal[usize::from(feature / 2)] = if feature.is_multiple_of(2) { -1.0 } else { 1.0 };
         vector::exact(normal)
+    }
+
+    fn axis_plane(&self, feature: u8) -> Option<AxisPlane> {
+        let axis = usize::from(feature / 2);
+        let half = self.size[axis] / 2.0;
+        if 2.0 * half != self.size[axis] {
+            return None;
+        }
+        AxisPlane::at(axis, self.center[axis], if feature.is_multiple_of(2) { -half } else { half })
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

@@ -8,6 +8,7 @@ use std::cmp::Ordering;
 use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root, Roots};
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -15,7 +16,7 @@ const SIDE: u8 = 0;
 const START: u8 = 1;
 const END: u8 = 2;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Cylinder {
     pub start: Point,
     pub end: Point,
@@ -140,6 +141,16 @@ impl Surface for Cylinder {
                 vector::cross(&axis, &vector::cross(&f, &axis))
             }
         }
+    }
+
+    fn axis_plane(&self, feature: u8) -> Option<AxisPlane> {
+        let center = match feature {
+            START => self.start,
+            END => self.end,
+            _ => return None,
+        };
+        let axis = (0..3).find(|&axis| (0..3).all(|i| (self.start[i] == self.end[i]) == (i != axis)))?;
+        AxisPlane::at(axis, center[axis], 0.0)
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

@@ -20,6 +20,12 @@ pub struct Ellipsoid {
     inverse: std::boxed::Box<Inverse>,
 }
 
+impl PartialEq for Ellipsoid {
+    fn eq(&self, other: &Self) -> bool {
+        (self.placement, self.radii) == (other.placement, other.radii)
+    }
+}
+
 impl Ellipsoid {
     /// None if the rotation is singular or a radius zero.
     pub fn new(center: Point, radii: Point, rotation: [[f64; 3]; 3]) -> Option<Self> {

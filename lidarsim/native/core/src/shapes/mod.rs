@@ -24,6 +24,7 @@ pub use triangle::Triangle;
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Roots;
 use crate::arith::simd::{Floats, Isa, LaneTask};
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Vector;
 
@@ -41,7 +42,7 @@ impl<S: Surface, T: SurfaceTask> LaneTask for On<'_, S, T> {
 macro_rules! surfaces {
     ($($name:ident),+ $(,)?) => {
         /// Any of the implicit surfaces.
-        #[derive(Clone, Debug)]
+        #[derive(Clone, Debug, PartialEq)]
         pub enum AnySurface {
             $($name($name)),+
         }
@@ -85,6 +86,10 @@ macro_rules! surfaces {
 
             fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N> {
                 match self { $(AnySurface::$name(shape) => shape.normal(ray, feature)),+ }
+            }
+
+            fn axis_plane(&self, feature: u8) -> Option<AxisPlane> {
+                match self { $(AnySurface::$name(shape) => shape.axis_plane(feature)),+ }
             }
 
             fn bounds(&self) -> Option<[Interval; 3]> {

@@ -7,10 +7,11 @@ use super::surface::{Shape, Surface};
 use super::triangle::{Triangle, triangle_normal};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Plane {
     /// normal·x = distance.
     Distance { normal: Point, distance: f64 },
@@ -71,6 +72,21 @@ impl Surface for Plane {
     #[inline(always)]
     fn normal<N: Number>(&self, _: &Ray<N>, _: u8) -> Vector<N> {
         self.normal_of()
+    }
+
+    fn axis_plane(&self, feature: u8) -> Option<AxisPlane> {
+        let across = |normal: Point| (0..3).find(|&axis| (0..3).all(|i| (normal[i] != 0.0) == (i == axis)));
+        match *self {
+            Plane::Distance { normal, distance } => {
+                let axis = across(normal)?;
+                AxisPlane::at_ratio(axis, distance, normal[axis])
+            }
+            Plane::PointNormal { point, normal } => {
+                let axis = across(normal)?;
+                AxisPlane::at(axis, point[axis], 0.0)
+            }
+            Plane::Points(a, b, c) => Triangle(a, b, c).axis_plane(feature),
+        }
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {

@@ -8,7 +8,7 @@ use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sphere {
     pub center: Point,
     pub radius: f64,

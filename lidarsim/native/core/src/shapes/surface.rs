@@ -3,6 +3,7 @@
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Roots;
 use crate::arith::simd::Floats;
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Vector;
 
@@ -16,6 +17,11 @@ pub trait Surface {
 
     /// An outward normal at the ray's origin, on part `feature` of the surface or near it: half the gradient of `implicit`.
     fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
+
+    /// The plane perpendicular to an axis that part `feature` of the surface lies in, where there is one and float64 arithmetic tells it.
+    fn axis_plane(&self, _feature: u8) -> Option<AxisPlane> {
+        None
+    }
 
     /// An axis-aligned bounding box; none if the surface is unbounded.
     fn bounds(&self) -> Option<[Interval; 3]>;

@@ -14,6 +14,7 @@ use std::cmp::Ordering;
 use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
+use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
@@ -23,7 +24,7 @@ pub use each::Triangles;
 pub use leaf::{LEAF_SIZE, Leaf, LeafRay, Planes};
 pub use sides::sides;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle(pub Point, pub Point, pub Point);
 
 impl Triangle {
@@ -42,10 +43,10 @@ impl Triangle {
         crate::arith::number::decide(&Degenerate(self))
     }
 
-    /// Whether both lie in one plane perpendicular to an axis.
-    pub fn shares_axis_plane(&self, other: &Triangle) -> bool {
-        let (Triangle(p, q, r), Triangle(u, v, w)) = (self, other);
-        (0..3).any(|axis| [q, r, u, v, w].iter().all(|x| x[axis] == p[axis]))
+    /// Whether all corners are corners of the other, in any order.
+    pub fn has_corners_of(&self, other: &Triangle) -> bool {
+        let Triangle(a, b, c) = other;
+        [self.0, self.1, self.2].iter().all(|p| p == a || p == b || p == c)
     }
 }
 
@@ -125,36 +126,16 @@ impl Surface for Triangle {
         triangle_normal(self.0, self.1, self.2)
     }
 
+    fn axis_plane(&self, _: u8) -> Option<AxisPlane> {
+        let Triangle(a, b, c) = self;
+        let axis = (0..3).find(|&axis| a[axis] == b[axis] && a[axis] == c[axis])?;
+        AxisPlane::at(axis, a[axis], 0.0)
+    }
+
     fn bounds(&self) -> Option<[Interval; 3]> {
         Some(std::array::from_fn(|i| Interval {
             low: self.0[i].min(self.1[i]).min(self.2[i]),
             high: self.0[i].max(self.1[i]).max(self.2[i]),
         }))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn an_axis_plane_is_one_plane_perpendicular_to_one_axis() {
-        let triangle = |axis: usize, at: f64, size: f64| {
-            let corner = |u: f64, v: f64| {
-                let mut p = [v; 3];
-                p[axis] = at;
-                p[(axis + 1) % 3] = u;
-                p
-            };
-            Triangle(corner(0.0, 0.0), corner(size, 0.0), corner(0.0, size))
-        };
-        for axis in 0..3 {
-            assert!(triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle(axis, 5e6, 7.0)));
-            assert!(!triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle(axis, 5e6_f64.next_up(), 1.0)));
-            assert!(!triangle(axis, 5e6, 1.0).shares_axis_plane(&triangle((axis + 1) % 3, 5e6, 1.0)));
-        }
-        // In one plane, but not across an axis: for exact arithmetic to say.
-        let slanted = Triangle([0.0, 0.0, 0.0], [1.0, 0.0, 1.0], [0.0, 1.0, 0.0]);
-        assert!(!slanted.shares_axis_plane(&slanted));
     }
 }
