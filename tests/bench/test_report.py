@@ -74,6 +74,9 @@ def results() -> dict[str, Any]:
             {"what": "still", "over": "still", "seconds": 0.004, "ratio": 1.0},
             {"what": "moving", "over": "still", "seconds": 0.006, "ratio": 1.5},
         ],
+        "coincident": [
+            {"what": "a plane, twice", "rays": 65536, "hits": 65000, "ns": 45.6, "ratio": 1.4, "wrong": 0},
+        ],
     }
 
 
@@ -113,6 +116,7 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
         ["1", "embreex", "6", "0.6", "0.5", "3", "2.6e4", "4.8e15", "3 + 1 + 26 of 300"]
     ] * 3
     assert [cells[-1] for cells in casting if "Warp" in cells[2]] == ["1 + 0 + ? of 300"]
+    assert table(text, "scene | ns a ray") == [["a plane, twice", "45.6", "1.4", "0 of 65,536"]]
     assert table(text, "scene | triangles") == [
         ["city", "740,000", "**lidarsim**", "0.25", "1.2", "80", "80"],
         ["city", "740,000", "Open3D", "0.3", "1", "88", "—"],
