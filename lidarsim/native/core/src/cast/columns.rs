@@ -29,9 +29,9 @@ impl<'a> Columns<'a> {
         }
     }
 
-    /// As `Scene::cast`, on all threads: splits off the rows of these rays. Each row is written, of an illegal ray too.
+    /// As `Scene::cast`, on all threads. The row of each ray is written, of an illegal one too.
     pub fn cast(
-        &mut self,
+        mut self,
         scene: &Scene,
         level: Level,
         origins: &[Point],

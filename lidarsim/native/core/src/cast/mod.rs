@@ -13,4 +13,4 @@ mod traversal;
 mod triangle_hits;
 
 pub use columns::Columns;
-pub use schedule::{pieces, slices};
+pub use schedule::pieces;
