@@ -116,7 +116,7 @@ def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = T
         isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=False)
     ):
         raise ValueError(f"{name}: expected {expected}, got {given.shape}")
-    result: Floats = np.ascontiguousarray(given, dtype=np.float64).reshape(given.shape)
+    result: Floats = in_order(given, np.float64).reshape(given.shape)
     if finite and not np.isfinite(result).all():
         index = np.argwhere(~np.isfinite(result))[0]
         where = "".join(f"[{i}]" for i in index)
@@ -129,6 +129,12 @@ def frozen(values: Floats) -> Floats:
     copy = np.array(values, order="C")
     copy.setflags(write=False)
     return copy
+
+
+def in_order(values: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
+    """Return `values` as the core reads them, C-contiguous and aligned; copied only if they are not."""
+    result = np.ascontiguousarray(values, dtype=dtype)
+    return result if result.flags.aligned else result.copy()
 
 
 def nonzero_vectors(name: str, vectors: Floats) -> Floats:

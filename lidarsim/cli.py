@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import signal
 import sys
+import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import contextmanager, nullcontext
 from enum import StrEnum
 from pathlib import Path
+from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
@@ -387,7 +390,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     arguments = list(sys.argv[1:] if arguments is None else arguments)
     command = typer.main.get_command(app)
     try:
-        code = command.main(arguments or ["--help"], prog_name="lidarsim", standalone_mode=False)
+        with _insistent_interrupts():
+            code = command.main(arguments or ["--help"], prog_name="lidarsim", standalone_mode=False)
     except KeyboardInterrupt:
         code = 130
     except OSError as error:  # ours have a text alone, the system's a number and a file besides
@@ -401,6 +405,39 @@ def main(arguments: Sequence[str] | None = None) -> None:
             raise
         code = _complain(error.format_message())
     sys.exit(code or 0)
+
+
+@contextmanager
+def _insistent_interrupts() -> Iterator[None]:
+    """Let Ctrl-C end the block, and if it does not, come again a second later.
+
+    Python drops what is raised in callbacks, of which imports run many, and some libraries drop whatever is raised.
+    """
+    main = threading.main_thread()
+    if threading.current_thread() is not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
+        yield
+        return
+    repeats: list[threading.Timer] = []
+
+    def repeat(number: int) -> None:
+        if sys.platform == "win32":
+            signal.raise_signal(number)
+        else:  # where it also wakes a thread that sleeps
+            signal.pthread_kill(main.ident or 0, number)
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        repeats.append(threading.Timer(1.0, repeat, [number]))
+        repeats[-1].daemon = True
+        repeats[-1].start()
+        signal.default_int_handler(number, frame)
+
+    signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        for timer in repeats:
+            timer.cancel()
 
 
 def _complain(problem: object) -> int:

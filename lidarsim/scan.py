@@ -398,6 +398,8 @@ def scan(
     TypeError, ValueError
         If an argument is of the wrong type or out of its range, if the trajectory or the motion of an object does
         not cover all pulses, or if a pulse of the pattern is not finite or its direction not of unit length.
+    MemoryError
+        If there is none for the returns; before the pulses are made, and with the number of bytes.
     """
     if not isinstance(scene, Scene):
         raise TypeError(f"scene: expected a Scene, got {scene!r}")
@@ -405,6 +407,8 @@ def scan(
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
     where = _where(pose)
+    if indices is None:
+        _native.expect_room(math.prod(lidar.pattern.shape), lidar)  # before the pattern makes pulses in vain
     pulses = pulses_of(lidar.pattern, frame)
     period = 1.0 / lidar.pattern.rate
     path = _path(where, pulses, time, period)

@@ -36,7 +36,20 @@ CHECKS = {
 NATIVE = ROOT / "lidarsim" / "native"
 
 # Of the Rust core, from the lowest to the highest: a layer may use those before it alone.
-LAYERS = ["testing", "memory", "parallel", "arith", "geometry", "shapes", "bvh", "scene", "cast", "measure"]
+LAYERS = [
+    "testing",
+    "memory",
+    "stop",
+    "once",
+    "parallel",
+    "arith",
+    "geometry",
+    "shapes",
+    "bvh",
+    "scene",
+    "cast",
+    "measure",
+]
 
 RustModule = tuple[str, ...]
 

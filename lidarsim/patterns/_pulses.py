@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Immutable
-from lidarsim._validation import array, integer, real
+from lidarsim._validation import array, in_order, integer, real
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,7 +77,7 @@ class Pulses(Immutable):
 def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:
     """Return `value` as a C-contiguous array of `count` integers that fit `dtype`."""
     if isinstance(value, np.ndarray) and value.dtype == dtype and value.shape == (count,):
-        return np.ascontiguousarray(value)
+        return in_order(value, dtype)
     given = array(name, value, (count,), finite=False)
     most = np.iinfo(dtype).max
     wrong = ~((given >= 0) & (given <= most) & (given == np.floor(given)))

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._files import mesh_source, told
-from lidarsim._validation import Floats, Transform, array, positive
+from lidarsim._validation import Floats, Transform, array, in_order, positive
 from lidarsim.errors import FileFormatError
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
@@ -270,4 +270,4 @@ def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         raise ValueError(f"faces: expected indices from 0 to {vertices - 1}, got faces[{i}][{j}] = {given[i, j]}")
-    return np.ascontiguousarray(given, dtype=np.uint32)
+    return in_order(given, np.uint32)

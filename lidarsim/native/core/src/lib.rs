@@ -1,6 +1,6 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 //!
-//! Its layers, of which each uses those above it alone: `memory` and `parallel`, arithmetic, geometry and shapes, the bounding volume hierarchy,
+//! Its layers, of which each uses those above it alone: `memory`, `stop`, `once` and `parallel`, arithmetic, geometry and shapes, the bounding volume hierarchy,
 //! scenes, casts, measurement.
 
 mod arith;
@@ -9,16 +9,18 @@ mod cast;
 mod geometry;
 pub mod measure;
 pub mod memory;
+mod once;
 mod parallel;
 mod scene;
 pub mod shapes;
+pub mod stop;
 #[cfg(test)]
 mod testing;
 
 pub use arith::simd::Level;
-pub use cast::{Arrays, Columns, Occlusion, slices};
+pub use cast::{Arrays, Columns, Occlusion};
 pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
-pub use parallel::threads;
+pub use parallel::{threads, use_threads};
 pub use scene::{Geometry, Object, Scene, TriangleMesh, World};

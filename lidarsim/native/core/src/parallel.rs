@@ -1,9 +1,13 @@
 //! Work shared among threads, in a pool that is rebuilt after a fork.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::num::NonZero;
+use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
+use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 use arc_swap::ArcSwapOption;
 use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use crate::stop::{self, Job};
 
 /// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is of.
 struct Pool {
@@ -14,10 +18,37 @@ struct Pool {
 
 static CURRENT: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
 
-/// `LIDARSIM_THREADS`, if it is a number above 0; else as many threads as this process may run at once.
+/// How many threads were asked for; 0 for as many as may run at once.
+static ASKED: AtomicUsize = AtomicUsize::new(0);
+
+/// Of each thread. It is what the standard library has, where no variable of the environment asks for another: that would be read here, while other
+/// threads may write it.
+const STACK: usize = 2 << 20;
+
+/// Sets the number of threads: some, or as many as this process may run at once.
+pub fn use_threads(count: Option<usize>) {
+    ASKED.store(count.unwrap_or(0), Ordering::Relaxed);
+}
+
+/// The number of threads that work is shared among.
 pub fn threads() -> usize {
-    let asked = std::env::var("LIDARSIM_THREADS").ok().and_then(|n| n.parse().ok()).filter(|&n| n > 0);
-    asked.unwrap_or_else(|| std::thread::available_parallelism().map_or(1, |n| n.get()))
+    match ASKED.load(Ordering::Relaxed) {
+        0 => available(),
+        asked => asked,
+    }
+}
+
+/// As many threads as this process might run at once when it first asked: to find out is to read files.
+fn available() -> usize {
+    /// The number of the process, and in the lower half that of the threads.
+    static KNOWN: AtomicU64 = AtomicU64::new(0);
+    let (known, process) = (KNOWN.load(Ordering::Relaxed), u64::from(std::process::id()));
+    if known >> 32 == process {
+        return (known & u64::from(u32::MAX)) as usize;
+    }
+    let count = std::thread::available_parallelism().map_or(1, NonZero::get);
+    KNOWN.store(process << 32 | count as u64, Ordering::Relaxed);
+    count
 }
 
 fn pool() -> Option<Arc<Pool>> {
@@ -29,22 +60,35 @@ fn pool() -> Option<Arc<Pool>> {
     {
         return current;
     }
-    let pool = ThreadPoolBuilder::new().num_threads(threads).build().ok()?;
-    let old = CURRENT.swap(Some(Arc::new(Pool { process, threads, pool })));
+    let pool = ThreadPoolBuilder::new().num_threads(threads).stack_size(STACK).build().ok()?;
+    let new = Arc::new(Pool { process, threads, pool });
+    let old = CURRENT.swap(Some(new.clone()));
     if old.as_ref().is_some_and(|old| old.process != process) {
         // Its threads are gone: to end it would wait for them.
         std::mem::forget(old);
         std::mem::forget(current);
     }
-    CURRENT.load_full()
+    Some(new)
 }
 
-/// Runs `work` in the pool, so that the parallel iterators in it use its threads; in this thread if no pool can be had.
+/// Runs `work` in the pool, so that the parallel iterators in it use its threads.
+///
+/// # Panics
+///
+/// If the system has no more threads.
 pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    match pool() {
-        Some(pool) => pool.pool.install(work),
-        None => work(),
-    }
+    let Some(pool) = pool() else { panic!("the system has no room for {} more threads", threads()) };
+    let (job, mut outcome) = (Job::current(), None);
+    pool.pool.in_place_scope(|scope| {
+        let (working, done) = mpsc::channel();
+        let outcome = &mut outcome;
+        scope.spawn(move |_| {
+            let _working = working;
+            *outcome = Some(job.work(work));
+        });
+        stop::wait_for(&done);
+    });
+    outcome.unwrap_or_else(|| unreachable!("work that fails unwinds"))
 }
 
 /// Has all of `work` done, a piece at a time, by this thread and others of the pool.
@@ -54,18 +98,76 @@ pub fn share<T: Send>(work: impl ExactSizeIterator<Item = T> + Send, act: impl F
     let helpers = threads().min(work.len()).saturating_sub(1);
     let work = Mutex::new(work);
     let take = || work.lock().unwrap_or_else(PoisonError::into_inner).next();
+    let job = &Job::current();
     let act_on_all = || {
-        while let Some(piece) = take() {
-            act(piece);
-        }
+        job.work(|| {
+            while let Some(piece) = take() {
+                stop::poll();
+                act(piece);
+            }
+        });
     };
     match if helpers > 0 { pool() } else { None } {
         Some(pool) => pool.pool.in_place_scope(|scope| {
+            let (working, done) = mpsc::channel::<()>();
             for _ in 0..helpers {
-                scope.spawn(|_| act_on_all());
+                let working = working.clone();
+                scope.spawn(move |_| {
+                    let _working = working;
+                    act_on_all();
+                });
             }
+            drop(working);
             act_on_all();
+            stop::wait_for(&done);
         }),
         None => act_on_all(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::any::Any;
+    use std::panic::{AssertUnwindSafe, catch_unwind};
+
+    use super::*;
+    use crate::stop::Stopped;
+
+    fn work_forever() -> ! {
+        loop {
+            stop::poll();
+            std::thread::yield_now();
+        }
+    }
+
+    fn failure<R>(ask: fn() -> bool, work: impl FnOnce() -> R) -> Option<Box<dyn Any + Send>> {
+        catch_unwind(AssertUnwindSafe(|| stop::until(ask, work))).err()
+    }
+
+    #[test]
+    fn all_threads_stop_when_the_caller_says_so() {
+        use_threads(Some(4));
+        assert!(failure(|| true, || share(0..64, |_: i32| work_forever())).is_some_and(|why| why.is::<Stopped>()));
+        assert!(failure(|| true, || run(|| work_forever())).is_some_and(|why| why.is::<Stopped>()));
+        // The caller has nothing left to do, and waits.
+        let by_another = |i| {
+            if i > 0 {
+                work_forever()
+            }
+        };
+        let pieces = [0, 1].into_iter();
+        assert!(failure(|| true, || share(pieces, by_another)).is_some_and(|why| why.is::<Stopped>()));
+    }
+
+    #[test]
+    fn a_failure_in_one_thread_ends_the_others_and_reaches_the_caller() {
+        use_threads(Some(4));
+        let fails = |i| {
+            assert!(i < 3, "the last");
+            work_forever()
+        };
+        let why = failure(|| false, || share(0..4, fails));
+        assert_eq!(why.as_ref().and_then(|why| why.downcast_ref()), Some(&"the last"));
+        assert_eq!(stop::until(|| false, || run(|| 3)), Some(3));
     }
 }

@@ -4,11 +4,16 @@ mod scan;
 mod scene;
 mod shape;
 
-use std::ops::Range;
+use std::any::Any;
+use std::env;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 
-use lidarsim_core::{Level, Point, slices};
-use numpy::{PyReadonlyArray2, PyUntypedArrayMethods};
-use pyo3::exceptions::PyValueError;
+use lidarsim_core::memory::OutOfMemory;
+use lidarsim_core::stop::{self, Stopped};
+use lidarsim_core::{Level, Point};
+use numpy::ndarray::Dimension;
+use numpy::{Element, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
+use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
 pub use scene::PyScene;
@@ -23,6 +28,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<scan::PyPath>()?;
     m.add_class::<scene::PyAppearance>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
+    m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
     m.add_function(wrap_pyfunction!(scan::points_of, m)?)?;
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
@@ -34,28 +40,88 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
 
 /// The number of threads that casts run on.
 #[pyfunction]
-fn threads() -> usize {
+fn threads(py: Python<'_>) -> usize {
+    use_threads(py);
     lidarsim_core::threads()
 }
 
 /// The instruction set that casts use: scalar, avx2 or avx512.
 #[pyfunction]
-fn isa() -> PyResult<&'static str> {
-    level().map(Level::name)
+fn isa(py: Python<'_>) -> PyResult<&'static str> {
+    level(py).map(Level::name)
 }
 
-/// The instruction set that was asked for, or the best.
-pub fn level() -> PyResult<Level> {
-    Level::asked().map_err(PyValueError::new_err)
+/// The instruction set that `LIDARSIM_ISA` asks for, or the best.
+///
+/// The environment is read in these two functions alone, while the interpreter is held: Python writes it then.
+pub fn level(_: Python<'_>) -> PyResult<Level> {
+    let Some(name) = env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
+    let name = name.to_string_lossy();
+    match Level::named(&name) {
+        Some(level) if level <= Level::best() => Ok(level),
+        Some(_) => Err(PyValueError::new_err(format!("LIDARSIM_ISA: this machine has no {name}"))),
+        None => Err(PyValueError::new_err(format!("LIDARSIM_ISA: expected scalar, avx2 or avx512, got {name:?}"))),
+    }
 }
 
-/// The rows of a C-contiguous (n, 3) array.
+/// As many threads as `LIDARSIM_THREADS` says, if it is a number above 0.
+fn use_threads(_: Python<'_>) {
+    let asked = env::var("LIDARSIM_THREADS").ok().and_then(|n| n.parse().ok()).filter(|&n| n > 0);
+    lidarsim_core::use_threads(asked);
+}
+
+/// Does the work of the core, of which all is done here: without the interpreter, which other threads have meanwhile.
+///
+/// # Errors
+///
+/// What a handler of a signal raises, such as `KeyboardInterrupt`, after which the work is given up. MemoryError if there is none for an array.
+/// RuntimeError if the work panics, which is a fault of the core.
+pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
+    use_threads(py);
+    match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, work)))) {
+        Ok(Some(outcome)) => Ok(outcome),
+        Ok(None) => Err(raised(py)),
+        Err(why) => Err(explained(py, &*why)),
+    }
+}
+
+/// Lets Python handle the signals that came, and tells whether a handler raised an error. That is then [`raised`].
+fn has_signal() -> bool {
+    let handled = Python::try_attach(|py| py.check_signals().map_err(|error| error.restore(py)));
+    handled.is_some_and(|handled| handled.is_err())
+}
+
+fn raised(py: Python<'_>) -> PyErr {
+    PyErr::take(py).unwrap_or_else(|| PyKeyboardInterrupt::new_err(()))
+}
+
+/// The error for what the core unwound with.
+fn explained(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
+    if why.is::<Stopped>() {
+        return raised(py);
+    }
+    if let Some(OutOfMemory { bytes, purpose }) = why.downcast_ref() {
+        return PyMemoryError::new_err(format!("expected {bytes} bytes of memory for {purpose}, got none"));
+    }
+    let text = why.downcast_ref::<&str>().copied().or_else(|| why.downcast_ref().map(String::as_str));
+    PyRuntimeError::new_err(format!("a fault in lidarsim, please report it: {}", text.unwrap_or("unknown")))
+}
+
+/// The elements of an array, which must be aligned and C-contiguous, as the package makes them.
+///
+/// They are read in place. If another thread writes them meanwhile, the outcome for these elements is anything, or a RuntimeError.
+pub fn elements<'a, T: Element, D: Dimension>(name: &str, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+    let wrong = |_| PyValueError::new_err(format!("{name}: expected an aligned, C-contiguous array"));
+    array.as_slice().map_err(wrong)
+}
+
+/// The rows of such an array of shape (n, 3).
 pub fn points<'a>(name: &str, array: &'a Points<'_>) -> PyResult<&'a [Point]> {
-    let wrong = || {
-        PyValueError::new_err(format!("{name}: expected a C-contiguous array of shape (n, 3), got {:?}", array.shape()))
-    };
-    let flat = array.as_slice().map_err(|_| wrong())?;
-    if array.shape()[1] == 3 { Ok(flat.as_chunks().0) } else { Err(wrong()) }
+    let flat = elements(name, array)?;
+    match array.shape() {
+        [_, 3] => Ok(flat.as_chunks().0),
+        other => Err(PyValueError::new_err(format!("{name}: expected shape (n, 3), got {other:?}"))),
+    }
 }
 
 /// The rays of two arrays, legal ones.
@@ -96,13 +162,4 @@ pub fn legal_rays(o: &[Point], d: &[Point]) -> PyResult<()> {
 
 fn python_float(x: f64) -> String {
     if x.is_nan() { "nan".into() } else { x.to_string() }
-}
-
-/// Runs `work` over slices of `n` rays without the interpreter lock, and checks for signals between them.
-pub fn interruptible(py: Python<'_>, n: usize, mut work: impl FnMut(Range<usize>) + Send) -> PyResult<()> {
-    for slice in slices(n, 1) {
-        py.detach(|| work(slice));
-        py.check_signals()?;
-    }
-    Ok(())
 }

@@ -16,7 +16,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyScene, level, points};
+use crate::{Points, PyScene, detached, elements, level, points};
 
 /// Half of the speed of light in vacuum, m/s: a range is half of a way.
 const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
@@ -56,26 +56,31 @@ impl PyPath {
     /// the way, and those of the rotation vector.
     #[staticmethod]
     fn knots(
+        py: Python<'_>,
         times: PyReadonlyArray1<'_, f64>,
         matrices: PyReadonlyArray2<'_, f64>,
         steps: PyReadonlyArray2<'_, f64>,
     ) -> PyResult<Self> {
-        let (times, matrices, steps) = (times.as_array(), matrices.as_array(), steps.as_array());
         let n = times.len();
-        if n == 0 || matrices.dim() != (n, 16) || steps.dim() != (n - 1, 18) {
+        if n == 0 || matrices.shape() != [n, 16] || steps.shape() != [n - 1, 18] {
             return Err(PyValueError::new_err(
                 "times, matrices, steps: expected shapes (n,), (n, 16) and (n - 1, 18), n > 0",
             ));
         }
-        let poses =
-            matrices.rows().into_iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
-        let steps = steps.rows().into_iter().map(|s| {
+        let times = elements("times", &times)?;
+        let matrices: &[[f64; 16]] = elements("matrices", &matrices)?.as_chunks().0;
+        let steps: &[[f64; 18]] = elements("steps", &steps)?.as_chunks().0;
+        let poses = matrices.iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
+        let steps = steps.iter().map(|s| {
             let cubic = |first| Cubic(std::array::from_fn(|i| std::array::from_fn(|k| s[first + 3 * i + k])));
             Step { shift: cubic(0), turn: cubic(9) }
         });
-        let (times, poses, steps) = (times.to_vec(), poses.collect(), steps.collect());
-        let end = times[n - 1];
-        Ok(Path::Knots { times, poses, steps, end }.into())
+        let path = detached(py, || {
+            let (times, poses, steps) = (memory::copy(times), memory::collect(poses), memory::collect(steps));
+            let end = times[n - 1];
+            Path::Knots { times, poses, steps, end }
+        })?;
+        Ok(path.into())
     }
 
     /// The path of a sensor that is mounted so on what moves along this one.
@@ -95,28 +100,26 @@ impl PyPath {
 
     /// Poses (n, 4, 4) at some times.
     fn at<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
-        let times = times.as_array();
-        let matrices: Vec<f64> = times
-            .iter()
-            .flat_map(|&time| {
+        let times = elements("times", &times)?;
+        let poses = detached(py, || {
+            memory::collect(times.iter().map(|&time| {
                 let [x, y, z] = self.path.at(time).rows();
-                [x, y, z, [0.0, 0.0, 0.0, 1.0]].into_iter().flatten()
-            })
-            .collect();
-        Ok(matrices.into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
+                [x, y, z, [0.0, 0.0, 0.0, 1.0]]
+            }))
+        })?;
+        Ok(poses.into_flattened().into_flattened().into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
     }
 
     /// Velocities (n, 2, 3) at times of the span: linear in the world, angular in the moving frame.
     fn velocity<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
-        let times = times.as_array();
-        let velocities: Vec<f64> = times
-            .iter()
-            .flat_map(|&time| {
+        let times = elements("times", &times)?;
+        let velocities = detached(py, || {
+            memory::collect(times.iter().map(|&time| {
                 let Velocity { linear, angular } = self.path.velocity(time);
-                [linear, angular].into_iter().flatten()
-            })
-            .collect();
-        Ok(velocities.into_pyarray(py).reshape([times.len(), 2, 3])?.into_any())
+                [linear, angular]
+            }))
+        })?;
+        Ok(velocities.into_flattened().into_flattened().into_pyarray(py).reshape([times.len(), 2, 3])?.into_any())
     }
 }
 
@@ -240,10 +243,7 @@ impl PulseArrays<'_> {
     fn slices(&self) -> PyResult<Pulses<'_>> {
         let (directions, origins) =
             (points("pulses.directions", &self.directions)?, points("pulses.origins", &self.origins)?);
-        let times =
-            self.time.as_slice().map_err(|_| PyValueError::new_err("pulses.time: expected a contiguous array"))?;
-        let rings =
-            self.ring.as_slice().map_err(|_| PyValueError::new_err("pulses.ring: expected a contiguous array"))?;
+        let (times, rings) = (elements("pulses.time", &self.time)?, elements("pulses.ring", &self.ring)?);
         if [origins.len(), times.len(), rings.len()] != [directions.len(); 3] {
             return Err(PyValueError::new_err(format!(
                 "pulses: expected directions, origins, time and ring of equal length, got {}, {}, {} and {}",
@@ -279,9 +279,19 @@ struct ScanColumns {
 }
 
 impl ScanColumns {
+    /// Unwinds if the system has no memory for the rows of so many pulses.
+    fn expect_room(pulses: usize, most: usize, strays: bool, moves: bool) {
+        let direction = if strays { size_of::<Point>() } else { 0 };
+        let row = 3 * size_of::<f64>() + (8 + usize::from(moves)) * size_of::<f32>() + direction;
+        memory::expect_room(pulses.saturating_mul(most).saturating_mul(row), || {
+            format!("the returns of {pulses} pulses, {most} each")
+        });
+    }
+
     /// With capacity for the rows of so many pulses.
     fn new(pulses: usize, most: usize, strays: bool, moves: bool) -> Self {
-        let rows = pulses * most;
+        ScanColumns::expect_room(pulses, most, strays, moves);
+        let rows = pulses.saturating_mul(most);
         ScanColumns {
             range: memory::with_capacity(rows),
             true_range: memory::with_capacity(rows),
@@ -294,8 +304,8 @@ impl ScanColumns {
             label: memory::with_capacity(rows),
             true_direction: if strays { memory::with_capacity(rows) } else { Vec::new() },
             radial_velocity: if moves { memory::with_capacity(rows) } else { Vec::new() },
-            status: Vec::with_capacity(pulses),
-            return_count: Vec::with_capacity(pulses),
+            status: memory::with_capacity(pulses),
+            return_count: memory::with_capacity(pulses),
             strays,
             moves,
         }
@@ -369,6 +379,13 @@ impl ScanColumns {
     }
 }
 
+/// Raises MemoryError if there is none for a scan of so many pulses.
+#[pyfunction]
+pub fn expect_room(py: Python<'_>, pulses: usize, lidar: LidarParameters) -> PyResult<()> {
+    let measurement = lidar.measurement()?;
+    detached(py, || ScanColumns::expect_room(pulses, measurement.returns.most(), measurement.strays(), false))
+}
+
 /// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n, most).
 ///
 /// `indices`: which pulses of the whole frame these are, if they are not all in order.
@@ -386,28 +403,24 @@ pub fn scan<'py>(
     draws: (u64, u32, u32),
 ) -> PyResult<Bound<'py, PyDict>> {
     let Pulses { directions, origins, times, rings } = pulses.slices()?;
-    let indices =
-        indices.as_ref().map(|i| i.as_slice()).transpose().map_err(|e| PyValueError::new_err(e.to_string()))?;
+    let indices = indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
     let measurement = lidar.measurement()?;
     check_rings(rings, &measurement.range_offset)?;
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
-    let most = measurement.returns.most();
+    let (most, level) = (measurement.returns.most(), level(py)?);
     let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
-    let mut columns = ScanColumns::new(directions.len(), most, measurement.strays(), moves);
-    let mut rows = columns.rows(directions.len(), most);
-    let world = py.detach(|| {
+    let measured = detached(py, || {
+        let mut columns = ScanColumns::new(directions.len(), most, measurement.strays(), moves);
         scene.scene.prepare();
-        scene.scene.during(times.iter().map(|time| start + time))
-    });
-    let scan = Scan::new(&frame, &measurement, &scene.appearances, &world, level()?);
-    for pulses in scan.slices() {
-        py.detach(|| scan.share(pulses, &mut rows)).map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?;
-        py.check_signals()?;
-    }
-    // SAFETY: the slices hold all pulses, and none was bad, so that all of their rows were written.
-    unsafe { columns.are_written(directions.len(), most) };
-    columns.into_dict(py, most)
+        let world = scene.scene.during(times.iter().map(|time| start + time));
+        let scan = Scan::new(&frame, &measurement, &scene.appearances, &world, level);
+        scan.share(&mut columns.rows(directions.len(), most))?;
+        // SAFETY: all pulses are measured, and none was bad, so that all of their rows were written.
+        unsafe { columns.are_written(directions.len(), most) };
+        Ok(columns)
+    })?;
+    measured.map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?.into_dict(py, most)
 }
 
 /// Of one offset for all rings there is nothing to look up.
@@ -510,7 +523,7 @@ pub fn points_of<'py>(
     let (instance, label) = (column(n * most, &scan.instance)?, column(n * most, &scan.label)?);
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
-    let (returns, start) = (ReturnRows::new(counts, most), scan.time);
+    let (returns, start) = (detached(py, || ReturnRows::new(counts, most))?, scan.time);
     // Where the sensor was at a time, and that as seen from the moment: of the last return, as those next to each other share many times.
     type Last = Option<(f64, Pose, Pose)>;
     let place_and_turn = |last: &mut Last, row: usize, pulse: usize| {
@@ -534,37 +547,37 @@ pub fn points_of<'py>(
         };
         (point, turned.map(|x| x as f32))
     };
-    let (xyz, turned) = gather_pairs(py, &returns, place_and_turn);
+    let (xyz, turned) = gather_pairs(py, &returns, place_and_turn)?;
     let fields = PyDict::new(py);
     let shape = [returns.count(), 3];
     fields.set_item("xyz", xyz.into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("range", gather(py, &returns, |row, _| range[row]).into_pyarray(py))?;
-    fields.set_item("true_range", gather(py, &returns, |row, _| true_range[row]).into_pyarray(py))?;
-    fields.set_item("intensity", gather(py, &returns, |row, _| intensity[row]).into_pyarray(py))?;
-    fields.set_item("time", gather(py, &returns, |_, pulse| times[pulse]).into_pyarray(py))?;
-    fields.set_item("ring", gather(py, &returns, |_, pulse| rings[pulse]).into_pyarray(py))?;
-    fields.set_item("column", gather(py, &returns, |_, pulse| columns[pulse]).into_pyarray(py))?;
+    fields.set_item("range", gather(py, &returns, |row, _| range[row])?.into_pyarray(py))?;
+    fields.set_item("true_range", gather(py, &returns, |row, _| true_range[row])?.into_pyarray(py))?;
+    fields.set_item("intensity", gather(py, &returns, |row, _| intensity[row])?.into_pyarray(py))?;
+    fields.set_item("time", gather(py, &returns, |_, pulse| times[pulse])?.into_pyarray(py))?;
+    fields.set_item("ring", gather(py, &returns, |_, pulse| rings[pulse])?.into_pyarray(py))?;
+    fields.set_item("column", gather(py, &returns, |_, pulse| columns[pulse])?.into_pyarray(py))?;
     fields.set_item(
         "return_number",
-        gather(py, &returns, |row, pulse| (row - pulse * most + 1) as u8).into_pyarray(py),
+        gather(py, &returns, |row, pulse| (row - pulse * most + 1) as u8)?.into_pyarray(py),
     )?;
-    fields.set_item("return_count", gather(py, &returns, |_, pulse| counts[pulse]).into_pyarray(py))?;
-    fields.set_item("object_id", gather(py, &returns, |row, _| object_id[row]).into_pyarray(py))?;
-    fields.set_item("instance", gather(py, &returns, |row, _| instance[row]).into_pyarray(py))?;
-    fields.set_item("label", gather(py, &returns, |row, _| label[row]).into_pyarray(py))?;
+    fields.set_item("return_count", gather(py, &returns, |_, pulse| counts[pulse])?.into_pyarray(py))?;
+    fields.set_item("object_id", gather(py, &returns, |row, _| object_id[row])?.into_pyarray(py))?;
+    fields.set_item("instance", gather(py, &returns, |row, _| instance[row])?.into_pyarray(py))?;
+    fields.set_item("label", gather(py, &returns, |row, _| label[row])?.into_pyarray(py))?;
     fields.set_item("normal", turned.into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("incidence", gather(py, &returns, |row, _| incidence[row]).into_pyarray(py))?;
-    fields.set_item("range_error", gather(py, &returns, |row, _| range_error[row]).into_pyarray(py))?;
+    fields.set_item("incidence", gather(py, &returns, |row, _| incidence[row])?.into_pyarray(py))?;
+    fields.set_item("range_error", gather(py, &returns, |row, _| range_error[row])?.into_pyarray(py))?;
     if let Some(velocity) = &scan.radial_velocity {
         let velocity = column(n * most, velocity)?;
-        fields.set_item("radial_velocity", gather(py, &returns, |row, _| velocity[row]).into_pyarray(py))?;
+        fields.set_item("radial_velocity", gather(py, &returns, |row, _| velocity[row])?.into_pyarray(py))?;
     }
     Ok(fields)
 }
 
 /// The elements of a C-contiguous array that has so many.
 fn column<'a, T: Element, D: Dimension>(n: usize, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
-    of_length(n, array.as_slice().map_err(|_| PyValueError::new_err("scan: expected C-contiguous arrays"))?)
+    of_length(n, elements("scan", array)?)
 }
 
 fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
@@ -572,13 +585,15 @@ fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
 }
 
 /// A value of each return, by its row and its pulse.
-fn gather<T: Send>(py: Python<'_>, returns: &ReturnRows, value: impl Fn(usize, usize) -> T + Sync) -> Vec<T> {
-    let mut values = memory::with_capacity(returns.count());
-    let places = &mut values.spare_capacity_mut()[..returns.count()];
-    py.detach(|| returns.gather(places, &value));
-    // SAFETY: the place of each return was written.
-    unsafe { values.set_len(returns.count()) };
-    values
+fn gather<T: Send>(py: Python<'_>, returns: &ReturnRows, value: impl Fn(usize, usize) -> T + Sync) -> PyResult<Vec<T>> {
+    let value = &value;
+    detached(py, || {
+        let mut values = memory::with_capacity(returns.count());
+        returns.gather(&mut values.spare_capacity_mut()[..returns.count()], value);
+        // SAFETY: the place of each return was written.
+        unsafe { values.set_len(returns.count()) };
+        values
+    })
 }
 
 /// Two values of each return, by what the return before left, its row and its pulse.
@@ -586,17 +601,19 @@ fn gather_pairs<A: Send, B: Send, S>(
     py: Python<'_>,
     returns: &ReturnRows,
     values: impl Fn(&mut Option<S>, usize, usize) -> (A, B) + Sync,
-) -> (Vec<A>, Vec<B>) {
-    let n = returns.count();
-    let (mut a, mut b) = (memory::with_capacity(n), memory::with_capacity(n));
-    let places = (&mut a.spare_capacity_mut()[..n], &mut b.spare_capacity_mut()[..n]);
-    py.detach(|| returns.gather_pairs(places, &values));
-    // SAFETY: both places of each return were written.
-    unsafe {
-        a.set_len(n);
-        b.set_len(n);
-    }
-    (a, b)
+) -> PyResult<(Vec<A>, Vec<B>)> {
+    let values = &values;
+    detached(py, || {
+        let n = returns.count();
+        let (mut a, mut b) = (memory::with_capacity(n), memory::with_capacity(n));
+        returns.gather_pairs((&mut a.spare_capacity_mut()[..n], &mut b.spare_capacity_mut()[..n]), values);
+        // SAFETY: both places of each return were written.
+        unsafe {
+            a.set_len(n);
+            b.set_len(n);
+        }
+        (a, b)
+    })
 }
 
 /// Philox4x32-10 of each counter (n, 4) with one key.
@@ -606,13 +623,14 @@ pub fn philox<'py>(
     counters: PyReadonlyArray2<'py, u32>,
     key: [u32; 2],
 ) -> PyResult<Bound<'py, PyArray2<u32>>> {
-    let counters: &[[u32; 4]] = column(counters.len(), &counters)?.as_chunks().0;
-    let words: Vec<u32> = counters.iter().flat_map(|&counter| rng::philox(counter, key)).collect();
-    words.into_pyarray(py).reshape([counters.len(), 4])
+    let counters: &[[u32; 4]] = elements("counters", &counters)?.as_chunks().0;
+    let words = detached(py, || memory::collect(counters.iter().map(|&counter| rng::philox(counter, key))))?;
+    words.into_flattened().into_pyarray(py).reshape([counters.len(), 4])
 }
 
 /// The inverse of the normal distribution.
 #[pyfunction]
-pub fn normal_quantile<'py>(py: Python<'py>, p: PyReadonlyArray1<'py, f64>) -> Bound<'py, PyArray1<f64>> {
-    p.as_array().iter().map(|&p| rng::normal_quantile(p)).collect::<Vec<_>>().into_pyarray(py)
+pub fn normal_quantile<'py>(py: Python<'py>, p: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let p = elements("p", &p)?;
+    Ok(detached(py, || memory::collect(p.iter().map(|&p| rng::normal_quantile(p))))?.into_pyarray(py))
 }

@@ -3,12 +3,12 @@
 use std::sync::Arc;
 
 use lidarsim_core::measure::{Appearance, Labels, Reflectivity};
-use lidarsim_core::{Arrays, Columns, Occlusion, Point, Scene, memory};
+use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Scene, World, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::{Points, PyShape, equal_points, interruptible, legal_rays, level};
+use crate::{Points, PyShape, detached, elements, equal_points, legal_rays, level};
 
 type HitArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
@@ -31,6 +31,7 @@ impl PyAppearance {
     /// values of that.
     #[new]
     fn new(
+        py: Python<'_>,
         label: LabelParameter<'_>,
         instance: u32,
         per: &str,
@@ -38,9 +39,13 @@ impl PyAppearance {
     ) -> PyResult<Self> {
         let labels = match label {
             LabelParameter::Object(label) => Labels::Object(label),
-            LabelParameter::Face(labels) => Labels::Face(labels.as_array().to_vec()),
+            LabelParameter::Face(labels) => {
+                let labels = elements("label", &labels)?;
+                Labels::Face(detached(py, || memory::copy(labels))?)
+            }
         };
-        let values = reflectivity.as_array().to_vec();
+        let values = elements("reflectivity", &reflectivity)?;
+        let values = detached(py, || memory::copy(values))?;
         let reflectivity = match (per, values.as_slice()) {
             ("object", [value]) => Reflectivity::Object(*value),
             ("face", _) => Reflectivity::Face(values),
@@ -62,32 +67,49 @@ pub struct PyScene {
     pub appearances: Vec<Arc<Appearance>>,
 }
 
+/// Rays that are cast at a scene.
+struct RayCast<'a> {
+    world: World<'a>,
+    level: Level,
+    rays: (&'a [Point], &'a [Point], &'a [f64]),
+    range: (f64, f64),
+}
+
+impl RayCast<'_> {
+    /// Writes the row of each ray; false if one is illegal.
+    fn write_to(&self, arrays: &mut impl Arrays) -> bool {
+        arrays.cast(&self.world, self.level, self.rays, self.range)
+    }
+}
+
 impl PyScene {
-    /// Casts legal rays, as many as there are rows. `times`: one for each ray, or none if nothing moves.
-    fn cast_into(
+    /// What `work` makes of rays, and whether all of them are legal, which they must be. `times`: one for each ray, or none if nothing moves.
+    /// `bytes`: how many a ray will take.
+    fn cast_rays<R: Send>(
         &self,
         py: Python<'_>,
-        (o, d): (&[Point], &[Point]),
+        (origins, directions): (&[Point], &[Point]),
         times: Option<&PyReadonlyArray1<'_, f64>>,
         range: (f64, f64),
-        arrays: &mut impl Arrays,
-    ) -> PyResult<()> {
-        let times = match times {
-            Some(times) => times.as_slice()?,
-            None => &[],
-        };
-        if times.len() != if self.scene.moves() { o.len() } else { 0 } {
+        bytes: usize,
+        work: impl FnOnce(RayCast<'_>) -> (R, bool) + Send,
+    ) -> PyResult<R> {
+        let n = origins.len();
+        let times = times.map_or(Ok(&[][..]), |times| elements("times", times))?;
+        if times.len() != if self.scene.moves() { n } else { 0 } {
             return Err(PyValueError::new_err("times: expected one for each ray of a scene that moves, and else none"));
         }
-        let level = level()?;
-        self.prepare(py);
-        let mut legal = true;
-        interruptible(py, o.len(), |slice| {
-            let times = if times.is_empty() { times } else { &times[slice.clone()] };
+        let level = level(py)?;
+        let (made, legal) = detached(py, || {
+            memory::expect_room(n.saturating_mul(bytes), || format!("the hits of {n} rays"));
+            self.scene.prepare();
             let world = self.scene.during(times.iter().copied());
-            legal &= arrays.cast(&world, level, (&o[slice.clone()], &d[slice], times), range);
+            work(RayCast { world, level, rays: (origins, directions, times), range })
         })?;
-        if legal { Ok(()) } else { legal_rays(o, d) }
+        if !legal {
+            legal_rays(origins, directions)?;
+        }
+        Ok(made)
     }
 }
 
@@ -104,8 +126,8 @@ impl PyScene {
     }
 
     /// Builds the hierarchies now rather than at the first cast.
-    fn prepare(&self, py: Python<'_>) {
-        py.detach(|| self.scene.prepare());
+    fn prepare(&self, py: Python<'_>) -> PyResult<()> {
+        detached(py, || self.scene.prepare())
     }
 
     /// t (n,), object (n,), primitive_id (n,), normal (n, 3). `times`: (n,), or none if nothing moves.
@@ -118,24 +140,28 @@ impl PyScene {
         t_max: f64,
         times: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<HitArrays<'py>> {
+        const HIT: usize = size_of::<f64>() + 2 * size_of::<i32>() + size_of::<Point>();
         let rays = equal_points(&origins, &directions)?;
-        let n = rays.0.len();
-        let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
-        let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
-        let mut columns = Columns {
-            t: &mut t.spare_capacity_mut()[..n],
-            object: &mut object.spare_capacity_mut()[..n],
-            primitive: &mut primitive.spare_capacity_mut()[..n],
-            normal: &mut normal.spare_capacity_mut()[..n],
-        };
-        self.cast_into(py, rays, times.as_ref(), (t_min, t_max), &mut columns)?;
-        // SAFETY: the slices cover 0..n, and a cast writes the hit of each of its rays, legal or not.
-        unsafe {
-            t.set_len(n);
-            object.set_len(n);
-            primitive.set_len(n);
-            normal.set_len(n);
-        }
+        let (t, object, primitive, normal) = self.cast_rays(py, rays, times.as_ref(), (t_min, t_max), HIT, |cast| {
+            let n = rays.0.len();
+            let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
+            let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
+            let legal = cast.write_to(&mut Columns {
+                t: &mut t.spare_capacity_mut()[..n],
+                object: &mut object.spare_capacity_mut()[..n],
+                primitive: &mut primitive.spare_capacity_mut()[..n],
+                normal: &mut normal.spare_capacity_mut()[..n],
+            });
+            // SAFETY: a cast writes the hit of each of its n rays, legal or not, or unwinds.
+            unsafe {
+                t.set_len(n);
+                object.set_len(n);
+                primitive.set_len(n);
+                normal.set_len(n);
+            }
+            ((t, object, primitive, normal), legal)
+        })?;
+        let n = t.len();
         Ok((
             PyArray1::from_vec(py, t),
             PyArray1::from_vec(py, object),
@@ -155,12 +181,14 @@ impl PyScene {
         times: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let rays = equal_points(&origins, &directions)?;
-        let n = rays.0.len();
-        let mut occluded = memory::with_capacity(n);
-        let mut rows = Occlusion(&mut occluded.spare_capacity_mut()[..n]);
-        self.cast_into(py, rays, times.as_ref(), (t_min, t_max), &mut rows)?;
-        // SAFETY: as of `cast`.
-        unsafe { occluded.set_len(n) };
+        let occluded = self.cast_rays(py, rays, times.as_ref(), (t_min, t_max), size_of::<bool>(), |cast| {
+            let n = rays.0.len();
+            let mut occluded = memory::with_capacity(n);
+            let legal = cast.write_to(&mut Occlusion(&mut occluded.spare_capacity_mut()[..n]));
+            // SAFETY: as of `cast`.
+            unsafe { occluded.set_len(n) };
+            (occluded, legal)
+        })?;
         Ok(PyArray1::from_vec(py, occluded))
     }
 }

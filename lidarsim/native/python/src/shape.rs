@@ -10,7 +10,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
 use crate::scan::PyPath;
-use crate::{Points, interruptible, points, rays};
+use crate::{Points, detached, elements, points, rays};
 
 /// A shape, placed by the maps it went through.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
@@ -38,18 +38,22 @@ impl PyShape {
 
     /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
     #[staticmethod]
-    fn triangle_mesh(vertices: Points<'_>, faces: PyReadonlyArray2<'_, u32>, whole: bool) -> PyResult<Self> {
-        let wrong =
-            || PyValueError::new_err("faces: expected a C-contiguous array of shape (m, 3) that names vertices only");
-        let faces = memory::copy(faces.as_slice().map_err(|_| wrong())?.as_chunks().0);
-        let mesh = TriangleMesh::new(memory::copy(points("vertices", &vertices)?), faces).ok_or_else(wrong)?;
+    fn triangle_mesh(
+        py: Python<'_>,
+        vertices: Points<'_>,
+        faces: PyReadonlyArray2<'_, u32>,
+        whole: bool,
+    ) -> PyResult<Self> {
+        let (vertices, faces) = (points("vertices", &vertices)?, elements("faces", &faces)?.as_chunks().0);
+        let mesh = detached(py, || TriangleMesh::new(memory::copy(vertices), memory::copy(faces)))?
+            .ok_or_else(|| PyValueError::new_err("faces: expected shape (m, 3) and the numbers of vertices"))?;
         Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole) })
     }
 
     /// The image under a 4×4 affine matrix.
-    fn transformed(&self, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
+    fn transformed(&self, py: Python<'_>, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
         let [x, y, z, _] = matrix;
-        match self.object.transformed(Affine::from_rows([x, y, z])) {
+        match detached(py, || self.object.transformed(Affine::from_rows([x, y, z])))? {
             Some(object) => Ok(PyShape { object }),
             None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),
         }
@@ -81,8 +85,8 @@ impl PyShape {
     }
 
     /// Triangles of a mesh that have no area.
-    fn degenerate(&self, py: Python<'_>) -> usize {
-        self.mesh().map_or(0, |mesh| py.detach(|| mesh.degenerate()))
+    fn degenerate(&self, py: Python<'_>) -> PyResult<usize> {
+        self.mesh().map_or(Ok(0), |mesh| detached(py, || mesh.degenerate()))
     }
 
     /// Bytes held by a mesh and, once it was cast at, its hierarchy.
@@ -98,19 +102,21 @@ impl PyShape {
         directions: Points<'py>,
     ) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let (o, d) = rays(&origins, &directions)?;
-        let scene = Scene::new(vec![self.object.clone()]);
-        py.detach(|| scene.prepare());
         let least = match &self.object.geometry {
             Geometry::Surface(surface) => surface.most_roots(),
             Geometry::Mesh(_) => 1,
         };
-        let mut roots: Vec<Vec<f64>> = Vec::with_capacity(o.len());
-        interruptible(py, o.len(), |slice| {
-            roots.extend(scene.roots_of_lines(0, &o[slice.clone()], &d[slice]));
+        let (flat, width) = detached(py, || {
+            let scene = Scene::new(vec![self.object.clone()]);
+            scene.prepare();
+            let roots = scene.roots_of_lines(0, o, d);
+            let width = roots.iter().map(Vec::len).max().unwrap_or(0).max(least);
+            let mut flat = memory::with_capacity(roots.len() * width);
+            for t in roots {
+                flat.extend(t.into_iter().chain(std::iter::repeat(f64::NAN)).take(width));
+            }
+            (flat, width)
         })?;
-        let width = roots.iter().map(Vec::len).max().unwrap_or(0).max(least);
-        let flat: Vec<f64> =
-            roots.iter().flat_map(|t| t.iter().copied().chain(std::iter::repeat(f64::NAN)).take(width)).collect();
         PyArray1::from_vec(py, flat).reshape([o.len(), width])
     }
 }
@@ -126,9 +132,7 @@ fn view<'py, T: Element>(shape: &Bound<'py, PyShape>, rows: &[[T; 3]]) -> Bound<
 
 /// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex i.
 #[pyfunction]
-pub fn self_crossing(outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
-    let flat = outline
-        .as_slice()
-        .map_err(|_| PyValueError::new_err("outline: expected a C-contiguous array of shape (n, 2)"))?;
-    Ok(shapes::self_crossing(flat.as_chunks().0))
+pub fn self_crossing(py: Python<'_>, outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
+    let outline = elements("outline", &outline)?.as_chunks().0;
+    detached(py, || shapes::self_crossing(outline))
 }

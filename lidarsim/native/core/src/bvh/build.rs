@@ -13,6 +13,7 @@ use super::{Bvh, MAX_LEAF_SIZE};
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 use crate::memory;
+use crate::stop::Job;
 
 const BINS: usize = 16;
 
@@ -106,6 +107,7 @@ pub fn build<L: Send>(
     most: usize,
     leaf: impl Fn(&[u32]) -> L + Sync,
 ) -> Bvh<L> {
+    let job = &*Job::current();
     let ids = 0..count as u32;
     let nothing = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
     let unite = |a: [Interval; 3], b: [Interval; 3]| {
@@ -117,22 +119,25 @@ pub fn build<L: Send>(
         if middle.is_finite() { middle } else { 0.0 }
     });
     let item = |id| {
+        job.poll();
         let bounds = bounds(id).map_or(Aabb::EMPTY, |b| {
             let [x, y, z] = [0, 1, 2].map(|i| (down(b[i].low - center[i]), up(b[i].high - center[i])));
             Aabb([x.0, y.0, z.0, -x.1, -y.1, -z.1])
         });
         Item { bounds, id }
     };
-    let mut items: Vec<Item> = ids.into_par_iter().with_min_len(PARALLEL).map(item).collect();
+    let mut items: Vec<Item> = memory::with_capacity(count);
+    ids.into_par_iter().with_min_len(PARALLEL).map(item).collect_into_vec(&mut items);
     // What `down` gives is below infinity.
     items.retain(|item| item.bounds.low(0) < f32::INFINITY);
     let mut parts = Parts { nodes: Vec::new(), leaves: Vec::new() };
     if !items.is_empty() {
         let extent = Extent::of(&items);
-        parts.add(&Tree::grow(&mut items, extent, most, 0), 0);
+        parts.add(&Tree::grow(&mut items, extent, most, 0, job), 0, job);
     }
     let mut leaves = memory::with_capacity(parts.leaves.len());
     let range = |range: Range<usize>| {
+        job.poll();
         let mut ids = [0; MAX_LEAF_SIZE];
         for (id, item) in ids.iter_mut().zip(&items[range.clone()]) {
             *id = item.id;
@@ -155,7 +160,8 @@ struct Tree {
 
 impl Tree {
     /// Orders `items`.
-    fn grow(items: &mut [Item], extent: Extent, most: usize, depth: usize) -> Tree {
+    fn grow(items: &mut [Item], extent: Extent, most: usize, depth: usize, job: &Job) -> Tree {
+        job.poll();
         let (bounds, len) = (extent.bounds, items.len());
         if len <= most {
             return Tree { bounds, len, cost: [0.0; WIDTH], halves: None };
@@ -163,8 +169,8 @@ impl Tree {
         let by_surface = if depth < BY_SURFACE { split(items, &extent, most) } else { None };
         let (at, [a, b]) = by_surface.unwrap_or_else(|| halve(items, &extent, most));
         let (first, second) = items.split_at_mut(at);
-        let mut first = || Tree::grow(first, a, most, depth + 1);
-        let mut second = || Tree::grow(second, b, most, depth + 1);
+        let mut first = || Tree::grow(first, a, most, depth + 1, job);
+        let mut second = || Tree::grow(second, b, most, depth + 1, job);
         let (a, b) = if len > PARALLEL { rayon::join(first, second) } else { (first(), second()) };
         let mut cost = [f32::INFINITY; WIDTH];
         for slots in 2..=WIDTH {
@@ -174,7 +180,7 @@ impl Tree {
         for slots in 2..=WIDTH {
             cost[slots - 1] = cost[slots - 1].min(cost[slots - 2]);
         }
-        Tree { bounds, len, cost, halves: Some(Box::new([a, b])) }
+        Tree { bounds, len, cost, halves: Some(memory::boxed([a, b])) }
     }
 
     /// The best cut of the tree's halves into so many children at most.
@@ -214,15 +220,17 @@ struct Parts {
 
 impl Parts {
     /// Adds a tree, the items of which begin at `start`, as a node.
-    fn add(&mut self, tree: &Tree, mut start: usize) {
+    fn add(&mut self, tree: &Tree, mut start: usize, job: &Job) {
+        job.poll();
         let mut children = Vec::with_capacity(WIDTH);
         tree.cut(WIDTH, &mut children);
         let at = self.nodes.len();
-        self.nodes.push(Node {
+        let node = Node {
             low: [[f32::INFINITY; WIDTH]; 3],
             high: [[f32::NEG_INFINITY; WIDTH]; 3],
             child: [Child::leaf(0); WIDTH],
-        });
+        };
+        memory::push(&mut self.nodes, node);
         for (i, child) in children.into_iter().enumerate() {
             let (nodes, leaves) = (self.nodes.len(), self.leaves.len());
             let node = &mut self.nodes[at];
@@ -232,10 +240,10 @@ impl Parts {
             }
             if child.halves.is_none() {
                 node.child[i] = Child::leaf(leaves);
-                self.leaves.push(start..start + child.len);
+                memory::push(&mut self.leaves, start..start + child.len);
             } else {
                 node.child[i] = Child::node(nodes);
-                self.add(child, start);
+                self.add(child, start, job);
             }
             start += child.len;
         }

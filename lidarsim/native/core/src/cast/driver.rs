@@ -14,6 +14,7 @@ use crate::cast::traversal::{self, Advance, PacketState, TRAVERSALS, Traversal};
 use crate::cast::triangle_hits::TriangleHits;
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, Sink, World};
+use crate::stop;
 
 /// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be no times. The outcome is false if there was a ray with a number that is not finite, or with a
 /// zero direction; such a ray is a miss.
@@ -56,6 +57,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                     }
                 }
             }
+            stop::poll();
             triangle_hits.prefetch::<I>(scene);
             let finished = I::call(Advance { traversals: &mut traversals, surface_hits });
             triangle_hits.refine::<I>(scene, previous, router.hits);

@@ -14,4 +14,4 @@ mod traversal;
 mod triangle_hits;
 
 pub use columns::{Arrays, Columns, Occlusion};
-pub use schedule::{pieces, slices};
+pub use schedule::pieces;

@@ -6,15 +6,6 @@ use super::ray_sort::{MOST, NEAR, are_scattered};
 use crate::geometry::vector::Point;
 use crate::parallel;
 
-/// Rays between two checks for signals by the caller, so that Ctrl-C ends a long cast.
-const SLICE: usize = 1 << 18;
-
-/// The slices of 0..n, one after the other, where each of the n takes so many `rays`.
-pub fn slices(n: usize, rays: usize) -> impl Iterator<Item = Range<usize>> {
-    let slice = (SLICE / rays).max(1);
-    (0..n).step_by(slice).map(move |start| start..n.min(start + slice))
-}
-
 /// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough that neighbours can be sorted
 /// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
 /// together. Incoherent rays are worth sorting in larger numbers, as many for each thread.

@@ -26,7 +26,7 @@ use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::pose::{Path, Pose, Velocity};
 use crate::geometry::vector::Point;
 use crate::measure::rng::{Effect, Stream};
-use crate::memory::split_off;
+use crate::memory::{resize, split_off};
 use crate::scene::{Geometry, Hit, World};
 use crate::shapes::triangle::barycentric;
 use direction::{beside, distance, is_finite, is_unit, turned};
@@ -326,7 +326,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     fn measure_batch(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) -> Result<(), BadPulse> {
         self.cast(pulses.clone(), rays)?;
         self.shine(rays);
-        rays.incidence.resize(pulses.len() * self.measurement.returns.most(), [0.0; 2]);
+        resize(&mut rays.incidence, pulses.len() * self.measurement.returns.most(), [0.0; 2]);
         match &self.measurement.beam {
             None => self.measure_lines(pulses, rays, rows),
             Some(beam) => self.measure_footprints(beam, pulses, rays, rows),
@@ -427,8 +427,8 @@ impl<'a, C: Caster> Scan<'a, C> {
         }
         self.draw(pulses.clone(), rays);
         let count = pulses.len() * measurement.rays();
-        rays.origins.resize(count, [0.0; 3]);
-        rays.directions.resize(count, [0.0; 3]);
+        resize(&mut rays.origins, count, [0.0; 3]);
+        resize(&mut rays.directions, count, [0.0; 3]);
         rays.velocity.clear();
         let (mut start, mut right) = (pulses.start, true);
         while start < pulses.end {
@@ -460,7 +460,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             let times = frame.times[pulses].iter().map(|time| frame.start + time);
             rays.times.extend(times.flat_map(|time| std::iter::repeat_n(time, measurement.rays())));
         }
-        rays.hits.resize(count, Hit::MISS);
+        resize(&mut rays.hits, count, Hit::MISS);
         self.caster.cast(self.level, (&rays.origins, &rays.directions, &rays.times), &mut rays.hits);
         Ok(())
     }
@@ -554,9 +554,9 @@ impl<'a, C: Caster> Scan<'a, C> {
     #[inline(always)]
     fn shine(&self, rays: &mut Scratch) {
         let Scratch { origins, directions, times, hits, range, cosine, intensity, transmission, .. } = rays;
-        range.resize(hits.len(), 0.0);
-        cosine.resize(hits.len(), 0.0);
-        intensity.resize(hits.len(), 0.0);
+        resize(range, hits.len(), 0.0);
+        resize(cosine, hits.len(), 0.0);
+        resize(intensity, hits.len(), 0.0);
         for ((range, cosine), (hit, direction)) in range.iter_mut().zip(&mut *cosine).zip(hits.iter().zip(&*directions))
         {
             *range = distance(hit.t, *direction);
@@ -571,7 +571,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
             *intensity *= cosine;
         }
-        transmission.resize(if self.measurement.effects.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
+        resize(transmission, if self.measurement.effects.extinction > 0.0 { hits.len() } else { 0 }, 0.0);
         for (transmission, range) in transmission.iter_mut().zip(&*range) {
             *transmission = self.measurement.transmission(*range);
         }

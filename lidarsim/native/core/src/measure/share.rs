@@ -1,25 +1,19 @@
 //! Scans shared among threads.
 
 use std::mem::MaybeUninit;
-use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
 use super::{BadPulse, Caster, Rows, Scan};
-use crate::cast::{pieces, slices};
-use crate::parallel;
+use crate::cast::pieces;
+use crate::{memory, parallel};
 
 impl<C: Caster> Scan<'_, C> {
-    /// The pulses that are measured in one go, one slice after the other.
-    pub fn slices(&self) -> impl Iterator<Item = Range<usize>> {
-        slices(self.frame.directions.len(), self.measurement.rays())
-    }
-
-    /// As `measure`, on all threads: takes the rows of these pulses, and leaves the others. Of bad pulses the first is the outcome.
-    pub fn share(&self, pulses: Range<usize>, rows: &mut Rows) -> Result<(), BadPulse> {
+    /// As `measure`, all pulses, on all threads. Of bad pulses the first is the outcome.
+    pub fn share(&self, rows: &mut Rows) -> Result<(), BadPulse> {
         let (rays, most) = (self.measurement.rays(), self.measurement.returns.most());
-        let pieces: Vec<_> = pieces(&self.frame.directions[pulses.clone()], rays)
+        let pieces: Vec<_> = pieces(self.frame.directions, rays)
             .into_iter()
-            .map(|piece| (pulses.start + piece.start, rows.split_off(piece.len(), most)))
+            .map(|piece| (piece.start, rows.split_off(piece.len(), most)))
             .collect();
         let bad = Mutex::new(None);
         parallel::share(pieces.into_iter(), |(first, mut rows)| {
@@ -47,7 +41,9 @@ impl ReturnRows {
     /// Of pulses that have `most` rows each and so many returns.
     pub fn new(counts: &[u8], most: usize) -> Self {
         let capacity = counts.len() * most;
-        let (mut row, mut pulse, mut end) = (vec![0; capacity], vec![0; capacity], 0);
+        let (mut row, mut pulse, mut end) = (memory::with_capacity(capacity), memory::with_capacity(capacity), 0);
+        row.resize(capacity, 0);
+        pulse.resize(capacity, 0);
         for (i, &count) in counts.iter().enumerate() {
             // As many as there may be, so that no branch hangs on how many there are: what is too much the next pulse writes over.
             for j in 0..most {

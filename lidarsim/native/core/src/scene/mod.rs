@@ -9,15 +9,13 @@ mod triangle_mesh;
 mod world;
 
 use std::cmp::Ordering;
-use std::sync::OnceLock;
-
-use rayon::prelude::*;
 
 use crate::arith::number::{self, Interval, One, Uncertain};
 use crate::bvh::{Bvh, Stack, TraversalRay};
 use crate::geometry::vector::{self, Point};
-use crate::parallel;
+use crate::once::Once;
 use crate::shapes::newton::{self, RootBracket};
+use crate::{memory, parallel};
 
 use predicates::{RefinedHit, RootOrder, RoundedRoot};
 
@@ -28,12 +26,12 @@ pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
 pub use world::World;
 
-#[derive(Clone, Debug, Default)]
+#[derive(Debug)]
 pub struct Scene {
     objects: Vec<Object>,
     /// Those that move.
     movers: Vec<u32>,
-    index: OnceLock<Index>,
+    index: Once<Index>,
 }
 
 #[derive(Clone, Debug)]
@@ -49,7 +47,7 @@ impl Scene {
     pub fn new(objects: Vec<Object>) -> Self {
         let moves = |id: &u32| objects[*id as usize].motion().is_some();
         let movers = (0..objects.len() as u32).filter(moves).collect();
-        Scene { objects, movers, index: OnceLock::new() }
+        Scene { objects, movers, index: Once::new() }
     }
 
     /// Whether anything moves, so that rays need their times.
@@ -72,8 +70,8 @@ impl Scene {
     }
 
     fn index(&self) -> &Index {
-        self.index.get_or_init(|| {
-            let bounds: Vec<_> = self.objects.iter().map(Object::bounds).collect();
+        self.index.get_or_make(|| {
+            let bounds = memory::collect(self.objects.iter().map(Object::bounds));
             let endless = |&i: &usize| bounds[i].is_none() && !self.objects[i].is_empty();
             let unbounded = (0..bounds.len()).filter(endless).map(|i| i as u32).collect();
             let mut still = bounds;
@@ -109,8 +107,16 @@ impl Scene {
 
     /// As `roots`, of each of some lines.
     pub fn roots_of_lines(&self, object: u32, origins: &[Point], directions: &[Point]) -> Vec<Vec<f64>> {
-        let lines = origins.par_iter().zip(directions);
-        parallel::run(|| lines.map(|(o, d)| self.roots(object, *o, *d)).collect())
+        const PIECE: usize = 64;
+        let mut roots = memory::with_capacity(origins.len());
+        roots.resize_with(origins.len(), Vec::new);
+        let lines = origins.chunks(PIECE).zip(directions.chunks(PIECE));
+        parallel::share(roots.chunks_mut(PIECE).zip(lines), |(roots, (origins, directions))| {
+            for (roots, (o, d)) in roots.iter_mut().zip(origins.iter().zip(directions)) {
+                *roots = self.roots(object, *o, *d);
+            }
+        });
+        roots
     }
 
     fn primitives_on_line(&self, object: u32, origin: Point, direction: Point) -> Vec<u32> {

@@ -1,23 +1,22 @@
 //! Triangle mesh: triangles over shared vertices, with a hierarchy of their boxes.
 
-use std::sync::OnceLock;
-
 use crate::arith::number::Interval;
 use crate::arith::simd::Isa;
 use crate::bvh::Bvh;
 use crate::geometry::vector::Point;
-use crate::parallel;
+use crate::once::Once;
 use crate::shapes::triangle::{LEAF_SIZE, Leaf};
 use crate::shapes::{Surface, Triangle};
+use crate::{memory, parallel, stop};
 
 #[derive(Debug)]
 pub struct TriangleMesh {
     vertices: Vec<Point>,
     faces: Vec<[u32; 3]>,
     /// Computed on first use, once for all scenes that share the mesh.
-    bounds: OnceLock<Option<[Interval; 3]>>,
+    bounds: Once<Option<[Interval; 3]>>,
     /// Built when it is first cast at.
-    hierarchy: OnceLock<Bvh<Leaf>>,
+    hierarchy: Once<Bvh<Leaf>>,
 }
 
 impl TriangleMesh {
@@ -25,7 +24,7 @@ impl TriangleMesh {
     pub fn new(vertices: Vec<Point>, faces: Vec<[u32; 3]>) -> Option<Self> {
         let known = |i: &u32| (*i as usize) < vertices.len();
         let is_right = faces.iter().flatten().all(known);
-        is_right.then_some(TriangleMesh { vertices, faces, bounds: OnceLock::new(), hierarchy: OnceLock::new() })
+        is_right.then_some(TriangleMesh { vertices, faces, bounds: Once::new(), hierarchy: Once::new() })
     }
 
     pub fn vertices(&self) -> &[Point] {
@@ -62,12 +61,20 @@ impl TriangleMesh {
     }
 
     pub fn degenerate(&self) -> usize {
-        (0..self.len() as u32).filter(|&id| self.triangle(id).is_degenerate()).count()
+        let is_degenerate = |&id: &u32| {
+            stop::poll();
+            self.triangle(id).is_degenerate()
+        };
+        (0..self.len() as u32).filter(is_degenerate).count()
     }
 
     pub fn hierarchy(&self) -> &Bvh<Leaf> {
         // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work, and must not come back here.
-        self.hierarchy.get_or_init(|| {
+        self.hierarchy.get_or_make(|| {
+            // As much as it takes if a leaf holds half of what it may.
+            memory::expect_room(2 * self.len().div_ceil(LEAF_SIZE) * size_of::<Leaf>(), || {
+                format!("a hierarchy over {} triangles", self.len())
+            });
             parallel::run(|| {
                 Bvh::new(
                     self.len(),
@@ -80,11 +87,14 @@ impl TriangleMesh {
     }
 
     pub fn bounds(&self) -> Option<[Interval; 3]> {
-        *self.bounds.get_or_init(|| {
-            let mut all = self.faces.iter().flatten().map(|&v| self.vertices[v as usize]);
-            let first = all.next()?.map(Interval::point);
-            Some(all.fold(first, |b, v| {
-                std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
+        *self.bounds.get_or_make(|| {
+            let first = self.vertices[self.faces.first()?[0] as usize].map(Interval::point);
+            Some(self.faces.chunks(1 << 16).fold(first, |bounds, faces| {
+                stop::poll();
+                let all = faces.iter().flatten().map(|&v| self.vertices[v as usize]);
+                all.fold(bounds, |b, v| {
+                    std::array::from_fn(|i| Interval { low: b[i].low.min(v[i]), high: b[i].high.max(v[i]) })
+                })
             }))
         })
     }

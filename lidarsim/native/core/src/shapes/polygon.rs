@@ -5,6 +5,7 @@
 use std::cmp::Ordering;
 
 use crate::arith::number::{Number, Predicate, Uncertain, decide};
+use crate::stop;
 
 type Point2 = [f64; 2];
 
@@ -40,25 +41,40 @@ fn intersect(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
 /// The first two edges of a closed outline that touch where they should not; edge i runs from vertex i to the next.
 pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
     let n = outline.len();
-    let edge = |i: usize| (outline[i % n], outline[(i + 1) % n]);
-    for i in 0..n {
+    let edge = |i: usize| (outline[i], outline[(i + 1) % n]);
+    let touch = |i: usize, j: usize| {
+        let ((a, b), (c, d)) = (edge(i), edge(j));
+        if j == i + 1 {
+            // Neighbours share b = c, and no more: d does not fold back.
+            decide(&Turn(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
+        } else if (j + 1) % n == i {
+            decide(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
+        } else {
+            intersect(a, b, c, d)
+        }
+    };
+    // Edges that touch overlap along both axes. They are swept along the one on which they are the shorter, all in all.
+    let span = |i: usize, axis: usize| {
         let (a, b) = edge(i);
-        for j in i + 1..n {
-            let (c, d) = edge(j);
-            let touches = if j == i + 1 {
-                // Neighbours share b = c, and no more: d does not fold back.
-                decide(&Turn(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
-            } else if (j + 1) % n == i {
-                decide(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
-            } else {
-                intersect(a, b, c, d)
-            };
-            if touches {
-                return Some((i, j));
+        [a[axis].min(b[axis]), a[axis].max(b[axis])]
+    };
+    let length = |axis: usize| (0..n).map(|i| span(i, axis)).map(|[low, high]| high - low).sum::<f64>();
+    let (along, across) = if length(0) < length(1) { (0, 1) } else { (1, 0) };
+    let mut order: Vec<usize> = (0..n).collect();
+    order.sort_by(|&i, &j| span(i, along)[0].total_cmp(&span(j, along)[0]));
+    let mut first: Option<(usize, usize)> = None;
+    for (k, &i) in order.iter().enumerate() {
+        stop::poll();
+        let (end, [low, high]) = (span(i, along)[1], span(i, across));
+        for &j in order[k + 1..].iter().take_while(|&&j| span(j, along)[0] <= end) {
+            let ([other_low, other_high], pair) = (span(j, across), (i.min(j), i.max(j)));
+            let is_before = first.is_none_or(|first| pair < first);
+            if is_before && low <= other_high && other_low <= high && touch(pair.0, pair.1) {
+                first = Some(pair);
             }
         }
     }
-    None
+    first
 }
 
 #[cfg(test)]

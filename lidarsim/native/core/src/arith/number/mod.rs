@@ -23,6 +23,8 @@ pub use dyadic::Dyadic;
 pub use lanes::{Lanes, Many, OfRays, One};
 pub use running_error::{RunningError, RunningErrors};
 
+use crate::stop;
+
 /// The error bound of this kind of arithmetic is too wide for the decision.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Uncertain;
@@ -131,6 +133,7 @@ pub fn decide<Q: Predicate>(predicate: &Q) -> Q::Answer {
 #[cold]
 #[inline(never)]
 pub fn decide_exactly<Q: Predicate>(predicate: &Q) -> Q::Answer {
+    stop::poll();
     predicate
         .evaluate::<DoubleDouble>()
         .or_else(|Uncertain| predicate.evaluate::<Dyadic>())

@@ -142,17 +142,9 @@ impl Level {
         level
     }
 
-    /// `LIDARSIM_ISA` if it is set, else the best.
-    pub fn asked() -> Result<Level, String> {
-        let Some(name) = std::env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
-        let level = Level::ALL.into_iter().find(|l| name == l.name()).ok_or_else(|| {
-            format!("LIDARSIM_ISA: expected scalar, avx2 or avx512, got {:?}", name.to_string_lossy())
-        })?;
-        if level <= Level::best() {
-            Ok(level)
-        } else {
-            Err(format!("LIDARSIM_ISA: this machine has no {}", level.name()))
-        }
+    /// That of a name.
+    pub fn named(name: &str) -> Option<Level> {
+        Level::ALL.into_iter().find(|level| level.name() == name)
     }
 }
 

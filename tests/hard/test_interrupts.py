@@ -1,0 +1,111 @@
+"""Ctrl-C ends whatever the core does, and soon."""
+
+from __future__ import annotations
+
+import signal
+
+import pytest
+from hard.children import output, start
+
+# Each takes many times as long as a test may, if it is not interrupted.
+WORK = {
+    "many rays": "s.cast(*rays(3_000_000))",
+    "coincident triangles": "stacked.cast(*down(20_000))",
+    "a mesh": "field(2200).cast([[0, 0, 9]], [[0, 0, -1]])",
+    "many objects": "crowd().cast([[0, 0, 9]], [[0, 0, -1]])",
+    "exact rays": "exact()",
+    "roots": "stacked.roots(*down(300))",
+    "a polygon": "ls.Polygon(circle(300_000))",
+    "scans": "lidar.scan(s)",
+}
+
+SETUP = """
+s = ls.Scene()
+s.add(field(300))
+s.cast(*rays(10))
+corners = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]
+stacked = ls.TriangleMesh(corners, np.tile([[0, 1, 2]], (20_000, 1)), transform=np.diag([1.5, 1.5, 1.0, 1.0]))
+stacked.cast([[9, 9, 9]], [[0, 0, 1]])
+lidar = ls.Lidar(ls.patterns.Grid(np.linspace(-3, 3, 3000), np.linspace(-1, 1, 1000), rate=10.0))
+
+def down(n):
+    return np.full((n, 3), (0.2, 0.2, 1.0)), np.full((n, 3), (0.0, 0.0, -1.0))
+
+def crowd():
+    scene = ls.Scene()
+    ball = ls.Sphere((0, 0, 0), 1.0)
+    for i in range(200_000):
+        scene.add(ball)
+    return scene
+
+def exact():
+    ball = ls.Sphere((0, 0, 0), 1.0)
+    while True:  # all of them tangents
+        ball.cast(np.full((100_000, 3), (-5.0, 1.0, 0.0)), np.full((100_000, 3), (1.0, 0.0, 0.0)))
+
+def circle(n):
+    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    return np.c_[np.cos(turn), np.sin(turn), 0 * turn]
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="no such alarms on this system")
+@pytest.mark.parametrize("work", WORK)
+def test_a_handler_of_signals_ends_the_work(work: str) -> None:
+    code = f"""
+        class Enough(Exception):
+            pass
+
+        def ring(number, frame):
+            if late.is_set():
+                os._exit(1)  # the handler comes too late
+            raise Enough
+
+        late = threading.Event()
+        signal.signal(signal.SIGALRM, ring)
+        signal.setitimer(signal.ITIMER_REAL, 0.15)
+        watch = threading.Timer(5.0, late.set)  # it takes up to 0.1 s, but others may use the machine
+        watch.start()
+        try:
+            while True:
+                {WORK[work]}
+        except Enough:
+            watch.cancel()
+            hits = s.cast([[1.5, 1.5, 9.0]], [[0, 0, -1.0]])
+            print(8 < hits.t[0] < 10)
+    """
+    assert output(code, setup=SETUP) == "True"
+
+
+@pytest.mark.parametrize("place", ["callback", "except", "nowhere"])
+def test_a_ctrl_c_that_is_dropped_in_the_command_line_comes_again(place: str) -> None:
+    """Python drops exceptions in callbacks of weak references, which each import has, and libraries in `except:`."""
+    code = """
+import signal, sys, threading, time, types, weakref
+from lidarsim import cli
+
+def interrupted(*_):
+    signal.raise_signal(signal.SIGINT)
+
+def work(*_, **__):
+    if sys.argv[1] == "callback":
+        sys.unraisablehook = lambda _: print("dropped")
+        thing = threading.Event()
+        reference = weakref.ref(thing, interrupted)
+        del thing
+    elif sys.argv[1] == "except":
+        try:
+            interrupted()
+        except BaseException:
+            print("dropped")
+    else:
+        print("dropped")
+        interrupted()
+    time.sleep(20)
+
+cli.typer.main.get_command = lambda _: types.SimpleNamespace(main=work)
+cli.main([])
+"""
+    with start(code, place) as child:
+        out, err = child.communicate(timeout=60)
+    assert (child.returncode, out, err) == (130, "dropped\n", "")

@@ -1,0 +1,106 @@
+"""Many Python threads, and an environment or an interpreter that changes beneath them."""
+
+from __future__ import annotations
+
+import pytest
+from hard.children import output
+
+
+def test_casts_beside_a_thread_that_changes_the_environment() -> None:
+    """The C library's environment has no lock, so that only who holds the interpreter may read it."""
+    code = """
+        from unittest import mock
+
+        os.environ.pop("LIDARSIM_THREADS", None)
+        sphere = ls.Sphere((0, 0, 0), 1.0)
+        origins, directions = rays(10)
+        ended = threading.Event()
+
+        def work():
+            while not ended.is_set():
+                sphere.cast(origins, directions)
+
+        threads = [threading.Thread(target=work) for _ in range(3)]
+        for thread in threads:
+            thread.start()
+        # So many that they take long to read; MALLOC_PERTURB_ overwrites the memory that they leave when they grow.
+        for i in range(300):
+            os.environ[f"VARIABLE_{i}"] = "x"
+        end, rounds = time.monotonic() + 2.0, 0
+        while time.monotonic() < end:
+            with mock.patch.dict(os.environ, {f"ANOTHER_{i}": "x" for i in range(300)}):
+                rounds += 1
+        ended.set()
+        for thread in threads:
+            thread.join()
+        print(rounds > 5)
+    """
+    assert output(code, environment={"MALLOC_PERTURB_": "85"}) == "True"
+
+
+def test_settings_are_those_of_the_environment_at_each_cast(monkeypatch: pytest.MonkeyPatch) -> None:
+    from lidarsim import _native
+
+    for count in (1, 5, 2):
+        monkeypatch.setenv("LIDARSIM_THREADS", str(count))
+        assert _native.threads() == count
+    available = [monkeypatch.delenv("LIDARSIM_THREADS"), _native.threads()][1]
+    for nonsense in ("0", "-1", "many", ""):
+        monkeypatch.setenv("LIDARSIM_THREADS", nonsense)
+        assert _native.threads() == available >= 1
+
+
+def test_eight_threads_on_shared_and_growing_scenes() -> None:
+    """Casts, scans, builds and new objects at once; whatever a thread added before it casts, it sees."""
+    code = """
+        shared = ls.Scene()
+        shared.add(field(40))
+        origins, directions = rays(3000)
+        want = shared.cast(origins, directions).t.tobytes()
+        lidar = ls.Lidar.preset("velodyne-vlp16")
+        end = time.monotonic() + 3.0
+        grown = ls.Scene()
+
+        def work(seed):
+            rounds = 0
+            while time.monotonic() < end:
+                rounds += 1
+                assert shared.cast(origins, directions).t.tobytes() == want
+                mesh = field(20 + seed)
+                assert mesh.cast(origins, directions).t.tobytes() == mesh.cast(origins, directions).t.tobytes()
+                x, y = 1000.0 * (rounds + 1), 1000.0 * seed
+                new = grown.add(ls.Sphere((x, y, 0), 1.0))
+                assert grown.cast([[x, y, 5.0]], [[0, 0, -1.0]]).object_id[0] == new
+                if seed == 0:
+                    lidar.scan(shared)
+            return rounds
+
+        with concurrent.futures.ThreadPoolExecutor(8) as pool:
+            print(min(pool.map(work, range(8))) > 0, len(grown) > 8)
+    """
+    assert output(code) == "True True"
+
+
+@pytest.mark.parametrize("work", ["cast", "build", "scan"])
+def test_the_interpreter_ends_while_daemon_threads_work(work: str) -> None:
+    code = """
+        scene = ls.Scene()
+        scene.add(field(300))
+        origins, directions = rays(300_000)
+        lidar = ls.Lidar.preset("velodyne-vlp16")
+
+        def forever():
+            while True:
+                if sys.argv[1] == "cast":
+                    scene.cast(origins, directions)
+                elif sys.argv[1] == "build":
+                    field(300).cast([[0, 0, 9]], [[0, 0, -1]])
+                else:
+                    lidar.scan(scene).point_cloud()
+
+        for _ in range(3):
+            threading.Thread(target=forever, daemon=True).start()
+        time.sleep(0.5)
+        print("end")
+    """
+    assert output(code, work) == "end"
