@@ -1,0 +1,126 @@
+"""The ends of memory, and of what arrays may look like."""
+
+from __future__ import annotations
+
+import re
+import sys
+
+import numpy as np
+import pytest
+from hard.children import output
+
+import lidarsim as ls
+
+
+def misaligned(array: np.ndarray) -> np.ndarray:
+    """Return a copy whose numbers lie a byte off."""
+    room = np.zeros(array.nbytes + 1, np.uint8)
+    copy = room[1:].view(array.dtype).reshape(array.shape)
+    copy[:] = array
+    assert not copy.flags.aligned
+    return copy
+
+
+def test_misaligned_arrays_are_copied() -> None:
+    rng = np.random.default_rng(1)
+    vertices, faces = rng.normal(size=(90, 3)), rng.integers(0, 90, (60, 3)).astype(np.uint32)
+    origins, directions = rng.normal(size=(500, 3)), rng.normal(size=(500, 3))
+    mesh, other = ls.TriangleMesh(vertices, faces), ls.TriangleMesh(misaligned(vertices), misaligned(faces))
+    hits, same = mesh.cast(origins, directions), other.cast(misaligned(origins), misaligned(directions))
+    assert np.isfinite(hits.t).any()
+    np.testing.assert_array_equal(hits.t, same.t)
+    times = np.linspace(0, 1, 9)
+    drive = ls.Trajectory.from_twist(np.eye(4), linear=(5, 0, 0))
+    assert (drive.at(misaligned(times)).as_matrix() == drive.at(times).as_matrix()).all()
+    ring = misaligned(np.arange(2, dtype=np.uint16))
+    pulses = ls.patterns.Pulses(misaligned(np.eye(3)[:2]), np.zeros((2, 3)), time=[0, 0], ring=ring, column=[0, 1])
+    assert pulses.ring.flags.aligned
+    assert pulses.ring.tolist() == [0, 1]
+
+
+def test_a_scan_beyond_memory_is_refused_before_its_pulses_are_made() -> None:
+    class Enormous:
+        rate = 10.0
+        shape = (2**20, 2**30)
+
+        def pulses(self, _frame: int = 0) -> ls.patterns.Pulses:
+            raise AssertionError
+
+    lidar = ls.Lidar(Enormous(), measurement=ls.Measurement(beam=ls.Beam(1e-3, rays=7), returns=3))
+    message = f"expected {2**50 * 3 * 76} bytes of memory for the returns of {2**50} pulses, 3 each, got none"
+    with pytest.raises(MemoryError, match=f"^{re.escape(message)}$"):
+        lidar.scan(ls.Scene())
+
+
+MEMORY = """
+import resource
+
+def used():
+    with open("/proc/self/statm") as statm:
+        return int(statm.read().split()[0]) * resource.getpagesize()
+
+def refused(work):
+    resource.setrlimit(resource.RLIMIT_AS, (used() + (1 << 20), resource.RLIM_INFINITY))
+    try:
+        work()
+    except MemoryError as error:
+        return str(error)
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+
+sphere = ls.Sphere((0, 0, 0), 1.0)
+sphere.cast(*rays(70_000))  # the threads stand
+many = rays(1_000_000)
+mesh = field(400)
+room = ls.Scene()
+room.add(ls.Sphere((0, 0, 0), 50.0))
+lidar = ls.Lidar(ls.patterns.Grid(np.linspace(-3, 3, 1000), np.linspace(-1, 1, 500), rate=10.0))
+scan = lidar.scan(room)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit of the address space that holds, and /proc")
+@pytest.mark.parametrize(
+    ("work", "purpose"),
+    [
+        ("sphere.cast(*many)", "the hits of 1000000 rays"),
+        ("mesh.cast([[0, 0, 9]], [[0, 0, -1]])", "a hierarchy over 318402 triangles"),
+        ("lidar.scan(room)", "the returns of 500000 pulses, 1 each"),
+        ("scan.point_cloud()", "an array of 500000 elements"),
+        ("mesh.vertices", "an array of 480000 elements"),
+    ],
+)
+def test_work_without_memory_raises_and_can_be_done_later(work: str, purpose: str) -> None:
+    # Arrays of some pages are the system's each, so that what was freed before is of no help.
+    code = f"""
+        print(refused(lambda: {work}))
+        {work}
+    """
+    found = output(code, setup=MEMORY, environment={"MALLOC_MMAP_THRESHOLD_": "65536"})
+    assert f"bytes of memory for {purpose}, got none" in found
+
+
+def test_memory_stays_flat_over_scans() -> None:
+    code = """
+        def resident():
+            with open("/proc/self/statm") as statm:
+                return int(statm.read().split()[1]) * 4096
+
+        sizes = []
+        for k in range(200):
+            lidar.scan(room, frame=k).point_cloud()
+            fresh = field(30)
+            fresh.cast([[0, 0, 9]], [[0, 0, -1]])
+            if k >= 50:
+                sizes.append(resident())
+        print(max(sizes[75:]) - max(sizes[:75]))
+    """
+    setup = """
+room = ls.Scene()
+room.add(ls.Sphere((0, 0, 0), 50.0))
+lidar = ls.Lidar(ls.patterns.Grid(np.linspace(-3, 3, 100), np.linspace(-1, 1, 50), rate=10.0))
+"""
+    if sys.platform != "linux":
+        pytest.skip("needs /proc")
+    # Scans that each kept one array of a byte a pulse would take this much.
+    assert int(output(code, setup=setup)) < 75 * 5000
