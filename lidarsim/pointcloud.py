@@ -46,7 +46,7 @@ _EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "
 
 
 class PointCloud:
-    """Points with named fields, each an array attribute of one entry a point.
+    """Points with named fields, each an array attribute with one entry per point.
 
     Only the fields that are given exist. Fields can be set and added later (``cloud.cluster = ids``) under the same
     checks; ``cloud[index]`` is the cloud of the points that a slice, a mask or an array of indices selects. Arrays that
@@ -162,7 +162,7 @@ class PointCloud:
         return PointCloud({name: array[index] for name, array in self._arrays().items()})
 
     def __repr__(self) -> str:
-        """Return a line a field: dtype, shape, least and greatest finite value."""
+        """Return one line per field: dtype, shape, least and greatest finite value."""
         rows = [(name, array.dtype, array.shape, _extent(array)) for name, array in self._arrays().items()]
         width, type_width, shape_width = (max(len(str(row[i])) for row in rows) for i in (0, 1, 2))
         lines = [
@@ -286,7 +286,7 @@ class PointCloud:
         return converted
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """Return a PyVista data set with one vertex a point and all fields but `xyz` as point data of the same dtype.
+        """Return a PyVista data set with one vertex per point and all fields but `xyz` as point data of the same dtype.
 
         Returns
         -------

@@ -160,7 +160,7 @@ class Scene:
         Returns
         -------
         Hits
-            One entry a ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id
+            One entry per ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id
             comes first, then the lowest primitive id.
 
         Raises

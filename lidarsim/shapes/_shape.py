@@ -17,7 +17,7 @@ from lidarsim.shapes._tessellation import Triangles
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits:
-    """Where rays first meet a shape or a scene, an entry a ray.
+    """Where rays first meet a shape or a scene, one entry per ray.
 
     Attributes
     ----------
@@ -146,7 +146,7 @@ class Shape:
         Returns
         -------
         Hits
-            One entry a ray.
+            One entry per ray.
 
         Raises
         ------

@@ -11,7 +11,7 @@ from lidarsim.errors import LidarsimError
 
 
 def require_display() -> None:
-    """Raise `LidarsimError` on Linux without a display that answers, where the libraries would crash or show nothing."""
+    """Raise `LidarsimError` on Linux without a display that answers: the libraries would crash or show nothing."""
     if sys.platform != "linux" or os.environ.get("WAYLAND_DISPLAY"):
         return
     display = os.environ.get("DISPLAY", "")
