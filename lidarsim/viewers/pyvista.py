@@ -355,7 +355,12 @@ def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: f
     if Path(path).suffix.lower() == ".gif":
         from PIL import Image
 
-        first, *others = [Image.fromarray(image).quantize(128, dither=Image.Dither.NONE) for image in images]
+        def palette(
+            image: npt.NDArray[np.uint8],
+        ) -> Image.Image:  # median cut, the default, merges classes of few points
+            return Image.fromarray(image).quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+
+        first, *others = map(palette, images)
         with atomic_writer(path) as file:
             first.save(
                 file, "GIF", save_all=True, append_images=others, duration=round(1000 / rate), loop=0, optimize=True
