@@ -21,7 +21,7 @@ tent = ls.TriangleMesh(
 turn = np.array([[0, -1, 0, 4], [1, 0, 0, 4], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 scene.add(tent, name="tent", label=5, transform=turn)
 
-# The sensor stands on a mast of 1.7 m. Its data sheet's noise is off unless it is asked for.
+# The sensor stands on a mast of 1.7 m. The noise of its data sheet is off by default.
 mast = np.eye(4)
 mast[2, 3] = 1.7
 lidar = ls.Lidar.preset("ouster-os1-64", noise="datasheet")

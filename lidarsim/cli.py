@@ -553,7 +553,7 @@ def _span(ends: Iterable[float], *, digits: int = 4) -> str:
 
 
 def _print_sensor(lidar: ls.Lidar) -> None:
-    """Print what a sensor does, a fact a line."""
+    """Print what a sensor does, one fact per line."""
     facts = describe(lidar.pattern)
     seconds = facts.time[1] - facts.time[0]
     exact = ls.Measurement()

@@ -1,4 +1,4 @@
-"""What a sensor makes of what its pulses hit: noise, intensity, detection, returns.
+"""Measurement effects: noise, intensity, detection, returns.
 
 The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, detection, drop-out, range noise
 and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate, that of

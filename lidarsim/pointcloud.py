@@ -55,7 +55,7 @@ _EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "
 
 
 class PointCloud(Pickled):
-    """Points with named fields, each an array attribute of one entry a point.
+    """Points with named fields, each an array attribute with one entry per point.
 
     Only the fields that are given exist. Fields can be set and added later (``cloud.cluster = ids``) under the same
     checks; ``cloud[index]`` is the cloud of the points that a slice, a mask or an array of indices selects. Arrays that
@@ -222,7 +222,7 @@ class PointCloud(Pickled):
         return PointCloud(arrays, class_names=self._class_names)
 
     def __repr__(self) -> str:
-        """Return a line a field: dtype, least and greatest finite value."""
+        """Return one line per field: dtype, least and greatest finite value."""
         rows = self._rows()
         width, type_width = (max(len(row[i]) for row in rows) for i in (0, 1))
         lines = [f"  {name:{width}}  {dtype:{type_width}}  {extent}".rstrip() for name, dtype, extent in rows]
@@ -492,7 +492,7 @@ class PointCloud(Pickled):
         return converted
 
     def to_pyvista(self) -> pyvista.PolyData:
-        """Return a PyVista data set with one vertex a point and all fields but `xyz` as point data of the same dtype.
+        """Return a PyVista data set with one vertex per point and all fields but `xyz` as point data of the same dtype.
 
         Returns
         -------

@@ -96,7 +96,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
 
     @property
     def rate(self) -> float:
-        """Frames a second of the fastest sensor, Hz, which are those of the rig."""
+        """Frame rate of the rig, Hz: that of its fastest sensor."""
         return max(sensor.lidar.pattern.rate for sensor in self._sensors.values())
 
     def frames(
@@ -116,7 +116,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         missing where it has not finished the one before. A sensor's frame k starts at ``k / pattern.rate + offset``, s,
         and is the one that ``lidar.scan(scene, pose @ mount, time=…, frame=k)`` gives.
 
-        Each frame is scanned when it is asked for, and sees the scene as it then is.
+        Frames are scanned lazily: each sees the scene as it is when the frame is requested.
 
         Parameters
         ----------

@@ -47,7 +47,11 @@ class Sensor(Protocol):
 
 
 class Status(enum.IntEnum):
-    """Whether a pulse gave a point, and if not, why."""
+    """Whether a pulse gave a point, and if not, why.
+
+    ``below_threshold`` is an echo weaker than the detection limit (`lidarsim.Detection`), ``dropped`` one that random
+    drop-out removed, and the two range gates are those of the `Lidar`.
+    """
 
     hit = 0
     miss = 1
@@ -391,7 +395,7 @@ def scan(
     Returns
     -------
     Scan
-        One entry a pulse.
+        One entry per pulse.
 
     Raises
     ------

@@ -482,7 +482,7 @@ class Scene(Pickled):
         Returns
         -------
         Hits
-            One entry a ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id
+            One entry per ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id
             comes first, then the lowest primitive id.
 
         Raises

@@ -151,7 +151,8 @@ class Lidar(Pickled):
     ) -> Iterator[Scan]:
         """Scan a scene for one frame after the other: frame k starts at ``k / pattern.rate``, s.
 
-        Time, frame and noise are in step. Each frame is scanned when it is asked for, and sees the scene as it then is.
+        Time, frame and noise are in step. Frames are scanned lazily: each sees the scene as it is when it is
+        requested.
 
         Parameters
         ----------

@@ -176,7 +176,7 @@ def test_the_gate_acts_on_what_is_measured(truth: float, gate: dict[str, float],
 
 
 def test_the_gate_comes_last() -> None:
-    """What rounds to the limit is inside; what is too weak or dropped is so, wherever it is."""
+    """What rounds to the limit is inside; what is below the threshold or dropped is so, wherever it is."""
     ranges = [0.94, 0.96, 9.04, 9.06]
     scan = measured(before_wall(ranges), wall(), range_resolution=0.1, min_range=1.0, max_range=9.0)
     below, hit, beyond = ls.Status.below_min_range, ls.Status.hit, ls.Status.beyond_max_range

@@ -565,7 +565,7 @@ def _meshes() -> Iterator[Case]:
     spec = Spec("TriangleMesh", (vertices, faces))
     yield Case(
         "mesh-coplanar-overlaps-and-no-area",
-        "mesh, coplanar overlaps and triangles without area",
+        "mesh, coplanar overlaps and degenerate triangles",
         spec,
         *_rays(down),
         80,

@@ -418,7 +418,7 @@ class Cylinder(Shape):
 
 
 class TriangleMesh(Shape):
-    """Closed triangles (edges and vertices belong to them); one without area, or seen edge-on, is never met."""
+    """Closed triangles (edges and vertices belong to them); one that is degenerate, or seen edge-on, is never met."""
 
     primitives = True
 

@@ -63,8 +63,8 @@ Scenes in which one surface lies in another, so that each hit is on both, agains
 The hit is on the first of the two; wrong are rays whose hit differs from that without the second."""
 
 MESHES = """\
-Triangle meshes, million rays a second on the same rays, in turns; wrong hits (lost + invented + on another triangle) of
-{rays:,} rays judged by exact arithmetic; the worst range, mm."""
+Triangle meshes: million rays per second on the same rays, in turns; wrong hits (lost + invented + on another triangle)
+of {rays:,} rays judged by exact arithmetic; the worst range, mm."""
 
 SHAPES = """\
 {shapes} spheres, boxes, cylinders and ellipsoids over a plane, for Open3D in triangles; 128 channels."""
@@ -153,7 +153,7 @@ def to_markdown(results: Results) -> str:
         "## Building",
         BUILDING,
         _table(
-            "scene | triangles | method | s | × Open3D | bytes a triangle | counted",
+            "scene | triangles | method | s | × Open3D | bytes per triangle | counted",
             (
                 [
                     row["scene"],
@@ -171,7 +171,7 @@ def to_markdown(results: Results) -> str:
         "A terrain of one size in ever finer triangles, 128 channels.",
         "![Time a ray against the number of triangles](growth.png)",
         _table(
-            "triangles | threads | method | ns a ray | × Open3D",
+            "triangles | threads | method | ns per ray | × Open3D",
             (
                 [
                     _count(row["triangles"]),
@@ -288,7 +288,7 @@ def summary(results: Results) -> str:
         if method == "lidarsim" and peer is not None:
             line = f"{scene}: built in {_short(row['seconds'])} s, Open3D {_short(peer['seconds'])} s"
             if row["resident"]:
-                line += f"; {_count(row['resident'])} bytes a triangle, Open3D {_count(peer['resident'])}"
+                line += f"; {_count(row['resident'])} bytes per triangle, Open3D {_count(peer['resident'])}"
             lines.append(line)
     lines += [f"{row['what']}: {_short(row['ratio'])} × the bare cast" for row in results["scan"][1:]]
     errors = [row["error"] for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
@@ -361,7 +361,7 @@ def _rounded(value: float) -> str:
 
 
 def plot_speed(results: Results, path: Path) -> None:
-    """Draw speed against error among the analytic shapes: a mark a method at its median, a line up to its maximum."""
+    """Draw speed against error among the analytic shapes: each method's median, a line to its maximum."""
     rows = [row for row in _analytic(results) if row["error"]["median_mm"] is not None]
 
     def draw(axes: Any) -> None:
@@ -383,7 +383,7 @@ def plot_speed(results: Results, path: Path) -> None:
         axes.margins(x=0.08, y=0.15)
         _label(axes, labels)
         axes.set_xlabel("error of the range, mm: its median, and a line up to its maximum", color=INK)
-        axes.set_ylabel("million rays a second", color=INK)
+        axes.set_ylabel("million rays per second", color=INK)
         _title(axes, results, f"{results['plan']['shapes']} analytic shapes, 128 channels")
 
     _figure(draw, path)
@@ -405,7 +405,7 @@ def plot_growth(results: Results, path: Path) -> None:
         axes.set_ylim(bottom=0)
         _label(axes, sorted(labels, key=lambda label: -label[2]), RIGHT)
         axes.set_xlabel("triangles", color=INK)
-        axes.set_ylabel("ns a ray", color=INK)
+        axes.set_ylabel("ns per ray", color=INK)
         _title(axes, results, "A terrain, 128 channels")
 
     _figure(draw, path)

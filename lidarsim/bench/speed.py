@@ -131,7 +131,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Speed:
-    """One method on one set of rays: million rays a second by its median cast, that over Open3D's, and its errors."""
+    """One method on one set of rays: million rays per second by its median cast, that over Open3D's, and its errors."""
 
     scene: str
     triangles: int
@@ -147,7 +147,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Build:
-    """One method's time from arrays to the first answered ray, Open3D's over it, and the memory, bytes a triangle.
+    """One method's time from arrays to the first answered ray, Open3D's over it, and the memory, bytes per triangle.
 
     `resident` is what a fresh process grows by, `counted` what lidarsim's core says.
     """
@@ -469,7 +469,7 @@ def _at(judged: Any, caster: Caster, answer: Any) -> Found:
 
 
 def _resident(method: str, world: World) -> float | None:
-    """Return by how many bytes a triangle a fresh process grows when the method builds the world; None off Linux."""
+    """Return by how many bytes per triangle a fresh process grows when the method builds the world; None off Linux."""
     if not Path("/proc/self/statm").exists():
         return None
     code = f"from lidarsim.bench import speed; speed.print_growth({method!r}, {world.name!r}, {world.triangles})"

@@ -76,7 +76,7 @@ class Run:
 
     @property
     def rate(self) -> float:
-        """Frames a second, Hz."""
+        """Frame rate, Hz."""
         return self.sensor.rate if isinstance(self.sensor, Rig) else self.sensor.pattern.rate
 
     def scan(self, frame: int | None = None) -> Scan:
@@ -243,7 +243,7 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
 
 
 def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
-    """Return `sensor` in one of its modes, with the noise of its datasheet if that is asked for."""
+    """Return `sensor` in one of its modes, with the noise of its datasheet if configured."""
     found = entries(sensor)
     if mode is not None:
         modes = entries(found["modes"][1]) if "modes" in found else {}

@@ -165,7 +165,7 @@ def verify(output: PathLike) -> list[str]:
     Returns
     -------
     list of str
-        What is wrong, a line a file; empty if all is well.
+        What is wrong, one line per file; empty if all is well.
 
     Raises
     ------

@@ -70,7 +70,7 @@ Sensors: {"; ".join(told)}.
 
 def _sensor(lidar: Lidar) -> str:
     facts = describe(lidar.pattern)
-    return f"{type(lidar.pattern).__name__}, {facts.rings:,} rings, {lidar.pattern.rate:g} frames a second"
+    return f"{type(lidar.pattern).__name__}, {facts.rings:,} rings, {lidar.pattern.rate:g} Hz"
 
 
 def _table(heads: tuple[str, str], rows: Sequence[tuple[str, str, int]], points: int) -> str:

@@ -1,4 +1,4 @@
-"""File formats: one module a format, which registers itself."""
+"""File formats: one module per format, which registers itself."""
 
 from lidarsim.io import (  # noqa: F401 - each registers itself
     kitti,

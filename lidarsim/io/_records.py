@@ -1,4 +1,4 @@
-"""A cloud as one record a point, the layout that most formats share, in blocks that take little memory.
+"""A cloud as one record per point, the layout that most formats share, in blocks that take little memory.
 
 Records hold scalars alone, so a vector field is split into columns: by convention `xyz` into ``x y z`` and `normal`
 into the format's own names; any other field ``f`` of shape (n, m) into ``f.0`` to ``f.<m-1>``, names that no field has.

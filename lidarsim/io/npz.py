@@ -1,4 +1,4 @@
-"""NumPy archives (``.npz``): one array a field under the field's name, as it is in memory. Nothing is lost."""
+"""NumPy archives (``.npz``): one array per field under the field's name, as it is in memory. Nothing is lost."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def _layout(header: dict[str, list[str]]) -> tuple[int, np.dtype[np.void]]:
 
 
 def _parsed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Iterator[Fields]:
-    """Yield the columns of ``DATA ascii``, a point a line."""
+    """Yield the columns of ``DATA ascii``, one point per line."""
     lines = itertools.islice((line for line in file if not line.isspace()), min(points, sys.maxsize))
     read = 0
     yield _columns(np.empty(0, dtype))

@@ -27,7 +27,7 @@ LINES = 1 << 12
 
 
 def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
-    """Write a line of names, then a line a point."""
+    """Write a line of names, then one line per point."""
     columns = to_columns(fields, NORMAL, CODES)
     file.write(f"{head}{between.join(columns)}\n".encode("ascii"))
     for block in blocks(columns, LINES):

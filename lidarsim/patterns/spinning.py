@@ -26,7 +26,7 @@ from lidarsim.patterns._pulses import Pulses
 
 @dataclass(frozen=True, eq=False, init=False)
 class Spinning(Value):
-    """Channels on a head that spins about the z axis: one frame a turn.
+    """Channels on a head that spins about the z axis: one frame per turn.
 
     The head fires its channels in cycles, one cycle a column. Cycle `c` of a frame starts when the head has gone the
     part ``(c + d) / columns`` of a turn, and channel `i` fires ``firing_times[i]`` later, when the head has moved on::

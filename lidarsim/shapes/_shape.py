@@ -18,7 +18,7 @@ from lidarsim.shapes._tessellation import Triangles
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits(Pickled):
-    """Where rays first meet a shape or a scene, an entry a ray.
+    """Where rays first meet a shape or a scene, one entry per ray.
 
     Attributes
     ----------
@@ -144,7 +144,7 @@ class Shape(Value):
         Returns
         -------
         Hits
-            One entry a ray.
+            One entry per ray.
 
         Raises
         ------

@@ -41,7 +41,7 @@ class TriangleMesh(Shape):
     -----
     Each triangle is met as :class:`Triangle` is, with exact signs: so no ray passes between two triangles that share
     an edge or a vertex, anywhere in space. Triangles whose edges merely lie on each other (a T-junction) share
-    nothing once their vertices are rounded, and a ray may pass there. Triangles without area are legal; nothing hits
+    nothing once their vertices are rounded, and a ray may pass there. Degenerate triangles are legal; nothing hits
     them.
 
     Examples
@@ -74,7 +74,7 @@ class TriangleMesh(Shape):
         Returns
         -------
         TriangleMesh
-            The vertices and faces in the order of the file. Triangles without area are reported to the logger
+            The vertices and faces in the order of the file. Degenerate triangles are reported to the logger
             ``lidarsim``.
 
         Raises
@@ -103,7 +103,7 @@ class TriangleMesh(Shape):
             raise FileFormatError(f"{path}: {error}") from error
         if mesh.degenerate_count:
             logging.getLogger("lidarsim").warning(
-                "%s: %d of %d triangles have no area; nothing hits them", path, mesh.degenerate_count, len(mesh)
+                "%s: %d of %d triangles are degenerate; nothing hits them", path, mesh.degenerate_count, len(mesh)
             )
         return mesh
 

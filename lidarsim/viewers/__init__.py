@@ -1,4 +1,4 @@
-"""Views of clouds, scans and scenes: one module a library, and one function that shows things in any of them."""
+"""Views of clouds, scans and scenes: one module per library, and one function that shows things in any of them."""
 
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._show import show

@@ -3,15 +3,38 @@
 from __future__ import annotations
 
 import os
+import socket
 import sys
+from contextlib import suppress
 
 from lidarsim.errors import LidarsimError
 
 
 def require_display() -> None:
-    """Raise `LidarsimError` on a Linux machine without a display, where the libraries would crash or show nothing."""
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    """Raise `LidarsimError` on Linux without a display that answers: the libraries would crash or show nothing."""
+    if sys.platform != "linux" or os.environ.get("WAYLAND_DISPLAY"):
+        return
+    display = os.environ.get("DISPLAY", "")
+    if not display:
         raise LidarsimError("no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot")
+    if not _answers(display):
+        raise LidarsimError(f"no display to show a window on (DISPLAY is {display}, where nothing answers)")
+
+
+def _answers(display: str) -> bool:
+    """Return whether something listens where X(7) says that a display is: at a socket, or of a host at a port."""
+    host, _, number = display.rpartition(":")
+    number = number.partition(".")[0]
+    if not number.isdecimal():
+        return False
+    local = host in {"", "unix"} or host.startswith("/")
+    places = [f"/tmp/.X11-unix/X{number}", f"\0/tmp/.X11-unix/X{number}", display]  # noqa: S108
+    for place in places if local else [(host, 6000 + int(number))]:
+        with socket.socket(socket.AF_UNIX if local else socket.AF_INET) as line, suppress(OSError):
+            line.settimeout(5.0)
+            line.connect(place)
+            return True
+    return False
 
 
 def in_notebook() -> bool:

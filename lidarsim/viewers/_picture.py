@@ -56,7 +56,7 @@ class Picture:
     camera : str or ndarray of shape (3, 3)
         One of `CAMERAS`, or position, target and up vector.
     rate : float
-        Frames a second.
+        Frame rate, Hz.
     """
 
     frames: list[Frame]

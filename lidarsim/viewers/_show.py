@@ -165,7 +165,7 @@ def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence
 
 
 def _rate(what: Shown) -> float:
-    """Return how many frames a second there are; 10 where nothing says."""
+    """Return the frame rate, Hz; 10 where nothing says."""
     scans = list(what.values()) if isinstance(what, Mapping) else [what]
     return max((scan.lidar.pattern.rate for scan in scans if isinstance(scan, Scan)), default=10.0)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from lidarsim._extras import import_extra
 from lidarsim._views import register_view
+from lidarsim.errors import LidarsimError
 from lidarsim.pointcloud import Fields, PointCloud, narrowed
 from lidarsim.scene import Scene
 from lidarsim.viewers._colors import BACKGROUND
@@ -128,7 +129,7 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
     Raises
     ------
     LidarsimError
-        If there is no display.
+        If there is no display, or Open3D cannot draw on it.
     MissingExtraError
         If Open3D is not installed.
     """
@@ -162,20 +163,23 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
     pose[:3, 3] -= middle
     parts.append({"name": "sensor", "geometry": axes.transform(pose)})
     view = picture.view(0, seen, size[0] / size[1])
-    o3d.visualization.draw(
-        parts,
-        title="lidarsim",
-        width=size[0],
-        height=size[1],
-        lookat=view.target - middle,
-        eye=view.eye - middle,
-        up=view.up,
-        field_of_view=float(np.degrees(view.angle)),
-        bg_color=(*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0),
-        point_size=round(point_size or 3),
-        show_skybox=False,
-        show_ui=True,
-    )
+    try:
+        o3d.visualization.draw(
+            parts,
+            title="lidarsim",
+            width=size[0],
+            height=size[1],
+            lookat=view.target - middle,
+            eye=view.eye - middle,
+            up=view.up,
+            field_of_view=float(np.degrees(view.angle)),
+            bg_color=(*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0),
+            point_size=round(point_size or 3),
+            show_skybox=False,
+            show_ui=True,
+        )
+    except RuntimeError as error:  # as it says that there is no Vulkan, or no OpenGL
+        raise LidarsimError(f"Open3D cannot open a window here: {error}") from error
 
 
 register_view(PointCloud, "open3d", to_open3d)

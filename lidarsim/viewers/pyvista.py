@@ -161,9 +161,9 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
         if path is None:
             last = len(picture.frames) - 1
             if last:
-                plotter.add_slider_widget(
+                getattr(plotter, "widgets", plotter).add_slider_widget(
                     lambda value: stage.show(round(value)), (0, last), 0, title="frame", fmt="%.0f", color="white",
-                    pointa=(0.05, 0.06), pointb=(0.6, 0.06), interaction_event="always", style="modern",
+                    pointa=(0.05, 0.11), pointb=(0.6, 0.11), interaction_event="always", style="modern",
                 )  # fmt: skip
             plotter.show(title="lidarsim")
         elif suffix == ".png":
@@ -372,7 +372,12 @@ def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: f
     if Path(path).suffix.lower() == ".gif":
         from PIL import Image
 
-        first, *others = [Image.fromarray(image).quantize(128, dither=Image.Dither.NONE) for image in images]
+        def palette(
+            image: npt.NDArray[np.uint8],
+        ) -> Image.Image:  # median cut, the default, merges classes of few points
+            return Image.fromarray(image).quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+
+        first, *others = map(palette, images)
         with atomic_writer(path) as file:
             first.save(
                 file, "GIF", save_all=True, append_images=others, duration=round(1000 / rate), loop=0, optimize=True

@@ -133,7 +133,7 @@ def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
         "- meshes, 128 channels: 2 × Open3D (geometric mean; least 1 ×)",
         "- analytic shapes: 3 × Open3D, icosphere 5",
         "- analytic shapes: 15 × the fastest back end of MuJoCo-LiDAR",
-        "- city: built in 0.25 s, Open3D 0.3 s; 80 bytes a triangle, Open3D 88",
+        "- city: built in 0.25 s, Open3D 0.3 s; 80 bytes per triangle, Open3D 88",
         "- Lidar.scan, range noise: 1.25 × the bare cast",
         "- lidarsim against exact arithmetic: 0 wrong of 3,000 rays, ranges within 0.5 ulp",
     ]

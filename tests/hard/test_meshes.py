@@ -334,7 +334,7 @@ def test_degenerate_triangles_of_a_file_are_reported_once(tmp_path, caplog):
     mesh = ls.TriangleMesh.from_file(path)
     assert mesh.degenerate_count == 2
     assert [record.getMessage() for record in caplog.records] == [
-        f"{path}: 2 of 3 triangles have no area; nothing hits them"
+        f"{path}: 2 of 3 triangles are degenerate; nothing hits them"
     ]
     mesh.cast([[0, 0, 1]], [[0, 0, -1]])
     assert len(caplog.records) == 1

@@ -127,7 +127,7 @@ def test_show_gives_the_viewer_coloured_points(monkeypatch: pytest.MonkeyPatch) 
         inspect.signature(draw).bind(*args, **options)
         shown.extend(args)
 
-    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
     monkeypatch.setattr("open3d.visualization.draw", record)
     scene = ls.Scene()
     scene.add(ls.Sphere((1, 0, 0), 1.0), name="ball", label=9)
@@ -149,6 +149,28 @@ def test_show_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(LidarsimError) as caught:
         ls.show(PointCloud(xyz=[[1, 2, 3]]), viewer="open3d")
     assert str(caught.value) == "no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot"
+
+
+def test_a_window_that_open3d_cannot_open_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    view.import_open3d()
+
+    def refuse(*_args: Any, **_options: Any) -> None:
+        raise RuntimeError("Failed to load vulkan library!")
+
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    monkeypatch.setattr("open3d.visualization.draw", refuse)
+    with pytest.raises(LidarsimError, match="Open3D cannot open a window here: Failed to load vulkan library!"):
+        ls.show(PointCloud(xyz=[[1, 2, 3]]), viewer="open3d")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only there is DISPLAY looked at")
+@pytest.mark.parametrize("display", [":7391", "localhost:391.0", "nonsense"])
+def test_a_display_where_nothing_answers(display: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.setenv("DISPLAY", display)
+    for viewer in ("pyvista", "open3d"):
+        with pytest.raises(LidarsimError, match=f"DISPLAY is {display}, where nothing answers"):
+            ls.show(PointCloud(xyz=[[1, 2, 3]]), viewer=viewer)  # type: ignore[arg-type]
 
 
 def test_show_by_a_field_that_is_not_there() -> None:

@@ -1,4 +1,4 @@
-"""Vendors' own files as sensors: one module a vendor, each with its registration."""
+"""Vendors' own files as sensors: one module per vendor, each with its registration."""
 
 from __future__ import annotations
 
