@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
+from lidarsim._shown import extent, html_table, text_table
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import view
 from lidarsim.measurement import Measurement
@@ -150,6 +151,21 @@ class Scan(Pickled):
     def __len__(self) -> int:
         """Return the number of pulses."""
         return len(self.status)
+
+    def __repr__(self) -> str:
+        """Return what was scanned with what, and how many pulses gave points."""
+        return text_table(*self._facts())
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: a small table."""
+        return html_table(*self._facts())
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        counts = {name: count for name, count in self.summary().items() if count}
+        rows = [(name, f"{count:,} ({count / len(self):.1%})") for name, count in counts.items()]
+        rows += [("range", f"{found} m") for found in [extent(self.range)] if found]
+        name = getattr(self.lidar, "name", "") or type(self.lidar.pattern).__name__
+        return f"Scan of {name}, frame {self.frame} at {self.time:g} s: {len(self):,} pulses", rows
 
     @property
     def poses(self) -> Floats:

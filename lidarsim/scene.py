@@ -580,7 +580,7 @@ class Scene(Pickled):
         extent = ""
         box = self.bounds
         if np.isfinite(box).all():
-            low, high = (", ".join(f"{x:.6g}" for x in corner) for corner in box)
+            low, high = (", ".join(f"{round(x, 6) + 0.0:.6g}" for x in corner.tolist()) for corner in box)
             extent = f", bounds ({low}) to ({high}) m"
         return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
 
