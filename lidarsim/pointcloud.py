@@ -569,10 +569,10 @@ def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     if given.dtype.kind == "V" or given.dtype == object:
         raise TypeError(f"{expected}, such as PointCloud(xyz=…, intensity=…), got {type(value).__name__}")
     hint = ""
-    if given.ndim == 2 and given.shape[1] > 3:
+    if given.ndim == 2 and given.shape[0] == 3:
+        hint = "; transposed?"
+    elif given.ndim == 2 and given.shape[1] > 3:
         hint = "; PointCloud(xyz=a[:, :3], intensity=a[:, 3]) takes its columns apart"
-    elif given.ndim == 2 and given.shape[0] == 3:
-        hint = "; PointCloud(a.T) takes points as columns"
     raise ValueError(f"{expected}, got shape {given.shape}{hint}")
 
 

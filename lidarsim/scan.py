@@ -15,7 +15,7 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
-from lidarsim._validation import Floats, Transform, integer, real
+from lidarsim._validation import Floats, Transform, integer, real, shown
 from lidarsim._views import view
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
@@ -408,7 +408,7 @@ def scan(
         pulse of the pattern is not finite or its direction not of unit length.
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene: expected a Scene, got {scene!r}")
+        raise TypeError(f"scene: expected a Scene, got {shown(scene)}")
     time = real("time", time)
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
