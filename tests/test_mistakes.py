@@ -113,8 +113,10 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "points on one line": (
         lambda: ls.Plane.from_points((0, 0, 0), (1, 0, 0), (2, 0, 0)),
         ValueError,
-        "a, b, c: expected three points that are not on one line, "
-        "got [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]",
+        (
+            "a, b, c: expected three points that are not on one line, "
+            "got [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]"
+        ),
     ),
     "cylinder with a height": (
         lambda: ls.Cylinder((0, 0, 0), 2.0, 0.5),
