@@ -9,6 +9,8 @@ from typing import Any, Self
 
 import numpy as np
 
+from lidarsim._shown import short
+
 FORMAT = 1
 """Format of the pickles, raised whenever the contents of a public class change."""
 
@@ -35,6 +37,12 @@ class Pickled:
         for name, value in contents.items():
             object.__setattr__(made, name, value)
         return made
+
+    def __repr__(self) -> str:
+        """Return the class and its contents, long arrays in short."""
+        return (
+            f"{type(self).__name__}({', '.join(f'{name}={short(value)}' for name, value in self._contents().items())})"
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Return how `copy` and `pickle` make an equal object."""

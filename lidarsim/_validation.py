@@ -115,7 +115,7 @@ def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = T
     if given.ndim != len(shape) or any(
         isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=False)
     ):
-        raise ValueError(f"{name}: expected {expected}, got {given.shape}")
+        raise ValueError(f"{name}: expected {expected}, got {given.shape}{_shape_hint(name, given.shape, shape)}")
     result: Floats = in_order(given, np.float64).reshape(given.shape)
     if finite and not np.isfinite(result).all():
         index = np.argwhere(~np.isfinite(result))[0]
@@ -181,8 +181,9 @@ def pose(name: str, value: Transform) -> Floats:
     rotation = matrix[:3, :3]
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
     if error > 1e-6 or np.linalg.det(rotation) < 0:
+        kind = f"one {error:.3g} away from it" if error > 1e-6 else "a reflection"
         raise ValueError(
-            f"{name}: expected a rigid transform (orthonormal rotation), got one {error:.3g} away from it,"
+            f"{name}: expected a rigid transform (orthonormal rotation), got {kind},"
             f" determinant {np.linalg.det(rotation):.6g}"
         )
     return matrix
@@ -192,10 +193,32 @@ def affine(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix with a last row of (0, 0, 0, 1); the core decides whether it can be inverted."""
     if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
         value = value.as_matrix()
+    elif hasattr(value, "as_matrix"):
+        raise TypeError(f"{name}: expected a RigidTransform or an array of shape (4, 4), got a {type(value).__name__}")
     matrix = array(name, value, (4, 4))
-    if not np.array_equal(matrix[3], (0.0, 0.0, 0.0, 1.0)):
-        raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(matrix[3].tolist())}")
+    if not np.array_equal(matrix[3], _LAST):
+        hint = "; transposed?" if np.array_equal(matrix[:, 3], _LAST) else ""
+        raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(matrix[3].tolist())}{hint}")
     return matrix
+
+
+_LAST = (0.0, 0.0, 0.0, 1.0)
+
+
+def _shape_hint(name: str, given: tuple[int, ...], wanted: Sequence[int | str]) -> str:
+    """Return what may have been meant by an array of another shape."""
+    if list(wanted) == [4, 4]:
+        return {
+            (3,): f"; a position is the last column, {name}[:3, 3]",
+            (3, 3): f"; a rotation is {name}[:3, :3]",
+            (3, 4): "; its last row is (0, 0, 0, 1)",
+        }.get(given, "")
+    if len(wanted) == 2 and wanted[1] == 3:
+        if given == (3,):
+            return "; of one, [[x, y, z]]"
+        if len(given) == 2 and given[0] == 3:
+            return "; transposed?"
+    return ""
 
 
 def named_labels(name: str, value: Mapping[int, str] | None) -> dict[int, str]:

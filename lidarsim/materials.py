@@ -17,7 +17,7 @@ __all__ = ["Material"]
 Per = Literal["object", "face", "vertex"]
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Material(Value):
     """How a surface returns light.
 

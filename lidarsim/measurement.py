@@ -138,7 +138,7 @@ class Beam(Immutable):
             raise ValueError(f"rays: expected 7, 19, 37, 61 or 91, got {self.rays}")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Measurement(Immutable):
     """How a sensor measures what its pulses hit. Every effect is off by default.
 

@@ -16,8 +16,8 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular, check_suffix, parsing
-from lidarsim._html import html_table
 from lidarsim._pickling import Pickled
+from lidarsim._shown import html_table, text_table
 from lidarsim._validation import Transform, named_labels
 from lidarsim._views import view
 
@@ -224,12 +224,10 @@ class PointCloud(Pickled):
     def __repr__(self) -> str:
         """Return one line per field: dtype, least and greatest finite value."""
         rows = self._rows()
-        width, type_width = (max(len(row[i]) for row in rows) for i in (0, 1))
-        lines = [f"  {name:{width}}  {dtype:{type_width}}  {extent}".rstrip() for name, dtype, extent in rows]
-        if len(lines) > MOST_ROWS:
-            names = ", ".join(name for name, *_ in rows[MOST_ROWS - 1 :])
-            lines[MOST_ROWS - 1 :] = [f"  and {textwrap.shorten(names, 100, placeholder=' …')}"]
-        return "\n".join((self._title(), *lines))
+        if len(rows) > MOST_ROWS:
+            rest = ", ".join(name for name, *_ in rows[MOST_ROWS - 1 :])
+            rows[MOST_ROWS - 1 :] = [("and", textwrap.shorten(rest, 60, placeholder=" …"), "")]
+        return text_table(self._title(), rows)
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: a small table."""
@@ -576,10 +574,10 @@ def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     if given.dtype.kind == "V" or given.dtype == object:
         raise TypeError(f"{expected}, such as PointCloud(xyz=…, intensity=…), got {type(value).__name__}")
     hint = ""
-    if given.ndim == 2 and given.shape[1] > 3:
+    if given.ndim == 2 and given.shape[0] == 3:
+        hint = "; transposed?"
+    elif given.ndim == 2 and given.shape[1] > 3:
         hint = "; PointCloud(xyz=a[:, :3], intensity=a[:, 3]) takes its columns apart"
-    elif given.ndim == 2 and given.shape[0] == 3:
-        hint = "; PointCloud(a.T) takes points as columns"
     raise ValueError(f"{expected}, got shape {given.shape}{hint}")
 
 

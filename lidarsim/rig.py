@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import textwrap
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -186,7 +187,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
 
     def __repr__(self) -> str:
         """Return the names and the rate."""
-        return f"Rig({', '.join(self)} at {self.rate:g} Hz)"
+        return f"Rig({textwrap.shorten(', '.join(self), 200, placeholder=' …')} at {self.rate:g} Hz)"
 
 
 def _sensor(name: str, parts: tuple[Any, ...]) -> RigSensor:

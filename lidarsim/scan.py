@@ -14,7 +14,8 @@ import numpy.typing as npt
 
 from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, Transform, integer, real
+from lidarsim._shown import extent, html_table, text_table
+from lidarsim._validation import Floats, Transform, integer, real, shown
 from lidarsim._views import view
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
@@ -161,6 +162,21 @@ class Scan(Pickled):
     def __len__(self) -> int:
         """Return the number of pulses."""
         return len(self.status)
+
+    def __repr__(self) -> str:
+        """Return what was scanned with what, and how many pulses gave points."""
+        return text_table(*self._facts())
+
+    def _repr_html_(self) -> str:
+        """Return what notebooks show: a small table."""
+        return html_table(*self._facts())
+
+    def _facts(self) -> tuple[str, list[tuple[str, str]]]:
+        counts = {name: count for name, count in self.summary().items() if count}
+        rows = [(name, f"{count:,} ({count / len(self):.1%})") for name, count in counts.items()]
+        rows += [("range", f"{found} m") for found in [extent(self.range)] if found]
+        name = getattr(self.lidar, "name", "") or type(self.lidar.pattern).__name__
+        return f"Scan of {name}, frame {self.frame} at {self.time:g} s: {len(self):,} pulses", rows
 
     @property
     def poses(self) -> Floats:
@@ -406,7 +422,7 @@ def scan(
         If there is none for the returns; before the pulses are made, and with the number of bytes.
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene: expected a Scene, got {scene!r}")
+        raise TypeError(f"scene: expected a Scene, got {shown(scene)}")
     time = real("time", time)
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)

@@ -423,14 +423,16 @@ class Scene(Pickled):
         low, high = np.stack(boxes, axis=1)
         return np.stack([low.min(axis=0), high.max(axis=0)])
 
-    def _entry(self, object_id: int) -> _Entry:
+    def _entry(self, object_id: object) -> _Entry:
+        if isinstance(object_id, str):
+            raise TypeError(f"object_id: expected an integer, got {object_id!r}; scene.find gives the ids of a name")
         number = integer("object_id", object_id)
         try:
             return self._entries[number]
         except KeyError:
-            have = f"0 to {self._next - 1}" if len(self) == self._next else "those of len(scene) objects"
-            expected = "the id of an object" + (f" ({have})" if self._entries else "; the scene is empty")
-            raise KeyError(f"object_id: expected {expected}, got {number}") from None
+            if 0 <= number < self._next:
+                raise KeyError(f"object_id: expected the id of an object, got {number}, which was removed") from None
+            raise KeyError(f"object_id: expected an id below {self._next}, got {number}") from None
 
     def _in_order(self) -> list[_Entry]:
         """Return the entries in the order of their ids, as they are at one moment."""
@@ -646,7 +648,7 @@ class Scene(Pickled):
         extent = ""
         box = self.bounds
         if np.isfinite(box).all():
-            low, high = (", ".join(f"{x:.6g}" for x in corner) for corner in box)
+            low, high = (", ".join(f"{round(x, 6) + 0.0:.6g}" for x in corner.tolist()) for corner in box)
             extent = f", bounds ({low}) to ({high}) m"
         return "\n".join((f"Scene: {len(self):,} object{'' if len(self) == 1 else 's'}{extent}", *lines))
 

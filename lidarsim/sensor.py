@@ -6,7 +6,7 @@ import difflib
 import inspect
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +15,13 @@ import numpy as np
 from lidarsim import scan as _scan
 from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
+from lidarsim._shown import short, text_table
 from lidarsim._validation import Transform, array, integer, real
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern, pulses_of
+from lidarsim.patterns.description import field_of_view
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
@@ -31,6 +33,8 @@ __all__ = ["Lidar", "checked_pose", "preset_path", "register_lidar_reader"]
 
 HEAD = 1 << 16
 """Bytes of a file by which its kind is recognised."""
+
+MOST_ROWS = 14  # of a repr, below its title
 
 PRESETS = Path(__file__).parent / "presets"
 
@@ -103,6 +107,26 @@ class Lidar(Pickled):
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
         object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
+
+    def __repr__(self) -> str:
+        """Return the numbers that a datasheet begins with, and which effects are on."""
+        rings, columns = self.pattern.shape
+        azimuth, elevation = field_of_view(pulses_of(self.pattern, 0))
+        effects = [
+            f"{item.name}={short(getattr(self.measurement, item.name))}"
+            for item in fields(Measurement)
+            if getattr(self.measurement, item.name) != item.default
+        ]
+        rows = [
+            ("pattern", f"{type(self.pattern).__name__}, {rings:,} × {columns:,} at {self.pattern.rate:g} Hz"),
+            ("azimuth", "{:.4g}° to {:.4g}°".format(*np.degrees(azimuth))),
+            ("elevation", "{:.4g}° to {:.4g}°".format(*np.degrees(elevation))),
+            ("range", f"{self.min_range:g} to {self.max_range:g} m"),
+            *(("" if i else "effects", effect) for i, effect in enumerate(effects or ["none"])),
+        ]
+        if len(rows) > MOST_ROWS:
+            rows[MOST_ROWS - 1 :] = [("", f"and {len(rows) - MOST_ROWS + 1} more")]
+        return text_table(f"Lidar {self.name}".rstrip(), rows)
 
     def scan(
         self,

@@ -267,7 +267,7 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
         ),
         (
             lambda: ls.Trajectory([0, 1], [np.eye(4), np.diag([1, 1, -1, 1])]),
-            "poses[1]: expected a rigid transform (orthonormal rotation), got one 0 away from it, determinant -1",
+            "poses[1]: expected a rigid transform (orthonormal rotation), got a reflection, determinant -1",
         ),
         (
             lambda: ls.Trajectory([0, 1], [np.eye(4), moved(math.nan)]),

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Immutable
+from lidarsim._shown import extent
 from lidarsim._validation import array, in_order, integer, real
 
 
@@ -72,6 +73,11 @@ class Pulses(Immutable):
 
     def __len__(self) -> int:
         return len(self.directions)
+
+    def __repr__(self) -> str:
+        """Return how many there are, and of what."""
+        rings, columns = (len(np.unique(numbers)) for numbers in (self.ring, self.column))
+        return f"Pulses({len(self):,} of {rings:,} rings and {columns:,} columns, time {extent(self.time)} s)"
 
 
 def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:

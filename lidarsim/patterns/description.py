@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lidarsim.patterns._pulses import Pattern, pulses_of
+from lidarsim._validation import Floats
+from lidarsim.patterns._pulses import Pattern, Pulses, pulses_of
 
 FRAMES = 10
 """Frames over which rates are averaged: those of a sensor whose cycles do not fit into its frames differ."""
@@ -78,8 +79,7 @@ def describe(pattern: Pattern) -> Description:
     """
     first, second = pulses_of(pattern, 0), pulses_of(pattern, 1)
     count = len(first) + len(second) + sum(len(pulses_of(pattern, frame)) for frame in range(2, FRAMES))
-    x, y, z = first.directions.T
-    azimuth, elevation = np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))
+    azimuth, elevation = angles_of(first)
 
     present, ring = np.unique(first.ring, return_inverse=True)
     by_ring = np.argsort(ring, kind="stable")
@@ -100,6 +100,18 @@ def describe(pattern: Pattern) -> Description:
         pause=float(np.diff(np.append(first.time, max(1.0 / pattern.rate, first.time[-1]))).max()),
         repeats=len(first) == len(second) and np.array_equal(first.directions, second.directions),
     )
+
+
+def angles_of(pulses: Pulses) -> tuple[Floats, Floats]:
+    """Return azimuth and elevation of each pulse, rad."""
+    x, y, z = pulses.directions.T
+    return np.arctan2(y, x), np.arcsin(np.clip(z, -1.0, 1.0))
+
+
+def field_of_view(pulses: Pulses) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the lowest and the highest azimuth, and elevation, rad; nan if there are no pulses."""
+    azimuth, elevation = angles_of(pulses)
+    return _span(azimuth), _span(elevation)
 
 
 def _span(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> tuple[float, float]:

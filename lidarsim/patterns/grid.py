@@ -16,7 +16,7 @@ from lidarsim.patterns._parts import TURN, directions_of, rings
 from lidarsim.patterns._pulses import Pulses
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Grid(Value):
     """Beams at each azimuth and elevation of a grid: a flash or solid-state lidar; with one elevation, a 2D one.
 

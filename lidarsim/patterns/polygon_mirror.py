@@ -25,7 +25,7 @@ from lidarsim.patterns._parts import (
 from lidarsim.patterns._pulses import Pulses
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class PolygonMirror(Value):
     """Channels that a rotating polygon sweeps about z at constant speed, each facet from the left end to the right.
 

@@ -60,7 +60,7 @@ class Prism(Value):
             object.__setattr__(self, name, angle(name, getattr(self, name), at_least=-most, at_most=most))
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Risley(Value):
     """Beams along x that rotating prisms bend in turn: the rosettes of non-repetitive lidars.
 

@@ -24,7 +24,7 @@ from lidarsim.patterns._parts import (
 from lidarsim.patterns._pulses import Pulses
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Spinning(Value):
     """Channels on a head that spins about the z axis: one frame per turn.
 

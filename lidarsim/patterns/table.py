@@ -19,7 +19,7 @@ from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
 
-@dataclass(frozen=True, eq=False, init=False)
+@dataclass(frozen=True, eq=False, init=False, repr=False)
 class Table(Value):
     """Pulses listed one by one: a measured pattern, a patent's, or one that no other class makes.
 

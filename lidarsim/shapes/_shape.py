@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from lidarsim import _native as core
 from lidarsim._pickling import Pickled, Value
+from lidarsim._shown import extent, short
 from lidarsim._validation import Floats, Transform, affine, frozen, rays, t_range
 from lidarsim.shapes._tessellation import Triangles
 
@@ -45,6 +46,10 @@ class Hits(Pickled):
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def __repr__(self) -> str:
+        """Return how many rays hit, and where."""
+        return f"Hits({len(self):,} rays, {int(self.hit.sum()):,} hit, t {extent(self.t)})"
 
 
 class Shape(Value):
@@ -178,13 +183,5 @@ class Shape(Value):
 
     def __repr__(self) -> str:
         """Return the arguments of the constructor."""
-        shown = [f"{name}={_shown(getattr(self, name))}" for name in self.__match_args__]
+        shown = [f"{name}={short(getattr(self, name))}" for name in self.__match_args__]
         return f"{type(self).__name__}({', '.join(shown)}{'' if self.transform is None else ', transform=…'})"
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, np.ndarray):
-        if value.ndim > 1:
-            return f"array of shape {value.shape}"
-        return f"({', '.join(f'{x:.6g}' for x in value)})"
-    return f"{value:.6g}" if isinstance(value, float) else repr(value)

@@ -269,5 +269,6 @@ def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:
     wrong = (given < 0) | (given >= vertices)
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
-        raise ValueError(f"faces: expected indices from 0 to {vertices - 1}, got faces[{i}][{j}] = {given[i, j]}")
+        hint = "; counted from 1?" if given.min() == 1 and given.max() == vertices else ""
+        raise ValueError(f"faces: expected indices from 0 to {vertices - 1}, got faces[{i}][{j}] = {given[i, j]}{hint}")
     return in_order(given, np.uint32)

@@ -1,0 +1,46 @@
+"""How objects show themselves, in a few lines: in a terminal and in a notebook."""
+
+from __future__ import annotations
+
+import reprlib
+from collections.abc import Iterable, Sequence
+from html import escape
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FEW = 6  # numbers that are shown one by one
+WIDTH = 60  # characters of any other value
+
+_brief = reprlib.Repr()
+_brief.maxother = _brief.maxstring = WIDTH
+_brief.maxtuple = _brief.maxlist = 3
+
+
+def short(value: object) -> str:
+    """Return a value in a few words: of a long array its shape, and the least and the greatest number."""
+    if not isinstance(value, np.ndarray):
+        return _brief.repr(value)
+    if value.ndim == 1 and value.size <= FEW:
+        return f"[{', '.join(f'{x:.6g}' for x in value)}]"
+    return f"<{' × '.join(map(str, value.shape))}: {extent(value)}>" if value.size else f"<{value.shape}>"
+
+
+def extent(array: npt.NDArray[Any]) -> str:
+    """Return the least and the greatest finite number, as text; "" if there is none."""
+    finite = array[np.isfinite(array)]
+    return f"{finite.min():.6g} … {finite.max():.6g}" if finite.size else ""
+
+
+def html_table(title: str, rows: Iterable[Sequence[str]]) -> str:
+    """Return a table of a few rows under a title, without a style of its own."""
+    cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
+    return f"<table><caption>{escape(title)}</caption>{cells}</table>"
+
+
+def text_table(title: str, rows: Sequence[Sequence[str]]) -> str:
+    """Return the same as lines of text."""
+    widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))] if rows else []
+    lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
+    return "\n".join((title, *(f"  {line}".rstrip() for line in lines)))

@@ -1,0 +1,537 @@
+"""Mistakes that people make, and what each is told: which argument, what was expected, and what was given."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+import lidarsim as ls
+
+T = np.eye(4)
+T[:3, 3] = (1, 2, 3)
+BALL = ls.Sphere((5, 0, 0), 1.0)
+MESH = ls.TriangleMesh([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+LIDAR = ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0))
+CLOUD = ls.PointCloud(xyz=np.zeros((3, 3)), label=[1, 2, 3])
+DRIVE = ls.Trajectory([0.0, 1.0], np.stack([np.eye(4), T]))
+SCENE = ls.Scene()
+SCENE.add(BALL)
+
+MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
+    "elevations in degrees": (
+        lambda: ls.patterns.Spinning(np.linspace(-15, 15, 16)),
+        ValueError,
+        "elevations: expected numbers from -1.5708 to 1.5708, got elevations[0] = -15; degrees?",
+    ),
+    "fov in degrees": (
+        lambda: ls.patterns.Spinning([0.0], field_of_view=360),
+        ValueError,
+        "field_of_view: expected a finite number > 0 and <= 6.28319, got 360.0; degrees?",
+    ),
+    "azimuths in degrees": (
+        lambda: ls.patterns.Grid([-45.0, 0, 45], [0.0], rate=10),
+        ValueError,
+        "azimuths: expected numbers from -6.28319 to 6.28319, got azimuths[0] = -45; degrees?",
+    ),
+    "divergence in mrad": (
+        lambda: ls.Beam(3.0),
+        ValueError,
+        "divergence_azimuth: expected a finite number from 0 to 1, got 3.0; degrees?",
+    ),
+    "jitter in degrees": (
+        lambda: ls.Measurement(azimuth_sigma=2.0),
+        ValueError,
+        "azimuth_sigma: expected a finite number from 0 to 1, got 2.0; degrees?",
+    ),
+    "dropout in percent": (
+        lambda: ls.Measurement(dropout=5),
+        ValueError,
+        "dropout: expected a finite number from 0 to 1, got 5.0",
+    ),
+    "reflectivity in percent of detection": (
+        lambda: ls.Detection(10, -150),
+        ValueError,
+        "range: expected a finite number > 0, got -150.0",
+    ),
+    "negative reflectivity": (
+        lambda: ls.Material(reflectivity=-0.1),
+        ValueError,
+        "reflectivity: expected a finite number >= 0, got -0.1",
+    ),
+    "colour as reflectivity": (
+        lambda: ls.Material(reflectivity=(0.5, 0.5, 0.5)),
+        TypeError,
+        "reflectivity: expected one number, or per='face' or per='vertex' beside an array",
+    ),
+    "sphere, radius first": (
+        lambda: ls.Sphere(1.0, (0, 0, 0)),
+        ValueError,
+        "center: expected shape (3,), got ()",
+    ),
+    "sphere without radius": (
+        lambda: ls.Sphere((0, 0, 0)),
+        TypeError,
+        "Sphere.__init__() missing 1 required positional argument: 'radius'",
+    ),
+    "negative radius": (
+        lambda: ls.Sphere((0, 0, 0), -1.0),
+        ValueError,
+        "radius: expected a finite number > 0, got -1.0",
+    ),
+    "center of two numbers": (
+        lambda: ls.Sphere((0, 0), 1.0),
+        ValueError,
+        "center: expected shape (3,), got (2,)",
+    ),
+    "center as text": (
+        lambda: ls.Sphere("0 0 0", 1.0),
+        TypeError,
+        "center: expected real numbers of shape (3,), got dtype <U5",
+    ),
+    "box by min and max swapped sign": (
+        lambda: ls.Box((-1, 2, 3)),
+        ValueError,
+        "size: expected numbers > 0, got size[0] = -1.0",
+    ),
+    "box of one size": (
+        lambda: ls.Box(2.0),
+        ValueError,
+        "size: expected shape (3,), got ()",
+    ),
+    "plane arguments swapped": (
+        lambda: ls.Plane(0.0, (0, 0, 1)),
+        ValueError,
+        "normal: expected shape (3,), got ()",
+    ),
+    "zero normal": (
+        lambda: ls.Plane((0, 0, 0), 1.0),
+        ValueError,
+        "normal: expected non-zero vectors, got normal = (0, 0, 0)",
+    ),
+    "points on one line": (
+        lambda: ls.Plane.from_points((0, 0, 0), (1, 0, 0), (2, 0, 0)),
+        ValueError,
+        (
+            "a, b, c: expected three points that are not on one line, "
+            "got [0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]"
+        ),
+    ),
+    "cylinder with a height": (
+        lambda: ls.Cylinder((0, 0, 0), 2.0, 0.5),
+        ValueError,
+        "end: expected shape (3,), got ()",
+    ),
+    "cylinder of no length": (
+        lambda: ls.Cylinder((0, 0, 0), (0, 0, 0), 0.5),
+        ValueError,
+        "end: expected a point other than start, got (0.0, 0.0, 0.0) for both",
+    ),
+    "polygon that crosses itself": (
+        lambda: ls.Polygon([(0, 0, 0), (1, 1, 0), (1, 0, 0), (0, 1, 0)]),
+        ValueError,
+        "vertices: expected a polygon with an area, got area 0",
+    ),
+    "polygon not planar": (
+        lambda: ls.Polygon([(0, 0, 0), (1, 0, 0), (1, 1, 1), (0, 1, 0)]),
+        ValueError,
+        "vertices: expected points of one plane to within rounding (5.33e-15 m), got a deviation of 0.204 m",
+    ),
+    "1-based faces": (
+        lambda: ls.TriangleMesh(np.eye(3), [[1, 2, 3]]),
+        ValueError,
+        "faces: expected indices from 0 to 2, got faces[0][2] = 3; counted from 1?",
+    ),
+    "faces of floats": (
+        lambda: ls.TriangleMesh(np.eye(3), [[0.0, 1.0, 2.0]]),
+        TypeError,
+        "faces: expected integers of shape (m, 3), got dtype float64",
+    ),
+    "quads": (
+        lambda: ls.TriangleMesh(np.zeros((4, 3)), [[0, 1, 2, 3]]),
+        ValueError,
+        "faces: expected shape (m, 3), got (1, 4)",
+    ),
+    "vertices transposed": (
+        lambda: ls.TriangleMesh(np.zeros((3, 8)), [[0, 1, 2]]),
+        ValueError,
+        "vertices: expected shape (n, 3), got (3, 8); transposed?",
+    ),
+    "faces and vertices swapped": (
+        lambda: ls.TriangleMesh([[0, 1, 2]], np.eye(3)),
+        TypeError,
+        "faces: expected integers of shape (m, 3), got dtype float64",
+    ),
+    "mesh file missing": (
+        lambda: ls.TriangleMesh.from_file("car.obj"),
+        FileNotFoundError,
+        "car.obj: no such mesh file",
+    ),
+    "transposed pose": (
+        lambda: LIDAR.scan(SCENE, T.T),
+        ValueError,
+        "pose: expected a last row of (0, 0, 0, 1), got (1.0, 2.0, 3.0, 1.0); transposed?",
+    ),
+    "3x4 pose": (
+        lambda: LIDAR.scan(SCENE, T[:3]),
+        ValueError,
+        "pose: expected shape (4, 4), got (3, 4); its last row is (0, 0, 0, 1)",
+    ),
+    "position as pose": (
+        lambda: LIDAR.scan(SCENE, (0, 0, 2)),
+        ValueError,
+        "pose: expected shape (4, 4), got (3,); a position is the last column, pose[:3, 3]",
+    ),
+    "rotation as pose": (
+        lambda: LIDAR.scan(SCENE, Rotation.identity()),
+        TypeError,
+        "pose: expected a RigidTransform or an array of shape (4, 4), got a Rotation",
+    ),
+    "scaled pose": (
+        lambda: LIDAR.scan(SCENE, np.diag([2.0, 2, 2, 1])),
+        ValueError,
+        "pose: expected a rigid transform (orthonormal rotation), got one 3 away from it, determinant 8",
+    ),
+    "mirrored pose": (
+        lambda: LIDAR.scan(SCENE, np.diag([1.0, -1, 1, 1])),
+        ValueError,
+        "pose: expected a rigid transform (orthonormal rotation), got a reflection, determinant -1",
+    ),
+    "nan pose": (
+        lambda: LIDAR.scan(SCENE, np.full((4, 4), np.nan)),
+        ValueError,
+        "pose: expected finite numbers, got pose[0][0] = nan",
+    ),
+    "pose and scene swapped": (
+        lambda: LIDAR.scan(T, SCENE),
+        TypeError,
+        "scene: expected a Scene, got an array of shape (4, 4)",
+    ),
+    "forgotten time on a trajectory": (
+        lambda: LIDAR.scan(SCENE, DRIVE, time=5.0),
+        ValueError,
+        "pose: expected a trajectory over all pulses, got one from 0 to 1 s and pulse 0 at 5 s",
+    ),
+    "time in ns": (
+        lambda: LIDAR.scan(SCENE, DRIVE, time=1_700_000_000_000_000_000),
+        ValueError,
+        "pose: expected a trajectory over all pulses, got one from 0 to 1 s and pulse 0 at 1700000000000000000 s",
+    ),
+    "frame as float": (
+        lambda: LIDAR.scan(SCENE, frame=1.5),
+        TypeError,
+        "frame: expected an integer from 0 to 4294967295, got 1.5",
+    ),
+    "negative seed": (
+        lambda: LIDAR.scan(SCENE, seed=-1),
+        ValueError,
+        "seed: expected an integer from 0 to 18446744073709551615, got -1",
+    ),
+    "frames without pose": (
+        lambda: list(LIDAR.frames(SCENE, 10)),
+        TypeError,
+        "Lidar.frames() missing 1 required positional argument: 'count'",
+    ),
+    "min and max range swapped": (
+        lambda: ls.Lidar(LIDAR.pattern, min_range=100, max_range=1),
+        ValueError,
+        "max_range: expected a real number >= 100, got 1.0",
+    ),
+    "t_min over t_max": (
+        lambda: SCENE.cast([[0, 0, 0]], [[1, 0, 0]], t_min=5, t_max=1),
+        ValueError,
+        "t_max: expected a real number >= 5, got 1.0",
+    ),
+    "ranges in mm as text": (
+        lambda: ls.Lidar(LIDAR.pattern, max_range="120 m"),
+        TypeError,
+        "max_range: expected a real number >= 0, got '120 m'",
+    ),
+    "measurement as dict": (
+        lambda: ls.Lidar(LIDAR.pattern, measurement={"range_sigma": 0.01}),
+        TypeError,
+        "measurement: expected a Measurement, got {'range_sigma': 0.01}",
+    ),
+    "preset spelled otherwise": (
+        lambda: ls.Lidar.preset("Ouster OS1-128"),
+        ValueError,
+        "preset: unknown sensor 'Ouster OS1-128'; did you mean ouster-os1-128 or ouster-os2-128 or ouster-os0-128?",
+    ),
+    "mode unknown": (
+        lambda: ls.Lidar.preset("ouster-os1-128", mode="4096x10"),
+        ValueError,
+        "mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, got '4096x10'",
+    ),
+    "noise unknown": (
+        lambda: ls.Lidar.preset("ouster-os1-128", noise="gaussian"),
+        ValueError,
+        "noise: expected none or datasheet, got 'gaussian'",
+    ),
+    "returns unknown": (
+        lambda: ls.Measurement(returns="all"),
+        ValueError,
+        "returns: expected 'strongest', 'first', 'last', 'dual' or a number, got 'all'",
+    ),
+    "dual without beam": (
+        lambda: ls.Measurement(returns="dual"),
+        ValueError,
+        "returns: expected at most 1, since a pulse has one echo without a beam, got 'dual'",
+    ),
+    "one ray, flat": (
+        lambda: SCENE.cast([0, 0, 0], [1, 0, 0]),
+        ValueError,
+        "origins: expected shape (n, 3), got (3,); of one, [[x, y, z]]",
+    ),
+    "rays transposed": (
+        lambda: SCENE.cast(np.zeros((3, 7)), np.ones((3, 7))),
+        ValueError,
+        "origins: expected shape (n, 3), got (3, 7); transposed?",
+    ),
+    "one origin, many directions": (
+        lambda: SCENE.cast([[0, 0, 0]], np.ones((5, 3))),
+        ValueError,
+        "origins, directions: expected arrays of equal length, got 1 and 5",
+    ),
+    "zero direction": (
+        lambda: SCENE.cast(np.zeros((2, 3)), [[1, 0, 0], [0, 0, 0]]),
+        ValueError,
+        "directions: expected non-zero vectors, got directions[1] = (0, 0, 0)",
+    ),
+    "nan in origins": (
+        lambda: SCENE.cast([[0, 0, np.nan]], [[1, 0, 0]]),
+        ValueError,
+        "origins: expected finite numbers, got origins[0][2] = nan",
+    ),
+    "mesh object instead of shape": (
+        lambda: SCENE.add(np.zeros((3, 3))),
+        TypeError,
+        "shape: expected a lidarsim shape, got ndarray",
+    ),
+    "scene in a scene": (
+        lambda: SCENE.add(ls.Scene()),
+        TypeError,
+        "shape: expected a lidarsim shape, got Scene",
+    ),
+    "label as name": (
+        lambda: SCENE.add(BALL, label="car"),
+        TypeError,
+        "label: expected an integer from 0 to 4294967295, got 'car'",
+    ),
+    "negative label": (
+        lambda: SCENE.add(BALL, label=-1),
+        ValueError,
+        "label: expected an integer from 0 to 4294967295, got -1",
+    ),
+    "labels by vertex": (
+        lambda: SCENE.add(MESH, label=[1, 2, 3]),
+        ValueError,
+        "label: expected one integer, or 1, one a face, got int64 of shape (3,)",
+    ),
+    "labels by face of a sphere": (
+        lambda: SCENE.add(BALL, label=[1, 2]),
+        TypeError,
+        "label: expected one integer, or a TriangleMesh for one a face, got Sphere",
+    ),
+    "material as number": (
+        lambda: SCENE.add(BALL, material=0.5),
+        TypeError,
+        "material: expected a Material, got float",
+    ),
+    "position as transform": (
+        lambda: SCENE.add(BALL, transform=(1, 2, 3)),
+        ValueError,
+        "transform: expected shape (4, 4), got (3,); a position is the last column, transform[:3, 3]",
+    ),
+    "flat transform": (
+        lambda: SCENE.add(BALL, transform=np.diag([1.0, 1, 0, 1])),
+        ValueError,
+        "transform: expected an invertible matrix, got determinant 0",
+    ),
+    "transform transposed": (
+        lambda: SCENE.add(BALL, transform=T.T),
+        ValueError,
+        "transform: expected a last row of (0, 0, 0, 1), got (1.0, 2.0, 3.0, 1.0); transposed?",
+    ),
+    "object by name": (
+        lambda: SCENE["ball"],
+        TypeError,
+        "object_id: expected an integer, got 'ball'; scene.find gives the ids of a name",
+    ),
+    "an id that is gone": (
+        lambda: SCENE.remove(9),
+        KeyError,
+        "object_id: expected an id below 1, got 9",
+    ),
+    "update of a typo": (
+        lambda: SCENE.update(0, transfrom=T),
+        TypeError,
+        "transfrom: expected one of shape, name, label, instance, material, transform",
+    ),
+    "update by name": (
+        lambda: SCENE.update("ball", transform=T),
+        TypeError,
+        "object_id: expected an integer, got 'ball'; scene.find gives the ids of a name",
+    ),
+    "class names swapped": (
+        lambda: ls.Scene(class_names={"car": 1}),
+        TypeError,
+        "class_names, its keys: expected an integer from 0 to 4294967295, got 'car'",
+    ),
+    "setting an attribute of a shape": (
+        lambda: setattr(BALL, "radius", 2.0),
+        AttributeError,
+        "Sphere is immutable: cannot set 'radius'",
+    ),
+    "times not rising": (
+        lambda: ls.Trajectory([0, 1, 1], np.stack([np.eye(4)] * 3)),
+        ValueError,
+        "times: expected rising times, got times[2] = 1.0 after 1.0",
+    ),
+    "times and poses swapped": (
+        lambda: ls.Trajectory(np.stack([np.eye(4)] * 2), [0, 1]),
+        ValueError,
+        "times: expected shape (n,), got (2, 4, 4)",
+    ),
+    "one pose too few": (
+        lambda: ls.Trajectory([0, 1, 2], np.stack([np.eye(4)] * 2)),
+        ValueError,
+        "poses: expected shape (3, 4, 4), one a time, got (2, 4, 4)",
+    ),
+    "quaternion poses": (
+        lambda: ls.Trajectory([0, 1], np.zeros((2, 7))),
+        ValueError,
+        "poses: expected shape (2, 4, 4), one a time, got (2, 7)",
+    ),
+    "interpolation unknown": (
+        lambda: ls.Trajectory([0, 1], np.stack([np.eye(4)] * 2), interpolation="slerp"),
+        ValueError,
+        "interpolation: expected 'linear' or 'spline', got 'slerp'",
+    ),
+    "at outside": (
+        lambda: DRIVE.at(2.0),
+        ValueError,
+        "times: expected times from 0.0 to 1.0 s, got times[0] = 2.0",
+    ),
+    "cloud of four columns": (
+        lambda: ls.PointCloud(np.zeros((5, 4))),
+        ValueError,
+        (
+            "PointCloud: expected an array of shape (n, 3), or fields by name, got shape (5, 4); "
+            "PointCloud(xyz=a[:, :3], intensity=a[:, 3]) takes its columns apart"
+        ),
+    ),
+    "cloud transposed": (
+        lambda: ls.PointCloud(np.zeros((3, 5))),
+        ValueError,
+        "PointCloud: expected an array of shape (n, 3), or fields by name, got shape (3, 5); transposed?",
+    ),
+    "cloud without xyz": (
+        lambda: ls.PointCloud(points=np.zeros((5, 3))),
+        TypeError,
+        "PointCloud: expected a field 'xyz', got points",
+    ),
+    "field of another length": (
+        lambda: setattr(CLOUD, "ring", [1, 2]),
+        ValueError,
+        "ring: expected one entry for each of the 3 points, got 2",
+    ),
+    "label of a fraction": (
+        lambda: ls.PointCloud(xyz=[[0, 0, 0]], label=[0.5]),
+        ValueError,
+        "label: expected integers from 0 to 4294967295, got label[0] = 0.5",
+    ),
+    "field by key": (
+        lambda: CLOUD["label"],
+        TypeError,
+        "index: expected indices, a mask or a slice, got 'label'; a field is cloud.label",
+    ),
+    "mask of another length": (
+        lambda: CLOUD[np.array([True, False])],
+        IndexError,
+        "index: expected a mask of shape (3,), one entry a point, got (2,)",
+    ),
+    "absent field": (
+        lambda: CLOUD.intensity,
+        AttributeError,
+        "this point cloud has no 'intensity'; its fields are xyz, label",
+    ),
+    "point beyond": (
+        lambda: CLOUD[3],
+        IndexError,
+        "index: expected one of 3 points, got 3",
+    ),
+    "concatenate as arguments": (
+        lambda: ls.PointCloud.concatenate(CLOUD),
+        TypeError,
+        "clouds: expected a sequence of clouds, got one",
+    ),
+    "concatenate of different fields": (
+        lambda: ls.PointCloud.concatenate([CLOUD, ls.PointCloud(np.zeros((1, 3)))]),
+        ValueError,
+        "clouds: expected the same fields in all, got clouds[1], which has no 'label'",
+    ),
+    "transformed by a position": (
+        lambda: CLOUD.transformed((0, 0, 1)),
+        ValueError,
+        "transform: expected shape (4, 4), got (3,); a position is the last column, transform[:3, 3]",
+    ),
+    "unknown suffix": (
+        lambda: CLOUD.save("scan.pcb"),
+        ls.errors.FileFormatError,
+        (
+            "scan.pcb: unknown extension '.pcb', expected .bin, .csv, .db3, .label, .las, .laz, .mcap, "
+            ".npz, .pcd, .pcd.bin, .ply or .xyz"
+        ),
+    ),
+    "fields as text": (
+        lambda: CLOUD.save("scan.npz", fields="label"),
+        TypeError,
+        "fields: expected a sequence of names, got 'label'",
+    ),
+    "load of nothing": (
+        lambda: ls.PointCloud.load("none.pcd"),
+        FileNotFoundError,
+        "none.pcd: no such file",
+    ),
+    "frame of a cloud": (
+        lambda: LIDAR.scan(SCENE).point_cloud("map"),
+        ValueError,
+        "frame: expected 'sensor' or 'world', got 'map'",
+    ),
+    "deskew to a word": (
+        lambda: LIDAR.scan(SCENE).point_cloud(deskew="now"),
+        ValueError,
+        "deskew: expected True, False, 'start', 'middle', 'end' or seconds from the start of the scan, got 'now'",
+    ),
+    "image of an unknown field": (
+        lambda: LIDAR.scan(SCENE).image("depth"),
+        ValueError,
+        (
+            "field: expected one of range, true_range, range_error, intensity, object_id, instance, label, "
+            "normal, incidence, status, return_count, directions, origins, time, ring, column, got 'depth'"
+        ),
+    ),
+    "rig of lidars alone": (
+        lambda: ls.Rig({"top": LIDAR}),
+        TypeError,
+        "sensors['top']: expected (lidar, mount) or (lidar, mount, offset), got Lidar",
+    ),
+    "rig as a list": (
+        lambda: ls.Rig([LIDAR]),
+        TypeError,
+        "sensors: expected a mapping from names to sensors, got list",
+    ),
+}
+
+
+def test_there_are_sixty() -> None:
+    assert len(MISTAKES) >= 60
+
+
+@pytest.mark.parametrize(("mistake", "kind", "message"), MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_is_explained(mistake: Callable[[], Any], kind: type[Exception], message: str) -> None:
+    with pytest.raises(kind) as raised:
+        mistake()
+    assert type(raised.value) is kind
+    assert raised.value.args[-1] == message or str(raised.value) == message

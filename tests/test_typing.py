@@ -1,0 +1,70 @@
+"""What type checkers say of a user's script: nothing where it is right, and something where it is not."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+RIGHT = """
+from typing import assert_type
+
+import numpy as np
+import numpy.typing as npt
+
+import lidarsim as ls
+
+mesh = ls.TriangleMesh.from_heightfield(np.zeros((3, 3)), 1.0)
+assert_type(mesh.faces, npt.NDArray[np.uint32])
+assert_type(ls.Sphere((0, 0, 0), 1.0).radius, float)
+
+scene = ls.Scene(class_names={1: "car"})
+car = scene.add(mesh, name="car", label=[1] * len(mesh), transform=np.eye(4))
+assert_type(car, int)
+scene.update(car, transform=None, material=ls.Material(reflectivity=0.2))
+assert_type(scene[car], ls.SceneObject)
+assert_type(scene.find("car"), list[int])
+assert_type(scene.occluded([[0, 0, 1]], [[1, 0, 0]]), npt.NDArray[np.bool_])
+assert_type(scene.cast([[0, 0, 1]], [[1, 0, 0]]).t, npt.NDArray[np.float64])
+
+drive = ls.Trajectory.from_twist(np.eye(4), linear=(1, 0, 0))
+for scan in ls.Lidar.preset("velodyne-vlp16").frames(scene, drive, 2):
+    assert_type(scan, ls.Scan)
+    cloud = ls.PointCloud.concatenate([scan.point_cloud(deskew="end"), scan.point_cloud("sensor")])
+    assert_type(cloud[cloud.ring == 3][0], ls.PointCloud)
+    assert_type(cloud.label, npt.NDArray[np.uint32])
+    cloud.transformed(np.eye(4)).save("scan.pcd", fields=["label"])
+"""
+
+WRONG = {
+    'ls.Sphere(1.0, "0 0 0")\n': "radius",
+    "ls.Scene().update(0, transfrom=None)\n": "transfrom",
+    "ls.Scene(class_names={'car': 1})\n": "class_names",
+    "ls.Lidar.preset('velodyne-vlp16').scan(ls.Scene()).point_cloud('map')\n": "frame",
+}
+
+
+def checked(tool: str, path: Path) -> tuple[int, str]:
+    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary"] if tool == "mypy" else [tool]
+    run = subprocess.run(
+        [*command, str(path)], capture_output=True, text=True, check=False, cwd=Path(__file__).parents[1]
+    )
+    return run.returncode, run.stdout + run.stderr
+
+
+@pytest.mark.parametrize("tool", ["mypy", "basedpyright", "pyright"])
+def test_a_script_is_checked(tool: str, tmp_path: Path) -> None:
+    if tool == "mypy":
+        pytest.importorskip("mypy")
+    elif shutil.which(tool) is None:
+        pytest.skip(f"{tool} is not installed")
+    right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
+    right.write_text(RIGHT)
+    wrong.write_text("import lidarsim as ls\n\n" + "".join(WRONG))
+    status, said = checked(tool, right)
+    assert status == 0, said
+    status, said = checked(tool, wrong)
+    assert status == 1
+    lines = [line for line in said.splitlines() if "wrong.py" in line and "error" in line]
+    assert len({line.split(":")[1] for line in lines}) == len(WRONG), said
