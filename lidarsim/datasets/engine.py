@@ -75,24 +75,26 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
     records: list[Record] = []
-    sequence, frame = next(recipe.shard(shard))
-    run, seed, built = None, recipe.seed, -1
+    sequence, frame, seed = 0, 0, recipe.seed
     made: list[int] = []
     try:
         with recipe.layout.writer(files, shard) as write:
-            for sequence, frame in recipe.shard(shard):
-                if run is None or recipe.source.by_frame or sequence != built:
-                    run, built = recipe.source.run(sequence, frame), sequence
-                    seed = run.seed
-                points = 0
-                for sample in samples(run, sequence, frame):
-                    records.append(dataclasses.replace(sample.record, extra=write(sample)))
-                    values, counts = np.unique(sample.cloud.label, return_counts=True)
-                    labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
-                    ranges += np.histogram(sample.cloud.range, RANGES)[0]
-                    points += sample.record.points
-                tell(1, points)
-                made.append(points)
+            for sequence, frames in recipe.shard(shard):
+                frame = frames[0]
+                for step in [range(k, k + 1) for k in frames] if recipe.source.by_frame else [frames]:
+                    run = recipe.source.run(sequence, step[0])
+                    seed, first = run.seed, run.frames.start
+                    scans = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).scans()
+                    for frame in step:
+                        points = 0
+                        for sample in samples(run, sequence, frame, next(scans)):
+                            records.append(dataclasses.replace(sample.record, extra=write(sample)))
+                            values, counts = np.unique(sample.cloud.label, return_counts=True)
+                            labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+                            ranges += np.histogram(sample.cloud.range, RANGES)[0]
+                            points += sample.record.points
+                        tell(1, points)
+                        made.append(points)
         part = {
             "shard": shard,
             "files": files.entries,
@@ -176,8 +178,8 @@ def _there(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, 
             error = future.exception()
             if isinstance(error, OSError) and _full(error):
                 raise error
-            sequence, frame = next(plan.recipe.shard(shard))
-            made = Made(shard, 0, 0, _told(error), sequence, frame, plan.recipe.seed)
+            sequence, frames = next(plan.recipe.shard(shard))
+            made = Made(shard, 0, 0, _told(error), sequence, frames[0], plan.recipe.seed)
         else:
             raise LidarsimError("the scheduler was lost: run the same command again, and it goes on")
         tries[shard] += 1
