@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import errno
 import json
+import logging
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -224,6 +225,7 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Any]:
         yield None
         return
     distributed = import_extra("distributed", "cluster", "a cluster")
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what there is to tell is told once, by our errors
     if scheduler is not None:
         try:
             client = distributed.Client(scheduler)
