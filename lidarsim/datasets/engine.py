@@ -49,7 +49,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class Made:
-    """What became of a shard: how much was made; if it was not ended, what the `problem` was, and in which frame."""
+    """What became of a shard: how much was made; if it was not ended, what the `problem` was, and in which frame.
+
+    `full` says that the disk is, so that nothing can go on.
+    """
 
     shard: int
     frames: int = 0
@@ -58,6 +61,7 @@ class Made:
     sequence: int = 0
     frame: int = 0
     seed: int = 0
+    full: bool = False
 
     def __str__(self) -> str:
         """Return a line of the problem."""
@@ -65,13 +69,7 @@ class Made:
 
 
 def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Made:
-    """Make the frames of a shard, and then note that it is done.
-
-    Raises
-    ------
-    OSError
-        If the disk is full: nothing can go on then.
-    """
+    """Make the frames of a shard, and then note that it is done."""
     recipe, files = plan.recipe, Files(plan.store)
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
@@ -81,8 +79,8 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
     try:
         with recipe.layout.writer(files, shard) as write:
             for sequence, frames in recipe.shard(shard):
-                frame = frames[0]
                 for step in [range(k, k + 1) for k in frames] if recipe.source.by_frame else [frames]:
+                    frame = step[0]
                     run = recipe.source.run(sequence, step[0])
                     seed, first = run.seed, run.frames.start
                     scans = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).scans()
@@ -104,15 +102,13 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
             "ranges": ranges.tolist(),
         }
         plan.store.write(manifest.part_name(shard), json.dumps(part).encode())
-    except Exception as error:
-        if _full(error):
-            raise
-        return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed)
+    except Exception as error:  # noqa: BLE001 - whatever goes wrong in a frame is told with its number
+        return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))
 
 
 def _told(error: BaseException) -> str:
-    return str(error) if isinstance(error, LidarsimError) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, LidarsimError | OSError) else f"{type(error).__name__}: {error}"
 
 
 def _full(error: BaseException | None) -> bool:
@@ -154,6 +150,8 @@ def _here(plan: Plan, shards: Iterable[int], tell: Callable[[int, int], object])
             made = make_shard(plan, shard, tell)
             if not made.problem:
                 break
+            if made.full:
+                raise OSError(made.problem)
             tell(-made.frames, -made.points)
         yield made
 
@@ -177,12 +175,12 @@ def _there(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, 
             made = future.result()
         elif future.status == "error":
             error = future.exception()
-            if isinstance(error, OSError) and _full(error):
-                raise error
             sequence, frames = next(plan.recipe.shard(shard))
             made = Made(shard, 0, 0, _told(error), sequence, frames[0], plan.recipe.seed)
         else:
             raise LidarsimError("the scheduler was lost: run the same command again, and it goes on")
+        if made.full:
+            raise OSError(made.problem)
         tries[shard] += 1
         if made.problem and tries[shard] < TRIES:
             submit(shard)
