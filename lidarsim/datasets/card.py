@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -9,7 +10,6 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from lidarsim.datasets.engine import RANGES
-from lidarsim.datasets.samples import samples
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
 from lidarsim.rig import Rig
@@ -87,11 +87,11 @@ def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
     recipe = plan.recipe
     total = recipe.sequences * recipe.frames
     drawn = []
-    for number in sorted({round(index * (total - 1) / max(count - 1, 1)) for index in range(count)}):
-        sequence, frame = divmod(number, recipe.frames)
-        scans = {
-            sample.record.sensor: sample.scan for sample in samples(recipe.source.run(sequence, frame), sequence, frame)
-        }
+    for index in sorted({round(k * (total - 1) / max(count - 1, 1)) for k in range(count)}):
+        sequence, frame = divmod(index, recipe.frames)
+        run = recipe.source.run(sequence, frame)
+        number = run.frames.start + frame
+        (scans,) = dataclasses.replace(run, frames=range(number, number + 1)).scans()
         name = f"pictures/{sequence:06}_{frame:06}.png"
         with TemporaryDirectory() as folder:
             path = Path(folder) / "frame.png"

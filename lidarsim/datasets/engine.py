@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import errno
 import json
+import logging
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -48,7 +49,10 @@ class Plan:
 
 @dataclass(frozen=True)
 class Made:
-    """What became of a shard: how much was made; if it was not ended, what the `problem` was, and in which frame."""
+    """What became of a shard: how much was made; if it was not ended, what the `problem` was, and in which frame.
+
+    `full` says that the disk is, so that nothing can go on.
+    """
 
     shard: int
     frames: int = 0
@@ -57,6 +61,7 @@ class Made:
     sequence: int = 0
     frame: int = 0
     seed: int = 0
+    full: bool = False
 
     def __str__(self) -> str:
         """Return a line of the problem."""
@@ -64,35 +69,31 @@ class Made:
 
 
 def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Made:
-    """Make the frames of a shard, and then note that it is done.
-
-    Raises
-    ------
-    OSError
-        If the disk is full: nothing can go on then.
-    """
+    """Make the frames of a shard, and then note that it is done."""
     recipe, files = plan.recipe, Files(plan.store)
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
     records: list[Record] = []
-    sequence, frame = next(recipe.shard(shard))
-    run, seed, built = None, recipe.seed, -1
+    sequence, frame, seed = 0, 0, recipe.seed
     made: list[int] = []
     try:
         with recipe.layout.writer(files, shard) as write:
-            for sequence, frame in recipe.shard(shard):
-                if run is None or recipe.source.by_frame or sequence != built:
-                    run, built = recipe.source.run(sequence, frame), sequence
-                    seed = run.seed
-                points = 0
-                for sample in samples(run, sequence, frame):
-                    records.append(dataclasses.replace(sample.record, extra=write(sample)))
-                    values, counts = np.unique(sample.cloud.label, return_counts=True)
-                    labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
-                    ranges += np.histogram(sample.cloud.range, RANGES)[0]
-                    points += sample.record.points
-                tell(1, points)
-                made.append(points)
+            for sequence, frames in recipe.shard(shard):
+                for step in [range(k, k + 1) for k in frames] if recipe.source.by_frame else [frames]:
+                    frame = step[0]
+                    run = recipe.source.run(sequence, step[0])
+                    seed, first = run.seed, run.frames.start
+                    scans = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).scans()
+                    for frame in step:
+                        points = 0
+                        for sample in samples(run, sequence, frame, next(scans)):
+                            records.append(dataclasses.replace(sample.record, extra=write(sample)))
+                            values, counts = np.unique(sample.cloud.label, return_counts=True)
+                            labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))
+                            ranges += np.histogram(sample.cloud.range, RANGES)[0]
+                            points += sample.record.points
+                        tell(1, points)
+                        made.append(points)
         part = {
             "shard": shard,
             "files": files.entries,
@@ -101,15 +102,13 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
             "ranges": ranges.tolist(),
         }
         plan.store.write(manifest.part_name(shard), json.dumps(part).encode())
-    except Exception as error:
-        if _full(error):
-            raise
-        return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed)
+    except Exception as error:  # noqa: BLE001 - whatever goes wrong in a frame is told with its number
+        return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))
 
 
 def _told(error: BaseException) -> str:
-    return str(error) if isinstance(error, LidarsimError) else f"{type(error).__name__}: {error}"
+    return str(error) if isinstance(error, LidarsimError | OSError) else f"{type(error).__name__}: {error}"
 
 
 def _full(error: BaseException | None) -> bool:
@@ -151,6 +150,8 @@ def _here(plan: Plan, shards: Iterable[int], tell: Callable[[int, int], object])
             made = make_shard(plan, shard, tell)
             if not made.problem:
                 break
+            if made.full:
+                raise OSError(made.problem)
             tell(-made.frames, -made.points)
         yield made
 
@@ -174,12 +175,12 @@ def _there(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, 
             made = future.result()
         elif future.status == "error":
             error = future.exception()
-            if isinstance(error, OSError) and _full(error):
-                raise error
-            sequence, frame = next(plan.recipe.shard(shard))
-            made = Made(shard, 0, 0, _told(error), sequence, frame, plan.recipe.seed)
+            sequence, frames = next(plan.recipe.shard(shard))
+            made = Made(shard, 0, 0, _told(error), sequence, frames[0], plan.recipe.seed)
         else:
             raise LidarsimError("the scheduler was lost: run the same command again, and it goes on")
+        if made.full:
+            raise OSError(made.problem)
         tries[shard] += 1
         if made.problem and tries[shard] < TRIES:
             submit(shard)
@@ -222,6 +223,7 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Any]:
         yield None
         return
     distributed = import_extra("distributed", "cluster", "a cluster")
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what there is to tell is told once, by our errors
     if scheduler is not None:
         try:
             client = distributed.Client(scheduler)

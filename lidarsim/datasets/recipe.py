@@ -116,11 +116,12 @@ class Recipe:
         """How many shards there are."""
         return -(-self.sequences * self.frames // self.shard_frames)
 
-    def shard(self, index: int) -> Iterator[tuple[int, int]]:
-        """Yield sequence and frame of each frame of a shard."""
-        stop = min((index + 1) * self.shard_frames, self.sequences * self.frames)
-        for number in range(index * self.shard_frames, stop):
-            yield divmod(number, self.frames)
+    def shard(self, index: int) -> Iterator[tuple[int, range]]:
+        """Yield the sequences of a shard, each with those of its frames that are in the shard."""
+        start, stop = index * self.shard_frames, min((index + 1) * self.shard_frames, self.sequences * self.frames)
+        for sequence in range(start // self.frames, -(-stop // self.frames)):
+            first = sequence * self.frames
+            yield sequence, range(max(start - first, 0), min(stop - first, self.frames))
 
     def resolved(self) -> dict[str, Any]:
         """Return the recipe as plain values: whatever was left open is in it."""

@@ -40,7 +40,7 @@ def run(
         _tidy(plan)
         return Generated(0, 0, 0.0, 0), []
     present = manifest.done(plan.store)
-    there = sum(1 for shard in present for _ in recipe.shard(shard))
+    there = sum(len(frames) for shard in present for _, frames in recipe.shard(shard))
     pending = [shard for shard in range(mine, recipe.shards, count) if shard not in present]
     with Progress(recipe.sequences * recipe.frames, there) as progress:
         failed = [made for made in make(plan, pending, client, progress.add) if made.problem]

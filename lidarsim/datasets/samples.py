@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
@@ -77,10 +76,8 @@ class Sample:
     cloud: PointCloud
 
 
-def samples(run: Run, sequence: int, frame: int) -> Iterator[Sample]:
-    """Scan frame number `frame` of a run, and yield what each sensor measured."""
-    number = run.frames.start + frame
-    (scans,) = dataclasses.replace(run, frames=range(number, number + 1)).scans()
+def samples(run: Run, sequence: int, frame: int, scans: Mapping[str, Scan]) -> Iterator[Sample]:
+    """Yield what each sensor measured in frame number `frame` of a sequence."""
     for name, scan in scans.items():
         cloud = scan.point_cloud(**run.cloud)
         moment, pose = moment_and_pose(scan, **run.cloud)

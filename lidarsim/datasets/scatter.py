@@ -62,7 +62,7 @@ class Scatter(Model):
             if isinstance(value, Draw):
                 value.check(place / key, numbers=True)
         for index, item in enumerate(self.objects):
-            given = item.model_fields_set & {"position_m", "rotation_deg", "matrix"}
+            given = item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion"}
             if given or isinstance(item, SceneFile):
                 what = f"no {min(given)}, since the place is drawn" if given else "one object, got a scene_file"
                 raise (place / "objects" / index).error(f"expected {what}")
@@ -80,38 +80,43 @@ class Placed:
 
 @dataclass(frozen=True)
 class _Outline:
-    """A rectangle in the plan at the moments of a sequence, (k, 4, 2), or at all of them, (1, 4, 2); and its heights.
+    """Where an object is in the plan, step by step of a sequence, and between which heights.
 
-    Between two moments its corners come no further from where they are at one of them than by half of what they move.
+    Attributes
+    ----------
+    corners : ndarray of float64, shape (k, 4 or 8, 2)
+        Corners of its rectangle, m: at both ends of each step, or, if it stands still, once (k = 1).
+    low, high : float
+        Its heights, m.
+    bulge : float
+        How far it may reach beyond the hull of its corners between the ends of a step, m.
     """
 
     corners: Floats
     low: float
     high: float
-
-    @cached_property
-    def between(self) -> float:
-        """How far the outline may reach beyond the corners, m."""
-        moved = np.linalg.norm(np.diff(self.corners, axis=0), axis=2)
-        return float(moved.max(initial=0.0)) / 2
+    bulge: float = 0.0
 
     @cached_property
     def box(self) -> Floats:
         """Least and greatest coordinates at any time, shape (2, 3)."""
-        low, high = self.corners.min(axis=(0, 1)) - self.between, self.corners.max(axis=(0, 1)) + self.between
+        low, high = self.corners.min(axis=(0, 1)) - self.bulge, self.corners.max(axis=(0, 1)) + self.bulge
         return np.array([[*low, self.low], [*high, self.high]])
 
     def apart(self, other: _Outline, gap: float) -> bool:
         """Return whether there is a gap between two outlines at all times: a line across which both keep to a side."""
-        edges = np.diff(self.corners[:, :3], axis=1), np.diff(other.corners[:, :3], axis=1)
-        moments = max(len(self.corners), len(other.corners))
-        axes = np.concatenate([np.broadcast_to(edge, (moments, 2, 2)) for edge in edges], axis=1)
+        steps = max(len(self.corners), len(other.corners))
+        both = [np.broadcast_to(corners, (steps, *corners.shape[1:])) for corners in (self.corners, other.corners)]
+        axes = np.concatenate([np.diff(corners[:, :3], axis=1) for corners in both], axis=1)
         axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
-        mine, its = (
-            np.einsum("kai,kci->kac", axes, np.broadcast_to(c, (moments, 4, 2))) for c in (self.corners, other.corners)
-        )
+        mine, its = (np.einsum("kai,kci->kac", axes, corners) for corners in both)
         free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2)).max(1)
-        return bool((free >= gap + self.between + other.between).all())
+        return bool((free >= gap + self.bulge + other.bulge).all())
+
+
+def _steps(corners: Floats) -> Floats:
+    """Return corners at both ends of each step from those at each moment."""
+    return corners if len(corners) == 1 else np.concatenate([corners[:-1], corners[1:]], axis=1)
 
 
 class _Obstacles:
@@ -253,7 +258,12 @@ def _stand(poses: Floats, bounds: Floats, ground: Scene) -> _Outline | None:
     if not np.isfinite(height).all():
         return None
     poses[:, 2, 3] = height.max(axis=1) - low
-    return _Outline(plan, float(poses[:, 2, 3].min()) + low, float(poses[:, 2, 3].max()) + high)
+    # A corner moves by its distance r from the origin, which goes straight, times a turn, whose arc over an angle is
+    # r (1 − cos(angle / 2)) away from its chord at most.
+    turns = np.abs(np.diff(np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])))).max(initial=0.0)
+    bulge = float(np.linalg.norm(corners, axis=1).max() * (1.0 - np.cos(turns / 2.0)))
+    heights = float(poses[:, 2, 3].min()) + low, float(poses[:, 2, 3].max()) + high
+    return _Outline(_steps(plan), *heights, bulge)
 
 
 def _divided(scene: Scene, on: Sequence[str], place: Place) -> tuple[Scene, _Obstacles]:
@@ -285,7 +295,7 @@ def _sensor(run: Run, times: Floats, clear: float) -> _Obstacles:
     else:
         position = np.asarray(run.pose)[None, :2, 3]
     square = clear * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    return _Obstacles([_Outline(position[:, None] + square, -np.inf, np.inf)])
+    return _Obstacles([_Outline(_steps(position[:, None] + square), -np.inf, np.inf)])
 
 
 def _bounds(shape: Shape, transform: npt.NDArray[Any] | None) -> Floats:

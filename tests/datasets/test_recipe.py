@@ -53,9 +53,15 @@ def test_the_seed_of_the_noise_is_another_in_each_sequence(recipe: Path) -> None
 
 def test_shards_hold_each_frame_once(recipe: Path) -> None:
     made = load(recipe)
-    frames = [frame for shard in range(made.shards) for frame in made.shard(shard)]
-    assert frames == [(sequence, frame) for sequence in range(3) for frame in range(4)]
+    parts = [(sequence, frames) for shard in range(made.shards) for sequence, frames in made.shard(shard)]
+    found = [(sequence, frame) for sequence, frames in parts for frame in frames]
+    assert found == [(sequence, frame) for sequence in range(3) for frame in range(4)]
     assert made.shards == 3
+    assert all(frames for _, frames in parts)
+    assert [list(made.shard(shard)) for shard in (1, 2)] == [
+        [(1, range(1, 4)), (2, range(2))],
+        [(2, range(2, 4))],
+    ]
 
 
 def test_a_million_frames_are_few_shards(recipe: Path) -> None:

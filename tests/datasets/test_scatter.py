@@ -11,8 +11,9 @@ import pytest
 import yaml
 
 import lidarsim as ls
+from lidarsim.config.document import Place, parse
 from lidarsim.datasets.recipe import Document, load
-from lidarsim.datasets.scatter import Placed
+from lidarsim.datasets.scatter import Placed, Scatter, scatter
 
 BOX = {"shape": "box", "size_m": [4, 2, 1.5], "center_m": [0.5, 0, 0.75], "label": 10}
 RECIPE = {
@@ -151,6 +152,59 @@ def test_along_a_path_they_keep_to_it(recipe: Path) -> None:
                 off = [abs(np.linalg.det([b - a, pose[:2, 3] - a]) / np.linalg.norm(b - a)) for a, b in pieces]
                 ahead = [np.dot(pose[:2, 0], b - a) / np.linalg.norm(b - a) for a, b in pieces]
                 assert any(distance <= 2 and cosine > 1 - 1e-12 for distance, cosine in zip(off, ahead, strict=True))
+
+
+def moving(path: Path, sequence: int) -> list[Placed]:
+    """Where boxes go that meet on a bent road."""
+    source = load(path).source
+    assert isinstance(source, Document)
+    box = {"shape": "box", "size_m": [2, 1, 1], "center_m": [0, 0, 0.5]}
+    road = {"on": ["floor"], "count": 4, "along_m": [[-40, 0], [0, 10], [40, 0]], "gap_m": 0.5, "objects": [box]}
+    groups = {
+        "ahead": Scatter(**road, offset_m=-1.5, speed_m_per_s={"uniform": [2, 12]}),
+        "back": Scatter(**road, offset_m=1.0, speed_m_per_s=-9.0),
+        "across": Scatter(
+            on=["floor"], objects=[box], count=4, area_m=[[-20, -20], [20, 20]], yaw_deg=90, gap_m=0.5, speed_m_per_s=5
+        ),
+        "still": Scatter(on=["floor"], objects=[box], count=10, area_m=[[-20, -20], [20, 20]], gap_m=0.5),
+    }
+    return scatter(groups, Place(parse("{}", "groups.yaml")), source.run(0), 5, sequence)
+
+
+def test_movers_never_meet(recipe: Path) -> None:
+    times = np.linspace(0.0, 2.1, 64)  # between which they move by up to 0.4 m: ends of steps, and in them
+    corners = np.array([[-1, -0.5, 0], [1, -0.5, 0], [1, 0.5, 0], [-1, 0.5, 0]])
+    share = np.linspace(0, 1, 5)[:, None]
+    rim = np.concatenate([a + share * (b - a) for a, b in pairwise([*corners, corners[0]])])
+    groups = set()
+    for sequence in range(3):
+        there = moving(recipe, sequence)
+        plans = []
+        for item in there:
+            poses = item.motion.at(times).as_matrix() if isinstance(item.motion, ls.Trajectory) else item.motion[None]
+            plans.append((poses[:, None, :3, :3] @ rim[:, :, None])[..., 0] + poses[:, None, :3, 3])
+            np.testing.assert_allclose(poses[:, 2, 3], -0.25, rtol=0, atol=3 * np.spacing(1e5))
+            groups.add(item.group)
+        for first, second in combinations(plans, 2):
+            apart = np.linalg.norm(first[:, :, None, :2] - second[:, None, :, :2], axis=-1).min()
+            assert apart >= 0.5
+    assert groups == {"ahead", "back", "across", "still"}
+
+
+def test_movers_go_as_fast_as_said(recipe: Path) -> None:
+    for item in moving(recipe, 0):
+        if item.group == "still":
+            assert not isinstance(item.motion, ls.Trajectory)
+            continue
+        assert isinstance(item.motion, ls.Trajectory)
+        track = item.motion.poses
+        step = np.diff(track.translation[:, :2], axis=0)
+        speed = np.linalg.norm(step, axis=1)[:5] / np.diff(item.motion.times)[:5]
+        wanted = {"back": 9.0, "across": 5.0}.get(item.group)
+        np.testing.assert_allclose(speed, speed[0] if wanted is None else wanted, rtol=1e-12)
+        heading = track[0].rotation.apply([1, 0, 0])[:2]
+        np.testing.assert_allclose(step[0] / np.linalg.norm(step[0]), heading, rtol=0, atol=1e-12)
+        assert (heading[0] < -0.9) == (item.group == "back")
 
 
 @pytest.mark.parametrize(

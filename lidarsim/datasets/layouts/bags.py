@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from typing import Any, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
 from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
 from lidarsim.datasets.samples import Sample
 from lidarsim.io import rosbag
 from lidarsim.rig import Rig
+
+if TYPE_CHECKING:
+    from lidarsim.config.loader import Run
 
 
 class Bags(Layout):
@@ -32,8 +36,7 @@ class Bags(Layout):
                     path = stack.enter_context(
                         files.local(f"sequence_{record.sequence:04}/{record.frame:06}.mcap", about)
                     )
-                    sensors = run.sensor if isinstance(run.sensor, Rig) else None
-                    bag = stack.enter_context(rosbag.Writer(path, sensors=sensors, trajectory=run.pose))
+                    bag = stack.enter_context(_bag(path, run))
                     bags[record.sequence] = bag, about
                 bag, about = bags[record.sequence]
                 bag.write({record.sensor: sample.scan} if record.sensor else sample.scan)
@@ -45,3 +48,13 @@ class Bags(Layout):
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Do nothing: all is in the bags."""
+
+
+@contextmanager
+def _bag(path: Path, run: Run) -> Iterator[rosbag.Writer]:
+    """Yield a bag of a run, which becomes the file `path`, whatever its suffix."""
+    written = path.with_name("bag.mcap")
+    sensors = run.sensor if isinstance(run.sensor, Rig) else None
+    with rosbag.Writer(written, sensors=sensors, trajectory=run.pose) as bag:
+        yield bag
+    written.replace(path)
