@@ -107,7 +107,10 @@ def replacing(path: PathLike) -> Iterator[Path]:
                 shutil.copymode(target, temporary)
             temporary.replace(target)
     except OSError as error:
-        raise OSError(f"{path}: cannot be written: {error.strerror or error}") from error
+        reason = error.strerror or str(error)
+        failure = OSError(f"{path}: cannot be written: {reason}")
+        failure.strerror = reason  # for whoever makes another file of this one
+        raise failure from error
 
 
 def _special(path: PathLike) -> bool:

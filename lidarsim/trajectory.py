@@ -207,16 +207,18 @@ class Trajectory(Immutable):
             return cls(lines.rising(own), poses, interpolation=interpolation)
         if times is None:
             raise ValueError(f"times: expected those of {path}, since {form.name} has none of its own, got none")
+        wrong: type[ValueError]
         if isinstance(times, str | os.PathLike):
             lines = _LineReader(times)
             with lines.refusals():
                 stamps = np.array([numbers(line.split(), 1)[0] for line in lines])
-            what: object = lines.path
+            what, wrong = str(lines.path), FileFormatError
             stamps = lines.rising(stamps)
         else:
-            what, stamps = "times", array("times", times, ("n",))
+            what, wrong = "times", ValueError
+            stamps = array("times", times, ("n",))
         if len(stamps) != len(poses):
-            raise ValueError(f"{what}: expected {len(poses)} times, one for each pose of {path}, got {len(stamps)}")
+            raise wrong(f"{what}: expected {len(poses)} times, one for each pose of {path}, got {len(stamps)}")
         return cls(stamps, poses, interpolation=interpolation)
 
     def save(self, path: PathLike) -> None:

@@ -1,6 +1,6 @@
 """Damage files in every way that pays, and see that a reader gives what it reads or a clear error, in little memory.
 
-    python tests/io/mutations.py [mutations a reader] [seed] [suffix ...]
+    python tests/io/mutations.py [mutations a reader] [seed] [what the name of a reader begins with ...]
 
 On Linux a limit on the address space makes an allocation of more than `ROOM` a `MemoryError`, which counts as a fault.
 """
@@ -122,10 +122,10 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
         elif path.suffix in {".yaml", ".json", ".csv", ".dat"} and not path.name.startswith(("xyz", "QT128", "mid")):
             yield f"vendor {path.name}", path, Lidar.from_file
 
-    turns = Rotation.from_rotvec(np.linspace([0, 0, 0], [0, 0, 1], 30)).as_matrix()
     poses = np.tile(np.eye(4), (30, 1, 1))
-    poses[:, :3, :3] = turns
+    poses[:, :3, :3] = Rotation.from_rotvec(np.linspace([0, 0, 0], [0, 0, 1], 30)).as_matrix()
     drive = Trajectory(np.arange(30) / 10, poses)
+    (folder / "times").write_text("".join(f"{index}\n" for index in range(30)))
     for suffix in (".tum", ".csv", ".kitti"):
         path = folder / f"drive{suffix}"
         drive.save(path)
@@ -146,7 +146,6 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
         path = folder / f"mesh{suffix}"
         mesh.export(path)
         yield f"mesh {suffix}", path, TriangleMesh.from_file
-    scene = folder / "scene.yaml"
     for shape, file in (("scene_file", "mesh.glb"), ("heightfield", "table.npy")):
         scene = folder / f"{shape}.yaml"
         more = ", spacing_m: 1" if shape == "heightfield" else ""
@@ -161,7 +160,7 @@ def with_firing_times(angles: Path, path: Path) -> Lidar:
 
 
 def load_path(suffix: str, path: Path) -> Trajectory:
-    return Trajectory.load(path, times=np.arange(30) if suffix == ".kitti" else None)
+    return Trajectory.load(path, times=path.with_name("times") if suffix == ".kitti" else None)
 
 
 def load_scene(scene: Path, path: Path) -> object:

@@ -113,6 +113,26 @@ def test_firing_times_of_hesai(tmp_path: Path) -> None:
     assert text == f"{loops}: Hesai firetime correction CSV: expected one time of each channel, got 2"
 
 
+def test_channels_of_hesai_that_are_none(tmp_path: Path) -> None:
+    data = DATA / "hesai" / "QT128C2X_Firetime_Correction_File.csv"
+    lines = data.read_text(encoding="utf-8-sig").splitlines()
+    angles = data.with_name("QT128C2X_Angle_Correction_File.csv")
+    for number in ("1e300", "-3", "1.5"):
+        path = tmp_path / "a.csv"
+        path.write_text("\n".join([*lines[:3], f"{number},{lines[3].partition(',')[2]}", *lines[4:]]), encoding="utf-8")
+        text = refusal(lambda: ls.Lidar.from_file(angles, firing_times=path), FileFormatError)  # noqa: B023
+        kind = "Hesai firetime correction CSV"
+        assert text == f"{path}: {kind}: expected numbers of channels, got some that are negative, broken or too great"
+
+
+def test_times_of_other_poses(tmp_path: Path) -> None:
+    path, times = tmp_path / "a.kitti", tmp_path / "times"
+    ls.Trajectory([0, 1], [np.eye(4)] * 2).save(path)
+    times.write_text("0\n", encoding="utf-8")
+    text = refusal(lambda: ls.Trajectory.load(path, times=times), FileFormatError)
+    assert text == f"{times}: expected 2 times, one for each pose of {path}, got 1"
+
+
 def test_angles_of_robosense(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
     path.write_text("1\n" * 15 + "200\n", encoding="utf-8")

@@ -172,5 +172,6 @@ def test_a_full_disk_leaves_the_old_file(suffix: str, tmp_path: Path) -> None:
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert str(caught.value).startswith(f"{path}: cannot be written: ")
+    assert str(caught.value).count("cannot be written") == 1
     assert path.read_bytes() == before
     assert list(tmp_path.iterdir()) == [path]

@@ -373,6 +373,9 @@ def _loops(cells: list[list[str]]) -> Firings:
     """Return the firings of loops, two columns each: a channel, or 0 in unused rows, and its time, us."""
     rows = array("rows", [[float(cell) for cell in row] for row in cells[3:]], ("n", len(cells[2])))
     loops = np.split(rows, rows.shape[1] // 2, axis=1)
+    numbers = rows[:, ::2]
+    if not np.array_equal(numbers, np.clip(np.floor(numbers), 0, 65_535)):
+        raise ValueError("expected numbers of channels, got some that are negative, broken or too great")
     fired = [loop[loop[:, 0] > 0.0] for loop in loops]
     return [(loop[:, 0].astype(np.intp) - 1, loop[:, 1] / 1e6) for loop in fired]
 
