@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 import lidarsim as ls
-from lidarsim.viewers.pyvista import render
 
 # Objects get their ids in the order in which they are added: 0, 1, 2, …
 scene = ls.Scene()
@@ -37,4 +36,4 @@ for index, item in enumerate(scene.objects):
     print(f"{item.name:8} {len(seen):6} points, range noise {error:.1f} mm")
 
 cloud.save("scan.pcd")
-render(cloud, "scan.png", color_by="label", pose=mast)
+cloud.plot(scene=scene, color_by="label", pose=mast, save="scan.png")

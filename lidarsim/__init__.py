@@ -27,6 +27,7 @@ from lidarsim.shapes import (
     TriangleMesh,
 )
 from lidarsim.trajectory import Trajectory, register_trajectory_format
+from lidarsim.viewers import show
 
 __all__ = [
     "Beam",
@@ -63,6 +64,7 @@ __all__ = [
     "register_lidar_reader",
     "register_trajectory_format",
     "register_view",
+    "show",
 ]
 
 __version__ = "0.1.0"

@@ -18,6 +18,9 @@ from lidarsim.errors import FileFormatError
 
 PathLike = str | os.PathLike[str]
 
+TEMPORARY = ".lidarsim-", ".tmp"
+"""Beginning and end of the names of folders in which files are written, before they are moved to their places."""
+
 LONGEST = 2000
 """Characters of what an error says: what a file holds may be quoted in it."""
 
@@ -88,7 +91,7 @@ def replacing(path: PathLike) -> Iterator[Path]:
     try:
         with (
             _unwinding_at_sigterm(),
-            TemporaryDirectory(prefix=".lidarsim-", suffix=".tmp", dir=None if special else target.parent) as folder,
+            TemporaryDirectory(TEMPORARY[1], TEMPORARY[0], None if special else target.parent) as folder,
         ):
             temporary = Path(folder, "written")
             yield temporary

@@ -6,11 +6,11 @@ import dataclasses
 import re
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 import typer
@@ -20,15 +20,18 @@ from rich.progress import Progress
 from rich.table import Table
 
 import lidarsim as ls
+from lidarsim import _native as core
 from lidarsim._extras import import_extra
-from lidarsim._files import atomic_writer
+from lidarsim._files import atomic_writer, check_suffix
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
-from lidarsim.pointcloud import check_output
+from lidarsim.pointcloud import check_output, is_point_cloud
 from lidarsim.scan import moment_and_pose
 from lidarsim.sensor import preset_path
-from lidarsim.viewers import open3d, pattern, pyvista
+from lidarsim.viewers import pattern, pyvista
+from lidarsim.viewers._display import require_display
+from lidarsim.viewers._show import check_save
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
@@ -39,11 +42,33 @@ app = typer.Typer(
 )
 
 
+Item = TypeVar("Item")
+
+ROWS = 10
+"""Most rows of the table that a scan of many frames prints."""
+_DRAWN = {
+    ".png": ("pyvista", "pyvista"),
+    ".html": ("plotly", "html"),
+    ".gif": ("pyvista", "pyvista"),
+    ".mp4": ("imageio_ffmpeg", "video"),
+}
+"""The package, and the extra that has it, which a kind of picture needs."""
+
+
 class Viewer(StrEnum):
     """A library that shows point clouds."""
 
     PYVISTA = "pyvista"
     OPEN3D = "open3d"
+
+
+class Camera(StrEnum):
+    """From where a picture is taken."""
+
+    BEHIND = "behind"
+    BIRDS_EYE = "birds-eye"
+    FIRST_PERSON = "first-person"
+    ORBIT = "orbit"
 
 
 def _option(names: str, metavar: str, text: str) -> Any:
@@ -54,8 +79,29 @@ Configuration = Annotated[Path, typer.Argument(metavar="CONFIG", help="A configu
 Overrides = Annotated[list[str] | None, _option("--set", "KEY=VALUE", "Set a value of CONFIG: scene.0.radius_m=2")]
 Seed = Annotated[int | None, _option("--seed", "N", "Seed of the noise, in place of CONFIG's.")]
 Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame, in place of CONFIG's.")]
-Screenshot = Annotated[Path | None, _option("--screenshot", "PNG", "Write a picture, without a window.")]
+Frames = Annotated[int | None, _option("--frames", "N", "How many frames, in place of CONFIG's.")]
+Screenshot = Annotated[Path | None, _option("--screenshot", "PNG", "Write a picture; no window, no display needed.")]
 ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Field that colours the points, or height.")]
+Surfaces = Annotated[
+    bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene beside the points.")
+]
+View = Annotated[Camera, _option("--camera", "|".join(Camera), "From where to look.")]
+Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Of window and pictures, pixels; 1600x1000 if not given.")]
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        _print(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    _: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+    ] = False,
+) -> None:
+    pass
 
 
 @app.command()
@@ -68,9 +114,12 @@ def scan(
     overrides: Overrides = None,
     seed: Seed = None,
     frame: Frame = None,
-    frames: Annotated[int | None, _option("--frames", "N", "How many frames, in place of CONFIG's.")] = None,
+    frames: Frames = None,
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
+    surfaces: Surfaces = True,
+    camera: View = Camera.BEHIND,
+    size: Size = "1600x1000",
 ) -> None:
     """Scan the scene of CONFIG and write the point cloud.
 
@@ -80,11 +129,12 @@ def scan(
     """
     check_output(output)
     _check_screenshot(screenshot)
+    looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     frame_scans = run.scans()
-    reasons = [status.name.replace("_", " ") for status in ls.Status]
-    table = _table("frame", "pulses", *reasons, "points", "ms", "points/s")
+    totals = np.zeros(len(ls.Status), np.int64)
+    rows: list[tuple[object, ...]] = []
     points = 0
     track: dict[str, list[tuple[float, float, Floats]]] = {}
     bag = _bag(output, run)
@@ -107,20 +157,29 @@ def scan(
                     track.setdefault(name, []).append((scans[name].time, moment, pose))
                 if screenshot:
                     picture = _of_frame(screenshot, run, name, f"{number:04}")
-                    pyvista.render(cloud, picture, color_by=color_by, pose=pose if in_world else None)
-            counts = np.sum([list(result.summary().values()) for result in scans.values()], axis=0)
+                    placed = cloud if in_world else _moved(cloud, pose)
+                    ls.show(placed, scene=run.scene if surfaces else None, pose=pose, save=picture, **looks)
+            for result in scans.values():
+                totals += list(result.summary().values())
             found = sum(map(len, clouds.values()))
-            _row(table, number, sum(map(len, scans.values())), *counts, found, 1e3 * seconds, found / seconds)
+            rows.append((number, sum(map(len, scans.values())), found, 1e3 * seconds, found / seconds))
             points += found
     for name, frames_of_it in track.items() if len(run.frames) > 1 else ():
         starts, moments, poses = zip(*frames_of_it, strict=True)
         ls.Trajectory(moments, np.array(poses)).save(_named(output, name, "poses").with_suffix(".tum"))
         with atomic_writer(_named(output, name, "times").with_suffix(".txt")) as file:
             file.writelines(f"{moment!r}\n".encode("ascii") for moment in starts)
+    table = _table("frame", "pulses", "points", "ms", "points/s")
+    shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
+    for row in shown:
+        _row(table, *row)
     _print(table)
+    fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
+    _print(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     paths = (output if bag else _of_frame(output, run, "*", "*"), screenshot and _of_frame(screenshot, run, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
-    _print(f"{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+    count = f"{len(rows):,} frames, " * (len(rows) > 1)
+    _print(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
 
 def _bag(output: Path, run: Run) -> rosbag.Writer | None:
@@ -179,28 +238,60 @@ def _part(text: str | None) -> tuple[int, int]:
 
 @app.command()
 def view(
-    path: Annotated[Path, typer.Argument(metavar="PATH|CONFIG", help="A point cloud, or a configuration to scan.")],
+    path: Annotated[
+        Path,
+        typer.Argument(metavar="PATH", help="A point cloud, a folder of them, a configuration or a recipe."),
+    ],
     *,
-    viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Which library shows it.")] = Viewer.PYVISTA,
+    viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Whose window opens.")] = Viewer.PYVISTA,
     screenshot: Screenshot = None,
+    html: Annotated[Path | None, _option("--html", "HTML", "Write one page that a browser opens by itself.")] = None,
+    gif: Annotated[Path | None, _option("--gif", "GIF", "Write a film of the frames, or around a single one.")] = None,
+    mp4: Annotated[Path | None, _option("--mp4", "MP4", "The same as a video.")] = None,
     color_by: ColorBy = None,
+    surfaces: Surfaces = True,
+    camera: View = Camera.BEHIND,
+    size: Size = "1600x1000",
     overrides: Overrides = None,
     seed: Seed = None,
     frame: Frame = None,
+    frames: Frames = None,
 ) -> None:
-    """Show a point cloud in a window, or write a picture of it."""
-    _check_screenshot(screenshot)
-    if screenshot and viewer is Viewer.OPEN3D:
-        raise LidarsimError("--screenshot: expected --with pyvista, which draws the pictures, got --with open3d")
+    """Show point clouds in a window, or write pictures of them.
+
+    Of a configuration the points stand in the world, among the surfaces of its scene. Several frames have a slider in
+    the window and in a page; a picture is of the first.
+    """
+    saves = [save for save in (screenshot, html, gif, mp4) if save]
+    for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
+        if save:
+            suffix = ".png" if option == "screenshot" else f".{option}"
+            check_suffix(save, {suffix})
+            check_save(save)
+            import_extra(*_DRAWN[suffix], f"--{option}")
+    if saves and viewer is Viewer.OPEN3D:
+        raise LidarsimError(
+            "--with open3d: it opens a window alone; leave it out beside --screenshot, --html, --gif or --mp4"
+        )
+    if not saves:
+        require_display()
+    looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
     if path.suffix.lower() in (".yaml", ".yml"):
-        run = _load(path, overrides, seed=seed, first_frame=frame)
-        cloud, pose = _seen(run)
+        run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
+        if saves == [screenshot]:
+            run = dataclasses.replace(run, frames=run.frames[:1])
+        clouds, poses = zip(*_progress(_seen(run), len(run.frames)), strict=True)
+        looks |= {"pose": poses, "scene": run.scene if surfaces else None, "class_names": names}
     else:
-        cloud, pose = ls.PointCloud.load(path), None
-    if viewer is Viewer.OPEN3D:
-        open3d.show(cloud, color_by=color_by)
-    else:
-        pyvista.render(cloud, screenshot, color_by=color_by, pose=pose)
+        given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
+        unused = [name for name, value in given.items() if value is not None]
+        if unused:
+            raise LidarsimError(f"{', '.join(unused)}: expected beside a configuration, got {path}")
+        clouds = tuple(_progress(map(ls.PointCloud.load, files), len(files))) if (files := _clouds(path)) else ()
+    if not saves:
+        ls.show(clouds, **looks)
+    for save in saves:
+        ls.show(clouds, save=save, **looks)
 
 
 @app.command()
@@ -211,7 +302,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     for frame in sorted({run.frames[0], run.frames[-1]}):
         for result in next(dataclasses.replace(run, frames=range(frame, frame + 1)).scans()).values():
             result.point_cloud(**run.cloud)
-    table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "without area")
+    table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate")
     for index, item in enumerate(run.scene.objects):
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
         triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
@@ -244,11 +335,9 @@ def sensors(
         for preset in ls.Lidar.presets():
             lidar = ls.Lidar.preset(preset)
             facts = describe(lidar.pattern)
-            angles = (_span(np.degrees(span)) for span in (facts.azimuth, facts.elevation))
-            rate = round(facts.pulses_per_second)
-            _row(
-                table, preset, facts.rings, rate, lidar.pattern.rate, *angles, _span((lidar.min_range, lidar.max_range))
-            )
+            ends = (*np.degrees([facts.azimuth, facts.elevation]), (lidar.min_range, lidar.max_range))
+            spans = (_span(span, digits=3).replace(" ", "") for span in ends)
+            _row(table, preset, facts.rings, round(facts.pulses_per_second), lidar.pattern.rate, *spans)
         _print(table)
         return
     path = preset_path(name)
@@ -316,6 +405,19 @@ def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> 
     return ls.config.load(config, [*(overrides or []), *given])
 
 
+def _described(path: Path, overrides: list[str] | None, **settings: int | None) -> tuple[Run, Mapping[int, str] | None]:
+    """Return the run that a configuration describes, or the first of a recipe, with the names of its classes."""
+    from lidarsim.config.document import entries, read
+
+    if "run" not in entries(read(path)):
+        return _load(path, overrides, **settings), None
+    from lidarsim.datasets import recipe
+
+    given = [f"{key}={value}" for key, value in settings.items() if value is not None]
+    made = recipe.load(path, [*(overrides or []), *given])
+    return made.source.run(0), made.class_names
+
+
 def _check_screenshot(path: Path | None) -> None:
     """Raise an error, before any work, if a picture cannot be written."""
     if path:
@@ -323,15 +425,49 @@ def _check_screenshot(path: Path | None) -> None:
         import_extra("pyvista", "pyvista", "--screenshot")
 
 
-def _seen(run: Run) -> tuple[ls.PointCloud, Any]:
-    """Return the cloud of the first frame, and from where it is seen in its own coordinates; None for their origin."""
-    scans = next(run.scans())
-    if "" in scans:
-        cloud = scans[""].point_cloud(**run.cloud)
-        return cloud, None if run.cloud["frame"] == "sensor" else moment_and_pose(scans[""], "world")[1]
-    clouds = [scan.point_cloud("world") for scan in scans.values()]  # where those of several sensors fit together
-    fields = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in clouds[0].fields}
-    return ls.PointCloud(fields), moment_and_pose(next(iter(scans.values())), "world")[1]
+def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats]]:
+    """Yield the points of each frame, as the run wants them but placed in the world, and where the sensor was."""
+    for scans in run.scans():
+        parts, poses = [], []
+        for scan in scans.values():
+            _, pose = moment_and_pose(scan, **run.cloud)
+            cloud = scan.point_cloud(**run.cloud)
+            parts.append(cloud if run.cloud["frame"] == "world" else _moved(cloud, pose))
+            poses.append(pose)
+        if parts:  # of a rig all sensors may have no frame of theirs
+            fields = {name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].fields}
+            yield ls.PointCloud(fields), poses[0]
+
+
+def _moved(cloud: ls.PointCloud, pose: Floats) -> ls.PointCloud:
+    """Return a cloud with its points in the world."""
+    moved = cloud[:]
+    moved.xyz = cloud.xyz @ pose[:3, :3].T + pose[:3, 3]
+    return moved
+
+
+def _clouds(path: Path) -> list[Path]:
+    """Return the point clouds in a folder in the order of their names, or the one that `path` is."""
+    if not path.is_dir():
+        return [path]
+    found = sorted(file for file in path.iterdir() if file.is_file() and is_point_cloud(file))
+    if not found:
+        raise LidarsimError(f"{path}: expected a folder of point clouds, got none in it")
+    return found
+
+
+def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
+    """Yield the items with a bar on a terminal, and none in a pipe."""
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        yield from progress.track(items, total=count, description="reading")
+
+
+def _size(text: str) -> tuple[int, int]:
+    """Return the width and the height that a text such as 1600x1000 gives."""
+    width, cross, height = text.partition("x")
+    if not (cross and width.isdecimal() and height.isdecimal()):
+        raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {text!r}")
+    return int(width), int(height)
 
 
 def _named(path: Path, *parts: str) -> Path:
@@ -345,9 +481,10 @@ def _of_frame(path: Path, run: Run, name: str, number: str) -> Path:
 
 
 def _table(*columns: str) -> Table:
-    table = Table(box=SIMPLE_HEAD)
+    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column in columns:
-        table.add_column(column, justify="left" if column in ("shape", "name", "sensor") else "right")
+        left = column in ("shape", "name", "sensor")
+        table.add_column(column, justify="left" if left else "right", no_wrap=column == "sensor")
     return table
 
 
@@ -365,8 +502,8 @@ def _row(table: Table, *cells: object) -> None:
     table.add_row(*texts)
 
 
-def _span(ends: Iterable[float]) -> str:
-    low, high = (f"{end:.4g}" for end in ends)
+def _span(ends: Iterable[float], *, digits: int = 4) -> str:
+    low, high = (f"{end:.{digits}g}" for end in ends)
     return low if low == high else f"{low} … {high}"
 
 
@@ -381,7 +518,7 @@ def _print_sensor(lidar: ls.Lidar) -> None:
         "sensor": lidar.name or "(no name)",
         "pattern": f"{type(lidar.pattern).__name__}, {'the same' if facts.repeats else 'another'} in each frame",
         "rings, columns": f"{facts.rings:,}, {facts.columns:,}",
-        "pulses": f"{facts.pulses_per_second:,.0f} a second in {lidar.pattern.rate:g} frames",
+        "rate": f"{facts.pulses_per_second:,.0f} pulses/s at {lidar.pattern.rate:g} Hz",
         "azimuth": f"{_span(np.degrees(facts.azimuth))} °",
         "elevation": f"{_span(np.degrees(facts.elevation))} °",
         "ring to ring": f"{_span(np.degrees(facts.elevation_gap))} °",
@@ -398,5 +535,5 @@ def _print_sensor(lidar: ls.Lidar) -> None:
 
 
 def _print(what: object) -> None:
-    """Print to stdout: as wide as the terminal, or as wide as it takes if that is none."""
+    """Print to stdout: as wide as the terminal, or as wide as it takes if there is none."""
     Console(width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(what)

@@ -305,6 +305,21 @@ class PointCloud:
         converted: pyvista.PolyData = view(PointCloud, "pyvista")(self)
         return converted
 
+    def plot(self, **options: Any) -> Any:
+        """Show the cloud; a short way to write ``lidarsim.show(cloud, …)``.
+
+        Parameters
+        ----------
+        **options
+            Those of `lidarsim.show`: `color_by`, `scene`, `save`, `camera` and others.
+
+        Returns
+        -------
+        Page or None
+            What `lidarsim.show` returns.
+        """
+        return view(PointCloud, "plot")(self, **options)
+
 
 def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
     """Return `values` as a C-contiguous array of the field's shape and dtype."""
@@ -444,6 +459,11 @@ def check_output(path: PathLike) -> None:
     """
     _format(path)
     check_folder(path)
+
+
+def is_point_cloud(path: PathLike) -> bool:
+    """Return whether the suffix of a file is that of a format that `PointCloud.load` reads."""
+    return any(Path(path).name.lower().endswith(suffix) for suffix in _FORMATS)
 
 
 def _format(path: PathLike) -> _Format:

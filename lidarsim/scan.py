@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from lidarsim import _native, _validation
 from lidarsim._validation import Floats, Transform, integer, real
+from lidarsim._views import view
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
 from lidarsim.patterns._pulses import pulses_of
@@ -317,6 +318,21 @@ class Scan:
         poses = self.poses[pulse]
         turned: Floats = (poses[:, :3, :3] @ points[:, :, None])[:, :, 0]
         return turned + poses[:, :3, 3]
+
+    def plot(self, **options: Any) -> Any:
+        """Show the points in the world; a short way to write ``lidarsim.show(scan, …)``.
+
+        Parameters
+        ----------
+        **options
+            Those of `lidarsim.show`: `color_by`, `scene`, `save`, `camera` and others.
+
+        Returns
+        -------
+        Page or None
+            What `lidarsim.show` returns.
+        """
+        return view(Scan, "plot")(self, **options)
 
     def summary(self) -> Summary:
         """Return the number of pulses for each status, which prints as a table.

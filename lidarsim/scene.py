@@ -279,6 +279,21 @@ class Scene:
         converted: list[dict[str, Any]] = view(Scene, "open3d")(self, chord_error=chord_error, bounds=bounds)
         return converted
 
+    def plot(self, **options: Any) -> Any:
+        """Show the surfaces; a short way to write ``lidarsim.show(scene, …)``.
+
+        Parameters
+        ----------
+        **options
+            Those of `lidarsim.show`: `color_by`, `save`, `camera` and others.
+
+        Returns
+        -------
+        Page or None
+            What `lidarsim.show` returns.
+        """
+        return view(Scene, "plot")(self, **options)
+
     def __len__(self) -> int:
         return len(self._objects)
 

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
 import lidarsim as ls
 from lidarsim.cli import main
@@ -223,6 +224,22 @@ def test_a_trajectory_that_ends_too_soon_is_told_before_the_work(capsys: pytest.
     assert set(Path().iterdir()) == before
 
 
+def test_many_frames_give_ten_rows_and_their_totals(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a.mcap", "--frames", "15") == 0
+    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()]
+    assert [line[0] for line in lines[2:-2]] == ["0", "1", "2", "3", "4", "…", "11", "12", "13", "14"]
+    scans = [ls.config.load("run.yaml", ["frames=15"]).scan(frame) for frame in range(15)]
+    hits = sum(scan.summary()["hit"] for scan in scans)
+    assert lines[-2][:4] == [f"{sum(map(len, scans)):,}", "pulses:", f"{hits:,}", "hit,"]
+    assert lines[-1][:4] == ["15", "frames,", f"{hits:,}", "points"]
+    assert max(map(len, lines)) < 80
+
+
+def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("--version") == 0
+    assert capsys.readouterr().out.startswith(f"lidarsim {ls.__version__}, core with ")
+
+
 def test_overrides_and_seed() -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.npz", "--set", "scene.1.label=9", "--set", "sensor.noise=none") == 0
     exact = ls.PointCloud.load("a.npz")
@@ -242,6 +259,41 @@ def test_pictures() -> None:
     for name in ("scan", "view", "config", "sensor"):
         assert Path(f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert Path(f"{name}.png").stat().st_size > 10_000
+
+
+def film(path: str) -> tuple[tuple[int, int], int]:
+    with Image.open(path) as opened:
+        return opened.size, getattr(opened, "n_frames", 1)
+
+
+def test_views_of_frames_are_of_all_or_of_the_first(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
+    small = ("--size", "320x200")
+    everything = ("--screenshot", "a.png", "--gif", "a.gif", "--html", "a.html")
+    assert lidarsim("view", "moving.yaml", *everything, *small, "--camera", "birds-eye") == 0
+    assert film("a.png") == ((320, 200), 1)
+    assert film("a.gif") == ((320, 200), 2)
+    assert '"label":"1"' in Path("a.html").read_text(encoding="utf-8")  # a step of the slider
+    assert lidarsim("view", "moving.yaml", "--screenshot", "b.png", *small, "--no-surfaces") == 0
+    assert lidarsim("view", "moving.yaml", "--screenshot", "c.png", *small) == 0
+    assert Path("b.png").read_bytes() != Path("c.png").read_bytes()
+    Path("frames").mkdir()
+    assert lidarsim("scan", "moving.yaml", "-o", "frames/drive.pcd") == 0
+    assert lidarsim("view", "frames", "--gif", "d.gif", *small) == 0
+    assert film("d.gif") == ((320, 200), 2)
+    assert capsys.readouterr().err == ""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
+@pytest.mark.parametrize("viewer", ["pyvista", "open3d"])
+def test_a_window_without_a_display_gets_one_line(
+    viewer: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    assert lidarsim("view", "run.yaml", "--with", viewer) == 2
+    expected = "lidarsim: no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot\n"
+    assert capsys.readouterr().err == expected
 
 
 def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
@@ -280,7 +332,7 @@ def test_sensors_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("sensors", "ouster-os1-64") == 0
     printed = capsys.readouterr().out
-    assert "655,360 a second in 10 frames" in printed
+    assert "655,360 pulses/s at 10 Hz" in printed
     assert "modes: 512x10, 512x20, 1024x10, 1024x20, 2048x10" in printed
     assert "pattern.elevations_deg" in printed
 
@@ -349,11 +401,20 @@ MISTAKES = {
     "scan run.yaml -o a.pcd --screenshot a.jpg": "a.jpg: unknown extension '.jpg', expected .png",
     "scan run.yaml -o a.pcd --screenshot gone/a.png": "gone/a.png: the folder gone does not exist",
     # views
-    "view gone.pcd": "gone.pcd: no such file",
+    "view gone.pcd --screenshot a.png": "gone.pcd: no such file",
     "view run.yaml --screenshot a.png --color-by smell": f"color_by: expected one of height, {FIELDS}, got 'smell'",
     "view run.yaml --with open3d --screenshot a.png": (
-        "--screenshot: expected --with pyvista, which draws the pictures, got --with open3d"
+        "--with open3d: it opens a window alone; leave it out beside --screenshot, --html, --gif or --mp4"
     ),
+    "view run.yaml --html a.htm": "a.htm: unknown extension '.htm', expected .html",
+    "view run.yaml --gif a.png": "a.png: unknown extension '.png', expected .gif",
+    "view run.yaml --screenshot a.png --size 100": (
+        "--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got '100'"
+    ),
+    "view cloud.xyz --screenshot a.png --set seed=1 --frame 2": (
+        "--set, --frame: expected beside a configuration, got cloud.xyz"
+    ),
+    "view folder.pcd --screenshot a.png": "folder.pcd: expected a folder of point clouds, got none in it",
     # sensors
     "sensors velodyne-vlp17": (
         "preset: unknown sensor 'velodyne-vlp17'; did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
@@ -367,6 +428,7 @@ def test_a_mistake_gets_one_line(arguments: str, message: str, capsys: pytest.Ca
     Path("folder.pcd").mkdir()
     Path("moving.yaml").write_text(MOVING, encoding="utf-8")
     Path("broken.yaml").write_text("sensor: {preset: velodyne-vlp16}\nscene: [{shape: sphere, radius: 1}]")
+    Path("cloud.xyz").write_text("1 2 3\n")
     before = set(Path().iterdir())
     assert lidarsim(*arguments.split()) == 2
     assert capsys.readouterr().err == f"lidarsim: {message}\n"

@@ -192,7 +192,7 @@ def _argument(key: str) -> str:
     return key.removesuffix(f"_{unit}") if unit else key
 
 
-def _either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
+def either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
     """Return a union of two types whose errors are those of the type that `is_second` chooses, not of both."""
     tag = Discriminator(lambda value: "second" if is_second(value) else "first")
     return Annotated[Annotated[first, Tag("first")] | Annotated[second, Tag("second")], tag]
@@ -222,11 +222,11 @@ if TYPE_CHECKING:
     SigmaTable = float | list[Pair]
     Returns = str | int
 else:
-    Numbers = _either(float, list[float], _is_list)
-    Vectors = _either(Vector, list[Vector], _is_table)
-    Scale = _either(float, Vector, _is_list)
-    SigmaTable = _either(float, list[Pair], _is_list)
-    Returns = _either(int, str, lambda value: isinstance(value, str))
+    Numbers = either(float, list[float], _is_list)
+    Vectors = either(Vector, list[Vector], _is_table)
+    Scale = either(float, Vector, _is_list)
+    SigmaTable = either(float, list[Pair], _is_list)
+    Returns = either(int, str, lambda value: isinstance(value, str))
 
 _KINDS: dict[Any, Any] = {
     bool: bool,
@@ -331,8 +331,8 @@ if TYPE_CHECKING:
     PoseOverTime = Pose | list[Waypoint] | TrajectoryFile
     Motion = Twist | list[Waypoint] | TrajectoryFile
 else:
-    PoseOverTime = _either(_either(Pose, TrajectoryFile, _has_file), list[Waypoint], _is_list)
-    Motion = _either(_either(Twist, TrajectoryFile, _has_file), list[Waypoint], _is_list)
+    PoseOverTime = either(either(Pose, TrajectoryFile, _has_file), list[Waypoint], _is_list)
+    Motion = either(either(Twist, TrajectoryFile, _has_file), list[Waypoint], _is_list)
 
 
 # Objects of the scene
@@ -351,6 +351,14 @@ class Object(Part, Placement):
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the object to `scene`."""
         self._add(self.build(place), scene, place)
+
+    def add_at(self, pose: Floats | Trajectory, scale: float, scene: Scene, place: Place) -> None:
+        """Add the object to `scene` at a pose, or moving, and so many times as large."""
+        sized = np.diag([*np.ones(3) * scale * np.asarray(self.scale), 1.0])
+        if isinstance(pose, Trajectory):
+            self._add(self.build(place), scene, place, transform=sized, motion=pose)
+        else:
+            self._add(self.build(place), scene, place, transform=pose @ sized, motion=None)
 
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
         material = construct(Material, self, ["reflectivity"], place, per=self.reflectivity_per)
@@ -582,7 +590,7 @@ class VendorSensor(_Limits):
 if TYPE_CHECKING:
     AnySensor = Sensor | VendorSensor
 else:
-    AnySensor = _either(Sensor, VendorSensor, _has_file)
+    AnySensor = either(Sensor, VendorSensor, _has_file)
 
 
 class Mounted(Placement):

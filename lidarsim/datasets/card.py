@@ -13,7 +13,7 @@ from lidarsim.datasets.samples import samples
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
 from lidarsim.rig import Rig
-from lidarsim.viewers import pyvista
+from lidarsim.viewers import show
 
 if TYPE_CHECKING:
     from lidarsim.datasets.engine import Plan
@@ -89,18 +89,16 @@ def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
     drawn = []
     for number in sorted({round(index * (total - 1) / max(count - 1, 1)) for index in range(count)}):
         sequence, frame = divmod(number, recipe.frames)
-        sample = next(samples(recipe.source.run(sequence, frame), sequence, frame), None)
-        if sample is None:
-            continue
+        scans = {
+            sample.record.sensor: sample.scan for sample in samples(recipe.source.run(sequence, frame), sequence, frame)
+        }
         name = f"pictures/{sequence:06}_{frame:06}.png"
         with TemporaryDirectory() as folder:
             path = Path(folder) / "frame.png"
             try:
-                pyvista.render(sample.cloud, path, color_by="label", window_size=(1200, 750))
+                show(scans, color_by="label", class_names=recipe.class_names, save=path, size=(1200, 750))
             except MissingExtraError:
                 return []
             plan.store.write(name, path.read_bytes())
-        drawn.append(
-            (name, f"Sequence {sequence}, frame {frame}{f', {sample.record.sensor}' * bool(sample.record.sensor)}")
-        )
+        drawn.append((name, f"Sequence {sequence}, frame {frame}"))
     return drawn

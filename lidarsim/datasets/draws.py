@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from lidarsim import _native
+from lidarsim.config.schema import Model, Pair, either
 
-__all__ = ["Stream"]
+if TYPE_CHECKING:
+    from lidarsim.config.document import Place
+
+__all__ = ["Draw", "DrawOr", "Stream", "drawn"]
+
+KINDS = ("uniform", "log_uniform", "normal", "integer", "choice")
 
 
 class Stream:
@@ -64,3 +73,72 @@ class Stream:
         """Return an index, each with a probability in proportion to its weight, which is positive."""
         sums = np.cumsum(weights)
         return int(np.searchsorted(sums[:-1], self.unit() * sums[-1], side="right"))
+
+
+class Draw(Model):
+    """How a value is drawn."""
+
+    uniform: Pair | None = None
+    log_uniform: Pair | None = None
+    normal: Pair | None = None
+    integer: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
+    choice: Annotated[list[Any], Field(min_length=1)] | None = None
+    weights: list[float] | None = None
+    per: Literal["sequence", "frame"] = "sequence"
+
+    @model_validator(mode="after")
+    def _one(self) -> Draw:
+        given = [kind for kind in KINDS if getattr(self, kind) is not None]
+        if len(given) != 1:
+            raise PydanticCustomError("draw", "expected one of {kinds}, got {got}", _told(KINDS, given))
+        return self
+
+    def check(self, place: Place, *, numbers: bool = False) -> None:
+        """Raise an error where the numbers are not those of such a draw, or a choice has other than numbers."""
+        if numbers and not all(isinstance(value, int | float) for value in self.choice or ()):
+            raise (place / "choice").error(f"expected numbers, got {self.choice}")
+        for kind in ("uniform", "log_uniform", "integer"):
+            low, high = getattr(self, kind) or (1, 1)
+            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
+                raise (place / kind).error(f"expected [least, greatest], got [{low}, {high}]")
+            if kind == "log_uniform" and low <= 0:
+                raise (place / kind).error(f"expected positive numbers, got [{low}, {high}]")
+        mean, sigma = self.normal or (0.0, 0.0)
+        if not (math.isfinite(mean) and math.isfinite(sigma) and sigma >= 0):
+            raise (place / "normal").error(f"expected [mean, sigma] with sigma >= 0, got [{mean}, {sigma}]")
+        if self.weights is not None:
+            if self.choice is None or len(self.weights) != len(self.choice):
+                expected = "none without choice" if self.choice is None else f"{len(self.choice)}, one a choice"
+                raise (place / "weights").error(f"expected {expected}, got {len(self.weights)}")
+            if not all(0 < weight < math.inf for weight in self.weights):
+                raise (place / "weights").error(f"expected positive numbers, got {self.weights}")
+
+    def draw(self, stream: Stream) -> Any:
+        """Return what is drawn; of a choice its index."""
+        if self.uniform is not None:
+            return stream.uniform(*self.uniform)
+        if self.log_uniform is not None:
+            return stream.log_uniform(*self.log_uniform)
+        if self.normal is not None:
+            return stream.normal(*self.normal)
+        if self.integer is not None:
+            return stream.integer(*self.integer)
+        return stream.index(self.weights or [1.0] * len(self.choice or ()))
+
+
+def _told(kinds: Iterable[str], given: Sequence[str]) -> dict[str, str]:
+    return {"kinds": ", ".join(kinds), "got": " and ".join(given) or "none of them"}
+
+
+if TYPE_CHECKING:
+    DrawOr = float | Draw
+else:
+    DrawOr = either(float, Draw, lambda value: isinstance(value, dict))
+
+
+def drawn(value: float | Draw, stream: Stream) -> float:
+    """Return a number that is given or drawn."""
+    if not isinstance(value, Draw):
+        return value
+    number = value.draw(stream)
+    return float(number if value.choice is None else value.choice[number])

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 import hashlib
 import inspect
-import math
 import os
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
 import yaml
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from lidarsim._validation import integer
 from lidarsim.config.document import (
@@ -31,9 +30,10 @@ from lidarsim.config.document import (
     written,
 )
 from lidarsim.config.loader import CHOICES, Change, Run, built, checked, whole
-from lidarsim.config.schema import Model, Pair
-from lidarsim.datasets.draws import Stream
+from lidarsim.config.schema import Model
+from lidarsim.datasets.draws import Draw, Stream
 from lidarsim.datasets.layouts import AnyLayout, Layout, layout_of
+from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
 from lidarsim.scene import Scene
@@ -53,62 +53,6 @@ FILES = {"file", "times", "firing_times"}
 """Keys whose values are paths, relative to the folder of the file that they are written in."""
 
 
-class Draw(Model):
-    """How a value is drawn."""
-
-    uniform: Pair | None = None
-    log_uniform: Pair | None = None
-    normal: Pair | None = None
-    integer: Annotated[list[int], Field(min_length=2, max_length=2)] | None = None
-    choice: Annotated[list[Any], Field(min_length=1)] | None = None
-    weights: list[float] | None = None
-    per: Literal["sequence", "frame"] = "sequence"
-
-    @model_validator(mode="after")
-    def _one(self) -> Draw:
-        given = [kind for kind in KINDS if getattr(self, kind) is not None]
-        if len(given) != 1:
-            raise PydanticCustomError("draw", "expected one of {kinds}, got {got}", _told(KINDS, given))
-        return self
-
-    def check(self, place: Place) -> None:
-        """Raise an error where the numbers are not those of such a draw."""
-        for kind in ("uniform", "log_uniform", "integer"):
-            low, high = getattr(self, kind) or (1, 1)
-            if not (math.isfinite(low) and math.isfinite(high) and low <= high):
-                raise (place / kind).error(f"expected [least, greatest], got [{low}, {high}]")
-            if kind == "log_uniform" and low <= 0:
-                raise (place / kind).error(f"expected positive numbers, got [{low}, {high}]")
-        mean, sigma = self.normal or (0.0, 0.0)
-        if not (math.isfinite(mean) and math.isfinite(sigma) and sigma >= 0):
-            raise (place / "normal").error(f"expected [mean, sigma] with sigma >= 0, got [{mean}, {sigma}]")
-        if self.weights is not None:
-            if self.choice is None or len(self.weights) != len(self.choice):
-                expected = "none without choice" if self.choice is None else f"{len(self.choice)}, one a choice"
-                raise (place / "weights").error(f"expected {expected}, got {len(self.weights)}")
-            if not all(0 < weight < math.inf for weight in self.weights):
-                raise (place / "weights").error(f"expected positive numbers, got {self.weights}")
-
-    def draw(self, stream: Stream) -> float | int | None:
-        """Return what is drawn; of a choice its index."""
-        if self.uniform is not None:
-            return stream.uniform(*self.uniform)
-        if self.log_uniform is not None:
-            return stream.log_uniform(*self.log_uniform)
-        if self.normal is not None:
-            return stream.normal(*self.normal)
-        if self.integer is not None:
-            return stream.integer(*self.integer)
-        return stream.index(self.weights or [1.0] * len(self.choice or ()))
-
-
-KINDS = ("uniform", "log_uniform", "normal", "integer", "choice")
-
-
-def _told(kinds: Iterable[str], given: Sequence[str]) -> dict[str, str]:
-    return {"kinds": ", ".join(kinds), "got": " and ".join(given) or "none of them"}
-
-
 class Settings(Model):
     """The keys of a recipe beside its run."""
 
@@ -119,6 +63,7 @@ class Settings(Model):
     layout: AnyLayout
     class_names: dict[str, str] = Field(default={})
     vary: dict[str, Draw] = Field(default={})
+    scatter: dict[str, Scatter] = Field(default={})
 
 
 class Source(Protocol):
@@ -201,36 +146,52 @@ class Document:
 
     folder: str
     node: Node
-    vary: dict[str, Draw]
-    place: Place
-    frames: int
-    seed: int
+    settings: Settings
+    root: Node
     loaded: Loaded = field(default_factory=dict, repr=False)
     assembled: dict[tuple[int, ...], Node] = field(default_factory=dict, repr=False)
+    placed: dict[int, list[Placed]] = field(default_factory=dict, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Leave out what was loaded."""
-        return Document, (self.folder, self.node, self.vary, self.place, self.frames, self.seed)
+        return Document, (self.folder, self.node, self.settings, self.root)
 
     @property
     def by_frame(self) -> bool:
         """Whether anything is drawn anew for each frame."""
-        return any(draw.per == "frame" for draw in self.vary.values())
+        return any(draw.per == "frame" for draw in self.settings.vary.values())
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
         """Return the run of a sequence, or what it is in one frame."""
+        run = self._drawn(sequence, frame)
+        groups, place = self.settings.scatter, Place(self.root, (), self.loaded) / "scatter"
+        if groups and sequence not in self.placed:
+            self.placed.clear()
+            first = self._drawn(sequence, 0) if self.by_frame else run
+            self.placed[sequence] = scatter(groups, place, first, self.settings.seed, sequence)
+        for placed in self.placed.get(sequence, ()):
+            item = groups[placed.group].objects[placed.index]
+            item.add_at(placed.motion, placed.scale, run.scene, place / placed.group / "objects" / placed.index)
+        return run
+
+    def _drawn(self, sequence: int, frame: int | None) -> Run:
+        """Return the run with the values that vary."""
+        settings = self.settings
         choices: list[Change] = []
         others: list[Change] = []
         chosen = []
-        for key, draw in self.vary.items():
-            stream = Stream(self.seed, f"vary.{key}", sequence, frame if draw.per == "frame" else None)
-            there = entries(entries(entries(self.place.root)["vary"][1])[key][1])
-            drawn = draw.draw(stream)
+        for key, draw in settings.vary.items():
+            stream = Stream(settings.seed, f"vary.{key}", sequence, frame if draw.per == "frame" else None)
+            there = entries(entries(entries(self.root)["vary"][1])[key][1])
+            number = draw.draw(stream)
             value: Node
-            value = there["choice"][1].value[drawn] if draw.choice else written(drawn, next(iter(there.values()))[0])
+            if draw.choice is not None:
+                value = there["choice"][1].value[number]
+            else:
+                value = written(number, next(iter(there.values()))[0])
             if CHOICES.fullmatch(key):
                 choices.append((key.split("."), value))
-                chosen.append(int(drawn or 0))
+                chosen.append(int(number))
             else:
                 others.append((key.split("."), value))
         node = self.assembled.get(tuple(chosen))
@@ -239,21 +200,20 @@ class Document:
         for path, value in others:
             node = replace(node, path, value)
         run = built(node, self.loaded)
-        first = run.frames.start
-        seed = noise_seed(self.seed, sequence)
-        return Run(run.scene, run.sensor, run.pose, seed, range(first, first + self.frames), run.cloud)
+        frames = range(run.frames.start, run.frames.start + settings.frames)
+        return dataclasses.replace(run, seed=noise_seed(settings.seed, sequence), frames=frames)
 
     def resolved(self) -> dict[str, Any]:
         """Return run and draws; paths are relative to the folder of the recipe."""
-        chooses = any(CHOICES.fullmatch(key) for key in self.vary)
-        run = plain(self._located(self.node if chooses else whole(self.node)))
-        vary = entries(self.place.root).get("vary")
-        return {"run": run, **({"vary": plain(vary[1])} if vary else {})}
+        chooses = any(CHOICES.fullmatch(key) for key in self.settings.vary)
+        nodes = {"run": self.node if chooses else whole(self.node)}
+        nodes |= {key: value for key, (_, value) in entries(self.root).items() if key in {"vary", "scatter"}}
+        return {key: plain(self._located(node)) for key, node in nodes.items()}
 
     def files(self) -> dict[str, str]:
-        """Return the SHA-256 of each file that the run names, by its path from the folder of the recipe."""
+        """Return the SHA-256 of each file that the recipe names, by its path from the folder of the recipe."""
         hashes: dict[str, str] = {}
-        nodes = [self._located(whole(self.node))]
+        nodes = [self._located(whole(self.node)), self._located(without(self.root, "run"))]
         while nodes:
             node = nodes.pop()
             for key, (_, value) in entries(node).items():
@@ -298,9 +258,11 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Recipe:
     settings = checked(Settings, without(root, "run"))
     for key, draw in settings.vary.items():
         draw.check(place / "vary" / key)
+    for key, group in settings.scatter.items():
+        group.check(place / "scatter" / key)
     if "run" not in entries(root):
         raise place.error("missing key 'run'")
-    source = Document(str(path.parent), _run(place / "run", root), settings.vary, place, settings.frames, settings.seed)
+    source = Document(str(path.parent), _run(place / "run", root), settings, root)
     names = {}
     for label, name in settings.class_names.items():
         if not (label.isdecimal() and int(label) < 2**32):

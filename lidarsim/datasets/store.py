@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, Protocol
 
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer
+from lidarsim._files import TEMPORARY, PathLike, atomic_writer, replacing
 
 __all__ = ["Store", "open_store"]
 
@@ -22,8 +22,8 @@ class Store(Protocol):
     def write(self, name: str, data: bytes) -> None:
         """Write a file; folders are made."""
 
-    def write_from(self, name: str, path: Path) -> None:
-        """Write a file with the content of a local one."""
+    def writing(self, name: str) -> AbstractContextManager[Path]:
+        """Give the path of a local file to write, which becomes the file `name` when the block ends well."""
 
     def open(self, name: str) -> BinaryIO:
         """Open a file to read; `FileNotFoundError` if there is none."""
@@ -49,10 +49,9 @@ class Folder:
         with atomic_writer(self._path(name)) as file:
             file.write(data)
 
-    def write_from(self, name: str, path: Path) -> None:
-        """Write a file with the content of a local one."""
-        with atomic_writer(self._path(name)) as file, path.open("rb") as source:
-            shutil.copyfileobj(source, file, 1 << 20)
+    def writing(self, name: str) -> AbstractContextManager[Path]:
+        """Give the path of a local file to write."""
+        return replacing(self._path(name))
 
     def _path(self, name: str) -> Path:
         path = self.root / name
@@ -74,9 +73,9 @@ class Folder:
             shutil.rmtree(self.root / folder)
 
     def tidy(self) -> None:
-        """Remove temporary files, which `atomic_writer` names so."""
-        for path in self.root.rglob(".*.tmp"):
-            path.unlink(missing_ok=True)
+        """Remove the folders that `replacing` makes."""
+        for path in self.root.rglob(f"{TEMPORARY[0]}*{TEMPORARY[1]}"):
+            shutil.rmtree(path, ignore_errors=True)
 
     def __str__(self) -> str:
         return str(self.root)
@@ -99,10 +98,14 @@ class Remote:
         filesystem, root = self._place
         filesystem.pipe_file(f"{root}/{name}", data)
 
-    def write_from(self, name: str, path: Path) -> None:
-        """Write a file with the content of a local one."""
-        filesystem, root = self._place
-        filesystem.put_file(str(path), f"{root}/{name}")
+    @contextmanager
+    def writing(self, name: str) -> Iterator[Path]:
+        """Give the path of a local file to write."""
+        with TemporaryDirectory(prefix="lidarsim-") as folder:
+            path = Path(folder, Path(name).name)
+            yield path
+            filesystem, root = self._place
+            filesystem.put_file(str(path), f"{root}/{name}")
 
     def open(self, name: str) -> BinaryIO:
         """Open a file to read."""
@@ -139,12 +142,3 @@ def open_store(output: PathLike) -> Store:
     if "://" in text and not text.startswith("file://"):
         return Remote(text)
     return Folder(Path(text.removeprefix("file://")).absolute())
-
-
-@contextmanager
-def local_file(store: Store, name: str) -> Iterator[Path]:
-    """Yield the path of a local file to write, which becomes the file `name` when the block ends well."""
-    with TemporaryDirectory(prefix="lidarsim-") as folder:
-        path = Path(folder) / Path(name).name
-        yield path
-        store.write_from(name, path)

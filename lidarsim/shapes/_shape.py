@@ -153,4 +153,4 @@ class Shape:
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
         """
-        return Hits(*self._scene.cast(*rays(origins, directions), *t_range(t_min, t_max)))
+        return Hits(*self._scene.cast(*rays(origins, directions), *t_range(t_min, t_max), None))

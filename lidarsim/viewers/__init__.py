@@ -1,5 +1,6 @@
-"""Views of a point cloud: one module a library, which registers its conversion."""
+"""Views of clouds, scans and scenes: one module a library, and one function that shows things in any of them."""
 
-from lidarsim.viewers import open3d, pyvista
+from lidarsim.viewers import html, open3d, pyvista
+from lidarsim.viewers._show import show
 
-__all__ = ["open3d", "pyvista"]
+__all__ = ["html", "open3d", "pyvista", "show"]

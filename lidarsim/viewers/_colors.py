@@ -2,22 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._validation import Floats
 from lidarsim.pointcloud import PointCloud
 
 BACKGROUND = "#14181d"
+GRID = "#323a44"
+SURFACE = "#aab4c0"
+PATH = "#ffd24a"
+AXES = ("#ff4b4b", "#4bd964", "#4b8bff")
+"""Of the sensor: x, y, z."""
 
 # Magma, a perceptually uniform colour map (N. Smith and S. van der Walt, https://bids.github.io/colormap, CC0), at ten
 # equal steps from 0.3, where it is clear of the background, to 1.
 SEQUENTIAL = (
     "#641a80", "#832681", "#a3307e", "#c43c75", "#e24d66", "#f56b5c", "#fc9065", "#feb67c", "#fdda9c", "#fcfdbf",
 )  # fmt: skip
+# From blue through grey to red, for values that are good or bad on either side of 0.
+DIVERGING = ("#1e8fff", "#79b8ff", "#c9ced4", "#ff9473", "#ff4a26")
+MISSING = "#6b727a"
+"""Colour of a point whose value is not a number."""
 # The colour of each category from 0 to 259; from 260 on they repeat. The first eight can be told apart by people with
 # any kind of colour vision (M. Okabe and K. Ito, Color universal design, 2008, without black). Each later one is the
 # colour farthest in OKLab (B. Ottosson, 2020) from all chosen before, among the 4096 colours of three hexadecimal
@@ -44,54 +55,149 @@ _CATEGORIES = (
 # fmt: on
 QUALITATIVE = tuple(f"#{_CATEGORIES[i : i + 6]}" for i in range(0, len(_CATEGORIES), 6))
 
-UNITS = {"height": "m", "range": "m", "true_range": "m", "range_error": "m", "time": "s", "incidence": "rad"}
-CATEGORIES = {"label", "object_id", "return_number", "return_count"}
+UNITS = {
+    **dict.fromkeys(("height", "range", "true_range", "range_error"), "m"),
+    "time": "s",
+    "incidence": "rad",
+    "radial_velocity": "m/s",
+}
+CATEGORIES = {"label", "object_id", "instance", "return_number", "return_count"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coloring:
-    """A table of colours over the interval `limits` of `values`, one value a point; `names` are those of categories."""
+    """Colours of the values of a field: of each category its own, or from a table over an interval.
 
-    title: str
-    values: npt.NDArray[Any]
+    Attributes
+    ----------
+    field : str
+        The field.
+    limits : tuple of float
+        Values at the ends of the table.
+    extent : tuple of float
+        Least and greatest value; beyond the limits, if a few outliers lie there.
+    table : list of str
+        Colours from one limit to the other, or of the categories.
+    names : dict of int to str
+        Those of the categories, in the order of the table; empty for a field of another kind.
+    """
+
+    field: str
     limits: tuple[float, float]
+    extent: tuple[float, float]
     table: list[str]
-    names: list[str]
+    names: dict[int, str]
 
-    def rgb(self) -> npt.NDArray[np.uint8]:
+    @property
+    def title(self) -> str:
+        """Name of the field with its unit."""
+        return f"{self.field} [{UNITS[self.field]}]" if self.field in UNITS else self.field
+
+    @property
+    def clipped(self) -> str:
+        """What the limits leave out, in words; empty if that is nothing."""
+        return "" if self.extent == self.limits else "all: {} to {}".format(*map(_readable, self.extent))
+
+    def rgb(self, cloud: PointCloud) -> npt.NDArray[np.uint8]:
         """Return the colour of each point, shape (n, 3)."""
+        values = field_of(cloud, self.field)
+        if self.names:
+            index = np.searchsorted(list(self.names), values)
+        else:
+            low, high = self.limits
+            index = np.nan_to_num((values - low) / (high - low) * len(self.table)).clip(0, len(self.table) - 1)
+        colors: npt.NDArray[np.uint8] = _channels(self.table)[index.astype(int)]
+        colors[np.isnan(values)] = _channels([MISSING])
+        return colors
+
+    def ticks(self) -> dict[float, str]:
+        """Return round values between the limits and how they are written, five or so."""
         low, high = self.limits
-        index = np.nan_to_num((self.values - low) / (high - low) * len(self.table))
-        return _channels(self.table).take(index.clip(0, len(self.table) - 1).astype(int), axis=0)
+        step = _round_step((high - low) / 6)
+        digits = max(0, -math.floor(math.log10(step) + 1e-9) + (step / 10 ** math.floor(math.log10(step)) == 2.5))
+        numbers = np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1) * step
+        spelled = f"{{:,.{digits}f}}" if 1e-6 < step < 1e9 else "{:g}"
+        return {x: spelled.format(x) for x in (numbers + 0.0).tolist()}  # + 0.0: no minus before zero
 
 
-def coloring(cloud: PointCloud, color_by: str | None) -> Coloring:
-    """Return the colours of a cloud by a scalar field, or ``"height"``; by default by intensity if it has that.
+def field_of(cloud: PointCloud, name: str) -> npt.NDArray[Any]:
+    """Return a scalar field of a cloud, or its z as ``"height"``."""
+    values: npt.NDArray[Any] = cloud.xyz[:, 2] if name == "height" else getattr(cloud, name)
+    return values
 
-    The limits are the 1st and 99th percentile, so that a few outliers do not use up the range of colours. A category
-    always has the same colour, whichever others the cloud contains.
+
+def coloring(
+    clouds: Sequence[PointCloud],
+    color_by: str | None,
+    names: Mapping[str, Mapping[int, str]] | None = None,
+    others: Mapping[str, Iterable[int]] | None = None,
+) -> Coloring:
+    """Return the colours of clouds by a scalar field, or ``"height"``; by default by intensity if they have that.
+
+    A category always has the same colour, whichever others there are. Fields of errors and velocities get colours that
+    are symmetric about 0. Where a few outliers would use up the colours, these end at the 1st and 99th percentile.
+
+    Parameters
+    ----------
+    clouds : sequence of PointCloud
+        At least one.
+    color_by : str, optional
+        The field.
+    names : mapping of str to mapping of int to str, optional
+        Names of categories, by field.
+    others : mapping of str to iterable of int, optional
+        Categories that surfaces have, by field.
 
     Raises
     ------
     ValueError
-        If the cloud has no such scalar field.
+        If a cloud has no such scalar field.
     """
-    scalars = ["height", *(name for name in cloud.fields if getattr(cloud, name).ndim == 1)]
+    fields = [["height", *(name for name in cloud.fields if getattr(cloud, name).ndim == 1)] for cloud in clouds]
+    scalars = [name for name in fields[0] if all(name in others for others in fields)]
     if color_by is None:
         color_by = "intensity" if "intensity" in scalars else "height"
     if color_by not in scalars:
         raise ValueError(f"color_by: expected one of {', '.join(scalars)}, got {color_by!r}")
-    values = cloud.xyz[:, 2] if color_by == "height" else getattr(cloud, color_by)
-    if color_by in CATEGORIES and len(cloud):
-        found, index = np.unique(values, return_inverse=True)
-        table = [QUALITATIVE[int(value) % len(QUALITATIVE)] for value in found]
-        return Coloring(color_by, index, (-0.5, len(found) - 0.5), table, [str(value) for value in found])
-    finite = values[np.isfinite(values)].astype(np.float64)
-    low, high = np.percentile(finite, (1, 99)) if len(finite) else (0.0, 1.0)
+    values = np.concatenate([field_of(cloud, color_by) for cloud in clouds])
+    categories = {*map(int, np.unique(values)), *(others or {}).get(color_by, ())} if color_by in CATEGORIES else set()
+    if categories:
+        known = (names or {}).get(color_by, {})
+        found = {value: known.get(value) or str(value) for value in sorted(categories)}
+        span = (float(min(found)), float(max(found)))
+        return Coloring(color_by, span, span, [category_color(value) for value in found], found)
+    limits, extent = _limits(values[np.isfinite(values)].astype(np.float64))
+    diverges = "error" in color_by or "velocity" in color_by
+    if diverges:
+        most = max(map(abs, limits))
+        extent = extent if extent != limits else (-most, most)
+        limits = -most, most
+    return Coloring(color_by, limits, extent, _blend(DIVERGING if diverges else SEQUENTIAL), {})
+
+
+def category_color(value: int) -> str:
+    """Return the colour that a category always has."""
+    return QUALITATIVE[value % len(QUALITATIVE)]
+
+
+def _limits(finite: Floats) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the ends of the range of colours, and those of the values."""
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.5, 0.5)
     if low == high:
-        low, high = low - 0.5, high + 0.5
-    title = f"{color_by} [{UNITS[color_by]}]" if color_by in UNITS else color_by
-    return Coloring(title, values, (float(low), float(high)), _blend(SEQUENTIAL), [])
+        return (low - 0.5, high + 0.5), (low - 0.5, high + 0.5)
+    first, last = np.percentile(finite, (1, 99))
+    outliers = high - low > 2.0 * (last - first) > 0.0
+    return ((float(first), float(last)) if outliers else (low, high)), (low, high)
+
+
+def _round_step(least: float) -> float:
+    """Return the least of 1, 2, 2.5, 5 and 10 times a power of ten that is no less."""
+    power = 10.0 ** math.floor(math.log10(least))
+    return next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= least * (1 - 1e-9))
+
+
+def _readable(value: float) -> str:
+    return f"{value:,.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _channels(colors: Sequence[str]) -> npt.NDArray[np.uint8]:

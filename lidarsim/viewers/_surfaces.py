@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,6 +106,13 @@ def surfaces(scene: Scene, *, chord_error: float | None = None, bounds: npt.Arra
         if not item.shape.bounded:
             add(object_id, item, low + (high - low) * np.array(list(np.ndindex(2, 2, 2))))
     return [found[object_id] for object_id, _ in objects]
+
+
+def joined(parts: Sequence[Surface], origin: Floats) -> Triangles:
+    """Return several surfaces as one, relative to an origin in the world."""
+    starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
+    faces = [part.outward() + np.uint32(start) for part, start in zip(parts, starts, strict=False)]
+    return np.concatenate([part.points() for part in parts]) - origin, np.concatenate(faces)
 
 
 def _placement(item: SceneObject) -> Floats:

@@ -1,4 +1,4 @@
-"""Open3D: conversion to its tensor point cloud, and its interactive window."""
+"""Open3D: conversion to its tensor point cloud and meshes, and its interactive window."""
 
 from __future__ import annotations
 
@@ -13,14 +13,15 @@ from lidarsim._extras import import_extra
 from lidarsim._views import register_view
 from lidarsim.pointcloud import Fields, PointCloud, narrowed
 from lidarsim.scene import Scene
-from lidarsim.viewers._colors import BACKGROUND, coloring
+from lidarsim.viewers._colors import BACKGROUND
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._surfaces import surfaces
+from lidarsim.viewers._picture import Picture, surface_color
+from lidarsim.viewers._surfaces import Surface, surfaces
 
 if TYPE_CHECKING:
     import open3d
 
-__all__ = ["import_open3d", "show"]
+__all__ = ["draw", "import_open3d"]
 
 
 def import_open3d() -> ModuleType:
@@ -69,29 +70,36 @@ def scene_to_open3d(scene: Scene, **options: Any) -> list[dict[str, Any]]:
     o3d = import_open3d()
     converted = []
     for surface in surfaces(scene, **options):
-        faces = np.ascontiguousarray(surface.outward(), np.int32)
-        if not len(faces):
+        if not len(surface.faces):
             continue
-        mesh = o3d.t.geometry.TriangleMesh(o3d.core.Tensor(surface.points()), o3d.core.Tensor(faces))
+        mesh = _mesh(o3d, surface)
         for name, value in (("object_id", surface.object_id), ("label", surface.item.label)):
-            column = narrowed(name, np.full((len(faces), 1), value, np.int64))
+            column = narrowed(name, np.full((len(surface.faces), 1), value, np.int64))
             mesh.triangle[name] = o3d.core.Tensor(column)
         name = f"{surface.object_id} {surface.item.name}".rstrip()
         converted.append({"name": name, "geometry": mesh})
     return converted
 
 
-def show(cloud: PointCloud, *, color_by: str | None = None, point_size: int = 3) -> None:
-    """Show a cloud in Open3D's viewer until the user closes it.
+def _mesh(o3d: ModuleType, surface: Surface) -> open3d.t.geometry.TriangleMesh:
+    faces = np.ascontiguousarray(surface.outward(), np.int32)
+    mesh: open3d.t.geometry.TriangleMesh = o3d.t.geometry.TriangleMesh(
+        o3d.core.Tensor(surface.points()), o3d.core.Tensor(faces)
+    )
+    return mesh
+
+
+def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> None:
+    """Show a picture in Open3D's viewer until it is closed; of several frames, its list chooses which.
 
     Parameters
     ----------
-    cloud : PointCloud
-        The points.
-    color_by : str, optional
-        Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
-    point_size : int
-        Diameter of a point, pixels.
+    picture : Picture
+        What to show.
+    size : tuple of int
+        Width and height of the window, pixels.
+    point_size : float, optional
+        Diameter of a point, pixels; by default 3.
 
     Raises
     ------
@@ -99,17 +107,50 @@ def show(cloud: PointCloud, *, color_by: str | None = None, point_size: int = 3)
         If there is no display.
     MissingExtraError
         If Open3D is not installed.
-    ValueError
-        If the cloud has no scalar field `color_by`.
     """
-    rgb = coloring(cloud, color_by).rgb()
     require_display()
     o3d = import_open3d()
-    geometry = to_open3d(cloud)
-    geometry.point["colors"] = o3d.core.Tensor(rgb)
-    background = (*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0)
+    seen = picture.seen()
+    middle = seen.mean(axis=0)  # its graphics have float32, too coarse for map coordinates
+    parts: list[dict[str, Any]] = []
+    for number, frame in enumerate(picture.frames):
+        points = to_open3d(frame.cloud)
+        points.point["colors"] = o3d.core.Tensor(picture.colors.rgb(frame.cloud))
+        parts.append({"name": f"frame {number}", "geometry": points.translate(-middle), "is_visible": not number})
+    for surface in picture.surfaces:
+        material = o3d.visualization.rendering.MaterialRecord()
+        material.shader = "defaultLitTransparency"
+        channels = bytes.fromhex(surface_color(surface, picture.colors)[1:])
+        material.base_color = (*(channel / 255 for channel in channels), 0.3)
+        name = f"{surface.object_id} {surface.item.name}".rstrip()
+        if len(surface.faces):
+            mesh = _mesh(o3d, surface).translate(-middle).compute_vertex_normals()
+            parts.append({"name": name, "geometry": mesh, "material": material})
+    if len(picture.path):
+        joints = np.arange(len(picture.path) - 1, dtype=np.int32)
+        path = o3d.t.geometry.LineSet(
+            o3d.core.Tensor(picture.path - middle), o3d.core.Tensor(np.stack([joints, joints + 1], axis=-1))
+        )
+        parts.append({"name": "path", "geometry": path})
+    reach = float(np.linalg.norm(seen - middle, axis=1).max())
+    axes = o3d.t.geometry.TriangleMesh.create_coordinate_frame(0.1 * reach)
+    pose = picture.frames[0].pose.copy()
+    pose[:3, 3] -= middle
+    parts.append({"name": "sensor", "geometry": axes.transform(pose)})
+    view = picture.view(0, seen, size[0] / size[1])
     o3d.visualization.draw(
-        geometry, title="lidarsim", bg_color=background, point_size=point_size, show_skybox=False, show_ui=True
+        parts,
+        title="lidarsim",
+        width=size[0],
+        height=size[1],
+        lookat=view.target - middle,
+        eye=view.eye - middle,
+        up=view.up,
+        field_of_view=float(np.degrees(view.angle)),
+        bg_color=(*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0),
+        point_size=round(point_size or 3),
+        show_skybox=False,
+        show_ui=True,
     )
 
 

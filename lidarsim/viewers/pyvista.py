@@ -1,30 +1,40 @@
-"""PyVista: conversion to its point data set, and a picture of a cloud, on the screen or as a PNG."""
+"""PyVista: conversion of clouds and scenes, and pictures of them, in a window or as PNG, GIF or MP4."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from io import BytesIO
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from lidarsim import _validation
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
-from lidarsim._validation import Floats
 from lidarsim._views import register_view
 from lidarsim.errors import LidarsimError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
-from lidarsim.viewers._colors import BACKGROUND, Coloring, coloring
+from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, _channels
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._surfaces import Surface, surfaces
+from lidarsim.viewers._picture import Frame, Picture, grid, surface_color
+from lidarsim.viewers._surfaces import Surface, joined, surfaces
 
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["check_screenshot", "render"]
+__all__ = ["check_screenshot", "draw"]
+
+PANEL = 260
+"""Width of the legend beside a picture, pixels, or a quarter of the whole."""
+TURN = 90
+"""Images of a film that goes once around a single frame."""
+INSTANCED = 1000
+"""Triangles from which on a mesh that several objects share is drawn as instances; all others make up one piece."""
+SHADING: dict[str, Any] = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.65}
 
 
 def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
@@ -68,7 +78,7 @@ def _triangles(surface: Surface, shared: dict[tuple[int, bool], pyvista.CellArra
 
 
 def check_screenshot(path: PathLike) -> None:
-    """Check, before any work, that `render` can write a file: a PNG, in a folder that is there.
+    """Check, before any work, that a picture can be written: a PNG, in a folder that is there.
 
     Parameters
     ----------
@@ -86,133 +96,278 @@ def check_screenshot(path: PathLike) -> None:
     check_folder(path)
 
 
-def render(
-    cloud: PointCloud,
-    path: PathLike | None = None,
-    *,
-    color_by: str | None = None,
-    meshes: Iterable[Any] = (),
-    pose: Any = None,
-    camera: Sequence[Sequence[float]] | None = None,
-    window_size: tuple[int, int] = (1600, 1000),
-    point_size: float | None = None,
-) -> None:
-    """Show a cloud in a window until the user closes it, or write the picture to a PNG file, which needs no display.
+def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], point_size: float | None) -> None:
+    """Show a picture in a window until it is closed, or write it: one frame as PNG, all as GIF or MP4.
 
     Parameters
     ----------
-    cloud : PointCloud
-        The points.
+    picture : Picture
+        What to show.
     path : path-like, optional
-        PNG file to write instead of opening a window.
-    color_by : str, optional
-        Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
-    meshes : iterable of pyvista.DataSet or trimesh.Trimesh
-        Surfaces to show translucent, in the frame of the cloud.
-    pose : RigidTransform or array_like of shape (4, 4), optional
-        Pose of the sensor in the frame of the cloud, shown by its axes (x red, y green, z blue); by default the origin.
-    camera : sequence of three points, optional
-        Position, focal point and up vector; by default behind and above the sensor, as far off as to see most points.
-    window_size : tuple of int
+        The file; without it, a window opens.
+    size : tuple of int
         Width and height, pixels.
     point_size : float, optional
-        Diameter of a point, in half pixels; by default the more points, the smaller.
+        Diameter of a point, pixels; by default the more points, the smaller.
 
     Raises
     ------
-    FileFormatError
-        If the suffix of `path` is not ``.png``.
     LidarsimError
-        If there is no display for a window, or no OpenGL for a picture.
+        If there is no display for a window, or no OpenGL.
     MissingExtraError
-        If PyVista is not installed.
+        If PyVista is not installed, or what an MP4 file needs.
     OSError
         If the file cannot be written.
-    ValueError
-        If the cloud has no scalar field `color_by`.
     """
-    cloud = cloud[np.isfinite(cloud.xyz).all(axis=1)]
-    colors = coloring(cloud, color_by)
-    sensor = np.eye(4) if pose is None else _validation.pose("pose", pose)
     if path is None:
         require_display()
-    else:
-        check_screenshot(path)
-    middle, size = _extent(cloud, sensor)
-    if camera is None:
-        forward, left, up = sensor[:3, 0], sensor[:3, 1], np.array([0.0, 0.0, 1.0])
-        eye, target = middle + size * (-2.0 * forward + 0.5 * left + 1.3 * up), middle
-    else:
-        eye, target, up = _validation.array("camera", camera, (3, 3))
     pv = import_extra("pyvista", "pyvista", "this view")
+    panel = min(PANEL, size[0] // 4)
     # VTK reports each kind of window that it tries in vain.
-    with pv.vtk_verbosity("off"), closing(pv.Plotter(off_screen=path is not None, window_size=window_size)) as plotter:
-        # All is drawn relative to the middle: the graphics card has float32, too coarse for map coordinates.
+    with (
+        pv.vtk_verbosity("off"),
+        closing(
+            pv.Plotter(
+                shape=(1, 2),
+                col_weights=[size[0] - panel, panel],
+                border=False,
+                off_screen=path is not None,
+                window_size=list(size),
+            )
+        ) as plotter,
+    ):
         plotter.set_background(BACKGROUND)
-        if len(cloud):  # PyVista refuses to draw nothing
-            _add_points(plotter, cloud.xyz - middle, colors, point_size)
-        for mesh in meshes:
-            plotter.add_mesh(mesh, color="white", opacity=0.15).position = -middle
-        if np.linalg.norm(sensor[:3, 3] - middle) < 1000 * size:  # else it would be a dot, and spoil the depth buffer
-            for axis, color in enumerate(("#ff4b4b", "#4bd964", "#4b8bff")):
-                arrow = pv.Arrow(start=sensor[:3, 3] - middle, direction=sensor[:3, axis], scale=0.06 * size)
-                plotter.add_mesh(arrow, color=color, lighting=False)
-        # VTK's nearest visible depth is a fraction of the farthest: one far point must not hide all near ones.
-        farthest = np.linalg.norm(cloud.xyz - eye, axis=1).max(initial=size)
-        plotter.renderer.SetNearClippingPlaneTolerance(0.01 * size / farthest)
-        plotter.camera_position = (eye - middle, target - middle, up)
         plotter.enable_anti_aliasing("ssaa")
+        stage = _Stage(plotter, picture, (size[0] - panel) / size[1], point_size)
+        _check_opengl(plotter, path)
+        suffix = "" if path is None else Path(path).suffix.lower()
         if path is None:
+            last = len(picture.frames) - 1
+            if last:
+                plotter.add_slider_widget(
+                    lambda value: stage.show(round(value)), (0, last), 0, title="frame", fmt="%.0f", color="white",
+                    pointa=(0.05, 0.06), pointb=(0.6, 0.06), interaction_event="always", style="modern",
+                )  # fmt: skip
             plotter.show(title="lidarsim")
+        elif suffix == ".png":
+            image = BytesIO()
+            plotter.screenshot(image)
+            with atomic_writer(path) as file:
+                file.write(image.getvalue())
         else:
-            _write_png(plotter, path)
+            _write_film(path, stage.film(), picture.rate if len(picture.frames) > 1 else TURN / 6.0)
 
 
-def _write_png(plotter: pyvista.Plotter, path: PathLike) -> None:
+def _check_opengl(plotter: pyvista.Plotter, path: PathLike | None) -> None:
     window: Any = plotter.render_window
     window.Initialize()
-    if not window.GetInitialized():  # VTK would draw nevertheless, and crash
+    if path is not None and not window.GetInitialized():  # VTK would draw nevertheless, and crash
         raise LidarsimError("no OpenGL to draw with: install libEGL (Debian, Ubuntu: apt install libegl1)")
-    image = BytesIO()
-    plotter.screenshot(image)
-    with atomic_writer(path) as file:
-        file.write(image.getvalue())
 
 
-def _add_points(plotter: pyvista.Plotter, xyz: Floats, colors: Coloring, size: float | None) -> None:
-    if size is None:  # of as many pixels as it takes for the points to cover about the same part of the picture
-        size = float(np.clip(5 * (100_000 / len(xyz)) ** 0.25, 3, 12))
-    plotter.add_points(
-        xyz,
-        scalars=colors.values,
-        cmap=colors.table,
-        clim=colors.limits,
-        point_size=size,
-        render_points_as_spheres=True,
-        lighting=False,
-        annotations=dict(enumerate(colors.names)),
-        show_scalar_bar=len(colors.names) <= 20,
-        scalar_bar_args={
-            "title": f"{colors.title}\n",  # a line clear of the topmost number
-            "vertical": True,
-            "position_x": 0.93,
-            "position_y": 0.25,
-            "width": 0.05,
-            "height": 0.5,
-            "n_labels": 0 if colors.names else 5,
-            "fmt": "%.3g",
-            "color": "white",
-        },
+class _Stage:
+    """What is in a plotter: all frames, of which one is shown, relative to the middle of what is seen.
+
+    The graphics card has float32, too coarse for map coordinates.
+    """
+
+    def __init__(self, plotter: Any, picture: Picture, aspect: float, point_size: float | None) -> None:
+        self.pv: Any = import_extra("pyvista", "pyvista", "this view")
+        self.plotter, self.picture, self.aspect = plotter, picture, aspect
+        self.added = 0
+        self.seen = picture.seen()
+        self.middle = self.seen.mean(axis=0)
+        self.reach = float(np.linalg.norm(self.seen - self.middle, axis=1).max())
+        plotter.subplot(0, 0)
+        spacing = self._grid()
+        self._surfaces()
+        if len(picture.path):
+            plotter.add_lines(picture.path - self.middle, color=PATH, width=2, connected=True)
+        most = max(len(frame.cloud) for frame in picture.frames)
+        size = point_size or float(np.clip(5 * (100_000 / max(most, 1)) ** 0.25, 2.5, 10))
+        self.actors = [self._frame(frame, size) for frame in picture.frames]
+        plotter.subplot(0, 1)
+        self._panel(spacing, most)
+        plotter.subplot(0, 0)
+        self.show(0)
+
+    def show(self, index: int, turn: float = 0.0) -> None:
+        """Show one frame alone, from where the camera then is."""
+        for number, actors in enumerate(self.actors):
+            for actor in actors:
+                actor.SetVisibility(number == index)
+        follows = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
+        if index and not follows and not self.plotter.off_screen:
+            return  # the user has turned the view as he likes
+        view = self.picture.view(index, self.seen, self.aspect, turn=turn)
+        camera = self.plotter.renderers[0].camera
+        camera.position, camera.focal_point, camera.up = view.eye - self.middle, view.target - self.middle, view.up
+        camera.view_angle = np.degrees(view.angle)
+        renderer = self.plotter.renderers[0]
+        # VTK's nearest visible depth is a fraction of the farthest: one far point must not hide all near ones.
+        farthest = float(
+            np.linalg.norm(self.picture.frames[index].cloud.xyz - view.eye, axis=1).max(initial=self.reach)
+        )
+        renderer.SetNearClippingPlaneTolerance(0.002 * self.reach / farthest)
+        renderer.ResetCameraClippingRange()
+
+    def film(self) -> Iterator[npt.NDArray[np.uint8]]:
+        """Return the images of a film: all frames, or of a single one all sides."""
+        frames = len(self.picture.frames)
+        self.plotter.show(auto_close=False, interactive=False)
+        for number in range(frames if frames > 1 else TURN):
+            self.show(number if frames > 1 else 0, 2 * np.pi * number / max(frames, TURN))
+            self.plotter.render()
+            yield np.asarray(self.plotter.screenshot(return_img=True))
+
+    def _add(self, mesh: Any, **look: Any) -> Any:
+        """Add a mesh under a name of its own: PyVista names one by its address, which the next may have as well."""
+        self.added += 1
+        return self.plotter.add_mesh(mesh, name=f"mesh {self.added}", **look)
+
+    def _frame(self, frame: Frame, size: float) -> list[Any]:
+        cloud, actors = frame.cloud, []
+        if len(cloud):  # PyVista refuses to draw nothing
+            points = self.pv.PolyData(cloud.xyz - self.middle)
+            points.point_data["rgb"] = self.picture.colors.rgb(cloud)
+            round_dots = {"point_size": size, "render_points_as_spheres": True, "lighting": False}
+            actors.append(self._add(points, scalars="rgb", rgb=True, copy_mesh=False, **round_dots))
+        position = frame.pose[:3, 3] - self.middle
+        inside = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
+        shown = not inside and (self.picture.has_points or not self.picture.surfaces)
+        if shown and np.linalg.norm(position) < 1000 * self.reach:  # else it would be a dot, and spoil the depth buffer
+            for axis, color in enumerate(AXES):
+                arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=0.06 * self.reach)
+                actors.append(self._add(arrow, color=color, lighting=False))
+        return actors
+
+    def _surfaces(self) -> None:
+        """Add all surfaces, translucent: those of one mesh as instances of it, all others in one piece."""
+        colors = self.picture.colors
+        look = {"opacity": 0.15 if self.picture.has_points else 0.5, **SHADING}
+        groups: dict[int, list[Surface]] = {}
+        for surface in self.picture.surfaces:
+            if len(surface.faces):
+                groups.setdefault(id(surface.vertices), []).append(surface)
+        others: list[Surface] = []
+        for group in groups.values():
+            vertices, faces = group[0].vertices, group[0].faces
+            if len(group) == 1 or len(faces) < INSTANCED:
+                others += group
+                continue
+            centre = vertices.mean(axis=0)
+            shared = _shaded(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
+            for surface in group:
+                actor = self._add(shared, color=surface_color(surface, colors), **look)
+                matrix = surface.matrix.copy()
+                matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
+                actor.user_matrix = matrix
+        if others:
+            whole = self.pv.PolyData.from_regular_faces(*joined(others, self.middle))
+            table = np.array([list(bytes.fromhex(surface_color(surface, colors)[1:])) for surface in others], np.uint8)
+            whole.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for surface in others], axis=0)
+            self._add(_shaded(whole), scalars="rgb", rgb=True, **look)
+        if groups:
+            self.plotter.enable_depth_peeling(8)
+
+    def _grid(self) -> float:
+        """Add lines on the ground, and return how far apart they are, m."""
+        spacing, height, xs, ys = grid(self.seen)
+        ends = [((x, ys[0], height), (x, ys[-1], height)) for x in xs] + [
+            ((xs[0], y, height), (xs[-1], y, height)) for y in ys
+        ]
+        self.plotter.add_lines(np.reshape(ends, (-1, 3)) - self.middle, color=GRID, width=1)
+        return spacing
+
+    def _panel(self, spacing: float, most: int) -> None:
+        """Write the legend beside the picture, where it covers no points."""
+        pv, colors, plotter = self.pv, self.picture.colors, self.plotter
+        renderer = plotter.renderers[1]
+        renderer.SetInteractive(False)
+        height = plotter.window_size[1]
+        wide = min(PANEL, plotter.window_size[0] // 4) / height
+        font = max(8, round(height / 60))
+        line = 2.4 * font / height
+
+        def write(text: str, x: float, y: float) -> None:
+            actor = plotter.add_text(
+                text, position=(x, y), viewport=True, font_size=font, color="#e8eaed", shadow=False
+            )
+            actor.GetTextProperty().SetVerticalJustificationToCentered()
+            actor.GetTextProperty().SetFontSize(font)
+
+        def fill(x: tuple[float, float], y: tuple[float, float], rgb: npt.NDArray[np.uint8]) -> None:
+            plane = pv.Plane(
+                center=(wide * sum(x) / 2, sum(y) / 2, 0),
+                i_size=wide * (x[1] - x[0]),
+                j_size=y[1] - y[0],
+                i_resolution=1,
+                j_resolution=len(rgb),
+            )
+            plane.cell_data["rgb"] = rgb
+            self._add(plane, scalars="rgb", rgb=True, lighting=False)
+
+        top = 0.95
+        write(colors.title, 0.04, top)
+        shown = list(colors.names.items())
+        room = int(0.75 / line)
+        table = _channels(colors.table)
+        for number, (_, name) in enumerate(shown[:room]):
+            y = top - 1.2 * line - number * line
+            fill((0.04, 0.14), (y - 0.32 * line, y + 0.32 * line), table[number : number + 1])
+            write(name if len(name) < 23 else f"{name[:21]}…", 0.19, y)
+        if len(shown) > room:
+            write(f"and {len(shown) - room} more", 0.19, top - 1.2 * line - room * line)
+        if not colors.names and most:
+            low, high = 0.35, top - 1.5 * line
+            fill((0.04, 0.16), (low, high), table)
+            for value, text in colors.ticks().items():
+                y = low + (high - low) * (value - colors.limits[0]) / (colors.limits[1] - colors.limits[0])
+                fill((0.16, 0.19), (y - 0.001, y + 0.001), np.full((1, 3), 232, np.uint8))
+                write(text, 0.22, y)
+            if colors.clipped:
+                write(colors.clipped, 0.04, low - line)
+        write(f"grid {spacing:,g} m", 0.04, 0.04 + line)
+        objects, frames = len(self.picture.surfaces), len(self.actors)
+        counted = f"{frames:,} frames" if frames > 1 else f"{most:,} points" if most else f"{objects:,} objects"
+        write(counted, 0.04, 0.04)
+        camera = renderer.camera  # a unit is the height of the panel
+        camera.parallel_projection, camera.parallel_scale = True, 0.5
+        camera.focal_point, camera.position, camera.up = (wide / 2, 0.5, 0.0), (wide / 2, 0.5, 1.0), (0.0, 1.0, 0.0)
+        renderer.ResetCameraClippingRange()
+
+
+def _shaded(mesh: pyvista.PolyData) -> pyvista.PolyData:
+    """Return a mesh with normals that make what is round look round, and leave edges sharp."""
+    shaded: pyvista.PolyData = mesh.compute_normals(
+        cell_normals=False, split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
     )
+    return shaded
 
 
-def _extent(cloud: PointCloud, sensor: Floats) -> tuple[Floats, float]:
-    """Return the middle of the points and how far they reach, however far a few of them lie."""
-    if not len(cloud):
-        return sensor[:3, 3], 10.0
-    middle = np.median(cloud.xyz, axis=0)
-    half, most = np.percentile(np.linalg.norm(cloud.xyz - middle, axis=1), (50, 90))
-    return middle, float(max(most, 1.6 * half)) or 1.0  # a ball is seen whole, a street without its far ends
+def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: float) -> None:
+    if Path(path).suffix.lower() == ".gif":
+        from PIL import Image
+
+        first, *others = [Image.fromarray(image).quantize(128, dither=Image.Dither.NONE) for image in images]
+        with atomic_writer(path) as file:
+            first.save(
+                file, "GIF", save_all=True, append_images=others, duration=round(1000 / rate), loop=0, optimize=True
+            )
+        return
+    films = import_extra("imageio_ffmpeg", "video", "an MP4 file")
+    with TemporaryDirectory() as folder:
+        name = Path(folder) / "film.mp4"
+        writer = None
+        for image in images:
+            if writer is None:
+                writer = films.write_frames(str(name), image.shape[1::-1], fps=rate, macro_block_size=2, quality=8)
+                writer.send(None)
+            writer.send(np.ascontiguousarray(image))
+        if writer is not None:
+            writer.close()
+        with atomic_writer(path) as file:
+            file.write(name.read_bytes())
 
 
 register_view(PointCloud, "pyvista", to_pyvista)

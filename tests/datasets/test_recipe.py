@@ -149,3 +149,20 @@ def test_a_function_has_a_generator_of_its_own_a_sequence() -> None:
 def test_a_function_that_returns_something_else(result: object, message: str, tmp_path: Path) -> None:
     with pytest.raises(TypeError, match=message):
         ls.generate(lambda rng, sequence: result, tmp_path)  # type: ignore[arg-type, return-value] # noqa: ARG005
+
+
+RECIPES = sorted((Path(__file__).parents[2] / "configs" / "recipes").glob("*.yaml"))
+
+
+@pytest.mark.parametrize("path", RECIPES, ids=lambda path: path.stem)
+def test_the_recipes_that_come_along(path: Path, tmp_path: Path) -> None:
+    small = ["sequences=2", "frames=1", "layout=semantickitti"]
+    made = ls.generate(path, tmp_path / "out", overrides=small, pictures=0)
+    assert made.frames == 2
+    assert made.points > 10_000
+    labels = [np.unique(np.fromfile(file, np.uint32) & 0xFFFF) for file in sorted(tmp_path.rglob("*.label"))]
+    assert set(np.concatenate(labels)) <= set(load(path).class_names)
+
+
+def test_there_are_recipes() -> None:
+    assert len(RECIPES) == 3

@@ -7,20 +7,24 @@ import numpy.typing as npt
 import pytest
 
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import BACKGROUND, QUALITATIVE, SEQUENTIAL, coloring
+from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, coloring
 
 
 def cloud(**fields: object) -> PointCloud:
     return PointCloud({"xyz": np.arange(12.0).reshape(4, 3), **fields})
 
 
+def rgb_of(points: PointCloud, field: str) -> npt.NDArray[np.uint8]:
+    return coloring([points], field).rgb(points)
+
+
 def test_default_is_intensity_then_height() -> None:
-    assert coloring(cloud(), None).title == "height [m]"
-    assert coloring(cloud(intensity=[1, 2, 3, 4]), None).title == "intensity"
+    assert coloring([cloud()], None).title == "height [m]"
+    assert coloring([cloud(intensity=[1, 2, 3, 4])], None).title == "intensity"
 
 
 def test_sequential_colours_run_from_end_to_end() -> None:
-    rgb = coloring(cloud(range=[0.0, 1.0, 2.0, 3.0]), "range").rgb()
+    rgb = rgb_of(cloud(range=[0.0, 1.0, 2.0, 3.0]), "range")
     assert bytes(rgb[0]).hex() == SEQUENTIAL[0][1:]
     assert bytes(rgb[3]).hex() == SEQUENTIAL[-1][1:]
     lightness = rgb @ [0.2126, 0.7152, 0.0722]
@@ -29,27 +33,76 @@ def test_sequential_colours_run_from_end_to_end() -> None:
 
 def test_limits_pass_over_outliers_and_nan() -> None:
     values = np.concatenate([np.linspace(0, 1, 999), [1e6, np.nan, -np.inf]])
-    colors = coloring(PointCloud(xyz=np.zeros((1002, 3)), gain=values), "gain")
+    points = PointCloud(xyz=np.zeros((1002, 3)), gain=values)
+    colors = coloring([points], "gain")
     low, high = colors.limits
     assert 0 < low < 0.02
     assert 0.98 < high < 1.0
-    assert colors.rgb().shape == (1002, 3)
+    assert colors.extent == (0.0, 1e6)
+    assert colors.clipped == "all: 0 to 1,000,000"  # what is clipped is said
+    rgb = colors.rgb(points)
+    assert f"#{bytes(rgb[1000]).hex()}" == MISSING
+    assert rgb[999].tolist() == rgb[998].tolist()
+
+
+def test_without_outliers_nothing_is_clipped() -> None:
+    colors = coloring([cloud(range=[2.0, 3.0, 4.0, 8.0])], "range")
+    assert colors.limits == colors.extent == (2.0, 8.0)
+    assert colors.clipped == ""
+
+
+def test_errors_and_velocities_have_zero_in_the_middle_of_two_colours() -> None:
+    points = cloud(range_error=[-0.01, 0.0, 0.02, 0.04], radial_velocity=np.float32([0, 0, -3, 1]))
+    for field, most in (("range_error", 0.04), ("radial_velocity", 3.0)):
+        colors = coloring([points], field)
+        assert colors.limits == pytest.approx((-most, most))
+    rgb = rgb_of(points, "range_error").astype(int)
+    assert rgb[0][2] > rgb[0][0]  # blue below
+    assert abs(rgb[1] - rgb[1].mean()).max() < 12  # grey at 0
+    assert rgb[3][0] > rgb[3][2]  # red above
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "texts"),
+    [
+        (0.0, 1550.0, ["0", "500", "1,000", "1,500"]),
+        (-0.013, 0.013, ["-0.010", "-0.005", "0.000", "0.005", "0.010"]),
+        (0.0, 1.0, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
+        (3.0, 3.0, ["2.6", "2.8", "3.0", "3.2", "3.4"]),
+        (0.0, 1e-9, ["0", "2e-10", "4e-10", "6e-10", "8e-10", "1e-09"]),
+    ],
+)
+def test_ticks_are_round_numbers_that_one_reads(low: float, high: float, texts: list[str]) -> None:
+    ticks = coloring([PointCloud(xyz=np.zeros((2, 3)), gain=[low, high])], "gain").ticks()
+    assert list(ticks.values()) == texts
+
+
+def test_classes_have_names_and_those_of_surfaces_are_among_them() -> None:
+    colors = coloring([cloud(label=[40, 10, 40, 81])], "label", {"label": {10: "car"}}, {"label": [7]})
+    assert colors.names == {7: "7", 10: "car", 40: "40", 81: "81"}
+    assert colors.table == [QUALITATIVE[i] for i in (7, 10, 40, 81)]
+
+
+def test_frames_share_their_colours() -> None:
+    first, second = cloud(range=[0.0, 1, 2, 3], label=[1, 1, 1, 1]), cloud(range=[6.0, 7, 8, 9], label=[2, 2, 2, 9])
+    assert coloring([first, second], "range").limits == (0.0, 9.0)
+    assert list(coloring([first, second], "label").names) == [1, 2, 9]
 
 
 def test_categories_have_a_colour_each_and_keep_their_names() -> None:
-    colors = coloring(cloud(label=[40, 10, 40, 81]), "label")
-    assert colors.names == ["10", "40", "81"]
-    assert [f"#{bytes(rgb).hex()}" for rgb in colors.rgb()] == [QUALITATIVE[i] for i in (40, 10, 40, 81)]
+    points = cloud(label=[40, 10, 40, 81])
+    assert coloring([points], "label").names == {10: "10", 40: "40", 81: "81"}
+    assert [f"#{bytes(rgb).hex()}" for rgb in rgb_of(points, "label")] == [QUALITATIVE[i] for i in (40, 10, 40, 81)]
 
 
 def test_a_category_has_one_colour_whatever_others_there_are() -> None:
     labels = np.array([0, 7, 40, 259, 4_000_000_000])
-    together = coloring(PointCloud(xyz=np.zeros((5, 3)), label=labels), "label").rgb()
+    together = rgb_of(PointCloud(xyz=np.zeros((5, 3)), label=labels), "label")
     for label, rgb in zip(labels, together, strict=True):
         for others in ([], [1, 2, 3], [39, 41, 4_000_000_001]):
-            alone = coloring(PointCloud(xyz=np.zeros((1 + len(others), 3)), label=[label, *others]), "label")
-            assert alone.rgb()[0].tolist() == rgb.tolist()
-    assert coloring(cloud(object_id=[-1, 0, 1, 2]), "object_id").rgb().shape == (4, 3)
+            alone = rgb_of(PointCloud(xyz=np.zeros((1 + len(others), 3)), label=[label, *others]), "label")
+            assert alone[0].tolist() == rgb.tolist()
+    assert rgb_of(cloud(object_id=[-1, 0, 1, 2]), "object_id").shape == (4, 3)
 
 
 def linear(colors: npt.NDArray[np.uint8]) -> npt.NDArray[np.float64]:
@@ -115,10 +168,10 @@ def test_each_category_after_the_first_eight_is_the_colour_farthest_from_those_b
 @pytest.mark.parametrize("field", ["label", "range", "height"])
 def test_no_points(field: str) -> None:
     empty = PointCloud(xyz=np.empty((0, 3)), label=np.empty(0, np.uint32), range=np.empty(0))
-    assert coloring(empty, field).rgb().shape == (0, 3)
+    assert rgb_of(empty, field).shape == (0, 3)
 
 
 def test_unknown_field_names_those_there_are() -> None:
     with pytest.raises(ValueError) as caught:  # noqa: PT011
-        coloring(cloud(ring=[1, 2, 3, 4], normal=np.zeros((4, 3))), "normal")
+        coloring([cloud(ring=[1, 2, 3, 4], normal=np.zeros((4, 3)))], "normal")
     assert str(caught.value) == "color_by: expected one of height, ring, got 'normal'"

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import LidarsimError, MissingExtraError
 from lidarsim.pointcloud import CANONICAL, PointCloud
@@ -128,8 +129,15 @@ def test_show_gives_the_viewer_coloured_points(monkeypatch: pytest.MonkeyPatch) 
 
     monkeypatch.setenv("DISPLAY", ":0")
     monkeypatch.setattr("open3d.visualization.draw", record)
-    view.show(PointCloud(xyz=np.eye(3), label=[5, 5, 9]), color_by="label")
-    colors = shown[0].point.colors.numpy()
+    scene = ls.Scene()
+    scene.add(ls.Sphere((1, 0, 0), 1.0), name="ball", label=9)
+    far = np.eye(4)
+    far[:3, 3] = 5e6
+    ls.show(PointCloud(xyz=np.eye(3) + 5e6, label=[5, 5, 9]), scene=scene, color_by="label", viewer="open3d", pose=far)
+    parts = {part["name"]: part for part in shown[0]}
+    assert list(parts) == ["frame 0", "0 ball", "sensor"]
+    assert np.abs(parts["frame 0"]["geometry"].point.positions.numpy()).max() < 2  # relative to their middle
+    colors = parts["frame 0"]["geometry"].point.colors.numpy()
     assert colors.dtype == np.uint8
     assert colors[0].tolist() == colors[1].tolist() != colors[2].tolist()
 
@@ -139,10 +147,10 @@ def test_show_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(LidarsimError) as caught:
-        view.show(PointCloud(xyz=[[1, 2, 3]]))
-    assert str(caught.value) == "no display to show a window on (DISPLAY is not set): write a screenshot instead"
+        ls.show(PointCloud(xyz=[[1, 2, 3]]), viewer="open3d")
+    assert str(caught.value) == "no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot"
 
 
 def test_show_by_a_field_that_is_not_there() -> None:
     with pytest.raises(ValueError, match="color_by: expected one of height, got 'ring'"):
-        view.show(PointCloud(xyz=[[1, 2, 3]]), color_by="ring")
+        ls.show(PointCloud(xyz=[[1, 2, 3]]), color_by="ring", viewer="open3d")

@@ -13,7 +13,7 @@ from typing import Any
 
 from lidarsim.config.schema import Model
 from lidarsim.datasets.samples import Record, Sample
-from lidarsim.datasets.store import Store, local_file
+from lidarsim.datasets.store import Store
 
 Extra = dict[str, Any]
 """What a layout notes of a sample for its tables, as JSON can hold it."""
@@ -40,7 +40,7 @@ class Files:
 
         What `more` then holds is said of it in the manifest.
         """
-        with local_file(self.store, name) as path:
+        with self.store.writing(name) as path:
             yield path
             with path.open("rb") as file:
                 digest = hashlib.file_digest(file, "sha256").hexdigest()

@@ -1,0 +1,299 @@
+"""Objects at random places: standing on the ground, apart from all others and from the sensor, some moving."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field
+
+from lidarsim._validation import Floats
+from lidarsim.config.schema import AnyObject, Model, Pair, SceneFile
+from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
+from lidarsim.rig import Rig
+from lidarsim.scene import Scene, SceneObject
+from lidarsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lidarsim.config.document import Place
+    from lidarsim.config.loader import Run
+    from lidarsim.shapes import Shape
+
+__all__ = ["Placed", "Scatter", "scatter"]
+
+TRIES = 200
+"""How many places are tried for an object."""
+
+STEP = 0.1
+"""Time between the moments at which objects are seen to be apart, s."""
+
+TOP = 1e5
+"""Above all ground, m: from there it is looked for."""
+
+CHORD = 1e-3
+"""How far curved surfaces may reach beyond the triangles that stand for them, m."""
+
+
+class Scatter(Model):
+    """A group of objects, of which each is one of `objects`."""
+
+    objects: Annotated[list[AnyObject], Field(min_length=1)]
+    on: Annotated[list[str], Field(min_length=1)]
+    count: DrawOr
+    area_m: Annotated[list[Pair], Field(min_length=2, max_length=2)] | None = None
+    along_m: Annotated[list[Pair], Field(min_length=2)] | None = None
+    offset_m: DrawOr = 0.0
+    yaw_deg: DrawOr = 0.0
+    scale: DrawOr = 1.0
+    speed_m_per_s: DrawOr = 0.0
+    gap_m: Annotated[float, Field(ge=0)] = 0.0
+    clear_m: Annotated[float, Field(ge=0)] = 0.0
+
+    def check(self, place: Place) -> None:
+        """Raise an error where the keys do not fit together."""
+        if (self.area_m is None) == (self.along_m is None):
+            raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
+        for key in ("count", "offset_m", "yaw_deg", "scale", "speed_m_per_s"):
+            value = getattr(self, key)
+            if isinstance(value, Draw):
+                value.check(place / key, numbers=True)
+        for index, item in enumerate(self.objects):
+            given = item.model_fields_set & {"position_m", "rotation_deg", "matrix"}
+            if given or isinstance(item, SceneFile):
+                what = f"no {min(given)}, since the place is drawn" if given else "one object, got a scene_file"
+                raise (place / "objects" / index).error(f"expected {what}")
+
+
+@dataclass(frozen=True)
+class Placed:
+    """An object of a group, and where it stands or how it moves."""
+
+    group: str
+    index: int
+    scale: float
+    motion: Floats | Trajectory
+
+
+@dataclass(frozen=True)
+class _Outline:
+    """A rectangle in the plan at the moments of a sequence, (k, 4, 2), or at all of them, (1, 4, 2); and its heights.
+
+    Between two moments its corners come no further from where they are at one of them than by half of what they move.
+    """
+
+    corners: Floats
+    low: float
+    high: float
+
+    @cached_property
+    def between(self) -> float:
+        """How far the outline may reach beyond the corners, m."""
+        moved = np.linalg.norm(np.diff(self.corners, axis=0), axis=2)
+        return float(moved.max(initial=0.0)) / 2
+
+    @cached_property
+    def box(self) -> Floats:
+        """Least and greatest coordinates at any time, shape (2, 3)."""
+        low, high = self.corners.min(axis=(0, 1)) - self.between, self.corners.max(axis=(0, 1)) + self.between
+        return np.array([[*low, self.low], [*high, self.high]])
+
+    def apart(self, other: _Outline, gap: float) -> bool:
+        """Return whether there is a gap between two outlines at all times: a line across which both keep to a side."""
+        edges = np.diff(self.corners[:, :3], axis=1), np.diff(other.corners[:, :3], axis=1)
+        moments = max(len(self.corners), len(other.corners))
+        axes = np.concatenate([np.broadcast_to(edge, (moments, 2, 2)) for edge in edges], axis=1)
+        axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
+        mine, its = (
+            np.einsum("kai,kci->kac", axes, np.broadcast_to(c, (moments, 4, 2))) for c in (self.corners, other.corners)
+        )
+        free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2)).max(1)
+        return bool((free >= gap + self.between + other.between).all())
+
+
+class _Obstacles:
+    """Outlines that others keep apart from."""
+
+    def __init__(self, outlines: Sequence[_Outline]) -> None:
+        self.outlines = list(outlines)
+        self.boxes = np.array([outline.box for outline in outlines]).reshape(-1, 2, 3)
+
+    def add(self, outline: _Outline) -> None:
+        """Add an outline."""
+        self.outlines.append(outline)
+        self.boxes = np.concatenate([self.boxes, outline.box[None]])
+
+    def apart(self, outline: _Outline, gap: float) -> bool:
+        """Return whether an outline is apart from all of these."""
+        room = np.array([gap, gap, 0.0])
+        free = (self.boxes[:, 0] >= outline.box[1] + room) | (outline.box[0] >= self.boxes[:, 1] + room)
+        return all(self.outlines[index].apart(outline, gap) for index in np.flatnonzero(~free.any(axis=1)))
+
+
+def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, sequence: int) -> list[Placed]:
+    """Return places for the objects of all groups in a sequence, group by group.
+
+    Parameters
+    ----------
+    groups : dict of str to Scatter
+        What is placed.
+    place : Place
+        Of the groups in the recipe.
+    run : Run
+        Of the sequence: its scene has the ground and what is in the way, its pose is kept clear.
+    seed : int
+        Of the data set.
+    sequence : int
+        Number of the sequence.
+
+    Returns
+    -------
+    list of Placed
+        What finds no room is not among them.
+
+    Raises
+    ------
+    ConfigError
+        If there is no object of a name that they are to stand on, or a path is too short for the speed.
+    """
+    start, stop = run.time(run.frames.start), run.time(run.frames.stop + 1)
+    stop += max((part.offset for part in run.sensor.values()), default=0.0) if isinstance(run.sensor, Rig) else 0.0
+    times = np.append(np.arange(start, stop, STEP), stop)
+    placed: list[Placed] = []
+    others = _Obstacles([])
+    for name, group in groups.items():
+        there = place / name
+        ground, obstacles = _divided(run.scene, group.on, there)
+        sensor = _sensor(run, times, group.clear_m)
+        for number in range(int(drawn(group.count, Stream(seed, f"scatter.{name}", sequence)))):
+            stream = Stream(seed, f"scatter.{name}.{number}", sequence)
+            index = stream.integer(0, len(group.objects) - 1)
+            item = group.objects[index]
+            shape = item.build(there / "objects" / index)
+            if not shape.bounded:
+                raise (there / "objects" / index).error("expected an object that ends somewhere, got an unbounded one")
+            scale = drawn(group.scale, stream)
+            bounds = _bounds(shape, np.diag([*np.ones(3) * scale * np.asarray(item.scale), 1.0]))
+            way = _Way(group, stream, times, there)
+            for _ in range(TRIES):
+                poses = way.poses(stream)
+                outline = _stand(poses, bounds, ground)
+                if outline is None:
+                    continue
+                if sensor.apart(outline, 0) and obstacles.apart(outline, 0) and others.apart(outline, group.gap_m):
+                    placed.append(Placed(name, index, scale, Trajectory(times, poses) if way.speed else poses[0]))
+                    others.add(outline)
+                    break
+    return placed
+
+
+class _Way:
+    """Where an object may be put, and how it goes on from there."""
+
+    def __init__(self, group: Scatter, stream: Stream, times: Floats, place: Place) -> None:
+        self.group = group
+        self.yaw = np.radians(drawn(group.yaw_deg, stream))
+        self.speed = drawn(group.speed_m_per_s, stream)
+        self.offset = drawn(group.offset_m, stream)
+        self.run = (times if self.speed else times[:1]) - times[0]
+        if group.along_m is not None:
+            self.path = np.asarray(group.along_m)
+            self.lengths = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
+            if not (self.lengths > 0).all():
+                raise (place / "along_m").error("expected points that differ from one to the next")
+            self.room = float(self.lengths.sum() - abs(self.speed) * self.run[-1])
+            if self.room < 0:
+                raise (place / "along_m").error(
+                    f"expected a path as long as the way in a sequence, {abs(self.speed) * self.run[-1]:.4g} m,"
+                    f" got {self.lengths.sum():.4g} m"
+                )
+
+    def poses(self, stream: Stream) -> Floats:
+        """Return poses at the moments, (k, 4, 4), on a plane of height 0; of what stands still one."""
+        if self.group.along_m is None:
+            (x0, y0), (x1, y1) = np.asarray(self.group.area_m)
+            start = np.array([stream.uniform(x0, x1), stream.uniform(y0, y1)])
+            ahead = np.array([np.cos(self.yaw), np.sin(self.yaw)])
+            return _upright(start + self.speed * self.run[:, None] * ahead, np.full(len(self.run), self.yaw))
+        at = stream.uniform(0.0, self.room) + abs(self.speed) * self.run
+        if self.speed < 0:  # the other way
+            at = self.lengths.sum() - at
+        ends = np.concatenate([[0.0], np.cumsum(self.lengths)])
+        piece = np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(self.lengths) - 1)
+        tangent = (np.diff(self.path, axis=0) / self.lengths[:, None])[piece]
+        position = self.path[piece] + (at - ends[piece])[:, None] * tangent
+        position += self.offset * np.stack([-tangent[:, 1], tangent[:, 0]], axis=1)
+        yaw = np.arctan2(tangent[:, 1], tangent[:, 0]) + self.yaw + np.pi * (self.speed < 0)
+        return _upright(position, yaw)
+
+
+def _upright(position: Floats, yaw: Floats) -> Floats:
+    poses = np.tile(np.eye(4), (len(yaw), 1, 1))
+    poses[:, :2, 3] = position
+    poses[:, 0, 0] = poses[:, 1, 1] = np.cos(yaw)
+    poses[:, 1, 0] = np.sin(yaw)
+    poses[:, 0, 1] = -poses[:, 1, 0]
+    return poses
+
+
+def _stand(poses: Floats, bounds: Floats, ground: Scene) -> _Outline | None:
+    """Put poses on the ground, and return the outline of an object there; None if it is not on ground all over.
+
+    An object stands as high as the ground under its middle and its corners is at the highest.
+    """
+    (x0, y0, low), (x1, y1, high) = bounds
+    corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
+    plan = np.einsum("kij,cj->kci", poses[:, :2, :2], corners) + poses[:, None, :2, 3]
+    under = np.concatenate([plan, plan.mean(axis=1, keepdims=True)], axis=1)
+    origins = np.concatenate([under, np.full((*under.shape[:2], 1), TOP)], axis=2).reshape(-1, 3)
+    height = TOP - ground.cast(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape)).t.reshape(under.shape[:2])
+    if not np.isfinite(height).all():
+        return None
+    poses[:, 2, 3] = height.max(axis=1) - low
+    return _Outline(plan, float(poses[:, 2, 3].min()) + low, float(poses[:, 2, 3].max()) + high)
+
+
+def _divided(scene: Scene, on: Sequence[str], place: Place) -> tuple[Scene, _Obstacles]:
+    """Return what objects may stand on, as a scene, and what they must not overlap."""
+    missing = set(on) - {item.name for item in scene.objects}
+    if missing:
+        raise (place / "on").error(f"expected names of objects in the scene, got {min(missing)!r}")
+    ground = Scene()
+    for item in scene.objects:
+        if item.name in on:
+            ground.add(item.shape, transform=item.transform)
+    others = [item for item in scene.objects if item.name not in on and item.shape.bounded]
+    return ground, _Obstacles([_still(item) for item in others])
+
+
+def _still(item: SceneObject) -> _Outline:
+    """Return the outline of an object in the scene."""
+    (x0, y0, low), (x1, y1, high) = _bounds(item.shape, item.transform)
+    return _Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
+
+
+def _sensor(run: Run, times: Floats, clear: float) -> _Obstacles:
+    """Return a square around the sensor, or the body of the rig, at all moments; nothing if none is kept clear."""
+    if not clear:
+        return _Obstacles([])
+    if isinstance(run.pose, Trajectory):
+        first, last = run.pose.span
+        position = run.pose.at(np.clip(times, first, last)).translation[:, :2]
+    else:
+        position = np.asarray(run.pose)[None, :2, 3]
+    square = clear * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    return _Obstacles([_Outline(position[:, None] + square, -np.inf, np.inf)])
+
+
+def _bounds(shape: Shape, transform: npt.NDArray[Any] | None) -> Floats:
+    """Return the least and the greatest coordinates of a shape that ends somewhere, shape (2, 3)."""
+    vertices = shape._tessellated(CHORD, np.zeros((8, 3)))[0]
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
+    for matrix in (shape._matrix, transform):
+        if matrix is not None:
+            box = box @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
+    return np.array([box.min(axis=0), box.max(axis=0)])

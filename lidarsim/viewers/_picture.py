@@ -1,0 +1,189 @@
+"""What a picture shows, whichever library draws it: frames of points, surfaces, the sensor, and from where."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from lidarsim import _validation
+from lidarsim._validation import Floats
+from lidarsim.pointcloud import PointCloud
+from lidarsim.viewers._colors import SURFACE, Coloring, _round_step, category_color
+from lidarsim.viewers._surfaces import Surface
+
+Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
+CAMERAS: tuple[Camera, ...] = ("behind", "birds-eye", "first-person", "orbit")
+MARGIN = 1.04
+"""How much wider than what it shows a picture is."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """Points, and where the sensor was, in the same coordinates: sensor to world, shape (4, 4)."""
+
+    cloud: PointCloud
+    pose: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """From where a picture is taken: eye, target and up vector, and the vertical angle of view, rad."""
+
+    eye: Floats
+    target: Floats
+    up: Floats
+    angle: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Picture:
+    """All that there is to see.
+
+    Attributes
+    ----------
+    frames : list of Frame
+        At least one; all points finite.
+    surfaces : list of Surface
+        In the coordinates of the points.
+    path : ndarray of float64, shape (m, 3)
+        Positions of the sensor, m; none if it does not move.
+    colors : Coloring
+        Of the points of all frames.
+    camera : str or ndarray of shape (3, 3)
+        One of `CAMERAS`, or position, target and up vector.
+    rate : float
+        Frames a second.
+    """
+
+    frames: list[Frame]
+    surfaces: list[Surface]
+    path: Floats
+    colors: Coloring
+    camera: Camera | Floats
+    rate: float
+
+    @property
+    def has_points(self) -> bool:
+        """Whether there are any, in any frame."""
+        return any(len(frame.cloud) for frame in self.frames)
+
+    def seen(self) -> Floats:
+        """Return the points that a picture has to show all of: no stray ones that are far beyond all others."""
+        if not self.has_points:
+            corners = [surface.points() for surface in self.surfaces if surface.item.shape.bounded]
+            corners = corners or [surface.points() for surface in self.surfaces]
+            if any(map(len, corners)):
+                return np.concatenate(corners)
+        points = [frame.cloud.xyz for frame in self.frames]
+        every = np.concatenate([*points, self.path, *(frame.pose[None, :3, 3] for frame in self.frames)])
+        every = every[:: max(1, len(every) // 200_000)]
+        middle = np.median(every, axis=0)
+        away = np.linalg.norm(every - middle, axis=1)
+        half, most = np.percentile(away, (50, 99.8))
+        kept: Floats = every[away <= max(most, 2.5 * half)]
+        return (
+            kept if np.ptp(kept, axis=0).any() else np.concatenate([middle - 2.0 * np.eye(3), middle + 2.0 * np.eye(3)])
+        )
+
+    def view(
+        self, frame: int, seen: Floats, aspect: float, *, turn: float = 0.0, angle: float = math.radians(30.0)
+    ) -> View:
+        """Return from where a frame is looked at.
+
+        Parameters
+        ----------
+        frame : int
+            Which one.
+        seen : ndarray of float64, shape (n, 3)
+            Points to show all of.
+        aspect : float
+            Width of the picture, in its heights.
+        turn : float
+            By how much the orbit has gone on, rad.
+        angle : float
+            Of view, vertically, rad; "first-person" has its own.
+
+        Returns
+        -------
+        View
+            In the coordinates of the points.
+        """
+        if not isinstance(self.camera, str):
+            eye, target, up = self.camera
+            return View(eye, target, up, angle)
+        pose = self.frames[frame].pose
+        forward, left, vertical = pose[:3, 0], pose[:3, 1], np.array([0.0, 0.0, 1.0])
+        if self.camera == "first-person":
+            wide = 2.0 * math.atan(1.0 / max(aspect, 1.0))  # a right angle across
+            return View(pose[:3, 3], pose[:3, 3] + forward, pose[:3, 2], wide)
+        if self.camera == "birds-eye":
+            ahead = forward if abs(forward[2]) < 0.9 else pose[:3, 2]
+            return _fitted(seen, vertical, ahead, angle, aspect)
+        if self.camera == "orbit":
+            towards = np.array([math.cos(turn - 2.2), math.sin(turn - 2.2), 0.65])
+            return _fitted(seen, towards, vertical, angle, aspect)
+        moved = self.frames[frame].pose[:3, 3] - self.frames[0].pose[:3, 3]
+        first = _fitted(seen, -2.0 * forward + 0.5 * left + 1.3 * vertical, vertical, angle, aspect)
+        return first if len(self.frames) == 1 else View(first.eye + moved, first.target + moved, vertical, angle)
+
+
+def _fitted(seen: Floats, towards: Floats, up: Floats, angle: float, aspect: float) -> View:
+    """Return the view from the side `towards` that just shows all points.
+
+    A point at (x, y, z), z towards the eye, is seen from an eye at (a, b, c) if |x − a| <= (c − z) s with s the tangent
+    of half the angle: so the least c is half the sum of the greatest z + x/s and z − x/s, and a half their difference
+    times s.
+    """
+    back = towards / np.linalg.norm(towards)
+    right = np.cross(up, back)
+    right /= np.linalg.norm(right)
+    above = np.cross(back, right)
+    middle = seen.mean(axis=0)
+    x, y, z = ((seen - middle) @ axis for axis in (right, above, back))
+    tangent = math.tan(angle / 2) / MARGIN
+    places, distances = [], []
+    for along, slope in ((x, tangent * aspect), (y, tangent)):
+        first, second = float((z + along / slope).max()), float((z - along / slope).max())
+        distances.append((first + second) / 2)
+        places.append((first - second) / 2 * slope)
+    eye = middle + places[0] * right + places[1] * above + max(distances) * back
+    target = middle + places[0] * right + places[1] * above
+    return View(eye, target, above, angle)
+
+
+def checked_camera(camera: object) -> Camera | Floats:
+    """Return a camera after checking that it is one of `CAMERAS`, or three points.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is neither.
+    """
+    if isinstance(camera, str):
+        for name in CAMERAS:
+            if camera == name:
+                return name
+        raise ValueError(f"camera: expected {', '.join(CAMERAS)} or three points, got {camera!r}")
+    return _validation.array("camera", camera, (3, 3))
+
+
+def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
+    """Return the spacing and the height of a grid under the points, and the places of its lines along x and y, m."""
+    low, high = seen.min(axis=0), seen.max(axis=0)
+    spacing = _round_step(float((high - low)[:2].max()) / 12 or 1.0)
+    x, y = (
+        (np.arange(math.floor(start / spacing), math.ceil(end / spacing) + 1) * spacing).tolist()
+        for start, end in zip(low[:2], high[:2], strict=True)
+    )
+    return spacing, float(np.percentile(seen[:, 2], 1)), x, y
+
+
+def surface_color(surface: Surface, colors: Coloring) -> str:
+    """Return the colour of a surface: that of its points where they have one by object or label, else grey."""
+    if colors.field == "label":
+        return category_color(surface.item.label)
+    return category_color(surface.object_id) if colors.field == "object_id" else SURFACE

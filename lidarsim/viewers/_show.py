@@ -1,0 +1,213 @@
+"""One function that shows clouds, scans and scenes, in any of the viewers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, TypeAlias
+
+import numpy as np
+
+from lidarsim import _validation
+from lidarsim._files import PathLike, check_folder, check_suffix
+from lidarsim._validation import Floats, Transform, integer
+from lidarsim._views import register_view
+from lidarsim.pointcloud import PointCloud
+from lidarsim.scan import Scan
+from lidarsim.scene import Scene
+from lidarsim.trajectory import Trajectory
+from lidarsim.viewers import html, open3d, pyvista
+from lidarsim.viewers._colors import coloring
+from lidarsim.viewers._display import in_notebook
+from lidarsim.viewers._picture import Camera, Frame, Picture, checked_camera
+from lidarsim.viewers._surfaces import surfaces
+
+Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
+"""A frame: a cloud, a scan, or the scans of a rig by the names of its sensors."""
+
+SUFFIXES = (".png", ".gif", ".mp4", ".html")
+
+
+def show(
+    what: Shown | Scene | Iterable[Shown],
+    *,
+    scene: Scene | None = None,
+    color_by: str | None = None,
+    class_names: Mapping[int, str] | None = None,
+    pose: Transform | Sequence[Transform] | None = None,
+    save: PathLike | None = None,
+    camera: Camera | Sequence[Sequence[float]] = "behind",
+    size: tuple[int, int] = (1600, 1000),
+    point_size: float | None = None,
+    viewer: Literal["pyvista", "open3d"] = "pyvista",
+) -> html.Page | None:
+    """Show a point cloud, a scan, a scene or a sequence of frames, in a window, in a notebook or as a file.
+
+    Parameters
+    ----------
+    what : PointCloud, Scan, Scene, mapping of str to Scan, or an iterable of these but scenes
+        What to look at. Scans are shown in the world; a mapping, as `Rig.frames` gives it, is one frame. Of several
+        frames a window shows the one that its slider is at, and GIF, MP4 and HTML play all.
+    scene : Scene, optional
+        Surfaces to show beside the points, translucent and in the colours of their labels or objects if the points are.
+    color_by : str, optional
+        Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
+    class_names : mapping of int to str, optional
+        Names of labels, for the legend. Default: those of the scene.
+    pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
+        Where the sensor was when a cloud was taken, or each of several, in the coordinates of the points: shown by its
+        axes (x red, y green, z blue). Default: the identity. Scans know theirs.
+    save : path-like, optional
+        File to write in place of a window: PNG of the first frame; GIF or MP4 of all or, if there is but one, around
+        it; or HTML, one page that a browser opens by itself. None of these needs a display.
+    camera : {"behind", "birds-eye", "first-person", "orbit"} or array_like of shape (3, 3)
+        From behind and above the sensor, from above, from the sensor ahead, or from a height all around; or position,
+        target and up vector. "behind" and "first-person" move with the sensor.
+    size : tuple of int
+        Width and height, pixels.
+    point_size : float, optional
+        Diameter of a point, pixels; by default the more points, the smaller.
+    viewer : {"pyvista", "open3d"}
+        Whose window opens.
+
+    Returns
+    -------
+    Page or None
+        In a Jupyter notebook, if `save` is not given, what the notebook displays: the page that a file of HTML is.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix of `save` is none of these.
+    LidarsimError
+        If there is no display for a window, or no OpenGL for a picture.
+    MissingExtraError
+        If the library that draws is not installed.
+    OSError
+        If the file cannot be written.
+    TypeError, ValueError
+        If there is nothing of these kinds to show, a cloud has no scalar field `color_by`, or an argument is none of
+        the values above.
+    """
+    if viewer not in {"pyvista", "open3d"}:
+        raise ValueError(f"viewer: expected 'pyvista' or 'open3d', got {viewer!r}")
+    if save is not None:
+        check_save(save)
+    width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(size))
+    if isinstance(what, Scene):
+        picture = _picture([_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0)
+    else:
+        given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
+        if not given:
+            raise ValueError("what: expected at least one frame, got none")
+        poses = _poses(pose, len(given))
+        frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
+        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=_rate(given[0]))
+    if save is not None and Path(save).suffix.lower() == ".html":
+        html.write(picture, save, size=(width, height), point_size=point_size)
+    elif save is None and in_notebook():
+        return html.page(picture, size=(width, height), point_size=point_size)
+    elif save is None and viewer == "open3d":
+        open3d.draw(picture, size=(width, height), point_size=point_size)
+    else:
+        pyvista.draw(picture, save, size=(width, height), point_size=point_size)
+    return None
+
+
+def check_save(path: PathLike) -> None:
+    """Check, before any work, that `show` can write a file: one of its suffixes, a folder that is there.
+
+    Raises
+    ------
+    FileFormatError
+        If the suffix is none of these.
+    OSError
+        If the folder does not exist or cannot be written in.
+    """
+    check_suffix(path, SUFFIXES)
+    check_folder(path)
+
+
+def _nothing() -> PointCloud:
+    return PointCloud(xyz=np.empty((0, 3)), label=np.empty(0, np.uint32))
+
+
+def _frame(cloud: PointCloud, pose: Floats) -> Frame:
+    return Frame(cloud[np.isfinite(cloud.xyz).all(axis=1)], pose)
+
+
+def _shown(what: Shown, pose: Floats | None) -> Frame:
+    if isinstance(what, PointCloud):
+        return _frame(what, np.eye(4) if pose is None else pose)
+    scans = list(what.values()) if isinstance(what, Mapping) else [what]
+    for scan in scans:
+        if not isinstance(scan, Scan):
+            raise TypeError(f"what: expected point clouds, scans or a scene, got {type(scan).__name__}")
+    if not scans:
+        return _frame(_nothing(), np.eye(4))
+    clouds = [scan.point_cloud("world") for scan in scans]
+    fields = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in clouds[0].fields}
+    first = scans[0].pose
+    here = first.at(scans[0].time).as_matrix() if isinstance(first, Trajectory) else first
+    return _frame(PointCloud(fields), here)
+
+
+def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence[Floats | None]:
+    if pose is None:
+        return [None] * count
+    several: Any = pose
+    if hasattr(pose, "as_matrix") or np.ndim(several) == 2:
+        return [_validation.pose("pose", several)] * count
+    poses = [_validation.pose(f"pose[{i}]", where) for i, where in enumerate(several)]
+    if len(poses) != count:
+        raise ValueError(f"pose: expected one for each of the {count} frames, got {len(poses)}")
+    return poses
+
+
+def _rate(what: Shown) -> float:
+    """Return how many frames a second there are; 10 where nothing says."""
+    scans = list(what.values()) if isinstance(what, Mapping) else [what]
+    return max((scan.lidar.pattern.rate for scan in scans if isinstance(scan, Scan)), default=10.0)
+
+
+def _picture(
+    frames: list[Frame],
+    scene: Scene | None,
+    color_by: str | None,
+    class_names: Mapping[int, str] | None,
+    *,
+    camera: object,
+    rate: float,
+) -> Picture:
+    points = [frame.cloud.xyz for frame in frames]
+    places = np.array([frame.pose[:3, 3] for frame in frames])
+    everything = np.concatenate([*points, places])
+    bounds = np.stack([everything.min(axis=0), everything.max(axis=0)])
+    names: dict[str, Mapping[int, str]] = {}
+    others: dict[str, Iterable[int]] = {}
+    if scene is not None:
+        others = {"object_id": range(len(scene)), "label": {item.label for item in scene.objects}}
+        names = {
+            "object_id": {i: item.name for i, item in enumerate(scene.objects)},
+            "label": getattr(scene, "class_names", {}),
+        }
+    if class_names is not None:
+        names["label"] = class_names
+    if color_by is None and scene is not None and not any(map(len, points)):
+        color_by = "label"
+    return Picture(
+        frames,
+        [] if scene is None else surfaces(scene, bounds=bounds if any(map(len, points)) else None),
+        places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
+        coloring([frame.cloud for frame in frames], color_by, names, others),
+        checked_camera(camera),
+        rate,
+    )
+
+
+def _plot(what: Any, **options: Any) -> html.Page | None:
+    return show(what, **options)
+
+
+for kind in (PointCloud, Scan, Scene):
+    register_view(kind, "plot", _plot)

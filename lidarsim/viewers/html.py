@@ -1,0 +1,270 @@
+"""Pages: a picture that a browser or a notebook turns, in one file that needs nothing else. Plotly draws it."""
+
+from __future__ import annotations
+
+import html
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from lidarsim._extras import import_extra
+from lidarsim._files import PathLike, atomic_writer
+from lidarsim._validation import Floats
+from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, field_of
+from lidarsim.viewers._picture import CAMERAS, Camera, Frame, Picture, surface_color
+from lidarsim.viewers._surfaces import Surface, joined
+
+if TYPE_CHECKING:
+    import plotly.graph_objects as go
+
+__all__ = ["Page", "page", "write"]
+
+MOST = 400_000
+"""Points that a page holds at most, evenly chosen from all frames: browsers slow down beyond."""
+ANGLE = np.radians(45.0)
+"""Vertical angle of view that Plotly has."""
+TOLD = ("range", "intensity", "range_error", "ring", "object_id")
+"""Fields that a page tells of the point under the pointer."""
+
+
+@dataclass(frozen=True, slots=True, repr=False)
+class Page:
+    """A page that a notebook displays.
+
+    Attributes
+    ----------
+    text : str
+        The whole page in HTML.
+    height : int
+        Of its frame in the notebook, pixels.
+    """
+
+    text: str
+    height: int
+
+    def _repr_html_(self) -> str:
+        source = html.escape(self.text, quote=True)
+        return f'<iframe srcdoc="{source}" style="width: 100%; height: {self.height}px; border: none"></iframe>'
+
+
+def write(picture: Picture, path: PathLike, *, size: tuple[int, int], point_size: float | None) -> None:
+    """Write a picture as a page.
+
+    Parameters
+    ----------
+    picture : Picture
+        What to show; all frames, with a slider.
+    path : path-like
+        The file.
+    size : tuple of int
+        Width and height that the page is made for, pixels; it fills the window of the browser.
+    point_size : float, optional
+        Diameter of a point, pixels.
+
+    Raises
+    ------
+    MissingExtraError
+        If Plotly is not installed.
+    OSError
+        If the file cannot be written.
+    """
+    text = page(picture, size=size, point_size=point_size).text
+    with atomic_writer(path) as file:
+        file.write(text.encode())
+
+
+def page(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> Page:
+    """Return a picture as a page that a notebook displays; the parameters are those of `write`."""
+    figure = _figure(picture, size[0] / size[1], point_size)
+    text = figure.to_html(
+        include_plotlyjs=True,
+        div_id="lidarsim",
+        default_height="100vh",
+        config={"displaylogo": False, "responsive": True, "scrollZoom": True},
+        auto_play=False,
+    )
+    style = f"<style>html, body {{ margin: 0; background: {BACKGROUND}; }}</style><title>lidarsim</title></head>"
+    return Page(text.replace("</head>", style, 1), min(size[1], 700))
+
+
+def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Figure:
+    go = import_extra("plotly.graph_objects", "html", "a page")
+    every = np.concatenate(
+        [frame.cloud.xyz for frame in picture.frames]
+        + [surface.points() for surface in picture.surfaces]
+        + [frame.pose[None, :3, 3] for frame in picture.frames]
+    )
+    low, high = every.min(axis=0), every.max(axis=0)
+    # Map coordinates are too long for float32, and for ticks.
+    shift = np.round((low + high) / 2000) * 1000 if np.abs(every).max() > 1e4 else np.zeros(3)
+    seen = picture.seen()
+    reach = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
+    step = max(1, -(-sum(len(frame.cloud) for frame in picture.frames) // MOST))
+    most = max(len(frame.cloud) for frame in picture.frames) // step
+    dot = point_size or float(np.clip(1.2 * (100_000 / max(most, 1)) ** 0.25, 1, 4))
+    moving = [_moving(go, picture, frame, shift=shift, reach=reach, step=step, dot=dot) for frame in picture.frames]
+    still = [*_meshes(go, picture, shift), *_path(go, picture, shift)]
+    figure = go.Figure(data=[*moving[0], *still])
+    half = np.maximum((high - low) / 2, 1e-3 * reach)
+    whole = float(half.max())
+    centre = (low + high) / 2
+
+    def camera(name: Camera | Floats) -> dict[str, Any]:
+        """Return a view in Plotly's unit, the longest edge of the box that the axes make."""
+        view = replace(picture, camera=name).view(0, seen, aspect, angle=ANGLE)
+        eye, target = ((point - centre) / (2 * whole) for point in (view.eye, view.target))
+        named = {"eye": eye, "center": target, "up": view.up}
+        return {name: dict(zip("xyz", map(float, value), strict=True)) for name, value in named.items()}
+
+    axes = {
+        f"{name}axis": {
+            "title": f"{name} [m]" + (f", from {shift[i]:,.0f}" if shift[i] else ""),
+            "range": [float(centre[i] - half[i] - shift[i]), float(centre[i] + half[i] - shift[i])],
+            "gridcolor": GRID,
+            "zerolinecolor": GRID,
+            "showbackground": False,
+            "showspikes": False,
+        }
+        for i, name in enumerate("xyz")
+    }
+    figure.update_layout(
+        template=None,
+        paper_bgcolor=BACKGROUND,
+        font={"color": "#e8eaed"},
+        margin={"l": 0, "r": 0, "t": 40, "b": 0},
+        legend={"title": picture.colors.title, "itemsizing": "constant", "x": 1.0, "xanchor": "left"},
+        scene={
+            **axes,
+            "aspectmode": "manual",
+            "aspectratio": {name: float(half[i] / whole) for i, name in enumerate("xyz")},
+            "camera": camera(picture.camera),
+            "dragmode": "turntable",
+        },
+        updatemenus=[
+            {
+                "type": "buttons",
+                "direction": "right",
+                "showactive": False,
+                "x": 0.01,
+                "xanchor": "left",
+                "y": 1.0,
+                "yanchor": "bottom",
+                "bgcolor": GRID,
+                "buttons": [
+                    {
+                        "label": name,
+                        "method": "relayout",
+                        "args": [{"scene.camera": camera(name)}],
+                    }
+                    for name in CAMERAS
+                ],
+            }
+        ],
+    )
+    if len(moving) > 1:
+        names = [str(number) for number in range(len(moving))]
+        figure.frames = [
+            go.Frame(data=traces, name=name, traces=list(range(len(traces))))
+            for name, traces in zip(names, moving, strict=True)
+        ]
+        still_now = {"mode": "immediate", "transition": {"duration": 0}, "frame": {"duration": 0, "redraw": True}}
+        figure.update_layout(
+            sliders=[
+                {
+                    "currentvalue": {"prefix": "frame "},
+                    "len": 0.8,
+                    "x": 0.05,
+                    "steps": [{"label": n, "method": "animate", "args": [[n], still_now]} for n in names],
+                }
+            ]
+        )
+    return figure
+
+
+def _xyz(points: Floats) -> dict[str, Any]:
+    return {name: np.ascontiguousarray(points[:, i], np.float32) for i, name in enumerate("xyz")}
+
+
+def _moving(
+    go: Any, picture: Picture, frame: Frame, *, shift: Floats, reach: float, step: int, dot: float
+) -> list[Any]:
+    """Return the traces of a frame, of the same kinds in each: points, one trace a category, and the sensor's axes."""
+    cloud, colors = frame.cloud[::step], picture.colors
+    values = field_of(cloud, colors.field)
+    told = [name for name in TOLD if name in cloud.fields]
+    lines = [f"{name} %{{customdata[{i}]:.4~f}}" for i, name in enumerate(told)]
+    traces = []
+    for number, (category, name) in enumerate(colors.names.items() or [(None, colors.title)]):
+        part = cloud if category is None else cloud[values == category]
+        marker: dict[str, Any] = {"size": dot}
+        if category is None:
+            low, high = colors.limits
+            ticks = colors.ticks()
+            marker |= {
+                "color": np.asarray(values, np.float32),
+                "cmin": low,
+                "cmax": high,
+                "colorscale": [[i / (len(colors.table) - 1), color] for i, color in enumerate(colors.table)],
+                "colorbar": {
+                    "title": colors.title + (f"<br>{colors.clipped}" if colors.clipped else ""),
+                    "tickvals": list(ticks),
+                    "ticktext": list(ticks.values()),
+                    "len": 0.7,
+                },
+            }
+        else:
+            marker["color"] = colors.table[number]
+        columns = [np.asarray(getattr(part, field), np.float32) for field in told]
+        traces.append(
+            go.Scatter3d(
+                **_xyz(part.xyz - shift),
+                mode="markers",
+                marker=marker,
+                name=name,
+                showlegend=category is not None,
+                customdata=np.stack(columns, axis=-1) if columns else None,
+                hovertemplate="<br>".join(["x %{x:.2f}, y %{y:.2f}, z %{z:.2f}", *lines]),
+            )
+        )
+    start = frame.pose[:3, 3] - shift
+    for axis, color in enumerate(AXES):
+        ends = np.stack([start, start + 0.06 * reach * frame.pose[:3, axis]])
+        traces.append(
+            go.Scatter3d(
+                **_xyz(ends), mode="lines", line={"color": color, "width": 6}, hoverinfo="skip", showlegend=False
+            )
+        )
+    return traces
+
+
+def _meshes(go: Any, picture: Picture, shift: Floats) -> list[Any]:
+    """Return the surfaces, those of one colour as one mesh."""
+    by_color: dict[str, list[Surface]] = {}
+    for surface in picture.surfaces:
+        by_color.setdefault(surface_color(surface, picture.colors), []).append(surface)
+    traces: list[Any] = []
+    for color, group in by_color.items():
+        points, faces = joined(group, shift)
+        corners = {name: np.ascontiguousarray(faces[:, i], np.int32) for i, name in enumerate("ijk")}
+        traces.append(
+            go.Mesh3d(
+                **_xyz(points),
+                **corners,
+                color=color,
+                opacity=0.2,
+                flatshading=True,
+                hoverinfo="skip",
+                name="surfaces",
+                legendgroup="surfaces",
+                showlegend=not traces,
+            )
+        )
+    return traces
+
+
+def _path(go: Any, picture: Picture, shift: Floats) -> list[Any]:
+    if not len(picture.path):
+        return []
+    line = {"color": PATH, "width": 4}
+    return [go.Scatter3d(**_xyz(picture.path - shift), mode="lines", line=line, hoverinfo="skip", name="path")]

@@ -1,0 +1,176 @@
+"""Scattered objects: seen by brute force to be where they are said to be, and apart."""
+
+from __future__ import annotations
+
+from itertools import combinations, pairwise
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+import yaml
+
+import lidarsim as ls
+from lidarsim.datasets.recipe import Document, load
+from lidarsim.datasets.scatter import Placed
+
+BOX = {"shape": "box", "size_m": [4, 2, 1.5], "center_m": [0.5, 0, 0.75], "label": 10}
+RECIPE = {
+    "sequences": 5,
+    "frames": 20,
+    "seed": 3,
+    "layout": "shards",
+    "scatter": {
+        "cars": {
+            "objects": [BOX, {"shape": "ellipsoid", "center_m": [0, 0, 1], "radii_m": [2, 1, 1], "label": 11}],
+            "on": ["floor"],
+            "count": 9,
+            "area_m": [[-15, -15], [15, 15]],
+            "yaw_deg": {"uniform": [0, 360]},
+            "scale": {"uniform": [0.8, 1.3]},
+            "gap_m": 0.5,
+            "clear_m": 3,
+        },
+        "boxes": {
+            "objects": [{"shape": "box", "size_m": [1, 1, 1], "center_m": [0, 0, 0.5]}],
+            "on": ["floor", "dais"],
+            "count": {"integer": [3, 6]},
+            "along_m": [[-14, 0], [0, 3], [14, 0]],
+            "offset_m": {"uniform": [-2, 2]},
+            "gap_m": 0.25,
+        },
+    },
+    "run": {
+        "sensor": {"pattern": {"type": "grid", "azimuths_deg": [0], "elevations_deg": [0], "rate_hz": 10}},
+        "pose": {"position_m": [-10, 0, 1], "linear_m_per_s": [8, 0, 0]},
+        "scene": [
+            {"shape": "plane", "normal": [0, 0, 1], "distance_m": -0.25, "name": "floor"},
+            {"shape": "box", "size_m": [6, 6, 0.5], "center_m": [8, 3, 0], "name": "dais"},
+            {"shape": "cylinder", "start_m": [0, 8, -1], "end_m": [0, 8, 4], "radius_m": 1.5, "name": "pillar"},
+        ],
+    },
+}
+SEQUENCES = range(8)
+
+
+@pytest.fixture
+def recipe(tmp_path: Path) -> Path:
+    path = tmp_path / "recipe.yaml"
+    path.write_text(yaml.safe_dump(RECIPE, sort_keys=False))
+    return path
+
+
+def placed(path: Path, sequence: int, *overrides: str) -> tuple[ls.Scene, list[Placed]]:
+    source = load(path, overrides).source
+    assert isinstance(source, Document)
+    run = source.run(sequence)
+    return run.scene, source.placed[sequence]
+
+
+def outline(item: ls.scene.SceneObject, n: int = 24) -> npt.NDArray[np.float64]:
+    """Points of the plan of an object, from its corners or its equator, in the world."""
+    if isinstance(item.shape, ls.Box):
+        low, high = ((-1.5, -1), (2.5, 1)) if item.label == 10 else ((-0.5, -0.5), (0.5, 0.5))
+        share = np.linspace(0, 1, n)
+        sides = [(share, 0 * share), (share, 0 * share + 1), (0 * share, share), (0 * share + 1, share)]
+        xy = np.concatenate([np.stack(side, 1) for side in sides]) * np.subtract(high, low) + low
+    elif isinstance(item.shape, ls.Cylinder):
+        angle = np.arange(4 * n) * (np.pi / (2 * n))
+        return 1.5 * np.stack([np.cos(angle), np.sin(angle)], 1) + (0, 8)
+    else:
+        angle = np.arange(4 * n) * (np.pi / (2 * n))
+        xy = np.stack([2 * np.cos(angle), np.sin(angle)], 1)
+    assert item.transform is not None
+    return xy @ item.transform[:2, :2].T + item.transform[:2, 3]
+
+
+def test_nothing_overlaps(recipe: Path) -> None:
+    found = 0
+    for sequence in SEQUENCES:
+        scene, there = placed(recipe, sequence)
+        items = [(item, outline(item)) for item in scene.objects[2:]]
+        found += len(there)
+        for (_, first), (second_item, second) in combinations(items, 2):
+            gap = 0.5 if second_item.label else 0.25
+            distance = np.linalg.norm(first[:, None] - second[None], axis=2).min()
+            assert distance >= gap
+    assert found >= 8 * 8
+
+
+def test_they_stand_on_the_ground(recipe: Path) -> None:
+    heights = set()
+    for sequence in SEQUENCES:
+        scene, _ = placed(recipe, sequence)
+        for item in scene.objects[3:]:
+            assert item.transform is not None
+            bottom = float(item.transform[2, 3])
+            plan = outline(item)
+            on_dais = (np.abs(plan - (8, 3)) <= 3).all(axis=1)
+            # A curved surface is taken to be larger by up to 1 cm, and it grows with its scale.
+            slack = 0.0 if isinstance(item.shape, ls.Box) else 0.02
+            wanted = 0.25 if on_dais.any() and not item.label else -0.25
+            assert (
+                wanted - 1e-9 <= bottom <= wanted + slack + 1e-9
+            )  # found from 1e5 m above, which has steps of 1.5e-11 m
+            assert not (item.label and on_dais.any())
+            heights.add(wanted)
+    assert heights == {0.25, -0.25}
+
+
+def test_the_sensor_is_kept_clear(recipe: Path) -> None:
+    track = np.stack([np.linspace(-10, 6, 200), np.zeros(200)], 1)
+    for sequence in SEQUENCES:
+        scene, _ = placed(recipe, sequence)
+        for item in scene.objects[3:]:
+            if item.label:
+                assert np.linalg.norm(outline(item)[:, None] - track[None], axis=2).min() >= 3
+
+
+def test_places_depend_on_their_own_group(recipe: Path) -> None:
+    alone = yaml.safe_dump({"cars": RECIPE["scatter"]["cars"]}, default_flow_style=True, width=10_000)  # type: ignore[index]
+    for sequence in (0, 3):
+        _, both = placed(recipe, sequence)
+        _, one = placed(recipe, sequence, f"scatter={alone}")
+        cars = [item for item in both if item.group == "cars"]
+        assert len(cars) == len(one) >= 5
+        for first, second in zip(cars, one, strict=True):
+            np.testing.assert_array_equal(first.motion, second.motion)
+    _, fewer = placed(recipe, 0, "scatter.cars.count=3")
+    for first, second in zip(placed(recipe, 0)[1][:3], fewer, strict=False):
+        np.testing.assert_array_equal(first.motion, second.motion)
+    assert not np.array_equal(placed(recipe, 1)[1][0].motion, placed(recipe, 0)[1][0].motion)
+
+
+def test_along_a_path_they_keep_to_it(recipe: Path) -> None:
+    path = np.array([[-14, 0], [0, 3], [14, 0]])
+    pieces = list(pairwise(path))
+    for sequence in SEQUENCES:
+        for item in placed(recipe, sequence)[1]:
+            if item.group == "boxes":
+                pose = np.asarray(item.motion)
+                off = [abs(np.linalg.det([b - a, pose[:2, 3] - a]) / np.linalg.norm(b - a)) for a, b in pieces]
+                ahead = [np.dot(pose[:2, 0], b - a) / np.linalg.norm(b - a) for a, b in pieces]
+                assert any(distance <= 2 and cosine > 1 - 1e-12 for distance, cosine in zip(off, ahead, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (
+            "scatter.cars.on=[table]",
+            r"scatter\.cars\.on=\[table\]: expected names of objects in the scene, got 'table'",
+        ),
+        ("scatter.cars.along_m=[[0, 0], [1, 1]]", "expected one of area_m and along_m, got both"),
+        ("scatter.boxes.along_m=[[0, 0], [0, 0]]", "expected points that differ"),
+        ("scatter.boxes.speed_m_per_s=100", r"expected a path as long as the way in a sequence, \d+ m, got 28\.64 m"),
+        ("scatter.cars.objects.0.position_m=[0, 0, 0]", "expected no position_m, since the place is drawn"),
+        ("scatter.cars.objects.0={shape: plane, normal: [0, 0, 1]}", "expected an object that ends somewhere"),
+        ("scatter.cars.objects.0={shape: scene_file, file: a.glb}", "expected one object, got a scene_file"),
+        ("scatter.cars.scale={choice: [a]}", "expected numbers"),
+        ("scatter.cars.gap_m=-1", "expected a value >= 0.0, got -1"),
+        ("scatter.cars.colour=red", "unknown key"),
+    ],
+)
+def test_mistakes_are_named(recipe: Path, change: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        placed(recipe, 0, change)

@@ -1,0 +1,248 @@
+"""One function that shows everything: what it takes, where it looks from, and the films and pages that it writes."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import lidarsim as ls
+from lidarsim.viewers import _display, html
+from lidarsim.viewers._colors import QUALITATIVE, coloring
+from lidarsim.viewers._picture import Frame, Picture, View
+
+SIZE = (320, 200)
+
+
+def street() -> ls.Scene:
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), 0.0), name="road", label=40)
+    scene.add(ls.Sphere((8, 2, 1), 1.0), name="ball", label=7)
+    scene.add(ls.Box((2, 6, 3), (12, 0, 1.5)), name="house", label=50)
+    return scene
+
+
+def mast(x: float = 0.0) -> np.ndarray:
+    pose = np.eye(4)
+    pose[:3, 3] = x, 0, 1.7
+    return pose
+
+
+@pytest.fixture(scope="module")
+def scans() -> list[ls.Scan]:
+    pattern = ls.patterns.Grid(np.linspace(-1.2, 1.2, 60), np.linspace(-0.5, 0.2, 40), rate=10)
+    lidar = ls.Lidar(pattern)
+    return [lidar.scan(street(), mast(0.5 * k), frame=k) for k in range(3)]
+
+
+def projected(view: View, points: np.ndarray, aspect: float) -> np.ndarray:
+    """Where points are in a picture: from -1 to 1 across and up; nan behind the eye."""
+    back = view.eye - view.target
+    back = back / np.linalg.norm(back)
+    right = np.cross(view.up, back)
+    right /= np.linalg.norm(right)
+    x, y, z = ((points - view.eye) @ axis for axis in (right, np.cross(back, right), back))
+    depth = np.where(z < 0, -z, np.nan) * np.tan(view.angle / 2)
+    return np.stack([x / depth / aspect, y / depth], axis=-1)
+
+
+@pytest.mark.parametrize("camera", ["behind", "birds-eye", "orbit"])
+@pytest.mark.parametrize("aspect", [0.5, 1.0, 2.5])
+def test_nothing_is_cropped_and_nothing_is_far_away(camera: Any, aspect: float, scans: list[ls.Scan]) -> None:
+    cloud = scans[0].point_cloud("world")
+    cloud.xyz = cloud.xyz[:, [1, 0, 2]] * [3, 1, 1] + [1e6, 2e6, 0]
+    pose = mast()
+    pose[:3, 3] += [1e6, 2e6, 0]
+    picture = Picture([Frame(cloud, pose)], [], np.empty((0, 3)), coloring([cloud], "range"), camera, 10.0)
+    seen = picture.seen()
+    for turn in (0.0, 1.0) if camera == "orbit" else (0.0,):
+        places = projected(picture.view(0, seen, aspect, turn=turn), seen, aspect)
+        assert np.abs(places).max() <= 1.0
+        assert np.abs(places).max() > 0.9
+        ends = np.stack([places.min(axis=0), places.max(axis=0)])
+        assert np.abs(ends.sum(axis=0)).min() < 0.15  # in the middle, one way or the other
+
+
+def test_first_person_looks_ahead_from_the_sensor(scans: list[ls.Scan]) -> None:
+    cloud = scans[1].point_cloud("world")
+    picture = Picture([Frame(cloud, mast(3))], [], np.empty((0, 3)), coloring([cloud], "range"), "first-person", 10.0)
+    view = picture.view(0, picture.seen(), 1.6)
+    assert view.eye == pytest.approx([3, 0, 1.7])
+    assert projected(view, np.array([[9.0, 0, 1.7]]), 1.6) == pytest.approx(np.zeros((1, 2)), abs=1e-9)
+    assert projected(view, np.array([[9.0, 5.9, 1.7]]), 1.6)[0, 0] == pytest.approx(-0.98, abs=0.01)  # left is left
+
+
+def test_plot_is_show(scans: list[ls.Scan], tmp_path: Path) -> None:
+    looks: dict[str, Any] = {"scene": street(), "color_by": "label", "size": SIZE}
+    ls.show(scans[0], save=tmp_path / "a.png", **looks)
+    scans[0].plot(save=tmp_path / "b.png", **looks)
+    scans[0].point_cloud("world").plot(save=tmp_path / "c.png", pose=mast(), **looks)
+    ls.show({"top": scans[0]}, save=tmp_path / "d.png", **looks)
+    first, *others = ((tmp_path / f"{name}.png").read_bytes() for name in "abcd")
+    assert len(first) > 3000
+    assert others == [first] * 3
+    street().plot(save=tmp_path / "e.png", size=SIZE)
+    image = np.asarray(Image.open(tmp_path / "e.png").convert("RGB")).astype(int)
+    for label in (40, 7, 50):  # the legend has the classes of the surfaces
+        color = np.array(list(bytes.fromhex(QUALITATIVE[label][1:])))
+        assert (np.abs(image[:, 240:] - color) < 9).all(axis=-1).sum() > 20
+
+
+@pytest.mark.parametrize("suffix", ["gif", "mp4"])
+def test_films_play_all_frames(suffix: str, scans: list[ls.Scan], tmp_path: Path) -> None:
+    path = tmp_path / f"film.{suffix}"
+    ls.show(scans, scene=street(), save=path, size=SIZE)
+    if suffix == "gif":
+        images = []
+        with Image.open(path) as film:
+            assert (film.n_frames, film.size, film.info["duration"]) == (3, SIZE, 100)
+            for number in range(3):
+                film.seek(number)
+                images.append(np.asarray(film.convert("RGB")).astype(int))
+        assert np.abs(images[0] - images[1]).mean() > 0.1
+    else:
+        import imageio_ffmpeg
+
+        frames, seconds = imageio_ffmpeg.count_frames_and_secs(str(path))
+        assert (frames, seconds) == (3, pytest.approx(0.3, abs=0.01))
+    assert [file.name for file in tmp_path.iterdir()] == [path.name]
+
+
+def test_a_window_chooses_its_frame_by_a_slider(scans: list[ls.Scan], monkeypatch: pytest.MonkeyPatch) -> None:
+    import pyvista
+
+    sliders: list[Any] = []
+    visible: list[set[str]] = []
+
+    def look(plotter: Any, **_options: Any) -> None:
+        ((choose, ends, start),) = sliders
+        assert (ends, start) == ((0, 2), 0)
+        for value in (0, 1.7, 0.2):
+            choose(value)
+            actors = plotter.renderers[0].actors.items()
+            visible.append({name for name, actor in actors if actor.GetVisibility()})
+
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr(pyvista, "OFF_SCREEN", True)
+    monkeypatch.setattr(pyvista.Plotter, "add_slider_widget", lambda _self, *given, **_look: sliders.append(given))
+    monkeypatch.setattr(pyvista.Plotter, "show", look)
+    ls.show(scans, size=SIZE)
+    first, last, again = visible
+    assert first == again
+    assert len(first) == len(last)
+    assert len(first - last) == 4  # a cloud and three axes
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"camera": "above"}, "camera: expected behind, birds-eye, first-person, orbit or three points, got 'above'"),
+        ({"viewer": "paraview"}, "viewer: expected 'pyvista' or 'open3d', got 'paraview'"),
+        ({"size": (0, 100)}, "size[0]: expected an integer from 16 to 16384, got 0"),
+        ({"pose": [np.eye(4)] * 2}, "pose: expected one for each of the 3 frames, got 2"),
+        ({"color_by": "smell"}, "color_by: expected one of height, range, "),
+        ({"save": "a.bmp"}, "a.bmp: unknown extension '.bmp', expected .gif, .html, .mp4 or .png"),
+    ],
+)
+def test_bad_arguments(options: Any, message: str, scans: list[ls.Scan]) -> None:
+    with pytest.raises((ValueError, ls.errors.LidarsimError)) as caught:
+        ls.show([scan.point_cloud() for scan in scans], **{"save": "a.png", **options})
+    assert str(caught.value).startswith(message)
+
+
+def test_nothing_to_show() -> None:
+    with pytest.raises(ValueError, match="what: expected at least one frame, got none"):
+        ls.show([], save="a.png")
+    with pytest.raises(TypeError, match="what: expected point clouds, scans or a scene, got int"):
+        ls.show([3], save="a.png")  # type: ignore[list-item]
+
+
+# pages
+
+
+def test_a_page_needs_nothing_else_and_is_the_same_each_time(scans: list[ls.Scan], tmp_path: Path) -> None:
+    for name in "ab":
+        scans[0].plot(scene=street(), color_by="label", save=tmp_path / f"{name}.html")
+    text = (tmp_path / "a.html").read_text(encoding="utf-8")
+    assert (tmp_path / "b.html").read_text(encoding="utf-8") == text
+    assert '<script src="' not in text
+    assert "<title>lidarsim</title>" in text
+
+
+def test_map_coordinates_keep_their_digits(scans: list[ls.Scan]) -> None:
+    cloud = scans[0].point_cloud("world")
+    cloud.xyz = cloud.xyz + np.array([5e6, 4e5, 0])
+    picture = Picture([Frame(cloud, mast())], [], np.empty((0, 3)), coloring([cloud], "range"), "behind", 10.0)
+    drawn = html._figure(picture, 1.6, None).data[0]
+    shown = np.stack([drawn.x, drawn.y, drawn.z], axis=-1)
+    difference = cloud.xyz - shown
+    shift = np.round(difference[0] / 1000) * 1000
+    # float32 numbers below 2.6e6: the sensor is at the origin, the points are 5e6 m away.
+    assert np.abs(difference - shift).max() <= 0.25
+    assert shown.dtype == np.float32
+
+
+def test_in_a_notebook_the_page_is_what_a_cell_displays(
+    scans: list[ls.Scan], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lidarsim.viewers import _show
+
+    assert not _display.in_notebook()
+    monkeypatch.setattr(_show, "in_notebook", lambda: True)
+    page = scans[0].plot(color_by="label")
+    scans[0].plot(color_by="label", save=tmp_path / "a.html")
+    assert page is not None
+    assert page.text == (tmp_path / "a.html").read_text(encoding="utf-8")
+    shown = page._repr_html_()
+    assert shown.startswith('<iframe srcdoc="&lt;')
+    assert shown.count('"') == 4  # all quotes of the page are escaped
+
+
+@pytest.mark.skipif(not shutil.which("chromium"), reason="no Chromium to open the page with")
+def test_a_browser_shows_and_turns_the_page(scans: list[ls.Scan], tmp_path: Path) -> None:
+    playwright = pytest.importorskip("playwright.sync_api")
+    page = tmp_path / "a.html"
+    ls.show(scans[:2], scene=street(), color_by="label", save=page)
+    software = ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+    errors: list[str] = []
+    with playwright.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=shutil.which("chromium"), args=software)
+        tab = browser.new_page(viewport={"width": 640, "height": 420})
+        tab.set_default_timeout(120_000)
+        tab.on("pageerror", lambda error: errors.append(str(error)))
+        tab.on("console", lambda said: errors.append(said.text) if said.type == "error" else None)
+        tab.goto(page.as_uri())
+        tab.wait_for_selector("#lidarsim canvas")
+
+        def seen() -> np.ndarray:
+            tab.wait_for_timeout(1500)
+            tab.screenshot(path=tmp_path / "seen.png")
+            return np.asarray(Image.open(tmp_path / "seen.png").convert("RGB")).astype(int)
+
+        before = seen()
+        tab.mouse.move(250, 220)
+        tab.mouse.down()
+        tab.mouse.move(330, 240, steps=4)
+        tab.mouse.up()
+        after = seen()
+        browser.close()
+    assert errors == []
+    for label in (40, 7, 50):
+        color = np.array(list(bytes.fromhex(QUALITATIVE[label][1:])))
+        assert (np.abs(before - color) < 9).all(axis=-1).sum() > 30, label
+    assert (np.abs(before - after).max(axis=-1) > 30).mean() > 0.02  # it turned
+
+
+def test_a_page_needs_plotly_alone(tmp_path: Path) -> None:
+    code = (
+        "import sys; sys.modules['pyvista'] = sys.modules['open3d'] = None; import lidarsim as ls;"
+        "ls.PointCloud(xyz=[[1, 2, 3]]).plot(save='a.html')"
+    )
+    subprocess.run([sys.executable, "-W", "error", "-c", code], cwd=tmp_path, check=True)
+    assert (tmp_path / "a.html").stat().st_size > 1e6
