@@ -107,7 +107,7 @@ def frozen(scene: ls.Scene, time: float) -> ls.Scene:
 
 
 def hard_rays(scene: ls.Scene, count: int, place: float = 0.0, seed: int = 0) -> tuple[Floats, Floats, Floats]:
-    """Rays at random, half of them at corners, edges and middles of what moves at their time; times of which some recur."""
+    """Rays at random, half of them at corners, edges and middles of what then moves there; some of the times recur."""
     draw = np.random.default_rng(seed)
     shared = draw.uniform(0, 2, max(count // 8, 1))
     times = np.where(draw.random(count) < 0.5, draw.choice(shared, count), draw.uniform(0, 2, count))
@@ -151,7 +151,7 @@ def test_each_ray_sees_the_scene_as_it_is_at_its_time(
             assert not len(wrong), (isa, name, wrong)
 
 
-def test_bits_hang_on_neither_order_nor_number_nor_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_bits_hang_on_neither_order_nor_number() -> None:
     scene = moving_scene()
     origins, directions, times = hard_rays(scene, 3000)
     hits = scene.cast(origins, directions, time=times)
@@ -317,7 +317,7 @@ def test_a_mover_seen_by_a_still_sensor_is_a_still_object_seen_by_one_that_moves
 
 
 def test_radial_velocities_are_how_fast_ranges_grow() -> None:
-    """Central differences of the range along the line of sight to a point of the surface that both moves carry along."""
+    """Central differences of the distance from the beam's origin to the point that was hit, both carried along."""
     scene = moving_scene()
     sensor = drive(9, interpolation="spline")
     lidar = dataclasses.replace(SENSOR, measurement=ls.Measurement(azimuth_sigma=2e-3))

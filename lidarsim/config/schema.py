@@ -358,7 +358,7 @@ class Object(Part, Placement):
         if isinstance(pose, Trajectory):
             self._add(self.build(place), scene, place, transform=sized, motion=pose)
         else:
-            self._add(self.build(place), scene, place, transform=pose @ sized)
+            self._add(self.build(place), scene, place, transform=pose @ sized, motion=None)
 
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
         material = construct(Material, self, ["reflectivity"], place, per=self.reflectivity_per)

@@ -16,8 +16,8 @@ use crate::geometry::vector::Point;
 use crate::scene::{Hit, Sink, World};
 use crate::stop;
 
-/// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be no times. The outcome is false if there was a ray with a number that is not finite, or with a
-/// zero direction; such a ray is a miss.
+/// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be no times. The outcome is
+/// false if there was a ray with a number that is not finite, or with a zero direction; such a ray is a miss.
 pub struct Cast<'a, S: Sink + ?Sized> {
     pub world: &'a World<'a>,
     pub origins: &'a [Point],

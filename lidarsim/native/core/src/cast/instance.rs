@@ -25,7 +25,7 @@ impl InstanceRays {
         InstanceRays { all: RayPacket::empty(), backward: [0; 3], rays: RayPacket::empty() }
     }
 
-    /// Transforms these rays of the world, and returns those that fit into packets.  `then`: where an object that moves is for each of them.
+    /// Transforms these rays of the world, and returns those that fit into packets. `then`: where an object that moves is for each of them.
     #[inline(always)]
     pub fn gather<I: Isa>(
         &mut self,
