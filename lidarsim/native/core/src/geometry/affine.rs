@@ -237,9 +237,10 @@ pub struct Placed<'a> {
 impl Placement for Placed<'_> {
     #[inline(always)]
     fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
-        let Some(then) = self.then else { return self.first.local(ray) };
-        let from = ray.origin_from(vector::exact(then.offset));
-        self.first.local(Cofactors::new(&then.linear.map(vector::exact)).apply(from, &ray))
+        self.first.local(match self.then {
+            None => ray,
+            Some(then) => then.inverse_of_ray(&ray),
+        })
     }
 
     #[inline(always)]
@@ -247,8 +248,22 @@ impl Placement for Placed<'_> {
         let normal = self.first.normal(normal);
         match self.then {
             None => normal,
-            Some(then) => Cofactors::new(&then.linear.map(vector::exact)).normal(&normal),
+            Some(then) => then.image_of_normal(&normal),
         }
+    }
+}
+
+/// Out of line, as they would be compiled into each formula for each kind of number.
+impl Affine {
+    #[inline(never)]
+    fn inverse_of_ray<N: Number>(&self, ray: &Ray<N>) -> Ray<N> {
+        let from = ray.origin_from(vector::exact(self.offset));
+        Cofactors::new(&self.linear.map(vector::exact)).apply(from, ray)
+    }
+
+    #[inline(never)]
+    fn image_of_normal<N: Number>(&self, normal: &Vector<N>) -> Vector<N> {
+        Cofactors::new(&self.linear.map(vector::exact)).normal(normal)
     }
 }
 
