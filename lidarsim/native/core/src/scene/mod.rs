@@ -15,7 +15,7 @@ use crate::once::Once;
 use crate::shapes::newton::{self, RootBracket};
 use crate::{memory, parallel};
 
-use predicates::{RefinedHit, RootOrder, RoundedRoot};
+use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot};
 
 pub use hit::{Hit, Sink};
 pub use object::{Geometry, Object};
@@ -65,7 +65,10 @@ impl Scene {
         self.index.get_or_make(|| {
             let bounds = memory::collect(self.objects.iter().map(Object::bounds));
             let endless = |&i: &usize| bounds[i].is_none() && !self.objects[i].is_empty();
-            let unbounded = (0..bounds.len()).filter(endless).map(|i| i as u32).collect();
+            let mut unbounded = Vec::new();
+            for i in (0..bounds.len()).filter(endless) {
+                memory::push(&mut unbounded, i as u32);
+            }
             let side = |i: usize| {
                 let all = bounds.iter().flatten().map(|b| b[i]);
                 all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
@@ -145,6 +148,11 @@ impl Scene {
     /// t, correctly rounded.
     pub fn t(&self, at: &RootId, origin: Point, direction: Point) -> f64 {
         number::decide_exactly(&RoundedRoot { object: &self.objects[at.object as usize], at, origin, direction })
+    }
+
+    /// Whether t is below zero, be it by less than float64 can tell.
+    pub fn is_negative(&self, at: &RootId, origin: Point, direction: Point) -> bool {
+        number::decide(&NegativeRoot { object: &self.objects[at.object as usize], at, origin, direction })
     }
 
     pub fn hit(&self, at: &RootId, origin: Point, direction: Point) -> Hit {
