@@ -16,7 +16,7 @@ use numpy::{
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyList};
 
 use crate::{Points, PyScene, detached, elements, level, points};
 
@@ -135,23 +135,25 @@ pub struct PyAppearances {
 impl PyAppearances {
     /// For each object its label, what its reflectivity is given per ("object", "face" or "vertex"), and the values of that.
     #[new]
-    fn new(py: Python<'_>, objects: Vec<(u32, String, PyReadonlyArray1<'_, f64>)>) -> PyResult<Self> {
-        let appearances = objects.into_iter().map(|(label, per, values)| {
+    fn new(py: Python<'_>, objects: &Bound<'_, PyList>) -> PyResult<Self> {
+        let count = objects.len();
+        let mut appearances = detached(py, || memory::with_capacity(count))?;
+        for object in objects.iter().take(count) {
+            let (label, per, values): (u32, String, PyReadonlyArray1<'_, f64>) = object.extract()?;
             let values = elements("reflectivity", &values)?;
-            let values = detached(py, || memory::copy(values))?;
-            let reflectivity = match (per.as_str(), values.as_slice()) {
+            let reflectivity = match (per.as_str(), values) {
                 ("object", [value]) => Reflectivity::Object(*value),
-                ("face", _) => Reflectivity::Face(values),
-                ("vertex", _) => Reflectivity::Vertex(values),
+                ("face", _) => Reflectivity::Face(detached(py, || memory::copy(values))?),
+                ("vertex", _) => Reflectivity::Vertex(detached(py, || memory::copy(values))?),
                 _ => {
                     return Err(PyValueError::new_err(
                         "reflectivity: expected one of an object, or some per face or vertex",
                     ));
                 }
             };
-            Ok(Appearance { label, reflectivity })
-        });
-        Ok(PyAppearances { appearances: appearances.collect::<PyResult<_>>()? })
+            appearances.push(Appearance { label, reflectivity });
+        }
+        Ok(PyAppearances { appearances })
     }
 }
 

@@ -3,6 +3,7 @@
 use lidarsim_core::{Columns, Point, Scene, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods};
 use pyo3::prelude::*;
+use pyo3::types::PyList;
 
 use crate::{Points, PyShape, detached, equal_points, legal_rays, level};
 
@@ -18,8 +19,13 @@ pub struct PyScene {
 #[pymethods]
 impl PyScene {
     #[new]
-    fn new(shapes: Vec<PyRef<'_, PyShape>>) -> Self {
-        PyScene { scene: Scene::new(shapes.iter().map(|shape| shape.object.clone()).collect()) }
+    fn new(py: Python<'_>, shapes: &Bound<'_, PyList>) -> PyResult<Self> {
+        let count = shapes.len();
+        let mut objects = detached(py, || memory::with_capacity(count))?;
+        for shape in shapes.iter().take(count) {
+            objects.push(shape.cast::<PyShape>()?.get().object.clone());
+        }
+        Ok(PyScene { scene: Scene::new(objects) })
     }
 
     /// Builds the hierarchies now rather than at the first cast.

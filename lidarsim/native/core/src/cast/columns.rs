@@ -40,7 +40,7 @@ impl<'a> Columns<'a> {
     ) -> bool {
         let legal = AtomicBool::new(true);
         let pieces = pieces(directions, 1).into_iter();
-        let pieces: Vec<_> = pieces.map(|piece| (self.split_off(piece.len()), piece)).collect();
+        let pieces = memory::collect(pieces.map(|piece| (self.split_off(piece.len()), piece)));
         parallel::share(pieces.into_iter(), |(mut columns, piece)| {
             if !scene.cast(level, &origins[piece.clone()], &directions[piece], range, &mut columns) {
                 legal.store(false, Ordering::Relaxed);
