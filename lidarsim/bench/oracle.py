@@ -612,10 +612,10 @@ class Scene:
 
 
 def nearest(shape: Shape, ray: Ray, t_min: float = 0.0, t_max: float = math.inf) -> Crossing | None:
-    """Return the first crossing whose t, rounded to float64, is finite and in [t_min, t_max]."""
+    """Return the first crossing whose t is not negative and, rounded to float64, finite and in [t_min, t_max]."""
     for crossing in shape.crossings(ray):
         t = float(crossing.t)
-        if t_min <= t <= t_max and not math.isinf(t):
+        if t_min <= t <= t_max and not math.isinf(t) and not crossing.t < Surd(0, 1):
             return crossing
     return None
 

@@ -1,7 +1,8 @@
-"""The ends of memory, and of what arrays may look like."""
+"""The ends of float64, of memory and of what arrays may look like."""
 
 from __future__ import annotations
 
+import math
 import re
 import sys
 
@@ -10,6 +11,50 @@ import pytest
 from hard.children import output
 
 import lidarsim as ls
+
+LARGEST, LEAST = sys.float_info.max, 5e-324
+
+# For each shape, one whose surface is at x = 0.
+WALLS = {
+    "plane": lambda: ls.Plane((1, 0, 0), 0.0),
+    "triangle": lambda: ls.Triangle((0, -1, -1), (0, 3, -1), (0, -1, 3)),
+    "mesh": lambda: ls.TriangleMesh([(0, -1, -1), (0, 3, -1), (0, -1, 3)], [[0, 1, 2]]),
+    "polygon": lambda: ls.Polygon([(0, -1, -1), (0, 1, -1), (0, 1, 1), (0, -1, 1)]),
+    "box": lambda: ls.Box((2, 2, 2), (-1, 0, 0)),
+    "sphere": lambda: ls.Sphere((-1, 0, 0), 1.0),
+    "cylinder": lambda: ls.Cylinder((-1, 0, 0), (0, 0, 0), 1.0),
+}
+
+
+@pytest.mark.parametrize("wall", WALLS)
+def test_the_largest_t_is_a_hit_and_the_next_is_not(wall: str) -> None:
+    # 1 / 2^-1024 is beyond float64, and (1 - 2^-53) of it is the largest number.
+    origins = [[1.0 - 2.0**-53, 0, 0], [1.0, 0, 0]]
+    hits = WALLS[wall]().cast(origins, [[-(2.0**-1024), 0, 0]] * 2)
+    assert hits.t.tolist() == [LARGEST, math.inf]
+    assert hits.object_id.tolist() == [0, -1]
+    np.testing.assert_array_equal(hits.normal[0], [1, 0, 0])
+
+
+@pytest.mark.parametrize("wall", WALLS)
+def test_a_t_below_zero_is_no_hit_even_where_it_rounds_to_zero(wall: str) -> None:
+    origins = [[LEAST, 0, 0], [-0.0, 0, 0], [0.0, 0, 0]]
+    hits = WALLS[wall]().cast(origins, [[2.0**100, 0, 0]] * 3)
+    assert hits.t.tolist() == [math.inf, 0.0, 0.0]
+    hits = WALLS[wall]().cast(origins, [[-(2.0**100), 0, 0]] * 3)
+    assert hits.t.tolist() == [0.0, 0.0, 0.0]
+
+
+def test_noise_makes_no_infinite_hit() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Plane((1, 0, 0), 1.5e308))
+    measurement = ls.Measurement(range_sigma=[[1.0, 0.1], [1.6e308, 1.6e308]])
+    lidar = ls.Lidar(ls.patterns.Grid([0.0] * 200, [0.0], rate=10.0), measurement=measurement)
+    scan = lidar.scan(scene)
+    hit = scan.status == ls.Status.hit
+    assert 0 < hit.sum() < 200
+    assert np.isfinite(scan.range[hit]).all()
+    assert set(scan.status[~hit]) == {ls.Status.below_min_range, ls.Status.beyond_max_range}
 
 
 def misaligned(array: np.ndarray) -> np.ndarray:

@@ -47,7 +47,8 @@ pub fn boxed<T, const N: usize>(values: [T; N]) -> Box<[T; N]> {
     vector.into_boxed_slice().try_into().unwrap_or_else(|_| unreachable!("it has as many"))
 }
 
-fn reserve<T>(vector: &mut Vec<T>, more: usize) {
+/// Makes room for as many more.
+pub fn reserve<T>(vector: &mut Vec<T>, more: usize) {
     if vector.try_reserve(more).is_err() {
         refuse::<T>(vector.len().saturating_add(more));
     }

@@ -5,8 +5,11 @@ use std::sync::Arc;
 use lidarsim_core::measure::{Appearance, Labels, Reflectivity};
 use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Scene, World, memory};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
+use pyo3::PyClass;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::pyclass::boolean_struct::True;
+use pyo3::types::PyList;
 
 use crate::{Points, PyShape, detached, elements, equal_points, legal_rays, level};
 
@@ -67,6 +70,20 @@ pub struct PyScene {
     pub appearances: Vec<Arc<Appearance>>,
 }
 
+/// What `part` gives of each item of a list.
+fn of_each<T: PyClass<Frozen = True> + Sync, R: Send>(
+    py: Python<'_>,
+    list: &Bound<'_, PyList>,
+    part: impl Fn(&T) -> R,
+) -> PyResult<Vec<R>> {
+    let count = list.len();
+    let mut parts = detached(py, || memory::with_capacity(count))?;
+    for item in list.iter().take(count) {
+        parts.push(part(item.cast::<T>()?.get()));
+    }
+    Ok(parts)
+}
+
 /// Rays that are cast at a scene.
 struct RayCast<'a> {
     world: World<'a>,
@@ -117,12 +134,11 @@ impl PyScene {
 impl PyScene {
     /// Appearances are needed for scans alone.
     #[new]
-    #[pyo3(signature = (shapes, appearances=Vec::new()))]
-    fn new(shapes: Vec<PyRef<'_, PyShape>>, appearances: Vec<PyRef<'_, PyAppearance>>) -> Self {
-        PyScene {
-            scene: Scene::new(shapes.iter().map(|shape| shape.object.clone()).collect()),
-            appearances: appearances.iter().map(|of| of.appearance.clone()).collect(),
-        }
+    #[pyo3(signature = (shapes, appearances=None))]
+    fn new(py: Python<'_>, shapes: &Bound<'_, PyList>, appearances: Option<&Bound<'_, PyList>>) -> PyResult<Self> {
+        let objects = of_each(py, shapes, |shape: &PyShape| shape.object.clone())?;
+        let of_list = |list| of_each(py, list, |of: &PyAppearance| of.appearance.clone());
+        Ok(PyScene { scene: Scene::new(objects), appearances: appearances.map_or(Ok(Vec::new()), of_list)? })
     }
 
     /// Builds the hierarchies now rather than at the first cast.

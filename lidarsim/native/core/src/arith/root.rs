@@ -33,6 +33,14 @@ impl<N: Number> Root<N> {
         }
     }
 
+    /// That of t = (b + branch·√disc)/a, a > 0.
+    pub fn sign(&self) -> Result<Ordering, Uncertain> {
+        match self.branch {
+            0 => self.b.sign(),
+            branch => N::sign_of_surd(&self.b, &N::exact(f64::from(branch)), &self.disc),
+        }
+    }
+
     /// The other root of the quadratic equation.
     #[inline(always)]
     pub fn other(self) -> Self {

@@ -112,13 +112,13 @@ impl<'a> ClosestHit<'a> {
     /// primitive are of no interest.
     fn takes(&mut self, at: RootId, t: Interval) -> bool {
         // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
-        if t.high < self.t_min || (t.low < self.t_min && self.rounded(at) < self.t_min) {
+        if t.high < self.t_min || (t.low < self.t_min && self.is_early(at)) {
             return false;
         }
         if t.low > self.limit || (t.high > self.t_max && self.rounded(at) > self.t_max) {
             return true;
         }
-        if t.high < self.low || self.is_before(at) {
+        if t.high < self.low || self.found().is_none() || self.is_before(at) {
             let high = if t.high < self.t_max { t.high } else { self.t_max };
             (self.root, self.low, self.limit) = (at, t.low, if high < self.cap { high } else { self.cap });
         }
@@ -127,6 +127,13 @@ impl<'a> ClosestHit<'a> {
 
     fn rounded(&self, at: RootId) -> f64 {
         self.scene.t(&at, self.origin, self.direction, self.time)
+    }
+
+    /// Whether t, rounded, is below t_min; below zero it is even where rounding leaves zero.
+    fn is_early(&self, at: RootId) -> bool {
+        let t = self.rounded(at);
+        t < self.t_min
+            || t == 0.0 && self.t_min == 0.0 && self.scene.is_negative(&at, self.origin, self.direction, self.time)
     }
 
     fn is_before(&self, at: RootId) -> bool {

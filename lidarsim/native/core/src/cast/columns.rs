@@ -25,7 +25,7 @@ pub trait Arrays: Sink + Send + Sized {
     ) -> bool {
         let legal = AtomicBool::new(true);
         let pieces = pieces(directions, 1).into_iter();
-        let pieces: Vec<_> = pieces.map(|piece| (self.split_off(piece.len()), piece)).collect();
+        let pieces = memory::collect(pieces.map(|piece| (self.split_off(piece.len()), piece)));
         parallel::share(pieces.into_iter(), |(mut arrays, piece)| {
             let times = if times.is_empty() { times } else { &times[piece.clone()] };
             let rays = (&origins[piece.clone()], &directions[piece], times);

@@ -4,6 +4,7 @@
 use crate::arith::simd::{Floats, Isa};
 use crate::bvh::LANES;
 use crate::geometry::vector::Point;
+use crate::memory;
 
 /// Rays that are sorted together where neighbours are coherent: they and their hits stay in the first caches.
 pub const NEAR: usize = 1024;
@@ -40,7 +41,12 @@ impl RaySort {
     pub fn restart(&mut self, directions: &[Point], size: f64) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
         (self.size, self.start) = (size, 0);
-        self.keys.clear();
+        let room = self.group.min(directions.len()) + BLOCK + RUN;
+        let RaySort { places, octants, keys, near, items, sorted, order, .. } = self;
+        for vector in [places, octants, keys, near, items, sorted, order] {
+            vector.clear();
+            memory::reserve(vector, room);
+        }
     }
 
     /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a

@@ -4,7 +4,7 @@ use std::ops::Range;
 
 use super::ray_sort::{MOST, NEAR, are_scattered};
 use crate::geometry::vector::Point;
-use crate::parallel;
+use crate::{memory, parallel};
 
 /// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough that neighbours can be sorted
 /// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
@@ -20,7 +20,7 @@ pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
         let falling = left.div_ceil(4 * threads).next_multiple_of(NEAR).min(8 * NEAR);
         let size = if scattered { even } else { falling };
         let end = directions.len().min(start + (size / rays).max(1));
-        pieces.push(start..end);
+        memory::push(&mut pieces, start..end);
         start = end;
     }
     pieces

@@ -99,12 +99,13 @@ impl Measurement {
     /// A range that the sensor reports as such, or why it does not.
     #[inline(always)]
     pub(super) fn gate(&self, range: f64) -> Result<f64, Status> {
+        // Noise may carry a range beyond what float64 holds.
         if range < self.min_range {
             Err(Status::BelowMinRange)
-        } else if range > self.max_range {
-            Err(Status::BeyondMaxRange)
-        } else {
+        } else if range <= self.max_range && range < f64::INFINITY {
             Ok(range)
+        } else {
+            Err(Status::BeyondMaxRange)
         }
     }
 }

@@ -11,10 +11,8 @@ impl<C: Caster> Scan<'_, C> {
     /// As `measure`, all pulses, on all threads. Of bad pulses the first is the outcome.
     pub fn share(&self, rows: &mut Rows) -> Result<(), BadPulse> {
         let (rays, most) = (self.measurement.rays(), self.measurement.returns.most());
-        let pieces: Vec<_> = pieces(self.frame.directions, rays)
-            .into_iter()
-            .map(|piece| (piece.start, rows.split_off(piece.len(), most)))
-            .collect();
+        let pieces = pieces(self.frame.directions, rays).into_iter();
+        let pieces = memory::collect(pieces.map(|piece| (piece.start, rows.split_off(piece.len(), most))));
         let bad = Mutex::new(None);
         parallel::share(pieces.into_iter(), |(first, mut rows)| {
             if let Err(found) = self.measure(first..first + rows.status.len(), &mut rows) {

@@ -17,7 +17,7 @@ use crate::once::Once;
 use crate::shapes::newton::{self, RootBracket};
 use crate::{memory, parallel};
 
-use predicates::{RefinedHit, RootOrder, RoundedRoot};
+use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot};
 
 pub use hit::{Hit, Sink};
 pub use object::{Geometry, Object, ObjectAt};
@@ -73,7 +73,10 @@ impl Scene {
         self.index.get_or_make(|| {
             let bounds = memory::collect(self.objects.iter().map(Object::bounds));
             let endless = |&i: &usize| bounds[i].is_none() && !self.objects[i].is_empty();
-            let unbounded = (0..bounds.len()).filter(endless).map(|i| i as u32).collect();
+            let mut unbounded = Vec::new();
+            for i in (0..bounds.len()).filter(endless) {
+                memory::push(&mut unbounded, i as u32);
+            }
             let mut still = bounds;
             for &id in &self.movers {
                 still[id as usize] = None;
@@ -150,6 +153,11 @@ impl Scene {
     /// t, correctly rounded.
     pub fn t(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> f64 {
         number::decide_exactly(&RoundedRoot { object: self.at(at.object, time), at, origin, direction })
+    }
+
+    /// Whether t is below zero, be it by less than float64 can tell.
+    pub fn is_negative(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> bool {
+        number::decide(&NegativeRoot { object: self.at(at.object, time), at, origin, direction })
     }
 
     pub fn hit(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> Hit {

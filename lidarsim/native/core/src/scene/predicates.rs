@@ -67,6 +67,23 @@ impl Predicate for RoundedRoot<'_> {
     }
 }
 
+/// Whether t < 0.
+pub struct NegativeRoot<'a> {
+    pub object: ObjectAt<'a>,
+    pub at: &'a RootId,
+    pub origin: Point,
+    pub direction: Point,
+}
+
+impl Predicate for NegativeRoot<'_> {
+    type Answer = bool;
+
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
+        let ray = self.object.local(Ray::new(self.origin, self.direction));
+        Ok(self.object.root::<N>(self.at, &ray)?.sign()? == Ordering::Less)
+    }
+}
+
 /// A hit: t, correctly rounded, and a normal of ordinary length.
 pub struct RefinedHit<'a> {
     pub object: ObjectAt<'a>,

@@ -1,18 +1,28 @@
 //! AVX2 with FMA, and AVX-512.
 //!
-//! SAFETY of all intrinsics here: the types below are only operated on by tasks that `run_avx2` and `run_avx512` run, and
-//! `dispatch` calls these on machines that have the features alone. Loads and stores go through references to arrays of the size
-//! of the register, and are unaligned ones.
+//! SAFETY of all intrinsics here: they are executed by operations of the types below alone. Those are private to this file and reach others as the
+//! parameter of a task, from `run_avx2` and `run_avx512`, which `dispatch` calls on machines that have the features alone: so where such a type is
+//! known, the features are there. Loads and stores go through references to arrays of the size of the register, and are unaligned ones.
 
 use core::arch::x86_64::*;
 
 use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE, Task};
 
 #[derive(Clone, Copy)]
-pub struct Avx2;
+struct Avx2;
 
 #[derive(Clone, Copy)]
-pub struct Avx512;
+struct Avx512;
+
+/// A register of floats. Those of the standard library would be known everywhere.
+#[derive(Clone, Copy)]
+#[repr(transparent)]
+struct Register<R>(R);
+
+type F32x8 = Register<__m256>;
+type F64x4 = Register<__m256d>;
+type F32x16 = Register<__m512>;
+type F64x8 = Register<__m512d>;
 
 /// # Safety
 ///
@@ -29,7 +39,7 @@ pub unsafe fn run_avx2<T: Task>(task: T) -> T::Output {
 #[target_feature(enable = "avx2,fma")]
 #[inline(never)]
 unsafe fn apart_avx2<T: LaneTask>(task: T) -> T::Output {
-    task.run::<__m256d, 4>()
+    task.run::<F64x4, 4>()
 }
 
 /// # Safety
@@ -47,13 +57,13 @@ pub unsafe fn run_avx512<T: Task>(task: T) -> T::Output {
 #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
 #[inline(never)]
 unsafe fn apart_avx512<T: LaneTask>(task: T) -> T::Output {
-    task.run::<__m512d, 8>()
+    task.run::<F64x8, 8>()
 }
 
 impl Isa for Avx2 {
-    type F32x8 = __m256;
-    type F32x16 = Two<__m256>;
-    type F64x8 = Two<__m256d>;
+    type F32x8 = F32x8;
+    type F32x16 = Two<F32x8>;
+    type F64x8 = Two<F64x4>;
     type Masks = Two<__m256i>;
 
     #[inline(always)]
@@ -61,8 +71,8 @@ impl Isa for Avx2 {
         // SAFETY: as above; both halves lie within the array.
         unsafe {
             Two(
-                fraction_of_four::<FIRST>(_mm256_loadu_si256(x.as_ptr().cast())),
-                fraction_of_four::<FIRST>(_mm256_loadu_si256(x.as_ptr().add(4).cast())),
+                Register(fraction_of_four::<FIRST>(_mm256_loadu_si256(x.as_ptr().cast()))),
+                Register(fraction_of_four::<FIRST>(_mm256_loadu_si256(x.as_ptr().add(4).cast()))),
             )
         }
     }
@@ -77,8 +87,8 @@ impl Isa for Avx2 {
         // SAFETY: as above.
         unsafe {
             Two(
-                _mm256_set_m128(_mm256_cvtpd_ps(low.1), _mm256_cvtpd_ps(low.0)),
-                _mm256_set_m128(_mm256_cvtpd_ps(high.1), _mm256_cvtpd_ps(high.0)),
+                Register(_mm256_set_m128(_mm256_cvtpd_ps(low.1.0), _mm256_cvtpd_ps(low.0.0))),
+                Register(_mm256_set_m128(_mm256_cvtpd_ps(high.1.0), _mm256_cvtpd_ps(high.0.0))),
             )
         }
     }
@@ -86,11 +96,11 @@ impl Isa for Avx2 {
     #[inline(always)]
     fn columns([a, b, c, d, e, f, g, h]: [&[f64; 3]; 8]) -> [Self::F64x8; 3] {
         let ([x0, y0, z0], [x1, y1, z1]) = (columns_of_four([a, b, c, d]), columns_of_four([e, f, g, h]));
-        [Two(x0, x1), Two(y0, y1), Two(z0, z1)]
+        [Two(Register(x0), Register(x1)), Two(Register(y0), Register(y1)), Two(Register(z0), Register(z1))]
     }
 
     #[inline(always)]
-    fn by_distance(near: __m256, far: __m256, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
+    fn by_distance(Register(near): F32x8, Register(far): F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
         // SAFETY: as above.
         unsafe {
             let hit = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
@@ -110,7 +120,7 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
-    fn mark(masks: Self::Masks, near: __m256, far: __m256, bit: u64) -> Self::Masks {
+    fn mark(masks: Self::Masks, Register(near): F32x8, Register(far): F32x8, bit: u64) -> Self::Masks {
         // SAFETY: as above.
         unsafe {
             let bit = _mm256_set1_epi64x(bit as i64);
@@ -231,9 +241,9 @@ fn columns_of_four([a, b, c, d]: [&[f64; 3]; 4]) -> [__m256d; 3] {
 }
 
 impl Isa for Avx512 {
-    type F32x8 = __m256;
-    type F32x16 = __m512;
-    type F64x8 = __m512d;
+    type F32x8 = F32x8;
+    type F32x16 = F32x16;
+    type F64x8 = F64x8;
     type Masks = __m512i;
 
     #[inline(always)]
@@ -247,7 +257,7 @@ impl Isa for Avx512 {
                 _mm512_srl_epi64(x, _mm_cvtsi32_si128((FIRST - PLACE) as i32))
             };
             let fraction = _mm512_and_si512(placed, _mm512_set1_epi64(FRACTION_MASK as i64));
-            _mm512_castsi512_pd(_mm512_or_si512(fraction, _mm512_set1_epi64(ONE as i64)))
+            Register(_mm512_castsi512_pd(_mm512_or_si512(fraction, _mm512_set1_epi64(ONE as i64))))
         }
     }
 
@@ -257,9 +267,11 @@ impl Isa for Avx512 {
     }
 
     #[inline(always)]
-    fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16 {
+    fn narrow(Register(low): F64x8, Register(high): F64x8) -> F32x16 {
         // SAFETY: as above.
-        unsafe { _mm512_insertf32x8::<1>(_mm512_castps256_ps512(_mm512_cvtpd_ps(low)), _mm512_cvtpd_ps(high)) }
+        unsafe {
+            Register(_mm512_insertf32x8::<1>(_mm512_castps256_ps512(_mm512_cvtpd_ps(low)), _mm512_cvtpd_ps(high)))
+        }
     }
 
     #[inline(always)]
@@ -272,15 +284,15 @@ impl Isa for Avx512 {
             let (xz0, xz1) = (_mm512_unpacklo_pd(ac, bd), _mm512_unpacklo_pd(eg, fh));
             let (y0, y1) = (_mm512_unpackhi_pd(ac, bd), _mm512_unpackhi_pd(eg, fh));
             [
-                _mm512_shuffle_f64x2::<0b10_00_10_00>(xz0, xz1),
-                _mm512_shuffle_f64x2::<0b10_00_10_00>(y0, y1),
-                _mm512_shuffle_f64x2::<0b11_01_11_01>(xz0, xz1),
+                Register(_mm512_shuffle_f64x2::<0b10_00_10_00>(xz0, xz1)),
+                Register(_mm512_shuffle_f64x2::<0b10_00_10_00>(y0, y1)),
+                Register(_mm512_shuffle_f64x2::<0b11_01_11_01>(xz0, xz1)),
             ]
         }
     }
 
     #[inline(always)]
-    fn by_distance(near: __m256, far: __m256, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
+    fn by_distance(Register(near): F32x8, Register(far): F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
         // SAFETY: as above.
         unsafe {
             let hit = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
@@ -305,7 +317,7 @@ impl Isa for Avx512 {
     }
 
     #[inline(always)]
-    fn mark(masks: __m512i, near: __m256, far: __m256, bit: u64) -> __m512i {
+    fn mark(masks: __m512i, Register(near): F32x8, Register(far): F32x8, bit: u64) -> __m512i {
         // SAFETY: as above.
         unsafe {
             let hit = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
@@ -349,52 +361,52 @@ macro_rules! register {
     ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident,
      $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident,
      $compare:ident, $le_pick:ident, $largest:ident, $smallest:ident) => {
-        impl Floats<$float, $n> for $register {
+        impl Floats<$float, $n> for Register<$register> {
             #[inline(always)]
             fn splat(x: $float) -> Self {
                 // SAFETY: as above.
-                unsafe { $set1(x) }
+                Register(unsafe { $set1(x) })
             }
             #[inline(always)]
             fn load(x: &[$float; $n]) -> Self {
                 // SAFETY: as above.
-                unsafe { $loadu(x.as_ptr()) }
+                Register(unsafe { $loadu(x.as_ptr()) })
             }
             #[inline(always)]
             fn store(self) -> [$float; $n] {
                 let mut x = [0.0; $n];
                 // SAFETY: as above.
-                unsafe { $storeu(x.as_mut_ptr(), self) };
+                unsafe { $storeu(x.as_mut_ptr(), self.0) };
                 x
             }
             #[inline(always)]
             fn add(self, other: Self) -> Self {
                 // SAFETY: as above.
-                unsafe { $add(self, other) }
+                Register(unsafe { $add(self.0, other.0) })
             }
             #[inline(always)]
             fn sub(self, other: Self) -> Self {
                 // SAFETY: as above.
-                unsafe { $sub(self, other) }
+                Register(unsafe { $sub(self.0, other.0) })
             }
             #[inline(always)]
             fn mul(self, other: Self) -> Self {
                 // SAFETY: as above.
-                unsafe { $mul(self, other) }
+                Register(unsafe { $mul(self.0, other.0) })
             }
             #[inline(always)]
             fn div(self, other: Self) -> Self {
                 // SAFETY: as above.
-                unsafe { $div(self, other) }
+                Register(unsafe { $div(self.0, other.0) })
             }
             #[inline(always)]
             fn sqrt(self) -> Self {
                 // SAFETY: as above.
-                unsafe { $sqrt(self) }
+                Register(unsafe { $sqrt(self.0) })
             }
             #[inline(always)]
             fn abs(self) -> Self {
-                $abs!(self)
+                Register($abs!(self.0))
             }
             #[inline(always)]
             fn negated(self) -> Self {
@@ -403,7 +415,7 @@ macro_rules! register {
             #[inline(always)]
             fn mul_add(self, b: Self, c: Self) -> Self {
                 // SAFETY: as above.
-                unsafe { $fmadd(self, b, c) }
+                Register(unsafe { $fmadd(self.0, b.0, c.0) })
             }
             #[inline(always)]
             fn fused(self, b: Self, c: Self) -> Self {
@@ -412,32 +424,32 @@ macro_rules! register {
             #[inline(always)]
             fn max(self, other: Self) -> Self {
                 // SAFETY: as above.
-                unsafe { $max(self, other) }
+                Register(unsafe { $max(self.0, other.0) })
             }
             #[inline(always)]
             fn min(self, other: Self) -> Self {
                 // SAFETY: as above.
-                unsafe { $min(self, other) }
+                Register(unsafe { $min(self.0, other.0) })
             }
             #[inline(always)]
             fn le(self, other: Self) -> u32 {
-                $compare!(self, other, _CMP_LE_OQ)
+                $compare!(self.0, other.0, _CMP_LE_OQ)
             }
             #[inline(always)]
             fn lt(self, other: Self) -> u32 {
-                $compare!(self, other, _CMP_LT_OQ)
+                $compare!(self.0, other.0, _CMP_LT_OQ)
             }
             #[inline(always)]
             fn largest(self) -> $float {
-                $largest!(self)
+                $largest!(self.0)
             }
             #[inline(always)]
             fn smallest(self) -> $float {
-                $smallest!(self)
+                $smallest!(self.0)
             }
             #[inline(always)]
             fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self {
-                $le_pick!(self, other, then, otherwise)
+                Register($le_pick!(self.0, other.0, then.0, otherwise.0))
             }
         }
     };
@@ -684,7 +696,7 @@ register!(
 
 /// Two registers as one of twice the lanes.
 #[derive(Clone, Copy)]
-pub struct Two<R>(R, R);
+struct Two<R>(R, R);
 
 macro_rules! two {
     ($register:ty, $float:ty, $half:literal, $n:literal) => {
@@ -775,5 +787,5 @@ macro_rules! two {
     };
 }
 
-two!(__m256, f32, 8, 16);
-two!(__m256d, f64, 4, 8);
+two!(F32x8, f32, 8, 16);
+two!(F64x4, f64, 4, 8);
