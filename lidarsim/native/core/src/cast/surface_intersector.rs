@@ -45,10 +45,13 @@ pub fn intersect<I: Isa>(
     {
         let (t_min, surface_hits) = (closest.t_min(), &mut *surface_hits);
         let done = match object.inverse() {
-            first if moves => {
-                let placement = PlacedRays { first, then: poses.gather(scene, id, &rays.time, mask), part: 0 };
+            None if moves => {
+                let then = poses.gather(scene, id, &rays.time, mask);
+                let placement = PlacedRays { first: Identity, then, part: 0 };
                 shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits })
             }
+            // Rare, and not worth compiling for each surface: rays are taken one by one.
+            Some(_) if moves => None,
             None => shape.apart::<I, _>(IntersectSurface { placement: Identity, rays, t_min, surface_hits }),
             Some(placement) => shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits }),
         };
@@ -293,13 +296,15 @@ impl HitBatch {
         match (&object.geometry, object.inverse()) {
             (geometry, first) if object.motion().is_some() => {
                 let then = poses.gather(scene, batch.root.object, &batch.time, slots);
-                let placement = PlacedRays { first, then, part: 0 };
                 match geometry {
-                    Geometry::Surface(shape) => {
+                    Geometry::Surface(shape) if first.is_none() => {
+                        let placement = PlacedRays { first: Identity, then, part: 0 };
                         shape.apart::<I, _>(RefineBatch { placement, batch, refined: known });
                     }
+                    // As in `intersect`.
+                    Geometry::Surface(_) => {}
                     Geometry::Mesh(mesh) => {
-                        let corners = &batch.corners(mesh);
+                        let (placement, corners) = (PlacedRays { first, then, part: 0 }, &batch.corners(mesh));
                         I::apart(RefineTriangleBatch { placement, corners, batch, refined: known });
                     }
                 }

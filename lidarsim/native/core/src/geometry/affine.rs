@@ -267,10 +267,10 @@ impl Affine {
     }
 }
 
-/// As [`Placed`], with a map for each of M rays.
+/// As [`Placed`], with a map for each of M rays after the placement that all share.
 #[derive(Clone, Copy)]
-pub struct PlacedRays<'a, const M: usize> {
-    pub first: Option<&'a Inverse>,
+pub struct PlacedRays<'a, P, const M: usize> {
+    pub first: P,
     pub then: &'a Affines<M>,
     pub part: usize,
 }
@@ -293,7 +293,7 @@ impl<const M: usize> Affines<M> {
     }
 }
 
-impl<const M: usize> PlacedRays<'_, M> {
+impl<P: Placement, const M: usize> PlacedRays<'_, P, M> {
     #[inline(always)]
     fn column<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, j: usize, lanes: L) -> Vector<K> {
         vector::of_rays(lanes::part(&self.then.0[j], self.part), lanes)
@@ -306,7 +306,7 @@ impl<const M: usize> PlacedRays<'_, M> {
     }
 }
 
-impl<const M: usize> RayPlacement for PlacedRays<'_, M> {
+impl<P: Placement, const M: usize> RayPlacement for PlacedRays<'_, P, M> {
     #[inline(always)]
     fn part(self, part: usize) -> Self {
         PlacedRays { part, ..self }
