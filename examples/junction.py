@@ -13,7 +13,6 @@ import numpy as np
 from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
-from lidarsim.viewers import pyvista
 
 ROAD, BUILDING, CAR = 40, 50, 10
 FRAMES = 5
@@ -25,7 +24,7 @@ def place(x: float, y: float, heading: float = 0.0, z: float = 0.0) -> RigidTran
 
 
 car = ls.TriangleMesh.from_file(Path(__file__).parents[1] / "configs" / "scenes" / "car.ply")
-scene = ls.Scene()
+scene = ls.Scene(class_names={ROAD: "road", BUILDING: "building", CAR: "car"})
 scene.add(ls.Plane((0, 0, 1), 0.0), name="road", label=ROAD, material=ls.Material(reflectivity=0.2))
 for x in (-30.0, 30.0):
     for y in (-28.0, 28.0):
@@ -61,15 +60,14 @@ for number, scans in enumerate(rig.frames(scene, drive, FRAMES, first=10)):
     clouds = {name: scan.point_cloud("world") for name, scan in scans.items()}
     for name, cloud in clouds.items():
         cloud.save(folder / f"junction_{name}_{number}.ply")
-cloud = ls.PointCloud({name: np.concatenate([getattr(c, name) for c in clouds.values()]) for name in cloud.fields})
+cloud = ls.PointCloud.concatenate(clouds.values())
 cars = cloud[cloud.label == CAR]
-print(f"{len(cloud):,} points in the last frame, of which {len(cars):,} on {len(np.unique(cars.object_id))} cars")
+print(f"{len(cloud):,} points in the last frame, of which {len(cars):,} on {len(np.unique(cars.instance))} cars")
 print(f"radial velocities from {np.nanmin(cars.radial_velocity):.1f} to {np.nanmax(cars.radial_velocity):.1f} m/s")
-near = cloud[np.abs(cloud.xyz[:, :2]).max(axis=1) < 45]
-pyvista.render(
-    near,
-    folder / "junction.png",
+ls.show(
+    scans,
+    scene=scene,
     color_by="radial_velocity",
-    pose=drive.at(scans["roof"].time),
     camera=[(-6, -62, 38), (0, -4, 0), (0, 0, 1)],
+    save=folder / "junction.png",
 )

@@ -50,6 +50,7 @@ def show(
         frames a window shows the one that its slider is at, and GIF, MP4 and HTML play all.
     scene : Scene, optional
         Surfaces to show beside the points, translucent and in the colours of their labels or objects if the points are.
+        What moves is shown where it is when a scan begins; beside several frames it is not.
     color_by : str, optional
         Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
     class_names : mapping of int to str, optional
@@ -95,14 +96,17 @@ def show(
         check_save(save)
     width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(size))
     if isinstance(what, Scene):
-        picture = _picture([_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0)
+        picture = _picture(
+            [_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0, time=0.0
+        )
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
         if not given:
             raise ValueError("what: expected at least one frame, got none")
         poses = _poses(pose, len(given))
         frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
-        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=_rate(given[0]))
+        time = _start(given[0]) if len(given) == 1 else None
+        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=_rate(given[0]), time=time)
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
@@ -170,6 +174,12 @@ def _rate(what: Shown) -> float:
     return max((scan.lidar.pattern.rate for scan in scans if isinstance(scan, Scan)), default=10.0)
 
 
+def _start(what: Shown) -> float:
+    """Return when a scan begins, s; 0 where nothing says."""
+    scans = list(what.values()) if isinstance(what, Mapping) else [what]
+    return next((scan.time for scan in scans if isinstance(scan, Scan)), 0.0)
+
+
 def _picture(
     frames: list[Frame],
     scene: Scene | None,
@@ -178,6 +188,7 @@ def _picture(
     *,
     camera: object,
     rate: float,
+    time: float | None,
 ) -> Picture:
     points = [frame.cloud.xyz for frame in frames]
     places = np.array([frame.pose[:3, 3] for frame in frames])
@@ -201,7 +212,7 @@ def _picture(
         color_by = "label"
     return Picture(
         frames,
-        [] if scene is None else surfaces(scene, bounds=bounds if any(map(len, points)) else None),
+        [] if scene is None else surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=time),
         places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
         coloring([frame.cloud for frame in frames], color_by, names, others),
         checked_camera(camera),

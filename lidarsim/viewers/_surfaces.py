@@ -50,7 +50,13 @@ class Surface:
         return self.faces[:, ::-1] if np.linalg.det(self.matrix[:3, :3]) < 0 else self.faces
 
 
-def surfaces(scene: Scene, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None) -> list[Surface]:
+def surfaces(
+    scene: Scene,
+    *,
+    chord_error: float | None = None,
+    bounds: npt.ArrayLike | None = None,
+    time: float | None = 0.0,
+) -> list[Surface]:
     """Return what the objects of a scene look like.
 
     Parameters
@@ -61,6 +67,8 @@ def surfaces(scene: Scene, *, chord_error: float | None = None, bounds: npt.Arra
         Greatest distance of a triangle from its surface, m; by default a 200th of the radius of each object.
     bounds : array_like, shape (2, 3), optional
         Least and greatest coordinates of what else is seen, m, which planes reach to as well.
+    time : float, optional
+        When, s: what moves stands where it does then, or at the end of its motion nearest to that. None leaves it out.
 
     Returns
     -------
@@ -81,7 +89,7 @@ def surfaces(scene: Scene, *, chord_error: float | None = None, bounds: npt.Arra
     found: dict[int, Surface] = {}
 
     def add(object_id: int, item: SceneObject, box: Floats) -> Surface:
-        matrix = _placement(item)
+        matrix = _placement(item, time)
         # A map makes distances at most this many times longer.
         error = None if chord_error is None else chord_error / float(np.linalg.norm(matrix[:3, :3], ord=2))
         inverse: Floats = np.asarray(np.linalg.inv(matrix), np.float64)
@@ -92,7 +100,7 @@ def surfaces(scene: Scene, *, chord_error: float | None = None, bounds: npt.Arra
         found[object_id] = surface = Surface(object_id, item, *triangles, matrix)
         return surface
 
-    objects = [(item.id, item) for item in scene]
+    objects = [(item.id, item) for item in scene if time is not None or item.motion is None]
     for object_id, item in objects:
         if item.shape.bounded:
             points = add(object_id, item, np.zeros((8, 3))).points()
@@ -115,13 +123,16 @@ def joined(parts: Sequence[Surface], origin: Floats) -> Triangles:
     return np.concatenate([part.points() for part in parts]) - origin, np.concatenate(faces)
 
 
-def _placement(item: SceneObject) -> Floats:
+def _placement(item: SceneObject, time: float | None) -> Floats:
     """Return the map from the coordinates of an object's shape, before its own transform, to the world."""
-    own, outer = item.shape.transform, item.transform
-    if own is None or outer is None:
-        return np.eye(4) if own is None and outer is None else np.asarray(outer if own is None else own)
-    placed: Floats = outer @ own
-    return placed
+    matrix = np.eye(4)
+    for own in (item.shape.transform, item.transform):
+        if own is not None:
+            matrix = own @ matrix
+    if item.motion is not None and time is not None:
+        first, last = item.motion.span
+        matrix = item.motion.at(min(max(time, first), last)).as_matrix() @ matrix
+    return matrix
 
 
 def _moved(matrix: Floats, points: Floats) -> Floats:
