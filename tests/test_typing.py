@@ -46,7 +46,8 @@ WRONG = {
 
 
 def checked(tool: str, path: Path) -> tuple[int, str]:
-    command = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary"] if tool == "mypy" else [tool]
+    mypy = [sys.executable, "-m", "mypy", "--strict", "--no-error-summary"]
+    command = mypy if tool == "mypy" else [tool, "--level", "error", "--pythonpath", sys.executable]
     run = subprocess.run(
         [*command, str(path)], capture_output=True, text=True, check=False, cwd=Path(__file__).parents[1]
     )
