@@ -213,7 +213,7 @@ def _shape_hint(name: str, given: tuple[int, ...], wanted: Sequence[int | str]) 
             (3, 3): f"; a rotation is {name}[:3, :3]",
             (3, 4): "; its last row is (0, 0, 0, 1)",
         }.get(given, "")
-    if len(wanted) == 2 and wanted[1] == 3:
+    if len(wanted) == 2 and isinstance(wanted[0], str) and wanted[1] == 3:
         if given == (3,):
             return "; of one, [[x, y, z]]"
         if len(given) == 2 and given[0] == 3:

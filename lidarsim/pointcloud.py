@@ -226,7 +226,7 @@ class PointCloud(Pickled):
         rows = self._rows()
         if len(rows) > MOST_ROWS:
             rest = ", ".join(name for name, *_ in rows[MOST_ROWS - 1 :])
-            rows[MOST_ROWS - 1 :] = [("and", textwrap.shorten(rest, 60, placeholder=" …"), "")]
+            rows[MOST_ROWS - 1 :] = [("and", "", textwrap.shorten(rest, 60, placeholder=" …"))]
         return text_table(self._title(), rows)
 
     def _repr_html_(self) -> str:

@@ -20,8 +20,8 @@ from lidarsim.cli import main
 ROOT = Path(__file__).parents[1]
 LONG = "x" * 300
 FIELDS = (
-    "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, label, incidence, "
-    "range_error"
+    "range, true_range, intensity, time, ring, column, return_number, return_count, object_id, instance, label, "
+    "incidence, range_error"
 )
 FORMATS = ".bin, .csv, .db3, .label, .las, .laz, .mcap, .npz, .pcd, .pcd.bin, .ply or .xyz"
 CONFIG = """\

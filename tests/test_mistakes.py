@@ -366,7 +366,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "update of a typo": (
         lambda: SCENE.update(0, transfrom=T),
         TypeError,
-        "transfrom: expected one of shape, name, label, instance, material, transform",
+        "transfrom: expected one of shape, name, label, instance, material, transform, motion",
     ),
     "update by name": (
         lambda: SCENE.update("ball", transform=T),

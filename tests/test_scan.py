@@ -777,7 +777,7 @@ def test_a_forked_child_scans() -> None:
         ({"frame": -1}, ValueError, "frame: expected an integer from 0 to 4294967295, got -1"),
         ({"frame": 2**32}, ValueError, "frame: expected an integer from 0 to 4294967295, got 4294967296"),
         ({"time": math.nan}, ValueError, "time: expected a finite number, got nan"),
-        ({"pose": np.eye(3)}, ValueError, "pose: expected shape (4, 4), got (3, 3)"),
+        ({"pose": np.eye(3)}, ValueError, "pose: expected shape (4, 4), got (3, 3); a rotation is pose[:3, :3]"),
         ({"scene": "street"}, TypeError, "scene: expected a Scene, got 'street'"),
     ],
 )
@@ -918,7 +918,7 @@ def test_pulses_of_any_kind_are_converted(arrays: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ("arrays", "error", "message"),
     [
-        ({"directions": [1, 0, 0]}, ValueError, "directions: expected shape (n, 3), got (3,)"),
+        ({"directions": [1, 0, 0]}, ValueError, "directions: expected shape (n, 3), got (3,); of one, [[x, y, z]]"),
         ({"directions": [["x"] * 3]}, TypeError, "directions: expected real numbers of shape (n, 3), got dtype <U1"),
         ({"origins": [0, 0, 0]}, ValueError, "origins: expected shape (3, 3), got (3,)"),
         ({"time": 0.0}, ValueError, "time: expected shape (3,), got ()"),

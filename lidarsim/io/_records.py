@@ -88,10 +88,10 @@ def joined(parts: Iterable[Fields]) -> Fields:
     for part in parts:
         for name, array in part.items():
             lists[name].append(np.array(array))  # a copy: the array may be a view of a whole block of records
-    return {name: np.concatenate(lists.pop(name)) for name in list(lists)}
+    return {name: np.concatenate(lists.pop(name), dtype=np.float64 if name == "xyz" else None) for name in list(lists)}
 
 
-def to_fields(columns: Fields, normal: Collection[str]) -> Fields:
+def to_fields(columns: Fields, normal: Collection[str], *, xyz: npt.DTypeLike = np.float64) -> Fields:
     """Return the fields that the columns of a file make up, where a column may have several entries a point."""
     for name in "xyz":
         if name not in columns:
@@ -106,7 +106,7 @@ def to_fields(columns: Fields, normal: Collection[str]) -> Fields:
             vectors.setdefault(base, []).append(name)
     fields: Fields = {}
     for name, parts in vectors.items():
-        dtype = np.float64 if name == "xyz" else None  # what a cloud has it as, so that it is copied but once
+        dtype = xyz if name == "xyz" else None
         fields[_identifier(name)] = np.stack([columns.pop(part) for part in parts], 1, dtype=dtype)
     return fields | {_identifier(name): column for name, column in columns.items()}
 

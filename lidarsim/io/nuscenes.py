@@ -32,7 +32,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
 
 def load(file: BinaryIO) -> Fields:
     """Read all points."""
-    return joined(to_fields(block, ()) for block in from_records(file, RECORD))
+    return joined(to_fields(block, (), xyz=np.float32) for block in from_records(file, RECORD))
 
 
 register_format(".pcd.bin", save=save, load=load)

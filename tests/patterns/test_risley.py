@@ -69,7 +69,7 @@ def test_total_reflection_is_refused() -> None:
         ({"rate": 200.0}, "rate: expected a finite number > 0 and <= 100, got 200.0"),
         ({"beams": [[0, 0, 0]]}, "beams: expected non-zero vectors, got beams[0] = (0, 0, 0)"),
         ({"beams": np.empty((0, 3))}, "beams: expected 1 to 65536 of them, got 0"),
-        ({"beams": [1, 0, 0]}, "beams: expected shape (beams, 3), got (3,)"),
+        ({"beams": [1, 0, 0]}, "beams: expected shape (beams, 3), got (3,); of one, [[x, y, z]]"),
     ],
 )
 def test_bad_arguments_are_named(arguments: dict[str, Any], message: str) -> None:

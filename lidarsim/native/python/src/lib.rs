@@ -1,5 +1,6 @@
 //! What Python sees of the core. No Python type goes past these files.
 
+mod path;
 mod scan;
 mod scene;
 mod shape;
@@ -16,6 +17,7 @@ use numpy::{Element, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
+pub use path::PyPath;
 pub use scene::PyScene;
 pub use shape::PyShape;
 
@@ -25,7 +27,7 @@ pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyShape>()?;
     m.add_class::<PyScene>()?;
-    m.add_class::<scan::PyPath>()?;
+    m.add_class::<PyPath>()?;
     m.add_class::<scene::PyAppearance>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;

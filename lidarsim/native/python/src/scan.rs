@@ -1,12 +1,10 @@
 //! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
 
-use std::sync::Arc;
-
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
     BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, ReturnRows, Returns, Rows, Scan,
 };
-use lidarsim_core::{Cubic, Path, Point, Pose, Step, Velocity, memory};
+use lidarsim_core::{Path, Point, Pose, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -16,112 +14,10 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyScene, detached, elements, level, points};
+use crate::{Points, PyPath, PyScene, detached, elements, level, points};
 
 /// Half of the speed of light in vacuum, m/s: a range is half of a way.
 const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
-
-/// Where the sensor is at each time.
-#[pyclass(frozen, name = "Path", module = "lidarsim._native")]
-pub struct PyPath {
-    pub path: Arc<Path>,
-}
-
-type Matrix = [[f64; 4]; 4];
-
-fn pose([x, y, z, _]: Matrix) -> Pose {
-    Pose::from_rows([x, y, z])
-}
-
-impl From<Path> for PyPath {
-    fn from(path: Path) -> Self {
-        PyPath { path: Arc::new(path) }
-    }
-}
-
-#[pymethods]
-impl PyPath {
-    #[staticmethod]
-    fn still(matrix: Matrix) -> Self {
-        Path::Still(pose(matrix)).into()
-    }
-
-    /// Constant velocities in the moving frame, which is at `matrix` at time 0.
-    #[staticmethod]
-    fn twist(matrix: Matrix, linear: Point, angular: Point) -> Self {
-        Path::Twist { start: pose(matrix), linear, angular }.into()
-    }
-
-    /// n rising times; the matrix at each, (n, 16); and how each leads to the next, (n - 1, 18): the three coefficients of
-    /// the way, and those of the rotation vector.
-    #[staticmethod]
-    fn knots(
-        py: Python<'_>,
-        times: PyReadonlyArray1<'_, f64>,
-        matrices: PyReadonlyArray2<'_, f64>,
-        steps: PyReadonlyArray2<'_, f64>,
-    ) -> PyResult<Self> {
-        let n = times.len();
-        if n == 0 || matrices.shape() != [n, 16] || steps.shape() != [n - 1, 18] {
-            return Err(PyValueError::new_err(
-                "times, matrices, steps: expected shapes (n,), (n, 16) and (n - 1, 18), n > 0",
-            ));
-        }
-        let times = elements("times", &times)?;
-        let matrices: &[[f64; 16]] = elements("matrices", &matrices)?.as_chunks().0;
-        let steps: &[[f64; 18]] = elements("steps", &steps)?.as_chunks().0;
-        let poses = matrices.iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
-        let steps = steps.iter().map(|s| {
-            let cubic = |first| Cubic(std::array::from_fn(|i| std::array::from_fn(|k| s[first + 3 * i + k])));
-            Step { shift: cubic(0), turn: cubic(9) }
-        });
-        let path = detached(py, || {
-            let (times, poses, steps) = (memory::copy(times), memory::collect(poses), memory::collect(steps));
-            let end = times[n - 1];
-            Path::Knots { times, poses, steps, end }
-        })?;
-        Ok(path.into())
-    }
-
-    /// The path of a sensor that is mounted so on what moves along this one.
-    fn mounted(&self, matrix: Matrix) -> Self {
-        self.path.mounted(&pose(matrix)).into()
-    }
-
-    /// The same poses over a span that goes on to `until`, at the velocities of its end.
-    fn held(&self, until: f64) -> Self {
-        self.path.held(until).into()
-    }
-
-    /// First and last time for which there is a pose.
-    fn span(&self) -> (f64, f64) {
-        self.path.span().into()
-    }
-
-    /// Poses (n, 4, 4) at some times.
-    fn at<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
-        let times = elements("times", &times)?;
-        let poses = detached(py, || {
-            memory::collect(times.iter().map(|&time| {
-                let [x, y, z] = self.path.at(time).rows();
-                [x, y, z, [0.0, 0.0, 0.0, 1.0]]
-            }))
-        })?;
-        Ok(poses.into_flattened().into_flattened().into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
-    }
-
-    /// Velocities (n, 2, 3) at times of the span: linear in the world, angular in the moving frame.
-    fn velocity<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
-        let times = elements("times", &times)?;
-        let velocities = detached(py, || {
-            memory::collect(times.iter().map(|&time| {
-                let Velocity { linear, angular } = self.path.velocity(time);
-                [linear, angular]
-            }))
-        })?;
-        Ok(velocities.into_flattened().into_flattened().into_pyarray(py).reshape([times.len(), 2, 3])?.into_any())
-    }
-}
 
 /// The attributes of `lidarsim.Lidar` that a scan needs, besides its pattern.
 #[derive(FromPyObject)]

@@ -9,8 +9,7 @@ use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::scan::PyPath;
-use crate::{Points, detached, elements, points, rays};
+use crate::{Points, PyPath, detached, elements, points, rays};
 
 /// A shape, placed by the maps it went through.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
