@@ -20,7 +20,7 @@ def test_a_child_builds_what_its_parent_was_building(place: str) -> None:
         for shape in shapes:
             scene.add(shape)
         builder = threading.Thread(target=lambda: scene.cast([[0.5, 0.5, 9]], [[0, 0, -1]]))
-        scene._native  # made by the core, but not built
+        scene._snapshot()  # made by the core, but not built
         builder.start()
         time.sleep(0.01)
         children = []
@@ -43,7 +43,7 @@ def test_a_pool_of_forked_workers_casts_beside_a_thread_that_builds() -> None:
     code = """
         scene = ls.Scene()
         scene.add(field(500))
-        scene._native
+        scene._snapshot()
 
         def cast(_):
             return scene.cast([[0.5, 0.5, 9]], [[0, 0, -1]]).t[0]
