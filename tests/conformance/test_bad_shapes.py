@@ -91,7 +91,11 @@ BAD = [
     ),
     (lambda: ls.Polygon(SQUARE[:2]), ValueError, "vertices: expected at least 3, got 2"),
     (lambda: ls.Polygon(np.empty((0, 3))), ValueError, "vertices: expected at least 3, got 0"),
-    (lambda: ls.Polygon([(0, 0), (1, 0), (1, 1)]), ValueError, "vertices: expected shape (n, 3), got (3, 2)"),
+    (
+        lambda: ls.Polygon([(0, 0), (1, 0), (1, 1)]),
+        ValueError,
+        "vertices: expected shape (n, 3), got (3, 2); transposed?",
+    ),
     (
         lambda: ls.Polygon([ORIGIN, X, (0, math.nan, 0)]),
         ValueError,

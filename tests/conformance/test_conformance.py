@@ -358,7 +358,7 @@ def test_many_python_threads_at_once(sample):
 
 BAD_RAYS = [
     (np.zeros((2, 3)), np.ones((3, 3)), "origins, directions: expected arrays of equal length, got 2 and 3"),
-    (np.zeros(3), np.ones(3), "origins: expected shape (n, 3), got (3,)"),
+    (np.zeros(3), np.ones(3), "origins: expected shape (n, 3), got (3,); of one, [[x, y, z]]"),
     (np.zeros((2, 2)), np.ones((2, 2)), "origins: expected shape (n, 3), got (2, 2)"),
     (np.zeros((1, 3)), np.ones((1, 4)), "directions: expected shape (n, 3), got (1, 4)"),
     ([[0, 0, math.nan]], [[1, 0, 0]], "origins: expected finite numbers, got origins[0][2] = nan"),
@@ -405,7 +405,7 @@ BAD_TRANSFORMS = [
         "transform: expected an invertible matrix, got determinant 0",
     ),
     (np.full((4, 4), np.nan), "transform: expected finite numbers, got transform[0][0] = nan"),
-    (np.eye(3), "transform: expected shape (4, 4), got (3, 3)"),
+    (np.eye(3), "transform: expected shape (4, 4), got (3, 3); a rotation is transform[:3, :3]"),
 ]
 
 
