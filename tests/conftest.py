@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 from collections import Counter
 from pathlib import Path
@@ -21,6 +22,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+        # A shell leaves Ctrl-C ignored in what it runs in the background, and processes pass that on.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
     config.slow = config.getoption("--slow") or os.environ.get("LIDARSIM_SLOW", "0") not in {"", "0"}
     hypothesis.settings.load_profile("slow" if config.slow else "fast")
 

@@ -182,7 +182,7 @@ def test_bad_arguments(wall: PointCloud, tmp_path: Path) -> None:
     for options, message in (
         ({"color_by": "ring"}, "color_by: expected one of height, label, got 'ring'"),
         ({"camera": [1, 2, 3]}, "camera: expected shape (3, 3), got (3,)"),
-        ({"pose": np.eye(3)}, "pose: expected shape (4, 4), got (3, 3)"),
+        ({"pose": np.eye(3)}, "pose: expected shape (4, 4), got (3, 3); a rotation is pose[:3, :3]"),
     ):
         with pytest.raises(ValueError) as caught:  # noqa: PT011
             show(wall, save=tmp_path / "a.png", **options)
