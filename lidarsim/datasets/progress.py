@@ -52,7 +52,7 @@ class Progress:
         self.new += frames
         self.points += points
         now = time.monotonic()
-        rate = self.points / max(self.seconds, 1e-9)
+        rate = self.points / (now - self.begin) if now > self.begin else 0.0
         if self._bar:
             self._bar.update(self._bar.task_ids[0], completed=self.done + self.new, rate=f"{rate:,.0f} points/s")
         elif now - self.told >= MINUTE:
