@@ -9,7 +9,7 @@ use crate::arith::simd::{self, Isa, Level, Task};
 use crate::bvh::{LANES, RayPacket};
 use crate::cast::closest_hit::ClosestHit;
 use crate::cast::ray_sort::{NEAR, RaySort};
-use crate::cast::surface_intersector::{HitBatches, SurfaceHits};
+use crate::cast::surface_intersector::{HitBatches, SurfaceIntersector};
 use crate::cast::traversal::{self, Advance, PacketState, TRAVERSALS, Traversal};
 use crate::cast::triangle_hits::TriangleHits;
 use crate::geometry::vector::Point;
@@ -36,7 +36,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let Cast { world, origins, directions, times, t_min, t_max, hits } = self;
         let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
-        let Scratch { traversals, previous, batches, surface_hits, ray_sort } = &mut *scratch;
+        let Scratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
         ray_sort.restart(directions, world.size);
         batches.restart(scene);
         let mut source = PacketSource { origins, directions, times, ray_sort, start: 0, done: 0 };
@@ -58,15 +58,21 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                 }
             }
             stop::poll();
-            triangle_hits.prefetch::<I>(scene);
-            let finished = I::call(Advance { traversals: &mut traversals, surface_hits });
-            triangle_hits.refine::<I>(scene, previous, router.hits);
+            if !S::ANY {
+                triangle_hits.prefetch::<I>(scene);
+            }
+            let finished = I::call(Advance { traversals: &mut traversals, surfaces });
+            if !S::ANY {
+                triangle_hits.refine::<I>(scene, previous, router.hits);
+            }
             let Some(k) = finished else { break };
             let state = &mut traversals[k].state;
             router.route::<I>(state, &mut triangle_hits);
             std::mem::swap(&mut previous, &mut state.rays);
         }
-        router.batches.flush::<I>(scene, router.hits);
+        if !S::ANY {
+            router.batches.flush::<I>(scene, router.hits);
+        }
         SCRATCH.set(Some(scratch));
         legal
     }
@@ -97,7 +103,7 @@ struct Scratch {
     /// The rays of the packet whose hits are refined.
     previous: RayPacket,
     batches: HitBatches,
-    surface_hits: SurfaceHits,
+    surfaces: SurfaceIntersector,
     ray_sort: RaySort,
 }
 
@@ -107,7 +113,7 @@ impl Default for Scratch {
             traversals: std::array::from_fn(|_| traversal::TraversalScratch::new()),
             previous: RayPacket::empty(),
             batches: HitBatches::new(),
-            surface_hits: SurfaceHits::new(),
+            surfaces: SurfaceIntersector::new(),
             ray_sort: RaySort::default(),
         }
     }

@@ -3,9 +3,9 @@
 use std::cell::Cell;
 
 use crate::arith::number::{Many, PAD, RunningErrors, UNDERFLOW};
-use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::bvh::{LANES, LARGEST, Mask, RayPacket, SMALLEST, part_of_mask, take};
-use crate::geometry::affine::{Affines, PlacedRays, RayPlacement};
+use crate::geometry::affine::{Affines, PlacementTask, Placements, RayPlacement};
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
 use crate::geometry::vector::of_rays;
@@ -36,13 +36,9 @@ impl InstanceRays {
     ) -> Mask {
         self.backward = [0; 3];
         let mut held = 0;
-        if let Some(then) = then {
-            let placement = PlacedRays { first: object.inverse(), then, part: 0 };
-            held = I::apart(Gather { placement, world, mask, instance_rays: self }).unwrap_or(0);
-        } else if mask & (mask - 1) != 0
-            && let Some(placement) = object.inverse()
-        {
-            held = I::apart(Gather { placement, world, mask, instance_rays: self }).unwrap_or(0);
+        if then.is_some() || mask & (mask - 1) != 0 {
+            let placements = Placements { first: object.inverse(), then };
+            held = placements.apart::<I, _>(Gather { world, mask, instance_rays: self }).unwrap_or(0);
         }
         let mut left = mask & !held;
         while let Some(lane) = take(&mut left) {
@@ -80,19 +76,18 @@ impl InstanceRays {
 }
 
 /// Transforms rays, a register at a time, and returns those whose bounds are certain and that fit into packets.
-struct Gather<'a, P> {
-    placement: P,
+struct Gather<'a> {
     world: &'a RayPacket,
     mask: Mask,
     instance_rays: &'a mut InstanceRays,
 }
 
-impl<P: RayPlacement> LaneTask for Gather<'_, P> {
+impl PlacementTask for Gather<'_> {
     type Output = Mask;
 
     #[inline(always)]
-    fn run<F: Floats<f64, N>, const N: usize>(self) -> Mask {
-        let Gather { placement, world, mask, instance_rays } = self;
+    fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) -> Mask {
+        let Gather { world, mask, instance_rays } = self;
         let mut held = 0;
         for i in 0..LANES / N {
             let active = Cell::new(part_of_mask::<N>(mask, i));

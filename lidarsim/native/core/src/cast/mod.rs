@@ -6,6 +6,7 @@ mod deferred;
 mod driver;
 mod instance;
 mod leaf_intersector;
+mod local_rays;
 mod poses;
 mod ray_sort;
 mod schedule;

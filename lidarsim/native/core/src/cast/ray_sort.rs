@@ -1,7 +1,7 @@
 //! Ray sorting: an order of rays in which neighbours are coherent, by octant, origin and a Morton code of the direction (K. Garanzha, C. Loop, Fast Ray
 //! Sorting and Breadth-First Packet Traversal for GPU Ray Tracing, 2010).
 
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::{Floats, Isa, Task};
 use crate::bvh::LANES;
 use crate::geometry::vector::Point;
 use crate::memory;
@@ -36,6 +36,21 @@ pub struct RaySort {
     order: Vec<u32>,
 }
 
+struct Advance<'a> {
+    ray_sort: &'a mut RaySort,
+    origins: &'a [Point],
+    directions: &'a [Point],
+}
+
+impl Task for Advance<'_> {
+    type Output = bool;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> bool {
+        self.ray_sort.sort_next::<I>(self.origins, self.directions)
+    }
+}
+
 impl RaySort {
     /// Begins anew with other rays, which point this way.
     pub fn restart(&mut self, directions: &[Point], size: f64) {
@@ -53,6 +68,11 @@ impl RaySort {
     /// Morton curve, so that tiles of directions stay together.
     #[inline(always)]
     pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
+        I::call(Advance { ray_sort: self, origins, directions })
+    }
+
+    #[inline(always)]
+    fn sort_next<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
         let group = self.start..directions.len().min(self.start + self.group);
         if group.is_empty() {
             return false;

@@ -5,18 +5,18 @@
 
 use std::cell::Cell;
 
-use crate::arith::number::{Interval, Many, Number, RunningErrors, Uncertain};
+use crate::arith::number::{DoubleDoubles, Interval, Many, Number, OfRays, RunningErrors, Stored, Uncertain};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
 use crate::bvh::{LANES, Mask, RayPacket, all, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
+use crate::cast::local_rays::{LocalRays, OfDoubleDoubles, OfRunningErrors, RayParts, WorldRays};
 use crate::cast::poses::Poses;
-use crate::geometry::affine::{Identity, PlacedRays, RayPlacement};
+use crate::geometry::affine::{PlacementTask, Placements, RayPlacement};
 use crate::geometry::ray::Ray;
-use crate::geometry::vector::of_rays;
 use crate::geometry::vector::{self, Point};
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Hit, RootId, Scene, Sink};
-use crate::shapes::newton::{RootBracket, Target, newton_step};
+use crate::shapes::newton::{Target, newton_step};
 use crate::shapes::triangle::Triangles;
 use crate::shapes::{Surface, SurfaceTask};
 
@@ -26,60 +26,75 @@ fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
     F::load(&x.as_chunks().0[i])
 }
 
-/// Intersects the rays of `mask` with an object, and updates their closest hits.
-#[inline(always)]
-pub fn intersect<I: Isa>(
-    scene: &Scene,
-    id: u32,
-    rays: &RayPacket,
-    closest: &mut ClosestHits,
-    mask: Mask,
-    (poses, surface_hits): (&mut Poses<LANES>, &mut SurfaceHits),
-) {
-    let object = &scene.objects()[id as usize];
-    (surface_hits.count, surface_hits.unsure) = (0, mask);
-    let (alone, moves) = (mask & (mask - 1) == 0, object.motion().is_some());
-    let mut filtered = false;
-    if (!alone || moves)
-        && let Geometry::Surface(shape) = &object.geometry
-    {
-        let (t_min, surface_hits) = (closest.t_min(), &mut *surface_hits);
-        let done = match object.inverse() {
-            None if moves => {
-                let then = poses.gather(scene, id, &rays.time, mask);
-                let placement = PlacedRays { first: Identity, then, part: 0 };
-                shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits })
-            }
-            // Rare, and not worth compiling for each surface: rays are taken one by one.
-            Some(_) if moves => None,
-            None => shape.apart::<I, _>(IntersectSurface { placement: Identity, rays, t_min, surface_hits }),
-            Some(placement) => shape.apart::<I, _>(IntersectSurface { placement, rays, t_min, surface_hits }),
-        };
-        filtered = done.is_some();
+/// What packets are intersected with surfaces by. Reused, as it is large.
+pub struct SurfaceIntersector {
+    local: LocalRays<LANES>,
+    hits: SurfaceHits,
+}
+
+impl SurfaceIntersector {
+    pub fn new() -> Self {
+        let nothing = AgreeingLanes { lanes: 0, start: 0, roots: [RootBounds::NONE; 2], count: 0 };
+        SurfaceIntersector {
+            local: LocalRays::UNSET,
+            hits: SurfaceHits { agreeing: [nothing; LANES], count: 0, unsure: 0 },
+        }
     }
-    let root = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
-    for agreeing in &surface_hits.agreeing[..surface_hits.count] {
-        let mut left = Mask::from(agreeing.lanes);
-        while let Some(lane) = take(&mut left) {
-            for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
-                let t = Interval { low: roots.low[lane], high: roots.high[lane] };
-                if closest.takes(rays, agreeing.start + lane, root(index, roots.feature), t) {
-                    break;
+
+    /// Intersects the rays of `mask` with an object, and updates their closest hits.
+    #[inline(always)]
+    pub fn intersect<I: Isa>(
+        &mut self,
+        scene: &Scene,
+        id: u32,
+        rays: &RayPacket,
+        mask: Mask,
+        closest: &mut ClosestHits,
+        poses: &mut Poses<LANES>,
+    ) {
+        let SurfaceIntersector { local, hits } = self;
+        (hits.count, hits.unsure) = (0, mask);
+        let object = &scene.objects()[id as usize];
+        let (alone, moves) = (mask & (mask - 1) == 0, object.motion().is_some());
+        let mut filtered = false;
+        if (!alone || moves)
+            && let Geometry::Surface(shape) = &object.geometry
+        {
+            let t_min = closest.t_min();
+            let then = if moves { Some(poses.gather(scene, id, &rays.time, mask)) } else { None };
+            let placements = Placements { first: object.inverse(), then };
+            let world = WorldRays { origin: &rays.origin, direction: &rays.direction };
+            filtered = if placements.is_identity() {
+                shape.apart::<I, _>(BoundRoots { rays: world, t_min, hits }).is_some()
+            } else {
+                local.place::<I, OfRunningErrors>(placements, world, mask)
+                    && shape.apart::<I, _>(BoundRoots { rays: &*local, t_min, hits }).is_some()
+            };
+        }
+        let root = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
+        for agreeing in &hits.agreeing[..hits.count] {
+            let mut left = Mask::from(agreeing.lanes);
+            while let Some(lane) = take(&mut left) {
+                for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
+                    let t = Interval { low: roots.low[lane], high: roots.high[lane] };
+                    if closest.takes(rays, agreeing.start + lane, root(index, roots.feature), t) {
+                        break;
+                    }
                 }
             }
         }
-    }
-    while let Some(lane) = take(&mut surface_hits.unsure) {
-        if filtered {
-            closest.consider_exactly(rays, lane, id, 0);
-        } else {
-            closest.consider(rays, lane, id, 0);
+        while let Some(lane) = take(&mut hits.unsure) {
+            if filtered {
+                closest.consider_exactly(rays, lane, id, 0);
+            } else {
+                closest.consider(rays, lane, id, 0);
+            }
         }
     }
 }
 
-/// The hits of a packet on a surface. Reused, as it is large.
-pub struct SurfaceHits {
+/// The hits of a packet on a surface.
+struct SurfaceHits {
     agreeing: [AgreeingLanes; LANES],
     count: usize,
     /// Rays to be decided one by one.
@@ -119,45 +134,31 @@ impl RootBounds {
     }
 }
 
-impl SurfaceHits {
-    pub fn new() -> Self {
-        SurfaceHits {
-            agreeing: [AgreeingLanes { lanes: 0, start: 0, roots: [RootBounds::NONE; 2], count: 0 }; LANES],
-            count: 0,
-            unsure: 0,
-        }
-    }
-}
-
-/// Bounds the roots of the rays that `surface_hits` is unsure of.
-struct IntersectSurface<'a, P> {
-    placement: P,
-    rays: &'a RayPacket,
+/// Bounds the roots of the rays that `hits` is unsure of.
+struct BoundRoots<'a, R> {
+    rays: R,
     t_min: f64,
-    surface_hits: &'a mut SurfaceHits,
+    hits: &'a mut SurfaceHits,
 }
 
-impl<P: RayPlacement> SurfaceTask for IntersectSurface<'_, P> {
+impl<R: RayParts> SurfaceTask for BoundRoots<'_, R> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
-        let IntersectSurface { placement, rays, t_min, surface_hits } = self;
-        let mask = std::mem::take(&mut surface_hits.unsure);
+        let BoundRoots { rays, t_min, hits } = self;
+        let mask = std::mem::take(&mut hits.unsure);
         for i in 0..LANES / N {
             let mut left = part_of_mask::<N>(mask, i);
             if left == 0 {
                 continue;
             }
             let active = Cell::new(left);
-            let (o, d): ([F; 3], [F; 3]) = (lanes::part(&rays.origin, i), lanes::part(&rays.direction, i));
-            let many = Many::new(&active);
-            let world = Ray { origin: of_rays(o, many), direction: of_rays(d, many), weight: None };
-            let ray = placement.part(i).local_rays(world, many);
+            let ray = rays.part(i, Many::new(&active));
             while left != 0 {
                 active.set(left);
-                if surface_hits.bound(i, surface, &ray, &active, t_min).is_err() {
-                    surface_hits.unsure |= Mask::from(active.get()) << (i * N);
+                if hits.bound::<F, S, N>(i, surface, &ray, &active, t_min).is_err() {
+                    hits.unsure |= Mask::from(active.get()) << (i * N);
                 }
                 left &= !active.get();
             }
@@ -199,7 +200,14 @@ impl SurfaceHits {
 /// Batches of hits on one part of one object each, an implicit surface or a transformed mesh, to be refined together.
 pub struct HitBatches {
     batches: Vec<HitBatch>,
+    scratch: BatchScratch,
+}
+
+/// Scratch memory of the refinement of a batch.
+struct BatchScratch {
     poses: Poses<BATCH_SIZE>,
+    local: LocalRays<BATCH_SIZE>,
+    refined: Refined,
 }
 
 /// Batches at once, a table indexed by a hash of object and part; on a collision the older batch is flushed.
@@ -238,12 +246,19 @@ impl HitBatches {
             low: [0.0; BATCH_SIZE],
             high: [0.0; BATCH_SIZE],
         };
-        HitBatches { batches: vec![empty; BATCHES], poses: Poses::new() }
+        let refined = Refined {
+            known: 0,
+            t: [0.0; BATCH_SIZE],
+            local_normal: [Stored::UNSET; 3],
+            normal: [[0.0; BATCH_SIZE]; 3],
+        };
+        let scratch = BatchScratch { poses: Poses::new(), local: LocalRays::UNSET, refined };
+        HitBatches { batches: vec![empty; BATCHES], scratch }
     }
 
     /// Begins anew with another scene.
     pub fn restart(&mut self, scene: &Scene) {
-        self.poses.restart(scene.moves());
+        self.scratch.poses.restart(scene.moves());
     }
 
     /// Takes a hit, with the ray and bounds of t.
@@ -258,7 +273,7 @@ impl HitBatches {
     ) {
         let batch = &mut self.batches[(7 * root.object as usize + usize::from(root.feature)) % BATCHES];
         if (batch.root.object, batch.root.feature) != (root.object, root.feature) {
-            batch.flush::<I>(scene, &mut self.poses, hits);
+            batch.flush::<I>(scene, &mut self.scratch, hits);
             batch.root = root;
         }
         let slot = batch.count;
@@ -271,56 +286,48 @@ impl HitBatches {
         (batch.low[slot], batch.high[slot]) = (bounds.low, bounds.high);
         batch.count += 1;
         if batch.count == BATCH_SIZE {
-            batch.flush::<I>(scene, &mut self.poses, hits);
+            batch.flush::<I>(scene, &mut self.scratch, hits);
         }
     }
 
     #[inline(always)]
     pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
         for batch in &mut self.batches {
-            batch.flush::<I>(scene, &mut self.poses, hits);
+            batch.flush::<I>(scene, &mut self.scratch, hits);
         }
     }
 }
 
 impl HitBatch {
     #[inline(always)]
-    fn flush<I: Isa>(&mut self, scene: &Scene, poses: &mut Poses<BATCH_SIZE>, hits: &mut (impl Sink + ?Sized)) {
+    fn flush<I: Isa>(&mut self, scene: &Scene, scratch: &mut BatchScratch, hits: &mut (impl Sink + ?Sized)) {
         if self.count == 0 {
             return;
         }
+        let BatchScratch { poses, local, refined } = scratch;
         let object = &scene.objects()[self.root.object as usize];
-        let mut refined = Refined { known: 0, t: [0.0; BATCH_SIZE], normal: [[0.0; BATCH_SIZE]; 3] };
-        let (batch, known) = (&*self, &mut refined);
-        let slots = all(batch.count);
-        match (&object.geometry, object.inverse()) {
-            (geometry, first) if object.motion().is_some() => {
-                let then = poses.gather(scene, batch.root.object, &batch.time, slots);
-                match geometry {
-                    Geometry::Surface(shape) if first.is_none() => {
-                        let placement = PlacedRays { first: Identity, then, part: 0 };
-                        shape.apart::<I, _>(RefineBatch { placement, batch, refined: known });
-                    }
-                    // As in `intersect`.
-                    Geometry::Surface(_) => {}
-                    Geometry::Mesh(mesh) => {
-                        let (placement, corners) = (PlacedRays { first, then, part: 0 }, &batch.corners(mesh));
-                        I::apart(RefineTriangleBatch { placement, corners, batch, refined: known });
-                    }
+        let slots = all(self.count);
+        let then = object.motion().map(|_| poses.gather(scene, self.root.object, &self.time, slots));
+        let placements = Placements { first: object.inverse(), then };
+        let world = WorldRays { origin: &self.origin, direction: &self.direction };
+        refined.known = 0;
+        if placements.is_identity() {
+            // Hits on untransformed meshes are refined by `TriangleHits`.
+            if let Geometry::Surface(shape) = &object.geometry {
+                shape.apart::<I, _>(RefineBatch { rays: world, batch: self, refined });
+            }
+        } else if local.place::<I, OfDoubleDoubles>(placements, world, slots) {
+            match &object.geometry {
+                Geometry::Surface(shape) => {
+                    shape.apart::<I, _>(RefineBatch { rays: &*local, batch: self, refined });
+                }
+                Geometry::Mesh(mesh) => {
+                    let corners = &self.corners(mesh);
+                    I::apart(RefineTriangleBatch { rays: &*local, corners, batch: self, refined });
                 }
             }
-            (Geometry::Surface(shape), None) => {
-                shape.apart::<I, _>(RefineBatch { placement: Identity, batch, refined: known });
-            }
-            (Geometry::Surface(shape), Some(placement)) => {
-                shape.apart::<I, _>(RefineBatch { placement, batch, refined: known });
-            }
-            (Geometry::Mesh(mesh), Some(placement)) => {
-                I::apart(RefineTriangleBatch { placement, corners: &batch.corners(mesh), batch, refined: known });
-            }
-            // Hits on untransformed meshes are refined by `TriangleHits`.
-            (Geometry::Mesh(_), None) => {}
         }
+        placements.apart::<I, _>(PlaceNormals(refined));
         for slot in 0..self.count {
             let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
             // No hit is put together first: to read back in one piece what was written in several takes long.
@@ -358,50 +365,82 @@ fn pick(v: &[[f64; BATCH_SIZE]; 3], slot: usize) -> Point {
     [v[0][slot], v[1][slot], v[2][slot]]
 }
 
-/// t and a unit normal, of the hits that are certain.
+/// The refined hits of a batch.
 struct Refined {
+    /// A bit for each hit that is certain.
     known: u32,
     t: [f64; BATCH_SIZE],
+    /// In the coordinates of the object, of any length.
+    local_normal: [Stored<BATCH_SIZE>; 3],
+    /// A unit normal in the coordinates of the world.
     normal: [[f64; BATCH_SIZE]; 3],
 }
 
-/// Refines the hits of a batch.
-struct RefineBatch<'a, P> {
-    placement: P,
+/// Refines the hits of a batch, but for the normals in the world.
+struct RefineBatch<'a, R> {
+    rays: R,
     batch: &'a HitBatch,
     refined: &'a mut Refined,
 }
 
-impl<P: RayPlacement> SurfaceTask for RefineBatch<'_, P> {
+impl<R: RayParts> SurfaceTask for RefineBatch<'_, R> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
         for i in 0..self.batch.count.div_ceil(N) {
             let active = Cell::new(self.batch.slots::<N>(i));
-            self.refined.refine::<F, N>(i, self.placement, surface, self.batch, &active);
+            self.refined.refine::<F, N>(i, self.rays, surface, self.batch, &active);
         }
     }
 }
 
-/// Refines the hits of a batch that are on triangles of a transformed mesh.
-struct RefineTriangleBatch<'a, P> {
-    placement: P,
+/// As `RefineBatch`, of hits on triangles of a transformed mesh.
+struct RefineTriangleBatch<'a, R> {
+    rays: R,
     corners: &'a [[[f64; BATCH_SIZE]; 3]; 3],
     batch: &'a HitBatch,
     refined: &'a mut Refined,
 }
 
-impl<P: RayPlacement> LaneTask for RefineTriangleBatch<'_, P> {
+impl<R: RayParts> LaneTask for RefineTriangleBatch<'_, R> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, const N: usize>(self) {
         let [a, b, c] = self.corners;
         for i in 0..self.batch.count.div_ceil(N) {
-            let active = Cell::new(self.batch.slots::<N>(i));
             let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
-            self.refined.refine::<F, N>(i, self.placement, &triangles, self.batch, &active);
+            let active = Cell::new(self.batch.slots::<N>(i));
+            self.refined.refine::<F, N>(i, self.rays, &triangles, self.batch, &active);
+        }
+    }
+}
+
+/// Works out the normals in the world; hits of which one is uncertain are no longer known.
+struct PlaceNormals<'a>(&'a mut Refined);
+
+impl PlacementTask for PlaceNormals<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) {
+        let refined = self.0;
+        let known = std::mem::take(&mut refined.known);
+        for i in 0..BATCH_SIZE / N {
+            let active = Cell::new(part_of_mask::<N>(Mask::from(known), i));
+            if active.get() == 0 {
+                continue;
+            }
+            let lanes = Many::<F>::new(&active);
+            let [x, y, z] = &refined.local_normal;
+            let normal = [x, y, z].map(|stored| DoubleDoubles::load(stored, i, lanes));
+            if let Ok(normal) = Number::proportions(&placement.part(i).normals(normal, lanes)) {
+                for (x, stored) in vector::unit(normal).into_iter().zip(&mut refined.normal) {
+                    stored.as_chunks_mut().0[i] = x.store();
+                }
+                refined.known |= active.get() << (i * N);
+            }
         }
     }
 }
@@ -420,20 +459,19 @@ impl Refined {
     fn refine<'a, F: Floats<f64, N>, const N: usize>(
         &mut self,
         i: usize,
-        placement: impl RayPlacement,
+        rays: impl RayParts,
         target: &impl Target<Many<'a, F>, N>,
         batch: &HitBatch,
         active: &'a Cell<u32>,
     ) {
+        let lanes = Many::new(active);
         let bounds = Interval { low: load(&batch.low, i), high: load(&batch.high, i) };
-        let (origin, direction): ([F; 3], [F; 3]) = (lanes::part(&batch.origin, i), lanes::part(&batch.direction, i));
-        let bracket = RootBracket { feature: batch.root.feature, origin, direction, bounds };
-        if let Ok((t, normal)) = newton_step(placement.part(i), target, &bracket, Many::new(active)) {
-            let [x, y, z] = vector::unit(normal);
+        let ray = rays.part::<DoubleDoubles<Many<F>, N>, _, N>(i, lanes);
+        if let Ok((t, normal)) = newton_step(&ray, target, batch.root.feature, bounds, lanes) {
             self.t.as_chunks_mut().0[i] = t.store();
-            self.normal[0].as_chunks_mut().0[i] = x.store();
-            self.normal[1].as_chunks_mut().0[i] = y.store();
-            self.normal[2].as_chunks_mut().0[i] = z.store();
+            for (x, stored) in normal.into_iter().zip(&mut self.local_normal) {
+                x.store(i, stored);
+            }
             self.known |= active.get() << (i * N);
         }
     }

@@ -7,7 +7,7 @@ use crate::cast::deferred::DeferredCandidates;
 use crate::cast::instance::InstanceRays;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::poses::Poses;
-use crate::cast::surface_intersector::{self, SurfaceHits};
+use crate::cast::surface_intersector::SurfaceIntersector;
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Object, Scene, World};
 use crate::shapes::triangle::Leaf;
@@ -113,9 +113,9 @@ impl<'a, 'b> Traversal<'a, 'b> {
 
     /// Visits the next node, leaf or object; false if there is none.
     #[inline(always)]
-    fn step<I: Isa>(&mut self, surface_hits: &mut SurfaceHits) -> bool {
+    fn step<I: Isa>(&mut self, surfaces: &mut SurfaceIntersector) -> bool {
         if self.stage == Stage::Ready {
-            self.start::<I>(surface_hits);
+            self.start::<I>(surfaces);
         }
         while let Some(visit) = self.visit {
             if self.inner.next_entry::<I>(self.stack, self.state.closest.limits()) {
@@ -136,14 +136,14 @@ impl<'a, 'b> Traversal<'a, 'b> {
             return true;
         }
         match self.hierarchy.leaf(self.outer) {
-            Some(&id) => self.intersect::<I>(id, surface_hits),
+            Some(&id) => self.intersect::<I>(id, surfaces),
             None => self.hierarchy.open::<I>(self.outer, self.stack),
         }
         true
     }
 
     #[inline(always)]
-    fn start<I: Isa>(&mut self, surface_hits: &mut SurfaceHits) {
+    fn start<I: Isa>(&mut self, surfaces: &mut SurfaceIntersector) {
         let Traversal { state, stack, outer, inner, .. } = self;
         let world = self.world;
         self.stage = Stage::UnderWay;
@@ -151,10 +151,10 @@ impl<'a, 'b> Traversal<'a, 'b> {
         outer.stop(stack);
         let active = all(state.rays.count);
         for &object in &world.index.unbounded {
-            state.intersect_surface::<I>(object, active, surface_hits);
+            state.intersect_surface::<I>(object, active, surfaces);
         }
         if state.rays.count == 1 || !state.rays.are_coherent::<I>(world.size) {
-            I::call(Incoherent { state, world, packets: [&mut outer.packet, &mut inner.packet], stack, surface_hits });
+            I::call(Incoherent { state, world, packets: [&mut outer.packet, &mut inner.packet], stack, surfaces });
             return;
         }
         self.later = world.movers.as_ref();
@@ -178,10 +178,10 @@ impl<'a, 'b> Traversal<'a, 'b> {
     }
 
     #[inline(always)]
-    fn intersect<I: Isa>(&mut self, id: u32, surface_hits: &mut SurfaceHits) {
+    fn intersect<I: Isa>(&mut self, id: u32, surfaces: &mut SurfaceIntersector) {
         let mask = self.outer.mask();
         if self.state.scene.objects()[id as usize].is_surface() {
-            self.state.intersect_surface::<I>(id, mask, surface_hits);
+            self.state.intersect_surface::<I>(id, mask, surfaces);
             self.outer.shorten(mask);
         } else {
             self.enter::<I>(id, mask);
@@ -216,7 +216,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
 /// idle.
 pub struct Advance<'t, 'a, 'b> {
     pub traversals: &'t mut [Traversal<'a, 'b>],
-    pub surface_hits: &'t mut SurfaceHits,
+    pub surfaces: &'t mut SurfaceIntersector,
 }
 
 impl Task for Advance<'_, '_, '_> {
@@ -224,7 +224,7 @@ impl Task for Advance<'_, '_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        let Advance { traversals, surface_hits } = self;
+        let Advance { traversals, surfaces } = self;
         let (mut going, mut count) = ([0; TRAVERSALS], 0);
         for (k, traversal) in traversals.iter().enumerate() {
             going[count] = k;
@@ -236,7 +236,7 @@ impl Task for Advance<'_, '_, '_> {
         let mut turn = 0;
         loop {
             let k = going[turn];
-            if !traversals[k].step::<I>(surface_hits) {
+            if !traversals[k].step::<I>(surfaces) {
                 traversals[k].stage = Stage::Idle;
                 traversals[k].state.resolve::<I>();
                 return Some(k);
@@ -261,9 +261,9 @@ pub struct PacketState<'a, 'b> {
 
 impl<'a> PacketState<'a, '_> {
     #[inline(always)]
-    fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surface_hits: &mut SurfaceHits) {
+    fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surfaces: &mut SurfaceIntersector) {
         let PacketState { scene, rays, closest, poses, .. } = self;
-        surface_intersector::intersect::<I>(scene, id, rays, closest, mask, (poses, surface_hits));
+        surfaces.intersect::<I>(scene, id, rays, mask, closest, poses);
     }
 
     /// Sets up a packet for the hierarchy of the objects.
@@ -374,7 +374,7 @@ struct Incoherent<'t, 'a, 'b> {
     /// Among the objects, and within a mesh.
     packets: [&'t mut Packet; 2],
     stack: &'t mut Stack,
-    surface_hits: &'t mut SurfaceHits,
+    surfaces: &'t mut SurfaceIntersector,
 }
 
 impl Task for Incoherent<'_, '_, '_> {
@@ -382,14 +382,14 @@ impl Task for Incoherent<'_, '_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) {
-        let Incoherent { state, world, packets: [outer, inner], stack, surface_hits } = self;
+        let Incoherent { state, world, packets: [outer, inner], stack, surfaces } = self;
         let active = all(state.rays.count);
         for hierarchy in [Some(&world.index.bounded), world.movers.as_ref()].into_iter().flatten() {
             match hierarchy.only_leaf() {
-                Some(&id) => Objects { state, packet: inner, surface_hits }.intersect::<I>(stack, id, active),
+                Some(&id) => Objects { state, packet: inner, surfaces }.intersect::<I>(stack, id, active),
                 None => {
                     state.fill::<I>(outer, hierarchy);
-                    let mut objects = Objects { state, packet: inner, surface_hits };
+                    let mut objects = Objects { state, packet: inner, surfaces };
                     hierarchy.traverse_single::<I>(outer, active, stack, &mut objects);
                 }
             }
@@ -402,14 +402,14 @@ struct Objects<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
     /// Within a mesh.
     packet: &'t mut Packet,
-    surface_hits: &'t mut SurfaceHits,
+    surfaces: &'t mut SurfaceIntersector,
 }
 
 impl Objects<'_, '_, '_> {
     #[inline(always)]
     fn intersect<I: Isa>(&mut self, stack: &mut Stack, id: u32, mask: Mask) {
         let Some(visit) = self.state.enter::<I>(id, mask, stack) else {
-            self.state.intersect_surface::<I>(id, mask, self.surface_hits);
+            self.state.intersect_surface::<I>(id, mask, self.surfaces);
             return;
         };
         loop {

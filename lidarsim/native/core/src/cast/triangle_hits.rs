@@ -1,6 +1,6 @@
 //! Refines the closest hits on triangles of untransformed meshes, by expansions.
 
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::{Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::scene::{Hit, RootId, Scene, Sink};
@@ -47,12 +47,7 @@ impl<'a> TriangleHits<'a> {
     #[inline(always)]
     pub fn refine<I: Isa>(&mut self, scene: &Scene, rays: &RayPacket, hits: &mut (impl Sink + ?Sized)) {
         // All are calculated before the first is put: that waits for long chains of operations.
-        let (mut certain, mut left) = (0, self.lanes);
-        while left != 0 {
-            let eight = left.trailing_zeros() as usize / 8;
-            left &= !(0xff << (8 * eight));
-            certain |= Mask::from(self.refine_eight::<I>(rays, eight)) << (8 * eight);
-        }
+        let certain = I::call(Refine { triangle_hits: self, rays });
         while let Some(lane) = take(&mut self.lanes) {
             let (at, object, primitive) = (rays.at[lane] as usize, self.object[lane], self.primitive[lane]);
             // No hit is put together first: to read back in one piece what was written in two takes long.
@@ -66,16 +61,32 @@ impl<'a> TriangleHits<'a> {
             }
         }
     }
+}
 
-    /// Says which hits of an eighth part are certain.
+/// Works out t and the normals, and returns the lanes in which both are certain.
+struct Refine<'t, 'a> {
+    triangle_hits: &'t mut TriangleHits<'a>,
+    rays: &'t RayPacket,
+}
+
+impl Task for Refine<'_, '_> {
+    type Output = Mask;
+
     #[inline(always)]
-    fn refine_eight<I: Isa>(&mut self, rays: &RayPacket, eight: usize) -> u32 {
-        let corners = corners_of::<I>(&self.corners.as_chunks().0[eight]);
-        let crossing = Crossing::<I>::new(corners, rays.origins::<I>(eight), rays.directions::<I>(eight));
-        let (t, normal, certain) = crossing.rounded();
-        self.t.as_chunks_mut().0[eight] = t.store();
-        for axis in 0..3 {
-            self.normal[axis].as_chunks_mut().0[eight] = normal[axis].store();
+    fn run<I: Isa>(self) -> Mask {
+        let Refine { triangle_hits: TriangleHits { lanes, corners, t, normal, .. }, rays } = self;
+        let (mut certain, mut left) = (0, *lanes);
+        while left != 0 {
+            let eight = left.trailing_zeros() as usize / 8;
+            left &= !(0xff << (8 * eight));
+            let corners = corners_of::<I>(&corners.as_chunks().0[eight]);
+            let crossing = Crossing::<I>::new(corners, rays.origins::<I>(eight), rays.directions::<I>(eight));
+            let (refined, unit, known) = crossing.rounded();
+            t.as_chunks_mut().0[eight] = refined.store();
+            for axis in 0..3 {
+                normal[axis].as_chunks_mut().0[eight] = unit[axis].store();
+            }
+            certain |= Mask::from(known) << (8 * eight);
         }
         certain
     }

@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use crate::arith::number::{DoubleDouble, Dyadic, Interval, Kinds, Lanes, Number, OfRays, RunningError, Uncertain};
-use crate::arith::simd::lanes;
+use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::pose::Pose;
 use crate::geometry::ray::Ray;
@@ -269,10 +269,52 @@ impl Affine {
 
 /// As [`Placed`], with a map for each of M rays after the placement that all share.
 #[derive(Clone, Copy)]
-pub struct PlacedRays<'a, P, const M: usize> {
-    pub first: P,
-    pub then: &'a Affines<M>,
-    pub part: usize,
+struct PlacedRays<'a, const M: usize> {
+    first: Option<&'a Inverse>,
+    then: &'a Affines<M>,
+    part: usize,
+}
+
+/// How an object places rays, M at a time.
+#[derive(Clone, Copy)]
+pub struct Placements<'a, const M: usize> {
+    /// The inverse of the maps that all rays share; none if there are none.
+    pub first: Option<&'a Inverse>,
+    /// Where the object moves, the maps that then follow, one for each ray.
+    pub then: Option<&'a Affines<M>>,
+}
+
+/// A function that is generic over the type of a placement and over registers of N lanes: an always inlined `run`.
+pub trait PlacementTask {
+    type Output;
+    fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) -> Self::Output;
+}
+
+struct With<P, T>(P, T);
+
+impl<P: RayPlacement, T: PlacementTask> LaneTask for With<P, T> {
+    type Output = T::Output;
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, const N: usize>(self) -> T::Output {
+        self.1.run::<F, P, N>(self.0)
+    }
+}
+
+impl<const M: usize> Placements<'_, M> {
+    pub fn is_identity(self) -> bool {
+        self.first.is_none() && self.then.is_none()
+    }
+
+    /// Runs the task in a separate function for each type of placement; see `Isa::apart`.
+    #[inline(always)]
+    pub fn apart<I: Isa, T: PlacementTask>(self, task: T) -> Option<T::Output> {
+        match (self.first, self.then) {
+            (None, None) => I::apart(With(Identity, task)),
+            (Some(placement), None) => I::apart(With(placement, task)),
+            (first, Some(then)) => I::apart(With(PlacedRays { first, then, part: 0 }, task)),
+        }
+    }
 }
 
 /// M affine maps: the columns of their homogeneous matrices, and of each column its coordinates.
@@ -293,7 +335,7 @@ impl<const M: usize> Affines<M> {
     }
 }
 
-impl<P: Placement, const M: usize> PlacedRays<'_, P, M> {
+impl<const M: usize> PlacedRays<'_, M> {
     #[inline(always)]
     fn column<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, j: usize, lanes: L) -> Vector<K> {
         vector::of_rays(lanes::part(&self.then.0[j], self.part), lanes)
@@ -306,7 +348,7 @@ impl<P: Placement, const M: usize> PlacedRays<'_, P, M> {
     }
 }
 
-impl<P: Placement, const M: usize> RayPlacement for PlacedRays<'_, P, M> {
+impl<const M: usize> RayPlacement for PlacedRays<'_, M> {
     #[inline(always)]
     fn part(self, part: usize) -> Self {
         PlacedRays { part, ..self }

@@ -18,6 +18,23 @@ pub struct Ray<N> {
 }
 
 impl<N: Number> Ray<N> {
+    /// The same line in another kind of number.
+    #[inline(always)]
+    pub fn from<M>(ray: &Ray<M>) -> Self
+    where
+        N: for<'a> From<&'a M>,
+    {
+        let ([x, y, z], [u, v, w]) = (&ray.origin, &ray.direction);
+        Ray {
+            origin: [N::from(x), N::from(y), N::from(z)],
+            direction: [N::from(u), N::from(v), N::from(w)],
+            weight: match &ray.weight {
+                None => None,
+                Some(weight) => Some(N::from(weight)),
+            },
+        }
+    }
+
     #[inline(always)]
     pub fn new(origin: Point, direction: Point) -> Self {
         Ray { origin: vector::exact(origin), direction: vector::exact(direction), weight: None }

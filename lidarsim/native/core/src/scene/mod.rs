@@ -10,11 +10,13 @@ mod world;
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{self, Interval, One, Uncertain};
+use crate::arith::number::{self, Interval, Number, One, Uncertain};
 use crate::bvh::{Bvh, Stack, TraversalRay};
+use crate::geometry::affine::Placement;
+use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
 use crate::once::Once;
-use crate::shapes::newton::{self, RootBracket};
+use crate::shapes::newton;
 use crate::{memory, parallel};
 
 use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot};
@@ -169,13 +171,13 @@ impl Scene {
     /// As `hit`, with bounds of t.
     pub fn hit_within(&self, at: &RootId, bounds: Interval, origin: Point, direction: Point, time: f64) -> Hit {
         let object = self.at(at.object, time);
-        let bracket = RootBracket { feature: at.feature, origin, direction, bounds };
-        let found = match &object.geometry {
-            Geometry::Surface(shape) => newton::newton_step(object.placement(), shape, &bracket, One),
-            Geometry::Mesh(mesh) => {
-                newton::newton_step(object.placement(), &mesh.triangle(at.primitive), &bracket, One)
-            }
+        let placement = object.placement();
+        let ray = object.local(Ray::new(origin, direction));
+        let step = match &object.geometry {
+            Geometry::Surface(shape) => newton::newton_step(&ray, shape, at.feature, bounds, One),
+            Geometry::Mesh(mesh) => newton::newton_step(&ray, &mesh.triangle(at.primitive), at.feature, bounds, One),
         };
+        let found = step.and_then(|(t, normal)| Ok((t, Number::proportions(&placement.normal(normal))?)));
         match found {
             Ok(found) => self.hit_of(at, found),
             Err(Uncertain) => self.hit(at, origin, direction, time),

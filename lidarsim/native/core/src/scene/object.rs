@@ -161,7 +161,6 @@ impl Object {
         matches!(&self.geometry, Geometry::Mesh(mesh) if mesh.is_empty())
     }
 
-    #[inline]
     pub(super) fn roots<N: Number>(&self, primitive: u32, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         match &self.geometry {
             Geometry::Surface(shape) => shape.roots(ray),

@@ -21,7 +21,6 @@ impl Predicate for RootIntervals<'_> {
     /// Bounds of t, and the part of the surface.
     type Answer = [Option<(Interval, u8)>; 2];
 
-    #[inline]
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
         let roots =
             self.object.roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;

@@ -75,7 +75,6 @@ macro_rules! surfaces {
         }
 
         impl Surface for AnySurface {
-            #[inline]
             fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
                 match self { $(AnySurface::$name(shape) => shape.roots(ray)),+ }
             }

@@ -23,7 +23,7 @@ use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
 use super::running_error::{interval, splat};
-use super::{Interval, Kinds, Number, PAD, Root, UNDERFLOW, UNIT, Uncertain};
+use super::{Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::error_free::{fast_two_sum, two_product, two_sum};
 use crate::arith::simd::Floats;
 
@@ -58,6 +58,19 @@ impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DoubleDoubles<L, N> {
     fn of_rays(value: L::Floats, lanes: L) -> Self {
         DoubleDoubles { high: value, low: None, error: None, lanes }
     }
+
+    #[inline(always)]
+    fn load<const M: usize>(stored: &Stored<M>, i: usize, lanes: L) -> Self {
+        let of = |x: &[f64; M]| L::Floats::load(&x.as_chunks().0[i]);
+        DoubleDoubles { high: of(&stored.high), low: Some(of(&stored.low)), error: Some(of(&stored.error)), lanes }
+    }
+
+    #[inline(always)]
+    fn store<const M: usize>(self, i: usize, stored: &mut Stored<M>) {
+        stored.high.as_chunks_mut().0[i] = self.high.store();
+        stored.low.as_chunks_mut().0[i] = self.low().store();
+        stored.error.as_chunks_mut().0[i] = self.error().store();
+    }
 }
 
 impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
@@ -70,6 +83,17 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     #[inline(always)]
     pub fn parts(self) -> (L::Floats, L::Floats) {
         (self.high, self.error())
+    }
+
+    /// Whether these are float64 numbers, exactly, whatever their values.
+    #[inline(always)]
+    pub(super) fn is_float(&self) -> bool {
+        self.low.is_none() && self.error.is_none()
+    }
+
+    #[inline(always)]
+    pub(super) fn lanes(&self) -> L {
+        self.lanes
     }
 
     #[inline(always)]

@@ -7,7 +7,7 @@ use std::cell::Cell;
 use std::cmp::Ordering;
 use std::marker::PhantomData;
 
-use super::{Number, Uncertain};
+use super::{Number, Stored, Uncertain};
 use crate::arith::simd::Floats;
 
 /// The registers of a number of N lanes, and the mask of its active lanes.
@@ -50,6 +50,10 @@ pub trait Lanes<const N: usize>: Copy {
 pub trait OfRays<L: Lanes<N>, const N: usize>: Number {
     /// These numbers, exactly.
     fn of_rays(value: L::Floats, lanes: L) -> Self;
+    /// Part `i` of stored numbers, a register of them.
+    fn load<const M: usize>(stored: &Stored<M>, i: usize, lanes: L) -> Self;
+    /// Stores them as part `i`, to be loaded as the same kind of number.
+    fn store<const M: usize>(self, i: usize, stored: &mut Stored<M>);
 }
 
 /// One ray.

@@ -13,6 +13,7 @@ mod double_double;
 mod dyadic;
 mod lanes;
 mod running_error;
+mod stored;
 #[cfg(test)]
 mod tests;
 
@@ -22,6 +23,7 @@ pub use double_double::{DoubleDouble, DoubleDoubles};
 pub use dyadic::Dyadic;
 pub use lanes::{Lanes, Many, OfRays, One};
 pub use running_error::{RunningError, RunningErrors};
+pub use stored::Stored;
 
 use crate::stop;
 
@@ -124,7 +126,6 @@ pub trait Predicate {
 }
 
 /// Evaluates a predicate in the cheapest arithmetic that is certain of it.
-#[inline]
 pub fn decide<Q: Predicate>(predicate: &Q) -> Q::Answer {
     predicate.evaluate::<RunningError>().unwrap_or_else(|Uncertain| decide_exactly(predicate))
 }

@@ -6,7 +6,7 @@
 use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
-use super::{Interval, Kinds, Number, PAD, Root, UNDERFLOW, UNIT, Uncertain};
+use super::{DoubleDoubles, Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::simd::Floats;
 
 /// Real numbers, a lane each, within `weight`·`size` of `value`. An infinite or NaN bound means: unknown.
@@ -33,14 +33,34 @@ impl<L: Lanes<N>, const N: usize> OfRays<L, N> for RunningErrors<L, N> {
     fn of_rays(value: L::Floats, lanes: L) -> Self {
         Self::rounded(value, 0.0, lanes)
     }
+
+    #[inline(always)]
+    fn load<const M: usize>(stored: &Stored<M>, i: usize, lanes: L) -> Self {
+        let of = |x: &[f64; M]| L::Floats::load(&x.as_chunks().0[i]);
+        Self::within(of(&stored.high), of(&stored.error), lanes)
+    }
+
+    #[inline(always)]
+    fn store<const M: usize>(self, i: usize, stored: &mut Stored<M>) {
+        let (mut value, mut error) = (self.value.store(), self.error().store());
+        let mut zeros = !self.nonzero & ((1 << N) - 1);
+        while zeros != 0 {
+            let lane = zeros.trailing_zeros() as usize;
+            (value[lane], error[lane]) = (0.0, 0.0);
+            zeros &= zeros - 1;
+        }
+        stored.high.as_chunks_mut().0[i] = value;
+        stored.error.as_chunks_mut().0[i] = error;
+    }
 }
 
 impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
+    /// Numbers within `error` of `value`; exactly zero where both are.
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
         // In this order, a NaN for an error stays one.
         let size = value.abs().max(error.mul(splat::<L, N>(1.0 / GIVEN)));
-        RunningErrors { value, size, weight: GIVEN, nonzero: u32::MAX, lanes }
+        RunningErrors { value, size, weight: GIVEN, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
     }
 
     /// Numbers that are exact, or rounded once, and zero only where the truth is.
@@ -166,6 +186,18 @@ pub(super) fn interval<L: Lanes<N>, const N: usize>(
     let margin = margin.mul(splat::<L, N>(PAD)).add(splat::<L, N>(UNDERFLOW));
     lanes.keep(value.abs().add(margin).lt(splat::<L, N>(f64::INFINITY)))?;
     Ok(Interval { low: value.sub(margin), high: value.add(margin) })
+}
+
+/// A lower part is at most u·|high|; a sum with a bound is rounded once.
+impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L, N> {
+    #[inline(always)]
+    fn from(x: &DoubleDoubles<L, N>) -> Self {
+        let (value, error) = x.parts();
+        if x.is_float() {
+            return Self::rounded(value, 0.0, x.lanes());
+        }
+        Self::within(value, value.abs().fused(splat::<L, N>(UNIT), error).mul(splat::<L, N>(PAD)), x.lanes())
+    }
 }
 
 /// With the same weight in any case, so that the compiler knows it.

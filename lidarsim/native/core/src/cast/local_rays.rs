@@ -1,0 +1,109 @@
+//! Rays in the coordinates of an object, worked out once for the formulas of its surface.
+
+use std::cell::Cell;
+use std::marker::PhantomData;
+
+use crate::arith::number::{DoubleDoubles, Lanes, Many, OfRays, RunningErrors, Stored};
+use crate::arith::simd::{Floats, Isa, lanes};
+use crate::bvh::{Mask, part_of_mask};
+use crate::geometry::affine::{PlacementTask, Placements, RayPlacement};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::of_rays;
+
+/// M rays, a register at a time.
+pub trait RayParts: Copy {
+    /// Part `i` of them.
+    fn part<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, i: usize, lanes: L) -> Ray<K>;
+}
+
+/// Rays in the coordinates of the world, by axis.
+#[derive(Clone, Copy)]
+pub struct WorldRays<'a, const M: usize> {
+    pub origin: &'a [[f64; M]; 3],
+    pub direction: &'a [[f64; M]; 3],
+}
+
+impl<const M: usize> RayParts for WorldRays<'_, M> {
+    #[inline(always)]
+    fn part<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, i: usize, rays: L) -> Ray<K> {
+        let (origin, direction) = (lanes::part(self.origin, i), lanes::part(self.direction, i));
+        Ray { origin: of_rays(origin, rays), direction: of_rays(direction, rays), weight: None }
+    }
+}
+
+/// Rays in the coordinates of an object, as numbers of one kind.
+pub struct LocalRays<const M: usize> {
+    origin: [Stored<M>; 3],
+    direction: [Stored<M>; 3],
+    weight: Stored<M>,
+}
+
+impl<const M: usize> RayParts for &LocalRays<M> {
+    #[inline(always)]
+    fn part<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, i: usize, lanes: L) -> Ray<K> {
+        let ([x, y, z], [u, v, w]) = (&self.origin, &self.direction);
+        Ray {
+            origin: [K::load(x, i, lanes), K::load(y, i, lanes), K::load(z, i, lanes)],
+            direction: [K::load(u, i, lanes), K::load(v, i, lanes), K::load(w, i, lanes)],
+            weight: Some(K::load(&self.weight, i, lanes)),
+        }
+    }
+}
+
+/// A kind of number.
+pub trait Kind {
+    type Of<L: Lanes<N>, const N: usize>: OfRays<L, N>;
+}
+
+pub struct OfRunningErrors;
+
+impl Kind for OfRunningErrors {
+    type Of<L: Lanes<N>, const N: usize> = RunningErrors<L, N>;
+}
+
+pub struct OfDoubleDoubles;
+
+impl Kind for OfDoubleDoubles {
+    type Of<L: Lanes<N>, const N: usize> = DoubleDoubles<L, N>;
+}
+
+impl<const M: usize> LocalRays<M> {
+    pub const UNSET: Self =
+        LocalRays { origin: [Stored::UNSET; 3], direction: [Stored::UNSET; 3], weight: Stored::UNSET };
+
+    /// Places those parts of the rays that have any of `mask`, as numbers of a kind; false where registers have a single lane.
+    #[inline(always)]
+    pub fn place<I: Isa, K: Kind>(&mut self, placements: Placements<M>, world: WorldRays<M>, mask: Mask) -> bool {
+        placements.apart::<I, _>(Place { world, mask, local: self, kind: PhantomData::<K> }).is_some()
+    }
+}
+
+struct Place<'a, K, const M: usize> {
+    world: WorldRays<'a, M>,
+    mask: Mask,
+    local: &'a mut LocalRays<M>,
+    kind: PhantomData<K>,
+}
+
+impl<K: Kind, const M: usize> PlacementTask for Place<'_, K, M> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) {
+        let Place { world, mask, local, .. } = self;
+        for i in 0..M / N {
+            let active = Cell::new(part_of_mask::<N>(mask, i));
+            if active.get() == 0 {
+                continue;
+            }
+            let rays = Many::<F>::new(&active);
+            let Ray { origin: [x, y, z], direction: [u, v, w], weight } =
+                placement.part(i).local_rays(world.part::<K::Of<Many<F>, N>, _, N>(i, rays), rays);
+            let ([a, b, c], [d, e, f]) = (&mut local.origin, &mut local.direction);
+            for (number, stored) in [(x, a), (y, b), (z, c), (u, d), (v, e), (w, f)] {
+                number.store(i, stored);
+            }
+            weight.unwrap_or(OfRays::<Many<F>, N>::of_rays(F::splat(1.0), rays)).store(i, &mut local.weight);
+        }
+    }
+}
