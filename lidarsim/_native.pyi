@@ -42,7 +42,9 @@ class Shape:
 
 @final
 class Scene:
-    def __new__(cls, shapes: list[Shape], appearances: list[Appearance] | None = None) -> Scene: ...
+    def __new__(
+        cls, shapes: list[Shape], appearances: list[Appearance] | None = None, like: Scene | None = None
+    ) -> Scene: ...
     def prepare(self) -> None: ...
     def cast(
         self,

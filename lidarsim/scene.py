@@ -203,8 +203,9 @@ class Scene(Pickled):
     One thread may change a scene while others cast at it or scan it: each cast and each scan sees the scene as it is
     before or after a change, never between. Changes of several threads have to wait for each other.
 
-    A change costs what it takes to order the objects anew for casting; the triangles of a mesh are ordered once, when
-    they are first cast at, however often the mesh is added or moved.
+    A change costs what it takes to order the objects anew for casting, or, where they only change places and do not go
+    far, to fit the order that there is to them; the triangles of a mesh are ordered once, when they are first cast at,
+    however often the mesh is added or moved.
 
     Examples
     --------
@@ -452,7 +453,8 @@ class Scene(Pickled):
         kept = self._kept
         if kept is None or kept.version is not version:
             entries = self._in_order()
-            native = core.Scene([entry.shape for entry in entries], [entry.appearance for entry in entries])
+            shapes, looks = [entry.shape for entry in entries], [entry.appearance for entry in entries]
+            native = core.Scene(shapes, looks, None if kept is None else kept.native)
             ids = None
             if entries and entries[-1].item.id != len(entries) - 1:
                 ids = np.array([*(entry.item.id for entry in entries), -1], dtype=np.int32)

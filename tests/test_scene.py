@@ -133,6 +133,35 @@ def test_an_update_keeps_the_hierarchy_of_a_mesh() -> None:
     assert scene[0].shape is mesh
 
 
+def test_casts_after_updates_are_those_of_a_new_scene() -> None:
+    rng = np.random.default_rng(5)
+    scene = ls.Scene()
+    for center in rng.uniform(-10, 10, (300, 3)):
+        scene.add(ls.Sphere(center, 0.5) if center[0] < 0 else ls.Box(size=(1, 1, 1), center=center))
+    origins, directions = rng.uniform(-12, 12, (4000, 3)), rng.normal(size=(4000, 3))
+    moved_hits = 0
+    for reach in [0.1, 1.0, 3.0, 10.0, 1e6, 0.1]:
+        moved = rng.choice(300, 20, replace=False).tolist()
+        for number in moved:
+            place = np.eye(4)
+            place[:3, 3] = rng.uniform(-reach, reach, 3)
+            scene.update(number, transform=place)
+        scene.update(7, shape=ls.Plane((0, 0, 1), -11.0) if reach == 3.0 else ls.Sphere((1, 2, 3), reach))
+        found, fresh = scene.cast(origins, directions), copied(scene).cast(origins, directions)
+        for name in ("t", "object_id", "primitive_id", "normal"):
+            np.testing.assert_array_equal(getattr(found, name), getattr(fresh, name))
+        moved_hits += int(np.isin(found.object_id, moved).sum())
+    assert moved_hits > 50
+
+
+def copied(scene: ls.Scene) -> ls.Scene:
+    """Return a scene of the same objects that has never been another."""
+    fresh = ls.Scene()
+    for item in scene:
+        fresh.add(item.shape, transform=item.transform)
+    return fresh
+
+
 def test_copies_share_no_changes() -> None:
     scene = row_of_spheres(3)
     for other in (copy.copy(scene), copy.deepcopy(scene)):

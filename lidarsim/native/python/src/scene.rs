@@ -132,13 +132,23 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// Appearances are needed for scans alone.
+    /// Appearances are needed for scans alone. `like`: a scene that may have the same objects in other places, whose hierarchy is then refitted.
     #[new]
-    #[pyo3(signature = (shapes, appearances=None))]
-    fn new(py: Python<'_>, shapes: &Bound<'_, PyList>, appearances: Option<&Bound<'_, PyList>>) -> PyResult<Self> {
+    #[pyo3(signature = (shapes, appearances=None, like=None))]
+    fn new(
+        py: Python<'_>,
+        shapes: &Bound<'_, PyList>,
+        appearances: Option<&Bound<'_, PyList>>,
+        like: Option<&PyScene>,
+    ) -> PyResult<Self> {
         let objects = of_each(py, shapes, |shape: &PyShape| shape.object.clone())?;
         let of_list = |list| of_each(py, list, |of: &PyAppearance| of.appearance.clone());
-        Ok(PyScene { scene: Scene::new(objects), appearances: appearances.map_or(Ok(Vec::new()), of_list)? })
+        let appearances = appearances.map_or(Ok(Vec::new()), of_list)?;
+        let scene = match like {
+            None => Scene::new(objects),
+            Some(like) => detached(py, || Scene::like(&like.scene, objects))?,
+        };
+        Ok(PyScene { scene, appearances })
     }
 
     /// Builds the hierarchies now rather than at the first cast.

@@ -31,30 +31,42 @@ const SIZED: usize = 4096;
 
 /// A box: its low corner, and its high corner negated, so that to include is to take minima.
 #[derive(Clone, Copy)]
-struct Aabb([f32; 6]);
+pub struct Aabb([f32; 6]);
 
 impl Aabb {
-    const EMPTY: Aabb = Aabb([f32::INFINITY; 6]);
+    pub const EMPTY: Aabb = Aabb([f32::INFINITY; 6]);
+
+    pub fn new(low: [f32; 3], high: [f32; 3]) -> Self {
+        Aabb([low[0], low[1], low[2], -high[0], -high[1], -high[2]])
+    }
+
+    /// Relative to `center`, rounded outward.
+    pub fn around(bounds: [Interval; 3], center: Point) -> Self {
+        let corner = |round: fn(f64) -> f32, side: fn(&Interval) -> f64| {
+            std::array::from_fn(|i| round(side(&bounds[i]) - center[i]))
+        };
+        Aabb::new(corner(down, |side| side.low), corner(up, |side| side.high))
+    }
 
     #[inline]
-    fn include(&mut self, other: &Aabb) {
+    pub fn include(&mut self, other: &Aabb) {
         for i in 0..6 {
             // Keeps what it has where the other is NaN.
             self.0[i] = if other.0[i] < self.0[i] { other.0[i] } else { self.0[i] };
         }
     }
 
-    fn low(&self, axis: usize) -> f32 {
+    pub fn low(&self, axis: usize) -> f32 {
         self.0[axis]
     }
 
-    fn high(&self, axis: usize) -> f32 {
+    pub fn high(&self, axis: usize) -> f32 {
         -self.0[3 + axis]
     }
 
     /// Half the surface; zero for an empty box.
     #[inline]
-    fn surface(&self) -> f32 {
+    pub fn surface(&self) -> f32 {
         let side = |axis| (self.high(axis) - self.low(axis)).max(0.0);
         let (x, y, z) = (side(0), side(1), side(2));
         x * y + y * z + z * x
@@ -120,10 +132,7 @@ pub fn build<L: Send>(
     });
     let item = |id| {
         job.poll();
-        let bounds = bounds(id).map_or(Aabb::EMPTY, |b| {
-            let [x, y, z] = [0, 1, 2].map(|i| (down(b[i].low - center[i]), up(b[i].high - center[i])));
-            Aabb([x.0, y.0, z.0, -x.1, -y.1, -z.1])
-        });
+        let bounds = bounds(id).map_or(Aabb::EMPTY, |bounds| Aabb::around(bounds, center));
         Item { bounds, id }
     };
     let mut items: Vec<Item> = memory::with_capacity(count);

@@ -8,6 +8,7 @@ mod build;
 mod node;
 mod packet;
 mod ray_packet;
+mod refit;
 mod stack;
 mod traversal;
 mod traversal_ray;

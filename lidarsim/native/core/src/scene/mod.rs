@@ -43,13 +43,30 @@ pub struct Index {
     /// What stands still.
     pub bounded: Bvh<u32>,
     size: f64,
+    /// Of `bounded` when it was built.
+    surface: f32,
 }
+
+/// A refitted hierarchy whose surface is more than this many times what it was when it was built is not worth keeping.
+const WORN: f32 = 1.5;
 
 impl Scene {
     pub fn new(objects: Vec<Object>) -> Self {
         let moves = |id: &u32| objects[*id as usize].motion().is_some();
         let movers = (0..objects.len() as u32).filter(moves).collect();
         Scene { objects, movers, index: Once::new() }
+    }
+
+    /// As `new`. The hierarchy that another scene has of its objects is refitted to these, if they differ in their places alone and it is still about as
+    /// good: that takes much less time than to build one.
+    pub fn like(other: &Scene, objects: Vec<Object>) -> Self {
+        let scene = Scene::new(objects);
+        if let Some(index) = other.index.get()
+            && let Some(index) = scene.refitted(index)
+        {
+            scene.index.get_or_make(|| index);
+        }
+        scene
     }
 
     /// Whether anything moves, so that rays need their times.
@@ -73,19 +90,33 @@ impl Scene {
 
     fn index(&self) -> &Index {
         self.index.get_or_make(|| {
-            let bounds = memory::collect(self.objects.iter().map(Object::bounds));
-            let endless = |&i: &usize| bounds[i].is_none() && !self.objects[i].is_empty();
-            let mut unbounded = Vec::new();
-            for i in (0..bounds.len()).filter(endless) {
-                memory::push(&mut unbounded, i as u32);
-            }
-            let mut still = bounds;
-            for &id in &self.movers {
-                still[id as usize] = None;
-            }
+            let (unbounded, still) = self.sorted();
             let bounded = parallel::run(|| Bvh::new(still.len(), |id| still[id as usize], 1, |ids| ids[0]));
-            Index { unbounded, bounded, size: size(&still) }
+            Index { unbounded, size: size(&still), surface: bounded.surface(), bounded }
         })
+    }
+
+    /// The unbounded objects, and of each object the box, if it has one and stands still.
+    fn sorted(&self) -> (Vec<u32>, Vec<Option<[Interval; 3]>>) {
+        let mut still = memory::collect(self.objects.iter().map(Object::bounds));
+        let endless = |&i: &usize| still[i].is_none() && !self.objects[i].is_empty();
+        let mut unbounded = Vec::new();
+        for i in (0..still.len()).filter(endless) {
+            memory::push(&mut unbounded, i as u32);
+        }
+        for &id in &self.movers {
+            still[id as usize] = None;
+        }
+        (unbounded, still)
+    }
+
+    /// An index of another scene for these objects; none if there are others, or it is worn out.
+    fn refitted(&self, index: &Index) -> Option<Index> {
+        let (unbounded, still) = self.sorted();
+        let boxes = still.iter().flatten().count();
+        let bounded = index.bounded.refitted(boxes, |&id| still.get(id as usize).copied().flatten())?;
+        let is_good = bounded.surface() <= WORN * index.surface;
+        is_good.then(|| Index { unbounded, bounded, size: size(&still), surface: index.surface })
     }
 
     /// An object where it stands at a time.
@@ -204,7 +235,7 @@ pub mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::shapes::Triangle;
+    use crate::shapes::{Plane, Sphere, Triangle};
 
     pub const FLAT: Triangle = Triangle([0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]);
 
@@ -224,5 +255,28 @@ pub mod tests {
         let faces = (0..=others as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect();
         let mesh = TriangleMesh::new(vertices, faces).map(Arc::new);
         Object::new(mesh.map_or(Geometry::Surface(triangle.into()), Geometry::Mesh), false)
+    }
+
+    /// Spheres on a grid, all of them `size` large, but one of them at `place`.
+    fn balls(size: f64, place: Point) -> Vec<Object> {
+        let ball = |center| Object::new(Geometry::Surface(Sphere { center, radius: size }.into()), false);
+        let grid = (0..1000).map(|i| [i % 10, i / 10 % 10, i / 100].map(f64::from));
+        grid.enumerate().map(|(i, center)| ball(if i == 555 { place } else { center })).collect()
+    }
+
+    #[test]
+    fn a_hierarchy_is_refitted_while_that_serves() {
+        let scene = Scene::new(balls(0.25, [5.0; 3]));
+        scene.prepare();
+        let near = Scene::like(&scene, balls(0.25, [5.5, 5.0, 4.75]));
+        let far = Scene::like(&scene, balls(0.25, [50.0, 50.0, 50.0]));
+        let mut fewer = balls(0.25, [5.0; 3]);
+        fewer.pop();
+        let mut endless = balls(0.25, [5.0; 3]);
+        endless[0] =
+            Object::new(Geometry::Surface(Plane::Distance { normal: [0.0, 0.0, 1.0], distance: 0.0 }.into()), false);
+        let (fewer, endless) = (Scene::like(&scene, fewer), Scene::like(&scene, endless));
+        let refitted = [&near, &far, &fewer, &endless].map(|scene| scene.index.get().is_some());
+        assert_eq!(refitted, [true, false, false, false]);
     }
 }

@@ -22,7 +22,7 @@
 use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
-use super::running_error::{interval, splat};
+use super::running_error::{RunningErrors, interval, splat};
 use super::{Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::error_free::{fast_two_sum, two_product, two_sum};
 use crate::arith::simd::Floats;
@@ -83,17 +83,6 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     #[inline(always)]
     pub fn parts(self) -> (L::Floats, L::Floats) {
         (self.high, self.error())
-    }
-
-    /// Whether these are float64 numbers, exactly, whatever their values.
-    #[inline(always)]
-    pub(super) fn is_float(&self) -> bool {
-        self.low.is_none() && self.error.is_none()
-    }
-
-    #[inline(always)]
-    pub(super) fn lanes(&self) -> L {
-        self.lanes
     }
 
     #[inline(always)]
@@ -258,6 +247,19 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         } else {
             Self::pick(by, root.c, root.b.minus(&s)).over(Self::pick(by, root.b.plus(&s), root.a))
         }
+    }
+}
+
+/// A lower part is at most u·|high|, and its sum with a bound is rounded once.
+impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L, N> {
+    #[inline(always)]
+    fn from(x: &DoubleDoubles<L, N>) -> Self {
+        let DoubleDoubles { high, low, error, lanes } = *x;
+        if low.is_none() && error.is_none() {
+            return RunningErrors::of_rays(high, lanes);
+        }
+        let error = high.abs().fused(splat::<L, N>(UNIT), x.error());
+        RunningErrors::within(high, error.mul(splat::<L, N>(PAD)), lanes)
     }
 }
 

@@ -6,7 +6,7 @@
 use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
-use super::{DoubleDoubles, Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
+use super::{Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::simd::Floats;
 
 /// Real numbers, a lane each, within `weight`·`size` of `value`. An infinite or NaN bound means: unknown.
@@ -186,18 +186,6 @@ pub(super) fn interval<L: Lanes<N>, const N: usize>(
     let margin = margin.mul(splat::<L, N>(PAD)).add(splat::<L, N>(UNDERFLOW));
     lanes.keep(value.abs().add(margin).lt(splat::<L, N>(f64::INFINITY)))?;
     Ok(Interval { low: value.sub(margin), high: value.add(margin) })
-}
-
-/// A lower part is at most u·|high|; a sum with a bound is rounded once.
-impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L, N> {
-    #[inline(always)]
-    fn from(x: &DoubleDoubles<L, N>) -> Self {
-        let (value, error) = x.parts();
-        if x.is_float() {
-            return Self::rounded(value, 0.0, x.lanes());
-        }
-        Self::within(value, value.abs().fused(splat::<L, N>(UNIT), error).mul(splat::<L, N>(PAD)), x.lanes())
-    }
 }
 
 /// With the same weight in any case, so that the compiler knows it.
