@@ -9,7 +9,7 @@ __all__ = ["main"]
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run ``lidarsim bench``: the speed of the ray casters, or with ``--accuracy`` their errors.
+    """Run ``lidarsim bench``: the speed of the ray casters, their errors, or the speed beside another build.
 
     Parameters
     ----------
@@ -25,8 +25,13 @@ def main(arguments: Sequence[str]) -> int:
         from lidarsim.bench import accuracy
 
         return accuracy.main([argument for argument in arguments if argument != "--accuracy"])
+    if any(argument.partition("=")[0] == "--against" for argument in arguments):
+        from lidarsim.bench import against
+
+        return against.main(arguments)
     from lidarsim.bench import speed
 
     if {"-h", "--help"} & set(arguments):
-        sys.stdout.write("For the accuracy of the ray casters see: lidarsim bench --accuracy --help\n\n")
+        sys.stdout.write("For the accuracy of the ray casters see: lidarsim bench --accuracy --help\n")
+        sys.stdout.write("For the speed beside another build see: lidarsim bench --against WHEEL --help\n\n")
     return speed.main(arguments)

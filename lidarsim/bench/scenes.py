@@ -27,6 +27,7 @@ __all__ = [
     "Truth",
     "World",
     "analytic",
+    "body",
     "city",
     "coincident",
     "downward",
@@ -312,17 +313,8 @@ def terrain(triangles: int = 1_000_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0))
 
 def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
     """Return ten closed bumpy bodies in a hall, their triangles as uneven as a scanner's: dense in parts, all rough."""
-    from scipy.spatial import ConvexHull
-
     rng = np.random.default_rng(3)
-    points = rng.normal(size=(triangles // 20, 3))  # a closed mesh has two triangles a vertex
-    dense = rng.normal(size=(5, 3))
-    points += dense[rng.integers(0, 5, len(points))] * rng.uniform(0, 1.2, (len(points), 1))
-    points /= np.linalg.norm(points, axis=1, keepdims=True)
-    hull = ConvexHull(points)
-    a, b, c = np.moveaxis(points[hull.simplices], 1, 0)
-    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
-    faces = np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
+    points, faces = _uneven_ball(triangles // 10, rng)
     hall = Spec("Box", (np.array([40.0, 30.0, 8.0]), np.array([0.0, 0.0, 4.0])))
     parts = [_tessellate(hall, 0)]
     for k in range(10):
@@ -335,6 +327,27 @@ def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> 
         place = np.array([(5 + 4 * (k % 3)) * np.cos(angle), (5 + 3 * (k % 3)) * np.sin(angle), 0.1 - body[:, 2].min()])
         parts.append((body + place, faces))
     return _mesh_world("scans", _join(parts)[:2], [(0, 0, 1.5), (-19, -14, 0.5), (19, 14, 7.5)], offset)
+
+
+def body(triangles: int) -> Triangles:
+    """Return one closed body with triangles as uneven as those of `scans`."""
+    rng = np.random.default_rng(5)
+    points, faces = _uneven_ball(triangles, rng)
+    return points * (1.5 + 0.3 * np.sin(9 * points[:, [1]]) * np.cos(7 * points[:, [2]])), faces
+
+
+def _uneven_ball(triangles: int, rng: np.random.Generator) -> Triangles:
+    """Return points of the unit sphere, dense in parts, and the faces of their hull, oriented outward."""
+    from scipy.spatial import ConvexHull
+
+    points = rng.normal(size=(triangles // 2, 3))  # a closed mesh has two triangles a vertex
+    dense = rng.normal(size=(5, 3))
+    points += dense[rng.integers(0, 5, len(points))] * rng.uniform(0, 1.2, (len(points), 1))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    hull = ConvexHull(points)
+    a, b, c = np.moveaxis(points[hull.simplices], 1, 0)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    return points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
 
 
 def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:

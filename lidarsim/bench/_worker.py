@@ -1,0 +1,52 @@
+"""Casts with the build of lidarsim on the path, on request; run as a script, so that any build can be measured.
+
+Its argument is a file of pickled casts, see `lidarsim.bench.against`. Each line of its input is the number of a cast;
+the answer to the first request for one is the hash of the hits, to each further one the time, s.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import lidarsim as ls
+
+
+def _call(objects: list[tuple[str, tuple[Any, ...], Any]], rays: tuple[Any, Any]) -> Callable[[], ls.Hits]:
+    scene, shared = ls.Scene(), {}
+    for kind, arguments, transform in objects:
+        key = (kind, *map(id, arguments))  # instances of one mesh share it
+        if key not in shared:
+            make: Any = ls
+            for name in kind.split("."):
+                make = getattr(make, name)
+            shared[key] = make(*arguments)
+        scene.add(shared[key], transform=transform)
+    return partial(scene.cast, *rays)
+
+
+def main(path: str) -> None:
+    """Answer requests until there are no more."""
+    casts = pickle.loads(Path(path).read_bytes())  # noqa: S301 - our own parent wrote it
+    calls: dict[int, Callable[[], ls.Hits]] = {}
+    for line in sys.stdin:
+        number = int(line)
+        if number in calls:
+            begin = time.perf_counter()
+            calls[number]()
+            answer = repr(time.perf_counter() - begin)
+        else:
+            hits = (calls := {number: _call(*casts[number])})[number]()
+            parts = (hits.t, hits.object_id, hits.primitive_id, hits.normal)
+            answer = hashlib.sha256(b"".join(part.tobytes() for part in parts)).hexdigest()
+        print(answer, flush=True)  # noqa: T201
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
