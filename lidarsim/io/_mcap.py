@@ -1,6 +1,7 @@
 """The messages of an MCAP file in its own order, whatever its index says, and with no more memory than a chunk takes.
 
 rosbags writes such files, but reads them on their word: it allocates what they claim, and decompresses without a limit.
+When it writes them, `storage` makes it hold a large message three times rather than four.
 
 Format: https://mcap.dev/spec.
 """
@@ -11,8 +12,9 @@ import struct
 import sys
 import zlib
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from lidarsim._extras import import_extra
 from lidarsim.errors import FileFormatError
@@ -20,6 +22,32 @@ from lidarsim.io._records import check_expansion
 
 MAGIC = b"\x89MCAP0\r\n"
 SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
+
+
+@cache
+def storage() -> Any:
+    """Return the class with which rosbags is to write MCAP files."""
+    base: Any = import_extra("rosbags.rosbag2.storage_mcap", "formats", "writing ROS bags").McapWriter
+
+    class Storage(base):  # type: ignore[misc]
+        """That of rosbags, but what a message fills it writes to the file when its own copy of the message is freed."""
+
+        _writing = _full = False
+
+        def write(self, *message: Any) -> None:
+            self._writing, self._full = True, False
+            super().write(*message)
+            self._writing = False
+            if self._full:
+                self.close_chunk()
+
+        def close_chunk(self) -> None:
+            if self._writing:
+                self._full = True
+            else:
+                super().close_chunk()
+
+    return Storage
 
 
 def messages(path: Path) -> Iterator[tuple[str, str, memoryview]]:

@@ -491,10 +491,13 @@ def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
 def _new_bag(path: PathLike, suffix: str) -> Iterator[Any]:
     """Open a bag of rosbags whose only file takes the name `path` when the block ends well."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
-    storage = rosbag2.StoragePlugin.MCAP if suffix == ".mcap" else rosbag2.StoragePlugin.SQLITE3
+    mcap, sqlite = rosbag2.StoragePlugin.MCAP, rosbag2.StoragePlugin.SQLITE3
     with replacing(path) as temporary, _lost_writes():
         # Version 8 writes qualities of service as numbers, which readers from ROS Humble on understand.
-        bag = rosbag2.Writer(temporary.with_name("bag"), version=8, storage_plugin=storage)
+        bag = rosbag2.Writer(
+            temporary.with_name("bag"), version=8, storage_plugin=mcap if suffix == ".mcap" else sqlite
+        )
+        bag.STORAGE_PLUGINS = {**bag.STORAGE_PLUGINS, mcap: _mcap.storage()}
         bag.open()
         try:
             yield bag
