@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import Field
 
 from lidarsim._validation import Floats
@@ -21,7 +20,6 @@ from lidarsim.trajectory import Trajectory
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
     from lidarsim.config.loader import Run
-    from lidarsim.shapes import Shape
 
 __all__ = ["Placed", "Scatter", "scatter"]
 
@@ -33,9 +31,6 @@ STEP = 0.1
 
 TOP = 1e5
 """Above all ground, m: from there it is looked for."""
-
-CHORD = 1e-3
-"""How far curved surfaces may reach beyond the triangles that stand for them, m."""
 
 
 class Scatter(Model):
@@ -181,7 +176,8 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
             if not shape.bounded:
                 raise (there / "objects" / index).error("expected an object that ends somewhere, got an unbounded one")
             scale = drawn(group.scale, stream)
-            bounds = _bounds(shape, np.diag([*np.ones(3) * scale * np.asarray(item.scale), 1.0]))
+            size = np.diag([*np.ones(3) * scale * np.asarray(item.scale), 1.0])
+            bounds = shape._bounds(shape._native.transformed(size.tolist()))
             way = _Way(group, stream, times, there)
             for _ in range(TRIES):
                 poses = way.poses(stream)
@@ -281,7 +277,7 @@ def _divided(scene: Scene, on: Sequence[str], place: Place) -> tuple[Scene, _Obs
 
 def _still(item: SceneObject) -> _Outline:
     """Return the outline of an object in the scene."""
-    (x0, y0, low), (x1, y1, high) = _bounds(item.shape, item.transform)
+    (x0, y0, low), (x1, y1, high) = item.bounds
     return _Outline(np.array([[[x0, y0], [x1, y0], [x1, y1], [x0, y1]]]), low, high)
 
 
@@ -296,14 +292,3 @@ def _sensor(run: Run, times: Floats, clear: float) -> _Obstacles:
         position = np.asarray(run.pose)[None, :2, 3]
     square = clear * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     return _Obstacles([_Outline(_steps(position[:, None] + square), -np.inf, np.inf)])
-
-
-def _bounds(shape: Shape, transform: npt.NDArray[Any] | None) -> Floats:
-    """Return the least and the greatest coordinates of a shape that ends somewhere, shape (2, 3)."""
-    vertices = shape._tessellated(CHORD, np.zeros((8, 3)))[0]
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    box = np.array([[x, y, z] for x in (low[0], high[0]) for y in (low[1], high[1]) for z in (low[2], high[2])])
-    for matrix in (shape.transform, transform):
-        if matrix is not None:
-            box = box @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
-    return np.array([box.min(axis=0), box.max(axis=0)])

@@ -107,12 +107,8 @@ def test_they_stand_on_the_ground(recipe: Path) -> None:
             bottom = float(item.transform[2, 3])
             plan = outline(item)
             on_dais = (np.abs(plan - (8, 3)) <= 3).all(axis=1)
-            # A curved surface is taken to be larger by up to 1 cm, and it grows with its scale.
-            slack = 0.0 if isinstance(item.shape, ls.Box) else 0.02
             wanted = 0.25 if on_dais.any() and not item.label else -0.25
-            assert (
-                wanted - 1e-9 <= bottom <= wanted + slack + 1e-9
-            )  # found from 1e5 m above, which has steps of 1.5e-11 m
+            assert abs(bottom - wanted) <= 4 * np.spacing(1e5)  # found from there
             assert not (item.label and on_dais.any())
             heights.add(wanted)
     assert heights == {0.25, -0.25}
