@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import lidarsim as ls
+
 RECIPE = """\
 sequences: 3
 frames: 4
@@ -42,6 +44,22 @@ def hashes(folder: Path) -> dict[str, str]:
     return {path.relative_to(folder).as_posix(): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def tree() -> Callable[[Path], dict[str, str]]:
     return hashes
+
+
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The recipe, for tests that leave it as it is."""
+    path = tmp_path_factory.mktemp("shared") / "recipe.yaml"
+    path.write_text(RECIPE)
+    return path
+
+
+@pytest.fixture(scope="session")
+def whole(shared: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """What one process makes of the recipe in one go."""
+    out = tmp_path_factory.mktemp("whole")
+    ls.generate(shared, out, pictures=0)
+    return hashes(out)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import resource
 import signal
 import subprocess
@@ -36,11 +35,6 @@ DRIVE = [
 """Fifteen shards of a sensor that takes some time."""
 
 
-def command(*arguments: object) -> list[str]:
-    code = "import sys; from lidarsim.cli import main; main(sys.argv[1:])"
-    return [sys.executable, "-c", code, "generate", *map(str, arguments), "--pictures", "0"]
-
-
 def of(settings: Sequence[str]) -> list[str]:
     return [word for setting in settings for word in ("--set", setting)]
 
@@ -53,11 +47,11 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> N
         time.sleep(0.01)
 
 
-@pytest.fixture
-def whole(recipe: Path, tmp_path: Path, tree: Tree) -> dict[str, str]:
-    """What one process makes in one go."""
-    ls.generate(recipe, tmp_path / "whole", pictures=0)
-    return tree(tmp_path / "whole")
+def ended(*arguments: object) -> object:
+    """The exit code of ``lidarsim generate`` in this process."""
+    with pytest.raises(SystemExit) as caught:
+        main(["generate", *map(str, arguments), "--pictures", "0"])
+    return caught.value.code
 
 
 def test_the_manifest_holds_every_file_with_its_hash(recipe: Path, tmp_path: Path, tree: Tree) -> None:
@@ -199,10 +193,11 @@ def test_a_function_is_a_recipe(tmp_path: Path, tree: Tree) -> None:
 def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree) -> None:
     ls.generate(recipe, tmp_path / "one", overrides=DRIVE, pictures=0)
     out = tmp_path / "two"
+    code = "import sys; from lidarsim.cli import main; main(sys.argv[1:])"
+    arguments = ["generate", recipe, "-o", out, "--workers", "2", *of(DRIVE), "--pictures", "0"]
     with subprocess.Popen(
-        command(recipe, "-o", out, "--workers", 2, *of(DRIVE)),
-        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    ) as process:  # fmt: skip
+        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
         wait_for(lambda: len(list(out.glob("manifest/0*.json"))) >= 2, process)
         workers = [
             child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())
@@ -218,18 +213,22 @@ def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree) -> No
     assert tree(out) == tree(tmp_path / "one")
 
 
-def test_interrupted_and_gone_on(recipe: Path, tmp_path: Path, tree: Tree) -> None:
-    ls.generate(recipe, tmp_path / "one", overrides=DRIVE, pictures=0)
-    out = tmp_path / "two"
-    with subprocess.Popen(command(recipe, "-o", out, *of(DRIVE)), stderr=subprocess.PIPE, text=True) as process:
-        wait_for(lambda: len(list(out.glob("manifest/0*.json"))) >= 2, process)
-        process.send_signal(signal.SIGINT)
-        assert process.wait(60) == 130, process.communicate()
-    there = len(list(out.glob("manifest/0*.json")))
-    assert 2 <= there < 15
+def test_interrupted_and_gone_on(
+    recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupting(run: object, sequence: int, frame: int, scans: object) -> object:
+        if (sequence, frame) == (1, 2):
+            signal.raise_signal(signal.SIGINT)
+        return samples(run, sequence, frame, scans)  # type: ignore[arg-type]
+
+    out = tmp_path / "out"
+    with monkeypatch.context() as patch:
+        patch.setattr(engine, "samples", interrupting)
+        assert ended(recipe, "-o", out) == 130
+    assert manifest.done(open_store(out)) == {0}
     assert not (out / "manifest.jsonl").exists()
-    assert ls.generate(recipe, out, overrides=DRIVE, pictures=0).frames == 30 - 2 * there
-    assert tree(out) == tree(tmp_path / "one")
+    assert ls.generate(recipe, out, pictures=0).frames == 7
+    assert tree(out) == whole
 
 
 def test_a_process_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, whole: dict[str, str]) -> None:
@@ -254,24 +253,21 @@ ls.generate({str(recipe)!r}, {str(tmp_path / "out")!r}, pictures=0)
 
 
 @pytest.mark.parametrize("layout", ["semantickitti", "shards"])
-def test_a_full_disk(recipe: Path, tmp_path: Path, tree: Tree, layout: str) -> None:
+def test_a_full_disk(recipe: Path, tmp_path: Path, tree: Tree, layout: str, capsys: pytest.CaptureFixture[str]) -> None:
     """A limit on the size of files is what a quota looks like to a program: its writes fail."""
     settings = ["layout=" + layout, "vary={}", "frames=20", "shard_frames=30"]
     ls.generate(recipe, tmp_path / "one", overrides=settings, pictures=0)
-    largest = max((path.stat().st_size, path.name) for path in (tmp_path / "one").rglob("*") if path.is_file())
+    largest = max(path.stat().st_size for path in (tmp_path / "one").rglob("*") if path.is_file())
     out = tmp_path / "two"
-
-    def limit() -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (largest[0] - 1, largest[0] - 1))
-
-    failed = subprocess.run(
-        command(recipe, "-o", out, *of(settings)),
-        preexec_fn=limit, capture_output=True, text=True, check=False,
-        env={**os.environ, "PYTHONDONTWRITEBYTECODE": "1"},
-    )  # fmt: skip
-    assert failed.returncode == 2
-    assert failed.stderr.count("\n") == 1
-    assert "File too large" in failed.stderr
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (largest - 1, hard))
+    try:
+        assert ended(recipe, "-o", out, *of(settings)) == 2
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    complaint = capsys.readouterr().err
+    assert complaint.count("\n") == 1
+    assert "File too large" in complaint
     assert not (out / "manifest.jsonl").exists()
     ls.generate(recipe, out, overrides=settings, pictures=0)
     assert tree(out) == tree(tmp_path / "one")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import io
 import json
 import tarfile
@@ -33,6 +34,12 @@ def make(recipe: Path, out: Path, layout: str, *overrides: str) -> None:
     ls.generate(recipe, out, layout=layout, overrides=overrides, pictures=0)
 
 
+@pytest.fixture
+def recipe(shared: Path) -> Path:
+    return shared
+
+
+@functools.cache
 def clouds(recipe: Path, sequence: int, frame: int, *overrides: str) -> dict[str, tuple[ls.Scan, ls.PointCloud]]:
     """What the sensors measure, by way of the public scans."""
     run = load(recipe, overrides).source.run(sequence, frame)

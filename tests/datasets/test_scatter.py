@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -54,13 +55,14 @@ RECIPE = {
 SEQUENCES = range(8)
 
 
-@pytest.fixture
-def recipe(tmp_path: Path) -> Path:
-    path = tmp_path / "recipe.yaml"
+@pytest.fixture(scope="module")
+def recipe(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scatter") / "recipe.yaml"
     path.write_text(yaml.safe_dump(RECIPE, sort_keys=False))
     return path
 
 
+@functools.cache
 def placed(path: Path, sequence: int, *overrides: str) -> tuple[ls.Scene, list[Placed]]:
     source = load(path, overrides).source
     assert isinstance(source, Document)

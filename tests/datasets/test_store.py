@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterator
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -38,11 +39,11 @@ def bucket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
 def test_s3(recipe: Path, tmp_path: Path, bucket: str, tree: Callable[[Path], dict[str, str]]) -> None:
     s3fs = pytest.importorskip("s3fs")
     for layout in ("semantickitti", "shards"):
-        ls.generate(recipe, tmp_path / layout, layout=layout, pictures=0)
+        make = partial(ls.generate, recipe, layout=layout, frames=2, shard_frames=2, pictures=0)
+        make(tmp_path / layout)
         url = f"{bucket}/{layout}/one"
-        left = [ls.generate(recipe, url, layout=layout, part=(part, 2), pictures=0).shards_left for part in (1, 0)]
-        assert left == [2, 0]
-        assert ls.generate(recipe, url, layout=layout, pictures=0).frames == 0
+        assert [make(url, part=(part, 2)).shards_left for part in (1, 0)] == [2, 0]
+        assert make(url).frames == 0
         files = s3fs.S3FileSystem()
         files.invalidate_cache()
         there = {

@@ -306,7 +306,7 @@ def test_ousters_range_by_its_own_formula(ros: Any, tmp_path: Path) -> None:
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
 @pytest.mark.parametrize("layout", rosbag.LAYOUTS)
 def test_memory_of_each_layout(layout: str, suffix: str, tmp_path: Path) -> None:
-    """Writing takes at most twice the memory of a scan's cloud besides it, reading at most twice that of what it gives."""
+    """Writing takes at most twice the memory of a scan's cloud besides it, reading twice that of what it gives."""
     rng, points = np.random.default_rng(0), 50_000  # more than the 1 MiB at which rosbags ends a chunk
     cloud = PointCloud(
         {

@@ -123,7 +123,7 @@ def test_a_dtype_that_a_format_cannot_hold(suffix: str, dtype: str, tmp_path: Pa
 )
 def test_memory(suffix: str, tmp_path: Path) -> None:
     """Writing takes at most twice the memory of the cloud besides it, reading at most twice that of what it gives."""
-    points = 65_536
+    points = 40_960 if suffix in {".csv", ".xyz"} else 65_536  # text takes its time while memory is traced
     rng = np.random.default_rng(1)
     cloud = PointCloud(
         {
@@ -135,13 +135,14 @@ def test_memory(suffix: str, tmp_path: Path) -> None:
     )
     path = tmp_path / f"cloud{suffix}"
     cloud[:2].save(path)  # imports what it needs
+    if suffix != ".label":
+        PointCloud.load(path)
     peaks = []
     tracemalloc.start()
     try:
         cloud.save(path)
         peaks.append(tracemalloc.get_traced_memory()[1])
         if suffix != ".label":
-            PointCloud.load(path)  # imports what it needs
             tracemalloc.reset_peak()
             before = tracemalloc.get_traced_memory()[0]
             loaded = PointCloud.load(path)
