@@ -8,11 +8,14 @@ import io
 import json
 import tarfile
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import yaml
-from scipy.spatial.transform import Rotation
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim.datasets.recipe import load
@@ -207,12 +210,42 @@ def test_bags(recipe: Path, tmp_path: Path) -> None:
         "sequence_0000/000000.mcap", "sequence_0001/000000.mcap", "sequence_0001/000001.mcap",
         "sequence_0002/000000.mcap", "sequence_0002/000002.mcap",
     ]  # fmt: skip
-    found = {}
+    seen = 0
     for name in names:
-        for message in ls.io.rosbag.read(tmp_path / "out" / name):
-            found[int(name[9:13]), message.frame_id, message.stamp] = message.cloud
-    assert len(found) == 18
-    start = min(stamp for _, _, stamp in found)
-    for (sequence, sensor, stamp), cloud in found.items():
-        _, wanted = clouds(recipe, sequence, round((stamp - start) / 1e8), *RIG)[sensor]
-        np.testing.assert_array_equal(cloud.xyz, wanted.xyz.astype(np.float32))
+        mounts, bodies, messages = {}, {}, []
+        with (tmp_path / "out" / name).open("rb") as file:
+            for _, channel, _, message in make_reader(
+                file, decoder_factories=[DecoderFactory()]
+            ).iter_decoded_messages():
+                if channel.topic == "/tf_static":
+                    mounts = {part.child_frame_id: placed(part.transform) for part in message.transforms}
+                elif channel.topic == "/tf":
+                    (part,) = message.transforms
+                    bodies[part.header.stamp.sec, part.header.stamp.nanosec] = placed(part.transform)
+                elif channel.topic.endswith("/points"):
+                    assert channel.topic == f"/{message.header.frame_id}/points"
+                    messages.append(message)
+        for message in messages:
+            stamp = message.header.stamp
+            seconds = stamp.sec - 1_577_836_800 + stamp.nanosec / 1e9  # since the start of 2020
+            scan, cloud = clouds(recipe, int(name[9:13]), round(10 * seconds), *RIG)[message.header.frame_id]
+            fields = [(field.name, "u2" if field.datatype == 4 else "f4") for field in message.fields]
+            points = np.frombuffer(message.data, fields)
+            np.testing.assert_array_equal(np.stack([points[axis] for axis in "xyz"], 1), cloud.xyz.astype(np.float32))
+            np.testing.assert_array_equal(points["ring"], cloud.ring)
+            # The message counts from its stamp, in whole nanoseconds, and float32 has 24 bits.
+            np.testing.assert_allclose(points["time"], cloud.time, rtol=2.0**-24, atol=1e-9)
+            pose = bodies[stamp.sec, stamp.nanosec] * mounts[message.header.frame_id]
+            wanted = scan.pose.at(scan.time).as_matrix()
+            # Coordinates of 5e6 m have steps of 2**-30 m.
+            np.testing.assert_allclose(pose.as_matrix(), wanted, rtol=0, atol=8 * 2.0**-30)
+            seen += 1
+    assert seen == 18
+
+
+def placed(transform: Any) -> RigidTransform:
+    """A transform of ROS."""
+    position, turn = transform.translation, transform.rotation
+    return RigidTransform.from_components(
+        [position.x, position.y, position.z], Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
+    )
