@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 from itertools import combinations, pairwise
 from pathlib import Path
@@ -203,6 +204,30 @@ def test_movers_go_as_fast_as_said(recipe: Path) -> None:
         heading = track[0].rotation.apply([1, 0, 0])[:2]
         np.testing.assert_allclose(step[0] / np.linalg.norm(step[0]), heading, rtol=0, atol=1e-12)
         assert (heading[0] < -0.9) == (item.group == "back")
+
+
+def test_points_on_movers_of_the_street_move() -> None:
+    """The radial velocity is that of what a point is on, less that of the car, along the pulse."""
+    source = load(Path(__file__).parents[2] / "configs" / "recipes" / "street.yaml").source
+    assert isinstance(source, Document)
+    run = source.run(0)
+    (scans,) = dataclasses.replace(run, frames=range(20, 21)).scans()
+    scan, cloud = scans["roof"], scans["roof"].point_cloud()
+    there = source.placed[0]
+    velocities = np.zeros((len(run.scene.objects), 3))
+    for k, item in enumerate(there, start=len(velocities) - len(there)):
+        if isinstance(item.motion, ls.Trajectory):
+            velocities[k] = np.diff(item.motion.at([2.0, 2.5]).translation, axis=0)[0] / 0.5
+    pulses = scan.pulses.directions[
+        scan.status == ls.Status.hit
+    ]  # in the axes of the world, since the car goes straight
+    relative = velocities[cloud.object_id] - np.diff(run.pose.at([2.0, 3.0]).translation, axis=0)
+    # float32 has steps of 2**-19 m/s up to 32 m/s.
+    np.testing.assert_allclose(cloud.radial_velocity, (relative * pulses).sum(1), rtol=0, atol=2.0**-19)
+    moving = velocities[cloud.object_id].any(axis=1)
+    for label in (1, 2):
+        assert np.count_nonzero(moving & (cloud.label == label)) > 100
+        assert len(np.unique(cloud.object_id[moving & (cloud.label == label)])) > 1
 
 
 @pytest.mark.parametrize(
