@@ -7,6 +7,7 @@ import functools
 import io
 import json
 import tarfile
+from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -104,8 +105,9 @@ def test_nuscenes_tables_fit_together(recipe: Path, tmp_path: Path) -> None:
     for table in tables.values():
         for row in table:
             for key, value in row.items():
-                if key.endswith("_token"):
+                if key.endswith("_token") and key != "visibility_token":
                     name = key.removesuffix("_token").removeprefix("first_").removeprefix("last_")
+                    name = {"annotation": "sample_annotation"}.get(name, name)
                     assert value in index[name], (key, value)
     assert len(tables["scene"]) == 3
     assert len(tables["sample"]) == 12
@@ -138,12 +140,60 @@ def test_nuscenes_tables_fit_together(recipe: Path, tmp_path: Path) -> None:
         np.testing.assert_allclose(placed, pose.apply(cloud.xyz), rtol=0, atol=4 * 2.0**-18)
 
 
+MOVER = "{shape: box, size_m: [4, 2, 1.5], center_m: [0.5, 0, 0.75], label: 20, "
+MOVER += "position_m: [500008, 5000006, 0], rotation_deg: {yaw: 30}, motion: {linear_m_per_s: [5, 0, 0]}}"
+BOXES = (*RIG, "sequences=1", f"run.scene=[{{shape: plane, normal: [0, 0, 1], label: 40}}, {BALL}, {MOVER}]")
+
+
+def test_nuscenes_boxes(recipe: Path, tmp_path: Path) -> None:
+    make(recipe, tmp_path / "out", "nuscenes", *BOXES)
+    tables = {path.stem: json.loads(path.read_text()) for path in (tmp_path / "out/v1.0-lidarsim").glob("*.json")}
+    index = {name: {row["token"]: row for row in table} for name, table in tables.items()}
+    names = [
+        index["category"][index["instance"][row["instance_token"]]["category_token"]]["name"]
+        for row in tables["sample_annotation"]
+    ]
+    assert sorted(names) == ["class_10"] * 4 + ["class_20"] * 4
+    for row, name in zip(tables["sample_annotation"], names, strict=True):
+        frame = round((index["sample"][row["sample_token"]]["timestamp"] - tables["sample"][0]["timestamp"]) / 1e5)
+        turn = Rotation.from_quat(row["rotation"], scalar_first=True)
+        heading = [np.cos(np.pi / 6), 0.5, 0.0] if name == "class_20" else [1.0, 0.0, 0.0]
+        np.testing.assert_allclose(turn.as_matrix()[:, 0], heading, rtol=0, atol=1e-15)
+        # Coordinates of 5e6 m have steps of 2**-30 m.
+        np.testing.assert_allclose(row["size"], [2, 4, 1.5] if name == "class_20" else [4, 4, 4], atol=8 * 2.0**-30)
+        seen = 0
+        for scan, cloud in clouds(recipe, 0, frame, *BOXES).values():
+            own = cloud.label == int(name.removeprefix("class_"))
+            world = scan.point_cloud(frame="world").xyz[own]
+            if name == "class_20":  # back to where it was at the time of the sample
+                world -= np.outer(5 * cloud.time[own], heading)
+            inside = np.abs(turn.inv().apply(world - row["translation"])) <= np.array(row["size"])[[1, 0, 2]] / 2 + 1e-8
+            assert inside.all()
+            seen += np.count_nonzero(own)
+        assert seen == row["num_lidar_pts"] > 0
+        (attribute,) = row["attribute_tokens"]
+        assert index["attribute"][attribute]["name"] == ("moving" if name == "class_20" else "still")
+    for instance in tables["instance"]:
+        chain, token = [], instance["first_annotation_token"]
+        while token:
+            chain.append(index["sample_annotation"][token])
+            token = chain[-1]["next"]
+        assert [row["prev"] for row in chain] == ["", *(row["token"] for row in chain[:-1])]
+        assert chain[-1]["token"] == instance["last_annotation_token"]
+        assert len(chain) == instance["nbr_annotations"] == 4
+
+
+def test_nuscenes_boxes_of_some_labels(recipe: Path, tmp_path: Path) -> None:
+    layout = {"type": "nuscenes", "boxes": [20]}
+    ls.generate(recipe, tmp_path / "out", layout=layout, overrides=BOXES, frames=1, pictures=0)
+    assert len(json.loads((tmp_path / "out/v1.0-lidarsim/sample_annotation.json").read_text())) == 1
+
+
 def test_nuscenes_in_its_own_kit(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Its own kit has to be installed by hand, ``pip install --no-deps nuscenes-devkit``: it wants a NumPy before 2."""
     kit = pytest.importorskip("nuscenes.nuscenes", exc_type=ImportError)
     make(recipe, tmp_path / "out", "nuscenes")
-    names = [row["name"] for row in json.loads((tmp_path / "out/v1.0-lidarsim/category.json").read_text())]
-    data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=dict.fromkeys(names, (1, 2, 3)))
+    data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=defaultdict(lambda: (1, 2, 3)))
     sample = data.get("sample", data.scene[1]["first_sample_token"])
     cloud = clouds(recipe, 1, 0)[""][1]
     data.get_sample_lidarseg_stats(sample["token"])
@@ -152,9 +202,29 @@ def test_nuscenes_in_its_own_kit(recipe: Path, tmp_path: Path, capsys: pytest.Ca
         assert f"{np.count_nonzero(cloud.label == label)}" in next(
             line for line in printed.splitlines() if name in line
         )
-    path, boxes, _ = data.get_sample_data(sample["data"]["LIDAR_TOP"])
+    path, _, _ = data.get_sample_data(sample["data"]["LIDAR_TOP"])
     assert len(kit.LidarPointCloud.from_file(path).points.T) == len(cloud)
-    assert boxes == []
+
+
+def test_nuscenes_boxes_in_its_own_kit(recipe: Path, tmp_path: Path) -> None:
+    kit = pytest.importorskip("nuscenes.nuscenes", exc_type=ImportError)
+    from nuscenes.utils.geometry_utils import points_in_box
+
+    make(recipe, tmp_path / "out", "nuscenes", *BOXES, "run.cloud={deskew: start}")
+    data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=defaultdict(lambda: (1, 2, 3)))
+    for frame, sample in enumerate(data.sample):
+        path, boxes, _ = data.get_sample_data(sample["data"]["LIDAR_TOP"])
+        cloud = clouds(recipe, 0, frame, *BOXES)["top"][1]
+        points = kit.LidarPointCloud.from_file(path).points[:3]
+        ball, mover = sorted(boxes, key=lambda box: box.name)
+        assert (ball.name, mover.name) == ("class_10", "class_20")
+        # The ball reaches each side of its box, and float32 rounds coordinates of up to 16 m by 2**-21 m each.
+        assert points_in_box(ball, points, 1 + 2.0**-19)[cloud.label == 10].all()
+        assert not points_in_box(ball, points)[cloud.label == 20].any()
+        assert points_in_box(mover, points, 1.5)[cloud.label == 20].all()  # it goes on by half a metre in a frame
+        # The kit divides by the difference, 0.1 s at least, of two times since 1970, which have steps of 2**-22 s.
+        velocity = [5 * np.cos(np.pi / 6), 2.5, 0]
+        np.testing.assert_allclose(data.box_velocity(mover.token), velocity, rtol=2.0**-22 / 0.1, atol=1e-7)
 
 
 def test_shards(recipe: Path, tmp_path: Path) -> None:

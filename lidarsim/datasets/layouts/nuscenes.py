@@ -2,8 +2,13 @@
 
 ``v1.0-lidarsim/`` holds the tables, ``samples/LIDAR_TOP/`` the points, ``lidarseg/v1.0-lidarsim/`` a uint8 class for
 each. A sequence is a scene and each frame a sample. The sensor of a run is LIDAR_TOP; those of a rig are LIDAR_ and
-their names. Points keep lidarsim's axes, x forward, and ``calibrated_sensor`` says so. There are no boxes, and the map
-is empty. The kit knows the colours of its own class names alone; give it those of others: ``NuScenes(…, colormap=…)``.
+their names. Points keep lidarsim's axes, x forward, and ``calibrated_sensor`` says so. The map is empty. The kit knows
+the colours of its own class names alone; give it those of others: ``NuScenes(…, colormap=…)``.
+
+An instance with points in a frame has an upright box in it, where it is at the time of the sample, with the heading of
+the x axis of its first object. What has no end has none, nor what has a label for each face, nor instance 0. Categories
+are the classes, the attribute is ``moving`` or ``still``, and the visibility is not known. Points are as raw as the run
+has them: ``cloud: {deskew: start}`` moves them to the time of the sample, too.
 
 Format: https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md.
 """
@@ -26,6 +31,7 @@ from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Wri
 from lidarsim.datasets.samples import Record, Sample
 from lidarsim.io import nuscenes
 from lidarsim.io._units import fitting
+from lidarsim.scene import SceneObject
 
 VERSION = "v1.0-lidarsim"
 START = 1_577_836_800_000_000
@@ -33,16 +39,22 @@ START = 1_577_836_800_000_000
 
 
 class NuScenes(Layout):
-    """Tables of nuScenes with lidarseg."""
+    """Tables of nuScenes with lidarseg and boxes."""
 
     type: Literal["nuscenes"]
+    boxes: list[int] | None = None
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
         """Yield what writes samples: two files each."""
         del shard
+        sample_of: tuple[int, int] | None = None
+        time = 0.0
 
         def write(sample: Sample) -> Extra:
+            nonlocal sample_of, time
+            if (sample.record.sequence, sample.record.frame) != sample_of:  # the first of its frame has the time of all
+                sample_of, time = (sample.record.sequence, sample.record.frame), sample.record.seconds
             record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
             about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
             buffer = BytesIO()
@@ -50,20 +62,62 @@ class NuScenes(Layout):
             files.write(_points(record), buffer.getbuffer(), **about)
             label = fitting("label", sample.cloud.label, np.uint8, "a class of lidarseg")
             files.write(_labels(record), label.astype(np.uint8).tobytes(), **about)
-            return {}
+            return {"boxes": list(_boxes(sample, time, self.boxes))}
 
         yield write
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the tables, one pass over the samples each."""
         tables = _Tables(summary)
-        for name in ("attribute", "visibility", "instance", "sample_annotation"):
-            files.write_json(f"{VERSION}/{name}.json", ())
-        for name in ("category", "log", "map", "sensor", "calibrated_sensor", "scene", "sample", "sample_data"):
+        files.write_json(f"{VERSION}/visibility.json", ())
+        for name in (
+            *("attribute", "calibrated_sensor", "category", "ego_pose", "instance", "lidarseg", "log", "map", "sample"),
+            *("sample_annotation", "sample_data", "scene", "sensor"),
+        ):
             files.write_json(f"{VERSION}/{name}.json", getattr(tables, name)())
-        files.write_json(f"{VERSION}/ego_pose.json", tables.ego_pose())
-        files.write_json(f"{VERSION}/lidarseg.json", tables.lidarseg())
         files.write("maps/empty.png", _black_pixel())
+
+
+def _boxes(sample: Sample, time: float, labels: list[int] | None) -> Iterator[dict[str, Any]]:
+    """Yield the instances that have points, and their boxes at a time."""
+    found, counts = np.unique(sample.cloud.instance, return_counts=True)
+    points = dict(zip(found.tolist(), counts.tolist(), strict=True))
+    parts: dict[int, list[SceneObject]] = {}
+    for item in sample.run.scene.objects:
+        if item.instance and item.instance in points:
+            parts.setdefault(item.instance, []).append(item)
+    for instance, items in sorted(parts.items()):
+        if not all(item.shape.bounded and isinstance(item.label, int) for item in items):
+            continue
+        if labels is None or items[0].label in labels:
+            yield {
+                "instance": instance, "label": items[0].label, "points": points[instance],
+                "moving": any(item.motion is not None for item in items), **_box(items, time),
+            }  # fmt: skip
+
+
+def _box(items: list[SceneObject], time: float) -> dict[str, list[float]]:
+    """Return the upright box around objects, as the kit has it: width before length."""
+    places = [np.eye(4) if item.transform is None else item.transform for item in items]
+    for index, item in enumerate(items):
+        if item.motion is not None:
+            places[index] = item.motion.at(time).as_matrix() @ places[index]
+    yaw = np.arctan2(places[0][1, 0], places[0][0, 0])
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
+    bounds = np.array(
+        [
+            item.shape._bounds(item.shape._native.transformed((turn.T @ place).tolist()))
+            for item, place in zip(items, places, strict=True)
+        ]
+    )
+    low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
+    length, width, height = (high - low).tolist()
+    return {
+        "translation": (turn[:3, :3] @ (low + high) / 2).tolist(),
+        "rotation": [float(np.cos(yaw / 2)), 0.0, 0.0, float(np.sin(yaw / 2))],
+        "size": [width, length, height],
+    }
 
 
 def _channel(sensor: str) -> str:
@@ -117,6 +171,55 @@ class _Tables:
         for label in range(max(names) + 1):  # the kit counts them by index, so there is none missing
             name = names.get(label, f"class_{label}")
             yield {"token": self.token("category", label), "name": name, "description": "", "index": label}
+
+    def attribute(self) -> Iterator[dict[str, Any]]:
+        for name in ("moving", "still"):
+            yield {"token": self.token("attribute", name), "name": name, "description": ""}
+
+    def annotations(self, records: list[Record]) -> dict[int, list[dict[str, Any]]]:
+        """Return the boxes of each instance of a sequence, frame by frame, with the points of all sensors."""
+        chains: dict[int, list[dict[str, Any]]] = {}
+        for record in records:
+            for box in record.extra["boxes"]:
+                chain = chains.setdefault(box["instance"], [])
+                if chain and chain[-1]["frame"] == record.frame:
+                    chain[-1]["points"] += box["points"]
+                else:
+                    token = self.token("sample_annotation", record.sequence, record.frame, box["instance"])
+                    chain.append({"token": token, "frame": record.frame, **box})
+        return chains
+
+    def instance(self) -> Iterator[dict[str, Any]]:
+        for records in self.sequences():
+            for number, chain in self.annotations(records).items():
+                yield {
+                    "token": self.token("instance", records[0].sequence, number),
+                    "category_token": self.token("category", chain[0]["label"]),
+                    "nbr_annotations": len(chain),
+                    "first_annotation_token": chain[0]["token"],
+                    "last_annotation_token": chain[-1]["token"],
+                }
+
+    def sample_annotation(self) -> Iterator[dict[str, Any]]:
+        for records in self.sequences():
+            sequence = records[0].sequence
+            for number, chain in self.annotations(records).items():
+                tokens = ["", *(box["token"] for box in chain), ""]
+                for index, box in enumerate(chain):
+                    yield {
+                        "token": tokens[index + 1],
+                        "sample_token": self.token("sample", sequence, box["frame"]),
+                        "instance_token": self.token("instance", sequence, number),
+                        "attribute_tokens": [self.token("attribute", "moving" if box["moving"] else "still")],
+                        "visibility_token": "",
+                        "translation": box["translation"],
+                        "size": box["size"],
+                        "rotation": box["rotation"],
+                        "num_lidar_pts": box["points"],
+                        "num_radar_pts": 0,
+                        "prev": tokens[index],
+                        "next": tokens[index + 2],
+                    }
 
     def log(self) -> Iterator[dict[str, Any]]:
         yield {
