@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -18,7 +19,7 @@ from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_po
 from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
 from lidarsim.scene import Scene
-from lidarsim.sensor import HEAD, Lidar, preset_path
+from lidarsim.sensor import HEAD, PRESETS, Lidar, preset_path
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
@@ -193,11 +194,15 @@ def _sensor_or_rig(config: Config, place: Place) -> Lidar | Rig:
 
 def read_lidar(path: Path, *, mode: str | None, noise: str | None) -> Lidar:
     """Return the sensor that a file describes; see `lidarsim.config.read_lidar`."""
-    document = read(path)
+    document = _preset(path) if path.parent == PRESETS else read(path)
     root = _variant(_sensor(document, Place(document)), mode, noise)
     if "file" in entries(root):
         return checked(VendorSensor, root).build(Place(root))
     return checked(Sensor, root).build(Place(root))
+
+
+_preset = cache(read)
+"""Read a preset, once: neither its file nor a node ever changes."""
 
 
 def _include(root: Node) -> Node:
@@ -224,7 +229,7 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
     difference: Node | None = without(node, "preset", "file", "mode", "noise")
     if preset is not None:
         with (place / "preset").refusals({"preset": ("", "")}):
-            base = replace(read(preset_path(preset)), ["model"], entries(node)["preset"][1])
+            base = replace(_preset(preset_path(preset)), ["model"], entries(node)["preset"][1])
     elif file is not None:
         path = (place / "file").file(file)
         if not recognise(path, path.read_bytes()[:HEAD].decode("utf-8-sig", errors="replace")):

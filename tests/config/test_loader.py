@@ -456,6 +456,7 @@ def test_a_preset_and_the_difference() -> None:
     run, preset = load(f"sensor: {sensor}\nscene: []"), ls.Lidar.preset("ouster-os1-64")
     assert (run.lidar.name, run.lidar.max_range, run.lidar.min_range) == ("mine", 60, preset.min_range)
     assert run.lidar.pattern.columns == 512
+    assert preset.pattern.columns == 1024  # what is read once is not changed by the other
     assert np.array_equal(run.lidar.pattern.elevations, preset.pattern.elevations)
 
 
