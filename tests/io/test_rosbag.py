@@ -144,13 +144,14 @@ def test_mcap_ros2_reads_the_same(cloud: PointCloud, ros: Any, tmp_path: Path) -
     path = tmp_path / "drive.mcap"
     with rosbag.Writer(path, trajectory=np.eye(4)) as bag:
         bag.write_cloud(cloud)
-        bag.write_cloud(cloud[:10], 0.1)
+        bag.write_cloud(PointCloud(xyz=np.random.default_rng(0).normal(size=(50_000, 3))), 0.1)  # more than a chunk
+        bag.write_cloud(cloud[:10], 0.2)
     ours = messages(path, ros)
     theirs: dict[str, list[tuple[int, Any]]] = {}
     with path.open("rb") as file:
-        for _, channel, entry, message in make_reader(
-            file, decoder_factories=[DecoderFactory()]
-        ).iter_decoded_messages():
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        assert reader.get_summary().statistics.chunk_count == 2
+        for _, channel, entry, message in reader.iter_decoded_messages():
             theirs.setdefault(channel.topic, []).append((entry.log_time, message))
     assert {topic: len(entries) for topic, entries in theirs.items()} == {
         topic: len(entries) for topic, entries in ours.items()
