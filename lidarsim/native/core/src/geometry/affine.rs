@@ -269,8 +269,8 @@ impl Affine {
 
 /// As [`Placed`], with a map for each of M rays after the placement that all share.
 #[derive(Clone, Copy)]
-struct PlacedRays<'a, const M: usize> {
-    first: Option<&'a Inverse>,
+struct PlacedRays<'a, P, const M: usize> {
+    first: P,
     then: &'a Affines<M>,
     part: usize,
 }
@@ -312,7 +312,8 @@ impl<const M: usize> Placements<'_, M> {
         match (self.first, self.then) {
             (None, None) => I::apart(With(Identity, task)),
             (Some(placement), None) => I::apart(With(placement, task)),
-            (first, Some(then)) => I::apart(With(PlacedRays { first, then, part: 0 }, task)),
+            (None, Some(then)) => I::apart(With(PlacedRays { first: Identity, then, part: 0 }, task)),
+            (Some(first), Some(then)) => I::apart(With(PlacedRays { first, then, part: 0 }, task)),
         }
     }
 }
@@ -335,7 +336,7 @@ impl<const M: usize> Affines<M> {
     }
 }
 
-impl<const M: usize> PlacedRays<'_, M> {
+impl<P: Placement, const M: usize> PlacedRays<'_, P, M> {
     #[inline(always)]
     fn column<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, j: usize, lanes: L) -> Vector<K> {
         vector::of_rays(lanes::part(&self.then.0[j], self.part), lanes)
@@ -348,7 +349,7 @@ impl<const M: usize> PlacedRays<'_, M> {
     }
 }
 
-impl<const M: usize> RayPlacement for PlacedRays<'_, M> {
+impl<P: Placement, const M: usize> RayPlacement for PlacedRays<'_, P, M> {
     #[inline(always)]
     fn part(self, part: usize) -> Self {
         PlacedRays { part, ..self }
