@@ -46,6 +46,10 @@ def exact():
 def circle(n):
     turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
     return np.c_[np.cos(turn), np.sin(turn), 0 * turn]
+
+# The first polygon imports its triangulation, and Python drops exceptions in the callbacks of weak references that an
+# import has: an alarm that rings there would never be heard of again.
+ls.Polygon(circle(5))
 """
 
 
