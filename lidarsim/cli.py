@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 import signal
 import sys
@@ -312,23 +313,27 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     for frame in sorted({run.frames[0], run.frames[-1]}):
         for result in next(dataclasses.replace(run, frames=range(frame, frame + 1)).scans()).values():
             result.point_cloud(**run.cloud)
-    table = _table("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate")
+    spans = {item.id: item.motion.span for item in run.scene if item.motion}
+    columns = ("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate", "moves")
+    table = _table(*columns if spans else columns[:-1])
     for item in run.scene:
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
         triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
         label = "by face" if isinstance(item.label, np.ndarray) else item.label
-        _row(table, item.id, type(item.shape).__name__, item.name, label, item.material.reflectivity, *triangles)
+        moves = (_times(spans[item.id]) if item.id in spans else None,) if spans else ()
+        _row(
+            table, item.id, type(item.shape).__name__, item.name, label, item.material.reflectivity, *triangles, *moves
+        )
     _print(table)
     for lidar in [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, ls.Rig) else [run.sensor]:
         _print_sensor(lidar)
+    pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
+    kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
+    defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
+    if defined:
+        defined["frames"] = run.span
+        _print("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
     count = len(run.frames)
-    spans = {f"object {i} ({item.name})": item.motion.span for i, item in enumerate(run.scene.objects) if item.motion}
-    if isinstance(run.pose, ls.Trajectory):
-        spans = {"pose": run.pose.span, **spans}
-    if spans:
-        first, last = run.time(run.frames.start), run.time(run.frames.stop)
-        moving = (f"{name} from {start:g} to {end:g} s" for name, (start, end) in spans.items())
-        _print("; ".join((*moving, f"frames from {first:g} to {last:g} s")))
     _print(f"{config}: ok, {len(run.scene):,} objects, {count:,} frame{'s' * (count > 1)}, seed {run.seed}")
 
 
@@ -550,6 +555,10 @@ def _row(table: Table, *cells: object) -> None:
 def _span(ends: Iterable[float], *, digits: int = 4) -> str:
     low, high = (f"{end:.{digits}g}" for end in ends)
     return low if low == high else f"{low} … {high}"
+
+
+def _times(span: tuple[float, float]) -> str:
+    return "always" if math.isinf(span[0]) else f"{_span(span, digits=12)} s"
 
 
 def _print_sensor(lidar: ls.Lidar) -> None:

@@ -162,6 +162,25 @@ class Rig(Pickled, Mapping[str, RigSensor]):
 
         return (dict(scans(frame)) for frame in range(first, first + count))
 
+    def span(self, count: int, *, first: int = 0) -> tuple[float, float]:
+        """Return the time that `frames` takes.
+
+        Parameters
+        ----------
+        count : int
+            How many frames of the rig, at least one.
+        first : int
+            Number of the first.
+
+        Returns
+        -------
+        start, end : float
+            When the first frame of any sensor starts, and when the last ends, s.
+        """
+        numbers = [(s.offset, s.lidar.pattern.rate, self._numbers(s, first, first + count)) for s in self.values()]
+        ends = [(k.start / rate + offset, k.stop / rate + offset) for offset, rate, k in numbers if k]
+        return min(start for start, _ in ends), max(end for _, end in ends)
+
     def _numbers(self, sensor: RigSensor, start: int, stop: int) -> range:
         """Return the numbers k of a sensor's frames that begin in frames start to stop - 1 of the rig, exactly."""
         rate = Fraction(sensor.lidar.pattern.rate) / Fraction(self.rate)

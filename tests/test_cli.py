@@ -201,7 +201,7 @@ def test_a_rig_is_checked_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("check", "rig.yaml") == 0
     printed = capsys.readouterr().out
     assert [line.split()[1] for line in printed.splitlines() if line.startswith(" sensor ")] == ["top", "left"]
-    assert printed.endswith("pose from 0 to 1 s; frames from 0 to 0.2 s\nrig.yaml: ok, 2 objects, 2 frames, seed 0\n")
+    assert printed.endswith("defined: pose 0 … 1 s, frames 0 … 0.25 s\nrig.yaml: ok, 2 objects, 2 frames, seed 0\n")
     assert lidarsim("view", "rig.yaml", "--screenshot", "rig.png") == 0
     assert Path("rig.png").stat().st_size > 10_000
 

@@ -80,6 +80,13 @@ class Run:
         """Frame rate, Hz."""
         return self.sensor.rate if isinstance(self.sensor, Rig) else self.sensor.pattern.rate
 
+    @property
+    def span(self) -> tuple[float, float]:
+        """When the first frame of any sensor starts, and when the last ends, s."""
+        if isinstance(self.sensor, Rig):
+            return self.sensor.span(len(self.frames), first=self.frames.start)
+        return self.time(self.frames.start), self.time(self.frames.stop)
+
     def scan(self, frame: int | None = None) -> Scan:
         """Scan one frame with the one sensor, from the time at which it starts.
 

@@ -308,11 +308,7 @@ def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> F
         poses = [_rigid(waypoint, place / index) for index, waypoint in enumerate(value)]
         with place.refusals():
             return Trajectory([waypoint.time_s for waypoint in value], poses)
-    matrix = _rigid(value, place)
-    if any(value.linear_m_per_s) or any(value.angular_deg_per_s):
-        with place.refusals():
-            return Trajectory.from_twist(matrix, value.linear_m_per_s, np.radians(value.angular_deg_per_s))
-    return matrix
+    return _moving(_rigid(value, place), value, place)
 
 
 def _rigid(placement: Placement, place: Place) -> Floats:
@@ -325,6 +321,15 @@ class Twist(Model):
 
     linear_m_per_s: Vector = [0.0, 0.0, 0.0]
     angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
+
+
+def _moving(start: Floats, twist: Pose | Twist, place: Place) -> Floats | Trajectory:
+    """Return the pose, or the trajectory from there if there are velocities."""
+    if any(twist.linear_m_per_s) or any(twist.angular_deg_per_s):
+        keys = {"linear": ("linear_m_per_s", ""), "angular": ("angular_deg_per_s", " (in rad/s)")}
+        with place.refusals(keys):
+            return Trajectory.from_twist(start, twist.linear_m_per_s, np.radians(twist.angular_deg_per_s))
+    return start
 
 
 if TYPE_CHECKING:
@@ -371,16 +376,17 @@ class Object(Part, Placement):
     def _placed(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
         """Return the transform, and the motion after it."""
         placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
+        transform = self.to_matrix(place, self.scale) if placed else None
+        if self.motion is None:
+            return transform, None
         if isinstance(self.motion, Twist):
             # It starts at the placement and has its axes, so only the scale comes before.
-            pose = Pose(**{key: getattr(self, key) for key in placed - {"scale"}}, **self.motion.model_dump())
-            start = build_pose(pose, place)
-            if isinstance(start, Trajectory):
-                return np.diag([*np.broadcast_to(self.scale, 3), 1.0]) if "scale" in placed else None, start
-        transform = self.to_matrix(place, self.scale) if placed else None
-        if self.motion is None or isinstance(self.motion, Twist):
-            return transform, None
-        motion = build_pose(self.motion, place / "motion")
+            start = _rigid(Placement(**{key: getattr(self, key) for key in placed - {"scale"}}), place)
+            motion = _moving(start, self.motion, place / "motion")
+            if isinstance(motion, Trajectory):
+                transform = np.diag([*np.broadcast_to(self.scale, 3), 1.0]) if "scale" in placed else None
+        else:
+            motion = build_pose(self.motion, place / "motion")
         return transform, motion if isinstance(motion, Trajectory) else None
 
 
