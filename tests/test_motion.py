@@ -14,6 +14,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
+from lidarsim import _native
 from lidarsim.scan import scan as scan_pulses
 
 Floats = npt.NDArray[np.float64]
@@ -128,6 +129,9 @@ def hard_rays(scene: ls.Scene, count: int, place: float = 0.0, seed: int = 0) ->
     return origins, targets - origins, times
 
 
+HITS = ("t", "object_id", "primitive_id", "normal")
+
+
 def same(a: Any, b: Any) -> bool:
     """Whether two arrays have the same bits."""
     return np.asarray(a).tobytes() == np.asarray(b).tobytes()
@@ -146,28 +150,54 @@ def test_each_ray_sees_the_scene_as_it_is_at_its_time(
     for isa in instruction_sets:
         monkeypatch.setenv("LIDARSIM_ISA", isa)
         hits = scene.cast(origins, directions, time=times)
-        for name in ("t", "object_id", "primitive_id", "normal"):
+        for name in HITS:
             expected = np.concatenate([getattr(one, name) for one in known])
             wrong = np.flatnonzero((getattr(hits, name) != expected).reshape(len(times), -1).any(axis=1))
             assert not len(wrong), (isa, name, wrong)
 
 
-def test_bits_hang_on_neither_order_nor_number() -> None:
+def test_a_single_time_is_the_same_as_an_array_of_it() -> None:
     scene = moving_scene()
     origins, directions, times = hard_rays(scene, 3000)
-    hits = scene.cast(origins, directions, time=times)
-    order = np.random.default_rng(0).permutation(len(times))[:1777]
-    part = scene.cast(origins[order], directions[order], time=times[order])
-    for name in ("t", "object_id", "primitive_id", "normal"):
-        assert same(getattr(hits, name)[order], getattr(part, name))
-    # All at one time, and the same as an array.
     one = scene.cast(origins, directions, time=0.75)
     each = scene.cast(origins, directions, time=np.full(len(times), 0.75))
     still = frozen(scene, 0.75).cast(origins, directions)
-    for name in ("t", "object_id", "primitive_id", "normal"):
+    for name in HITS:
         assert same(getattr(one, name), getattr(each, name))
         assert same(getattr(one, name), getattr(still, name))
-    assert not same(one.t, hits.t)
+    assert not same(one.t, scene.cast(origins, directions, time=times).t)
+
+
+def test_bits_hang_on_neither_threads_nor_instructions_nor_company(
+    instruction_sets: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cast and a scan of what moves, whole, in parts and in other orders."""
+    scene = moving_scene()
+    origins, directions, times = hard_rays(scene, 3000)
+    lidar, drives = dataclasses.replace(SENSOR, measurement=EVERYTHING), drive(9)
+    draw = np.random.default_rng(0)
+    # In turn, so that threads and packets have other rays beside them: all of them, others, and few.
+    orders = [np.arange(3000), draw.permutation(3000)[:1777], np.arange(3000)[::-3]]
+    hits, scan = scene.cast(origins, directions, time=times), lidar.scan(scene, drives, time=0.5, frame=3, seed=5)
+    near = float(np.median(hits.t[hits.hit]))
+    assert hits.hit.sum() > 2000
+    assert np.count_nonzero(scan.object_id > 0) > 300
+    ways = [(isa, threads) for isa in instruction_sets for threads in (1, 2, 3)]
+    for i, (isa, threads) in enumerate(ways):
+        monkeypatch.setenv("LIDARSIM_ISA", isa)
+        monkeypatch.setenv("LIDARSIM_THREADS", str(threads))
+        assert (_native.isa(), _native.threads()) == (isa, threads)
+        order = orders[i % 3]
+        rays: Any = {"origins": origins[order], "directions": directions[order], "time": times[order]}
+        part = scene.cast(**rays)
+        for name in HITS:
+            assert same(getattr(hits, name)[order], getattr(part, name)), (isa, threads, name)
+        assert same(scene.occluded(**rays), hits.hit[order])
+        assert same(scene.occluded(**rays, t_max=near), hits.t[order] <= near)
+        pulses = orders[i % 3][orders[i % 3] < len(scan)]
+        again = scan_pulses(lidar, scene, drives, time=0.5, frame=3, seed=5, indices=pulses)
+        for name in (*ARRAYS, "radial_velocity"):
+            assert same(getattr(scan, name)[pulses], getattr(again, name)), (isa, threads, name)
 
 
 def rational(matrix: Floats) -> list[list[Fraction]]:
@@ -317,6 +347,74 @@ def test_a_mover_seen_by_a_still_sensor_is_a_still_object_seen_by_one_that_moves
         assert same(a.point_cloud().xyz, b.point_cloud().xyz)
 
 
+def inverse(pose: Floats) -> Floats:
+    """Of a rigid matrix."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = pose[:3, :3].T
+    matrix[:3, 3] = -pose[:3, :3].T @ pose[:3, 3]
+    return matrix
+
+
+def there_and_back(kind: str) -> tuple[ls.Trajectory, ls.Trajectory]:
+    """A motion, and the one whose pose is the inverse at any time."""
+    if kind == "screw":
+        # (P exp(tξ))⁻¹ = P⁻¹ exp(−tP^ξ), where P^ turns a twist (v, ω) into (Rv + p × Rω, Rω).
+        start, linear, angular = (
+            pose((6.0, 2.0, -1.0), (0.3, -0.2, 0.9)),
+            np.array([4.0, -2, 1]),
+            np.array([0.5, 1, -2]),
+        )
+        turn, position = start[:3, :3], start[:3, 3]
+        velocities = turn @ linear + np.cross(position, turn @ angular), turn @ angular
+        return (
+            ls.Trajectory.from_twist(start, linear, angular),
+            ls.Trajectory.from_twist(inverse(start), -velocities[0], -velocities[1]),
+        )
+    # Lines are lines from either side where nothing turns, and of Slerp the inverse is Slerp where nothing shifts.
+    draw = np.random.default_rng(4)
+    if kind == "straight":
+        poses = [pose(draw.uniform(3.0, 4.0, 3), (0.4, 0.2, -0.7)) for _ in range(4)]
+    else:
+        poses = [pose(turn=draw.uniform(-0.1, 0.1, 3)) for _ in range(4)]
+    times = [0.0, 0.04, 0.07, 0.1]
+    return ls.Trajectory(times, np.array(poses)), ls.Trajectory(times, np.array([inverse(one) for one in poses]))
+
+
+@pytest.mark.parametrize("kind", ["screw", "straight", "turning"])
+def test_a_mover_is_seen_as_what_stands_still_from_a_sensor_that_moves_the_other_way(kind: str) -> None:
+    there, back = there_and_back(kind)
+    place = pose((-7.0, 1.0, 0.5), (0.1, -0.1, 0.2))
+    moving, still = ls.Scene(), ls.Scene()
+    for i, shape in enumerate(shapes()):
+        where = pose((3.0 * i - 9.0, 4.0 * (-1) ** i, 0.0), (0.2 * i, 0, 0))
+        moving.add(shape, transform=where, motion=there)
+        still.add(shape, transform=where)
+    lidar = ls.Lidar(
+        ls.patterns.Spinning(np.radians(np.linspace(-25, 25, 24)), columns=180, rate=10.0, firing_times=2e-5)
+    )
+    a, b = lidar.scan(moving, place), lidar.scan(still, back @ place)
+    assert same(a.object_id, b.object_id)
+    assert len(np.unique(a.object_id)) > 6
+    hit = a.object_id >= 0
+    assert np.ptp(a.radial_velocity[hit]) > 5
+    # Both take a pulse from the sensor to the object by poses that are equal but for their roundings, of 2⁻⁵³ each. A
+    # pose moves a point by 4 in each coordinate at most, three products and the sum with the translation, of numbers
+    # below |x| + |p|: so by 4√3 over the lever arm L, all that lies between sensor, origin and point together. An
+    # exponential adds 8 to each entry of its rotation, from its polynomials and the rotation vector. A pulse goes
+    # through the mount, the motion and its start, and the inverse of the start was rounded before: 4 poses a side. The
+    # range grows by what the point moves, over the cosine of its incidence.
+    lever = 10.0 + a.range[hit] + np.linalg.norm(there.at(np.linspace(0, 0.1, 9)).translation, axis=1).max()
+    bound = 2.0**-53 * 2 * 4 * (4 * math.sqrt(3) + 8 * math.sqrt(3)) * lever
+    assert (np.abs(a.range - b.range)[hit] <= bound / np.cos(a.incidence[hit])).all()
+    points = a.point_cloud().xyz - b.point_cloud().xyz
+    # Of one direction in the sensor frame, so points are off by as much, and by their own three roundings.
+    assert (np.linalg.norm(points, axis=1) <= bound / np.cos(a.incidence[hit]) + 6 * 2.0**-53 * lever).all()
+    # Rounded to float32 at last; before, they turn with the point, at |ω| < 20 rad/s.
+    velocities = a.radial_velocity[hit], b.radial_velocity[hit]
+    off = np.abs(np.subtract(*velocities, dtype=np.float64))
+    assert (off <= np.spacing(np.abs(velocities[0])) + 20 * bound / np.cos(a.incidence[hit])).all()
+
+
 def test_radial_velocities_are_how_fast_ranges_grow() -> None:
     """Central differences of the distance from the beam's origin to the point that was hit, both carried along."""
     scene = moving_scene()
@@ -399,6 +497,87 @@ def test_motions_have_to_cover_casts_and_scans() -> None:
         SENSOR.frames(scene, None, 21)
     with pytest.raises(ValueError, match=r"object 1 \('ball'\)"):
         ls.Rig({"a": (SENSOR, np.eye(4))}).frames(scene, None, 21)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "spline"])
+@pytest.mark.parametrize("mounted", [False, True], ids=["body", "mounted"])
+def test_a_motion_to_the_end_of_the_frame_is_enough(interpolation: Any, mounted: bool) -> None:
+    """The firing cycle that is then under way sees what moves go on at the velocities of its end."""
+    lidar = ls.Lidar.preset("velodyne-hdl64e-s3")
+    end = 1 / lidar.pattern.rate
+    times = np.linspace(0.0, end, 5)
+    poses = [pose((9 * t - 20 * t * t, t, 0.0), (9 * t * t, 0, 2 * t)) for t in times]
+    body = ls.Trajectory(times, poses, interpolation=interpolation)
+    mount = pose((1.0, -2.0, 0.5), (0.2, 0.1, 0.4)) if mounted else np.eye(4)
+    scene = ls.Scene()
+    scene.add(ls.Box((24, 20, 12)), name="room", motion=body @ mount)  # which moves, around a sensor that does not
+    scan = lidar.scan(scene)
+    late = scan.pulses.time > end
+    assert late.sum() >= 20
+    assert np.isfinite(scan.range).all()
+    linear, angular = body.velocity(end)
+    assert np.linalg.norm(linear) > 3
+    assert np.linalg.norm(angular) > 2
+    last = body.at(end).as_matrix()
+    for i in np.flatnonzero(late):
+        after = scan.pulses.time[i] - end
+        now = pose(last[:3, 3] + after * linear)
+        now[:3, :3] = last[:3, :3] @ Rotation.from_rotvec(after * angular).as_matrix()
+        known = ls.Scene()
+        known.add(ls.Box((24, 20, 12)), transform=now @ mount)
+        hits = known.cast(scan.pulses.origins[i : i + 1], scan.pulses.directions[i : i + 1])
+        # Two poses of numbers below 4, each of fewer than 40 roundings, and so points 16 m from there, and a range
+        # that grows by as much over the cosine of the incidence.
+        bound = 2 * 40 * 2.0**-53 * (4 + 16) / math.cos(scan.incidence[i, 0])
+        assert scan.range[i, 0] == pytest.approx(hits.t[0], rel=0, abs=bound)
+        point = scan.range[i, 0] * scan.pulses.directions[i] + scan.pulses.origins[i]
+        moves = linear + np.cross(now[:3, :3] @ angular, point - now[:3, 3])
+        assert scan.radial_velocity[i, 0] == pytest.approx(moves @ scan.pulses.directions[i], rel=2e-7, abs=1e-6)
+        assert same(scan_pulses(lidar, scene, indices=[i]).range[0], scan.range[i])
+    # What is before the end, it sees as it would without an end.
+    longer = ls.Scene()
+    longer.add(ls.Box((24, 20, 12)), motion=ls.Trajectory([*times, 2 * end], [*poses, poses[0]]) @ mount)
+    assert interpolation == "spline" or same(lidar.scan(longer).range[~late], scan.range[~late])
+    # It goes on for the pulses after the end of the frame alone.
+    short = np.nextafter(scan.pulses.time[scan.pulses.time < end].max(), 0.0)
+    scene.update(0, motion=ls.Trajectory([*times[:-1], short], poses, interpolation=interpolation) @ mount)
+    with pytest.raises(ValueError, match=rf"^time: .* of object 0 \('room'\), 0\.0 to {short} s, got 0\.0 to "):
+        lidar.scan(scene)
+
+
+class ThreeAhead:
+    """A pattern of a user's own, whose frames last 0.1 s, but whose third pulse is fired at 0.11 s."""
+
+    rate, shape = 10.0, (1, 3)
+
+    def __init__(self, columns: list[int]) -> None:
+        self.columns = columns
+
+    def pulses(self, frame: int = 0) -> ls.patterns.Pulses:
+        del frame
+        return ls.patterns.Pulses(
+            directions=np.tile([1.0, 0.0, 0.0], (3, 1)),
+            origins=np.zeros((3, 3)),
+            time=np.array([0.0, 0.09, 0.11]),
+            ring=np.zeros(3, np.uint16),
+            column=np.array(self.columns, np.uint32),
+        )
+
+
+def test_a_motion_does_not_go_on_for_another_cycle() -> None:
+    """The last pulse is of a cycle of its own, or of one that began before the end of the frame."""
+    scene = ls.Scene()
+    scene.add(ls.Sphere((8, 0, 0), 2.0), motion=ls.Trajectory([0.0, 0.1], [pose(), pose((1, 0, 0))]))
+
+    def fire(columns: list[int]) -> ls.Scan:
+        return ls.Lidar(ThreeAhead(columns)).scan(scene)
+
+    assert fire([0, 1, 1]).range[:, 0] == pytest.approx([6.0, 6.9, 7.1], rel=1e-15)
+    with pytest.raises(ValueError, match=r"^time: .* of object 0, 0\.0 to 0\.1 s, got 0\.0 to 0\.11 s$"):
+        fire([0, 1, 2])
+    # Rays are cast at their times, of which each needs a pose.
+    with pytest.raises(ValueError, match=r"^time: .* of object 0, 0\.0 to 0\.1 s, got 0\.11 to 0\.11 s$"):
+        scene.cast([[0, 0, 0]], [[1, 0, 0]], time=0.11)
 
 
 def test_bad_motions_and_times() -> None:
