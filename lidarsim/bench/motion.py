@@ -1,4 +1,4 @@
-"""What motion costs: scans of what moves over scans of the same standing still, in turns."""
+"""What motion and change cost: scans of what moves over scans of the same standing still, in turns."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ __all__ = ["calls", "instances", "over"]
 
 SPEED = 15.0
 """Of what moves, m/s."""
+
+OBJECTS = 3200
+"""Of the scene in which one is moved by hand."""
 
 PERIOD = 0.1
 """Of a frame, s."""
@@ -54,12 +57,12 @@ def instances(count: int, *, moving: bool) -> ls.Scene:
 
 
 def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[str, Callable[[], Any]]]:
-    """Return what to time.
+    """Return what to time, after calling each once.
 
     Parameters
     ----------
     scene : Scene
-        For a sensor to drive through.
+        For a sensor to drive through; nothing in it moves.
     place : ndarray of float64, shape (3,)
         Where it starts.
     pattern : Pattern
@@ -68,18 +71,53 @@ def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[s
     Returns
     -------
     dict of str to (str, callable)
-        For each name that of what it is compared with, and the scan to time.
+        For each name that of what it is compared with, and what to time.
     """
     lidar, still = ls.Lidar(pattern), np.eye(4)
     still[:3, 3] = place
     drive = ls.Trajectory.from_twist(still, (SPEED, 0, 0), (0, 0, 0.2))
-    crowds = [instances(1000, moving=moving) for moving in (False, True)]
-    return {
-        "a still sensor, point_cloud": ("a still sensor, point_cloud", lambda: lidar.scan(scene, still).point_cloud()),
-        "a moving sensor, point_cloud": ("a still sensor, point_cloud", lambda: lidar.scan(scene, drive).point_cloud()),
-        "1,000 still instances": ("1,000 still instances", lambda: lidar.scan(crowds[0])),
-        "1,000 moving instances": ("1,000 still instances", lambda: lidar.scan(crowds[1])),
-    }
+    pulses, crowds = pattern.pulses(), [instances(1000, moving=moving) for moving in (False, True)]
+    rays, times = (pulses.origins + place, pulses.directions), pulses.time
+    changing, where, ray = instances(OBJECTS, moving=False), np.eye(4), ([[0.0, 0.0, 9.0]], [[0.0, 0.0, -1.0]])
+
+    def build() -> ls.Hits:
+        built = ls.Scene()
+        for item in changing:
+            built.add(item.shape, transform=item.transform)
+        return built.cast(*ray)
+
+    def change() -> ls.Hits:
+        where[2, 3] += 0.001
+        changing.update(OBJECTS // 2, transform=where)
+        return changing.cast(*ray)
+
+    compared: list[tuple[str, Callable[[], Any], str, Callable[[], Any]]] = [
+        (
+            "a still sensor, point_cloud",
+            lambda: lidar.scan(scene, still).point_cloud(),
+            "a moving sensor, point_cloud",
+            lambda: lidar.scan(scene, drive).point_cloud(),
+        ),
+        (
+            "1,000 still instances",
+            lambda: lidar.scan(crowds[0]),
+            "1,000 moving instances",
+            lambda: lidar.scan(crowds[1]),
+        ),
+        (
+            "cast at what stands still",
+            lambda: scene.cast(*rays),
+            "the same with a time for each ray",
+            lambda: scene.cast(*rays, time=times),
+        ),
+        (f"{OBJECTS:,} objects built anew, one ray", build, f"one of {OBJECTS:,} objects moved, one ray", change),
+    ]
+    what: dict[str, tuple[str, Callable[[], Any]]] = {}
+    for base, known, name, call in compared:
+        what |= {base: (base, known), name: (base, call)}
+    for _, call in what.values():
+        call()
+    return what
 
 
 def over(times: dict[str, float], what: dict[str, tuple[str, Callable[[], Any]]]) -> list[dict[str, Any]]:

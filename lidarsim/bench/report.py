@@ -58,6 +58,10 @@ BUILDING = """\
 From arrays to the first answered ray, with as many threads as there are. Memory is what a fresh process grows by when
 it builds the scene (resident pages, once those not in use were given back); for lidarsim also what its core counts."""
 
+MOTION = """\
+128 channels: what moves over the same standing still. One ray: a scene with another pose of one object than at the cast
+before, over the same scene built anew."""
+
 COINCIDENT = """\
 Scenes in which one surface lies in another, so that each hit is on both, against the same scenes without the second.
 The hit is on the first of the two; wrong are rays whose hit differs from that without the second."""
@@ -201,11 +205,28 @@ def to_markdown(results: Results) -> str:
                 for row in results["coincident"]
             ),
         ),
-        "## Motion",
-        "128 channels: what moves over the same standing still.",
+        "## Lines of sight",
+        "In the city: `Scene.occluded`, whether there is a hit, beside `Scene.cast`, which finds the nearest.",
         _table(
-            "what | ms | × still",
-            ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["motion"]),
+            "rays | cast, ns a ray | occluded, ns a ray | × as fast | wrong",
+            (
+                [row["rays"], _short(row["cast"]), _short(row["occluded"]), _short(row["ratio"]), str(row["wrong"])]
+                for row in results["sight"]
+            ),
+        ),
+        "## Motion",
+        MOTION,
+        _table(
+            "what | over | ms | ×",
+            (
+                [
+                    row["what"],
+                    row["over"] * (row["over"] != row["what"]),
+                    _short(1e3 * row["seconds"]),
+                    _short(row["ratio"]),
+                ]
+                for row in results["motion"]
+            ),
         ),
         "## Methods",
         _table("method | version", ([name, state] for name, state in results["casters"].items())),

@@ -222,6 +222,7 @@ class _Run:
         self.scan: list[dict[str, Any]] = []
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
+        self.sight: list[dict[str, Any]] = []
         self.stand_in: str | None = None  # the tessellation that stands for Open3D
 
     def meshes(self) -> None:
@@ -331,13 +332,35 @@ class _Run:
                 }
             )
 
+    def lines_of_sight(self) -> None:
+        """Measure whether there is a hit, over what the nearest is."""
+        world = self._world(scenes.city)
+        threads = self.plan.threads[-1]
+        scene = Lidarsim(world, threads).scene
+        for rays in self._rays(world)[::2]:
+            self.progress(f"lines of sight: {rays.name} rays")
+            calls = {
+                call: partial(getattr(scene, call), rays.origins, rays.directions) for call in ("cast", "occluded")
+            }
+            hits, dark = (call() for call in calls.values())
+            times = interleave(calls, self.plan.rounds, self.plan.seconds)
+            self.sight.append(
+                {
+                    "rays": rays.name,
+                    "hits": int(hits.hit.sum()),
+                    "cast": times["cast"] / len(rays) * 1e9,
+                    "occluded": times["occluded"] / len(rays) * 1e9,
+                    "ratio": times["cast"] / times["occluded"],
+                    "wrong": int((hits.hit != dark).sum()),
+                }
+            )
+
     def moving(self) -> None:
         """Measure what moves over the same standing still."""
         world = self._world(scenes.city)
         caster = Lidarsim(world, self.plan.threads[-1])
+        self.progress("motion")
         what = motion.calls(caster.scene, world.sensor, scenes.spinning(128, self.plan.columns[0], math.pi / 4))
-        for _, call in what.values():
-            call()
         times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
         self.motion += motion.over(times, what)
 
@@ -354,6 +377,7 @@ class _Run:
             "scan": self.scan,
             "coincident": self.coincident,
             "motion": self.motion,
+            "sight": self.sight,
         }
 
     def _world(self, make: Callable[..., World], offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
@@ -528,6 +552,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.distances()
         bench.whole_scan()
         bench.coincident_surfaces()
+        bench.lines_of_sight()
         bench.moving()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}

@@ -74,6 +74,9 @@ def results() -> dict[str, Any]:
             {"what": "still", "over": "still", "seconds": 0.004, "ratio": 1.0},
             {"what": "moving", "over": "still", "seconds": 0.006, "ratio": 1.5},
         ],
+        "sight": [
+            {"rays": "random", "hits": 65000, "cast": 45.6, "occluded": 22.8, "ratio": 2.0, "wrong": 0},
+        ],
         "coincident": [
             {"what": "a plane, twice", "rays": 65536, "hits": 65000, "ns": 45.6, "ratio": 1.4, "wrong": 0},
         ],
@@ -123,7 +126,8 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
     ]
     assert [cells[3] for cells in table(text, "triangles")] == ["100"] * 4
     assert table(text, "what | ms | × cast") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
-    assert table(text, "what | ms | × still") == [["still", "4", "1"], ["moving", "6", "1.5"]]
+    assert table(text, "what | over") == [["still", "", "4", "1"], ["moving", "still", "6", "1.5"]]
+    assert table(text, "rays | cast") == [["random", "45.6", "22.8", "2", "0"]]
     assert table(text, "method | version")[-1] == ["MuJoCo-LiDAR, Taichi", "not installed (taichi)"]
     assert "Measured on Abacus 3, 2 cores, Linux x86_64, Python 3.11.7, with 2 threads where a method has them" in text
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarsim.bench import peers, scenes, speed
+from lidarsim.bench import motion, peers, scenes, speed
 from lidarsim.bench.oracle import Surd
 from lidarsim.bench.scenes import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
@@ -136,9 +136,34 @@ def test_coincident_surfaces_change_no_hit(results: dict[str, Any]) -> None:
 
 def test_what_moves_is_over_the_same_standing_still(results: dict[str, Any]) -> None:
     seconds = {row["what"]: row["seconds"] for row in results["motion"]}
-    assert {row["over"] for row in results["motion"]} == {"a still sensor, point_cloud", "1,000 still instances"}
+    assert [(row["over"], row["what"]) for row in results["motion"] if row["over"] != row["what"]] == [
+        ("a still sensor, point_cloud", "a moving sensor, point_cloud"),
+        ("1,000 still instances", "1,000 moving instances"),
+        ("cast at what stands still", "the same with a time for each ray"),
+        ("3,200 objects built anew, one ray", "one of 3,200 objects moved, one ray"),
+    ]
     assert all(row["ratio"] == row["seconds"] / seconds[row["over"]] for row in results["motion"])
-    assert len(seconds) == 4
+    assert len(seconds) == 8
+
+
+def test_what_is_moved_is_not_built_anew() -> None:
+    """What is timed there finds what it has to."""
+    scene = motion.instances(3, moving=False)
+    calls = motion.calls(scene, np.array([0.0, 0.0, 5.0]), scenes.spinning(4, 32, 0.5))
+    still, timed = (calls[name][1]() for name in ("cast at what stands still", "the same with a time for each ray"))
+    assert 20 < still.hit.sum() < 128
+    assert np.array_equal(still.t, timed.t)
+    # The middle one is moved to the origin, and upwards at each call, above those that were there.
+    built, moved = (calls[name][1]() for name in calls if "3,200" in name)
+    assert built.t[0] > moved.t[0] == pytest.approx(9.0 - 1.0 - 0.002, abs=1e-12)
+
+
+def test_lines_of_sight_are_where_hits_are(results: dict[str, Any]) -> None:
+    assert [row["rays"] for row in results["sight"]] == ["128 × 32", "random"]
+    for row in results["sight"]:
+        assert row["hits"] > 1000
+        assert row["wrong"] == 0
+        assert row["ratio"] == pytest.approx(row["cast"] / row["occluded"])
 
 
 def test_growth_of_a_process_is_of_the_order_of_the_core_count(monkeypatch: pytest.MonkeyPatch) -> None:
