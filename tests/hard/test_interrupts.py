@@ -15,7 +15,7 @@ WORK = {
     "many objects": "crowd().cast([[0, 0, 9]], [[0, 0, -1]])",
     "exact rays": "exact()",
     "roots": "stacked.roots(*down(300))",
-    "a polygon": "ls.Polygon(circle(300_000))",
+    "a polygon": "ls.Polygon(zigzag(100_001))",
     "scans": "lidar.scan(s)",
 }
 
@@ -43,13 +43,16 @@ def exact():
     while True:  # all of them tangents
         ball.cast(np.full((100_000, 3), (-5.0, 1.0, 0.0)), np.full((100_000, 3), (1.0, 0.0, 0.0)))
 
-def circle(n):
-    turn = np.linspace(0, 2 * np.pi, n, endpoint=False)
-    return np.c_[np.cos(turn), np.sin(turn), 0 * turn]
+# Long edges at 45 degrees: the boxes of all pairs overlap, so that the search for crossings takes minutes. What comes
+# after it, the triangulation of another library, cannot be interrupted.
+def zigzag(n):
+    i = np.arange(n)
+    along = np.where(i % 2, 1e6, 0.0)
+    return np.c_[along + i, along - i, 0 * i]
 
-# The first polygon imports its triangulation, and Python drops exceptions in the callbacks of weak references that an
-# import has: an alarm that rings there would never be heard of again.
-ls.Polygon(circle(5))
+# The first polygon imports that library, and Python drops exceptions in the callbacks of weak references that an import
+# has: an alarm that rings there would never be heard of again.
+ls.Polygon(zigzag(3))
 """
 
 
