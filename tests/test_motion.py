@@ -6,6 +6,7 @@ import dataclasses
 import math
 import re
 from fractions import Fraction
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -79,6 +80,12 @@ def shapes(transform: Floats | None = None) -> list[ls.Shape]:
     ]
 
 
+@cache
+def parts(*, sheared: bool) -> list[ls.Shape]:
+    """The shapes, made once."""
+    return shapes(SHEAR if sheared else None)
+
+
 SHEARED = 3
 """Of so many movers one is transformed, and then moved."""
 
@@ -87,11 +94,11 @@ def moving_scene(place: float = 0.0) -> ls.Scene:
     """All shapes, transformed or not, on all kinds of motion, above a floor that stands still and others that do."""
     scene, paths = ls.Scene(), motions(place)
     scene.add(ls.Plane.from_point((place, place, place - 4), (0, 0, 1)), name="floor", label=1)
-    for i, shape in enumerate(shapes()):
+    for i, shape in enumerate(parts(sheared=False)):
         transform = SHEAR if i % SHEARED == 1 else None
         scene.add(shape, name=str(i), label=10 + i, transform=transform, motion=paths[i % 5])
-    scene.add(shapes()[1], name="box", label=2, transform=pose((place + 3, place, place)))
-    scene.add(shapes()[2], name="mesh", label=3, transform=pose((place - 3, place, place)))
+    scene.add(parts(sheared=False)[1], name="box", label=2, transform=pose((place + 3, place, place)))
+    scene.add(parts(sheared=False)[2], name="mesh", label=3, transform=pose((place - 3, place, place)))
     return scene
 
 
@@ -102,7 +109,7 @@ def frozen(scene: ls.Scene, time: float) -> ls.Scene:
         shape, transform = item.shape, item.transform
         if item.motion is not None:
             # A transform before the motion becomes the shape's own.
-            shape = shapes(transform)[int(item.name)]
+            shape = parts(sheared=transform is not None)[int(item.name)]
             transform = matrix_at(item.motion, time)
         still.add(shape, name=item.name, label=item.label, material=item.material, transform=transform)
     return still

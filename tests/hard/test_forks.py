@@ -91,7 +91,7 @@ def test_children_forked_in_the_middle_of_casts_cast() -> None:
             thread.join()
         print(right)
     """
-    assert output(code, "25") == "25"
+    assert output(code, "15") == "15"
 
 
 def test_a_grandchild_casts() -> None:

@@ -113,11 +113,14 @@ def test_coordinates_near_the_largest_float(size, instruction_sets, monkeypatch)
     targets = np.concatenate([vertices, a / 2 + b / 2, size * rng.uniform(-1, 1, (50, 3))])
     origins = np.concatenate([rng.normal(size=(60, 3)), size * rng.uniform(-0.05, 0.05, (60, 3))])
     directions = (targets / 2 - origins / 2) * rng.choice([1.0, 1e-200, 2.0**-1000, 1e-307], (120, 1))
+    hits = judged(vertices, faces, origins, directions)
+    assert hits.hit.sum() > 60
+    assert hits.t.max(where=hits.hit, initial=0.0) > 1e306
     for isa in instruction_sets:
         monkeypatch.setenv("LIDARSIM_ISA", isa)
-        hits = judged(vertices, faces, origins, directions)
-        assert hits.hit.sum() > 60
-        assert hits.t.max(where=hits.hit, initial=0.0) > 1e306
+        again = ls.TriangleMesh(vertices, faces).cast(origins, directions)
+        for name in ("t", "primitive_id", "normal"):
+            np.testing.assert_array_equal(getattr(again, name), getattr(hits, name))
 
 
 @pytest.mark.parametrize("place", [0.0, 0.1, 5e6, 1e307])
@@ -150,13 +153,13 @@ def test_t_junction_that_is_rounded_leaks_as_documented():
     vertices = np.array([(0, 0, 0), (1, 3, 0), (2, 0, 0), (-1, 3, 0), (0.1, 0.3, 0), (0.7, 2.1, 0)])
     faces = [(0, 2, 1), (0, 4, 3), (4, 5, 3), (5, 1, 3)]
     rng = np.random.default_rng(6)
-    y = rng.uniform(0, 3, 4000)
+    y = rng.uniform(0, 3, 1000)
     x = y / 3
     around = np.concatenate([x, np.nextafter(x, 9), np.nextafter(x, -9)])
     origins = np.stack([around, np.tile(y, 3), np.ones_like(around)], axis=1)
     hits = judged(vertices, faces, origins, np.tile((0.0, 0.0, -1.0), (len(around), 1)))
     leaks = int((~hits.hit).sum())
-    assert 0 < leaks < 1000
+    assert 0 < leaks < 250
     assert "T-junction" in ls.TriangleMesh.__doc__
 
 
@@ -168,13 +171,13 @@ def test_hierarchy_is_brute_force():
             [1e-3, 0.3, 5], (3000, 1, 1), p=(0.3, 0.65, 0.05)
         )
         vertices, faces = corners.reshape(-1, 3) + offset, np.arange(9000).reshape(-1, 3)
-        origins = rng.uniform(-12, 12, (250, 3)) + offset
+        origins = rng.uniform(-12, 12, (120, 3)) + offset
         directions = np.where(
-            rng.random((250, 1)) < 0.7, vertices[rng.integers(0, 9000, 250)] - origins, rng.normal(size=(250, 3))
+            rng.random((120, 1)) < 0.7, vertices[rng.integers(0, 9000, 120)] - origins, rng.normal(size=(120, 3))
         )
-        directions[:50] = np.eye(3)[rng.integers(0, 3, 50)] * rng.choice([-1, 1], (50, 1))
+        directions[:25] = np.eye(3)[rng.integers(0, 3, 25)] * rng.choice([-1, 1], (25, 1))
         hits = judged(vertices, faces, origins, directions)
-        assert hits.hit.sum() > 150
+        assert hits.hit.sum() > 70
 
 
 @pytest.mark.parametrize("offset", ["0", "5e6", "1e9"])
