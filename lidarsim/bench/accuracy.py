@@ -13,6 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +83,7 @@ class Verdict:
         self.worst = max(self.worst, more.worst)
         self.first = self.first or more.first
 
-    def _value(self, exact: oracle.Surd, t: float, where: str) -> None:
+    def _value(self, exact: oracle.Surd, t: float, where: Callable[[], str]) -> None:
         self.values += 1
         if t == float(exact):
             self.rounded += 1
@@ -91,7 +92,7 @@ class Verdict:
         error = exact.ulps(t)
         self.worst = max(self.worst, error)
         if error > 1:
-            self.first = self.first or f"t = {t!r}, exactly {float(exact)!r}, {error:.3g} ulp off: {where}"
+            self.first = self.first or f"t = {t!r}, exactly {float(exact)!r}, {error:.3g} ulp off: {where()}"
 
 
 def _where(spec: cases.Spec, origin: Sequence[float], direction: Sequence[float]) -> str:
@@ -119,13 +120,13 @@ def judge_cast(
             continue
         primitive = min(want.faces) if shape.primitives else 0
         # another root of the same line is a wrong decision, not an error of the right one
-        others = [c for c in shape.crossings(ray) if c.t != want.t]
-        nearer = any(abs(float(c.t) - got) < abs(float(want.t) - got) for c in others)
+        off = abs(float(want.t) - got)
+        nearer = off > 0 and any(abs(float(c.t) - got) < off for c in shape.crossings(ray) if c.t != want.t)
         if nearer or (primitives is not None and int(primitives[i]) != primitive):
             verdict.other += 1
             verdict.first = verdict.first or f"t = {got!r} is not of {want}: {_where(spec, o, d)}"
             continue
-        verdict._value(want.t, got, _where(spec, o, d))
+        verdict._value(want.t, got, partial(_where, spec, o, d))
     return verdict
 
 
@@ -144,7 +145,7 @@ def judge_roots(spec: cases.Spec, origins: Floats, directions: Floats, roots: Fl
             verdict.first = verdict.first or f"roots {row}, expected {want}: {_where(spec, o, d)}"
             continue
         for exact, t in zip(want, got, strict=True):
-            verdict._value(exact, t, _where(spec, o, d))
+            verdict._value(exact, t, partial(_where, spec, o, d))
     return verdict
 
 

@@ -73,7 +73,7 @@ def test_hard_case(case, instruction_sets, monkeypatch):
 def test_random_adversarial(kind, slow):
     rng = np.random.default_rng(2024)
     hits = 0
-    for _ in range(1250 if slow else 10):
+    for _ in range(1250 if slow else 20):
         case = adversarial.random_case(rng, kind)
         shape = case.spec.build()
         found = shape.cast(case.origins, case.directions)
@@ -84,7 +84,7 @@ def test_random_adversarial(kind, slow):
             assert verdict.wrong == 0, verdict.first
             assert verdict.rounded == verdict.values, "not the exact value correctly rounded"
             hits += verdict.hits
-    assert hits > 500
+    assert hits > 1000
 
 
 HALVES = np.diag((2.0, 2.0, 2.0, 1.0))

@@ -155,9 +155,9 @@ def test_memory_stays_flat_over_scans() -> None:
             lidar.scan(room, frame=k).point_cloud()
             fresh = field(30)
             fresh.cast([[0, 0, 9]], [[0, 0, -1]])
-            if k >= 50:
-                sizes.append(resident())
-        print(max(sizes[75:]) - max(sizes[:75]))
+            sizes.append(resident())
+        most = np.reshape(sizes, (5, 40)).max(axis=1)
+        print(np.diff(most).min())
     """
     setup = """
 room = ls.Scene()
@@ -166,5 +166,6 @@ lidar = ls.Lidar(ls.patterns.Grid(np.linspace(-3, 3, 100), np.linspace(-1, 1, 50
 """
     if sys.platform != "linux":
         pytest.skip("needs /proc")
-    # Scans that each kept one array of a byte a pulse would take this much.
-    assert int(output(code, setup=setup)) < 75 * 5000
+    # Scans that each kept one array of a byte a pulse would take twice this for each 40 of them. Allocator and threads
+    # take some for themselves, too, but not over and over.
+    assert int(output(code, setup=setup)) < 40 * 5000 / 2
