@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 import re
@@ -166,7 +167,8 @@ def scan(
                 if screenshot:
                     picture = _of_frame(screenshot, run, name, f"{number:04}")
                     placed = cloud if in_world else _moved(cloud, pose)
-                    ls.show(placed, scene=run.scene if surfaces else None, pose=pose, save=picture, **looks)
+                    scene = _standing(run.scene, scans[name].time) if surfaces else None
+                    ls.show(placed, scene=scene, pose=pose, save=picture, **looks)
             for result in scans.values():
                 totals += list(result.summary().values())
             found = sum(map(len, clouds.values()))
@@ -291,8 +293,9 @@ def view(
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         if saves == [screenshot]:
             run = dataclasses.replace(run, frames=run.frames[:1])
-        clouds, poses = zip(*_progress(_seen(run), len(run.frames)), strict=True)
-        looks |= {"pose": poses, "scene": run.scene if surfaces else None, "class_names": names}
+        clouds, poses, starts = zip(*_progress(_seen(run), len(run.frames)), strict=True)
+        scene = _standing(run.scene, starts[0]) if len(starts) == 1 else run.scene  # of several, it has no one place
+        looks |= {"pose": poses, "scene": scene if surfaces else None, "class_names": names}
     else:
         given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
         unused = [name for name, value in given.items() if value is not None]
@@ -475,8 +478,8 @@ def _check_screenshot(path: Path | None) -> None:
         import_extra("pyvista", "pyvista", "--screenshot")
 
 
-def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats]]:
-    """Yield the points of each frame, as the run wants them but placed in the world, and where the sensor was."""
+def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
+    """Yield the points of each frame, as the run wants them but in the world, where the sensor was, and its start."""
     for scans in run.scans():
         parts, poses = [], []
         for scan in scans.values():
@@ -486,7 +489,18 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats]]:
             poses.append(pose)
         if parts:  # of a rig all sensors may have no frame of theirs
             fields = {name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].fields}
-            yield ls.PointCloud(fields), poses[0]
+            yield ls.PointCloud(fields), poses[0], next(iter(scans.values())).time
+
+
+def _standing(scene: ls.Scene, time: float) -> ls.Scene:
+    """Return a scene in which what moves stands still where it is at a time."""
+    still = copy.copy(scene)
+    for item in scene:
+        if item.motion is not None:
+            pose = item.motion.at(np.clip(time, *item.motion.span)).as_matrix()
+            transform = pose if item.transform is None else pose @ item.transform
+            still.update(item.id, transform=transform, motion=None)
+    return still
 
 
 def _moved(cloud: ls.PointCloud, pose: Floats) -> ls.PointCloud:

@@ -38,7 +38,8 @@ sensor: {preset: velodyne-vlp16}
 pose:
   - {time_s: 0, position_m: [0, 0, 2]}
   - {time_s: 0.2, position_m: [2, 0, 2]}
-scene: [{shape: plane, normal: [0, 0, 1]}]
+scene:
+  - {shape: plane, normal: [0, 0, 1]}
 """
 
 
@@ -295,6 +296,27 @@ def test_views_of_frames_are_of_all_or_of_the_first(capsys: pytest.CaptureFixtur
     assert lidarsim("view", "frames", "--gif", "d.gif", *small) == 0
     assert film("d.gif") == ((320, 200), 2)
     assert capsys.readouterr().err == ""
+
+
+@pytest.mark.parametrize("command", ["view", "scan"])
+def test_pictures_of_a_frame_have_movers_where_they_then_are(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    Path("moving.yaml").write_text(
+        MOVING
+        + """  - shape: box
+    size_m: [2, 2, 2]
+    position_m: [9, 0, 1]
+    motion: [{time_s: 0}, {time_s: 0.1, position_m: [3, 0, 0]}, {time_s: 0.2, position_m: [3, 4, 0]}]
+""",
+        encoding="utf-8",
+    )
+    seen: list[Any] = []
+    monkeypatch.setattr(ls, "show", lambda *_, scene, **__: seen.append(scene))
+    what = ["view"] if command == "view" else ["scan", "-o", "a.npz"]
+    assert lidarsim(what[0], "moving.yaml", *what[1:], "--frame", "1", "--frames", "1", "--screenshot", "a.png") == 0
+    (scene,) = seen
+    assert scene[1].motion is None
+    # Frame 1 begins at 0.1 s.
+    assert scene[1].transform[:3, 3] == pytest.approx([12, 0, 1], rel=1e-15)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
