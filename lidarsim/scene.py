@@ -168,7 +168,7 @@ class _Snapshot:
         """
         for item, motion in self.movers:
             start, end = motion.span
-            if first < start or last > until(end):
+            if first < start or (last > end and last > until(end)):
                 name = f" ({item.name!r})" if item.name else ""
                 raise ValueError(
                     f"time: expected times within the motion of object {item.id}{name}, {start} to {end} s,"

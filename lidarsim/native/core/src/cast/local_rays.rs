@@ -97,11 +97,11 @@ impl<K: Kind, const M: usize> PlacementTask for Place<'_, K, M> {
                 continue;
             }
             let rays = Many::<F>::new(&active);
-            let Ray { origin: [x, y, z], direction: [u, v, w], weight } =
+            let Ray { origin, direction, weight } =
                 placement.part(i).local_rays(world.part::<K::Of<Many<F>, N>, _, N>(i, rays), rays);
-            let ([a, b, c], [d, e, f]) = (&mut local.origin, &mut local.direction);
-            for (number, stored) in [(x, a), (y, b), (z, c), (u, d), (v, e), (w, f)] {
-                number.store(i, stored);
+            for axis in 0..3 {
+                origin[axis].store(i, &mut local.origin[axis]);
+                direction[axis].store(i, &mut local.direction[axis]);
             }
             weight.unwrap_or(OfRays::<Many<F>, N>::of_rays(F::splat(1.0), rays)).store(i, &mut local.weight);
         }

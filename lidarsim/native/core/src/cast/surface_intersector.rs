@@ -433,11 +433,14 @@ impl PlacementTask for PlaceNormals<'_> {
                 continue;
             }
             let lanes = Many::<F>::new(&active);
+            // Without closures: these would not be compiled for the instruction set.
             let [x, y, z] = &refined.local_normal;
-            let normal = [x, y, z].map(|stored| DoubleDoubles::load(stored, i, lanes));
+            let normal =
+                [DoubleDoubles::load(x, i, lanes), DoubleDoubles::load(y, i, lanes), DoubleDoubles::load(z, i, lanes)];
             if let Ok(normal) = Number::proportions(&placement.part(i).normals(normal, lanes)) {
-                for (x, stored) in vector::unit(normal).into_iter().zip(&mut refined.normal) {
-                    stored.as_chunks_mut().0[i] = x.store();
+                let unit = vector::unit(normal);
+                for axis in 0..3 {
+                    refined.normal[axis].as_chunks_mut().0[i] = unit[axis].store();
                 }
                 refined.known |= active.get() << (i * N);
             }
@@ -469,8 +472,8 @@ impl Refined {
         let ray = rays.part::<DoubleDoubles<Many<F>, N>, _, N>(i, lanes);
         if let Ok((t, normal)) = newton_step(&ray, target, batch.root.feature, bounds, lanes) {
             self.t.as_chunks_mut().0[i] = t.store();
-            for (x, stored) in normal.into_iter().zip(&mut self.local_normal) {
-                x.store(i, stored);
+            for axis in 0..3 {
+                normal[axis].store(i, &mut self.local_normal[axis]);
             }
             self.known |= active.get() << (i * N);
         }

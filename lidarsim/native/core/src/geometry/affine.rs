@@ -344,7 +344,7 @@ impl<P: Placement, const M: usize> PlacedRays<'_, P, M> {
 
     #[inline(always)]
     fn cofactors<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, lanes: L) -> Cofactors<K> {
-        let [[a, b, c], [d, e, f], [g, h, i]] = [0, 1, 2].map(|j| self.column(j, lanes));
+        let ([a, b, c], [d, e, f], [g, h, i]) = (self.column(0, lanes), self.column(1, lanes), self.column(2, lanes));
         Cofactors::new(&[[a, d, g], [b, e, h], [c, f, i]])
     }
 }
@@ -381,7 +381,9 @@ impl<N: Number> Cofactors<N> {
         // The columns of the adjugate are the cross products of the rows.
         let [c0, c1, c2] = [vector::cross(r1, r2), vector::cross(r2, r0), vector::cross(r0, r1)];
         let determinant = vector::dot(r0, &c0);
-        Cofactors { rows: std::array::from_fn(|i| [c0[i].clone(), c1[i].clone(), c2[i].clone()]), determinant }
+        // Without closures: these would not be compiled for the instruction set.
+        let ([a, b, c], [d, e, f], [g, h, i]) = (c0, c1, c2);
+        Cofactors { rows: [[a, d, g], [b, e, h], [c, f, i]], determinant }
     }
 
     /// The ray in the coordinates before the map, for a positive determinant; `from` is its origin less what the offset of the map is, times

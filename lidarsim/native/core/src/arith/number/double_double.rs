@@ -66,7 +66,7 @@ impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DoubleDoubles<L, N> {
     }
 
     #[inline(always)]
-    fn store<const M: usize>(self, i: usize, stored: &mut Stored<M>) {
+    fn store<const M: usize>(&self, i: usize, stored: &mut Stored<M>) {
         stored.high.as_chunks_mut().0[i] = self.high.store();
         stored.low.as_chunks_mut().0[i] = self.low().store();
         stored.error.as_chunks_mut().0[i] = self.error().store();

@@ -53,7 +53,7 @@ pub trait OfRays<L: Lanes<N>, const N: usize>: Number {
     /// Part `i` of stored numbers, a register of them.
     fn load<const M: usize>(stored: &Stored<M>, i: usize, lanes: L) -> Self;
     /// Stores them as part `i`, to be loaded as the same kind of number.
-    fn store<const M: usize>(self, i: usize, stored: &mut Stored<M>);
+    fn store<const M: usize>(&self, i: usize, stored: &mut Stored<M>);
 }
 
 /// One ray.

@@ -41,16 +41,15 @@ impl<L: Lanes<N>, const N: usize> OfRays<L, N> for RunningErrors<L, N> {
     }
 
     #[inline(always)]
-    fn store<const M: usize>(self, i: usize, stored: &mut Stored<M>) {
-        let (mut value, mut error) = (self.value.store(), self.error().store());
+    fn store<const M: usize>(&self, i: usize, stored: &mut Stored<M>) {
+        stored.high.as_chunks_mut().0[i] = self.value.store();
+        stored.error.as_chunks_mut().0[i] = self.error().store();
         let mut zeros = !self.nonzero & ((1 << N) - 1);
         while zeros != 0 {
-            let lane = zeros.trailing_zeros() as usize;
-            (value[lane], error[lane]) = (0.0, 0.0);
+            let lane = i * N + zeros.trailing_zeros() as usize;
+            (stored.high[lane], stored.error[lane]) = (0.0, 0.0);
             zeros &= zeros - 1;
         }
-        stored.high.as_chunks_mut().0[i] = value;
-        stored.error.as_chunks_mut().0[i] = error;
     }
 }
 
