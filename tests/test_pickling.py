@@ -156,17 +156,13 @@ def test_representations_are_short(name: str) -> None:
     assert " at 0x" not in text
 
 
-def scanned(scene: ls.Scene, lidar: ls.Lidar, trajectory: ls.Trajectory) -> ls.Scan:
-    return lidar.scan(scene, trajectory, seed=3)
-
-
 @pytest.mark.parametrize("method", ["spawn", "forkserver", "fork"])
 def test_other_processes_scan_the_same_bits(method: str) -> None:
     if method not in multiprocessing.get_all_start_methods():
         pytest.skip(f"there is no {method} here")
     expected = list(parts(THINGS["Scan"]))
     with ProcessPoolExecutor(2, multiprocessing.get_context(method)) as pool:
-        futures = [pool.submit(scanned, a_scene(), a_lidar(), DRIVE) for _ in range(3)]
+        futures = [pool.submit(a_lidar().scan, a_scene(), DRIVE, seed=3) for _ in range(3)]
         for future in futures:
             assert list(parts(future.result(timeout=120))) == expected
 

@@ -254,14 +254,15 @@ def test_reflectivities_that_do_not_fit_are_refused(shape: ls.Shape, material: l
 
 def test_an_object_that_is_added_while_another_thread_casts_is_not_forgotten() -> None:
     interval = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)  # threads change places inside of the first cast, which hands the scene to the core
+    sys.setswitchinterval(1e-6)  # threads change places inside of a cast that hands the scene to the core
     try:
+        scene = ls.Scene()
+        for x in range(3000):
+            scene.add(ls.Sphere((2.0 * x + 100.0, 0, 0), 0.5))
         for _ in range(40):
-            scene, started = ls.Scene(), threading.Event()
-            for x in range(3000):
-                scene.add(ls.Sphere((2.0 * x + 100.0, 0, 0), 0.5))
+            started = threading.Event()
 
-            def cast(scene: ls.Scene = scene, started: threading.Event = started) -> None:
+            def cast(started: threading.Event = started) -> None:
                 started.set()
                 scene.cast([[0, 0, 0]], [[1, 0, 0]])
 
@@ -271,6 +272,7 @@ def test_an_object_that_is_added_while_another_thread_casts_is_not_forgotten() -
             near = scene.add(ls.Sphere((5, 0, 0), 1.0))
             thread.join()
             assert scene.cast([[0, 0, 0]], [[1, 0, 0]]).object_id == [near]
+            scene.remove(near)
     finally:
         sys.setswitchinterval(interval)
 

@@ -193,7 +193,8 @@ class Table(Value):
         if self.columns is not None:
             return int(self.columns.max()) + 1
         order, frames = self._order
-        _, counts = np.unique(np.stack([frames, self.rings[order]]), axis=1, return_counts=True)
+        _, parts = np.unique(frames, return_inverse=True)
+        _, counts = np.unique(parts * 2**16 + self.rings[order], return_counts=True)
         return int(counts.max())
 
 

@@ -128,9 +128,15 @@ def test_random_rays_are_judged():
         assert verdict.rounded == verdict.values
 
 
+def few(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the command judge no more than it takes to see that it does."""
+    hard = cases.hard_cases()[:3]
+    monkeypatch.setattr(cases, "hard_cases", lambda: hard)
+    monkeypatch.setattr(cases, "OFFSETS", {"5e6": 5e6})
+
+
 def test_command_writes_the_report(tmp_path, capsys, monkeypatch):
-    few = cases.hard_cases()[:3]
-    monkeypatch.setattr(cases, "hard_cases", lambda: few)
+    few(monkeypatch)
     assert bench.main(["--accuracy", "--random", "80", "-o", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert (tmp_path / "out" / "accuracy.md").read_text(encoding="utf-8") in printed
@@ -139,8 +145,7 @@ def test_command_writes_the_report(tmp_path, capsys, monkeypatch):
 
 
 def test_command_fails_if_lidarsim_errs(capsys, monkeypatch):
-    few = cases.hard_cases()[:3]
-    monkeypatch.setattr(cases, "hard_cases", lambda: few)
+    few(monkeypatch)
     monkeypatch.setitem(accuracy.ENGINES, "lidarsim", lambda _, origins, __: np.ones(len(origins)))
     assert bench.main(["--accuracy"]) == 1
     assert "| plane, grazing" in capsys.readouterr().out

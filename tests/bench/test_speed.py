@@ -30,7 +30,7 @@ PLAN = Plan(
     seconds=0.2,
     builds=2,
     memory=("city",),
-    sample=100,
+    sample=50,
 )
 SCENES = ("city", "terrain", "scans")
 

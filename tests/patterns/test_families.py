@@ -116,8 +116,8 @@ def test_frames_share_out_the_ticks_of_the_clock(pattern: Pattern) -> None:
     for frame in range(7):
         pulses = pattern.pulses(frame)
         first = pulses.ring == pulses.ring[0]
-        one = Pulses(*(getattr(pulses, field.name)[first] for field in dataclasses.fields(Pulses)))
-        ticks += ticks_of(pattern, frame, one, clock)
+        late = getattr(pattern, "firing_times", np.zeros(pattern.shape[0]))[pulses.ring[0]]
+        ticks += np.rint((frame / pattern.rate + pulses.time[first] - late) * float(clock)).astype(int).tolist()
     end = 7 * clock / Fraction(pattern.rate)
     if isinstance(pattern, PolygonMirror):
         period, used = clock / Fraction(pattern.line_rate), Fraction(pattern.field_of_view) / Fraction(pattern.sweep)
@@ -126,7 +126,8 @@ def test_frames_share_out_the_ticks_of_the_clock(pattern: Pattern) -> None:
     else:
         period, used = Fraction(1), Fraction(1)
     # At the very edge the rounding of the angles decides.
-    inside = [tick for tick in range(-int(-end // 1)) if tick / period % 1 < used - Fraction(1, 10**12)]
+    least, whole = (used - Fraction(1, 10**12)) * period.numerator, period.numerator
+    inside = [tick for tick in range(-int(-end // 1)) if tick * period.denominator % whole < least]
     assert len(inside) > 700
     assert ticks == inside
 

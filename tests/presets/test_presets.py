@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import re
 from typing import Any
 
@@ -15,6 +16,8 @@ from lidarsim.sensor import preset_path
 NAMES = ls.Lidar.presets()
 
 DOCUMENTS: dict[str, dict[str, Any]] = {name: yaml.safe_load(preset_path(name).read_text()) for name in NAMES}
+
+preset = functools.cache(ls.Lidar.preset)
 
 for_each = pytest.mark.parametrize("name", NAMES)
 
@@ -53,8 +56,9 @@ SHEETS = {
 }
 
 
+@functools.cache
 def numbers_of(name: str) -> Description:
-    return describe(ls.Lidar.preset(name).pattern)
+    return describe(preset(name).pattern)
 
 
 def test_every_sensor_has_its_sheet_here() -> None:
@@ -73,7 +77,7 @@ def test_channels_and_point_rate_are_those_of_the_sheet(name: str) -> None:
 @for_each
 def test_elevations_are_those_of_the_sheet(name: str) -> None:
     *_, low, high = SHEETS[name]
-    pattern = ls.Lidar.preset(name).pattern
+    pattern = preset(name).pattern
     elevations = [np.degrees(describe_elevation(pattern.pulses(frame))) for frame in range(0, 200, 10)]
     # those of non-repetitive patterns come within a quarter of a degree of their ends in so many frames
     assert min(low for low, _ in elevations) == pytest.approx(low, abs=0.25)
@@ -116,13 +120,13 @@ def test_each_number_has_its_source_and_mark(name: str) -> None:
 
 @for_each
 def test_noise_is_off_unless_asked_for(name: str) -> None:
-    assert ls.Lidar.preset(name).measurement == ls.Measurement()
-    assert ls.Lidar.preset(name, noise="datasheet").measurement != ls.Measurement()
+    assert preset(name).measurement == ls.Measurement()
+    assert preset(name, noise="datasheet").measurement != ls.Measurement()
 
 
 @for_each
 def test_sensor_has_the_name_and_limits_of_its_file(name: str) -> None:
-    lidar, document = ls.Lidar.preset(name), DOCUMENTS[name]
+    lidar, document = preset(name), DOCUMENTS[name]
     assert lidar.name == name
     assert lidar.min_range == document.get("min_range_m", 0.0)
     assert lidar.max_range == document.get("max_range_m", np.inf)
@@ -132,7 +136,7 @@ def test_sensor_has_the_name_and_limits_of_its_file(name: str) -> None:
 def test_modes_change_the_pattern(name: str) -> None:
     rates = set()
     for mode in DOCUMENTS[name]["modes"]:
-        pattern = ls.Lidar.preset(name, mode=mode).pattern
+        pattern = preset(name, mode=mode).pattern
         rates.add((pattern.shape, pattern.rate))
     assert len(rates) == len(DOCUMENTS[name]["modes"]) >= 2
 
@@ -143,7 +147,7 @@ def test_modes_change_the_pattern(name: str) -> None:
 )
 @pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("ouster-")])
 def test_ouster_has_its_modes(name: str, mode: str, columns: int, rate: float) -> None:
-    pattern = ls.Lidar.preset(name, mode=mode).pattern
+    pattern = preset(name, mode=mode).pattern
     assert (pattern.shape[1], pattern.rate) == (columns, rate)
 
 
@@ -161,7 +165,7 @@ def test_ouster_has_its_modes(name: str, mode: str, columns: int, rate: float) -
 )
 def test_unknown_mode_and_noise_are_named(name: str, options: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
-        ls.Lidar.preset(name, **options)
+        preset(name, **options)
 
 
 NO_DETECTION_LIMIT = {
@@ -177,7 +181,7 @@ NO_DETECTION_LIMIT = {
 def test_every_sensor_has_a_detection_limit_and_a_minimum_range() -> None:
     without = set()
     for name in NAMES:
-        lidar = ls.Lidar.preset(name, noise="datasheet")
+        lidar = preset(name, noise="datasheet")
         assert lidar.min_range > 0.0, name
         if lidar.measurement.detection is None:
             without.add(name)
@@ -209,7 +213,7 @@ WITH_LIMIT = [name for name in NAMES if name not in NO_DETECTION_LIMIT]
 
 @pytest.mark.parametrize("name", WITH_LIMIT)
 def test_detection_limit_is_where_the_file_says(name: str) -> None:
-    lidar = ls.Lidar.preset(name, noise="datasheet")
+    lidar = preset(name, noise="datasheet")
     limit = lidar.measurement.detection
     assert limit is not None
     assert limit.range <= lidar.max_range
@@ -221,7 +225,7 @@ def test_detection_limit_is_where_the_file_says(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in NAMES if len(figures_of(name)) > 1])
 def test_figures_at_several_reflectivities_all_hold(name: str) -> None:
-    lidar, figures = ls.Lidar.preset(name, noise="datasheet"), figures_of(name)
+    lidar, figures = preset(name, noise="datasheet"), figures_of(name)
     for reflectivity, distance in figures.items():
         assert sees(lidar, reflectivity, 0.999 * distance), (reflectivity, distance)
     # one law, power as reflectivity / range^2, for figures rounded to 5 or 10 m: the darkest targets are seen to 7 %
@@ -245,7 +249,7 @@ def test_several_figures_are_not_rare() -> None:
     ],
 )
 def test_noise_of_an_ouster_is_the_sum_of_its_terms(name: str, a: float, b: float) -> None:
-    lidar = ls.Lidar.preset(name, noise="datasheet")
+    lidar = preset(name, noise="datasheet")
     table = np.array(lidar.measurement.range_sigma)
     assert table[[0, -1], 0].tolist() == [0.0, lidar.max_range]
     for distance in (lidar.min_range, 10.0, 30.0, lidar.max_range):
@@ -255,7 +259,7 @@ def test_noise_of_an_ouster_is_the_sum_of_its_terms(name: str, a: float, b: floa
 
 
 def test_rplidar_resolves_half_a_millimetre_nearby() -> None:
-    table = np.array(ls.Lidar.preset("rplidar-a1", noise="datasheet").measurement.range_sigma)
+    table = np.array(preset("rplidar-a1", noise="datasheet").measurement.range_sigma)
     distance = np.linspace(0.15, 12.0, 100)
     sigma = np.interp(distance, *table.T)
     assert sigma[distance <= 1.5] == pytest.approx(0.0005)
@@ -268,14 +272,14 @@ ACCURATE = [name for name in NAMES if "range_accuracy_m" in DOCUMENTS[name]["dat
 
 @pytest.mark.parametrize("name", ACCURATE)
 def test_accuracy_is_a_bias_of_each_channel(name: str) -> None:
-    measurement = ls.Lidar.preset(name, noise="datasheet").measurement
+    measurement = preset(name, noise="datasheet").measurement
     # the standard deviation of a uniform distribution within the bounds, printed with 4 decimals
     expected = DOCUMENTS[name]["datasheet"]["range_accuracy_m"] / np.sqrt(3.0)
     assert measurement.channel_bias_sigma == pytest.approx(expected, abs=0.5e-4)
 
 
 def test_bias_of_channels_is_that_of_an_accuracy_alone() -> None:
-    biased = [name for name in NAMES if ls.Lidar.preset(name, noise="datasheet").measurement.channel_bias_sigma]
+    biased = [name for name in NAMES if preset(name, noise="datasheet").measurement.channel_bias_sigma]
     assert biased == ACCURATE
     assert len(ACCURATE) >= 11
 
@@ -285,7 +289,7 @@ ROTORS = [name for name in NAMES if name.startswith("hesai-") and name != "hesai
 
 @pytest.mark.parametrize("name", ROTORS)
 def test_range_of_a_hesai_counts_from_the_axis(name: str) -> None:
-    lidar = ls.Lidar.preset(name)
+    lidar = preset(name)
     pulses = lidar.pattern.pulses()
     along = (pulses.origins * pulses.directions).sum(axis=-1)
     np.testing.assert_allclose(np.asarray(lidar.range_offset)[pulses.ring], along, rtol=0, atol=0.5e-5)  # 5 decimals
@@ -293,7 +297,7 @@ def test_range_of_a_hesai_counts_from_the_axis(name: str) -> None:
 
 @pytest.mark.parametrize("name", [name for name in NAMES if name.startswith("ouster-")])
 def test_range_of_an_ouster_counts_from_the_axis(name: str) -> None:
-    lidar = ls.Lidar.preset(name)
+    lidar = preset(name)
     pulses = lidar.pattern.pulses()
     from_axis = np.hypot(pulses.origins[:, 0], pulses.origins[:, 1])
     np.testing.assert_allclose(lidar.range_offset, from_axis, rtol=1e-12)
@@ -301,7 +305,7 @@ def test_range_of_an_ouster_counts_from_the_axis(name: str) -> None:
 
 @for_each
 def test_every_sensor_scans(name: str) -> None:
-    lidar = ls.Lidar.preset(name)
+    lidar = preset(name)
     distance = max(10.0, 2.0 * lidar.min_range)
     scene = ls.Scene()
     scene.add(ls.Sphere((0.0, 0.0, 0.0), distance))
