@@ -13,7 +13,8 @@ from collections.abc import Collection, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from secrets import token_hex
+from tempfile import gettempdir
 from typing import IO, Any, BinaryIO, NoReturn
 
 import numpy as np
@@ -91,11 +92,8 @@ def replacing(path: PathLike) -> Iterator[Path]:
     check_folder(path)
     special, target = _special(path), Path(os.path.realpath(path))
     try:
-        with (
-            _unwinding_at_sigterm(),
-            TemporaryDirectory(TEMPORARY[1], TEMPORARY[0], None if special else target.parent) as folder,
-        ):
-            temporary = Path(folder, "written")
+        with _unwinding_at_sigterm(), _folder(Path(gettempdir()) if special else target.parent) as folder:
+            temporary = folder / "written"
             yield temporary
             if special:
                 with temporary.open("rb") as written, target.open("wb") as file:
@@ -111,6 +109,24 @@ def replacing(path: PathLike) -> Iterator[Path]:
         failure = OSError(f"{path}: cannot be written: {reason}")
         failure.strerror = reason  # for whoever makes another file of this one
         raise failure from error
+
+
+@contextmanager
+def _folder(parent: Path) -> Iterator[Path]:
+    """Make a folder for the block, and remove it even if Ctrl-C comes while it is made or removed.
+
+    `tempfile.TemporaryDirectory` leaves it then. Here its name is known before it is made, and what one Ctrl-C keeps
+    the first attempt from removing, the second removes.
+    """
+    folder = parent / token_hex(8).join(TEMPORARY)
+    try:
+        folder.mkdir(mode=0o700)
+        yield folder
+    finally:
+        try:
+            shutil.rmtree(folder, ignore_errors=True)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _special(path: PathLike) -> bool:

@@ -2,12 +2,14 @@
 
 import errno
 import os
+import pkgutil
 import signal
 import stat
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,6 +49,28 @@ def test_an_error_in_the_block_passes_and_leaves_the_old_file(target: Path, erro
     assert caught.value is error
     assert target.read_bytes() == b"old"
     assert list(target.parent.iterdir()) == [target]
+
+
+@pytest.mark.parametrize("interrupted", ["pathlib.Path.mkdir", "shutil.rmtree"])
+def test_ctrl_c_at_either_end_of_the_block_leaves_nothing(
+    target: Path, monkeypatch: pytest.MonkeyPatch, interrupted: str
+) -> None:
+    call = pkgutil.resolve_name(interrupted)
+    calls: list[object] = []
+
+    def once(*given: Any, **options: Any) -> None:
+        calls.append(given)
+        if len(calls) > 1 or interrupted.endswith("mkdir"):
+            call(*given, **options)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(interrupted, once)
+    with pytest.raises(KeyboardInterrupt), atomic_writer(target) as file:
+        file.write(b"new")
+    assert calls
+    assert list(target.parent.iterdir()) == [target]
+    assert target.read_bytes() == (b"old" if interrupted.endswith("mkdir") else b"new")
 
 
 @pytest.mark.parametrize("failing", ["pathlib.Path.replace", "os.fsync"])
