@@ -34,6 +34,4 @@ stored = ls.PointCloud.load(out / "0003.npz")
 same = all(np.array_equal(getattr(again, field), getattr(stored, field)) for field in stored.fields)
 print(f"frame 3, made again on its own, is the same to the last bit: {same}")
 
-NAMES = ["car", "person", "vegetation", "sidewalk", "building", "street furniture", "traffic sign", "road"]
-names = dict(enumerate(NAMES, start=1))
-ls.show(scans, scene=run.scene, color_by="label", class_names=names, size=(1000, 620), save="dataset.gif")
+ls.show(scans, scene=run.scene, color_by="label", size=(1000, 620), save="dataset.gif")

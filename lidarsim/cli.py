@@ -166,9 +166,8 @@ def scan(
                     track.setdefault(name, []).append((scans[name].time, moment, pose))
                 if screenshot:
                     picture = _of_frame(screenshot, run, name, f"{number:04}")
-                    placed = cloud if in_world else _moved(cloud, pose)
-                    scene = _standing(run.scene, scans[name].time) if surfaces else None
-                    ls.show(placed, scene=scene, pose=pose, save=picture, **looks)
+                    placed = cloud if in_world else cloud.transformed(pose)
+                    ls.show(placed, scene=run.scene if surfaces else None, pose=pose, save=picture, **looks)
             for result in scans.values():
                 totals += list(result.summary().values())
             found = sum(map(len, clouds.values()))
@@ -485,29 +484,10 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
         for scan in scans.values():
             _, pose = moment_and_pose(scan, **run.cloud)
             cloud = scan.point_cloud(**run.cloud)
-            parts.append(cloud if run.cloud["frame"] == "world" else _moved(cloud, pose))
+            parts.append(cloud if run.cloud["frame"] == "world" else cloud.transformed(pose))
             poses.append(pose)
         if parts:  # of a rig all sensors may have no frame of theirs
-            fields = {name: np.concatenate([getattr(part, name) for part in parts]) for name in parts[0].fields}
-            yield ls.PointCloud(fields), poses[0], next(iter(scans.values())).time
-
-
-def _standing(scene: ls.Scene, time: float) -> ls.Scene:
-    """Return a scene in which what moves stands still where it is at a time."""
-    still = copy.copy(scene)
-    for item in scene:
-        if item.motion is not None:
-            pose = item.motion.at(np.clip(time, *item.motion.span)).as_matrix()
-            transform = pose if item.transform is None else pose @ item.transform
-            still.update(item.id, transform=transform, motion=None)
-    return still
-
-
-def _moved(cloud: ls.PointCloud, pose: Floats) -> ls.PointCloud:
-    """Return a cloud with its points in the world."""
-    moved = cloud[:]
-    moved.xyz = cloud.xyz @ pose[:3, :3].T + pose[:3, 3]
-    return moved
+            yield ls.PointCloud.concatenate(parts), poses[0]
 
 
 def _clouds(path: Path) -> list[Path]:

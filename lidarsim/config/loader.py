@@ -15,7 +15,16 @@ import yaml
 from lidarsim._validation import shown
 from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
-from lidarsim.config.schema import Config, Model, Sensor, VendorSensor, build_pose, build_rig
+from lidarsim.config.schema import (
+    Config,
+    Model,
+    SceneDocument,
+    Sensor,
+    VendorSensor,
+    build_pose,
+    build_rig,
+    labelled,
+)
 from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
 from lidarsim.scene import Scene
@@ -176,7 +185,7 @@ def built(root: Node, loaded: Loaded | None = None) -> Run:
 
 
 def _scene(config: Config, place: Place) -> Scene:
-    scene = Scene()
+    scene = Scene(class_names=labelled(config.class_names, place / "class_names"))
     for index, item in enumerate(config.scene):
         item.add_to(scene, place / "scene" / index)
     return scene
@@ -222,8 +231,20 @@ def _include(root: Node) -> Node:
             sensor = _sensor(entries(mounted)["sensor"][1], place / "rig" / name / "sensor")
             root = replace(root, ["rig", name, "sensor"], sensor)
     if "scene" in found and (file := _text(found["scene"][1], "file", place / "scene")) is not None:
-        root = replace(root, ["scene"], read((place / "scene" / "file").file(file)))
+        root = _with_scene(root, read((place / "scene" / "file").file(file)))
     return root
+
+
+def _with_scene(root: Node, scene: Node) -> Node:
+    """Return `root` with the scene of a file: a list of objects, or a mapping with it and the names of classes."""
+    if isinstance(scene, yaml.SequenceNode):
+        return replace(root, ["scene"], scene)
+    checked(SceneDocument, scene)
+    found, own = entries(scene), entries(root)
+    if "class_names" in found:
+        names = found["class_names"][1]
+        root = replace(root, ["class_names"], merge(names, own["class_names"][1]) if "class_names" in own else names)
+    return replace(root, ["scene"], found["scene"][1])
 
 
 def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:

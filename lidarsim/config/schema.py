@@ -625,10 +625,26 @@ class Cloud(Model):
         return {"frame": self.frame, "deskew": self.deskew_s}
 
 
+def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
+    """Return names of classes by their labels, as numbers."""
+    for label in names:
+        if not (label.isdecimal() and int(label) < 2**32):
+            raise (place / label).error("expected a label, 0 to 4294967295")
+    return {int(label): name for label, name in names.items()}
+
+
+class SceneDocument(Model):
+    """A scene in a file of its own; its objects are checked as those of the run."""
+
+    scene: list[Any]
+    class_names: dict[str, str] = {}
+
+
 class Config(Model):
     """A run: what is scanned, with which sensor or sensors, from where."""
 
     scene: list[AnyObject]
+    class_names: dict[str, str] = {}
     sensor: AnySensor | None = None
     rig: dict[str, Mounted] | None = None
     pose: PoseOverTime = Pose()

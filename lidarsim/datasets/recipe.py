@@ -30,7 +30,7 @@ from lidarsim.config.document import (
     written,
 )
 from lidarsim.config.loader import CHOICES, Change, Run, built, checked, whole
-from lidarsim.config.schema import Model
+from lidarsim.config.schema import Model, labelled
 from lidarsim.datasets.draws import Draw, Stream
 from lidarsim.datasets.layouts import AnyLayout, Layout, layout_of
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
@@ -100,7 +100,7 @@ class Recipe:
     layout : Layout
         How the files are laid out.
     class_names : dict of int to str
-        Names of labels.
+        Names of labels: those of the scene, and those of the recipe over them.
     """
 
     source: Source
@@ -264,12 +264,7 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Recipe:
     if "run" not in entries(root):
         raise place.error("missing key 'run'")
     source = Document(str(path.parent), _run(place / "run", root), settings, root)
-    names = {}
-    for label, name in settings.class_names.items():
-        if not (label.isdecimal() and int(label) < 2**32):
-            raise (place / "class_names" / label).error("expected a label, 0 to 4294967295")
-        names[int(label)] = name
-    return _recipe(source, settings, names)
+    return _recipe(source, settings, labelled(settings.class_names, place / "class_names"))
 
 
 def _run(place: Place, root: Node) -> Node:
@@ -357,5 +352,5 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
         seed=settings.seed,
         shard_frames=min(shard_frames, total),
         layout=settings.layout,
-        class_names=class_names,
+        class_names=dict(run.scene.class_names) | class_names,
     )

@@ -149,11 +149,10 @@ def _shown(what: Shown, pose: Floats | None) -> Frame:
             raise TypeError(f"what: expected point clouds, scans or a scene, got {type(scan).__name__}")
     if not scans:
         return _frame(_nothing(), np.eye(4))
-    clouds = [scan.point_cloud("world") for scan in scans]
-    fields = {name: np.concatenate([getattr(cloud, name) for cloud in clouds]) for name in clouds[0].fields}
+    cloud = PointCloud.concatenate([scan.point_cloud("world") for scan in scans])
     first = scans[0].pose
     here = first.at(scans[0].time).as_matrix() if isinstance(first, Trajectory) else first
-    return _frame(PointCloud(fields), here)
+    return _frame(cloud, here)
 
 
 def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence[Floats | None]:

@@ -497,6 +497,53 @@ def test_a_scene_of_its_own() -> None:
     )
 
 
+HALL = """\
+class_names: {1: wall, 7: bin}
+scene:
+  - {shape: box, size_m: [1, 1, 1], label: 7}
+"""
+
+
+def test_class_names_reach_scene_and_points() -> None:
+    run = load(CONFIG.replace("scene:", "class_names: {40: road, 4294967295: ball}\nscene:"))
+    assert run.scene.class_names == {40: "road", 2**32 - 1: "ball"}
+    assert run.scan().point_cloud().class_names == run.scene.class_names
+    assert load(CONFIG, "class_names.3=tree").scene.class_names == {3: "tree"}
+
+
+def test_class_names_of_a_scene_of_its_own() -> None:
+    Path("hall.yaml").write_text(HALL, encoding="utf-8")
+    text = "sensor: {preset: velodyne-vlp16}\nscene: {file: hall.yaml}\n"
+    run = load(text)
+    assert (len(run.scene), run.scene.class_names) == (1, {1: "wall", 7: "bin"})
+    named = load(f"{text}class_names: {{7: basket, 8: lamp}}", "class_names.1=panel", "scene.0.label=9")
+    assert named.scene.class_names == {1: "panel", 7: "basket", 8: "lamp"}
+    assert named.scene.objects[0].label == 9
+    for path in ("hall.yaml", "run.yaml"):
+        scene = ls.Scene.from_file(path)
+        assert (len(scene), scene.class_names[1]) == (1, "wall")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("1: wall", "wall: 1", "hall.yaml:1: class_names.wall: expected text, got 1"),
+        ("1: wall", "wall: wall", "hall.yaml:1: class_names.wall: expected a label, 0 to 4294967295"),
+        ("1: wall", "-1: wall", "hall.yaml:1: class_names.-1: expected a label, 0 to 4294967295"),
+        ("1: wall", "4294967296: wall", "hall.yaml:1: class_names.4294967296: expected a label, 0 to 4294967295"),
+        ("{1: wall, 7: bin}", "[wall, bin]", "hall.yaml:1: class_names: expected a mapping, got a list of 2"),
+        ("class_names:", "class_name:", "hall.yaml:1: class_name: unknown key; did you mean class_names?"),
+        ("scene:", "objects:", "hall.yaml:2: objects: unknown key; expected one of scene, class_names"),
+        ("label: 7", "label: car", "hall.yaml:3: scene.0.label: expected an integer, got 'car'"),
+    ],
+)
+def test_bad_class_names(old: str, new: str, message: str) -> None:
+    assert old in HALL
+    Path("hall.yaml").write_text(HALL.replace(old, new), encoding="utf-8")
+    got = refusal("sensor: {preset: velodyne-vlp16}\nscene: {file: hall.yaml}")
+    assert got.partition(" (and ")[0] == message
+
+
 def test_overrides_choose_what_is_included_first() -> None:
     text = "sensor: {preset: velodyne-vlp16, max_range_m: 7}\nscene: []"
     run = load(text, "sensor.pattern.columns=100", "sensor.preset=ouster-os1-64", "sensor.mode=512x20")
@@ -716,7 +763,7 @@ def test_missing_configuration() -> None:
 
 
 def test_a_document_that_is_no_mapping() -> None:
-    keys = "scene, sensor, rig, pose, seed, first_frame, frames, cloud"
+    keys = "scene, class_names, sensor, rig, pose, seed, first_frame, frames, cloud"
     assert refusal("- 1") == f"run.yaml:1: expected a mapping with keys {keys}, got a list of 1"
 
 

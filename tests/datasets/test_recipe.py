@@ -89,6 +89,10 @@ def test_the_resolved_recipe_makes_the_same(recipe: Path, tmp_path: Path) -> Non
         np.testing.assert_array_equal(scans[0].range, scans[1].range)
 
 
+def test_class_names_are_those_of_the_scene_and_of_the_recipe_over_them(recipe: Path) -> None:
+    assert load(recipe, ["run.class_names={7: bin, 40: street}"]).class_names == {7: "bin", 40: "road"}
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
