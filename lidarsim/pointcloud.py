@@ -473,6 +473,7 @@ class PointCloud(Pickled):
         where it was (n,), and other vector fields become their columns ``flow.0``, ``flow.1``, …, as Open3D's own
         algorithms and writers require. These also restrict the types: normals are widened to float64 like the
         positions, booleans are uint8, and integers but uint8 and uint16 are int32 or, where they do not fit, float64.
+        There is no place for the names of classes.
 
         Returns
         -------
@@ -492,10 +493,12 @@ class PointCloud(Pickled):
     def to_pyvista(self) -> pyvista.PolyData:
         """Return a PyVista data set with one vertex per point and all fields but `xyz` as point data of the same dtype.
 
+        Names of classes become the field data ``class_label`` and ``class_name``.
+
         Returns
         -------
         pyvista.PolyData
-            It shares its arrays with this cloud.
+            It shares its arrays with this cloud. VTK does not tell shape (n, 1) from (n,), which it comes back as.
 
         Raises
         ------
@@ -535,7 +538,7 @@ class PointCloud(Pickled):
         ----------
         mesh : pyvista.DataSet
             Its points become `xyz`, and its point data fields of their names, normals as VTK names them `normal`. Data
-            of cells, and text, is left out.
+            of cells, and text, is left out, but for the names of classes that `to_pyvista` wrote.
 
         Returns
         -------

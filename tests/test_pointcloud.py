@@ -2,10 +2,12 @@
 
 import copy
 import pickle
+from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import RigidTransform, Rotation
 
 from lidarsim import io
 from lidarsim.errors import FileFormatError
@@ -95,6 +97,95 @@ def test_copies_and_pickles(cloud: PointCloud) -> None:
     for other in (copy.copy(cloud), copy.deepcopy(cloud), pickle.loads(pickle.dumps(cloud))):  # noqa: S301
         assert other.fields == cloud.fields
         np.testing.assert_array_equal(other.xyz, cloud.xyz)
+
+
+SHEAR = np.array([[1.5, 0.25, 0.0, 3.0], [0.0, 0.5, -0.75, -1e5], [0.3, 0.0, 2.0, 0.1], [0.0, 0.0, 0.0, 1.0]])
+TURN = RigidTransform.from_components([5e6, 4e5, 300.0], Rotation.from_euler("ZYX", [0.4, -1.1, 2.0]))
+MIRROR = np.diag([1.0, -1.0, 1.0, 1.0])
+
+
+def on_a_sphere(points: int = 50) -> PointCloud:
+    normal = np.random.default_rng(4).normal(size=(points, 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    names = {2: "ball"}
+    return PointCloud(xyz=3.0 * normal + 1.0, normal=normal, label=np.full(points, 2), class_names=names)
+
+
+@pytest.mark.parametrize("transform", [TURN, MIRROR, SHEAR, SHEAR @ MIRROR], ids=["turn", "mirror", "shear", "both"])
+def test_transformed_points_and_normals(transform: RigidTransform | np.ndarray) -> None:
+    cloud = on_a_sphere()
+    moved = cloud.transformed(transform)
+    matrix = transform.as_matrix() if isinstance(transform, RigidTransform) else transform
+    for before, after, normal in zip(cloud.xyz, moved.xyz, moved.normal.astype(float), strict=True):
+        for row, got in zip(matrix[:3], after, strict=True):
+            terms = [Fraction(m) * Fraction(p) for m, p in zip(row, [*before, 1.0], strict=True)]
+            # Three products and three sums are each rounded by 2⁻⁵³ of at most the sum of the terms' magnitudes.
+            assert abs(Fraction(got) - sum(terms)) <= 6 * Fraction(2) ** -53 * sum(map(abs, terms))
+        # A unit vector in float32 has components that are off by half an ulp of 1 at most, 2⁻²⁵.
+        assert abs(np.linalg.norm(normal) - 1.0) <= np.sqrt(3.0) * 2.0**-25
+    # Tangents stay tangents, and outside stays outside: that alone tells the normal, also of a mirror image.
+    outward = cloud.normal.astype(float)
+    for axis in np.eye(3):
+        tangents = np.cross(outward, axis) @ matrix[:3, :3].T
+        # Rounded components of the normal by 2⁻²⁵ each; the rest is of the order of 2⁻⁵³.
+        allowed = (2.0**-25 + 2.0**-48) * np.abs(tangents).sum(axis=1)
+        assert (np.abs((tangents * moved.normal).sum(axis=1)) <= allowed).all()
+    assert ((outward @ matrix[:3, :3].T * moved.normal).sum(axis=1) > 0).all()
+
+
+def test_transformed_keeps_the_rest_and_shares_it() -> None:
+    cloud = on_a_sphere()
+    moved = cloud.transformed(SHEAR)
+    assert (moved.fields, moved.class_names) == (cloud.fields, cloud.class_names)
+    assert np.shares_memory(moved.label, cloud.label)
+    assert not np.shares_memory(moved.xyz, cloud.xyz)
+    assert (moved.xyz.dtype, moved.normal.dtype) == (np.float64, np.float32)
+    still = cloud.transformed(np.eye(4))
+    for name in cloud.fields:
+        np.testing.assert_array_equal(getattr(still, name), getattr(cloud, name))
+
+
+def test_transformed_normals_without_a_direction_stay_so() -> None:
+    cloud = PointCloud(xyz=XYZ, normal=[[0, 0, 0], [0, 0, 1]])
+    assert cloud.transformed(MIRROR).normal.tolist() == [[0, 0, 0], [0, 0, 1]]
+
+
+@pytest.mark.parametrize(
+    ("transform", "message"),
+    [
+        (np.eye(3), "transform: expected shape (4, 4), got (3, 3); a rotation is transform[:3, :3]"),
+        (np.diag([1.0, 0.0, 1.0, 1.0]), "transform: expected an invertible matrix, got determinant 0"),
+        (np.full((4, 4), np.nan), "transform: expected finite numbers, got transform[0][0] = nan"),
+        (np.ones((4, 4)), "transform: expected a last row of (0, 0, 0, 1), got (1.0, 1.0, 1.0, 1.0)"),
+    ],
+)
+def test_bad_transforms(transform: np.ndarray, message: str) -> None:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011
+        on_a_sphere().transformed(transform)
+    assert str(caught.value) == message
+
+
+def test_concatenated_clouds_keep_order_fields_and_names() -> None:
+    first = PointCloud(xyz=XYZ, ring=[3, 7], class_names={1: "car"})
+    second = PointCloud(xyz=XYZ[:1] + 9, ring=[9], class_names={1: "car", 2: "road"})
+    whole = PointCloud.concatenate(iter([first, second]))
+    assert whole.ring.tolist() == [3, 7, 9]
+    np.testing.assert_array_equal(whole.xyz, np.concatenate([XYZ, XYZ[:1] + 9]))
+    assert (whole.fields, whole.ring.dtype, whole.class_names) == (first.fields, np.uint16, {1: "car", 2: "road"})
+    with pytest.raises(ValueError, match="expected one name for each label, got 'car' and 'bus' for 1"):
+        PointCloud.concatenate([first, PointCloud(xyz=XYZ, ring=[1, 2], class_names={1: "bus"})])
+
+
+def test_copies_share_nothing_and_records_hold_every_field(cloud: PointCloud) -> None:
+    cloud.class_names = {7: "wall"}
+    other, records = cloud.copy(), cloud.to_structured()
+    assert (other.fields, other.class_names) == (cloud.fields, cloud.class_names)
+    assert records.dtype.names == cloud.fields
+    for name in cloud.fields:
+        assert not np.shares_memory(getattr(other, name), getattr(cloud, name))
+        assert records[name].dtype == getattr(cloud, name).dtype
+        np.testing.assert_array_equal(records[name], getattr(cloud, name))
+        np.testing.assert_array_equal(getattr(other, name), getattr(cloud, name))
 
 
 def test_repr_of_odd_clouds() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
@@ -49,8 +49,17 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
             converted.point_data.VTKObject.AddArray(pv.convert_array(array, name=name))
     if cloud.class_names:
         converted.field_data["class_label"] = np.array(list(cloud.class_names), np.uint32)
-        converted.field_data["class_name"] = list(cloud.class_names.values())
+        _add_texts(converted, "class_name", cloud.class_names.values())
     return converted
+
+
+def _add_texts(mesh: pyvista.DataSet, name: str, texts: Iterable[str]) -> None:
+    """Add field data of texts: PyVista takes ASCII alone, VTK any."""
+    array = import_extra("vtkmodules.vtkCommonCore", "pyvista", "this view").vtkStringArray()
+    array.SetName(name)
+    for text in texts:
+        array.InsertNextValue(text)
+    mesh.field_data.VTKObject.AddArray(array)
 
 
 def from_pyvista(mesh: pyvista.DataSet) -> dict[str, Any]:
@@ -76,7 +85,7 @@ def scene_to_pyvista(scene: Scene, **options: Any) -> pyvista.MultiBlock:
         block = _triangles(surface, shared)
         block.cell_data["object_id"] = np.full(block.n_cells, surface.object_id, np.int32)
         block.cell_data["label"] = np.full(block.n_cells, surface.item.label, np.uint32)
-        block.field_data["name"] = [surface.item.name]
+        _add_texts(block, "name", [surface.item.name])
         blocks.append(block, surface.item.name or f"object {surface.object_id}")
     return blocks
 

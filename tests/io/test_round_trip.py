@@ -72,6 +72,29 @@ def test_all_fields_of_lidarsim(suffix: str, points: int, tmp_path: Path) -> Non
     assert_same(PointCloud.load(path), cloud)
 
 
+NAMES = {0: "road", 7: "Fußgänger", 8: '"quoted" \\ # name', 9: "two\nlines", 10: "", 2**32 - 1: "last"}
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_names_of_classes(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    cloud = PointCloud(xyz=[[1, 2, 3]], label=[7], class_names=NAMES)
+    cloud.save(path)
+    assert PointCloud.load(path).class_names == NAMES
+    assert_same(PointCloud.load(path), cloud)
+    PointCloud(xyz=[[1, 2, 3]]).save(path)
+    assert PointCloud.load(path).class_names == {}
+
+
+@pytest.mark.parametrize("suffix", [".bin", ".csv", ".label", ".las", ".mcap", ".pcd.bin", ".xyz"])
+def test_formats_without_a_place_for_names_leave_them_out(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    cloud = PointCloud(xyz=[[1, 2, 3]], intensity=[0.5], ring=[3], label=[7], class_names=NAMES)
+    cloud.save(path)
+    if suffix != ".label":  # it has no points
+        assert PointCloud.load(path).class_names == {}
+
+
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_same_cloud_same_bytes(suffix: str, tmp_path: Path) -> None:
     cloud = PointCloud(xyz=[[math.pi, 2, 3]], ring=[1])

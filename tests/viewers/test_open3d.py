@@ -13,7 +13,7 @@ import pytest
 import lidarsim as ls
 from lidarsim import io
 from lidarsim.errors import LidarsimError, MissingExtraError
-from lidarsim.pointcloud import CANONICAL, PointCloud
+from lidarsim.pointcloud import CANONICAL, PointCloud, narrowed
 from lidarsim.viewers import open3d as view
 
 assert io, "the formats register themselves on import"
@@ -52,6 +52,51 @@ def test_every_field_is_an_attribute(points: int) -> None:
         kept = name != "normals" and column.dtype.name in {"uint8", "uint16", "int32", "float32", "float64"}
         assert got.dtype.name in ({column.dtype.name} if kept else {"uint8", "int32", "float64"}), name
         np.testing.assert_array_equal(got, column)
+
+
+@pytest.mark.parametrize("points", [0, 1, 100])
+def test_every_field_comes_back(points: int) -> None:
+    cloud = cloud_of_all(points)
+    cloud.single = np.ones((points, 1))
+    cloud.wide = np.random.default_rng(1).random((points, 11))  # wide.10 comes after wide.9
+    back = PointCloud.from_open3d(cloud.to_open3d())
+    assert back.fields == cloud.fields
+    for name in cloud.fields:
+        got, want = getattr(back, name), getattr(cloud, name)
+        np.testing.assert_array_equal(got, want, strict=name in CANONICAL)
+        assert (got.shape, got.dtype) == (want.shape, want.dtype if name in CANONICAL else narrowed(name, want).dtype)
+
+
+def test_clouds_of_open3d_are_taken_over() -> None:
+    o3d = view.import_open3d()
+    points = np.random.default_rng(2).normal(scale=1e6, size=(5, 3))
+    legacy = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
+    legacy.normals = o3d.utility.Vector3dVector(np.tile([0.0, 0.6, 0.8], (5, 1)))
+    legacy.paint_uniform_color((1.0, 0.5, 0.0))
+    cloud = PointCloud.from_open3d(legacy)
+    assert cloud.fields == ("xyz", "normal", "colors")
+    np.testing.assert_array_equal(cloud.xyz, points)
+    np.testing.assert_array_equal(cloud.normal, np.tile(np.float32([0.0, 0.6, 0.8]), (5, 1)))
+    assert cloud.colors.tolist() == [[1.0, 0.5, 0.0]] * 5
+    tensor = o3d.t.geometry.PointCloud(o3d.core.Tensor(points.astype(np.float32)))
+    tensor.point["ring"] = o3d.core.Tensor(np.arange(5)[:, np.newaxis])
+    taken = PointCloud.from_open3d(tensor)
+    np.testing.assert_array_equal(taken.xyz, points.astype(np.float32))
+    assert (taken.xyz.dtype, taken.ring.dtype, taken.ring.tolist()) == (np.float64, np.uint16, [0, 1, 2, 3, 4])
+    tensor.point.positions[0] = 0.0
+    assert taken.xyz[0].any()  # a copy
+
+
+def test_what_is_no_cloud_of_open3d() -> None:
+    o3d = view.import_open3d()
+    with pytest.raises(TypeError, match="points: expected an Open3D point cloud, got ndarray"):
+        PointCloud.from_open3d(np.zeros((3, 3)))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="points: expected a point cloud with positions, got an empty one"):
+        PointCloud.from_open3d(o3d.t.geometry.PointCloud())
+    odd = o3d.t.geometry.PointCloud(o3d.core.Tensor(np.zeros((2, 3))))
+    odd.point["ring"] = o3d.core.Tensor(np.array([[0.5], [1.0]]))
+    with pytest.raises(ValueError, match=r"ring: expected integers from 0 to 65535, got ring\[0\] = 0\.5"):
+        PointCloud.from_open3d(odd)
 
 
 @pytest.mark.parametrize("suffix", ["pcd", "ply"])

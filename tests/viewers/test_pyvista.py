@@ -46,15 +46,19 @@ def wall() -> PointCloud:
     )
 
 
-@pytest.mark.parametrize("points", [0, 1, 100])
-def test_every_field_is_point_data_of_its_dtype(points: int) -> None:
+def cloud_of_all(points: int) -> PointCloud:
     rng = np.random.default_rng(0)
     fields: dict[str, Any] = {
         name: rng.integers(0, 200, (points, *shape)).astype(dtype) for name, (shape, dtype) in CANONICAL.items()
     }
     for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"):
         fields[f"extra_{np.dtype(code).name}"] = rng.integers(0, 2, points).astype(code)
-    cloud = PointCloud(fields, vector=rng.random((points, 2)))
+    return PointCloud(fields, vector=rng.random((points, 2)))
+
+
+@pytest.mark.parametrize("points", [0, 1, 100])
+def test_every_field_is_point_data_of_its_dtype(points: int) -> None:
+    cloud = cloud_of_all(points)
     converted = cloud.to_pyvista()
     assert isinstance(converted, pyvista.PolyData)
     assert converted.points.dtype == np.float64
@@ -71,6 +75,42 @@ def test_conversion_shares_its_arrays() -> None:
     converted = cloud.to_pyvista()
     assert np.shares_memory(converted.points, cloud.xyz)
     assert np.shares_memory(converted.point_data["range"], cloud.range)
+
+
+@pytest.mark.parametrize("points", [0, 1, 100])
+def test_every_field_comes_back(points: int) -> None:
+    cloud = cloud_of_all(points)
+    cloud.class_names = {0: "road", 7: "Fußgänger", 2**32 - 1: ""}
+    back = PointCloud.from_pyvista(cloud.to_pyvista())
+    assert (back.fields, back.class_names) == (cloud.fields, cloud.class_names)
+    for name in cloud.fields:
+        np.testing.assert_array_equal(getattr(back, name), getattr(cloud, name), strict=True)
+    assert np.shares_memory(back.xyz, cloud.xyz) == (points > 0)
+
+
+def test_a_single_component_comes_back_as_a_scalar() -> None:
+    cloud = PointCloud(xyz=np.zeros((2, 3)), height=[[1.0], [2.0]])
+    assert PointCloud.from_pyvista(cloud.to_pyvista()).height.tolist() == [1.0, 2.0]
+
+
+def test_data_sets_of_pyvista_are_taken_over(tmp_path: Path) -> None:
+    sphere = pyvista.Sphere()
+    sphere.cell_data["area"] = np.ones(sphere.n_cells)
+    sphere.point_data["name"] = ["p"] * sphere.n_points
+    sphere.save(tmp_path / "sphere.vtp")
+    for mesh in (sphere, pyvista.read(tmp_path / "sphere.vtp")):
+        cloud = PointCloud.from_pyvista(mesh)
+        assert cloud.fields == ("xyz", "normal")
+        np.testing.assert_array_equal(cloud.xyz, sphere.points)
+        np.testing.assert_array_equal(cloud.normal, sphere.point_data["Normals"])
+        assert (cloud.xyz.dtype, cloud.normal.dtype) == (np.float64, np.float32)
+    grid = pyvista.ImageData(dimensions=(2, 2, 2))
+    assert len(PointCloud.from_pyvista(grid)) == 8
+    with pytest.raises(TypeError, match="mesh: expected a PyVista data set, got ndarray"):
+        PointCloud.from_pyvista(np.zeros((3, 3)))  # type: ignore[arg-type]
+    sphere.point_data["ring"] = np.full(sphere.n_points, 0.5)
+    with pytest.raises(ValueError, match=r"ring: expected integers from 0 to 65535, got ring\[0\] = 0\.5"):
+        PointCloud.from_pyvista(sphere)
 
 
 def test_points_are_drawn_in_their_colours_where_they_are(wall: PointCloud, tmp_path: Path) -> None:

@@ -94,6 +94,28 @@ def test_plot_is_show(scans: list[ls.Scan], tmp_path: Path) -> None:
         assert (np.abs(image[:, 240:] - color) < 9).all(axis=-1).sum() > 20
 
 
+def test_legends_have_the_names_of_clouds_scenes_and_arguments(monkeypatch: pytest.MonkeyPatch) -> None:
+    from lidarsim.viewers import pyvista
+
+    legends: list[dict[int, str]] = []
+    monkeypatch.setattr(pyvista, "draw", lambda picture, *_, **__: legends.append(picture.colors.names))
+    scene = ls.Scene(class_names={40: "road", 8: "tree"})
+    scene.add(ls.Plane((0, 0, 1), 0.0), label=40)
+    scan = ls.Lidar(ls.patterns.Grid([0.0], [-0.5, -0.4], rate=10)).scan(scene, mast())
+    bin_ = ls.PointCloud(xyz=np.ones((2, 3)), label=[5, 6], class_names={5: "bin"})
+    for what, options in (
+        (scan, {}),
+        ({"top": scan, "left": scan}, {}),
+        (scan.point_cloud("world"), {}),
+        ([scan.point_cloud("world"), bin_], {}),
+        (bin_, {"scene": scene}),
+        (bin_, {"scene": scene, "class_names": {6: "can"}}),
+    ):
+        ls.show(what, color_by="label", save="a.png", **options)  # type: ignore[arg-type]
+    road = {40: "road"}
+    assert legends == [road] * 3 + [{5: "bin", 6: "6"} | road] * 2 + [{5: "5", 6: "can", 40: "40"}]
+
+
 @pytest.mark.parametrize("suffix", ["gif", "mp4"])
 def test_films_play_all_frames(suffix: str, scans: list[ls.Scan], tmp_path: Path) -> None:
     path = tmp_path / f"film.{suffix}"
