@@ -163,7 +163,7 @@ class Embreex(Caster):
         importlib.import_module("embreex.rtcore_scene")
         cls.module = importlib.import_module("embreex")
 
-    def __init__(self, world: World, threads: int) -> None:  # noqa: ARG002
+    def __init__(self, world: World, _threads: int) -> None:
         assert world.mesh is not None  # noqa: S101 - see `serves`
         vertices, faces = world.mesh
         self.scene = self.module.rtcore_scene.EmbreeScene()
@@ -175,7 +175,7 @@ class Embreex(Caster):
         """Return origins and directions in float32."""
         return rays.origins.astype(np.float32), rays.directions.astype(np.float32)
 
-    def cast(self, rays: Any, threads: int) -> Any:  # noqa: ARG002
+    def cast(self, rays: Any, _threads: int) -> Any:
         """Cast at the scene."""
         return self.scene.run(*rays, output=True)
 
@@ -198,7 +198,7 @@ class MuJoCo(Caster):
         cls.module = importlib.import_module("mujoco")
         cls.module.set_mju_user_warning(lambda _: None)
 
-    def __init__(self, world: World, threads: int) -> None:  # noqa: ARG002
+    def __init__(self, world: World, _threads: int) -> None:
         things = f'<site name="lidar" pos="{_text(world.sensor)}"/>' + "".join(map(_geom, world.shapes))
         self.model = self.module.MjModel.from_xml_string(f"<mujoco><worldbody>{things}</worldbody></mujoco>")
         self.data = self.module.MjData(self.model)
@@ -209,7 +209,7 @@ class MuJoCo(Caster):
         n = len(rays)
         return rays.origins[0].copy(), rays.directions.ravel(), np.empty(n, dtype=np.int32), np.empty(n)
 
-    def cast(self, rays: Any, threads: int) -> Any:  # noqa: ARG002
+    def cast(self, rays: Any, _threads: int) -> Any:
         """Cast at the model."""
         origin, directions, geom, t = rays
         self.module.mj_multiRay(
@@ -267,7 +267,7 @@ class MuJoCoLidar(MuJoCo):
         x, y, z = rays.directions.T
         return np.arctan2(y, x), np.arcsin(np.clip(z, -1, 1))
 
-    def cast(self, rays: Any, threads: int) -> Any:  # noqa: ARG002
+    def cast(self, rays: Any, _threads: int) -> Any:
         """Scan the model."""
         return self.lidar.trace_rays(self.data, *rays)
 
@@ -319,14 +319,14 @@ class Textbook(Caster):
     def load(cls) -> None:
         """Nothing to import: NumPy is here."""
 
-    def __init__(self, world: World, threads: int) -> None:  # noqa: ARG002
+    def __init__(self, world: World, _threads: int) -> None:
         self.specs = world.shapes
 
     def prepare(self, rays: Rays) -> Rays:
         """Return the rays as they are."""
         return rays
 
-    def cast(self, rays: Rays, threads: int) -> Any:  # noqa: ARG002
+    def cast(self, rays: Rays, _threads: int) -> Any:
         """Cast at each shape in turn."""
         nearest, surface = np.full(len(rays), math.inf), np.full(len(rays), -1)
         for index, spec in enumerate(self.specs):

@@ -10,7 +10,7 @@ from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.shapes import TriangleMesh
 
 
-def recognise(path: Path, head: bytes) -> bool:  # noqa: ARG001
+def recognise(path: Path, _head: bytes) -> bool:
     """Tell by its suffix whether trimesh reads a file; some of its formats have no signature."""
     import trimesh
 

@@ -94,7 +94,7 @@ class Shape(Value):
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:
+    def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that stand for the surface where it is looked at, before any transform.
 
         Parameters

@@ -67,5 +67,5 @@ class Box(Shape):
         native = _native.Shape("Box", [*sides.tolist(), *middle.tolist()])
         super().__init__(native, transform, size=sides, center=middle)
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.center + self.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES

@@ -74,7 +74,7 @@ class Cylinder(Shape):
         native = _native.Shape("Cylinder", [*first.tolist(), *last.tolist(), length, bool(capped)])
         super().__init__(native, transform, start=first, end=last, radius=length, capped=bool(capped))
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, end, radius = self.start, self.end, self.radius
         axis = (end - start) / np.linalg.norm(end - start)
         across = np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))])

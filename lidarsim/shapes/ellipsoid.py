@@ -71,7 +71,7 @@ class Ellipsoid(Shape):
         native = _native.Shape("Ellipsoid", [*middle.tolist(), *lengths.tolist(), *axes.ravel().tolist()])
         super().__init__(native, transform, center=middle, radii=lengths, rotation=axes)
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         axes = self.rotation * self.radii
         # A point of the unit sphere and one near it are taken at most this many times farther apart.
         longest = float(np.linalg.norm(axes, ord=2))

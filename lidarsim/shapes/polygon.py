@@ -65,7 +65,7 @@ class Polygon(Shape):
         """The outline before any transform, m: read-only ndarray of float64, shape (n, 3)."""
         return self._native.vertices()
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self._native.faces()
 
 

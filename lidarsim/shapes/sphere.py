@@ -55,6 +55,6 @@ class Sphere(Shape):
         native = _native.Shape("Sphere", [*middle.tolist(), length])
         super().__init__(native, transform, center=middle, radius=length)
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+    def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         vertices, faces = unit_sphere(None if chord_error is None else chord_error / self.radius)
         return self.center + self.radius * vertices, faces

@@ -57,5 +57,5 @@ class Triangle(Shape):
         native = _native.Shape("Triangle", [x for corner in corners.values() for x in corner.tolist()])
         super().__init__(native, transform, **corners)
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return np.stack([self.a, self.b, self.c]), np.array([[0, 1, 2]], np.uint32)

@@ -246,7 +246,7 @@ class TriangleMesh(Shape):
         """Number of triangles whose vertices lie on one line, exactly; nothing hits them."""
         return self._native.degenerate()
 
-    def _tessellated(self, chord_error: float | None, box: Floats) -> Triangles:  # noqa: ARG002
+    def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self.faces
 
     def __len__(self) -> int:
