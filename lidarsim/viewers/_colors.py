@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -112,12 +114,13 @@ class Coloring:
 
     def ticks(self) -> dict[float, str]:
         """Return round values between the limits and how they are written, five or so."""
-        low, high = self.limits
-        step = _round_step((high - low) / 6)
-        digits = max(0, -math.floor(math.log10(step) + 1e-9) + (step / 10 ** math.floor(math.log10(step)) == 2.5))
-        numbers = np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1) * step
-        spelled = f"{{:,.{digits}f}}" if 1e-6 < step < 1e9 else "{:g}"
-        return {x: spelled.format(x) for x in (numbers + 0.0).tolist()}  # + 0.0: no minus before zero
+        low, high = (Fraction(repr(limit)) for limit in self.limits)  # as they are written: 0.1, not 0.1 + 5.6e-18
+        step = round_step((high - low) / 6)
+        numbers = [float(i * step) for i in range(math.ceil(low / step), math.floor(high / step) + 1)]
+        if not 1e-6 < step < 1e9:
+            return {number: f"{number:g}" for number in numbers}
+        digits = next(digits for digits in count() if (step * 10**digits).denominator == 1)
+        return {number: f"{number:,.{digits}f}" for number in numbers}
 
 
 def field_of(cloud: PointCloud, name: str) -> npt.NDArray[Any]:
@@ -184,16 +187,18 @@ def _limits(finite: Floats) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return the ends of the range of colours, and those of the values."""
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.5, 0.5)
     if low == high:
-        return (low - 0.5, high + 0.5), (low - 0.5, high + 0.5)
+        half = max(0.5, math.ulp(low))  # where float64 has no fractions, its next numbers
+        return (low - half, high + half), (low - half, high + half)
     first, last = np.percentile(finite, (1, 99))
     outliers = high - low > 2.0 * (last - first) > 0.0
     return ((float(first), float(last)) if outliers else (low, high)), (low, high)
 
 
-def _round_step(least: float) -> float:
+def round_step(least: Fraction) -> Fraction:
     """Return the least of 1, 2, 2.5, 5 and 10 times a power of ten that is no less."""
-    power = 10.0 ** math.floor(math.log10(least))
-    return next(factor * power for factor in (1.0, 2.0, 2.5, 5.0, 10.0) if factor * power >= least * (1 - 1e-9))
+    power = Fraction(10) ** math.floor(math.log10(least.numerator) - math.log10(least.denominator))
+    # Beside a power of ten the rounded logarithm may be on its other side: hence 20 as well.
+    return next(step for factor in (2, 4, 5, 10, 20, 40) if (step := factor * power / 2) >= least)
 
 
 def _readable(value: float) -> str:

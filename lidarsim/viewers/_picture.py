@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Literal
 
 import numpy as np
@@ -12,7 +13,7 @@ import numpy as np
 from lidarsim import _validation
 from lidarsim._validation import Floats
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import SURFACE, Coloring, _round_step, category_color
+from lidarsim.viewers._colors import SURFACE, Coloring, category_color, round_step
 from lidarsim.viewers._surfaces import Surface
 
 Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
@@ -174,7 +175,7 @@ def checked_camera(camera: object) -> Camera | Floats:
 def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
     """Return the spacing and the height of a grid under the points, and the places of its lines along x and y, m."""
     low, high = seen.min(axis=0), seen.max(axis=0)
-    spacing = _round_step(float((high - low)[:2].max()) / 12 or 1.0)
+    spacing = float(round_step(Fraction(float((high - low)[:2].max())) / 12 or Fraction(1)))
     x, y = (
         (np.arange(math.floor(start / spacing), math.ceil(end / spacing) + 1) * spacing).tolist()
         for start, end in zip(low[:2], high[:2], strict=True)

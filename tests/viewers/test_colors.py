@@ -5,9 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from lidarsim.pointcloud import PointCloud
-from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, coloring
+from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, Coloring, coloring
 
 
 def cloud(**fields: object) -> PointCloud:
@@ -70,11 +72,29 @@ def test_errors_and_velocities_have_zero_in_the_middle_of_two_colours() -> None:
         (0.0, 1.0, ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]),
         (3.0, 3.0, ["2.6", "2.8", "3.0", "3.2", "3.4"]),
         (0.0, 1e-9, ["0", "2e-10", "4e-10", "6e-10", "8e-10", "1e-09"]),
+        (0.1, 0.7, ["0.1", "0.2", "0.3", "0.4", "0.5", "0.6", "0.7"]),  # 0.7 − 0.1 and 3 × 0.1 are rounded in float64
+        (-0.3, 1.2, ["-0.25", "0.00", "0.25", "0.50", "0.75", "1.00"]),
+        (1e17, 1e17, ["99,999,999,999,999,984", "100,000,000,000,000,000", "100,000,000,000,000,016"]),
+        (0.0, 6e300, ["0", "1e+300", "2e+300", "3e+300", "4e+300", "5e+300", "6e+300"]),
     ],
 )
 def test_ticks_are_round_numbers_that_one_reads(low: float, high: float, texts: list[str]) -> None:
     ticks = coloring([PointCloud(xyz=np.zeros((2, 3)), gain=[low, high])], "gain").ticks()
     assert list(ticks.values()) == texts
+    for number, text in ticks.items():
+        assert number == float(text.replace(",", ""))
+
+
+@given(st.floats(-1e300, 1e300), st.floats(-1e300, 1e300))
+@example(0.1, 0.7)
+@example(0.0, 5e-324)
+@example(1e16, 1e16 + 2)
+def test_ticks_are_between_the_limits_and_as_many_as_one_reads(low: float, high: float) -> None:
+    low, high = min(low, high), max(low, high)
+    if low < high:
+        numbers = list(Coloring("gain", (low, high), (low, high), [], {}).ticks())
+        assert low <= numbers[0] < numbers[-1] <= high
+        assert 2 <= len(numbers) <= 7
 
 
 def test_classes_have_names_and_those_of_surfaces_are_among_them() -> None:
