@@ -141,6 +141,7 @@ def scan(
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
+    looks["scene"] = run.scene if surfaces else None
     frame_scans = run.scans()
     totals = np.zeros(len(ls.Status), np.int64)
     rows: list[tuple[object, ...]] = []
@@ -167,7 +168,7 @@ def scan(
                 if screenshot:
                     picture = _of_frame(screenshot, run, name, f"{number:04}")
                     placed = cloud if in_world else cloud.transformed(pose)
-                    ls.show(placed, scene=run.scene if surfaces else None, pose=pose, save=picture, **looks)
+                    ls.show(placed, pose=pose, time=scans[name].time, save=picture, **looks)
             for result in scans.values():
                 totals += list(result.summary().values())
             found = sum(map(len, clouds.values()))
@@ -292,9 +293,8 @@ def view(
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
         if saves == [screenshot]:
             run = dataclasses.replace(run, frames=run.frames[:1])
-        clouds, poses, starts = zip(*_progress(_seen(run), len(run.frames)), strict=True)
-        scene = _standing(run.scene, starts[0]) if len(starts) == 1 else run.scene  # of several, it has no one place
-        looks |= {"pose": poses, "scene": scene if surfaces else None, "class_names": names}
+        clouds, poses, times = zip(*_progress(_seen(run), len(run.frames)), strict=True)
+        looks |= {"pose": poses, "time": times, "scene": run.scene if surfaces else None, "class_names": names}
     else:
         given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
         unused = [name for name, value in given.items() if value is not None]
@@ -478,7 +478,7 @@ def _check_screenshot(path: Path | None) -> None:
 
 
 def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
-    """Yield the points of each frame, as the run wants them but in the world, where the sensor was, and its start."""
+    """Yield the points of each frame in the world, where the sensor was, and when the frame began."""
     for scans in run.scans():
         parts, poses = [], []
         for scan in scans.values():
@@ -487,7 +487,7 @@ def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
             parts.append(cloud if run.cloud["frame"] == "world" else cloud.transformed(pose))
             poses.append(pose)
         if parts:  # of a rig all sensors may have no frame of theirs
-            yield ls.PointCloud.concatenate(parts), poses[0]
+            yield ls.PointCloud.concatenate(parts), poses[0], min(scan.time for scan in scans.values())
 
 
 def _clouds(path: Path) -> list[Path]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal
 
@@ -24,10 +24,21 @@ MARGIN = 1.04
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """Points, and where the sensor was, in the same coordinates: sensor to world, shape (4, 4)."""
+    """Points, where the sensor was, and what else moves, in the same coordinates.
+
+    Attributes
+    ----------
+    cloud : PointCloud
+        The points.
+    pose : ndarray of float64, shape (4, 4)
+        Sensor to world.
+    movers : list of Surface
+        Surfaces of the objects that move, where they are in this frame; of the same objects in all frames.
+    """
 
     cloud: PointCloud
     pose: Floats
+    movers: list[Surface] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +60,7 @@ class Picture:
     frames : list of Frame
         At least one; all points finite.
     surfaces : list of Surface
-        In the coordinates of the points.
+        Of the objects that do not move, in the coordinates of the points.
     path : ndarray of float64, shape (m, 3)
         Positions of the sensor, m; none if it does not move.
     colors : Coloring
@@ -72,11 +83,16 @@ class Picture:
         """Whether there are any, in any frame."""
         return any(len(frame.cloud) for frame in self.frames)
 
+    @property
+    def every_surface(self) -> list[Surface]:
+        """Of the objects that do not move, and of those that do in each frame."""
+        return self.surfaces + [surface for frame in self.frames for surface in frame.movers]
+
     def seen(self) -> Floats:
         """Return the points that a picture has to show all of: no stray ones that are far beyond all others."""
         if not self.has_points:
-            corners = [surface.points() for surface in self.surfaces if surface.item.shape.bounded]
-            corners = corners or [surface.points() for surface in self.surfaces]
+            corners = [surface.points() for surface in self.every_surface if surface.item.shape.bounded]
+            corners = corners or [surface.points() for surface in self.every_surface]
             if any(map(len, corners)):
                 return np.concatenate(corners)
         points = [frame.cloud.xyz for frame in self.frames]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
-from lidarsim._validation import Floats, Transform, integer
+from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import register_view
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
@@ -20,7 +21,7 @@ from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._colors import coloring
 from lidarsim.viewers._display import in_notebook
 from lidarsim.viewers._picture import Camera, Frame, Picture, checked_camera
-from lidarsim.viewers._surfaces import surfaces
+from lidarsim.viewers._surfaces import Surface, surfaces
 
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
 """A frame: a cloud, a scan, or the scans of a rig by the names of its sensors."""
@@ -35,6 +36,7 @@ def show(
     color_by: str | None = None,
     class_names: Mapping[int, str] | None = None,
     pose: Transform | Sequence[Transform] | None = None,
+    time: float | Sequence[float] | None = None,
     save: PathLike | None = None,
     camera: Camera | Sequence[Sequence[float]] = "behind",
     size: tuple[int, int] = (1600, 1000),
@@ -50,7 +52,7 @@ def show(
         frames a window shows the one that its slider is at, and GIF, MP4 and HTML play all.
     scene : Scene, optional
         Surfaces to show beside the points, translucent and in the colours of their labels or objects if the points are.
-        What moves is shown where it is when a scan begins; beside several frames it is not.
+        What moves is shown where it is when each frame begins.
     color_by : str, optional
         Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
     class_names : mapping of int to str, optional
@@ -58,6 +60,9 @@ def show(
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
         Where the sensor was when a cloud was taken, or each of several, in the coordinates of the points: shown by its
         axes (x red, y green, z blue). Default: the identity. Scans know theirs.
+    time : float or sequence of float, optional
+        When a cloud was taken, or each of several, s. Scans know theirs. Default: 0, and beside several clouds of which
+        none says when, what moves is not shown.
     save : path-like, optional
         File to write in place of a window: PNG of the first frame; GIF or MP4 of all or, if there is but one, around
         it; or HTML, one page that a browser opens by itself. None of these needs a display.
@@ -96,8 +101,9 @@ def show(
         check_save(save)
     width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(size))
     if isinstance(what, Scene):
+        starts = _starts(time, [_nothing()])
         picture = _picture(
-            [_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0, time=0.0
+            [_frame(_nothing(), np.eye(4))], what, color_by, class_names, camera=camera, rate=10.0, starts=starts
         )
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
@@ -105,8 +111,8 @@ def show(
             raise ValueError("what: expected at least one frame, got none")
         poses = _poses(pose, len(given))
         frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
-        time = _start(given[0]) if len(given) == 1 else None
-        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=_rate(given[0]), time=time)
+        starts, rate = _starts(time, given), _rate(given[0])
+        picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts)
     if save is not None and Path(save).suffix.lower() == ".html":
         html.write(picture, save, size=(width, height), point_size=point_size)
     elif save is None and in_notebook():
@@ -173,10 +179,18 @@ def _rate(what: Shown) -> float:
     return max((scan.lidar.pattern.rate for scan in scans if isinstance(scan, Scan)), default=10.0)
 
 
-def _start(what: Shown) -> float:
-    """Return when a scan begins, s; 0 where nothing says."""
-    scans = list(what.values()) if isinstance(what, Mapping) else [what]
-    return next((scan.time for scan in scans if isinstance(scan, Scan)), 0.0)
+def _starts(time: float | Sequence[float] | None, given: Sequence[Shown]) -> list[float] | None:
+    """Return when each frame begins, s; None where nothing says."""
+    if time is None:
+        first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
+        known = [scan.time for scan in first if isinstance(scan, Scan)]
+        return known if len(known) == len(given) else [0.0] if len(given) == 1 else None
+    if np.ndim(time) == 0:
+        return [real("time", time)] * len(given)
+    times = [real(f"time[{i}]", moment) for i, moment in enumerate(time)]  # type: ignore[arg-type]
+    if len(times) != len(given):
+        raise ValueError(f"time: expected one for each of the {len(given)} frames, got {len(times)}")
+    return times
 
 
 def _picture(
@@ -187,7 +201,7 @@ def _picture(
     *,
     camera: object,
     rate: float,
-    time: float | None,
+    starts: list[float] | None,
 ) -> Picture:
     points = [frame.cloud.xyz for frame in frames]
     places = np.array([frame.pose[:3, 3] for frame in frames])
@@ -209,9 +223,18 @@ def _picture(
         names["label"] = class_names
     if color_by is None and scene is not None and not any(map(len, points)):
         color_by = "label"
+    found: list[Surface] = []
+    if scene is not None:
+        found = surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=starts[0] if starts else 0.0)
+    if starts:
+        movers = [surface for surface in found if surface.item.motion is not None]
+        frames = [
+            replace(frame, movers=[mover.at(start) for mover in movers])
+            for frame, start in zip(frames, starts, strict=True)
+        ]
     return Picture(
         frames,
-        [] if scene is None else surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=time),
+        [surface for surface in found if surface.item.motion is None],
         places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
         coloring([frame.cloud for frame in frames], color_by, names, others),
         checked_camera(camera),

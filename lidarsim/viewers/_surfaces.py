@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -40,6 +40,10 @@ class Surface:
     faces: npt.NDArray[np.uint32]
     matrix: Floats
 
+    def at(self, time: float) -> Surface:
+        """Return the surface where it is at a time, s, or at the end of its motion nearest to that."""
+        return replace(self, matrix=_placement(self.item, time))
+
     def points(self) -> Floats:
         """Return the vertices in the world, m: ndarray of float64, shape (n, 3)."""
         placed: Floats = self.vertices @ self.matrix[:3, :3].T + self.matrix[:3, 3]
@@ -55,7 +59,7 @@ def surfaces(
     *,
     chord_error: float | None = None,
     bounds: npt.ArrayLike | None = None,
-    time: float | None = 0.0,
+    time: float = 0.0,
 ) -> list[Surface]:
     """Return what the objects of a scene look like.
 
@@ -67,8 +71,8 @@ def surfaces(
         Greatest distance of a triangle from its surface, m; by default a 200th of the radius of each object.
     bounds : array_like, shape (2, 3), optional
         Least and greatest coordinates of what else is seen, m, which planes reach to as well.
-    time : float, optional
-        When, s: what moves stands where it does then, or at the end of its motion nearest to that. None leaves it out.
+    time : float
+        When, s: what moves stands where it does then, or at the end of its motion nearest to that.
 
     Returns
     -------
@@ -100,7 +104,7 @@ def surfaces(
         found[object_id] = surface = Surface(object_id, item, *triangles, matrix)
         return surface
 
-    objects = [(item.id, item) for item in scene if time is not None or item.motion is None]
+    objects = [(item.id, item) for item in scene]
     for object_id, item in objects:
         if item.shape.bounded:
             points = add(object_id, item, np.zeros((8, 3))).points()
@@ -123,13 +127,13 @@ def joined(parts: Sequence[Surface], origin: Floats) -> Triangles:
     return np.concatenate([part.points() for part in parts]) - origin, np.concatenate(faces)
 
 
-def _placement(item: SceneObject, time: float | None) -> Floats:
+def _placement(item: SceneObject, time: float) -> Floats:
     """Return the map from the coordinates of an object's shape, before its own transform, to the world."""
     matrix = np.eye(4)
     for own in (item.shape.transform, item.transform):
         if own is not None:
             matrix = own @ matrix
-    if item.motion is not None and time is not None:
+    if item.motion is not None:
         first, last = item.motion.span
         matrix = item.motion.at(min(max(time, first), last)).as_matrix() @ matrix
     return matrix

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +12,7 @@ import numpy as np
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
 from lidarsim._validation import Floats
-from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, field_of
+from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, Coloring, field_of
 from lidarsim.viewers._picture import CAMERAS, Camera, Frame, Picture, surface_color
 from lidarsim.viewers._surfaces import Surface, joined
 
@@ -92,7 +93,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     go = import_extra("plotly.graph_objects", "html", "a page")
     every = np.concatenate(
         [frame.cloud.xyz for frame in picture.frames]
-        + [surface.points() for surface in picture.surfaces]
+        + [surface.points() for surface in picture.every_surface]
         + [frame.pose[None, :3, 3] for frame in picture.frames]
     )
     low, high = every.min(axis=0), every.max(axis=0)
@@ -103,8 +104,12 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     step = max(1, -(-sum(len(frame.cloud) for frame in picture.frames) // MOST))
     most = max(len(frame.cloud) for frame in picture.frames) // step
     dot = point_size or float(np.clip(1.2 * (100_000 / max(most, 1)) ** 0.25, 1, 4))
-    moving = [_moving(go, picture, frame, shift=shift, reach=reach, step=step, dot=dot) for frame in picture.frames]
-    still = [*_meshes(go, picture, shift), *_path(go, picture, shift)]
+    moving = [
+        _moving(go, picture, frame, shift=shift, reach=reach, step=step, dot=dot)
+        + _meshes(go, frame.movers, picture.colors, shift)
+        for frame in picture.frames
+    ]
+    still = [*_meshes(go, picture.surfaces, picture.colors, shift, legend=True), *_path(go, picture, shift)]
     figure = go.Figure(data=[*moving[0], *still])
     half = np.maximum((high - low) / 2, 1e-3 * reach)
     whole = float(half.max())
@@ -238,11 +243,13 @@ def _moving(
     return traces
 
 
-def _meshes(go: Any, picture: Picture, shift: Floats) -> list[Any]:
-    """Return the surfaces, those of one colour as one mesh."""
+def _meshes(
+    go: Any, surfaces: Sequence[Surface], colors: Coloring, shift: Floats, *, legend: bool = False
+) -> list[Any]:
+    """Return surfaces, those of one colour as one mesh; the legend may have an entry for all."""
     by_color: dict[str, list[Surface]] = {}
-    for surface in picture.surfaces:
-        by_color.setdefault(surface_color(surface, picture.colors), []).append(surface)
+    for surface in surfaces:
+        by_color.setdefault(surface_color(surface, colors), []).append(surface)
     traces: list[Any] = []
     for color, group in by_color.items():
         points, faces = joined(group, shift)
@@ -257,7 +264,7 @@ def _meshes(go: Any, picture: Picture, shift: Floats) -> list[Any]:
                 hoverinfo="skip",
                 name="surfaces",
                 legendgroup="surfaces",
-                showlegend=not traces,
+                showlegend=legend and not traces,
             )
         )
     return traces

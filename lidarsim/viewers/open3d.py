@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lidarsim._extras import import_extra
+from lidarsim._validation import Floats
 from lidarsim._views import register_view
 from lidarsim.errors import LidarsimError
 from lidarsim.pointcloud import Fields, PointCloud, narrowed
@@ -114,6 +115,19 @@ def _mesh(o3d: ModuleType, surface: Surface) -> open3d.t.geometry.TriangleMesh:
     return mesh
 
 
+def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middle: Floats) -> list[dict[str, Any]]:
+    """Return what Open3D's viewer takes of a surface; nothing if it has no triangles."""
+    if not len(surface.faces):
+        return []
+    material = o3d.visualization.rendering.MaterialRecord()
+    material.shader = "defaultLitTransparency"
+    channels = bytes.fromhex(surface_color(surface, picture.colors)[1:])
+    material.base_color = (*(channel / 255 for channel in channels), 0.3)
+    mesh = _mesh(o3d, surface).translate(o3d.core.Tensor(-middle)).compute_vertex_normals()
+    name = f"{surface.object_id} {surface.item.name}".rstrip()
+    return [{"name": f"{name}{which}", "geometry": mesh, "material": material}]
+
+
 def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> None:
     """Show a picture in Open3D's viewer until it is closed; of several frames, its list chooses which.
 
@@ -142,15 +156,11 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
         points = to_open3d(frame.cloud)
         points.point["colors"] = o3d.core.Tensor(picture.colors.rgb(frame.cloud))
         parts.append({"name": f"frame {number}", "geometry": points.translate(-middle), "is_visible": not number})
+        several = f", frame {number}" if len(picture.frames) > 1 else ""
+        for mover in frame.movers:
+            parts += [{**part, "is_visible": not number} for part in _part(o3d, mover, several, picture, middle)]
     for surface in picture.surfaces:
-        material = o3d.visualization.rendering.MaterialRecord()
-        material.shader = "defaultLitTransparency"
-        channels = bytes.fromhex(surface_color(surface, picture.colors)[1:])
-        material.base_color = (*(channel / 255 for channel in channels), 0.3)
-        name = f"{surface.object_id} {surface.item.name}".rstrip()
-        if len(surface.faces):
-            mesh = _mesh(o3d, surface).translate(-middle).compute_vertex_normals()
-            parts.append({"name": name, "geometry": mesh, "material": material})
+        parts += _part(o3d, surface, "", picture, middle)
     if len(picture.path):
         joints = np.arange(len(picture.path) - 1, dtype=np.int32)
         path = o3d.t.geometry.LineSet(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from io import BytesIO
 from pathlib import Path
@@ -206,7 +206,7 @@ class _Stage:
         self.reach = float(np.linalg.norm(self.seen - self.middle, axis=1).max())
         plotter.subplot(0, 0)
         spacing = self._grid()
-        self._surfaces()
+        self._surfaces(picture.surfaces)
         if len(picture.path):
             plotter.add_lines(picture.path - self.middle, color=PATH, width=2, connected=True)
         most = max(len(frame.cloud) for frame in picture.frames)
@@ -252,7 +252,7 @@ class _Stage:
         return self.plotter.add_mesh(mesh, name=f"mesh {self.added}", **look)
 
     def _frame(self, frame: Frame, size: float) -> list[Any]:
-        cloud, actors = frame.cloud, []
+        cloud, actors = frame.cloud, self._surfaces(frame.movers)
         if len(cloud):  # PyVista refuses to draw nothing
             points = self.pv.PolyData(cloud.xyz - self.middle)
             points.point_data["rgb"] = self.picture.colors.rgb(cloud)
@@ -260,19 +260,19 @@ class _Stage:
             actors.append(self._add(points, scalars="rgb", rgb=True, copy_mesh=False, **round_dots))
         position = frame.pose[:3, 3] - self.middle
         inside = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
-        shown = not inside and (self.picture.has_points or not self.picture.surfaces)
+        shown = not inside and (self.picture.has_points or not self.picture.every_surface)
         if shown and np.linalg.norm(position) < 1000 * self.reach:  # else it would be a dot, and spoil the depth buffer
             for axis, color in enumerate(AXES):
                 arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=0.06 * self.reach)
                 actors.append(self._add(arrow, color=color, lighting=False))
         return actors
 
-    def _surfaces(self) -> None:
-        """Add all surfaces, translucent: those of one mesh as instances of it, all others in one piece."""
-        colors = self.picture.colors
+    def _surfaces(self, surfaces: Sequence[Surface]) -> list[Any]:
+        """Add surfaces, translucent: those of one mesh as instances of it, all others in one piece."""
+        colors, actors = self.picture.colors, []
         look = {"opacity": 0.15 if self.picture.has_points else 1.0, **SHADING}
         groups: dict[int, list[Surface]] = {}
-        for surface in self.picture.surfaces:
+        for surface in surfaces:
             if len(surface.faces):
                 groups.setdefault(id(surface.vertices), []).append(surface)
         others: list[Surface] = []
@@ -288,13 +288,15 @@ class _Stage:
                 matrix = surface.matrix.copy()
                 matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
                 actor.user_matrix = matrix
+                actors.append(actor)
         if others:
             whole = self.pv.PolyData.from_regular_faces(*joined(others, self.middle))
             table = np.array([list(bytes.fromhex(surface_color(surface, colors)[1:])) for surface in others], np.uint8)
             whole.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for surface in others], axis=0)
-            self._add(_shaded(whole), scalars="rgb", rgb=True, **look)
+            actors.append(self._add(_shaded(whole), scalars="rgb", rgb=True, **look))
         if groups and self.picture.has_points:
             self.plotter.enable_depth_peeling(8)
+        return actors
 
     def _grid(self) -> float:
         """Add lines on the ground, and return how far apart they are, m."""
@@ -354,7 +356,7 @@ class _Stage:
             if colors.clipped:
                 write(colors.clipped, 0.04, low - line)
         write(f"grid {spacing:,g} m", 0.04, 0.04 + line)
-        objects, frames = len(self.picture.surfaces), len(self.actors)
+        objects, frames = len(self.picture.surfaces + self.picture.frames[0].movers), len(self.actors)
         counted = (
             f"{frames:,} frames"
             if frames > 1

@@ -139,6 +139,73 @@ def test_films_play_all_frames(suffix: str, scans: list[ls.Scan], tmp_path: Path
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
 
 
+def crossing() -> ls.Scene:
+    """A house, and a ball that rolls past it to the left, 4 m/s."""
+    scene = ls.Scene()
+    scene.add(ls.Box((2, 6, 3), (12, 0, 1.5)), label=50)
+    ends = np.array([np.eye(4), np.eye(4)])
+    ends[:, 1, 3] = -4, 4
+    scene.add(ls.Sphere((8, 0, 1), 1.0), label=7, motion=ls.Trajectory([0, 2], ends))
+    return scene
+
+
+def test_what_moves_is_where_each_frame_begins(monkeypatch: pytest.MonkeyPatch) -> None:
+    from lidarsim.viewers import pyvista
+
+    pictures: list[Picture] = []
+    monkeypatch.setattr(pyvista, "draw", lambda picture, *_, **__: pictures.append(picture))
+    scene = crossing()
+    grid = ls.Lidar(ls.patterns.Grid([0.0, 0.1], [0.0, -0.1], rate=2))
+    scans = list(grid.frames(scene, mast(), count=3))
+    clouds = [scan.point_cloud("world") for scan in scans]
+    for what, time in ((scans, None), (clouds, [0.0, 0.5, 1.0]), (clouds, 1.5), (clouds[0], None), (clouds, None)):
+        ls.show(what, scene=scene, time=time, save="a.png")
+    ls.show(scene, time=9.0, save="a.png")  # past the end of its motion
+    found = [
+        [[float(mover.points()[:, 1].mean()) for mover in frame.movers] for frame in picture.frames]
+        for picture in pictures
+    ]
+    # Vertices about a centre within 4 m, each rounded by 2⁻⁵¹.
+    expected = [[[-4], [-2], [0]]] * 2 + [[[2]] * 3, [[-4]], [[]] * 3, [[4]]]
+    for got, want in zip(found, expected, strict=True):
+        np.testing.assert_allclose(got, want, rtol=0, atol=4 * 2.0**-51)
+    assert {tuple(surface.object_id for surface in picture.surfaces) for picture in pictures} == {(0,)}
+    for time, message in (
+        ([0.0], "time: expected one for each of the 3 frames, got 1"),
+        (np.nan, "time: expected a finite number, got nan"),
+        ([0, np.inf, 1], r"time\[1\]: expected a finite number, got inf"),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ls.show(clouds, time=time, save="a.png")
+
+
+def test_films_and_pages_move_what_moves(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    y, z = np.meshgrid(np.linspace(-5, 5, 40), np.linspace(0, 3, 9))
+    wall = ls.PointCloud(xyz=np.stack([np.full(y.size, 13.0), y.ravel(), z.ravel()], 1), label=np.full(y.size, 50))
+    looks: dict[str, Any] = {"scene": crossing(), "time": [0.6, 1.4], "color_by": "label", "size": SIZE}
+    ls.show([wall, wall], save=tmp_path / "a.gif", camera=[(0, 0, 1), (1, 0, 1), (0, 0, 1)], **looks)
+    with Image.open(tmp_path / "a.gif") as film:
+        images = []
+        for number in range(2):
+            film.seek(number)
+            images.append(np.asarray(film.convert("RGB")).astype(int)[:, :240])
+    changed = np.abs(images[0] - images[1]).max(axis=-1) > 8
+    assert changed[:, :100].sum() > 50  # to the left it came,
+    assert changed[:, 140:].sum() > 50  # and from the right it went
+    assert changed[:, 110:130].sum() == 0
+    figures: list[Any] = []
+    draw = html._figure
+    monkeypatch.setattr(html, "_figure", lambda *given: figures.append(draw(*given)) or figures[-1])
+    ls.show([wall, wall], save=tmp_path / "a.html", **looks)
+    (page,) = figures
+    # float32 has numbers below 4 to 2⁻²³.
+    balls = [[trace for trace in frame.data if trace.type == "mesh3d"] for frame in page.frames]
+    assert [[float(np.mean(trace.y)) for trace in frame] for frame in balls] == [
+        pytest.approx([y], abs=2.0**-21) for y in (-1.6, 1.6)
+    ]
+    assert [trace.type for trace in page.data].count("mesh3d") == 2  # the ball of the first frame, and the house
+
+
 def test_a_window_chooses_its_frame_by_a_slider(scans: list[ls.Scan], monkeypatch: pytest.MonkeyPatch) -> None:
     import pyvista
 
