@@ -103,7 +103,7 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
     return values
 
 
-def array(name: str, value: Any, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
+def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
     """Return `value` as a C-contiguous float64 array of `shape`, where a letter stands for any length."""
     expected = f"shape ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
     try:
@@ -155,7 +155,7 @@ def positive(name: str, values: Floats) -> Floats:
     return values
 
 
-def rays(origins: Any, directions: Any) -> tuple[Floats, Floats]:
+def rays(origins: npt.ArrayLike, directions: npt.ArrayLike) -> tuple[Floats, Floats]:
     """Return origins and directions as (n, 3) arrays; the native core checks their values."""
     return (
         array("origins", origins, ("n", 3), finite=False),

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, get_args
+from typing import ClassVar, Literal, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -58,7 +58,7 @@ class Detection(Immutable):
     Detection(reflectivity=0.1, range=150.0)
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "reflectivity": float,
         "range_m": float,
     }
@@ -115,7 +115,7 @@ class Beam(Immutable):
     Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19)
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "divergence_azimuth_mrad": float,
         "divergence_elevation_mrad": float,
         "pulse_length_ns": float,
@@ -192,7 +192,7 @@ class Measurement(Immutable):
     >>> table = ls.Measurement(range_sigma=[(0.1, 0.01), (10.0, 0.01), (30.0, 0.03)])
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "range_sigma_m": float | list[tuple[float, float]],
         "range_sigma_slope": float,
         "range_bias_m": float,

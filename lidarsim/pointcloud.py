@@ -19,7 +19,7 @@ from lidarsim._files import PathLike, atomic_writer, check_folder, check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
 from lidarsim._validation import Transform, named_labels
-from lidarsim._views import view
+from lidarsim._views import Plotted, view
 
 if TYPE_CHECKING:
     import open3d
@@ -54,7 +54,7 @@ MOST_ROWS = 14  # of a repr, below its title
 _EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"))
 
 
-class PointCloud(Pickled):
+class PointCloud(Pickled, Plotted):
     """Points with named fields, each an array attribute with one entry per point.
 
     Only the fields that are given exist. Fields can be set and added later (``cloud.cluster = ids``) under the same
@@ -173,7 +173,7 @@ class PointCloud(Pickled):
     def class_names(self, names: Mapping[int, str] | None) -> None:
         object.__setattr__(self, "_class_names", named_labels("class_names", names))
 
-    def __setattr__(self, name: str, values: Any) -> None:
+    def __setattr__(self, name: str, values: npt.ArrayLike) -> None:
         """Set or add a field."""
         if name == "class_names":
             object.__setattr__(self, name, values)
@@ -551,21 +551,6 @@ class PointCloud(Pickled):
             If it is no data set, or an array cannot be a field.
         """
         return cls(view(PointCloud, "from_pyvista")(mesh))
-
-    def plot(self, **options: Any) -> Any:
-        """Show the cloud; a short way to write ``lidarsim.show(cloud, …)``.
-
-        Parameters
-        ----------
-        **options
-            Those of `lidarsim.show`: `color_by`, `scene`, `save`, `camera` and others.
-
-        Returns
-        -------
-        Page or None
-            What `lidarsim.show` returns.
-        """
-        return view(PointCloud, "plot")(self, **options)
 
 
 def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:

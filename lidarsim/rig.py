@@ -6,7 +6,7 @@ import dataclasses
 import textwrap
 from collections.abc import Iterator, Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,8 @@ from lidarsim.trajectory import Trajectory, mounted
 if TYPE_CHECKING:
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
+
+    Part: TypeAlias = tuple[Lidar, Transform | None] | tuple[Lidar, Transform | None, float]
 
 __all__ = ["Rig", "RigSensor"]
 
@@ -81,7 +83,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
     {'left': 9.0, 'right': 8.5}
     """
 
-    def __init__(self, sensors: Mapping[str, tuple[Any, ...]]) -> None:
+    def __init__(self, sensors: Mapping[str, Part]) -> None:
         if not isinstance(sensors, Mapping):
             raise TypeError(f"sensors: expected a mapping from names to sensors, got {type(sensors).__name__}")
         if not sensors:
@@ -209,7 +211,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         return f"Rig({textwrap.shorten(', '.join(self), 200, placeholder=' …')} at {self.rate:g} Hz)"
 
 
-def _sensor(name: str, parts: tuple[Any, ...]) -> RigSensor:
+def _sensor(name: str, parts: Part) -> RigSensor:
     if not isinstance(name, str):
         raise TypeError(f"sensors: expected strings as names, got {name!r}")
     if not name:
@@ -225,7 +227,7 @@ def _sensor(name: str, parts: tuple[Any, ...]) -> RigSensor:
     return RigSensor(dataclasses.replace(lidar, name=name), matrix, real(f"{what}, offset", offset))
 
 
-def _pose(name: str, value: Any) -> Floats:
+def _pose(name: str, value: Transform | None) -> Floats:
     return np.eye(4) if value is None else np.array(_validation.pose(name, value))
 
 

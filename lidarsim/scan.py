@@ -16,7 +16,7 @@ from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
 from lidarsim._validation import Floats, Transform, integer, real, shown
-from lidarsim._views import view
+from lidarsim._views import Plotted
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
 from lidarsim.patterns._pulses import pulses_of
@@ -82,7 +82,7 @@ _MISSING = {"label": 0, "instance": 0, "object_id": -1, "return_count": 0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Scan(Pickled):
+class Scan(Pickled, Plotted):
     """A frame of a sensor: for each of n pulses, in firing order, up to k returns, and why there is none.
 
     k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `instance` and
@@ -350,21 +350,6 @@ class Scan(Pickled):
         poses = self.poses[pulse]
         turned: Floats = (poses[:, :3, :3] @ points[:, :, None])[:, :, 0]
         return turned + poses[:, :3, 3]
-
-    def plot(self, **options: Any) -> Any:
-        """Show the points in the world; a short way to write ``lidarsim.show(scan, …)``.
-
-        Parameters
-        ----------
-        **options
-            Those of `lidarsim.show`: `color_by`, `scene`, `save`, `camera` and others.
-
-        Returns
-        -------
-        Page or None
-            What `lidarsim.show` returns.
-        """
-        return view(Scan, "plot")(self, **options)
 
     def summary(self) -> Summary:
         """Return the number of pulses for each status, which prints as a table.

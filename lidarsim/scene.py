@@ -17,7 +17,7 @@ from lidarsim import _native as core
 from lidarsim._files import PathLike
 from lidarsim._pickling import Immutable, Pickled
 from lidarsim._validation import UINT32, Floats, Transform, affine, array, frozen, integer, named_labels, rays, t_range
-from lidarsim._views import view
+from lidarsim._views import Plotted, view
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
 from lidarsim.shapes import Hits, Shape, TriangleMesh
@@ -176,7 +176,7 @@ class _Snapshot:
                 )
 
 
-class Scene(Pickled):
+class Scene(Pickled, Plotted):
     """Objects that rays are cast at together.
 
     Iterating over a scene gives its objects in the order of their ids, ``len(scene)`` their number, and ``scene[id]``
@@ -615,21 +615,6 @@ class Scene(Pickled):
         """
         converted: list[dict[str, Any]] = view(Scene, "open3d")(self, chord_error=chord_error, bounds=bounds)
         return converted
-
-    def plot(self, **options: Any) -> Any:
-        """Show the surfaces; a short way to write ``lidarsim.show(scene, …)``.
-
-        Parameters
-        ----------
-        **options
-            Those of `lidarsim.show`: `color_by`, `save`, `camera` and others.
-
-        Returns
-        -------
-        Page or None
-            What `lidarsim.show` returns.
-        """
-        return view(Scene, "plot")(self, **options)
 
     def __len__(self) -> int:
         """Return the number of objects."""

@@ -35,6 +35,11 @@ for scan in ls.Lidar.preset("velodyne-vlp16").frames(scene, drive, 2):
     assert_type(cloud[cloud.ring == 3][0], ls.PointCloud)
     assert_type(cloud.label, npt.NDArray[np.uint32])
     cloud.transformed(np.eye(4)).save("scan.pcd", fields=["label"])
+    scan.plot(scene=scene, color_by="label", camera="orbit", save="scan.png")
+
+lidar = ls.Lidar.preset("velodyne-vlp16")
+rig = ls.Rig({"left": (lidar, None), "right": (lidar, drive.at(0.5), 0.05)})
+assert_type(next(rig.frames(scene, drive, 2)), dict[str, ls.Scan])
 """
 
 WRONG = {
@@ -42,6 +47,8 @@ WRONG = {
     "ls.Scene().update(0, transfrom=None)\n": "transfrom",
     "ls.Scene(class_names={'car': 1})\n": "class_names",
     "ls.Lidar.preset('velodyne-vlp16').scan(ls.Scene()).point_cloud('map')\n": "frame",
+    "ls.Scene().plot(colour_by='label')\n": "colour_by",
+    "ls.Rig({'left': ls.Lidar.preset('velodyne-vlp16')})\n": "Rig",
 }
 
 

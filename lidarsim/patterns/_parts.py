@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, frozen, integer
 from lidarsim.patterns._pulses import Pulses
@@ -15,7 +15,7 @@ from lidarsim.patterns._pulses import Pulses
 TURN = 2.0 * math.pi
 
 
-def per_channel(name: str, value: Any, channels: int, *, width: int | None = None) -> Floats:
+def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | None = None) -> Floats:
     """Return `value` as a read-only array with a row for each channel, given as that or as one row for all."""
     tail = () if width is None else (width,)
     try:
@@ -136,7 +136,7 @@ def fired_in_cycles(
     )
 
 
-def firing_times_within(cycle: float, firing_times: Any, channels: int) -> Floats:
+def firing_times_within(cycle: float, firing_times: npt.ArrayLike, channels: int) -> Floats:
     """Return the firing times of the channels, s, after checking that they lie within a cycle."""
     times = per_channel("firing_times", firing_times, channels)
     outside = (times < 0.0) | (times >= cycle)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -51,7 +51,7 @@ class Mid360(Value):
     (4, 5000)
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "rate_hz": float,
     }
 

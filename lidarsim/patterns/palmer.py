@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class Palmer(Value):
     (1, 20000)
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "half_angle_deg": float,
         "scan_rate_hz": float,
         "pulse_rate_khz": float,

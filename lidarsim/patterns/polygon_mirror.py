@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -73,7 +73,7 @@ class PolygonMirror(Value):
     ((1, 6000), 6000)
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "elevations_deg": list[float],
         "sweep_deg": float,
         "field_of_view_deg": float,

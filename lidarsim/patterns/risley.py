@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
@@ -39,7 +39,7 @@ class Prism(Value):
         If an argument is not a finite number, a tilt not between -pi/2 and pi/2, or the phase more than a turn.
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "rotation_rate_hz": float,
         "rotation_rate_rpm": float,
         "phase_deg": float,
@@ -98,7 +98,7 @@ class Risley(Value):
     ((1, 10000), 10000)
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "prisms": list[Prism],
         "refractive_index": float,
         "pulse_rate_khz": float,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, cast
+from typing import ClassVar, cast
 
 import numpy as np
 import numpy.typing as npt
@@ -80,7 +80,7 @@ class Spinning(Value):
     array([0, 1, 2, 0], dtype=uint16)
     """
 
-    configuration: ClassVar[Mapping[str, Any]] = {
+    configuration: ClassVar[Mapping[str, object]] = {
         "elevations_deg": list[float],
         "azimuth_offsets_deg": float | list[float],
         "columns": float,

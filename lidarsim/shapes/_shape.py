@@ -72,7 +72,7 @@ class Shape(Value):
     __match_args__: ClassVar[tuple[str, ...]] = ()
     """Attributes that say all of the shape but its transform: arguments of the constructor."""
 
-    configuration: ClassVar[Mapping[str, Any]] = {}
+    configuration: ClassVar[Mapping[str, object]] = {}
     """Keys of configurations: arguments of the constructor with their units, and types of their values."""
 
     bounded: ClassVar[bool] = True

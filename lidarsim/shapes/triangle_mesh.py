@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,11 @@ from lidarsim._validation import Floats, Transform, array, in_order, positive
 from lidarsim.errors import FileFormatError
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
+
+if TYPE_CHECKING:
+    import open3d
+    import pyvista
+    import trimesh
 
 
 class TriangleMesh(Shape):
@@ -108,7 +113,7 @@ class TriangleMesh(Shape):
         return mesh
 
     @classmethod
-    def from_trimesh(cls, mesh: Any, *, transform: Transform | None = None) -> Self:
+    def from_trimesh(cls, mesh: trimesh.Trimesh, *, transform: Transform | None = None) -> Self:
         """Take over a ``trimesh.Trimesh``.
 
         Parameters
@@ -131,7 +136,9 @@ class TriangleMesh(Shape):
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), transform=transform)
 
     @classmethod
-    def from_open3d(cls, mesh: Any, *, transform: Transform | None = None) -> Self:
+    def from_open3d(
+        cls, mesh: open3d.geometry.TriangleMesh | open3d.t.geometry.TriangleMesh, *, transform: Transform | None = None
+    ) -> Self:
         """Take over an Open3D triangle mesh.
 
         Parameters
@@ -151,12 +158,12 @@ class TriangleMesh(Shape):
         ValueError
             If its numbers are not those of a mesh.
         """
-        if hasattr(mesh, "vertex"):  # the tensor mesh
+        if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # the tensor mesh
             return cls(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), transform=transform)
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.triangles), transform=transform)
 
     @classmethod
-    def from_pyvista(cls, mesh: Any, *, transform: Transform | None = None) -> Self:
+    def from_pyvista(cls, mesh: pyvista.DataSet, *, transform: Transform | None = None) -> Self:
         """Take over the surface of a PyVista data set.
 
         Parameters

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias, TypedDict
 
 import numpy as np
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
 from lidarsim._validation import Floats, Transform, integer, real
-from lidarsim._views import register_view
+from lidarsim._views import Plotted, register_view
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.scene import Scene
@@ -25,6 +25,22 @@ from lidarsim.viewers._surfaces import Surface, surfaces
 
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
 """A frame: a cloud, a scan, or the scans of a rig by the names of its sensors."""
+
+
+class Looks(TypedDict, total=False):
+    """The keywords of `show`."""
+
+    scene: Scene | None
+    color_by: str | None
+    class_names: Mapping[int, str] | None
+    pose: Transform | Sequence[Transform] | None
+    time: float | Sequence[float] | None
+    save: PathLike | None
+    camera: Camera | Sequence[Sequence[float]]
+    size: tuple[int, int]
+    point_size: float | None
+    viewer: Literal["pyvista", "open3d"]
+
 
 SUFFIXES = (".png", ".gif", ".mp4", ".html")
 
@@ -242,9 +258,4 @@ def _picture(
     )
 
 
-def _plot(what: Any, **options: Any) -> html.Page | None:
-    return show(what, **options)
-
-
-for kind in (PointCloud, Scan, Scene):
-    register_view(kind, "plot", _plot)
+register_view(Plotted, "plot", show)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import shutil
 import subprocess
 import sys
@@ -16,6 +17,7 @@ import lidarsim as ls
 from lidarsim.viewers import _display, html
 from lidarsim.viewers._colors import QUALITATIVE, coloring
 from lidarsim.viewers._picture import Frame, Picture, View
+from lidarsim.viewers._show import Looks
 
 SIZE = (320, 200)
 
@@ -248,6 +250,12 @@ def test_bad_arguments(options: Any, message: str, scans: list[ls.Scan]) -> None
     with pytest.raises((ValueError, ls.errors.LidarsimError)) as caught:
         ls.show([scan.point_cloud() for scan in scans], **{"save": "a.png", **options})
     assert str(caught.value).startswith(message)
+
+
+def test_the_keywords_of_plot_are_those_of_show() -> None:
+    parameters = [p for p in inspect.signature(ls.show).parameters.values() if p.kind is p.KEYWORD_ONLY]
+    looks = {name: kind.__forward_arg__ for name, kind in Looks.__annotations__.items()}
+    assert looks == {parameter.name: parameter.annotation for parameter in parameters}
 
 
 def test_nothing_to_show() -> None:
