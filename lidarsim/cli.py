@@ -80,18 +80,20 @@ def _option(names: str, metavar: str, text: str) -> Any:
     return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False)
 
 
-Configuration = Annotated[Path, typer.Argument(metavar="CONFIG", help="A configuration in YAML.")]
-Overrides = Annotated[list[str] | None, _option("--set", "KEY=VALUE", "Set a value of CONFIG: scene.0.radius_m=2")]
-Seed = Annotated[int | None, _option("--seed", "N", "Seed of the noise, in place of CONFIG's.")]
-Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame, in place of CONFIG's.")]
-Frames = Annotated[int | None, _option("--frames", "N", "How many frames, in place of CONFIG's.")]
-Screenshot = Annotated[Path | None, _option("--screenshot", "PNG", "Write a picture; no window, no display needed.")]
-ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Field that colours the points, or height.")]
-Surfaces = Annotated[
-    bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene beside the points.")
+Configuration = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML configuration.")]
+Overrides = Annotated[
+    list[str] | None, _option("--set", "KEY=VALUE", "Override a value in CONFIG, e.g. scene.0.radius_m=2.")
 ]
-View = Annotated[Camera, _option("--camera", "|".join(Camera), "From where to look.")]
-Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Of window and pictures, pixels; 1600x1000 if not given.")]
+Seed = Annotated[int | None, _option("--seed", "N", "Noise seed; overrides CONFIG.")]
+Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame; overrides CONFIG.")]
+Frames = Annotated[int | None, _option("--frames", "N", "Number of frames; overrides CONFIG.")]
+Screenshot = Annotated[Path | None, _option("--screenshot", "PNG", "Write a picture; needs no display.")]
+ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Colour the points by this field, or by height.")]
+Surfaces = Annotated[
+    bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene with the points.")
+]
+View = Annotated[Camera, _option("--camera", "|".join(Camera), "Where to look from.")]
+Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Size of windows and pictures in pixels; default 1600x1000.")]
 
 
 def _version(asked: bool) -> None:
@@ -103,7 +105,7 @@ def _version(asked: bool) -> None:
 @app.callback()
 def _options(
     _: Annotated[
-        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and leave.")
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     pass
@@ -114,7 +116,7 @@ def scan(
     config: Configuration,
     *,
     output: Annotated[
-        Path, _option("--output -o", "OUT", "A point cloud, or a ROS 2 bag (.mcap, .db3) of all frames.")
+        Path, _option("--output -o", "OUT", "Point cloud file, or ROS 2 bag (.mcap, .db3) with all frames.")
     ],
     overrides: Overrides = None,
     seed: Seed = None,
@@ -122,7 +124,7 @@ def scan(
     frames: Frames = None,
     layout: Annotated[
         str | None,
-        _option("--layout", "NAME", f"How a bag has its points: {', '.join(rosbag.LAYOUTS)}; by the sensor's vendor."),
+        _option("--layout", "NAME", f"Point layout of a bag: {', '.join(rosbag.LAYOUTS)}; default: by vendor."),
     ] = None,
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
@@ -130,11 +132,12 @@ def scan(
     camera: View = Camera.BEHIND,
     size: Size = "1600x1000",
 ) -> None:
-    """Scan the scene of CONFIG and write the point cloud.
+    """Scan the scene in CONFIG and write the point cloud.
 
-    Each of several frames gets a file, and beside the clouds come the poses of the sensor (OUT_poses.tum), at the start
-    of each frame or at the moment that its points are deskewed to, and the times of the starts (OUT_times.txt). With a
-    rig each sensor has its own files. A ROS 2 bag (.mcap, .db3) holds all of that in one file.
+    With several frames, each frame gets its own numbered file, and the sensor poses (OUT_poses.tum) and the start times
+    of the frames (OUT_times.txt) are written next to them. A pose is taken at the start of its frame, or at the time
+    that the points are deskewed to. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all of
+    this in one file.
     """
     check_output(output)
     _check_screenshot(screenshot)
@@ -204,26 +207,32 @@ def _bag(output: Path, run: Run, layout: str | None) -> rosbag.Writer | None:
 
 @app.command()
 def generate(
-    recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="A recipe in YAML.")] = None,
+    recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="YAML recipe.")] = None,
     *,
-    output: Annotated[str, _option("--output -o", "FOLDER|URL", "Where to: a folder, or such as s3://bucket/folder.")],
-    workers: Annotated[int | None, _option("--workers", "N", "Use N processes of one thread each.")] = None,
-    scheduler: Annotated[str | None, _option("--scheduler", "ADDRESS", "Use a Dask cluster: tcp://host:8786.")] = None,
-    shard: Annotated[str | None, _option("--shard", "I/N", "Make only the I-th of N parts, I from 0 on.")] = None,
-    verify: Annotated[bool, typer.Option("--verify", help="Only check the files that are there.")] = False,
-    pictures: Annotated[int, _option("--pictures", "N", "How many frames the data card shows (3).")] = 3,
-    overrides: Annotated[list[str] | None, _option("--set", "KEY=VALUE", "Set a value of RECIPE: frames=100")] = None,
+    output: Annotated[str, _option("--output -o", "FOLDER|URL", "Output folder, or a URL such as s3://bucket/folder.")],
+    workers: Annotated[int | None, _option("--workers", "N", "Run N single-threaded processes.")] = None,
+    scheduler: Annotated[
+        str | None, _option("--scheduler", "ADDRESS", "Run on a Dask cluster, e.g. tcp://host:8786.")
+    ] = None,
+    shard: Annotated[str | None, _option("--shard", "I/N", "Make only part I of N, counting from 0.")] = None,
+    verify: Annotated[
+        bool, typer.Option("--verify", help="Only check the existing files against the manifest.")
+    ] = False,
+    pictures: Annotated[int, _option("--pictures", "N", "Number of frames to show in the data card; default 3.")] = 3,
+    overrides: Annotated[
+        list[str] | None, _option("--set", "KEY=VALUE", "Override a value in RECIPE, e.g. frames=100.")
+    ] = None,
 ) -> None:
-    """Make the data set that RECIPE describes, or go on with it.
+    """Make the data set described by RECIPE, or resume it.
 
-    What is there stays, so after a crash, a full disk or Ctrl-C the same command goes on where that one stopped. The
-    files are the same, to the last byte, for any number of workers.
+    Existing files are kept: after a crash, a full disk or Ctrl-C, run the same command again to continue. The files are
+    byte-identical for any number of workers.
     """
     if verify:
         problems = ls.datasets.verify(output)
         if problems:
-            raise LidarsimError(f"{output}: {len(problems)} files are not as made: {problems[0]}")
-        _print(f"{output}: all files are as made")
+            raise LidarsimError(f"{output}: {len(problems)} files differ from the manifest: {problems[0]}")
+        _print(f"{output}: all files match the manifest")
         return
     if recipe is None:
         raise LidarsimError("RECIPE: expected a recipe, or --verify, got neither")
@@ -237,7 +246,7 @@ def generate(
         )
     _print(f"{made.frames:,} frames, {made.points:,} points in {made.seconds:.1f} s: {output}")
     if made.shards_left:
-        _print(f"{made.shards_left:,} shards of other parts are not there yet")
+        _print(f"{made.shards_left:,} shards of other parts are still missing")
 
 
 def _part(text: str | None) -> tuple[int, int]:
@@ -253,14 +262,16 @@ def _part(text: str | None) -> tuple[int, int]:
 def view(
     path: Annotated[
         Path,
-        typer.Argument(metavar="PATH", help="A point cloud, a folder of them, a configuration or a recipe."),
+        typer.Argument(metavar="PATH", help="Point cloud, folder of point clouds, configuration or recipe."),
     ],
     *,
-    viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Whose window opens.")] = Viewer.PYVISTA,
+    viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Viewer to open.")] = Viewer.PYVISTA,
     screenshot: Screenshot = None,
-    html: Annotated[Path | None, _option("--html", "HTML", "Write one page that a browser opens by itself.")] = None,
-    gif: Annotated[Path | None, _option("--gif", "GIF", "Write a film of the frames, or around a single one.")] = None,
-    mp4: Annotated[Path | None, _option("--mp4", "MP4", "The same as a video.")] = None,
+    html: Annotated[Path | None, _option("--html", "HTML", "Write a self-contained web page.")] = None,
+    gif: Annotated[
+        Path | None, _option("--gif", "GIF", "Write an animation: all frames, or once around a single one.")
+    ] = None,
+    mp4: Annotated[Path | None, _option("--mp4", "MP4", "Same as --gif, as a video.")] = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
     camera: View = Camera.BEHIND,
@@ -272,8 +283,8 @@ def view(
 ) -> None:
     """Show point clouds in a window, or write pictures of them.
 
-    Of a configuration the points stand in the world, among the surfaces of its scene. Several frames have a slider in
-    the window and in a page; a picture is of the first.
+    A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
+    the scene. With several frames, windows and web pages have a slider, and a screenshot shows the first frame.
     """
     saves = [save for save in (screenshot, html, gif, mp4) if save]
     for option, save in {"screenshot": screenshot, "html": html, "gif": gif, "mp4": mp4}.items():
@@ -284,7 +295,7 @@ def view(
             import_extra(*_DRAWN[suffix], f"--{option}")
     if saves and viewer is Viewer.OPEN3D:
         raise LidarsimError(
-            "--with open3d: it opens a window alone; leave it out beside --screenshot, --html, --gif or --mp4"
+            "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
         )
     if not saves:
         require_display()
@@ -299,7 +310,7 @@ def view(
         given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
         unused = [name for name, value in given.items() if value is not None]
         if unused:
-            raise LidarsimError(f"{', '.join(unused)}: expected beside a configuration, got {path}")
+            raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
         clouds = tuple(_progress(map(ls.PointCloud.load, files), len(files))) if (files := _clouds(path)) else ()
     if not saves:
         ls.show(clouds, **looks)
@@ -309,7 +320,7 @@ def view(
 
 @app.command()
 def check(config: Configuration, overrides: Overrides = None) -> None:
-    """Check CONFIG, build what it describes, scan its first and last frame, and say what that is."""
+    """Check CONFIG: build all of it, scan its first and last frame, and print a summary."""
     run = _load(config, overrides)
     run.scans()  # of a rig some sensors may have no scan in these two frames, and all are tried here
     for frame in sorted({run.frames[0], run.frames[-1]}):
@@ -341,14 +352,14 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
 
 @app.command()
 def sensors(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", help="A preset; without it, all are listed.")] = None,
-    yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, to start one's own from.")] = False,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", help="Preset; default: list all.")] = None,
+    yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, as a start for your own.")] = False,
     screenshot: Screenshot = None,
 ) -> None:
-    """List the sensors that lidarsim knows, or describe one."""
+    """List the sensor presets, or describe one."""
     if name is None:
         if yaml or screenshot:
-            raise LidarsimError("--yaml, --screenshot: expected the NAME of a sensor beside them, got none")
+            raise LidarsimError("--yaml, --screenshot: expected the NAME of a sensor with them, got none")
         table = _table("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
         for preset in ls.Lidar.presets():
             lidar = ls.Lidar.preset(preset)
@@ -380,7 +391,7 @@ def sensors(
 
 @app.command(context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []})
 def bench(context: typer.Context) -> None:
-    """Measure speed and accuracy beside other ray casters; ``lidarsim bench --help`` says how."""
+    """Compare speed and accuracy with other ray casters."""
     from lidarsim.bench import main as benchmark
 
     raise typer.Exit(benchmark(context.args))

@@ -442,7 +442,7 @@ MISTAKES = {
     "view gone.pcd --screenshot a.png": "gone.pcd: no such file",
     "view run.yaml --screenshot a.png --color-by smell": f"color_by: expected one of height, {FIELDS}, got 'smell'",
     "view run.yaml --with open3d --screenshot a.png": (
-        "--with open3d: it opens a window alone; leave it out beside --screenshot, --html, --gif or --mp4"
+        "--with open3d: Open3D only opens windows; leave it out with --screenshot, --html, --gif or --mp4"
     ),
     "view run.yaml --html a.htm": "a.htm: unknown extension '.htm', expected .html",
     "view run.yaml --gif a.png": "a.png: unknown extension '.png', expected .gif",
@@ -450,14 +450,14 @@ MISTAKES = {
         "--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got '100'"
     ),
     "view cloud.xyz --screenshot a.png --set seed=1 --frame 2": (
-        "--set, --frame: expected beside a configuration, got cloud.xyz"
+        "--set, --frame: expected only with a configuration or recipe, got cloud.xyz"
     ),
     "view folder.pcd --screenshot a.png": "folder.pcd: expected a folder of point clouds, got none in it",
     # sensors
     "sensors velodyne-vlp17": (
         "preset: unknown sensor 'velodyne-vlp17'; did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
     ),
-    "sensors --yaml": "--yaml, --screenshot: expected the NAME of a sensor beside them, got none",
+    "sensors --yaml": "--yaml, --screenshot: expected the NAME of a sensor with them, got none",
 }
 
 

@@ -43,7 +43,7 @@ class Generated:
     seconds : float
         How long that took.
     shards_left : int
-        Shards that are not there yet, since they are of other parts; 0 when the data set is whole.
+        Shards that other parts have still to make; 0 when the data set is complete.
     """
 
     frames: int
@@ -67,9 +67,9 @@ def generate(
     class_names: dict[int, str] | None = None,
     pictures: int = 3,
 ) -> Generated:
-    """Make a data set, or go on with one that is not whole.
+    """Make a data set, or resume one that is not complete.
 
-    What a place already holds of the same data set stays: after a crash, the same call goes on where that one stopped.
+    Existing files of the same data set are kept: after a crash, the same call continues where the last one stopped.
 
     Parameters
     ----------

@@ -282,10 +282,10 @@ def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFi
 
     out = tmp_path / "out"
     for arguments, code, text in (
-        ((recipe, "-o", out, "--shard", "0/2"), 0, "1 shards of other parts are not there yet"),
+        ((recipe, "-o", out, "--shard", "0/2"), 0, "1 shards of other parts are still missing"),
         (("--verify", "-o", out), 2, "not whole"),
         ((recipe, "-o", out, "--shard", "1/2", "--pictures", 0), 0, "5 frames, "),
-        (("--verify", "-o", out), 0, "all files are as made"),
+        (("--verify", "-o", out), 0, "all files match the manifest"),
         (("-o", out), 2, "expected a recipe, or --verify"),
         ((recipe, "-o", out, "--shard", "2/2"), 2, "--shard: expected I/N"),
         ((recipe, "-o", out, "--workers", "2", "--scheduler", "tcp://x"), 2, "got both"),
@@ -296,4 +296,4 @@ def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFi
     (out / "sequences/00/velodyne/000000.bin").write_bytes(b"")
     ended, printed = run("--verify", "-o", out)
     assert ended == 2
-    assert "1 files are not as made: sequences/00/velodyne/000000.bin" in printed
+    assert "1 files differ from the manifest: sequences/00/velodyne/000000.bin" in printed
