@@ -258,7 +258,7 @@ _NUMBERS = {
 def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]:
     table = array("range_sigma", rows, ("n", 2))
     if slope != 0.0:
-        raise ValueError(f"range_sigma_slope: expected 0 beside a table of range_sigma, got {slope!r}")
+        raise ValueError(f"range_sigma_slope: expected 0 with a table of range_sigma, got {slope!r}")
     if not len(table):
         raise ValueError("range_sigma: expected at least one row (range, sigma), got none")
     if (table < 0.0).any():

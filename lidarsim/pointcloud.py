@@ -57,19 +57,18 @@ _EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "
 class PointCloud(Pickled, Plotted):
     """Points with named fields, each an array attribute with one entry per point.
 
-    Only the fields that are given exist. Fields can be set and added later (``cloud.cluster = ids``) under the same
-    checks; ``cloud[index]`` is the cloud of the points that a slice, a mask or an array of indices selects. Arrays that
-    already have the right dtype and are C-contiguous are kept, not copied.
+    Only the given fields exist. Fields can be set and added later (``cloud.cluster = ids``), with the same checks;
+    ``cloud[index]`` is the cloud of the points selected by a slice, a mask or an array of indices. Arrays that already
+    have the right dtype and are C-contiguous are kept, not copied.
 
     Parameters
     ----------
     fields : mapping of array_like, or array_like of shape (n, 3), optional
-        The fields by name, `xyz` among them; or `xyz` alone. Those listed below are converted to their dtype: float32
-        rounds, but an integer must fit, and a number with a fraction is refused where an integer is expected. A field
-        of any other name has shape (n,) or (n, m) and is bool, of any integer type, float32 or float64, and keeps its
-        dtype.
+        The fields by name, including `xyz`; or `xyz` alone. Those listed below are converted to their dtype: float32
+        rounds, but integers must fit, and a fraction is refused where an integer is expected. A field of any other name
+        has shape (n,) or (n, m), is bool, of any integer type, float32 or float64, and keeps its dtype.
     class_names : mapping of int to str, optional
-        Names of labels, for legends and files.
+        Class names by label, for legends and files.
     **more
         More fields, or all of them, as keywords.
 
@@ -210,14 +209,14 @@ class PointCloud(Pickled, Plotted):
         if isinstance(index, str):
             raise TypeError(f"index: expected indices, a mask or a slice, got {index!r}; a field is cloud.{index}")
         if isinstance(index, tuple):
-            raise TypeError(f"index: expected one, of points, got {len(index)}; a field such as cloud.xyz takes two")
+            raise TypeError(f"index: expected one index, got {len(index)}; a field such as cloud.xyz takes two")
         if isinstance(index, int | np.integer) and not isinstance(index, bool):
             if not -len(self) <= index < len(self):
                 raise IndexError(f"index: expected one of {len(self)} points, got {index}")
             index = [int(index)]
         chosen = np.asarray(index) if isinstance(index, list) and index else index
         if isinstance(chosen, np.ndarray) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
-            raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry a point, got {chosen.shape}")
+            raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry per point, got {chosen.shape}")
         arrays = {name: array[chosen] for name, array in self._arrays().items()}  # type: ignore[index]
         return PointCloud(arrays, class_names=self._class_names)
 
@@ -385,21 +384,21 @@ class PointCloud(Pickled, Plotted):
     ) -> None:
         """Write the points to a file, whose suffix says the format.
 
-        What a format holds of the fields, in which types and units, stands in the documentation of its module in
-        `lidarsim.io`. The file takes its name when it is complete: a failure leaves the old file, or none.
+        Which fields a format can hold, in which types and units, is documented in its module in `lidarsim.io`. The file
+        gets its name once it is complete: a failure leaves the old file, or none.
 
         Parameters
         ----------
         path : path-like
             The file, in a folder that exists.
         fields : sequence of str, optional
-            The fields to write besides `xyz`. Default: all that there are.
+            The fields to write besides `xyz`. Default: all.
         float32 : bool
-            Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer take, in a
-            format that leaves the choice.
+            Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer accept, in
+            formats that allow both.
         pose : RigidTransform or array_like, shape (4, 4), optional
-            Rigid transform that takes the points into the world: that of the sensor, if they are in its frame. It
-            becomes the VIEWPOINT of a PCD file; the other formats have no place for it and leave it out.
+            Rigid transform from the coordinates of the points to the world: the sensor's pose, if they are in its
+            frame. It becomes the VIEWPOINT of a PCD file; other formats cannot hold it and leave it out.
 
         Raises
         ------
@@ -429,7 +428,7 @@ class PointCloud(Pickled, Plotted):
     def load(cls, path: PathLike) -> PointCloud:
         """Read a file that `save` or another program wrote.
 
-        The format is told by the first bytes of the file where it has a signature, else by the suffix.
+        The format is determined by the first bytes of the file if they are a signature, else by the suffix.
 
         Parameters
         ----------
@@ -439,8 +438,8 @@ class PointCloud(Pickled, Plotted):
         Returns
         -------
         PointCloud
-            With a field for each that the file has. Fields of lidarsim's names get lidarsim's dtypes (float32
-            coordinates become float64, units are as the file has them); the others keep theirs.
+            With all fields of the file. Those with lidarsim's names get lidarsim's dtypes (float32 coordinates become
+            float64; units stay those of the file); the others keep theirs.
 
         Raises
         ------

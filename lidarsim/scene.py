@@ -177,16 +177,16 @@ class _Snapshot:
 
 
 class Scene(Pickled, Plotted):
-    """Objects that rays are cast at together.
+    """The objects that rays are cast at.
 
-    Iterating over a scene gives its objects in the order of their ids, ``len(scene)`` their number, and ``scene[id]``
-    one of them. A scene may be copied and pickled: a copy has the same objects under the same ids, and changes to
-    either do not show in the other. Shapes and materials never change, and so are shared.
+    Iterating over a scene yields its objects in the order of their ids; ``len(scene)`` is their number and
+    ``scene[id]`` one of them. A scene can be copied and pickled: a copy has the same objects under the same ids, and
+    changing one does not change the other. Shapes and materials are immutable, so copies share them.
 
     Parameters
     ----------
     class_names : mapping of int to str, optional
-        Names of labels, for legends, summaries and files.
+        Class names by label, for legends, summaries and files.
 
     Attributes
     ----------
@@ -200,12 +200,12 @@ class Scene(Pickled, Plotted):
 
     Notes
     -----
-    One thread may change a scene while others cast at it or scan it: each cast and each scan sees the scene as it is
-    before or after a change, never between. Changes of several threads have to wait for each other.
+    One thread may change a scene while others cast rays at it or scan it: each cast and each scan sees the scene as it
+    was before or after a change, never in between. Only one thread at a time may change a scene.
 
-    A change costs what it takes to order the objects anew for casting, or, where they only change places and do not go
-    far, to fit the order that there is to them; the triangles of a mesh are ordered once, when they are first cast at,
-    however often the mesh is added or moved.
+    After a change, the next cast rebuilds the hierarchy over the objects or, where objects only moved and not far, refits
+    it. The hierarchy over the triangles of a mesh is built once, when rays are first cast at it, however often the mesh
+    is added or moved.
 
     Examples
     --------
@@ -248,27 +248,27 @@ class Scene(Pickled, Plotted):
         shape : Shape
             A mesh may be added many times; its triangles and their hierarchy are shared.
         name : str
-            For people.
+            A name for people, and for `find`.
         label : int or array_like of int, shape (m,)
-            Class of the object, 0 to 2³² − 1; of a `TriangleMesh` of m faces also one of each face.
+            Class of the object, 0 to 2³² − 1; for a `TriangleMesh` of m faces, optionally one per face.
         instance : int, optional
-            Number that tells things of one class apart, 0 to 2³² − 1: objects that are parts of one thing may share it.
+            Number that tells instances of a class apart, 0 to 2³² − 1; objects that are parts of one instance share it.
             Default: the object's id + 1.
         material : Material, optional
-            How its surface returns light; by default a perfect diffuser.
+            How its surface returns light. Default: a perfect diffuser.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map, object to world; it may shear and reflect. It comes after the transform that the shape may
-            have of its own.
+            Affine map, object to world; it may shear and reflect. It is applied after the shape's own transform, if
+            that has one.
         motion : Trajectory, optional
-            Rigid motion over time, which comes after `transform`: at time t the object is where its pose at t takes it,
-            as float64 has it, and all that is exact about casts is so for that pose. It has to cover the times of all
-            casts and scans.
+            Rigid motion over time, applied after `transform`: at time t the object is where its pose at t, in float64,
+            takes it. For that pose, casts are as exact as for any other. It must cover the times of all casts and
+            scans.
 
         Returns
         -------
         int
-            The object's id, which hits refer to: 0 for the first object, then 1, and so on. The id of an object that
-            was removed is not used again.
+            The object's id, which hits refer to: 0 for the first object, then 1, and so on. Ids of removed objects are
+            not reused.
 
         Raises
         ------
@@ -277,8 +277,8 @@ class Scene(Pickled, Plotted):
             trajectory, or `material` not a material; or if there is a label or reflectivity per face or vertex and the
             shape is no mesh.
         ValueError
-            If a label or the instance is out of range, the transform cannot be inverted, or the mesh has another number
-            of faces or vertices than there are labels or reflectivities.
+            If a label or the instance is out of range, the transform is singular, or the number of labels or
+            reflectivities does not match the faces or vertices of the mesh.
         """
         number = self._next
         if number > MOST:
@@ -298,8 +298,8 @@ class Scene(Pickled, Plotted):
         object_id : int
             Its id, which it keeps.
         **changes
-            Any of `shape`, `name`, `label`, `instance`, `material`, `transform` and `motion`, as in `add`; what is not
-            given stays.
+            Any of `shape`, `name`, `label`, `instance`, `material`, `transform` and `motion`, as in `add`; the others
+            stay as they are.
 
         Raises
         ------
@@ -355,17 +355,17 @@ class Scene(Pickled, Plotted):
         self._changed()
 
     def find(self, name: str) -> list[int]:
-        """Return the ids of the objects of a name.
+        """Return the ids of the objects with a name.
 
         Parameters
         ----------
         name : str
-            The whole name, as `add` was given it.
+            The whole name, as given to `add`.
 
         Returns
         -------
         list of int
-            In rising order; empty if there are none.
+            In ascending order; empty if there are none.
         """
         if not isinstance(name, str):
             raise TypeError(f"name: expected a string, got {name!r}")
@@ -373,14 +373,14 @@ class Scene(Pickled, Plotted):
 
     @classmethod
     def from_file(cls, path: PathLike) -> Scene:
-        """Read a scene from a file, told by its content.
+        """Read a scene from a file, whose kind is determined by its content.
 
         Parameters
         ----------
         path : path-like
-            A scene in YAML, as configurations have it, or a scene file that trimesh reads, such as GLB, glTF, 3MF or
-            DAE. The latter's units are taken as metres; each instance of a mesh is an object named after its node, and
-            the instances of a mesh share its triangles.
+            A scene in YAML, as in configurations, or a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE.
+            The latter's units are taken as metres; each instance of a mesh becomes an object named after its node, and
+            all instances share the mesh.
 
         Returns
         -------
@@ -676,10 +676,10 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
         return integer("label", value, at_least=0, at_most=UINT32)
     given = np.asarray(value)
     if not isinstance(shape, TriangleMesh):
-        raise TypeError(f"label: expected one integer, or a TriangleMesh for one a face, got {_kind(shape)}")
+        raise TypeError(f"label: expected one integer, or a TriangleMesh for one per face, got {_kind(shape)}")
     if given.dtype.kind not in "iu" or given.shape != (len(shape),):
         raise ValueError(
-            f"label: expected one integer, or {len(shape)}, one a face, got {given.dtype} of shape {given.shape}"
+            f"label: expected one integer, or {len(shape)}, one per face, got {given.dtype} of shape {given.shape}"
         )
     if given.dtype == np.uint32 and not given.flags.writeable:  # as it comes from here
         return given

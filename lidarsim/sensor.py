@@ -61,7 +61,7 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
 class Lidar(Pickled):
     """A lidar sensor.
 
-    Frozen; `dataclasses.replace` gives a varied copy.
+    Immutable; `dataclasses.replace` returns a changed copy.
 
     Parameters
     ----------
@@ -70,15 +70,14 @@ class Lidar(Pickled):
     measurement : Measurement
         Noise and other effects; all of them are off by default.
     min_range, max_range : float
-        Range gate, m, both ends included. It acts on the sensor's own range, as measured.
+        Range gate, m, both ends included. It applies to the measured range as the sensor counts it.
     range_offset : float or sequence of float, one per ring
-        The sensor's own range minus the range from the beam's origin, m, for sensors that measure from another zero.
-        Quantisation and the gate act on the sensor's own range; `Scan.range` is from the beam's origin.
+        Range as the sensor counts it minus range from the beam's origin, m, for sensors that count from another zero.
+        Quantisation and the gate apply to the range as the sensor counts it; `Scan.range` is from the beam's origin.
     name : str
-        Name of the sensor. Sensors of different names draw different noise from the same seed.
+        Name of the sensor. Sensors with different names draw different noise from the same seed.
     model : str
-        What kind of sensor it is, such as "ouster-os1-128", whatever its name: the vendor in it says in which layout
-        bags have its points. Default: its name.
+        The kind of sensor, such as "ouster-os1-128". Its vendor determines the point layout in bags. Default: the name.
 
     Raises
     ------
@@ -259,14 +258,14 @@ class Lidar(Pickled):
 
     @classmethod
     def from_file(cls, path: str | Path, **options: Any) -> Lidar:
-        """Return the sensor that a file describes: lidarsim's own YAML or a vendor's file, told by its content.
+        """Return the sensor described by a file: lidarsim's own YAML or a vendor's file, recognised by its content.
 
         Parameters
         ----------
         path : path-like
             The file.
         **options
-            What the file does not say. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
+            What the file leaves open. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
             `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV
             or DAT: `firing_times` (the other CSV), `rate`, `noise`. RoboSense angle CSV: `rate`, `noise`. Livox scan
             pattern CSV: `rate`, `pulse_rate`, `noise`.

@@ -49,7 +49,7 @@ def test_colours_become_luminance() -> None:
         (
             {"reflectivity": [0.1, 0.2]},
             TypeError,
-            "reflectivity: expected one number, or per='face' or per='vertex' beside an array",
+            "reflectivity: expected one number, or an array with per='face' or per='vertex'",
         ),
         ({"reflectivity": 0.5, "per": "face"}, ValueError, "reflectivity: expected shape (n,), got ()"),
         (

@@ -948,7 +948,7 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ),
         (
             {"range_sigma": [(1.0, 0.1)], "range_sigma_slope": 0.1},
-            "range_sigma_slope: expected 0 beside a table of range_sigma, got 0.1",
+            "range_sigma_slope: expected 0 with a table of range_sigma, got 0.1",
         ),
         (
             {"returns": "best"},

@@ -63,7 +63,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "colour as reflectivity": (
         lambda: ls.Material(reflectivity=(0.5, 0.5, 0.5)),
         TypeError,
-        "reflectivity: expected one number, or per='face' or per='vertex' beside an array",
+        "reflectivity: expected one number, or an array with per='face' or per='vertex'",
     ),
     "sphere, radius first": (
         lambda: ls.Sphere(1.0, (0, 0, 0)),
@@ -326,12 +326,12 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "labels by vertex": (
         lambda: SCENE.add(MESH, label=[1, 2, 3]),
         ValueError,
-        "label: expected one integer, or 1, one a face, got int64 of shape (3,)",
+        "label: expected one integer, or 1, one per face, got int64 of shape (3,)",
     ),
     "labels by face of a sphere": (
         lambda: SCENE.add(BALL, label=[1, 2]),
         TypeError,
-        "label: expected one integer, or a TriangleMesh for one a face, got Sphere",
+        "label: expected one integer, or a TriangleMesh for one per face, got Sphere",
     ),
     "material as number": (
         lambda: SCENE.add(BALL, material=0.5),
@@ -449,7 +449,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "mask of another length": (
         lambda: CLOUD[np.array([True, False])],
         IndexError,
-        "index: expected a mask of shape (3,), one entry a point, got (2,)",
+        "index: expected a mask of shape (3,), one entry per point, got (2,)",
     ),
     "absent field": (
         lambda: CLOUD.intensity,

@@ -340,7 +340,7 @@ def measure(groups: Iterable[cases.Case] | None = None, engines: dict[str, Engin
     Returns
     -------
     Report
-        A row a group.
+        One row per group.
     """
     began = time.perf_counter()
     engines = _installed() if engines is None else engines

@@ -51,7 +51,7 @@ class Caster(ABC):
     any_origin: ClassVar[bool] = True
     one_thread: ClassVar[bool] = False
     triangles: int = 0  # where there are others than the world's
-    stride: ClassVar[int] = 1  # a slow caster is timed on every stride-th ray: its time a ray is the same
+    stride: ClassVar[int] = 1  # a slow caster is timed on every stride-th ray: its time per ray is the same
 
     @classmethod
     @abstractmethod

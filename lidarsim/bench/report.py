@@ -411,7 +411,7 @@ def plot_speed(results: Results, path: Path) -> None:
 
 
 def plot_growth(results: Results, path: Path) -> None:
-    """Draw the time a ray against the number of triangles."""
+    """Draw the time per ray against the number of triangles."""
 
     def draw(axes: Any) -> None:
         labels = []

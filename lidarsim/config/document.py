@@ -327,7 +327,7 @@ def _extent(node: Node, known: dict[Node, tuple[int, int] | None]) -> tuple[int,
         values, depth = 1 + sum(values for values, _ in extents), 1 + max((depth for _, depth in extents), default=0)
         if values > MOST_VALUES:
             where = _written(node.start_mark)
-            raise ConfigError(f"{where}: expected at most {MOST_VALUES:,} values, aliases followed, got {values:,}")
+            raise ConfigError(f"{where}: expected at most {MOST_VALUES:,} values, counting aliases, got {values:,}")
         if depth > MOST_DEPTH:
             raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: nested too deeply")
         known[node] = values, depth

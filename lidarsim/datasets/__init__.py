@@ -139,7 +139,7 @@ def generate(
     }
     if callable(recipe):
         if overrides:
-            raise ValueError("overrides: expected none beside a function")
+            raise ValueError("overrides: expected none with a function")
         defaults = {"sequences": 1, "frames": 1, "seed": 0, "layout": "shards"}
         chosen = {key: defaults.get(key) if value is None else value for key, value in given.items()}
         made = recipes.from_function(recipe, class_names or {}, **chosen)

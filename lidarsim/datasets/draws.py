@@ -108,7 +108,7 @@ class Draw(Model):
             raise (place / "normal").error(f"expected [mean, sigma] with sigma >= 0, got [{mean}, {sigma}]")
         if self.weights is not None:
             if self.choice is None or len(self.weights) != len(self.choice):
-                expected = "none without choice" if self.choice is None else f"{len(self.choice)}, one a choice"
+                expected = "none without choice" if self.choice is None else f"{len(self.choice)}, one per choice"
                 raise (place / "weights").error(f"expected {expected}, got {len(self.weights)}")
             if not all(0 < weight < math.inf for weight in self.weights):
                 raise (place / "weights").error(f"expected positive numbers, got {self.weights}")

@@ -178,7 +178,7 @@ def _there(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, 
             sequence, frames = next(plan.recipe.shard(shard))
             made = Made(shard, 0, 0, _told(error), sequence, frames[0], plan.recipe.seed)
         else:
-            raise LidarsimError("the scheduler was lost: run the same command again, and it goes on")
+            raise LidarsimError("lost the connection to the scheduler: run the same command again to resume")
         if made.full:
             raise OSError(made.problem)
         tries[shard] += 1

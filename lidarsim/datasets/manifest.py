@@ -97,7 +97,7 @@ def verify(store: Store) -> Iterator[str]:
         with store.open(MANIFEST) as file:
             lines = file.read().splitlines()
     except FileNotFoundError:
-        raise FileFormatError(f"{store}: no {MANIFEST} there: the data set is not whole") from None
+        raise FileFormatError(f"{store}: no {MANIFEST}: the data set is incomplete") from None
     for line in lines[1:]:
         entry = json.loads(line)
         try:

@@ -338,7 +338,7 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
     """Return the recipe, after the first frame's run is seen to be one."""
     run = source.run(0, 0)
     if run.cloud["frame"] == "world":
-        raise ConfigError("cloud.frame: expected sensor in a data set, which has the poses beside, got world")
+        raise ConfigError("cloud.frame: expected sensor, since a data set stores the poses separately, got world")
     run.scans()  # raises an error if the trajectory does not cover the frames
     total, shard_frames = settings.sequences * settings.frames, settings.shard_frames
     if shard_frames is None:

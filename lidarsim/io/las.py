@@ -14,7 +14,7 @@ label              classification: 0 to 255, where 2 is ground and 6 building by
 scan_angle         scan angle, in steps of 0.006°. lidarsim gives no such field: it depends on what the nadir and the
                    line of flight are. Set it, in rad, to have it written.
 normal             extra dimensions NormalX, NormalY, NormalZ
-all others         extra dimensions of the same name and type; those of shape (n, m) one a component. Names of other
+all others         extra dimensions of the same name and type; those of shape (n, m) one per component. Names of other
                    dimensions of LAS (user_data, point_source_id, red, …) go there. bool cannot be held.
 =================  ==============================================================================================
 
@@ -347,7 +347,7 @@ def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
         file.seek(-8, os.SEEK_END)
         table = int.from_bytes(file.read(8), "little", signed=True)
     if not start + 8 <= table <= size - 8:
-        raise FileFormatError("it is truncated: its table of chunks is not there")
+        raise FileFormatError("it is truncated: its chunk table is missing")
     file.seek(table + 4)
     if int.from_bytes(file.read(4), "little") * each > size:
         raise FileFormatError("its table claims more chunks than the file has bytes for")

@@ -44,7 +44,7 @@ def load(file: BinaryIO) -> Fields:
         names = [name.strip().strip('"') for name in first.strip().lstrip("#/").split(between)]
         if _numeric(names):
             if len(names) != 3:
-                raise FileFormatError(f"its first line names no columns, and there are {len(names)} of them")
+                raise FileFormatError(f"its first line has no column names, and there are {len(names)} columns")
             lines: Iterable[str] = itertools.chain([first], text)
             names = list("xyz")
         else:
@@ -64,7 +64,7 @@ def _parsed(lines: Iterable[str], names: list[str], between: str | None) -> Iter
     while part := list(itertools.islice(rest, LINES)):
         numbers = np.loadtxt(part, delimiter=between, comments=None, ndmin=2)
         if numbers.shape[1] != len(names):
-            raise FileFormatError(f"it has {len(names)} names of columns, but {numbers.shape[1]} numbers a line")
+            raise FileFormatError(f"it has {len(names)} column names, but {numbers.shape[1]} numbers per line")
         yield {name: _narrow(name, column) for name, column in zip(names, numbers.T, strict=True)}
 
 

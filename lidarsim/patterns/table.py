@@ -141,7 +141,7 @@ class Table(Value):
         if unknown:
             raise ValueError(f"unknown columns {', '.join(sorted(unknown))}")
         if "time_s" in columns and pulse_rate is not None:
-            raise ValueError(f"pulse_rate: expected none beside the column time_s, got {pulse_rate!r}")
+            raise ValueError(f"pulse_rate: expected none with the column time_s, got {pulse_rate!r}")
         if "elevation_rad" in names:
             angles("azimuth_rad", columns["azimuth_rad"], at_most=TURN)
             angles("elevation_rad", columns["elevation_rad"], at_most=TURN / 4)

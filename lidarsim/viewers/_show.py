@@ -64,38 +64,38 @@ def show(
     Parameters
     ----------
     what : PointCloud, Scan, Scene, mapping of str to Scan, or an iterable of these but scenes
-        What to look at. Scans are shown in the world; a mapping, as `Rig.frames` gives it, is one frame. Of several
-        frames a window shows the one that its slider is at, and GIF, MP4 and HTML play all.
+        What to show. Scans are shown in world coordinates; a mapping, as `Rig.frames` yields it, is one frame. With
+        several frames, a window has a slider to choose one, and GIF, MP4 and HTML play all of them.
     scene : Scene, optional
-        Surfaces to show beside the points, translucent and in the colours of their labels or objects if the points are.
-        What moves is shown where it is when each frame begins.
+        Surfaces to show with the points: translucent, and coloured by label or object if the points are. Moving
+        objects are shown where they are at the start of each frame.
     color_by : str, optional
-        Scalar field that gives the colours, or ``"height"``; by default the intensity, if there is one.
+        Scalar field to colour the points by, or ``"height"``. Default: the intensity, if there is one.
     class_names : mapping of int to str, optional
-        Names of labels, for the legend. Default: those of the scene and the clouds.
+        Class names by label, for the legend. Default: those of the scene and the clouds.
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
-        Where the sensor was when a cloud was taken, or each of several, in the coordinates of the points: shown by its
-        axes (x red, y green, z blue). Default: the identity. Scans know theirs.
+        Pose of the sensor when the cloud was taken, or one per cloud, in the coordinates of the points. It is shown as
+        axes (x red, y green, z blue). Default: the identity, or the pose of the scan.
     time : float or sequence of float, optional
-        When a cloud was taken, or each of several, s. Scans know theirs. Default: 0, and beside several clouds of which
-        none says when, what moves is not shown.
+        When the cloud was taken, or one time per cloud, s. Default: the start of the scan; 0 for a single cloud. For
+        several clouds there is no default: without times, moving objects are not shown.
     save : path-like, optional
-        File to write in place of a window: PNG of the first frame; GIF or MP4 of all or, if there is but one, around
-        it; or HTML, one page that a browser opens by itself. None of these needs a display.
+        File to write instead of opening a window: PNG (the first frame), GIF or MP4 (all frames, or once around a
+        single one), or HTML (a self-contained page). None of these needs a display.
     camera : {"behind", "birds-eye", "first-person", "orbit"} or array_like of shape (3, 3)
-        From behind and above the sensor, from above, from the sensor ahead, or from a height all around; or position,
-        target and up vector. "behind" and "first-person" move with the sensor.
+        From behind and above the sensor, straight from above, from the sensor looking ahead, or circling the scene from
+        above; or position, target and up vector. "behind" and "first-person" move with the sensor.
     size : tuple of int
         Width and height, pixels.
     point_size : float, optional
-        Diameter of a point, pixels; by default the more points, the smaller.
+        Diameter of a point, pixels. Default: the more points, the smaller.
     viewer : {"pyvista", "open3d"}
-        Whose window opens.
+        The library that opens the window.
 
     Returns
     -------
     Page or None
-        In a Jupyter notebook, if `save` is not given, what the notebook displays: the page that a file of HTML is.
+        In a Jupyter notebook, if `save` is not given, the HTML page for the notebook to display.
 
     Raises
     ------
@@ -108,8 +108,8 @@ def show(
     OSError
         If the file cannot be written.
     TypeError, ValueError
-        If there is nothing of these kinds to show, a cloud has no scalar field `color_by`, or an argument is none of
-        the values above.
+        If there is nothing to show, a cloud has no scalar field `color_by`, or an argument is not one of the values
+        above.
     """
     if viewer not in {"pyvista", "open3d"}:
         raise ValueError(f"viewer: expected 'pyvista' or 'open3d', got {viewer!r}")

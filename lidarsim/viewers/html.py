@@ -194,7 +194,7 @@ def _xyz(points: Floats) -> dict[str, Any]:
 def _moving(
     go: Any, picture: Picture, frame: Frame, *, shift: Floats, reach: float, step: int, dot: float
 ) -> list[Any]:
-    """Return the traces of a frame, of the same kinds in each: points, one trace a category, and the sensor's axes."""
+    """Return the traces of a frame, alike for all frames: points, one trace per category, and the sensor's axes."""
     cloud, colors = frame.cloud[::step], picture.colors
     values = field_of(cloud, colors.field)
     told = [name for name in TOLD if name in cloud.fields]

@@ -111,7 +111,7 @@ def test_a_shard_that_fails_is_told_and_the_rest_is_made(
             ls.generate(recipe, out, pictures=0)
     assert len(tried) == 3
     assert manifest.done(open_store(out)) == {0, 2}
-    with pytest.raises(FileFormatError, match="not whole"):
+    with pytest.raises(FileFormatError, match="is incomplete"):
         ls.datasets.verify(out)
     assert ls.generate(recipe, out, pictures=0).frames == 5
     assert tree(out) == whole
@@ -283,7 +283,7 @@ def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFi
     out = tmp_path / "out"
     for arguments, code, text in (
         ((recipe, "-o", out, "--shard", "0/2"), 0, "1 shards of other parts are still missing"),
-        (("--verify", "-o", out), 2, "not whole"),
+        (("--verify", "-o", out), 2, "is incomplete"),
         ((recipe, "-o", out, "--shard", "1/2", "--pictures", 0), 0, "5 frames, "),
         (("--verify", "-o", out), 0, "all files match the manifest"),
         (("-o", out), 2, "expected a recipe, or --verify"),

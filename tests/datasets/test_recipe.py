@@ -106,7 +106,7 @@ def test_class_names_are_those_of_the_scene_and_of_the_recipe_over_them(recipe: 
         ("vary={scene.1.radius_m: {uniform: [1]}}", r"expected at least 2 items"),
         ("vary={scene.1.radius_m: {log_uniform: [0, 1]}}", r"expected positive numbers"),
         ("vary={scene.1.radius_m: {normal: [1, -1]}}", r"sigma >= 0"),
-        ("vary={scene.1.radius_m: {choice: [1, 2], weights: [1]}}", r"expected 2, one a choice, got 1"),
+        ("vary={scene.1.radius_m: {choice: [1, 2], weights: [1]}}", r"expected 2, one per choice, got 1"),
         ("vary={scene.1.radius_m: {choice: [1, 2], weights: [0, 1]}}", r"expected positive numbers"),
         ("vary={scene.1.radius_m: {uniform: [1, 2], weights: [1]}}", r"expected none without choice"),
         ("vary={scene.1.radius_m: {uniform: [1, 2], normal: [1, 2]}}", r"expected one of .*got uniform and normal"),

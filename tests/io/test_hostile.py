@@ -199,7 +199,7 @@ def test_a_scene_that_claims_more_than_it_has(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (f"{BOMB}seed: *h\n", ":7: expected at most 1,000,000 values, aliases followed, got 5,380,840"),
+        (f"{BOMB}seed: *h\n", ":7: expected at most 1,000,000 values, counting aliases, got 5,380,840"),
         (f"seed: {'[' * 99}1{']' * 99}\n", ":1: seed: expected an integer, got a list of 1"),
         (f"seed: {'[' * 100}1{']' * 100}\n", ":1: not valid YAML: nested too deeply"),
         (f"seed: {'[' * 50_000}\n", ": not valid YAML: nested too deeply"),

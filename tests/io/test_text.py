@@ -88,11 +88,11 @@ def test_files_of_others(text: str, fields: dict[str, list[float]], suffix: str,
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
-        (b"1 2 3 4\n", "its first line names no columns, and there are 4 of them"),
+        (b"1 2 3 4\n", "its first line has no column names, and there are 4 columns"),
         (b"", "it has no x among its fields"),
         (b"x y q\n1 2 3\n", "it has no z among its fields x, y, q"),
         (b"x y z x\n1 2 3 4\n", "it has two columns named 'x'"),
-        (b"x y z\n1 2\n", "it has 3 names of columns, but 2 numbers a line"),
+        (b"x y z\n1 2\n", "it has 3 column names, but 2 numbers per line"),
         (b"x y z\n1 2 3\n1 2\n", "the number of columns changed from 3 to 2 at row 2"),
         (b"x y z\n1 2 three\n", "could not convert string 'three' to float64 at row 0, column 3"),
         (b"x y z ring\n1 2 3 70000\n", "ring: expected integers from 0 to 65535, got ring[0] = 70000.0"),

@@ -48,7 +48,7 @@ class Files:
         self._add(name, digest, size, more or {})
 
     def write_json(self, name: str, rows: Iterable[object]) -> None:
-        """Write a JSON file with a list of rows, one a line."""
+        """Write a JSON file with a list of rows, one per line."""
         with self.local(name) as path, path.open("w", encoding="utf-8", newline="\n") as file:
             file.write("[")
             for index, row in enumerate(rows):

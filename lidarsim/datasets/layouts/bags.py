@@ -1,4 +1,4 @@
-"""ROS 2 bags: one a sequence, split where its shards end; see `lidarsim.io.rosbag`."""
+"""ROS 2 bags: one per sequence, split at the ends of shards; see `lidarsim.io.rosbag`."""
 
 from __future__ import annotations
 
