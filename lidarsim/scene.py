@@ -203,9 +203,9 @@ class Scene(Pickled, Plotted):
     One thread may change a scene while others cast rays at it or scan it: each cast and each scan sees the scene as it
     was before or after a change, never in between. Only one thread at a time may change a scene.
 
-    After a change, the next cast rebuilds the hierarchy over the objects or, where objects only moved and not far, refits
-    it. The hierarchy over the triangles of a mesh is built once, when rays are first cast at it, however often the mesh
-    is added or moved.
+    After a change, the next cast rebuilds the hierarchy over the objects, or refits it if they have only moved, and not
+    far. The hierarchy over the triangles of a mesh is built once, when rays are first cast at it, however often the
+    mesh is added or moved.
 
     Examples
     --------

@@ -203,7 +203,7 @@ def test_a_rig_is_checked_and_shown(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("check", "rig.yaml") == 0
     printed = capsys.readouterr().out
     assert [line.split()[1] for line in printed.splitlines() if line.startswith(" sensor ")] == ["top", "left"]
-    assert printed.endswith("pose from 0 to 1 s; frames from 0 to 0.2 s\nrig.yaml: ok, 2 objects, 2 frames, seed 0\n")
+    assert printed.endswith("defined: pose 0 … 1 s, frames 0 … 0.25 s\nrig.yaml: ok, 2 objects, 2 frames, seed 0\n")
     assert lidarsim("view", "rig.yaml", "--screenshot", "rig.png", *SMALL) == 0
     assert film("rig.png") == ((320, 200), 1)
 
@@ -313,13 +313,13 @@ def test_pictures_of_a_frame_have_movers_where_they_then_are(command: str, monke
         encoding="utf-8",
     )
     seen: list[Any] = []
-    monkeypatch.setattr(ls, "show", lambda *_, scene, **__: seen.append(scene))
+    monkeypatch.setattr(ls.viewers.pyvista, "draw", lambda picture, *_, **__: seen.append(picture))
     what = ["view"] if command == "view" else ["scan", "-o", "a.npz"]
     assert lidarsim(what[0], "moving.yaml", *what[1:], "--frame", "1", "--frames", "1", "--screenshot", "a.png") == 0
-    (scene,) = seen
-    assert scene[1].motion is None
+    (picture,) = seen
+    ((mover,),) = (frame.movers for frame in picture.frames)
     # Frame 1 begins at 0.1 s.
-    assert scene[1].transform[:3, 3] == pytest.approx([12, 0, 1], rel=1e-15)
+    assert mover.matrix[:3, 3] == pytest.approx([12, 0, 1], rel=1e-15)
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")

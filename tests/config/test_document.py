@@ -64,7 +64,7 @@ def test_an_alias_stands_for_its_anchor() -> None:
         ("a: &x [*x]", "f.yaml:1: not valid YAML: this value holds itself"),
         ("? [a]\n: 1", "f.yaml:1: expected a word as a key"),
         ("a: \0", "f.yaml: not valid YAML: character 0 at position 3"),
-        ("[" * 2000, "f.yaml: not valid YAML: nested too deeply"),
+        ("[" * 2_000, "f.yaml: not valid YAML: nested too deeply"),
         ("a: !!int x", "f.yaml:1: not valid YAML: int is unknown or not what stands here"),
         (
             "a: !!python/name:os.system",
