@@ -2,7 +2,7 @@
 
 ``lidarsim bench --against WHEEL`` says how many times as fast this build is as that one, with each instruction set
 that the machine has, and whether both find the same bits. The casts are those of ``lidarsim bench``, and some in which
-what every ray costs is most of it. It takes about ten minutes on two cores, with ``--quick`` two.
+what every ray costs is most of it. It takes about a minute on two cores.
 """
 
 from __future__ import annotations
