@@ -48,7 +48,9 @@ __all__ = ["Recipe", "from_function", "load"]
 SHARD_PULSES = 40_000_000
 """Pulses of a shard if its frames are not given: what a core fires and writes in some 20 s."""
 
-MOST_SHARDS = 100_000
+SHARDS = 16, 100_000
+"""How many there are at least, so that a few workers end at about the same time, and at most."""
+
 FILES = {"file", "times", "firing_times"}
 """Keys whose values are paths, relative to the folder of the file that they are written in."""
 
@@ -344,7 +346,8 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
     if shard_frames is None:
         lidars = [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, Rig) else [run.sensor]
         pulses = sum(len(lidar.pattern.pulses(run.frames.start).time) for lidar in lidars)
-        shard_frames = max(1, SHARD_PULSES // max(pulses, 1), -(-total // MOST_SHARDS))
+        least, most = (-(-total // shards) for shards in reversed(SHARDS))
+        shard_frames = max(1, least, min(SHARD_PULSES // max(pulses, 1), most))
     return Recipe(
         source=source,
         sequences=settings.sequences,
