@@ -319,7 +319,7 @@ def test_pictures_of_a_frame_have_movers_where_they_then_are(command: str, monke
     (picture,) = seen
     ((mover,),) = (frame.movers for frame in picture.frames)
     # Frame 1 begins at 0.1 s.
-    assert mover.matrix[:3, 3] == pytest.approx([12, 0, 1], rel=1e-15)
+    assert mover.matrix[:3, 3] == pytest.approx([12, 0, 1], rel=4 * 2.0**-52)  # ulps
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
