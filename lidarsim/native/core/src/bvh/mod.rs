@@ -45,9 +45,17 @@ impl<L: Send> Bvh<L> {
     ) -> Self {
         build::build(count, bounds, most.min(MAX_LEAF_SIZE), leaf)
     }
+}
 
+impl<L> Bvh<L> {
     pub fn center(&self) -> Point {
         self.center
+    }
+
+    /// How far from the centre its boxes reach along an axis.
+    fn reach(&self, axis: usize) -> f32 {
+        let sides = self.nodes.first().map(|root| root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]));
+        sides.into_iter().flatten().fold(0.0, f32::max)
     }
 
     /// The leaf, if there is but one.

@@ -5,10 +5,10 @@
 //! arithmetic over its origins and reciprocal directions, culls most boxes for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing
 //! Algorithm, 2005; S. Boulos et al., Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
 
+use super::Bvh;
 use super::node::{Node, WIDTH};
 use super::ray_packet::{LANES, Mask, RayPacket, SUBPACKETS, WIDE, take};
 use crate::arith::simd::{Floats, Isa};
-use crate::geometry::vector::Point;
 
 /// Unit roundoff of float32.
 const U: f32 = f32::EPSILON / 2.0;
@@ -93,7 +93,7 @@ impl Packet {
 
     /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
     #[inline(always)]
-    pub fn enter<I: Isa>(&mut self, rays: &RayPacket, center: Point, t_min: f64, limits: &[f64; LANES]) {
+    pub fn enter<I: Isa>(&mut self, rays: &RayPacket, hierarchy: &Bvh<impl Sized>, t_min: f64, limits: &[f64; LANES]) {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
@@ -110,7 +110,7 @@ impl Packet {
         self.scale = f64::from_bits((exponent + 1) << 52);
         self.octant.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
         for g in 0..self.count.div_ceil(WIDE) {
-            self.enter_subpacket::<I>(g, rays, center, shrink, limits);
+            self.enter_subpacket::<I>(g, rays, hierarchy, shrink, limits);
         }
     }
 
@@ -119,12 +119,15 @@ impl Packet {
         &mut self,
         g: usize,
         rays: &RayPacket,
-        center: Point,
+        hierarchy: &Bvh<impl Sized>,
         shrink: I::F64x8,
         limits: &[f64; LANES],
     ) {
         let (zero, one) = (I::F32x16::splat(0.0), I::F32x16::splat(1.0));
         let subpacket = &mut self.subpackets[g];
+        subpacket.set_limits::<I>(g, limits, I::F64x8::splat(self.scale));
+        // By axis: bounds of how far the origin is from the centre, and of |d|; and the rays whose direction has no certain sign.
+        let (mut distance, mut slowest, mut fastest, mut unsigned) = ([zero; 3], [zero; 3], [zero; 3], [0; 3]);
         let (low, high) = halves::<I>(&rays.origin_error, g);
         let origin_error = I::narrow(low, high).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let origin_error = origin_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
@@ -138,42 +141,52 @@ impl Packet {
         for axis in 0..3 {
             let backward = self.octant.backward[axis];
             let sign = I::F32x16::splat(if backward { -1.0 } else { 1.0 });
-            let middle = I::F64x8::splat(center[axis]);
+            let middle = I::F64x8::splat(hierarchy.center[axis]);
             let (low, high) = halves::<I>(&rays.origin[axis], g);
             let o = I::narrow(low.sub(middle), high.sub(middle));
             // Conversion and difference: 1u and a trifle. The error of the origin is rounded up along with it.
-            let error = o.abs().mul(I::F32x16::splat(4.0 * U)).add(origin_error).mul(sign);
+            let error = o.abs().mul(I::F32x16::splat(4.0 * U)).add(origin_error);
+            distance[axis] = o.abs().add(error);
+            let error = error.mul(sign);
             subpacket.near_origin[axis] = o.add(error).store();
             subpacket.far_origin[axis] = o.sub(error).store();
             let (low, high) = halves::<I>(&rays.direction[axis], g);
             let d = I::narrow(low.mul(shrink), high.mul(shrink)).abs();
-            let mut least = d;
             let mut near = one.div(d);
             let mut far = near;
             if vague {
                 // The error also covers what rounded d and the difference may be off.
                 let error = direction_error.add(d.mul(I::F32x16::splat(4.0 * U)));
-                least = Floats::max(d.sub(error), zero);
-                (near, far) = (one.div(d.add(error)), one.div(least));
+                (slowest[axis], fastest[axis]) = (Floats::max(d.sub(error), zero), d.add(error));
+                (near, far) = (one.div(fastest[axis]), one.div(slowest[axis]));
+                unsigned[axis] = slowest[axis].le(zero);
             }
             let near = Floats::min(near, I::F32x16::splat(f32::MAX)).mul(I::F32x16::splat(SHRINK));
             let far = far.mul(I::F32x16::splat(STRETCH));
             subpacket.near_slope[axis] = near.mul(sign).store();
             subpacket.far_slope[axis] = far.mul(sign).store();
-            let mut unknown = if vague { least.le(zero) } else { 0 };
-            while unknown != 0 {
-                // The sign is not known: these planes bound nothing.
-                let lane = unknown.trailing_zeros() as usize;
-                unknown &= unknown - 1;
-                let infinity = if backward { f32::NEG_INFINITY } else { f32::INFINITY };
-                subpacket.near_origin[axis][lane] = infinity;
-                subpacket.far_origin[axis][lane] = -infinity;
+        }
+        if unsigned != [0; 3] {
+            // No hit in the hierarchy is later than when the ray leaves it along any axis. A ray that may go backward comes as far as that from its
+            // origin, to boxes whose far planes are there; to those ahead it comes no sooner than if it went forward.
+            let mut latest = I::F32x16::load(&subpacket.limit);
+            for axis in 0..3 {
+                let way = distance[axis].add(I::F32x16::splat(hierarchy.reach(axis)));
+                latest = way.div(slowest[axis]).mul(I::F32x16::splat(STRETCH)).min(latest);
+            }
+            for (axis, mut left) in unsigned.into_iter().enumerate() {
+                let back: [f32; WIDE] = fastest[axis].mul(latest).mul(I::F32x16::splat(STRETCH)).store();
+                while left != 0 {
+                    let lane = left.trailing_zeros() as usize;
+                    left &= left - 1;
+                    subpacket.far_origin[axis][lane] -=
+                        if self.octant.backward[axis] { -back[lane] } else { back[lane] };
+                }
             }
         }
-        subpacket.set_limits::<I>(g, limits, I::F64x8::splat(self.scale));
     }
 
-    /// Where the signs of a lane's direction are not known, `octant` may be any.
+    /// Where the sign of a lane's direction is not certain, `octant` may have any.
     #[inline(always)]
     pub(super) fn frustum_of_all<I: Isa>(&self) -> Frustum {
         let mut frustum = Frustum::EMPTY;
@@ -372,10 +385,24 @@ pub(super) struct Slabs<I: Isa> {
 
 #[cfg(test)]
 mod tests {
+    use super::super::node::Child;
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::Portable;
     use crate::testing::worst;
+
+    /// A hierarchy about the origin that reaches as far as this along each axis.
+    fn around_origin(reach: f32) -> Bvh<()> {
+        let mut root = Node {
+            low: [[f32::INFINITY; WIDTH]; 3],
+            high: [[f32::NEG_INFINITY; WIDTH]; 3],
+            child: [Child::END; WIDTH],
+        };
+        for axis in 0..3 {
+            (root.low[axis][3], root.high[axis][3]) = (-reach, reach);
+        }
+        Bvh { center: [0.0; 3], nodes: vec![root], leaves: Vec::new() }
+    }
 
     /// A packet of one ray, from the origin along (d, 0.9, 0), and it is seen so by a box's axis x.
     fn packet(o: f64, d: f64, direction_error: f64, t: f64) -> Packet {
@@ -386,7 +413,7 @@ mod tests {
             rays.direction_error[lane] = direction_error;
         }
         let mut packet = Packet::empty();
-        packet.enter::<Portable>(&rays, [0.0; 3], t, &[t; LANES]);
+        packet.enter::<Portable>(&rays, &around_origin(1.0), t, &[t; LANES]);
         packet
     }
 

@@ -352,7 +352,7 @@ mod tests {
         fn run<I: Isa>(self) {
             let Traverse { bvh, seen, active, together, notes } = self;
             let (mut traversal, mut stack) = (PacketTraversal::new(), Stack::new());
-            traversal.packet.enter::<I>(seen, bvh.center(), 0.0, &[f64::MAX; LANES]);
+            traversal.packet.enter::<I>(seen, bvh, 0.0, &[f64::MAX; LANES]);
             if together {
                 bvh.start::<I>(&mut traversal, active, &mut stack);
                 while traversal.next_entry::<I>(&mut stack, notes.limits()) {
@@ -476,5 +476,41 @@ mod tests {
         // Many are hit, and few are offered: of boxes that no ray came near, hardly any.
         assert!(hit > 10_000, "{hit}");
         assert!(20 * offered < possible, "{offered} of {possible}");
+    }
+    /// Straight down, as rounding leaves such rays in the coordinates of an object: of no certain sign along two axes.
+    #[test]
+    fn directions_of_uncertain_sign_are_offered_little_more() {
+        let mut next = numbers();
+        let cubes = cubes(1500, &mut next);
+        let bounds = |id: u32| {
+            let Cube { low, high } = &cubes[id as usize];
+            Some([0, 1, 2].map(|i| Interval { low: low[i] as f64, high: high[i] as f64 }))
+        };
+        let bvh = Bvh::new(cubes.len(), bounds, 1, <[u32]>::to_vec);
+        let rays: Vec<(Whole, Whole)> =
+            (0..LANES).map(|_| ([next(2000) - 1000, next(2000) - 1000, 3000], [0, 0, -1])).collect();
+        let mut seen = RayPacket::empty();
+        (seen.octant, seen.count) = (4, LANES);
+        for (lane, (origin, direction)) in rays.iter().enumerate() {
+            seen.set(lane, origin.map(|x| x as f64), direction.map(|x| x as f64));
+        }
+        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            for together in [false, true] {
+                let mut counts = [0; 2];
+                for (count, error) in counts.iter_mut().zip([0.0, 1e-9]) {
+                    seen.direction_error = [error; LANES];
+                    let (offered, limits) = (vec![Vec::new(); LANES], [f64::MAX; LANES]);
+                    let mut notes = Notes { cubes: &cubes, rays: &rays, first_only: false, offered, limits };
+                    let (bvh, seen, active) = (&bvh, &seen, all(LANES));
+                    dispatch(level, Traverse { bvh, seen, active, together, notes: &mut notes });
+                    *count = notes.offered.iter().map(Vec::len).sum::<usize>();
+                }
+                let [known, vague] = counts;
+                assert!(
+                    300 < known && known <= vague && vague < known + known / 50,
+                    "{level:?} {together}: {counts:?}"
+                );
+            }
+        }
     }
 }

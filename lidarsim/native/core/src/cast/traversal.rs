@@ -269,14 +269,13 @@ impl<'a> PacketState<'a, '_> {
     /// Sets up a packet for the hierarchy of the objects.
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
-        packet.enter::<I>(self.rays, hierarchy.center(), self.closest.t_min(), self.closest.limits());
+        packet.enter::<I>(self.rays, hierarchy, self.closest.t_min(), self.closest.limits());
     }
 
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
     #[inline(always)]
     fn fill_within<I: Isa>(&self, packet: &mut Packet, visit: InstanceVisit) {
-        let center = visit.hierarchy.center();
-        packet.enter::<I>(self.rays_in(visit), center, self.closest.t_min(), self.closest.limits());
+        packet.enter::<I>(self.rays_in(visit), visit.hierarchy, self.closest.t_min(), self.closest.limits());
     }
 
     /// Begins an instance visit, with rays in local coordinates; none if the object is not a mesh. Rays that do not fit into packets are traced singly.
