@@ -18,7 +18,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -88,9 +88,23 @@ def casts(*, quick: bool = False) -> Iterator[Cast]:
             scenes.random_rays(world, 200_000 // share),
         ):
             yield Cast(f"{world.name}, {rays.name}", world.shapes, rays)
+        if world.name == "terrain":
+            yield from _from_above(world, 200_000 // share)
     world = scenes.analytic()
     yield Cast("400 shapes", world.shapes, scenes.lidar(world, 128, columns, math.pi / 4))
     yield _instances(64_618 // share, columns)
+
+
+def _from_above(world: World, count: int) -> Iterator[Cast]:
+    """Yield straight rays from an aircraft to ground that a transform has moved, and slanted ones from an orbit."""
+    draw, (mesh,) = np.random.default_rng(8), world.shapes
+    ground, moved = draw.uniform(0.98 * world.low, 0.98 * world.high, (count, 3)), np.eye(4)
+    moved[:3, 3] = 0.1, -0.7, 0.3
+    down, slanted = np.array([0.0, 0.0, -1.0]), np.array([0.2, 0.1, -1.0])
+    rays = Rays("", ground - 900.0 * down, np.tile(down, (count, 1)), one_origin=False)
+    yield Cast("moved terrain, straight down", (replace(mesh, transform=moved),), rays)
+    rays = Rays("", ground - 5e5 * slanted, np.tile(slanted, (count, 1)), one_origin=False)
+    yield Cast("terrain, from 500 km", world.shapes, rays)
 
 
 def _instances(triangles: int, columns: int) -> Cast:

@@ -78,6 +78,23 @@ def test_nearest_of_many_far_away(shift):
     assert judged(specs, origins + shift, directions).hit.sum() > 50
 
 
+@pytest.mark.parametrize("distance", [5e5, 1e8, 1e12, 1e20])
+def test_nearest_of_many_from_far_away(distance):
+    """Bounds are worked out from points near the scene there; the hits are those of the rays as given."""
+    rng = np.random.default_rng(12)
+    specs = list(random_specs(rng, 30, spread=3.0))
+    specs.append((cases.Spec("TriangleMesh", cases.closed_meshes()["torus"][:2]), None))
+    targets, ways = rng.uniform(-3, 3, (120, 3)), rng.normal(size=(120, 3))
+    targets[: len(targets) // 2], ways[:40] = rng.uniform(-1, 1, (60, 3)), ways[0]
+    ways[40:60] = np.eye(3)[rng.integers(0, 3, 20)]
+    origins = targets + distance * ways
+    directions = (targets - origins) * 2.0 ** rng.integers(-40, 40, (120, 1))
+    hits = judged(specs, origins, directions)
+    # From very far, float64 origins and directions say no better where the rays go.
+    assert hits.hit.sum() > (50 if distance < 1e15 else 0)
+    judged(specs, origins, directions, t_min=float(np.nanmin(hits.t)), t_max=float(np.median(hits.t[hits.hit])))
+
+
 def coincident():
     """Different shapes that meet the ray along −z at (x, y) at exactly the same t, 5 − z = 4, in the centre."""
     triangle = cases.Spec("Triangle", ((-4, -4, 1), (4, -4, 1), (0, 8, 1)))

@@ -52,10 +52,15 @@ impl<L> Bvh<L> {
         self.center
     }
 
-    /// How far from the centre its boxes reach along an axis.
+    /// How far from the centre its boxes reach along an axis; without any, infinity.
     fn reach(&self, axis: usize) -> f32 {
-        let sides = self.nodes.first().map(|root| root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]));
-        sides.into_iter().flatten().fold(0.0, f32::max)
+        let Some(root) = self.nodes.first() else { return f32::INFINITY };
+        root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]).fold(0.0, f32::max)
+    }
+
+    /// As `reach`, along any axis.
+    pub fn longest_reach(&self) -> f64 {
+        self.reach(0).max(self.reach(1)).max(self.reach(2)).into()
     }
 
     /// The leaf, if there is but one.

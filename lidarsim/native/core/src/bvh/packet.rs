@@ -26,6 +26,9 @@ pub struct Packet {
     count: usize,
     /// t times this is t here; a power of two.
     scale: f64,
+    /// Where rays start at points of their own, the t of each that this is from.
+    offset: [f64; LANES],
+    has_offsets: bool,
     pub(super) octant: Octant,
 }
 
@@ -57,8 +60,13 @@ impl Subpacket {
     };
 
     #[inline(always)]
-    fn set_limits<I: Isa>(&mut self, g: usize, t: &[f64; LANES], scale: I::F64x8) {
-        let (low, high) = halves::<I>(t, g);
+    fn set_limits<I: Isa>(&mut self, g: usize, t: &[f64; LANES], offset: Option<&[f64; LANES]>, scale: I::F64x8) {
+        let (mut low, mut high) = halves::<I>(t, g);
+        if let Some(offset) = offset {
+            // A limit before the start is none: nothing is met there.
+            let (zero, less) = (I::F64x8::splat(0.0), halves::<I>(offset, g));
+            (low, high) = (Floats::max(low.sub(less.0), zero), Floats::max(high.sub(less.1), zero));
+        }
         let limit = I::narrow(low.mul(scale), high.mul(scale));
         self.limit = limit.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store();
     }
@@ -88,7 +96,8 @@ pub(super) struct BoxHits {
 impl Packet {
     pub fn empty() -> Self {
         let octant = Octant { start: 0.0, backward: [false; 3] };
-        Packet { subpackets: [Subpacket::EMPTY; SUBPACKETS], count: 0, scale: 1.0, octant }
+        let (subpackets, offset) = ([Subpacket::EMPTY; SUBPACKETS], [0.0; LANES]);
+        Packet { subpackets, count: 0, scale: 1.0, offset, has_offsets: false, octant }
     }
 
     /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
@@ -108,6 +117,11 @@ impl Packet {
         let exponent = largest.largest().to_bits() >> 52;
         let shrink = I::F64x8::splat(f64::from_bits((2045 - exponent) << 52));
         self.scale = f64::from_bits((exponent + 1) << 52);
+        self.has_offsets = rays.has_offsets;
+        if rays.has_offsets {
+            self.offset.clone_from(&rays.offset);
+        }
+        let t_min = if rays.has_offsets { 0.0 } else { t_min };
         self.octant.start = (t_min * self.scale) as f32 * (1.0 - 4.0 * U);
         for g in 0..self.count.div_ceil(WIDE) {
             self.enter_subpacket::<I>(g, rays, hierarchy, shrink, limits);
@@ -124,8 +138,9 @@ impl Packet {
         limits: &[f64; LANES],
     ) {
         let (zero, one) = (I::F32x16::splat(0.0), I::F32x16::splat(1.0));
+        let offset = self.has_offsets.then_some(&self.offset);
         let subpacket = &mut self.subpackets[g];
-        subpacket.set_limits::<I>(g, limits, I::F64x8::splat(self.scale));
+        subpacket.set_limits::<I>(g, limits, offset, I::F64x8::splat(self.scale));
         // By axis: bounds of how far the origin is from the centre, and of |d|; and the rays whose direction has no certain sign.
         let (mut distance, mut slowest, mut fastest, mut unsigned) = ([zero; 3], [zero; 3], [zero; 3], [0; 3]);
         let (low, high) = halves::<I>(&rays.origin_error, g);
@@ -237,16 +252,17 @@ impl Packet {
 
     /// The float32 limit of a ray whose limit is t: an upper bound.
     #[inline(always)]
-    pub(super) fn limit_of(&self, t: f64) -> f32 {
+    pub(super) fn limit_of(&self, lane: usize, t: f64) -> f32 {
+        let t = if self.has_offsets { (t - self.offset[lane]).max(0.0) } else { t };
         (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE
     }
 
     /// Sets the limits of all rays; as `limit_of`.
     #[inline(always)]
     pub(super) fn set_limits<I: Isa>(&mut self, t: &[f64; LANES]) {
-        let scale = I::F64x8::splat(self.scale);
+        let (scale, offset) = (I::F64x8::splat(self.scale), self.has_offsets.then_some(&self.offset));
         for (g, subpacket) in self.subpackets.iter_mut().enumerate() {
-            subpacket.set_limits::<I>(g, t, scale);
+            subpacket.set_limits::<I>(g, t, offset, scale);
         }
     }
 
@@ -463,7 +479,7 @@ mod tests {
             let packet = packet(0.0, 0.5, 0.0, x[0]);
             let beyond = [
                 roundings(&n(packet.subpackets[0].limit[0]), &Dyadic::exact(x[0])),
-                roundings(&n(packet.limit_of(x[0])), &Dyadic::exact(x[0])),
+                roundings(&n(packet.limit_of(0, x[0])), &Dyadic::exact(x[0])),
                 -roundings(&n(packet.octant.start), &Dyadic::exact(x[0])),
             ];
             beyond[0].min(beyond[1]).min(beyond[2])

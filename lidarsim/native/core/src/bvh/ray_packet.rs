@@ -1,5 +1,6 @@
 //! Ray packets: rays of one octant as a structure of arrays, and masks of their lanes.
 
+use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
@@ -16,6 +17,9 @@ pub const LANES: usize = SUBPACKETS * WIDE;
 pub const LARGEST: f64 = 1e30;
 pub const SMALLEST: f64 = 1e-30;
 
+/// How many times as far as a hierarchy reaches rays are that come from far away. In float32 they are off by 2⁻¹⁴ of it at least.
+const FAR: f64 = 1024.0;
+
 /// A bit for each ray of a packet.
 pub type Mask = u64;
 
@@ -30,6 +34,9 @@ pub struct RayPacket {
     pub direction_error: [f64; LANES],
     /// |d|₁, or the number beside it.
     pub length: [f64; LANES],
+    /// The t of each ray at which it starts here, where they start at points of their own; see `start_near`.
+    pub offset: [f64; LANES],
+    pub has_offsets: bool,
     /// When they are cast, if anything moves; of rays in the coordinates of an object unset.
     pub time: [f64; LANES],
     /// Their indices among all rays.
@@ -49,6 +56,8 @@ impl RayPacket {
             origin_error: [0.0; LANES],
             direction_error: [0.0; LANES],
             length: [0.0; LANES],
+            offset: [0.0; LANES],
+            has_offsets: false,
             time: [0.0; LANES],
             at: [0; LANES],
             octant: 0,
@@ -70,7 +79,7 @@ impl RayPacket {
     /// is then in lane 0, to be traced by itself as a `TraversalRay`.
     #[inline(always)]
     pub fn gather<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
-        self.count = 0;
+        (self.count, self.has_offsets) = (0, false);
         let Some(&first) = order.first() else { return };
         let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(LARGEST));
         let (mut fit, mut together): (Mask, Mask) = (0, 0);
@@ -126,7 +135,7 @@ impl RayPacket {
         self.origin_error.clone_from(&others.origin_error);
         self.direction_error.clone_from(&others.direction_error);
         self.length.clone_from(&others.length);
-        self.octant = octant;
+        (self.octant, self.has_offsets) = (octant, false);
         let first = mask.trailing_zeros() as usize;
         self.count = LANES - mask.leading_zeros() as usize;
         for lane in 0..self.count.next_multiple_of(WIDE) {
@@ -137,6 +146,55 @@ impl RayPacket {
             }
         }
         self.one_origin = self.at_origin_of(first) == all(self.count);
+    }
+
+    /// Whether the rays come from so far away from a hierarchy, against how far it reaches from its centre, that bounds had better be worked out from
+    /// points near to it.
+    #[inline(always)]
+    pub fn are_far(&self, center: Point, reach: f64) -> bool {
+        let [x, y, z] = self.origin(0);
+        let distance = (x - center[0]).abs().max((y - center[1]).abs()).max((z - center[2]).abs());
+        distance > FAR * reach && distance < LARGEST
+    }
+
+    /// Has all rays start at points of their own, before a hierarchy.
+    ///
+    /// Any t will do. The point o + t·d there is rounded once, by a fused multiply-add, so off by u of itself, and by t times what d is off, as well as
+    /// by what o is. The bound is three times that u, which covers its own roundings, of 4u of each term.
+    #[inline(always)]
+    pub fn start_near<I: Isa>(&mut self, center: Point, reach: f64) {
+        let middle = lanes::splat::<I::F64x8>(center);
+        for eight in 0..self.count.next_multiple_of(WIDE) / 8 {
+            let (o, d) = (self.origins::<I>(eight), self.directions::<I>(eight));
+            let way = [middle[0].sub(o[0]), middle[1].sub(o[1]), middle[2].sub(o[2])];
+            let (square, off) = (lanes::dot(d, d), lanes::dot(lanes::abs(way), lanes::abs(way)).sqrt());
+            // Where the ray is nearest to the centre, less twice the reach, and what t may be off.
+            let before = off.mul(I::F64x8::splat(8.0 * f64::EPSILON)).add(I::F64x8::splat(2.0 * reach));
+            let t = lanes::dot(way, d).div(square).sub(before.div(square.sqrt()));
+            let t = t.max(I::F64x8::splat(0.0)).min(I::F64x8::splat(LARGEST));
+            let mut largest = I::F64x8::splat(0.0);
+            for axis in 0..3 {
+                let start = t.mul_add(d[axis], o[axis]);
+                largest = start.abs().max(largest);
+                self.origin[axis].as_chunks_mut().0[eight] = start.store();
+            }
+            let error = I::F64x8::load(&self.origin_error.as_chunks().0[eight]);
+            let bent = t.mul(I::F64x8::load(&self.direction_error.as_chunks().0[eight]));
+            let error = error.add(bent).mul(I::F64x8::splat(1.0 + 8.0 * UNIT));
+            let error = largest.mul(I::F64x8::splat(3.0 * UNIT)).add(error).add(I::F64x8::splat(f64::MIN_POSITIVE));
+            self.origin_error.as_chunks_mut().0[eight] = error.store();
+            self.offset.as_chunks_mut().0[eight] = t.store();
+        }
+        (self.one_origin, self.has_offsets) = (false, true);
+    }
+
+    /// Bounds of t of a ray, of those as it starts here.
+    #[inline(always)]
+    pub fn from_offset(&self, lane: usize, t: Interval) -> Interval {
+        if !self.has_offsets {
+            return t;
+        }
+        Interval { low: (t.low + self.offset[lane]).next_down(), high: (t.high + self.offset[lane]).next_up() }
     }
 
     #[inline(always)]
@@ -252,8 +310,12 @@ pub const fn all(count: usize) -> Mask {
 
 #[cfg(test)]
 mod tests {
+    use std::cmp::Ordering;
+
     use super::*;
+    use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::{Level, Task, dispatch};
+    use crate::testing::{assert_slack, numbers};
 
     struct Gather<'a> {
         rays: &'a mut RayPacket,
@@ -350,5 +412,86 @@ mod tests {
             assert_eq!(signs, given[0].1.map(|x| x < 0.0));
             assert_eq!(found.one_origin, given[..found.count].iter().all(|(o, _)| *o == given[0].0));
         }
+    }
+    struct StartNear<'a>(&'a mut RayPacket, Point, f64);
+
+    impl Task for StartNear<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<I: Isa>(self) {
+            self.0.start_near::<I>(self.1, self.2);
+        }
+    }
+
+    /// The largest share of their bounds that starts are off by, where each axis of the true origin and direction is off by as much as it may be; and how
+    /// far from the centre they are at most, in reaches.
+    fn starts(away: f64, origin_error: f64, direction_error: f64) -> (f64, f64) {
+        let (mut next, center, reach) = (numbers(), [30.0, -20.0, 5.0], 7.0);
+        let (mut share, mut distance) = (0.0_f64, 0.0_f64);
+        for _ in 0..40 {
+            let mut rays = RayPacket::empty();
+            rays.count = LANES;
+            for lane in 0..LANES {
+                let to = center.map(|x| x + reach * (2.0 * next() - 1.0));
+                let from = center.map(|x| x + away * (2.0 * next() - 1.0));
+                rays.set(lane, from, [0, 1, 2].map(|axis| (to[axis] - from[axis]) * 1.7));
+                (rays.origin_error[lane], rays.direction_error[lane]) = (origin_error, direction_error);
+            }
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let mut near = rays.clone();
+                dispatch(level, StartNear(&mut near, center, reach));
+                assert!(near.has_offsets && !near.one_origin);
+                for lane in 0..LANES {
+                    let (start, t) = (near.origin(lane), Dyadic::exact(near.offset[lane]));
+                    for axis in 0..3 {
+                        for sign in [-1.0, 1.0] {
+                            let of = |x: f64, error: f64| Dyadic::exact(x).plus(&Dyadic::exact(sign * error));
+                            let (o, d) = (
+                                of(rays.origin[axis][lane], origin_error),
+                                of(rays.direction[axis][lane], direction_error),
+                            );
+                            let off = o.plus(&t.times(&d)).minus(&Dyadic::exact(start[axis])).split().0;
+                            share = share.max(off.abs() / near.origin_error[lane]);
+                        }
+                        distance = distance.max((start[axis] - center[axis]).abs() / reach);
+                    }
+                    assert_eq!(near.direction(lane), rays.direction(lane));
+                    let t = Interval { low: 0.25, high: 0.5 };
+                    let (from, offset) = (near.from_offset(lane, t), near.offset[lane]);
+                    let sum = |t: f64| Dyadic::exact(t).plus(&Dyadic::exact(offset));
+                    assert_eq!(sum(t.low).minus(&Dyadic::exact(from.low)).sign(), Ok(Ordering::Greater));
+                    assert_eq!(sum(t.high).minus(&Dyadic::exact(from.high)).sign(), Ok(Ordering::Less));
+                }
+            }
+        }
+        (share, distance)
+    }
+
+    #[test]
+    fn starts_near_a_hierarchy_are_where_rays_are_to_their_bounds() {
+        for (away, errors, known) in [
+            (1e5, [0.0, 0.0], 0.33),
+            (1e9, [0.0, 0.0], 0.33),
+            (1e20, [0.0, 0.0], 0.33),
+            (1e9, [1e-7, 0.0], 1.0),
+            (1e9, [0.0, 1e-7], 1.0),
+        ] {
+            let (share, distance) = starts(away, errors[0], errors[1]);
+            assert_slack(&format!("{away}, {errors:?}"), share, known);
+            // As near as t lets them.
+            assert!(distance < 4.0 + away * 1e-14, "{away}: {distance}");
+        }
+    }
+
+    #[test]
+    fn only_rays_from_far_away_start_near() {
+        let mut rays = RayPacket::empty();
+        let mut are_far = |x: f64, reach: f64| {
+            rays.set(0, [1.0, x, 2.0], [1.0; 3]);
+            rays.are_far([1.0, 0.0, 2.0], reach)
+        };
+        assert!(are_far(1025.0, 1.0) && are_far(-1025.0, 1.0) && are_far(1e29, 1e20));
+        assert!(!are_far(1023.0, 1.0) && !are_far(1e25, f64::INFINITY) && !are_far(0.0, 0.0));
     }
 }

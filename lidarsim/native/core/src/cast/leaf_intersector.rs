@@ -101,7 +101,8 @@ impl LeafIntersector<'_, '_> {
             while let Some(i) = take(&mut candidates) {
                 let primitive = leaves[leaf].ids()[i];
                 let known = if sure & 1 << i != 0 {
-                    Leaf::intersect::<I>(i, &self.scratch.planes[leaf], &ray, &self.scratch.sums[k])
+                    let t = Leaf::intersect::<I>(i, &self.scratch.planes[leaf], &ray, &self.scratch.sums[k]);
+                    t.map(|t| self.rays.from_offset(lane, t))
                 } else {
                     None
                 };

@@ -8,6 +8,7 @@ use crate::cast::instance::InstanceRays;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::poses::Poses;
 use crate::cast::surface_intersector::SurfaceIntersector;
+use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Object, Scene, World};
 use crate::shapes::triangle::Leaf;
@@ -18,6 +19,7 @@ pub const TRAVERSALS: usize = 2;
 /// Scratch memory of the traversal of a packet, reused from packet to packet.
 pub struct TraversalScratch {
     rays: RayPacket,
+    near_rays: Option<Box<RayPacket>>,
     stack: Stack,
     /// Among the objects.
     outer: PacketTraversal,
@@ -33,6 +35,7 @@ impl TraversalScratch {
     pub fn new() -> Self {
         TraversalScratch {
             rays: RayPacket::empty(),
+            near_rays: None,
             stack: Stack::new(),
             outer: PacketTraversal::new(),
             inner: PacketTraversal::new(),
@@ -80,12 +83,24 @@ struct InstanceVisit<'a> {
 
 impl<'a, 'b> Traversal<'a, 'b> {
     pub fn new(world: &'a World, range: (f64, f64), any: bool, scratch: &'b mut TraversalScratch) -> Self {
-        let TraversalScratch { rays, stack, outer, inner, deferred, instance_rays, poses, scratch } = scratch;
+        let TraversalScratch { rays, near_rays, stack, outer, inner, deferred, instance_rays, poses, scratch } =
+            scratch;
         let scene = world.scene;
         let closest = ClosestHits::new(scene, range, any);
         poses.restart(scene.moves());
         Traversal {
-            state: PacketState { scene, rays, closest, deferred, pending: 0, instance_rays, poses, scratch },
+            state: PacketState {
+                scene,
+                rays,
+                near_rays,
+                are_far: false,
+                closest,
+                deferred,
+                pending: 0,
+                instance_rays,
+                poses,
+                scratch,
+            },
             world,
             hierarchy: &world.index.bounded,
             later: None,
@@ -167,6 +182,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.hierarchy = hierarchy;
         let Traversal { state, stack, outer, .. } = self;
         let active = all(state.rays.count);
+        state.approach::<I>(hierarchy);
         match hierarchy.only_leaf() {
             // The root of the mesh's own hierarchy does the test that the one above would do.
             Some(&id) if !state.scene.objects()[id as usize].is_surface() => self.enter::<I>(id, active),
@@ -199,7 +215,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
     #[inline(always)]
     fn start_within<I: Isa>(&mut self, visit: InstanceVisit<'a>) {
         let Traversal { state, stack, outer, inner, .. } = self;
-        let mask = state.next(visit);
+        let mask = state.next::<I>(visit);
         if mask == 0 {
             outer.shorten(visit.entered);
             self.visit = None;
@@ -250,6 +266,9 @@ impl Task for Advance<'_, '_, '_> {
 pub struct PacketState<'a, 'b> {
     scene: &'a Scene,
     pub rays: &'b mut RayPacket,
+    /// As they start near the hierarchy that they traverse, if they are far from it.
+    near_rays: &'b mut Option<Box<RayPacket>>,
+    are_far: bool,
     pub closest: ClosestHits<'a>,
     deferred: &'b mut DeferredCandidates,
     /// Rays that have yet to traverse the mesh that is visited.
@@ -266,10 +285,29 @@ impl<'a> PacketState<'a, '_> {
         surfaces.intersect::<I>(scene, id, rays, mask, closest, poses);
     }
 
+    /// Has rays from far away start near a hierarchy of objects.
+    #[inline(always)]
+    fn approach<I: Isa>(&mut self, hierarchy: &Bvh<u32>) {
+        let reach = hierarchy.longest_reach();
+        self.are_far = self.rays.are_far(hierarchy.center(), reach);
+        if self.are_far {
+            I::call(Approach { rays: self.rays, near_rays: self.near_rays, center: hierarchy.center(), reach });
+        }
+    }
+
+    /// Their rays, near it if they come from far away.
+    #[inline(always)]
+    fn near_rays(&self) -> &RayPacket {
+        match &*self.near_rays {
+            Some(near_rays) if self.are_far => near_rays,
+            _ => self.rays,
+        }
+    }
+
     /// Sets up a packet for the hierarchy of the objects.
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
-        packet.enter::<I>(self.rays, hierarchy, self.closest.t_min(), self.closest.limits());
+        packet.enter::<I>(self.near_rays(), hierarchy, self.closest.t_min(), self.closest.limits());
     }
 
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
@@ -297,13 +335,18 @@ impl<'a> PacketState<'a, '_> {
     }
 
     /// The next rays to traverse the mesh, of one octant.
-    fn next(&mut self, visit: InstanceVisit) -> Mask {
+    #[inline(always)]
+    fn next<I: Isa>(&mut self, visit: InstanceVisit) -> Mask {
         let mut next = self.pending;
         if next != 0
             && !visit.object.is_untransformed()
             && let Some(instance_rays) = self.instance_rays.as_mut()
         {
             next = instance_rays.next(next);
+            let (center, reach) = (visit.hierarchy.center(), visit.hierarchy.longest_reach());
+            if instance_rays.rays.are_far(center, reach) {
+                instance_rays.rays.start_near::<I>(center, reach);
+            }
         }
         self.pending &= !next;
         next
@@ -314,7 +357,7 @@ impl<'a> PacketState<'a, '_> {
     fn rays_in(&self, visit: InstanceVisit) -> &RayPacket {
         match &self.instance_rays {
             Some(instance_rays) if !visit.object.is_untransformed() => &instance_rays.rays,
-            _ => self.rays,
+            _ => self.near_rays(),
         }
     }
 
@@ -323,26 +366,36 @@ impl<'a> PacketState<'a, '_> {
         let PacketState { scene, closest, scratch, .. } = self;
         let world = &*self.rays;
         let InstanceVisit { id, mesh, .. } = visit;
-        match &self.instance_rays {
-            Some(instance_rays) if !visit.object.is_untransformed() => {
-                LeafIntersector { scene, mesh, id, rays: &instance_rays.rays, world, closest, deferred: None, scratch }
-            }
-            _ => LeafIntersector {
-                scene,
-                mesh,
-                id,
-                rays: world,
-                world,
-                closest,
-                deferred: Some(&mut *self.deferred),
-                scratch,
-            },
-        }
+        let (rays, deferred) = match (&self.instance_rays, &self.near_rays) {
+            (Some(instance_rays), _) if !visit.object.is_untransformed() => (&instance_rays.rays, None),
+            (_, Some(near_rays)) if self.are_far => (&**near_rays, Some(&mut *self.deferred)),
+            _ => (world, Some(&mut *self.deferred)),
+        };
+        LeafIntersector { scene, mesh, id, rays, world, closest, deferred, scratch }
     }
 
     #[inline(always)]
     fn resolve<I: Isa>(&mut self) {
         self.deferred.resolve::<I>(self.scene, self.rays, &mut self.closest);
+    }
+}
+
+/// Takes rays from far away, so that they start near a hierarchy.
+struct Approach<'t> {
+    rays: &'t RayPacket,
+    near_rays: &'t mut Option<Box<RayPacket>>,
+    center: Point,
+    reach: f64,
+}
+
+impl Task for Approach<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let near_rays = self.near_rays.get_or_insert_with(|| Box::new(RayPacket::empty()));
+        (**near_rays).clone_from(self.rays);
+        near_rays.start_near::<I>(self.center, self.reach);
     }
 }
 
@@ -384,6 +437,7 @@ impl Task for Incoherent<'_, '_, '_> {
         let Incoherent { state, world, packets: [outer, inner], stack, surfaces } = self;
         let active = all(state.rays.count);
         for hierarchy in [Some(&world.index.bounded), world.movers.as_ref()].into_iter().flatten() {
+            state.approach::<I>(hierarchy);
             match hierarchy.only_leaf() {
                 Some(&id) => Objects { state, packet: inner, surfaces }.intersect::<I>(stack, id, active),
                 None => {
@@ -412,7 +466,7 @@ impl Objects<'_, '_, '_> {
             return;
         };
         loop {
-            let mask = self.state.next(visit);
+            let mask = self.state.next::<I>(visit);
             if mask == 0 {
                 break;
             }
