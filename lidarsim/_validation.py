@@ -42,41 +42,42 @@ def real(
     infinite: bool = False,
 ) -> float:
     """Return `value` as a float inside the bounds; NaN never passes, ±inf only with `infinite`."""
+    wrong: type[TypeError | ValueError] = TypeError
+    got = ""
+    if not isinstance(value, (bool, str, bytes)):
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except OverflowError:
+            wrong, got = ValueError, "an integer beyond them"
+        except (TypeError, ValueError):
+            pass
+        else:
+            inside = at_least <= number <= at_most and (number > above or above == -math.inf)
+            if inside and (infinite or math.isfinite(number)):
+                return number
+            wrong, got = ValueError, repr(number)
     expected = "a real number" if infinite else "a finite number"
     if above > -math.inf:
         expected += f" > {above:g}" if at_most == math.inf else f" > {above:g} and <= {at_most:g}"
     else:
         expected += _between(*(f"{end:g}" if math.isfinite(end) else None for end in (at_least, at_most)))
-    if isinstance(value, bool | str | bytes):
-        raise TypeError(f"{name}: expected {expected}, got {shown(value)}")
-    try:
-        number = float(value)  # type: ignore[arg-type]
-    except OverflowError:
-        raise ValueError(f"{name}: expected {expected}, got an integer beyond them") from None
-    except (TypeError, ValueError):
-        raise TypeError(f"{name}: expected {expected}, got {shown(value)}") from None
-    if (
-        math.isnan(number)
-        or (math.isinf(number) and not infinite)
-        or not (number > above or above == -math.inf)
-        or not at_least <= number <= at_most
-    ):
-        raise ValueError(f"{name}: expected {expected}, got {number!r}")
-    return number
+    raise wrong(f"{name}: expected {expected}, got {got or shown(value)}")
 
 
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """Return `value` as an int inside the bounds."""
+    wrong: type[TypeError | ValueError] = TypeError
+    if not isinstance(value, bool):
+        try:  # that of an array exists, and fails unless it is of a single integer
+            number = operator.index(value)  # type: ignore[arg-type]
+        except TypeError:
+            pass
+        else:
+            if (at_least is None or number >= at_least) and (at_most is None or number <= at_most):
+                return number
+            wrong, value = ValueError, number
     expected = "an integer" + _between(*(None if end is None else str(end) for end in (at_least, at_most)))
-    try:  # that of an array exists, and fails unless it is of a single integer
-        number = None if isinstance(value, bool) else operator.index(value)  # type: ignore[arg-type]
-    except TypeError:
-        number = None
-    if number is None:
-        raise TypeError(f"{name}: expected {expected}, got {shown(value)}")
-    if (at_least is not None and number < at_least) or (at_most is not None and number > at_most):
-        raise ValueError(f"{name}: expected {expected}, got {shown(number)}")
-    return number
+    raise wrong(f"{name}: expected {expected}, got {shown(value)}")
 
 
 def angle(
@@ -105,19 +106,19 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
 
 def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
     """Return `value` as a C-contiguous float64 array of `shape`, where a letter stands for any length."""
-    expected = f"shape ({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
     try:
         given = np.asarray(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected numbers of {expected}, got a ragged sequence") from None
+        raise ValueError(f"{name}: expected numbers of {_shape(shape)}, got a ragged sequence") from None
     if given.dtype.kind not in "fiu" and given.size:
-        raise TypeError(f"{name}: expected real numbers of {expected}, got dtype {given.dtype}")
-    if given.ndim != len(shape) or any(
-        isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=False)
+        raise TypeError(f"{name}: expected real numbers of {_shape(shape)}, got dtype {given.dtype}")
+    if given.shape != shape and (
+        given.ndim != len(shape)
+        or any(isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=True))
     ):
-        raise ValueError(f"{name}: expected {expected}, got {given.shape}{_shape_hint(name, given.shape, shape)}")
-    result: Floats = in_order(given, np.float64).reshape(given.shape)
-    if finite and not np.isfinite(result).all():
+        raise ValueError(f"{name}: expected {_shape(shape)}, got {given.shape}{_shape_hint(name, given.shape, shape)}")
+    result: Floats = in_order(given, np.float64)
+    if finite and np.count_nonzero(np.isfinite(result)) < result.size:
         index = np.argwhere(~np.isfinite(result))[0]
         where = "".join(f"[{i}]" for i in index)
         raise ValueError(f"{name}: expected finite numbers, got {name}{where} = {result[tuple(index)]}")
@@ -133,7 +134,7 @@ def frozen(values: Floats) -> Floats:
 
 def in_order(values: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
     """Return `values` as the core reads them, C-contiguous and aligned; copied only if they are not."""
-    result = np.ascontiguousarray(values, dtype=dtype)
+    result = np.asarray(values, dtype, order="C")
     return result if result.flags.aligned else result.copy()
 
 
@@ -148,10 +149,9 @@ def nonzero_vectors(name: str, vectors: Floats) -> Floats:
 
 def positive(name: str, values: Floats) -> Floats:
     """Return the vector `values` after checking that each of them is > 0."""
-    wrong = values <= 0
-    if wrong.any():
-        index = int(np.argmax(wrong))
-        raise ValueError(f"{name}: expected numbers > 0, got {name}[{index}] = {values[index]}")
+    for i, value in enumerate(values.tolist()):
+        if value <= 0:
+            raise ValueError(f"{name}: expected numbers > 0, got {name}[{i}] = {value}")
     return values
 
 
@@ -191,18 +191,24 @@ def pose(name: str, value: Transform) -> Floats:
 
 def affine(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix with a last row of (0, 0, 0, 1); the core decides whether it can be inverted."""
-    if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
+    if hasattr(value, "as_matrix"):
+        if not hasattr(value, "rotation"):
+            kind = type(value).__name__
+            raise TypeError(f"{name}: expected a RigidTransform or an array of shape (4, 4), got a {kind}")
         value = value.as_matrix()
-    elif hasattr(value, "as_matrix"):
-        raise TypeError(f"{name}: expected a RigidTransform or an array of shape (4, 4), got a {type(value).__name__}")
     matrix = array(name, value, (4, 4))
-    if not np.array_equal(matrix[3], _LAST):
-        hint = "; transposed?" if np.array_equal(matrix[:, 3], _LAST) else ""
-        raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(matrix[3].tolist())}{hint}")
+    last = matrix[3].tolist()
+    if last != _LAST:
+        hint = "; transposed?" if matrix[:, 3].tolist() == _LAST else ""
+        raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(last)}{hint}")
     return matrix
 
 
-_LAST = (0.0, 0.0, 0.0, 1.0)
+_LAST = [0.0, 0.0, 0.0, 1.0]
+
+
+def _shape(wanted: Sequence[int | str]) -> str:
+    return f"shape ({', '.join(map(str, wanted))}{',' if len(wanted) == 1 else ''})"
 
 
 def _shape_hint(name: str, given: tuple[int, ...], wanted: Sequence[int | str]) -> str:

@@ -50,7 +50,7 @@ class Material(Value):
         if self.per not in get_args(Per):
             raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {self.per!r}")
         if self.per == "object":
-            if isinstance(self.reflectivity, np.ndarray | list | tuple):
+            if isinstance(self.reflectivity, (np.ndarray, list, tuple)):
                 raise TypeError("reflectivity: expected one number, or an array with per='face' or per='vertex'")
             object.__setattr__(self, "reflectivity", real("reflectivity", self.reflectivity, at_least=0.0))
             return

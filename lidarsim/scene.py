@@ -101,7 +101,7 @@ class SceneObject(Immutable):
         return placed if self.motion is None else placed.moving(self.motion._native)
 
     def _appearance(self) -> core.Appearance:
-        values = np.atleast_1d(np.asarray(self.material.reflectivity, dtype=np.float64))
+        values = np.array(self.material.reflectivity, np.float64, copy=None, ndmin=1)
         return core.Appearance(self.label, self.instance, self.material.per, values)
 
     def __repr__(self) -> str:
@@ -672,7 +672,7 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
 
 def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
-    if not isinstance(value, np.ndarray | list | tuple) or np.ndim(value) == 0:
+    if not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
     given = np.asarray(value)
     if not isinstance(shape, TriangleMesh):

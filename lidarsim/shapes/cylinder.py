@@ -66,12 +66,13 @@ class Cylinder(Shape):
         transform: Transform | None = None,
     ) -> None:
         first, last = array("start", start, (3,)), array("end", end, (3,))
-        if np.array_equal(first, last):
-            raise ValueError(f"end: expected a point other than start, got {tuple(last.tolist())} for both")
+        ends = first.tolist(), last.tolist()
+        if ends[0] == ends[1]:
+            raise ValueError(f"end: expected a point other than start, got {tuple(ends[1])} for both")
         if not isinstance(capped, bool | np.bool_):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
         length = real("radius", radius, above=0.0)
-        native = _native.Shape("Cylinder", [*first.tolist(), *last.tolist(), length, bool(capped)])
+        native = _native.Shape("Cylinder", [*ends[0], *ends[1], length, bool(capped)])
         super().__init__(native, transform, start=first, end=last, radius=length, capped=bool(capped))
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
