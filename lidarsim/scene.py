@@ -137,13 +137,15 @@ class _Entry:
 class _Snapshot:
     """The objects at one moment, in the core.
 
-    `ids` are those of its objects, the first to the last, and -1 for none; None where they count up from 0.
+    `ids` are those of its objects, the first to the last, and -1 for none; None where they count up from 0. `span` is the
+    time that the motions of all movers cover.
     """
 
     version: object
     native: core.Scene
     ids: npt.NDArray[np.int32] | None
     movers: tuple[tuple[SceneObject, Trajectory], ...]
+    span: tuple[float, float]
 
     def ids_of(self, places: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
         """Return the ids of objects by their places in the core; of -1, -1."""
@@ -166,6 +168,8 @@ class _Snapshot:
 
         `until` says to which time a motion may be carried on, by its last.
         """
+        if self.span[0] <= first and last <= self.span[1]:
+            return
         for item, motion in self.movers:
             start, end = motion.span
             if first < start or (last > end and last > until(end)):
@@ -460,7 +464,12 @@ class Scene(Pickled, Plotted):
                 ids = np.array([*(entry.item.id for entry in entries), -1], dtype=np.int32)
             motions = ((entry.item, entry.item.motion) for entry in entries)
             movers = tuple((item, motion) for item, motion in motions if motion is not None)
-            kept = self._kept = _Snapshot(version, native, ids, movers)
+            spans = [motion.span for _, motion in movers]
+            span = (
+                max((start for start, _ in spans), default=-math.inf),
+                min((end for _, end in spans), default=math.inf),
+            )
+            kept = self._kept = _Snapshot(version, native, ids, movers, span)
         return kept
 
     def cast(
