@@ -156,10 +156,16 @@ def test_representations_are_short(name: str) -> None:
     assert " at 0x" not in text
 
 
-@pytest.mark.parametrize("method", ["spawn", "forkserver", "fork"])
+@pytest.fixture(params=["spawn", "forkserver", "fork"])
+def method(request: pytest.FixtureRequest) -> str:
+    """Return a way to start a process."""
+    name: str = request.param
+    if name not in multiprocessing.get_all_start_methods():
+        pytest.skip(f"there is no {name} here")
+    return name
+
+
 def test_other_processes_scan_the_same_bits(method: str) -> None:
-    if method not in multiprocessing.get_all_start_methods():
-        pytest.skip(f"there is no {method} here")
     expected = list(parts(THINGS["Scan"]))
     with ProcessPoolExecutor(2, multiprocessing.get_context(method)) as pool:
         futures = [pool.submit(a_lidar().scan, a_scene(), DRIVE, seed=3) for _ in range(3)]
@@ -167,13 +173,15 @@ def test_other_processes_scan_the_same_bits(method: str) -> None:
             assert list(parts(future.result(timeout=120))) == expected
 
 
-def test_a_data_loader_of_torch_scans_in_its_workers() -> None:
+def test_a_data_loader_of_torch_scans_in_its_workers(method: str) -> None:
     data = pytest.importorskip("torch.utils.data")
-    loader = data.DataLoader(Frames(a_scene(), a_lidar()), batch_size=None, num_workers=2)
-    clouds = [np.asarray(points) for points in loader]
-    for k, points in enumerate(clouds):
-        np.testing.assert_array_equal(points, a_lidar().scan(a_scene(), POSE, frame=k).point_cloud().xyz)
-    assert len(clouds) == 4
+    frames = Frames(a_scene(), a_lidar())
+    expected = [frames[k] for k in range(len(frames))]  # so the threads of the core have run when a worker is forked
+    loader = data.DataLoader(frames, batch_size=None, num_workers=2, multiprocessing_context=method, timeout=120)
+    for _ in range(2):  # epochs
+        for points, wanted in zip(loader, expected, strict=True):
+            np.testing.assert_array_equal(np.asarray(points), wanted)
+            assert len(points) > 0
 
 
 class Frames:
