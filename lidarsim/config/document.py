@@ -26,12 +26,12 @@ T = TypeVar("T")
 MOST_BYTES, MOST_VALUES, MOST_DEPTH = 1 << 24, 1_000_000, 100
 """What a document may have: its values are counted wherever an alias repeats them, and it is small beside them."""
 
-Loaded = dict[tuple[Path, Callable[[Path], Any]], Any]
+Loaded = dict[tuple[Path, Callable[[Path], object]], Any]
 """What files were read as, by their paths and readers."""
 
 _OVERRIDE = "--set "
 _TAG = "tag:yaml.org,2002:"
-_SCALARS: dict[str, Callable[[str], Any]] = {
+_SCALARS: dict[str, Callable[[str], object]] = {
     f"{_TAG}null": lambda _: None,
     f"{_TAG}bool": lambda text: {"true": True, "false": False}[text.lower()],
     f"{_TAG}int": lambda text: int(text, 0),
@@ -175,7 +175,7 @@ def assigned(assignment: str) -> tuple[list[str], Node]:
     return keys, parse(text or "null", name)
 
 
-def written(value: Any, place: Node) -> Node:
+def written(value: object, place: Node) -> Node:
     """Return the node of a number, of text or of a list of them, as if it stood where `place` stands.
 
     Raises

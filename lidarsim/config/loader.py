@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import pydantic
 import yaml
@@ -16,6 +16,7 @@ from lidarsim._validation import shown
 from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
 from lidarsim.config.schema import (
+    CloudArguments,
     Config,
     Model,
     SceneDocument,
@@ -31,6 +32,8 @@ from lidarsim.scene import Scene
 from lidarsim.sensor import HEAD, PRESETS, Lidar, preset_path
 
 if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
+
     from lidarsim._validation import Floats
     from lidarsim.scan import Scan
     from lidarsim.trajectory import Trajectory
@@ -69,7 +72,7 @@ class Run:
     pose: Floats | Trajectory
     seed: int
     frames: range
-    cloud: dict[str, Any]
+    cloud: CloudArguments
 
     @property
     def lidar(self) -> Lidar:
@@ -336,7 +339,7 @@ _EXPECTED = {
 }
 
 
-def _problem(place: Place, error: Any) -> tuple[Place, str]:
+def _problem(place: Place, error: ErrorDetails) -> tuple[Place, str]:
     """Return where pydantic's `error` is and what it is, in our words."""
     kind, context, got = error["type"], error.get("ctx", {}), error["input"]
     if kind == "missing":

@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from operator import or_
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model, field_validator, model_validator
@@ -42,6 +42,7 @@ if TYPE_CHECKING:
 __all__ = ["PATTERNS", "SHAPES", "Config", "Sensor", "VendorSensor"]
 
 T = TypeVar("T")
+P = TypeVar("P", bound="Part")
 
 # Small units divide: 55.296 / 1e6 is the float64 nearest to 55.296e-6, because 1e6 is a float64 and 1e-6 is not.
 UNITS: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
@@ -79,7 +80,7 @@ class Model(BaseModel):
         return value
 
 
-def _in_si(value: float | list[Any], unit: str) -> float | Floats:
+def _in_si(value: float | list[float] | list[list[float]], unit: str) -> float | Floats:
     converted = UNITS[unit][1](np.asarray(value, dtype=np.float64))
     return converted if isinstance(value, list) else float(converted)
 
@@ -452,11 +453,11 @@ class SceneFile(Object):
             self._add(item.shape, scene, place, inner=item.transform, name=f"{self.name}/{item.name}".lstrip("/"))
 
 
-def _public(package: ModuleType) -> list[Any]:
+def _public(package: ModuleType) -> list[type]:
     return [getattr(package, name) for name in package.__all__]
 
 
-def _models_of(constructors: Iterable[Any], tag: str, base: type[Part]) -> dict[str, Any]:
+def _models_of(constructors: Iterable[type], tag: str, base: type[P]) -> dict[str, type[P]]:
     """Return the models of those `constructors` that declare a `configuration`, by the names that `tag` gives them."""
     declaring = [constructor for constructor in constructors if getattr(constructor, "configuration", None)]
     names = [re.sub(r"(?<=[a-z])(?=[A-Z])", "_", constructor.__name__).lower() for constructor in declaring]
@@ -601,6 +602,13 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
         return Rig(parts)
 
 
+class CloudArguments(TypedDict):
+    """Arguments of `Scan.point_cloud`."""
+
+    frame: Literal["sensor", "world"]
+    deskew: bool | Literal["start", "middle", "end"] | float
+
+
 class Cloud(Model):
     """Coordinates and deskewing of the points that are written."""
 
@@ -616,7 +624,7 @@ class Cloud(Model):
             raise PydanticCustomError("deskew", expected, {"got": _validation.shown(value)})
         return value
 
-    def build(self, place: Place) -> dict[str, Any]:
+    def build(self, place: Place) -> CloudArguments:
         """Return the arguments of `Scan.point_cloud`."""
         if self.deskew_s is None:
             return {"frame": self.frame, "deskew": self.deskew}
@@ -636,7 +644,7 @@ def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
 class SceneDocument(Model):
     """A scene in a file of its own; its objects are checked as those of the run."""
 
-    scene: list[Any]
+    scene: list[object]
     class_names: dict[str, str] = {}
 
 

@@ -16,6 +16,7 @@ from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
     import numpy as np
+    from distributed import Client
 
     from lidarsim._files import PathLike
     from lidarsim._validation import Transform
@@ -56,7 +57,7 @@ def generate(
     recipe: str | Path | MakeRun,
     output: PathLike,
     *,
-    client: Any = None,
+    client: Client | None = None,
     part: tuple[int, int] = (0, 1),
     overrides: Sequence[str] = (),
     sequences: int | None = None,

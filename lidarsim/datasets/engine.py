@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,6 +23,8 @@ from lidarsim.datasets.samples import Record, samples
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.datasets.store import Store
 
@@ -120,7 +122,9 @@ def _full(error: BaseException | None) -> bool:
     return False
 
 
-def make(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, int], object]) -> Iterator[Made]:
+def make(
+    plan: Plan, shards: Iterable[int], client: Client | None, tell: Callable[[int, int], object]
+) -> Iterator[Made]:
     """Make shards, and yield what became of each as they end; one that fails is tried three times in all.
 
     Parameters
@@ -156,7 +160,7 @@ def _here(plan: Plan, shards: Iterable[int], tell: Callable[[int, int], object])
         yield made
 
 
-def _there(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, int], object]) -> Iterator[Made]:
+def _there(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[int, int], object]) -> Iterator[Made]:
     distributed = import_extra("distributed", "cluster", "a cluster")
     pickled = import_extra("cloudpickle", "cluster", "a cluster").dumps(plan)
     waiting, tries, shard_of = iter(shards), Counter[int](), {}
@@ -207,7 +211,7 @@ def _plan(pickled: bytes) -> Plan:
 
 
 @contextmanager
-def cluster(workers: int | None, scheduler: str | None) -> Iterator[Any]:
+def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
     """Yield a Dask client: of `workers` processes of one thread each on this machine, or of a scheduler elsewhere.
 
     Neither gives None, for this process alone.

@@ -18,6 +18,8 @@ from lidarsim.datasets.progress import Progress
 from lidarsim.datasets.store import open_store
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from lidarsim._files import PathLike
     from lidarsim.datasets.recipe import Recipe
 
@@ -25,7 +27,7 @@ __all__ = ["run"]
 
 
 def run(
-    recipe: Recipe, output: PathLike, client: Any, part: tuple[int, int], pictures: int
+    recipe: Recipe, output: PathLike, client: Client | None, part: tuple[int, int], pictures: int
 ) -> tuple[Generated, list[Made]]:
     """Make what is missing of a data set; return how much that was, and the shards that failed."""
     count = integer("part", part[1], at_least=1)

@@ -59,6 +59,10 @@ from lidarsim.scan import Scan
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from rosbags import rosbag2
+    from rosbags.interfaces import Connection, Qos
+    from rosbags.typesys.store import Typestore
+
     from lidarsim._validation import Transform
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
@@ -160,7 +164,7 @@ class Writer:
         self._ros = _typestore()
         self._stack = ExitStack()
         self._bag: Any = None
-        self._topics: dict[str, Any] = {}
+        self._topics: dict[str, Connection] = {}
         self._ticks: Iterator[int] = iter(())
         self._next = -1
 
@@ -441,8 +445,8 @@ def _rows(path: Path) -> Iterator[tuple[str, str, memoryview]]:
             yield connection.topic, connection.msgtype, memoryview(data)
 
 
-def _parsed_cloud(ros: Any, data: memoryview) -> tuple[str, int, PointCloud]:
-    message = ros.deserialize_cdr(data, _CLOUD)
+def _parsed_cloud(ros: Typestore, data: memoryview) -> tuple[str, int, PointCloud]:
+    message: Any = ros.deserialize_cdr(data, _CLOUD)
     stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
     points = message.width * message.height
     if message.row_step != message.width * message.point_step or points * message.point_step != len(message.data):
@@ -467,7 +471,7 @@ def _parsed_cloud(ros: Any, data: memoryview) -> tuple[str, int, PointCloud]:
     return message.header.frame_id, stamp, to_cloud({name: records[name] for name in layout["names"]}, stamp)
 
 
-def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
+def _parsed_custom(_: Typestore, data: memoryview) -> tuple[str, int, PointCloud]:
     """Read what `Writer._custom` writes; rosbags would make an object of each point."""
     if bytes(data[:2]) != b"\x00\x01":
         raise FileFormatError("its CustomMsg is not in little-endian CDR")
@@ -488,7 +492,7 @@ def _parsed_custom(_: Any, data: memoryview) -> tuple[str, int, PointCloud]:
 
 
 @contextmanager
-def _new_bag(path: PathLike, suffix: str) -> Iterator[Any]:
+def _new_bag(path: PathLike, suffix: str) -> Iterator[rosbag2.Writer]:
     """Open a bag of rosbags whose only file takes the name `path` when the block ends well."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
     mcap, sqlite = rosbag2.StoragePlugin.MCAP, rosbag2.StoragePlugin.SQLITE3
@@ -519,19 +523,19 @@ def _lost_writes() -> Iterator[None]:
 
 
 @cache
-def _typestore() -> Any:
+def _typestore() -> Typestore:
     typesys = import_extra("rosbags.typesys", "formats", "ROS bags")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    store: Typestore = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     for name, definition in _CUSTOM_DEFINITIONS.items():
         store.register(typesys.get_types_from_msg(definition, name))
     return store
 
 
-def _quality(*, latched: bool) -> Any:
+def _quality(*, latched: bool) -> Qos:
     """Return the quality of service of a topic: reliable; what is latched reaches those who come later, too."""
     ros = import_extra("rosbags.interfaces", "formats", "writing ROS bags")
     never = ros.QosTime(0, 0)
-    return ros.Qos(
+    quality: Qos = ros.Qos(
         ros.QosHistory.KEEP_LAST,
         1 if latched else 10,
         ros.QosReliability.RELIABLE,
@@ -542,6 +546,7 @@ def _quality(*, latched: bool) -> Any:
         never,
         False,
     )
+    return quality
 
 
 def _name(argument: str, name: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -128,6 +127,7 @@ def _angles(directions: Floats) -> tuple[Floats, Floats]:
     return np.arctan2(y, x), np.arctan2(z, np.hypot(x, y))
 
 
-def _wrapped(angle: Any) -> Any:
+def _wrapped(angle: Floats) -> Floats:
     """Return angles between -pi and pi, whole turns taken off."""
-    return (angle + 0.5 * TURN) % TURN - 0.5 * TURN
+    wrapped: Floats = (angle + 0.5 * TURN) % TURN - 0.5 * TURN
+    return wrapped

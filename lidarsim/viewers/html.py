@@ -5,9 +5,11 @@ from __future__ import annotations
 import html
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
@@ -18,6 +20,7 @@ from lidarsim.viewers._surfaces import Surface, joined
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
+    from plotly.basedatatypes import BaseTraceType
 
 __all__ = ["Page", "page", "write"]
 
@@ -115,7 +118,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     whole = float(half.max())
     centre = (low + high) / 2
 
-    def camera(name: Camera | Floats) -> dict[str, Any]:
+    def camera(name: Camera | Floats) -> dict[str, dict[str, float]]:
         """Return a view in Plotly's unit, the longest edge of the box that the axes make."""
         view = replace(picture, camera=name).view(0, seen, aspect, angle=ANGLE)
         eye, target = ((point - centre) / (2 * whole) for point in (view.eye, view.target))
@@ -187,13 +190,13 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     return figure
 
 
-def _xyz(points: Floats) -> dict[str, Any]:
+def _xyz(points: Floats) -> dict[str, npt.NDArray[np.float32]]:
     return {name: np.ascontiguousarray(points[:, i], np.float32) for i, name in enumerate("xyz")}
 
 
 def _moving(
-    go: Any, picture: Picture, frame: Frame, *, shift: Floats, reach: float, step: int, dot: float
-) -> list[Any]:
+    go: ModuleType, picture: Picture, frame: Frame, *, shift: Floats, reach: float, step: int, dot: float
+) -> list[BaseTraceType]:
     """Return the traces of a frame, alike for all frames: points, one trace per category, and the sensor's axes."""
     cloud, colors = frame.cloud[::step], picture.colors
     values = field_of(cloud, colors.field)
@@ -244,13 +247,13 @@ def _moving(
 
 
 def _meshes(
-    go: Any, surfaces: Sequence[Surface], colors: Coloring, shift: Floats, *, legend: bool = False
-) -> list[Any]:
+    go: ModuleType, surfaces: Sequence[Surface], colors: Coloring, shift: Floats, *, legend: bool = False
+) -> list[BaseTraceType]:
     """Return surfaces, those of one colour as one mesh; the legend may have an entry for all."""
     by_color: dict[str, list[Surface]] = {}
     for surface in surfaces:
         by_color.setdefault(surface_color(surface, colors), []).append(surface)
-    traces: list[Any] = []
+    traces: list[BaseTraceType] = []
     for color, group in by_color.items():
         points, faces = joined(group, shift)
         corners = {name: np.ascontiguousarray(faces[:, i], np.int32) for i, name in enumerate("ijk")}
@@ -270,7 +273,7 @@ def _meshes(
     return traces
 
 
-def _path(go: Any, picture: Picture, shift: Floats) -> list[Any]:
+def _path(go: ModuleType, picture: Picture, shift: Floats) -> list[BaseTraceType]:
     if not len(picture.path):
         return []
     line = {"color": PATH, "width": 4}

@@ -197,8 +197,8 @@ class _Stage:
     The graphics card has float32, too coarse for map coordinates.
     """
 
-    def __init__(self, plotter: Any, picture: Picture, aspect: float, point_size: float | None) -> None:
-        self.pv: Any = import_extra("pyvista", "pyvista", "this view")
+    def __init__(self, plotter: pyvista.Plotter, picture: Picture, aspect: float, point_size: float | None) -> None:
+        self.pv = import_extra("pyvista", "pyvista", "this view")
         self.plotter, self.picture, self.aspect = plotter, picture, aspect
         self.added = 0
         self.seen = picture.seen()
@@ -246,12 +246,12 @@ class _Stage:
             self.plotter.render()
             yield np.asarray(self.plotter.screenshot(return_img=True))
 
-    def _add(self, mesh: Any, **look: Any) -> Any:
+    def _add(self, mesh: pyvista.DataSet, **look: Any) -> pyvista.Actor:
         """Add a mesh under a name of its own: PyVista names one by its address, which the next may have as well."""
         self.added += 1
         return self.plotter.add_mesh(mesh, name=f"mesh {self.added}", **look)
 
-    def _frame(self, frame: Frame, size: float) -> list[Any]:
+    def _frame(self, frame: Frame, size: float) -> list[pyvista.Actor]:
         cloud, actors = frame.cloud, self._surfaces(frame.movers)
         if len(cloud):  # PyVista refuses to draw nothing
             points = self.pv.PolyData(cloud.xyz - self.middle)
@@ -267,7 +267,7 @@ class _Stage:
                 actors.append(self._add(arrow, color=color, lighting=False))
         return actors
 
-    def _surfaces(self, surfaces: Sequence[Surface]) -> list[Any]:
+    def _surfaces(self, surfaces: Sequence[Surface]) -> list[pyvista.Actor]:
         """Add surfaces, translucent: those of one mesh as instances of it, all others in one piece."""
         colors, actors = self.picture.colors, []
         look = {"opacity": 0.15 if self.picture.has_points else 1.0, **SHADING}
@@ -295,7 +295,7 @@ class _Stage:
             whole.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for surface in others], axis=0)
             actors.append(self._add(_shaded(whole), scalars="rgb", rgb=True, **look))
         if groups and self.picture.has_points:
-            self.plotter.enable_depth_peeling(8)
+            self.plotter.enable_depth_peeling(8)  # type: ignore[arg-type]  # its types lost the self of this method
         return actors
 
     def _grid(self) -> float:
