@@ -111,7 +111,8 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
     except (TypeError, ValueError):
         raise ValueError(f"{name}: expected numbers of {_shape(shape)}, got a ragged sequence") from None
     if given.dtype.kind not in "fiu" and given.size:
-        raise TypeError(f"{name}: expected real numbers of {_shape(shape)}, got dtype {given.dtype}")
+        got = f"dtype {given.dtype}" if given.ndim else shown(value)
+        raise TypeError(f"{name}: expected real numbers of {_shape(shape)}, got {got}")
     if given.shape != shape and (
         given.ndim != len(shape)
         or any(isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=True))

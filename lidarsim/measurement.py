@@ -89,7 +89,7 @@ class Beam(Immutable):
         Full angles, horizontal and vertical, between the directions where the intensity is 1/e² of that on the axis,
         rad, 0 to 1. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
     pulse_length : float
-        Duration of the pulse, full width at half maximum, s, > 0.
+        Duration of the pulse, full width at half maximum, s, > 0 and at most 1e-6.
     rays : int
         Number of sub-rays per pulse: 7, 19, 37, 61 or 91.
 
@@ -132,7 +132,7 @@ class Beam(Immutable):
         elevation = self.divergence_azimuth if self.divergence_elevation is None else self.divergence_elevation
         for name, value in (("divergence_azimuth", self.divergence_azimuth), ("divergence_elevation", elevation)):
             object.__setattr__(self, name, angle(name, value, at_least=0.0, at_most=1.0))
-        object.__setattr__(self, "pulse_length", real("pulse_length", self.pulse_length, above=0.0))
+        object.__setattr__(self, "pulse_length", real("pulse_length", self.pulse_length, above=0.0, at_most=1e-6))
         object.__setattr__(self, "rays", integer("rays", self.rays))
         if self.rays not in {7, 19, 37, 61, 91}:
             raise ValueError(f"rays: expected 7, 19, 37, 61 or 91, got {self.rays}")

@@ -179,6 +179,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         start, end : float
             When the first frame of any sensor starts, and when the last ends, s.
         """
+        count = integer("count", count, at_least=1)
+        first = integer("first", first, at_least=0)
         numbers = [(s.offset, s.lidar.pattern.rate, self._numbers(s, first, first + count)) for s in self.values()]
         ends = [(k.start / rate + offset, k.stop / rate + offset) for offset, rate, k in numbers if k]
         return min(start for start, _ in ends), max(end for _, end in ends)

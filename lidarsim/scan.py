@@ -217,7 +217,7 @@ class Scan(Pickled, Plotted):
         TypeError, ValueError
             If `frame` or `deskew` is none of these, or the trajectory does not cover that moment.
         """
-        if frame not in {"sensor", "world"}:
+        if frame not in ("sensor", "world"):
             raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
         offset = self._moment(deskew)
         if not isinstance(self.pose, Trajectory):
@@ -337,7 +337,7 @@ class Scan(Pickled, Plotted):
         ValueError
             If `frame` is neither.
         """
-        if frame not in {"sensor", "world"}:
+        if frame not in ("sensor", "world"):
             raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
         returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
         pulse = np.nonzero(returned)[0]

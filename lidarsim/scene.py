@@ -137,8 +137,8 @@ class _Entry:
 class _Snapshot:
     """The objects at one moment, in the core.
 
-    `ids` are those of its objects, the first to the last, and -1 for none; None where they count up from 0. `span` is the
-    time that the motions of all movers cover.
+    `ids` are those of its objects, the first to the last, and -1 for none; None where they count up from 0. `span`
+    is the time that the motions of all movers cover.
     """
 
     version: object

@@ -16,7 +16,7 @@ from lidarsim import scan as _scan
 from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._shown import short, text_table
-from lidarsim._validation import Transform, array, integer, real
+from lidarsim._validation import Transform, array, integer, real, shown
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
@@ -367,6 +367,8 @@ def preset_path(name: str) -> Path:
     ValueError
         If there is no preset of that name.
     """
+    if not isinstance(name, str):
+        raise TypeError(f"preset: expected the name of a sensor, got {shown(name)}")
     known = Lidar.presets()
     if name not in known:
         near = [preset for preset in known if name.lower() in preset][:3] if name else []

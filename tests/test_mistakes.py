@@ -88,7 +88,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "center as text": (
         lambda: ls.Sphere("0 0 0", 1.0),
         TypeError,
-        "center: expected real numbers of shape (3,), got dtype <U5",
+        "center: expected real numbers of shape (3,), got '0 0 0'",
     ),
     "box by min and max swapped sign": (
         lambda: ls.Box((-1, 2, 3)),
@@ -248,6 +248,21 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         TypeError,
         "max_range: expected a real number >= 0, got '120 m'",
     ),
+    "pulse length in ns": (
+        lambda: ls.Beam(3e-3, pulse_length=5),
+        ValueError,
+        "pulse_length: expected a finite number > 0 and <= 1e-06, got 5.0",
+    ),
+    "one prism, not in a list": (
+        lambda: ls.patterns.Risley(ls.patterns.Prism(100.0), refractive_index=1.5, pulse_rate=1e5, rate=10.0),
+        TypeError,
+        "prisms: expected a sequence of Prism objects, got Prism(rotatio...exit_tilt=0.0)",
+    ),
+    "description of a sensor": (
+        lambda: ls.patterns.describe("ouster-os1-128"),
+        TypeError,
+        "pattern: expected a scan pattern (rate, shape, pulses), got 'ouster-os1-128'",
+    ),
     "measurement as dict": (
         lambda: ls.Lidar(LIDAR.pattern, measurement={"range_sigma": 0.01}),
         TypeError,
@@ -257,6 +272,11 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         lambda: ls.Lidar.preset("Ouster OS1-128"),
         ValueError,
         "preset: unknown sensor 'Ouster OS1-128'; did you mean ouster-os1-128 or ouster-os2-128 or ouster-os0-128?",
+    ),
+    "preset without a name": (
+        lambda: ls.Lidar.preset(None),
+        TypeError,
+        "preset: expected the name of a sensor, got None",
     ),
     "mode unknown": (
         lambda: ls.Lidar.preset("ouster-os1-128", mode="4096x10"),
@@ -499,6 +519,11 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "frame: expected 'sensor' or 'world', got 'map'",
     ),
+    "frames of a cloud": (
+        lambda: LIDAR.scan(SCENE).point_cloud(["sensor", "world"]),
+        ValueError,
+        "frame: expected 'sensor' or 'world', got ['sensor', 'world']",
+    ),
     "deskew to a word": (
         lambda: LIDAR.scan(SCENE).point_cloud(deskew="now"),
         ValueError,
@@ -516,6 +541,16 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         lambda: ls.Rig({"top": LIDAR}),
         TypeError,
         "sensors['top']: expected (lidar, mount) or (lidar, mount, offset), got Lidar",
+    ),
+    "pose by name": (
+        lambda: LIDAR.scan(SCENE, "origin"),
+        TypeError,
+        "pose: expected real numbers of shape (4, 4), got 'origin'",
+    ),
+    "span of no frames": (
+        lambda: ls.Rig({"top": (LIDAR, None)}).span(0),
+        ValueError,
+        "count: expected an integer >= 1, got 0",
     ),
     "rig as a list": (
         lambda: ls.Rig([LIDAR]),

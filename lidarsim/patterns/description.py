@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarsim._validation import Floats
-from lidarsim.patterns._pulses import Pattern, Pulses, pulses_of
+from lidarsim.patterns._pulses import Pattern, Pulses, check_pattern, pulses_of
 
 FRAMES = 10
 """Frames over which rates are averaged: those of a sensor whose cycles do not fit into its frames differ."""
@@ -77,6 +77,7 @@ def describe(pattern: Pattern) -> Description:
     >>> describe(Spinning([0.0, 0.1], columns=500, rate=20.0)).pulses_per_second
     20000.0
     """
+    check_pattern(pattern)
     first, second = pulses_of(pattern, 0), pulses_of(pattern, 1)
     count = len(first) + len(second) + sum(len(pulses_of(pattern, frame)) for frame in range(2, FRAMES))
     azimuth, elevation = angles_of(first)

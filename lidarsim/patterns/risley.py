@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
 from typing import ClassVar
@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, Vector, angle, array, frozen, nonzero_vectors, real
+from lidarsim._validation import Floats, Vector, angle, array, frozen, nonzero_vectors, real, shown
 from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
@@ -122,6 +122,8 @@ class Risley(Value):
         beams: npt.ArrayLike = ((1.0, 0.0, 0.0),),
     ) -> None:
         set_ = object.__setattr__
+        if not isinstance(prisms, Iterable):
+            raise TypeError(f"prisms: expected a sequence of Prism objects, got {shown(prisms)}")
         set_(self, "prisms", tuple(prisms))
         for i, prism in enumerate(self.prisms):
             if not isinstance(prism, Prism):

@@ -19,7 +19,7 @@ BAD = [
     (lambda: ls.Plane(ORIGIN, 1.0), ValueError, "normal: expected non-zero vectors, got normal = (0, 0, 0)"),
     (lambda: ls.Plane((0, math.nan, 1), 1.0), ValueError, "normal: expected finite numbers, got normal[1] = nan"),
     (lambda: ls.Plane((0, 1), 1.0), ValueError, "normal: expected shape (3,), got (2,)"),
-    (lambda: ls.Plane("up", 1.0), TypeError, "normal: expected real numbers of shape (3,), got dtype <U2"),
+    (lambda: ls.Plane("up", 1.0), TypeError, "normal: expected real numbers of shape (3,), got 'up'"),
     (lambda: ls.Plane(Z, math.inf), ValueError, "distance: expected a finite number, got inf"),
     (lambda: ls.Plane(Z, "1"), TypeError, "distance: expected a finite number, got '1'"),
     (lambda: ls.Plane(Z, None), TypeError, "distance: expected a finite number, got None"),
