@@ -4,8 +4,10 @@ The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, ec
 and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate, that of
 the `Lidar`, acts on the measured range, noise included, not on the true one.
 
-Random numbers come from Philox4x32-10. Its key is derived from the seed and the sensor's name; its counter consists of
-pulse, frame, effect and draw. So the noise of a pulse depends on these alone: not on threads, on which other pulses are
+Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011),
+Gaussian ones by way of the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
+Statistics 37, 1988). The generator's key is derived from the seed and the sensor's name; its counter consists of pulse,
+frame, effect and draw. So the noise of a pulse depends on these alone: not on threads, on which other pulses are
 fired, or on which other effects are on. The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1
 elevation), 2 drop-out, 3 range noise (one draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in
 place of the pulse).
@@ -145,12 +147,12 @@ class Measurement(Immutable):
     Parameters
     ----------
     range_sigma : float or sequence of (range, sigma), shape (n, 2)
-        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it against range, both in m, as
-        datasheets print it: linear between its rows, constant before the first and after the last; ranges must rise.
+        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it over range, both in m, as datasheets
+        print it: linear between its rows, constant before the first and after the last; the ranges have to rise.
     range_sigma_slope : float
-        b, the part that grows with range, m per metre.
+        b in √(a² + (b·R)²), m per m: the part that grows with range.
     range_bias : float
-        Added to each range, m.
+        Added to every range, m; may be negative.
     channel_bias_sigma : float
         Standard deviation of the range bias of each channel (ring), m. A bias depends on the seed, the sensor's name
         and the ring, and is the same in all frames. Together with `range_bias` it models what datasheets call
@@ -160,7 +162,7 @@ class Measurement(Immutable):
         is the measured range plus the `range_offset` of the `Lidar`.
     azimuth_sigma, elevation_sigma : float
         Standard deviations of the angles by which a pulse deviates from its nominal direction, rad, 0 to 1. Points are
-        still computed from the nominal direction; `Scan.true_points` gives those that the pulse really hit.
+        still computed from the nominal direction; `Scan.true_points` gives those that the pulses really hit.
     dropout : float
         Probability that a pulse is lost, 0 to 1.
     detection : Detection, optional
@@ -183,7 +185,8 @@ class Measurement(Immutable):
     -----
     Intensity is Lambert's, I = ρ·cos θ·exp(−2αR), with reflectivity ρ and incidence θ: 1 for a white diffuser met at a
     right angle. It is not divided by R², since sensors report intensity corrected for range; the power that decides
-    detection is I/R².
+    detection is I/R², as the lidar equation has it for targets larger than the beam (A. V. Jelalian, Laser Radar
+    Systems, Artech House, 1992).
 
     Examples
     --------

@@ -128,9 +128,9 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
             Body to world; None is the identity. On a trajectory each pulse is fired from where its sensor then is.
         count : int
-            How many frames of the rig.
+            Number of frames of the rig, >= 0.
         first : int
-            Number of the first.
+            Number of the first, >= 0.
         seed : int
             Seed of the noise.
 
@@ -170,14 +170,19 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         Parameters
         ----------
         count : int
-            How many frames of the rig, at least one.
+            Number of frames of the rig, >= 1.
         first : int
-            Number of the first.
+            Number of the first, >= 0.
 
         Returns
         -------
         start, end : float
             When the first frame of any sensor starts, and when the last ends, s.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `count` is not an integer >= 1, or `first` not one >= 0.
         """
         count = integer("count", count, at_least=1)
         first = integer("first", first, at_least=0)

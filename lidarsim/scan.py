@@ -335,7 +335,7 @@ class Scan(Pickled, Plotted):
         Raises
         ------
         ValueError
-            If `frame` is neither.
+            If `frame` is neither of them.
         """
         if frame not in ("sensor", "world"):
             raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")

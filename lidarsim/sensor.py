@@ -147,9 +147,9 @@ class Lidar(Pickled):
         time : float
             Time of the start of the frame, s, on the clock of the trajectory and of moving objects.
         frame : int
-            Number of the frame, from 0 on: non-repetitive patterns and noise go on from frame to frame.
+            Number of the frame, 0 to 2³² − 1: non-repetitive patterns and noise go on from frame to frame.
         seed : int
-            Seed of the noise.
+            Seed of the noise, 0 to 2⁶⁴ − 1. The same seed, frame and name of the sensor give the same bits.
 
         Returns
         -------
@@ -159,7 +159,10 @@ class Lidar(Pickled):
         Raises
         ------
         TypeError, ValueError
-            If an argument has the wrong type or shape or is out of its range.
+            If an argument has the wrong type or shape or is out of its range, if the trajectory or the motion of an
+            object does not cover all pulses, or if the pattern's pulses are not finite or not of unit length.
+        MemoryError
+            If there is no memory for the returns; before the pulses are made, and with the number of bytes.
         """
         return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed)
 
@@ -184,16 +187,16 @@ class Lidar(Pickled):
         pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
             Sensor to world, as in `scan`; None is the identity.
         count : int
-            How many frames.
+            Number of frames, >= 0.
         first : int
-            Number of the first frame.
+            Number of the first frame, >= 0.
         seed : int
             Seed of the noise.
 
         Returns
         -------
         iterator of Scan
-            A scan a frame.
+            One scan per frame.
 
         Raises
         ------
@@ -250,7 +253,7 @@ class Lidar(Pickled):
 
         Raises
         ------
-        ValueError
+        TypeError, ValueError
             If there is no such preset, mode or noise.
         """
         _, read = _readers["lidarsim YAML"]
@@ -364,7 +367,7 @@ def preset_path(name: str) -> Path:
 
     Raises
     ------
-    ValueError
+    TypeError, ValueError
         If there is no preset of that name.
     """
     if not isinstance(name, str):

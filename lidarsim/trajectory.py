@@ -48,16 +48,17 @@ class Trajectory(Immutable):
     Parameters
     ----------
     times : array_like, shape (n,)
-        Rising times, s.
+        Strictly rising times, s; at least one.
     poses : RigidTransform of n, or array_like, shape (n, 4, 4)
-        Pose at each time: rigid transform from the moving frame to the world.
+        Pose at each time: rigid transform from the moving frame to the world, positions in m.
     interpolation : {"linear", "spline"}
-        How the poses between are found.
+        How poses between the given ones are found.
 
     Raises
     ------
     TypeError, ValueError
-        If times do not rise, a pose is not rigid, their numbers differ, or there is no such interpolation.
+        If the times do not rise, a pose is not rigid to within 1e-6, the numbers of times and poses differ, or there is
+        no such interpolation.
 
     Notes
     -----
@@ -99,7 +100,7 @@ class Trajectory(Immutable):
             raise ValueError(f"times: expected rising times, got times[{i}] = {rising[i]} after {rising[i - 1]}")
         given: Any = poses.as_matrix() if hasattr(poses, "as_matrix") else poses
         if np.ndim(given) != 3 or len(given) != len(rising):
-            raise ValueError(f"poses: expected shape ({len(rising)}, 4, 4), one a time, got {np.shape(given)}")
+            raise ValueError(f"poses: expected shape ({len(rising)}, 4, 4), one per time, got {np.shape(given)}")
         matrices = _rigid(np.array(array("poses", given, ("n", 4, 4))))
         if interpolation not in INTERPOLATIONS:
             raise ValueError(f"interpolation: expected 'linear' or 'spline', got {interpolation!r}")
@@ -134,7 +135,8 @@ class Trajectory(Immutable):
         Returns
         -------
         Trajectory
-            pose·exp(t·twist): with both velocities a circle or a screw.
+            pose·exp(t·twist), with the exponential map of SE(3) (T. D. Barfoot, State Estimation for Robotics, §7.1):
+            with both velocities a circle or a screw.
 
         Raises
         ------
@@ -162,14 +164,14 @@ class Trajectory(Immutable):
         times: PathLike | npt.ArrayLike | None = None,
         interpolation: Literal["linear", "spline"] = "linear",
     ) -> Trajectory:
-        """Read a file of poses, told by its content.
+        """Read a file of poses, whose format is determined by its content.
 
         - TUM: ``t x y z qx qy qz qw`` in each line, s and m.
         - KITTI poses: the upper three rows of a 4×4 matrix in each line, 12 numbers.
         - CSV whose first line names its columns, ``time_s,x_m,y_m,z_m,qx,qy,qz,qw`` among them in any order.
 
-        Lines that are empty or begin with ``#`` are passed over. Rotations are made exact: quaternions need the
-        length 1, and matrices need to be orthonormal, as far as two decimals tell.
+        Empty lines and those that begin with ``#`` are skipped. Quaternions have to be of unit length and matrices
+        orthonormal as far as two decimals tell; they are then made so to rounding.
 
         Parameters
         ----------
@@ -178,12 +180,12 @@ class Trajectory(Immutable):
         times : path-like or array_like, shape (n,), optional
             Times of KITTI poses, which have none of their own, s: an array, or a file with a number in each line.
         interpolation : {"linear", "spline"}
-            How the poses between are found.
+            How poses between the given ones are found.
 
         Returns
         -------
         Trajectory
-            The poses as the file has them. Those of the KITTI data set are of the left camera; with the matrix ``Tr``
+            Through the poses of the file. Those of the KITTI data set are of the left camera; with the matrix ``Tr``
             of its calibration, ``trajectory @ Tr`` is that of the lidar.
 
         Raises
@@ -254,12 +256,12 @@ class Trajectory(Immutable):
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time at which there is a pose, s."""
+        """First and last time at which there is a pose, s: tuple of float; -inf and inf of a constant twist."""
         return self._native.span()
 
     @property
     def times(self) -> Floats:
-        """Times of the given poses, s: (n,) array; of a constant twist 0 alone."""
+        """Times of the given poses, s: read-only ndarray of float64, shape (n,); of a constant twist 0 alone."""
         return self._times
 
     @property
@@ -278,12 +280,12 @@ class Trajectory(Immutable):
         Returns
         -------
         RigidTransform
-            One pose, or n of them.
+            Moving frame to world: one pose, or n of them.
 
         Raises
         ------
-        ValueError
-            If there is no pose at one of the times.
+        TypeError, ValueError
+            If `times` are not numbers of either shape, or there is no pose at one of them.
         """
         from scipy.spatial.transform import RigidTransform
 
@@ -309,8 +311,8 @@ class Trajectory(Immutable):
 
         Raises
         ------
-        ValueError
-            If there is no pose at one of the times.
+        TypeError, ValueError
+            If `times` are not numbers of either shape, or there is no pose at one of them.
 
         Notes
         -----
@@ -343,7 +345,8 @@ class Trajectory(Immutable):
         outside = (flat < first) | (flat > last)
         if outside.any():
             i = int(np.argmax(outside))
-            raise ValueError(f"times: expected times from {first} to {last} s, got times[{i}] = {flat[i]}")
+            which = f"times[{i}]" if when.ndim else "times"
+            raise ValueError(f"times: expected times from {first} to {last} s, got {which} = {flat[i]}")
         return when
 
     def __matmul__(self, mount: Transform) -> Trajectory:

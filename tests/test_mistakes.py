@@ -416,12 +416,12 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "one pose too few": (
         lambda: ls.Trajectory([0, 1, 2], np.stack([np.eye(4)] * 2)),
         ValueError,
-        "poses: expected shape (3, 4, 4), one a time, got (2, 4, 4)",
+        "poses: expected shape (3, 4, 4), one per time, got (2, 4, 4)",
     ),
     "quaternion poses": (
         lambda: ls.Trajectory([0, 1], np.zeros((2, 7))),
         ValueError,
-        "poses: expected shape (2, 4, 4), one a time, got (2, 7)",
+        "poses: expected shape (2, 4, 4), one per time, got (2, 7)",
     ),
     "interpolation unknown": (
         lambda: ls.Trajectory([0, 1], np.stack([np.eye(4)] * 2), interpolation="slerp"),
@@ -431,7 +431,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "at outside": (
         lambda: DRIVE.at(2.0),
         ValueError,
-        "times: expected times from 0.0 to 1.0 s, got times[0] = 2.0",
+        "times: expected times from 0.0 to 1.0 s, got times = 2.0",
     ),
     "cloud of four columns": (
         lambda: ls.PointCloud(np.zeros((5, 4))),

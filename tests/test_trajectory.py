@@ -259,8 +259,8 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
             lambda: ls.Trajectory([0, 1, 1], [np.eye(4)] * 3),
             "times: expected rising times, got times[2] = 1.0 after 1.0",
         ),
-        (lambda: ls.Trajectory([0, 1], [np.eye(4)]), "poses: expected shape (2, 4, 4), one a time, got (1, 4, 4)"),
-        (lambda: ls.Trajectory([0], np.eye(4)), "poses: expected shape (1, 4, 4), one a time, got (4, 4)"),
+        (lambda: ls.Trajectory([0, 1], [np.eye(4)]), "poses: expected shape (2, 4, 4), one per time, got (1, 4, 4)"),
+        (lambda: ls.Trajectory([0], np.eye(4)), "poses: expected shape (1, 4, 4), one per time, got (4, 4)"),
         (
             lambda: ls.Trajectory([0, 1], [np.eye(4), np.diag([1, 1, 2, 1])]),
             "poses[1]: expected a rigid transform (orthonormal rotation), got one 3 away from it, determinant 2",
@@ -295,7 +295,11 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
         ),
         (
             lambda: ls.Trajectory(TIMES, poses()).velocity(5.0),
-            "times: expected times from -1.0 to 4.0 s, got times[0] = 5.0",
+            "times: expected times from -1.0 to 4.0 s, got times = 5.0",
+        ),
+        (
+            lambda: ls.Trajectory(TIMES, poses()).at([0.0, 5.0]),
+            "times: expected times from -1.0 to 4.0 s, got times[1] = 5.0",
         ),
         (
             lambda: ls.Trajectory.from_twist(np.eye(4), linear=(1, 2)),

@@ -1,4 +1,12 @@
-"""Scan patterns: which pulses a frame fires, in the sensor frame."""
+"""Scan patterns: which pulses a frame fires, in the sensor frame.
+
+The sensor frame is right-handed: x forward, y left, z up. Azimuths are measured from x towards y, that is
+counter-clockwise seen from above, and elevations upwards from the x-y plane, both in rad. Times are in s since the
+start of the frame.
+
+The patterns here are immutable, and two of one class are equal if their arguments are. The arguments are attributes,
+arrays as read-only copies. A frame depends on them and on its number alone, so frames can be requested in any order.
+"""
 
 from __future__ import annotations
 

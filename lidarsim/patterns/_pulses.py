@@ -24,22 +24,22 @@ class Pulses(Immutable):
     Parameters
     ----------
     directions : array_like, shape (n, 3)
-        Unit direction of each beam.
+        Unit direction of each pulse, kept as float64.
     origins : array_like, shape (n, 3)
-        Where each beam leaves the sensor, m.
+        Where each pulse leaves the sensor, m, kept as float64.
     time : array_like, shape (n,)
-        Firing time since the start of the frame, s.
+        Firing time since the start of the frame, s, kept as float64.
     ring : array_like of int, shape (n,)
-        Channel that fired, kept as uint16.
+        Channel that fires, 0 to 65,535, kept as uint16.
     column : array_like of int, shape (n,)
-        Column (firing cycle) of the frame, kept as uint32.
+        Column (firing cycle) of the frame, 0 to 2³² − 1, kept as uint32.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument does not hold numbers, has the wrong shape, or a time is not finite, or a ring or column is not
-        an integer of its type. Directions and origins are checked, for unit length and finite numbers, when the pulses
-        are fired.
+        If an argument does not hold numbers or has the wrong shape, a time is not finite, or a ring or column is not
+        an integer in its range. That directions are of unit length and origins finite is checked when the pulses are
+        fired.
 
     Examples
     --------
@@ -121,12 +121,17 @@ class Pattern(Protocol):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
             In firing order.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         ...
 

@@ -33,13 +33,13 @@ class Description:
     pulses_per_second : float
         Mean over ten frames, Hz.
     azimuth, elevation : tuple of float
-        From the lowest to the highest of the first frame, rad.
+        Lowest and highest of the first frame, rad.
     elevation_gap : tuple of float
         Smallest and largest step between neighbouring rings, rad; nan for one ring, or for rings of no fixed elevation.
     pulse_gap : tuple of float
         Smallest and largest angle between one pulse of a ring and the next, rad; nan if no ring has two.
     time : tuple of float
-        Of the first and the last pulse of the first frame since its start, s.
+        When the first and the last pulse of the first frame fire, s since its start.
     pause : float
         Longest time without a pulse in the first frame, its end included, s.
     repeats : bool
@@ -70,6 +70,11 @@ def describe(pattern: Pattern) -> Description:
     -------
     Description
         Its rate, spans and gaps.
+
+    Raises
+    ------
+    TypeError
+        If it is not a scan pattern.
 
     Examples
     --------

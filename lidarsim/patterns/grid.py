@@ -26,9 +26,9 @@ class Grid(Value):
     Parameters
     ----------
     azimuths : array_like, shape (columns,)
-        Azimuth of each column, rad, counter-clockwise seen from above.
+        Azimuth of each column, rad, -2 pi to 2 pi, counter-clockwise seen from above.
     elevations : array_like, shape (rings,)
-        Elevation of each ring, rad.
+        Elevation of each ring, rad, -pi/2 to pi/2.
     rate : float
         Frames per second, Hz.
     column_period : float
@@ -83,12 +83,17 @@ class Grid(Value):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
-            In firing order; those that fire together by ring.
+            In firing order; those that fire together are in the order of their rings.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         integer("frame", frame, at_least=0)
         return self._pulses

@@ -37,7 +37,7 @@ class Mid360(Value):
     Parameters
     ----------
     rate : float
-        Frames per second, Hz. Frames go on where the one before stopped.
+        Frames per second, Hz. Each frame goes on where the one before stopped.
 
     Raises
     ------
@@ -73,12 +73,17 @@ class Mid360(Value):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
-            In firing order; those that fire together by ring.
+            In firing order; those that fire together are in the order of their rings.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, TICK_RATE, self.rate)
         psi = TURN * ticks.turns(FAST)

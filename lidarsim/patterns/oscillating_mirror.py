@@ -20,23 +20,23 @@ from lidarsim.patterns._pulses import Pulses
 class OscillatingMirror(Value):
     """A beam that swings to and fro about x in the x-y plane: the zigzag of an airborne scanner that looks along x.
 
-    The azimuth starts at the left end. It moves at constant speed, and where it turns back it brakes and speeds up at
-    constant acceleration for the part `turn` of the time. Pulse `m` fires at ``m / pulse_rate``, and frames go on where
-    the one before stopped.
+    The azimuth starts at the left end. The beam swings at constant speed; where it turns back, which takes a fraction
+    `turn` of the time, it brakes and speeds up at constant acceleration. Pulse `m` fires at ``m / pulse_rate``, and
+    each frame goes on where the one before stopped.
 
     Parameters
     ----------
     field_of_view : float
         Angle from end to end, rad.
     scan_rate : float
-        Swings there and back per second, Hz.
+        Periods, there and back, per second, Hz.
     pulse_rate : float
         Pulses per second, Hz.
     rate : float
         Frames per second, Hz.
     turn : float
-        Part of the time spent turning, from 0 (a triangle wave, the default) to 1 (never at constant speed, nearly a
-        sine).
+        Fraction of the time spent turning back, from 0 (a triangle wave, the default) to 1 (never at constant speed,
+        nearly a sine).
 
     Raises
     ------
@@ -87,12 +87,17 @@ class OscillatingMirror(Value):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
             In firing order.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         azimuth = 0.5 * self.field_of_view * self._swing(ticks.turns(self.scan_rate))

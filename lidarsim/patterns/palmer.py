@@ -21,7 +21,7 @@ class Palmer(Value):
     """A beam that goes round a cone about x, from left to up: the circles of a bathymetric scanner that looks along x.
 
     Pulse `m` fires at ``m / pulse_rate`` towards ``(cos a, sin a cos h, sin a sin h)`` with ``h = 2 pi scan_rate m /
-    pulse_rate``, and frames go on where the one before stopped.
+    pulse_rate``, and each frame goes on where the one before stopped.
 
     Parameters
     ----------
@@ -79,12 +79,17 @@ class Palmer(Value):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
             In firing order.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         angle = TURN * ticks.turns(self.scan_rate)[:, None]

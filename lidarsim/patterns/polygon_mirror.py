@@ -37,7 +37,7 @@ class PolygonMirror(Value):
         azimuth   = field_of_view / 2 - sweep (time - l / line_rate) line_rate + azimuth_offsets[i]
         elevation = elevations[i]
 
-    The bending of lines away from the axis of the mirror is not modelled.
+    The bow that a real polygon gives to lines at elevations other than 0 is not modelled.
 
     Parameters
     ----------
@@ -57,12 +57,17 @@ class PolygonMirror(Value):
     azimuth_offsets : float or array_like, shape (channels,)
         Azimuth of each channel relative to the sweep, rad, counter-clockwise seen from above.
     firing_times : float or array_like, shape (channels,)
-        Firing time of each channel since the start of its cycle, s; less than the time of a cycle.
+        Firing time of each channel since the start of its cycle, s, from 0 to less than the duration of a cycle.
 
     Raises
     ------
     TypeError, ValueError
         If an argument has the wrong type or shape, is not finite or is out of its range.
+
+    Notes
+    -----
+    A. Wehr and U. Lohr, Airborne laser scanning: an introduction and overview, ISPRS J. 54 (1999) 68-82, compare
+    rotating polygons, oscillating mirrors and Palmer scanners, and what each leaves on the ground.
 
     Examples
     --------
@@ -132,12 +137,17 @@ class PolygonMirror(Value):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
-            In firing order; those that fire together by ring.
+            In firing order; those that fire together are in the order of their rings.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         now = Ticks.of(frame, self.pulse_rate, self.rate)
         end = now.first + now.count

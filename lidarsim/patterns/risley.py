@@ -88,6 +88,11 @@ class Risley(Value):
     TypeError, ValueError
         If an argument has the wrong type or shape or is out of its range, or a prism reflects a beam totally.
 
+    Notes
+    -----
+    For Snell's law in vector form see G. H. Spencer and M. V. R. K. Murty, General ray-tracing procedure, J. Opt. Soc.
+    Am. 52 (1962) 672. All beams leave from the origin: the glass turns them here, but does not shift them.
+
     Examples
     --------
     >>> from math import radians
@@ -146,12 +151,17 @@ class Risley(Value):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
-            In firing order; those that fire together by ring.
+            In firing order; those that fire together are in the order of their rings.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         direction = np.broadcast_to(self.beams, (ticks.count, len(self.beams), 3))

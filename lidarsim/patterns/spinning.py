@@ -28,37 +28,37 @@ from lidarsim.patterns._pulses import Pulses
 class Spinning(Value):
     """Channels on a head that spins about the z axis: one frame per turn.
 
-    The head fires its channels in cycles, one cycle a column. Cycle `c` of a frame starts when the head has gone the
-    part ``(c + d) / columns`` of a turn, and channel `i` fires ``firing_times[i]`` later, when the head has moved on::
+    The head fires its channels in cycles, one cycle per column. Cycle `c` of a frame starts when the head has made
+    ``(c + d) / columns`` of a turn, and channel `i` fires ``firing_times[i]`` later, when the head has moved on::
 
         time      = (c + d) / (columns rate) + firing_times[i]
         azimuth   = start_azimuth -/+ 2 pi rate time + azimuth_offsets[i]        - clockwise, + counter-clockwise
         elevation = elevations[i]
 
     With a whole number of columns d is 0 and all frames are alike. Otherwise the cycles run on from turn to turn
-    without a break, and ``d = ceil(k columns) - k columns`` is what frame `k` waits for its first.
+    without a break, and the first of frame `k` starts ``d = ceil(k columns) - k columns`` of a cycle late.
 
     Parameters
     ----------
     elevations : array_like, shape (channels,)
-        Elevation of each channel, rad. A channel's index here is its ring.
+        Elevation of each channel, rad, -pi/2 to pi/2. A channel's index here is its ring.
     azimuth_offsets : float or array_like, shape (channels,)
         Azimuth of each channel relative to the head, rad, counter-clockwise seen from above as all azimuths are.
     columns : float, optional
-        Firing cycles a turn. Default: 1024, or what `column_period` says.
+        Firing cycles per turn, >= 1. Default: 1024, or what follows from `column_period`.
     column_period : float, optional
-        Time from one firing cycle to the next, s, in place of `columns`, which it sets to ``1 / (rate column_period)``.
+        Time from one firing cycle to the next, s, instead of `columns`, which is then ``1 / (rate column_period)``.
     rate : float
         Turns, and so frames, per second, Hz.
     firing_times : float or array_like, shape (channels,)
-        Firing time of each channel since the start of its cycle, s; less than the time of a cycle.
+        Firing time of each channel since the start of its cycle, s, from 0 to less than the duration of a cycle.
     beam_origins : array_like, shape (channels, 3) or (3,), optional
         Where each beam leaves the sensor while the head's azimuth is 0, m; they turn with the head. Default: the
         sensor's origin.
     clockwise : bool
         Whether the head spins clockwise seen from above.
     field_of_view : float
-        Angle over which the head fires, rad; cycles that start outside it are left out.
+        Angle over which the head fires, rad, up to 2 pi; cycles that start outside it are left out.
     start_azimuth : float, optional
         Azimuth of the head when a frame starts, rad. Default: half the field of view before the x axis, so that a full
         turn starts behind the sensor and a partial field of view has x in its middle.
@@ -147,7 +147,7 @@ class Spinning(Value):
 
     @property
     def columns_per_turn(self) -> float:
-        """Firing cycles a turn, by `columns` or `column_period`.
+        """Firing cycles per turn, from `columns` or `column_period`.
 
         A whole number where the rounding of `rate` and `column_period` and of their product and quotient, half an ulp
         each, can have come between.
@@ -164,17 +164,22 @@ class Spinning(Value):
         return len(self.elevations), self._used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
-        """Return the pulses of a turn.
+        """Return the pulses of a frame, which is a turn.
 
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
-            In firing order; those that fire together by ring.
+            In firing order; those that fire together are in the order of their rings.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         wait = Ticks.of(frame, self.columns_per_turn, 1.0).wait
         return self._turn(wait) if wait else self._even_turn

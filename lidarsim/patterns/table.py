@@ -24,7 +24,7 @@ class Table(Value):
     """Pulses listed one by one: a measured pattern, a patent's, or one that no other class makes.
 
     The list is cut into frames by its times: frame `k` takes the pulses from ``k / rate`` to ``(k + 1) / rate``. After
-    the frame that holds the last time the list starts again.
+    the frame of the last time, the list starts again.
 
     Parameters
     ----------
@@ -34,9 +34,9 @@ class Table(Value):
         Firing times since the start of the list, s, in any order. Default: all fire together at the start of each
         frame.
     rings : int or array_like, shape (n,)
-        Channel of each pulse.
+        Channel of each pulse, 0 to 65,535; kept as uint16.
     columns : array_like, shape (n,), optional
-        Column of each pulse in its frame. Default: how many pulses of its ring precede it in its frame.
+        Column of each pulse in its frame, kept as uint32. Default: how many pulses of its ring precede it there.
     origins : array_like, shape (n, 3) or (3,), optional
         Where each beam leaves the sensor, m. Default: the sensor's origin.
     rate : float
@@ -162,12 +162,17 @@ class Table(Value):
         Parameters
         ----------
         frame : int
-            Its number, from 0 on.
+            Its number, >= 0.
 
         Returns
         -------
         Pulses
-            In firing order; those that fire together by ring.
+            In firing order; those that fire together are in the order of their rings.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `frame` is not an integer >= 0.
         """
         order, frames = self._order
         part = integer("frame", frame, at_least=0) % (int(frames[-1]) + 1)
