@@ -15,6 +15,7 @@ from lidarsim._validation import array, real
 __all__ = ["Material"]
 
 Per = Literal["object", "face", "vertex"]
+PER = get_args(Per)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -47,7 +48,7 @@ class Material(Value):
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        if self.per not in get_args(Per):
+        if self.per not in PER:
             raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {self.per!r}")
         if self.per == "object":
             if isinstance(self.reflectivity, (np.ndarray, list, tuple)):
