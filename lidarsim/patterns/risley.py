@@ -6,13 +6,14 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, Vector, angle, array, frozen, nonzero_vectors, real, shown
+from lidarsim._validation import Floats, Vector, angle, array, frozen, integer, nonzero_vectors, real, shown
 from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
@@ -163,24 +164,34 @@ class Risley(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
+        return self._frame(frame) if integer("frame", frame, at_least=0) else self._first
+
+    @cached_property
+    def _first(self) -> Pulses:
+        """Frame 0, which is made to see whether the prisms let the beams through."""
+        return self._frame(0)
+
+    def _frame(self, frame: int) -> Pulses:
         ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         direction = np.broadcast_to(self.beams, (ticks.count, len(self.beams), 3))
         for prism in self.prisms:
             angle = (TURN * ticks.turns(prism.rotation_rate) + prism.phase)[:, None]
+            cosine, sine = np.cos(angle), np.sin(angle)
             for tilt, ratio in (
                 (prism.entry_tilt, 1.0 / self.refractive_index),
                 (prism.exit_tilt, self.refractive_index),
             ):
-                direction = _refracted(direction, tilt, angle, ratio)
+                normal = joined(np.array(np.cos(tilt)), np.sin(tilt) * cosine, np.sin(tilt) * sine)
+                direction = _refracted(direction, normal, ratio)
         return fired_together(direction, ticks.time)
 
 
-def _refracted(direction: Floats, tilt: float, angle: Floats, ratio: float) -> Floats:
-    """Return unit vectors, of shape (n, b, 3), after a face whose tilted normal stands at `angle`, of shape (n, 1)."""
-    normal = joined(np.array(np.cos(tilt)), np.sin(tilt) * np.cos(angle), np.sin(tilt) * np.sin(angle))
-    along = (direction * normal).sum(axis=-1)
+def _refracted(direction: Floats, normal: Floats, ratio: float) -> Floats:
+    """Return unit vectors, of shape (n, b, 3), after a face with unit normals of shape (n, 1, 3)."""
+    x, y, z = (direction[..., axis] * normal[..., axis] for axis in range(3))
+    along = x + y + z
     square = 1.0 - ratio**2 * (1.0 - along**2)
     if (square < 0.0).any() or (along <= 0.0).any():
         raise ValueError("prisms: expected each face to let the beams through, got total reflection")
-    bent = ratio * direction + (np.sqrt(square) - ratio * along)[..., None] * normal
-    return joined(bent[..., 0], bent[..., 1], bent[..., 2])
+    turn = np.sqrt(square) - ratio * along
+    return joined(*(ratio * direction[..., axis] + turn * normal[..., axis] for axis in range(3)))
