@@ -6,9 +6,11 @@ their names. Points keep lidarsim's axes, x forward, and ``calibrated_sensor`` s
 the colours of its own class names alone; give it those of others: ``NuScenes(…, colormap=…)``.
 
 An instance with points in a frame has an upright box in it, where it is at the time of the sample, with the heading of
-the x axis of its first object. What has no end has none, nor what has a label for each face, nor instance 0. Categories
-are the classes, the attribute is ``moving`` or ``still``, and the visibility is not known. Points are as raw as the run
-has them: ``cloud: {deskew: start}`` moves them to the time of the sample, too.
+the x axis of its first object. Unbounded objects have none, nor have those with a label per face, nor instance 0.
+Categories are the classes, the attribute is ``moving`` or ``still``. Visibility is a share of what cameras see: without
+any, ``visibility_token`` is an empty string, as the schema has it for what is not annotated, and ``num_lidar_pts`` says
+how well the lidars see an object. Points are as raw as the run has them: ``cloud: {deskew: start}`` moves them to the
+time of the sample, too.
 
 Format: https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md.
 """
@@ -36,6 +38,9 @@ from lidarsim.scene import SceneObject
 VERSION = "v1.0-lidarsim"
 START = 1_577_836_800_000_000
 """Time 0 of each sequence: the start of 2020, µs since 1970."""
+
+VISIBILITY = {"1": (0, 40), "2": (40, 60), "3": (60, 80), "4": (80, 100)}
+"""Levels of visibility by token, as nuScenes has them, %."""
 
 
 class NuScenes(Layout):
@@ -69,10 +74,9 @@ class NuScenes(Layout):
     def finish(self, files: Files, summary: Summary) -> None:
         """Write the tables, one pass over the samples each."""
         tables = _Tables(summary)
-        files.write_json(f"{VERSION}/visibility.json", ())
         for name in (
             *("attribute", "calibrated_sensor", "category", "ego_pose", "instance", "lidarseg", "log", "map", "sample"),
-            *("sample_annotation", "sample_data", "scene", "sensor"),
+            *("sample_annotation", "sample_data", "scene", "sensor", "visibility"),
         ):
             files.write_json(f"{VERSION}/{name}.json", getattr(tables, name)())
         files.write("maps/empty.png", _black_pixel())
@@ -175,6 +179,11 @@ class _Tables:
     def attribute(self) -> Iterator[dict[str, Any]]:
         for name in ("moving", "still"):
             yield {"token": self.token("attribute", name), "name": name, "description": ""}
+
+    def visibility(self) -> Iterator[dict[str, Any]]:
+        for token, (low, high) in VISIBILITY.items():
+            about = f"visibility of whole object is between {low} and {high}%"
+            yield {"token": token, "level": f"v{low}-{high}", "description": about}
 
     def annotations(self, records: list[Record]) -> dict[int, list[dict[str, Any]]]:
         """Return the boxes of each instance of a sequence, frame by frame, with the points of all sensors."""
