@@ -7,9 +7,12 @@ import errno
 import json
 import logging
 import os
+import signal
+import threading
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager
+from concurrent.futures import CancelledError
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -36,6 +39,9 @@ RANGES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 200
 TRIES = 3
 WAVE = 1000
 """Shards that a scheduler is given at a time."""
+
+IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
+"""What a worker runs first: Ctrl-C on a terminal goes to all its processes, and ours is the one to end the others."""
 
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -162,6 +168,15 @@ def _here(plan: Plan, shards: Iterable[int], tell: Callable[[int, int], object])
 
 def _there(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[int, int], object]) -> Iterator[Made]:
     distributed = import_extra("distributed", "cluster", "a cluster")
+    lost = CancelledError, distributed.client.ClosedClientError, distributed.comm.CommClosedError
+    try:
+        yield from _submitted(plan, shards, client, tell)
+    except lost:
+        raise LidarsimError("lost the connection to the scheduler: run the same command again to resume") from None
+
+
+def _submitted(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, int], object]) -> Iterator[Made]:
+    distributed = import_extra("distributed", "cluster", "a cluster")
     pickled = import_extra("cloudpickle", "cluster", "a cluster").dumps(plan)
     waiting, tries, shard_of = iter(shards), Counter[int](), {}
     futures = distributed.as_completed()
@@ -175,14 +190,12 @@ def _there(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[in
         submit(shard)
     for future in futures:
         shard = shard_of.pop(future.key)
-        if future.status == "finished":
-            made = future.result()
-        elif future.status == "error":
+        if future.status == "error":
             error = future.exception()
             sequence, frames = next(plan.recipe.shard(shard))
             made = Made(shard, 0, 0, _told(error), sequence, frames[0], plan.recipe.seed)
         else:
-            raise LidarsimError("lost the connection to the scheduler: run the same command again to resume")
+            made = future.result()
         if made.full:
             raise OSError(made.problem)
         tries[shard] += 1
@@ -227,7 +240,8 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
         yield None
         return
     distributed = import_extra("distributed", "cluster", "a cluster")
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what there is to tell is told once, by our errors
+    for name in ("distributed", "distributed.client"):  # each has a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # our errors say it, once
     if scheduler is not None:
         try:
             client = distributed.Client(scheduler)
@@ -237,10 +251,31 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
             yield client
         return
     environment = {"LIDARSIM_THREADS": os.environ.get("LIDARSIM_THREADS", "1")}
-    with (
-        distributed.LocalCluster(
-            n_workers=workers, threads_per_worker=1, env=environment, silence_logs="CRITICAL", dashboard_address=":0"
-        ) as local,
-        distributed.Client(local) as client,
-    ):
-        yield client
+    with ExitStack() as stack:
+        local = distributed.LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            env=environment,
+            preload=IGNORE_INTERRUPTS,
+            silence_logs="CRITICAL",
+            dashboard_address=":0",
+        )
+        client = stack.enter_context(distributed.Client(stack.enter_context(local)))
+        try:
+            yield client
+        finally:
+            with _uninterrupted():  # interrupted again while it stops its workers, a cluster hangs for a while
+                stack.close()
+
+
+@contextmanager
+def _uninterrupted() -> Iterator[None]:
+    """Ignore Ctrl-C in the block; signals are for the main thread to handle."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import resource
 import signal
 import subprocess
@@ -34,6 +35,16 @@ DRIVE = [
 ]
 """Fifteen shards of a sensor that takes some time."""
 
+CLI = "from lidarsim.cli import main; main()"
+
+
+@pytest.fixture(scope="module")
+def drive(shared: Path, tmp_path_factory: pytest.TempPathFactory, tree: Tree) -> dict[str, str]:
+    """What one process makes of it."""
+    out = tmp_path_factory.mktemp("drive")
+    ls.generate(shared, out, overrides=DRIVE, pictures=0)
+    return tree(out)
+
 
 def of(settings: Sequence[str]) -> list[str]:
     return [word for setting in settings for word in ("--set", setting)]
@@ -45,6 +56,13 @@ def wait_for(condition: Callable[[], bool], process: subprocess.Popen[str]) -> N
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < until
         time.sleep(0.01)
+
+
+def workers_of(process: subprocess.Popen[str]) -> list[psutil.Process]:
+    children = psutil.Process(process.pid).children()
+    workers = [child for child in children if "spawn_main" in " ".join(child.cmdline())]
+    assert len(workers) == 2
+    return workers
 
 
 def ended(*arguments: object) -> object:
@@ -190,27 +208,77 @@ def test_a_function_is_a_recipe(tmp_path: Path, tree: Tree) -> None:
     assert {name: first[name] for name in clouds} == {name: second[name] for name in clouds}
 
 
-def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree) -> None:
-    ls.generate(recipe, tmp_path / "one", overrides=DRIVE, pictures=0)
-    out = tmp_path / "two"
-    code = "import sys; from lidarsim.cli import main; main(sys.argv[1:])"
+def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
+    out = tmp_path / "out"
     arguments = ["generate", recipe, "-o", out, "--workers", "2", *of(DRIVE), "--pictures", "0"]
     with subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", CLI, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
         wait_for(lambda: len(list(out.glob("manifest/0*.json"))) >= 2, process)
-        workers = [
-            child for child in psutil.Process(process.pid).children() if "spawn_main" in " ".join(child.cmdline())
-        ]
-        assert len(workers) == 2
-        workers[0].kill()
+        workers_of(process)[0].kill()
         left = 15 - len(list(out.glob("manifest/0*.json")))
         printed, complaints = process.communicate(timeout=60)
     assert left > 0
     assert process.returncode == 0, complaints
     assert "30 frames" in printed
     assert "dashboard: http://" in printed
-    assert tree(out) == tree(tmp_path / "one")
+    assert tree(out) == drive
+
+
+def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
+    out = tmp_path / "out"
+
+    def start(*command: object) -> subprocess.Popen[str]:
+        arguments = [sys.executable, *map(str, command)]
+        return subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+    for attempt in range(2):
+        file = tmp_path / f"scheduler{attempt}.json"
+        address = ("--scheduler-file", file, "--dashboard-address", ":0")
+        with (
+            start("-m", "dask", "scheduler", "--port", 0, *address) as scheduler,
+            start("-m", "dask", "worker", "--nthreads", 1, "--no-nanny", *address) as worker,
+        ):
+            try:
+                wait_for(file.exists, scheduler)
+                arguments = ["generate", recipe, "-o", out, "--scheduler", json.loads(file.read_text())["address"]]
+                with start("-c", CLI, *arguments, *of(DRIVE), "--pictures", 0) as process:
+                    if attempt == 0:
+                        wait_for(lambda: len(list(out.glob("manifest/0*.json"))) >= 2, process)
+                        scheduler.kill()
+                    complaints = process.communicate(timeout=60)[1]
+            finally:
+                scheduler.kill()
+                worker.kill()
+        if attempt == 0:
+            assert process.returncode == 2
+            assert (
+                complaints == "lidarsim: lost the connection to the scheduler: run the same command again to resume\n"
+            )
+            assert not (out / "manifest.jsonl").exists()
+    assert process.returncode == 0, complaints
+    assert tree(out) == drive
+
+
+def test_ctrl_c_ends_the_workers(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
+    """On a terminal it goes to all processes of the group."""
+    out = tmp_path / "out"
+    arguments = ["generate", recipe, "-o", out, "--workers", "2", *of(DRIVE), "--pictures", "0"]
+    with subprocess.Popen(
+        [sys.executable, "-c", CLI, *arguments],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as process:
+        wait_for(lambda: len(list(out.glob("manifest/0*.json"))) >= 2, process)
+        workers = workers_of(process)
+        os.killpg(process.pid, signal.SIGINT)
+        complaints = process.communicate(timeout=60)[1]
+    assert (process.returncode, complaints) == (130, "")
+    assert not psutil.wait_procs(workers, timeout=60)[1]
+    ls.generate(recipe, out, overrides=DRIVE, pictures=0)
+    assert tree(out) == drive
 
 
 def test_interrupted_and_gone_on(
