@@ -173,23 +173,25 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
     pose[:3, 3] -= middle
     parts.append({"name": "sensor", "geometry": axes.transform(pose)})
     view = picture.view(0, seen, size[0] / size[1])
+    errors_alone = o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error)
     try:
-        o3d.visualization.draw(
-            parts,
-            title="lidarsim",
-            width=size[0],
-            height=size[1],
-            lookat=view.target - middle,
-            eye=view.eye - middle,
-            up=view.up,
-            field_of_view=float(np.degrees(view.angle)),
-            bg_color=(*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0),
-            point_size=round(point_size or 3),
-            show_skybox=False,
-            show_ui=True,
-        )
+        with errors_alone:  # it warns of each array that it rounds to float32
+            o3d.visualization.draw(
+                parts,
+                title="lidarsim",
+                width=size[0],
+                height=size[1],
+                lookat=view.target - middle,
+                eye=view.eye - middle,
+                up=view.up,
+                field_of_view=float(np.degrees(view.angle)),
+                bg_color=(*(channel / 255 for channel in bytes.fromhex(BACKGROUND[1:])), 1.0),
+                point_size=round(point_size or 3),
+                show_skybox=False,
+                show_ui=True,
+            )
     except RuntimeError as error:  # as it says that there is no Vulkan, or no OpenGL
-        raise LidarsimError(f"Open3D cannot open a window here: {error}") from error
+        raise LidarsimError(f"Open3D cannot open a window here ({error}): try the viewer pyvista") from error
 
 
 register_view(PointCloud, "open3d", to_open3d)

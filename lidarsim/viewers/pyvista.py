@@ -171,8 +171,8 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
             last = len(picture.frames) - 1
             if last:
                 getattr(plotter, "widgets", plotter).add_slider_widget(
-                    lambda value: stage.show(round(value)), (0, last), 0, title="frame", fmt="%.0f", color="white",
-                    pointa=(0.05, 0.11), pointb=(0.6, 0.11), interaction_event="always", style="modern",
+                    lambda value: stage.show(round(value)), (0, last), value=0, title="frame", fmt="%.0f",
+                    color="white", pointa=(0.05, 0.11), pointb=(0.6, 0.11), interaction_event="always", style="modern",
                 )  # fmt: skip
             plotter.show(title="lidarsim")
         elif suffix == ".png":

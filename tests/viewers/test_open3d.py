@@ -204,7 +204,7 @@ def test_a_window_that_open3d_cannot_open_is_one_clear_error(monkeypatch: pytest
 
     monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
     monkeypatch.setattr("open3d.visualization.draw", refuse)
-    with pytest.raises(LidarsimError, match="Open3D cannot open a window here: Failed to load vulkan library!"):
+    with pytest.raises(LidarsimError, match=r"cannot open a window here \(Failed to load vulkan library!\): try"):
         ls.show(PointCloud(xyz=[[1, 2, 3]]), viewer="open3d")
 
 
