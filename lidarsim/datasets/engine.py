@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarsim._extras import import_extra
+from lidarsim._validation import integer
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
 from lidarsim.datasets.samples import Record, samples
@@ -233,12 +234,16 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
     ------
     LidarsimError
         If both are given, or the scheduler cannot be reached.
+    ValueError
+        If `workers` is less than 1.
     """
     if workers is not None and scheduler is not None:
         raise LidarsimError("--workers, --scheduler: expected one of them, got both")
     if workers is None and scheduler is None:
         yield None
         return
+    if workers is not None:
+        integer("--workers", workers, at_least=1)
     distributed = import_extra("distributed", "cluster", "a cluster")
     for name in ("distributed", "distributed.client"):  # each has a level of its own
         logging.getLogger(name).setLevel(logging.CRITICAL)  # our errors say it, once

@@ -48,7 +48,7 @@ __all__ = ["Recipe", "from_function", "load"]
 SHARD_PULSES = 40_000_000
 """Pulses of a shard if its frames are not given: what a core fires and writes in some 20 s."""
 
-SHARDS = 16, 100_000
+SHARDS = 32, 100_000
 """How many there are at least, so that a few workers end at about the same time, and at most."""
 
 FILES = {"file", "times", "firing_times"}

@@ -32,6 +32,7 @@ def run(
     """Make what is missing of a data set; return how much that was, and the shards that failed."""
     count = integer("part", part[1], at_least=1)
     mine = integer("part", part[0], at_least=0, at_most=count - 1)
+    pictures = integer("pictures", pictures, at_least=0)
     plan = Plan(recipe, open_store(output), manifest.versions())
     resolved = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True).encode()
     head = {

@@ -357,6 +357,8 @@ def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFi
         (("-o", out), 2, "expected a recipe, or --verify"),
         ((recipe, "-o", out, "--shard", "2/2"), 2, "--shard: expected I/N"),
         ((recipe, "-o", out, "--workers", "2", "--scheduler", "tcp://x"), 2, "got both"),
+        ((recipe, "-o", out, "--workers", "0"), 2, "--workers: expected an integer >= 1, got 0"),
+        ((recipe, "-o", out, "--pictures", "-1"), 2, "pictures: expected an integer >= 0, got -1"),
         ((tmp_path / "none.yaml", "-o", out), 2, "cannot read the file"),
     ):
         ended, printed = run(*arguments)
