@@ -33,6 +33,11 @@ def extent(array: npt.NDArray[Any]) -> str:
     return f"{finite.min():.6g} … {finite.max():.6g}" if finite.size else ""
 
 
+def counted(count: int, noun: str) -> str:
+    """Return a number of things, as text: "1 frame", "2,000 frames"."""
+    return f"{count:,} {noun}{'s' * (count != 1)}"
+
+
 def html_table(title: str, rows: Iterable[Sequence[str]]) -> str:
     """Return a table of a few rows under a title, without a style of its own."""
     cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)

@@ -27,6 +27,7 @@ import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._extras import import_extra
 from lidarsim._files import atomic_writer, check_suffix
+from lidarsim._shown import counted
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
@@ -230,7 +231,7 @@ def generate(
     if verify:
         problems = ls.datasets.verify(output)
         if problems:
-            raise LidarsimError(f"{output}: {len(problems)} files differ from the manifest: {problems[0]}")
+            raise LidarsimError(f"{output}: {counted(len(problems), 'file')} not as in the manifest: {problems[0]}")
         _print(f"{output}: all files match the manifest")
         return
     if recipe is None:
@@ -243,9 +244,9 @@ def generate(
         made = ls.generate(
             recipe, output, client=client, part=_part(shard), overrides=overrides or (), pictures=pictures
         )
-    _print(f"{made.frames:,} frames, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    _print(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
     if made.shards_left:
-        _print(f"{made.shards_left:,} shards of other parts are still missing")
+        _print(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
 
 
 def _part(text: str | None) -> tuple[int, int]:
@@ -345,8 +346,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     if defined:
         defined["frames"] = run.span
         _print("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
-    count = len(run.frames)
-    _print(f"{config}: ok, {len(run.scene):,} objects, {count:,} frame{'s' * (count > 1)}, seed {run.seed}")
+    _print(f"{config}: ok, {counted(len(run.scene), 'object')}, {counted(len(run.frames), 'frame')}, seed {run.seed}")
 
 
 @app.command()

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from lidarsim._shown import counted
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ def generate(
     result, failed = run(made, output, client, part, pictures)
     if failed:
         more = f" (and {len(failed) - TOLD} more)" if len(failed) > TOLD else ""
-        raise LidarsimError(f"{len(failed)} shards failed; " + "; ".join(map(str, failed[:TOLD])) + more)
+        raise LidarsimError(f"{counted(len(failed), 'shard')} failed; " + "; ".join(map(str, failed[:TOLD])) + more)
     return result
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
+from lidarsim._shown import counted
 from lidarsim.datasets.engine import RANGES
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
@@ -40,29 +41,26 @@ def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures
     """
     recipe = plan.recipe
     points = sum(ranges)
-    classes = [(str(label), recipe.class_names.get(label, ""), count) for label, count in sorted(labels.items())]
-    edges = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
+    classes = [(f"{label} | {recipe.class_names.get(label, '')}", count) for label, count in sorted(labels.items())]
+    spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
     used = [index for index, count in enumerate(ranges) if count] or [0]
-    spans = [(edges[index], "", ranges[index]) for index in range(used[0], used[-1] + 1)]
     run = recipe.source.run(0, 0)
-    sensors = (
-        {name: part.lidar for name, part in run.sensor.items()} if isinstance(run.sensor, Rig) else {"": run.lidar}
-    )
-    told = [f"{name}: {_sensor(lidar)}" if name else _sensor(lidar) for name, lidar in sensors.items()]
-    text = f"""# {recipe.sequences:,} sequences of {recipe.frames:,} frames
+    rig = run.sensor if isinstance(run.sensor, Rig) else None
+    sensors = [f"{name}: {_sensor(part.lidar)}" for name, part in rig.items()] if rig else [_sensor(run.lidar)]
+    text = f"""# {counted(recipe.sequences, "sequence")} of {counted(recipe.frames, "frame")}
 
 {points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
 {(type(recipe.layout).__doc__ or "").partition(".")[0]}. `manifest.jsonl` has the SHA-256 of each file, and
 `lidarsim generate --verify -o FOLDER` checks them.
 
-Sensors: {"; ".join(told)}.
+Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}.
 
 ## Classes
 
-{_table(("label", "name"), classes, points)}
+{_table("label | name", classes, points)}
 ## Ranges
 
-{_table(("range", ""), spans, points)}"""
+{_table("range", list(zip(spans, ranges, strict=True))[used[0] : used[-1] + 1], points)}"""
     if drawn := _pictures(plan, pictures):
         text += "\n## Frames\n" + "".join(f"\n![{about}]({name})\n\n{about}\n" for name, about in drawn)
     plan.store.write("README.md", text.encode())
@@ -70,15 +68,17 @@ Sensors: {"; ".join(told)}.
 
 def _sensor(lidar: Lidar) -> str:
     facts = describe(lidar.pattern)
-    return f"{type(lidar.pattern).__name__}, {facts.rings:,} rings, {lidar.pattern.rate:g} Hz"
+    pattern = f"{type(lidar.pattern).__name__}, {counted(facts.rings, 'ring')}, {lidar.pattern.rate:g} Hz"
+    return f"{lidar.model} ({pattern})" if lidar.model else pattern
 
 
-def _table(heads: tuple[str, str], rows: Sequence[tuple[str, str, int]], points: int) -> str:
-    most = max((count for *_, count in rows), default=1)
-    lines = [f"| {heads[0]} | {heads[1]} | points | share | |", "|---|---|---:|---:|---|"]
-    for first, second, count in rows:
-        bar = "█" * round(BAR * count / most)
-        lines.append(f"| {first} | {second} | {count:,} | {count / max(points, 1):.2%} | {bar} |")
+def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:
+    """Return a table of points: `head` and the first of each row may have several cells, ``a | b``."""
+    most = max((count for _, count in rows), default=1)
+    lines = [f"| {head} | points | share | |", "|---" * (head.count("|") + 1) + "|---:|---:|---|"]
+    for what, count in rows:
+        bar = "█" * round(BAR * count / max(most, 1))
+        lines.append(f"| {what} | {count:,} | {count / max(points, 1):.2%} | {bar} |")
     return "\n".join(lines) + "\n"
 
 
@@ -96,7 +96,14 @@ def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
         with TemporaryDirectory() as folder:
             path = Path(folder) / "frame.png"
             try:
-                show(scans, color_by="label", class_names=recipe.class_names, save=path, size=(1200, 750))
+                show(
+                    scans,
+                    scene=run.scene,
+                    color_by="label",
+                    class_names=recipe.class_names,
+                    save=path,
+                    size=(1200, 750),
+                )
             except MissingExtraError:
                 return []
             plan.store.write(name, path.read_bytes())

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
+from lidarsim._shown import counted
 from lidarsim._views import register_view
 from lidarsim.errors import LidarsimError
 from lidarsim.pointcloud import PointCloud
@@ -357,14 +358,8 @@ class _Stage:
                 write(colors.clipped, 0.04, low - line)
         write(f"grid {spacing:,g} m", 0.04, 0.04 + line)
         objects, frames = len(self.picture.surfaces + self.picture.frames[0].movers), len(self.actors)
-        counted = (
-            f"{frames:,} frames"
-            if frames > 1
-            else f"{most:,} points"
-            if most
-            else f"{objects:,} object{'s' * (objects != 1)}"
-        )
-        write(counted, 0.04, 0.04)
+        what = (frames, "frame") if frames > 1 else (most, "point") if most else (objects, "object")
+        write(counted(*what), 0.04, 0.04)
         camera = renderer.camera  # a unit is the height of the panel
         camera.parallel_projection, camera.parallel_scale = True, 0.5
         camera.focal_point, camera.position, camera.up = (wide / 2, 0.5, 0.0), (wide / 2, 0.5, 1.0), (0.0, 1.0, 0.0)

@@ -124,7 +124,7 @@ def test_a_shard_that_fails_is_told_and_the_rest_is_made(
     with monkeypatch.context() as patch:
         patch.setattr(engine, "samples", failing)
         with pytest.raises(
-            LidarsimError, match=r"1 shards failed; sequence 1, frame 2 \(seed \d+\): RuntimeError: no such"
+            LidarsimError, match=r"1 shard failed; sequence 1, frame 2 \(seed \d+\): RuntimeError: no such"
         ):
             ls.generate(recipe, out, pictures=0)
     assert len(tried) == 3
@@ -350,7 +350,7 @@ def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFi
 
     out = tmp_path / "out"
     for arguments, code, text in (
-        ((recipe, "-o", out, "--shard", "0/2"), 0, "1 shards of other parts are still missing"),
+        ((recipe, "-o", out, "--shard", "0/2"), 0, "still missing: 1 shard of other parts"),
         (("--verify", "-o", out), 2, "is incomplete"),
         ((recipe, "-o", out, "--shard", "1/2", "--pictures", 0), 0, "5 frames, "),
         (("--verify", "-o", out), 0, "all files match the manifest"),
@@ -366,4 +366,4 @@ def test_the_command_line(recipe: Path, tmp_path: Path, capsys: pytest.CaptureFi
     (out / "sequences/00/velodyne/000000.bin").write_bytes(b"")
     ended, printed = run("--verify", "-o", out)
     assert ended == 2
-    assert "1 files differ from the manifest: sequences/00/velodyne/000000.bin" in printed
+    assert "1 file not as in the manifest: sequences/00/velodyne/000000.bin" in printed
