@@ -18,6 +18,8 @@ from lidarsim.viewers._surfaces import Surface
 
 Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
 CAMERAS: tuple[Camera, ...] = ("behind", "birds-eye", "first-person", "orbit")
+AXIS = 0.06
+"""Length of the axes of the sensor, in radii of what is seen."""
 MARGIN = 1.04
 """How much wider than what it shows a picture is."""
 
@@ -101,10 +103,13 @@ class Picture:
         middle = np.median(every, axis=0)
         away = np.linalg.norm(every - middle, axis=1)
         half, most = np.percentile(away, (50, 99.8))
-        kept: Floats = every[away <= max(most, 2.5 * half)]
-        return (
-            kept if np.ptp(kept, axis=0).any() else np.concatenate([middle - 2.0 * np.eye(3), middle + 2.0 * np.eye(3)])
-        )
+        far = max(most, 2.5 * half)
+        kept: Floats = every[away <= far]
+        if not np.ptp(kept, axis=0).any():
+            return np.concatenate([middle - 2.0 * np.eye(3), middle + 2.0 * np.eye(3)])
+        axis = AXIS * np.linalg.norm(kept - kept.mean(axis=0), axis=1).max()
+        near = [frame.pose for frame in self.frames if np.linalg.norm(frame.pose[:3, 3] - middle) <= far]
+        return np.concatenate([kept, *(pose[:3, 3] + axis * pose[:3, :3].T for pose in near)])
 
     def view(
         self, frame: int, seen: Floats, aspect: float, *, turn: float = 0.0, angle: float = math.radians(30.0)

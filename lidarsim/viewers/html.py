@@ -15,7 +15,7 @@ from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
 from lidarsim._validation import Floats
 from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, Coloring, field_of
-from lidarsim.viewers._picture import CAMERAS, Camera, Frame, Picture, surface_color
+from lidarsim.viewers._picture import AXIS, CAMERAS, Camera, Frame, Picture, surface_color
 from lidarsim.viewers._surfaces import Surface, joined
 
 if TYPE_CHECKING:
@@ -237,7 +237,7 @@ def _moving(
         )
     start = frame.pose[:3, 3] - shift
     for axis, color in enumerate(AXES):
-        ends = np.stack([start, start + 0.06 * reach * frame.pose[:3, axis]])
+        ends = np.stack([start, start + AXIS * reach * frame.pose[:3, axis]])
         traces.append(
             go.Scatter3d(
                 **_xyz(ends), mode="lines", line={"color": color, "width": 6}, hoverinfo="skip", showlegend=False

@@ -21,7 +21,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, _channels
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._picture import Frame, Picture, grid, surface_color
+from lidarsim.viewers._picture import AXIS, Frame, Picture, grid, surface_color
 from lidarsim.viewers._surfaces import Surface, joined, surfaces
 
 if TYPE_CHECKING:
@@ -264,7 +264,7 @@ class _Stage:
         shown = not inside and (self.picture.has_points or not self.picture.every_surface)
         if shown and np.linalg.norm(position) < 1000 * self.reach:  # else it would be a dot, and spoil the depth buffer
             for axis, color in enumerate(AXES):
-                arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=0.06 * self.reach)
+                arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=AXIS * self.reach)
                 actors.append(self._add(arrow, color=color, lighting=False))
         return actors
 

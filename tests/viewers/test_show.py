@@ -71,6 +71,17 @@ def test_nothing_is_cropped_and_nothing_is_far_away(camera: Any, aspect: float, 
         assert np.abs(ends.sum(axis=0)).min() < 0.15  # in the middle, one way or the other
 
 
+@pytest.mark.parametrize("camera", ["behind", "birds-eye", "orbit"])
+def test_the_axes_of_a_sensor_apart_from_its_points_are_not_cropped(camera: Any) -> None:
+    cloud = ls.PointCloud(xyz=np.random.default_rng(5).uniform([4, -8, -2], [20, 8, 0], (500, 3)))
+    pose = mast() * [[-1], [-1], [1], [1]]  # turned away from the points
+    picture = Picture([Frame(cloud, pose)], [], np.empty((0, 3)), coloring([cloud], None), camera, 10.0)
+    seen = picture.seen()
+    length = 0.06 * np.linalg.norm(seen - seen.mean(axis=0), axis=1).max()
+    places = projected(picture.view(0, seen, 1.6), pose[:3, 3] + length * pose[:3, :3].T, 1.6)
+    assert np.abs(places).max() <= 1.0
+
+
 def test_first_person_looks_ahead_from_the_sensor(scans: list[ls.Scan]) -> None:
     cloud = scans[1].point_cloud("world")
     picture = Picture([Frame(cloud, mast(3))], [], np.empty((0, 3)), coloring([cloud], "range"), "first-person", 10.0)
