@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 __all__ = ["Generated", "generate", "verify"]
 
 TOLD = 10
-"""Frames that failed which an error names."""
+"""Failed shards that an error names, at most."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class Generated:
     Attributes
     ----------
     frames, points : int
-        How many it made; none that were there before.
+        Made by this call; what was there before is not counted.
     seconds : float
         How long that took.
     shards_left : int
-        Shards that other parts have still to make; 0 when the data set is complete.
+        Shards that are still to be made by other parts; 0 when the data set is complete.
     """
 
     frames: int
@@ -76,29 +76,30 @@ def generate(
     Parameters
     ----------
     recipe : path-like or callable
-        A YAML file (``configs/README.md`` has its keys); or a function of a `numpy.random.Generator` and the number of
-        a sequence, which returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, pose or None.
+        A YAML file (``configs/README.md`` has its keys), or a function that takes a `numpy.random.Generator` and the
+        number of a sequence, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None.
     output : path-like
         A folder, or a URL such as ``s3://bucket/folder``.
     client : dask.distributed.Client, optional
-        Whose workers make it. They need the files that the recipe names under the same paths. Default: this process.
+        Client of the cluster whose workers make the data set; they see the files that the recipe names, and a folder as
+        output, under the same paths. Default: this process.
     part : tuple of int
-        ``(i, n)`` makes the i-th of n parts alone, i from 0 on. Whichever call finds all parts there writes the tables.
+        ``(i, n)`` makes only part i of n, counting from 0. The call that completes the data set writes its tables.
     overrides : sequence of str
         Values of a recipe in YAML to replace or add, such as ``"run.sensor.preset=ouster-os1-64"``.
     sequences, frames : int, optional
-        How many sequences, and frames in each. Default: those of the recipe; 1 for a function.
+        Number of sequences, and of frames in each. Default: those of the recipe; 1 for a function.
     seed : int, optional
-        Of all that is drawn, and of all noise. Default: that of the recipe; 0 for a function.
+        Seed of all draws and all noise. Default: that of the recipe; 0 for a function.
     layout : str or dict, optional
         ``"semantickitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with that as ``type`` and the
         layout's options. Default: that of the recipe; ``"shards"`` for a function.
     shard_frames : int, optional
-        How many frames are made at a time. Default: those that fire some 40 million pulses.
+        Number of frames made at a time. Default: as many as fire 40 million pulses, but at most a 32nd of all.
     class_names : dict of int to str, optional
-        Names of labels.
+        Class names by label.
     pictures : int
-        How many frames the data card shows.
+        Number of frames that the data card shows; without PyVista it shows none.
 
     Returns
     -------
@@ -110,9 +111,9 @@ def generate(
     ConfigError
         If the recipe cannot be used.
     LidarsimError
-        If the place holds another data set, the scheduler is lost, or frames failed three times; all others are made.
+        If the output holds another data set, the scheduler is lost, or shards failed three times; all others are made.
     OSError
-        If the disk is full. What is done stays, and the same call goes on.
+        If the disk is full. What is done stays, and the same call resumes.
     TypeError, ValueError
         If an argument is of the wrong type or out of its range.
 
@@ -172,7 +173,7 @@ def verify(output: PathLike) -> list[str]:
     Raises
     ------
     FileFormatError
-        If the place holds no data set, or one that is not whole.
+        If there is no data set, or an incomplete one.
     """
     from lidarsim.datasets import manifest
     from lidarsim.datasets.store import open_store

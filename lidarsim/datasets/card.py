@@ -37,7 +37,7 @@ def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures
     ranges : sequence of int
         How many points are between each two of `RANGES`.
     pictures : int
-        How many there are to be.
+        How many.
     """
     recipe = plan.recipe
     points = sum(ranges)

@@ -23,7 +23,7 @@ KINDS = ("uniform", "log_uniform", "normal", "integer", "choice")
 
 
 class Stream:
-    """The random numbers of one thing: of a key of a recipe, in one sequence, and in one frame if they are drawn anew.
+    """The random numbers of one key of a recipe in one sequence or, if it is drawn anew for each frame, in one frame.
 
     They are those of Philox4x64-10 (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, 2011), its key the
     BLAKE2b hash of seed and name, its counter the sequence and the frame.
@@ -31,7 +31,7 @@ class Stream:
     Parameters
     ----------
     seed : int
-        Of the data set, 0 to 2⁶⁴ − 1.
+        Seed of the data set, 0 to 2⁶⁴ − 1.
     name : str
         What is drawn.
     sequence : int
@@ -94,7 +94,7 @@ class Draw(Model):
         return self
 
     def check(self, place: Place, *, numbers: bool = False) -> None:
-        """Raise an error where the numbers are not those of such a draw, or a choice has other than numbers."""
+        """Raise an error if no such draw is possible or, with `numbers`, if it may give anything but a number."""
         if numbers and not all(isinstance(value, int | float) for value in self.choice or ()):
             raise (place / "choice").error(f"expected numbers, got {self.choice}")
         for kind in ("uniform", "log_uniform", "integer"):
@@ -114,7 +114,7 @@ class Draw(Model):
                 raise (place / "weights").error(f"expected positive numbers, got {self.weights}")
 
     def draw(self, stream: Stream) -> Any:
-        """Return what is drawn; of a choice its index."""
+        """Return the drawn value, or the index of a choice."""
         if self.uniform is not None:
             return stream.uniform(*self.uniform)
         if self.log_uniform is not None:
@@ -137,7 +137,7 @@ else:
 
 
 def drawn(value: float | Draw, stream: Stream) -> float:
-    """Return a number that is given or drawn."""
+    """Return the number itself, or the drawn one."""
     if not isinstance(value, Draw):
         return value
     number = value.draw(stream)

@@ -49,7 +49,7 @@ FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 @dataclass(frozen=True)
 class Plan:
-    """All that a worker has to know: what is made, where it goes, and the versions that make it."""
+    """All that a worker needs: what is made, where it goes, and the versions that make it."""
 
     recipe: Recipe
     store: Store
@@ -58,9 +58,9 @@ class Plan:
 
 @dataclass(frozen=True)
 class Made:
-    """What became of a shard: how much was made; if it was not ended, what the `problem` was, and in which frame.
+    """What became of a shard: how much was made and, if it failed, the `problem` and the frame that had it.
 
-    `full` says that the disk is, so that nothing can go on.
+    `full`: the disk is full, so nothing more can be made.
     """
 
     shard: int
@@ -73,7 +73,7 @@ class Made:
     full: bool = False
 
     def __str__(self) -> str:
-        """Return a line of the problem."""
+        """Return the problem in one line."""
         return f"sequence {self.sequence}, frame {self.frame} (seed {self.seed}): {self.problem}"
 
 
@@ -111,7 +111,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
             "ranges": ranges.tolist(),
         }
         plan.store.write(manifest.part_name(shard), json.dumps(part).encode())
-    except Exception as error:  # noqa: BLE001 - whatever goes wrong in a frame is told with its number
+    except Exception as error:  # noqa: BLE001 - whatever goes wrong is reported with the number of the frame
         return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))
 
@@ -132,7 +132,7 @@ def _full(error: BaseException | None) -> bool:
 def make(
     plan: Plan, shards: Iterable[int], client: Client | None, tell: Callable[[int, int], object]
 ) -> Iterator[Made]:
-    """Make shards, and yield what became of each as they end; one that fails is tried three times in all.
+    """Make shards, and yield what became of each as it ends; one that fails is tried three times in all.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ def make(
     client : dask.distributed.Client or None
         Whose workers make them; this process if None.
     tell : callable
-        Is told of new frames and points.
+        Called with the numbers of new frames and points.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What is done: a part a shard while a data set is made, and ``manifest.jsonl`` of all its files when it is whole.
+"""What is done: one part per shard while a data set is made, and ``manifest.jsonl`` of all its files in the end.
 
 The first line of the manifest says what the data set was made from and with which versions; each further line names a
 file, its SHA-256 and size, and what is in it: points, the time of the frame in its sequence, the seed of its noise.
@@ -25,7 +25,7 @@ _HEAD = f"{PARTS}/start.json"
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of what bits depend on."""
+    """Return the versions of the packages that the bits depend on."""
     return {name: importlib.metadata.version(name) for name in ("lidarsim", "numpy", "scipy")}
 
 
@@ -35,7 +35,7 @@ def part_name(shard: int) -> str:
 
 
 def start(store: Store, recipe: bytes, head: dict[str, Any]) -> bool:
-    """Note what the data set is made from, and return whether it is whole already.
+    """Note what the data set is made from, and return whether it is complete already.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def verify(store: Store) -> Iterator[str]:
     Raises
     ------
     FileFormatError
-        If there is no whole manifest.
+        If there is no manifest.
     """
     try:
         with store.open(MANIFEST) as file:

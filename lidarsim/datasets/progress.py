@@ -1,4 +1,4 @@
-"""How far a data set is: a bar on a terminal, a line a minute in a log."""
+"""Progress of a data set: a bar on a terminal, one line per minute in a log."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MINUTE = 60.0
 
 
 class Progress:
-    """Counts frames and points, and tells of them on stderr."""
+    """Counts frames and points, and reports them on stderr."""
 
     def __init__(self, frames: int, done: int) -> None:
         self.total, self.done, self.new, self.points = frames, done, 0, 0
@@ -39,7 +39,7 @@ class Progress:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         self._stack.close()
 
     @property

@@ -46,10 +46,10 @@ if TYPE_CHECKING:
 __all__ = ["Recipe", "from_function", "load"]
 
 SHARD_PULSES = 40_000_000
-"""Pulses of a shard if its frames are not given: what a core fires and writes in some 20 s."""
+"""Pulses of a shard by default: what one core fires and writes in some 20 s."""
 
 SHARDS = 32, 100_000
-"""How many there are at least, so that a few workers end at about the same time, and at most."""
+"""Fewest and most shards: enough for a few workers to end at about the same time, not too many for a scheduler."""
 
 FILES = {"file", "times", "firing_times"}
 """Keys whose values are paths, relative to the folder of the file that they are written in."""
@@ -72,7 +72,7 @@ class Source(Protocol):
     """Where the runs of a data set come from; it can be pickled."""
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
-        """Return the run of a sequence, or what it is in one frame."""
+        """Return the run of a sequence, or as it is in one frame."""
 
     @property
     def by_frame(self) -> bool:
@@ -96,7 +96,7 @@ class Recipe:
     sequences, frames : int
         How many sequences there are, and frames in each.
     seed : int
-        Of all that is drawn, and of all noise.
+        Seed of all draws and all noise.
     shard_frames : int
         How many frames are made at a time: frame f of sequence s belongs to shard ``(s * frames + f) // shard_frames``.
     layout : Layout
@@ -126,7 +126,7 @@ class Recipe:
             yield sequence, range(max(start - first, 0), min(stop - first, self.frames))
 
     def resolved(self) -> dict[str, Any]:
-        """Return the recipe as plain values: whatever was left open is in it."""
+        """Return the recipe as plain values, with all defaults filled in."""
         return {
             "sequences": self.sequences,
             "frames": self.frames,
@@ -312,7 +312,7 @@ class Function:
         return {"function": f"{self.function.__module__}.{self.function.__qualname__}"}
 
     def files(self) -> dict[str, str]:
-        """Return the SHA-256 of the function's own text, if there is one."""
+        """Return the SHA-256 of the function's source, if it can be read."""
         try:
             text = inspect.getsource(self.function)
         except OSError:
@@ -337,7 +337,7 @@ def from_function(function: MakeRun, class_names: dict[int, str], **settings: An
 
 
 def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> Recipe:
-    """Return the recipe, after the first frame's run is seen to be one."""
+    """Return the recipe after checking the run of its first frame."""
     run = source.run(0, 0)
     if run.cloud["frame"] == "world":
         raise ConfigError("cloud.frame: expected sensor, since a data set stores the poses separately, got world")

@@ -27,10 +27,10 @@ TRIES = 200
 """How many places are tried for an object."""
 
 STEP = 0.1
-"""Time between the moments at which objects are seen to be apart, s."""
+"""Time between the moments at which objects are checked for overlap, s."""
 
 TOP = 1e5
-"""Above all ground, m: from there it is looked for."""
+"""A height above all ground, m, from which rays look for it."""
 
 
 class Scatter(Model):
@@ -49,7 +49,7 @@ class Scatter(Model):
     clear_m: Annotated[float, Field(ge=0)] = 0.0
 
     def check(self, place: Place) -> None:
-        """Raise an error where the keys do not fit together."""
+        """Raise an error if the keys do not fit together."""
         if (self.area_m is None) == (self.along_m is None):
             raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
         for key in ("count", "offset_m", "yaw_deg", "scale", "speed_m_per_s"):
@@ -99,7 +99,7 @@ class _Outline:
         return np.array([[*low, self.low], [*high, self.high]])
 
     def apart(self, other: _Outline, gap: float) -> bool:
-        """Return whether there is a gap between two outlines at all times: a line across which both keep to a side."""
+        """Return whether two outlines keep the gap at all times: in each step, whether some line separates them."""
         steps = max(len(self.corners), len(other.corners))
         both = [np.broadcast_to(corners, (steps, *corners.shape[1:])) for corners in (self.corners, other.corners)]
         axes = np.concatenate([np.diff(corners[:, :3], axis=1) for corners in both], axis=1)
@@ -139,25 +139,25 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
     Parameters
     ----------
     groups : dict of str to Scatter
-        What is placed.
+        The groups to place.
     place : Place
-        Of the groups in the recipe.
+        Where the groups stand in the recipe.
     run : Run
-        Of the sequence: its scene has the ground and what is in the way, its pose is kept clear.
+        The run of the sequence: its scene has the ground and the obstacles, its pose is kept clear.
     seed : int
-        Of the data set.
+        Seed of the data set.
     sequence : int
         Number of the sequence.
 
     Returns
     -------
     list of Placed
-        What finds no room is not among them.
+        Without the objects that found no room.
 
     Raises
     ------
     ConfigError
-        If there is no object of a name that they are to stand on, or a path is too short for the speed.
+        If an object to stand on does not exist, or a path is too short for the speed.
     """
     start, stop = run.time(run.frames.start), run.time(run.frames.stop + 1)
     stop += max((part.offset for part in run.sensor.values()), default=0.0) if isinstance(run.sensor, Rig) else 0.0
@@ -174,7 +174,7 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
             item = group.objects[index]
             shape = item.build(there / "objects" / index)
             if not shape.bounded:
-                raise (there / "objects" / index).error("expected an object that ends somewhere, got an unbounded one")
+                raise (there / "objects" / index).error("expected a bounded object, got an unbounded one")
             scale = drawn(group.scale, stream)
             size = np.diag([*np.ones(3) * scale * np.asarray(item.scale), 1.0])
             bounds = shape._bounds(shape._native.transformed(size.tolist()))
@@ -192,7 +192,7 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
 
 
 class _Way:
-    """Where an object may be put, and how it goes on from there."""
+    """Where an object may start, and how it moves on from there."""
 
     def __init__(self, group: Scatter, stream: Stream, times: Floats, place: Place) -> None:
         self.group = group
@@ -213,7 +213,7 @@ class _Way:
                 )
 
     def poses(self, stream: Stream) -> Floats:
-        """Return poses at the moments, (k, 4, 4), on a plane of height 0; of what stands still one."""
+        """Return poses at the moments, (k, 4, 4), at height 0; for an object that stands still, one."""
         if self.group.along_m is None:
             (x0, y0), (x1, y1) = np.asarray(self.group.area_m)
             start = np.array([stream.uniform(x0, x1), stream.uniform(y0, y1)])
@@ -241,9 +241,9 @@ def _upright(position: Floats, yaw: Floats) -> Floats:
 
 
 def _stand(poses: Floats, bounds: Floats, ground: Scene) -> _Outline | None:
-    """Put poses on the ground, and return the outline of an object there; None if it is not on ground all over.
+    """Put poses on the ground, and return the outline of an object there; None if part of it is off the ground.
 
-    An object stands as high as the ground under its middle and its corners is at the highest.
+    An object stands at the greatest height of the ground under its middle and its corners.
     """
     (x0, y0, low), (x1, y1, high) = bounds
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])

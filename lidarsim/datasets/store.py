@@ -1,4 +1,4 @@
-"""Where a data set goes: a folder, or an object store. A file is there whole, or not at all."""
+"""Where a data set goes: a folder, or an object store. A file is there complete, or not at all."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Store(Protocol):
         """Remove a folder and all in it, if it is there."""
 
     def tidy(self) -> None:
-        """Remove what writers that were killed have left behind."""
+        """Remove what killed writers have left behind."""
 
 
 @dataclass(frozen=True)
@@ -83,7 +83,7 @@ class Folder:
 
 @dataclass(frozen=True)
 class Remote:
-    """A place that fsspec knows, such as ``s3://bucket/folder``; one put makes a file, so it is whole."""
+    """A place that fsspec knows, such as ``s3://bucket/folder``; a file is made by one put, so it is complete."""
 
     url: str
 
@@ -130,7 +130,7 @@ class Remote:
             filesystem.rm(f"{root}/{folder}", recursive=True)
 
     def tidy(self) -> None:
-        """Do nothing: a put that did not end has left nothing."""
+        """Do nothing: an interrupted put leaves nothing behind."""
 
     def __str__(self) -> str:
         return self.url

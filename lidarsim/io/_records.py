@@ -117,7 +117,7 @@ def class_comments(names: Mapping[int, str]) -> list[str]:
 
 
 def commented_classes(comments: Iterable[str]) -> dict[int, str]:
-    """Return the names of labels that are among the comments of a file; what is not such a name is passed over."""
+    """Return the names of labels that are among the comments of a file; what is not such a name is skipped."""
     names = {}
     for comment in comments:
         found = re.fullmatch(r"class (\d{1,10}) (\".*\")", comment.strip())

@@ -1,6 +1,6 @@
-"""KITTI's scans (``.bin``), as SemanticKITTI and KITTI-360 have them: float32 x, y, z and remission a point, no header.
+"""KITTI's scans (``.bin``), also SemanticKITTI's and KITTI-360's: float32 x, y, z and remission per point, no header.
 
-Remission is `intensity` as it is, 0 where the cloud has none; KITTI's own ends at 1, which a retro-reflector exceeds.
+Remission is `intensity` unchanged, or 0 without one; KITTI's own ends at 1, which a retro-reflector exceeds.
 All other fields are lost, and float32 keeps 0.1 mm up to 1 km only: save the cloud in the sensor's frame, as KITTI
 does. The labels are another file: `lidarsim.io.semantickitti`.
 

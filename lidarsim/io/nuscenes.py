@@ -1,8 +1,9 @@
-"""Scans of nuScenes (``.pcd.bin``): float32 x, y, z, intensity and ring a point, no header.
+"""Scans of nuScenes (``.pcd.bin``): float32 x, y, z, intensity and ring per point, no header.
 
-Intensity is Velodyne's byte, 0 to 100 for what a diffuse target reflects in percent, up to 255 for retro-reflectors,
-and stays it when the file is read. `intensity` and `ring` are 0 where the cloud has none; all other fields are lost.
-The axes are lidarsim's, x forward: nuScenes' own sensor has y forward, as its ``calibrated_sensor`` says.
+Intensity is Velodyne's byte, 0 to 100 for the reflectivity of a diffuse target in percent, up to 255 for
+retro-reflectors, and is not converted back when the file is read. `intensity` and `ring` are 0 where the cloud has
+none; all other fields are lost. The axes are lidarsim's, x forward: nuScenes' own sensor has y forward, as its
+``calibrated_sensor`` says.
 
 Format: https://github.com/nutonomy/nuscenes-devkit, `LidarPointCloud.from_file`.
 """

@@ -1,6 +1,6 @@
 """PCD files of the Point Cloud Library (``.pcd``): written binary; read binary, compressed or ASCII.
 
-All fields are kept, vectors other than `xyz` and `normal` as one field a component; bool cannot be held.
+All fields are kept, vectors other than `xyz` and `normal` as one field per component; bool cannot be stored.
 Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html.
 """
 
@@ -44,8 +44,8 @@ def save(
 ) -> None:
     """Write the fields as ``DATA binary``; VIEWPOINT, ``tx ty tz qw qx qy qz``, takes the points into the world.
 
-    Normals get the type of the positions: Open3D's reader takes them to have it, and gives garbage where they do not.
-    Comments hold the names of labels.
+    Normals get the type of the positions: Open3D's reader assumes so, and returns garbage otherwise. Comments hold
+    the class names.
     """
     if "normal" in fields:
         fields = fields | {"normal": fields["normal"].astype(fields["xyz"].dtype)}

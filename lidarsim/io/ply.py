@@ -1,7 +1,7 @@
 """PLY files (``.ply``): written binary little-endian; read in any encoding.
 
-All fields are kept, vectors other than `xyz` and `normal` as one property a component; bool, int64 and uint64 cannot be
-held.
+All fields are kept, vectors other than `xyz` and `normal` as one property per component; bool, int64 and uint64 cannot
+be stored.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ WIDENED = {"i1", "i2", "u4"}
 def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | None = None) -> None:
     """Write the fields as the element ``vertex``.
 
-    Types are named by their size, since Open3D reads ``uint16`` but passes over ``ushort``. It passes over int8, int16
-    and uint32, too: these are widened, and a comment names what they were. Comments also hold the names of labels.
+    Types are named by their size, since Open3D reads ``uint16`` but skips ``ushort``. It also skips int8, int16 and
+    uint32: these are widened, and a comment names the original type. Comments also hold the class names.
     """
     widened = {name: array for name, array in fields.items() if array.dtype.str[1:] in WIDENED}
     columns = to_columns(fields | {name: narrowed(name, array) for name, array in widened.items()}, NORMAL, CODES)
@@ -44,7 +44,7 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
 
 
 def load(file: BinaryIO) -> dict[str, Any]:
-    """Read the element ``vertex``, lists left out; faces and other elements are passed over."""
+    """Read the element ``vertex``, except lists; faces and other elements are skipped."""
     plyfile = import_extra("plyfile", "formats", "reading PLY files")
     text = _check_counts(file)
     # A binary file is mapped into memory, which is fast; a text file would be left open.

@@ -1,4 +1,4 @@
-"""ROS 2 bags (``.mcap``, ``.db3``): point clouds as the drivers of real sensors publish them; ROS need not be there.
+"""ROS 2 bags (``.mcap``, ``.db3``): point clouds as the drivers of real sensors publish them; ROS is not needed.
 
 A file is a whole bag, without the folder and the metadata.yaml of ROS's own recorder. Beside the clouds it holds
 ``/clock``, the transforms to the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
@@ -18,9 +18,9 @@ livox      offset_time u4 (ns), x y z f4, reflectivity tag line u1: ``livox_ros_
 
 Points are dense, without NaN, in firing order, in the frame that the sensor had when it fired each, stamped with the
 start of their frame and recorded when its last point was measured. Intensity and reflectivity are the vendor's byte:
-0 to 100 (Livox: 150) for what a diffuse target reflects, in percent, and up to 255 for retro-reflectors. Range counts
-from where the vendor's does. Photon counts and ambient light are not modelled: Ouster's intensity is its reflectivity,
-and ambient is 0. What a layout has no room for is lost, and what the cloud has not is 0.
+0 to 100 (Livox: 150) for the reflectivity of a diffuse target, in percent, and up to 255 for retro-reflectors. Range
+counts from the vendor's zero. Photon counts and ambient light are not modelled: Ouster's intensity is its reflectivity,
+and ambient is 0. Fields that a layout does not have are lost; fields that the cloud does not have are 0.
 
 When a bag is read, `time` is in s since the stamp, `ring` is what a layout calls ring, channel or line, and a `range`
 in mm becomes m; everything else is as the message has it, intensity in the vendor's units too.

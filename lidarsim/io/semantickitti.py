@@ -1,7 +1,7 @@
-"""Labels of SemanticKITTI (``.label``): a uint32 a point, the class in its low 16 bits, the instance in its high 16.
+"""Labels of SemanticKITTI (``.label``): one uint32 per point, class in the low 16 bits, instance in the high 16.
 
 The class is `label`. The instance is `instance`, or else the number of the object that was hit plus 1, or else 0,
-which SemanticKITTI has for none. Each must fit in 16 bits. The points are in a ``.bin`` of the same name, which
+SemanticKITTI's value for none. Each must fit in 16 bits. The points are in a ``.bin`` of the same name, which
 `lidarsim.io.kitti` writes.
 
 Format: https://github.com/PRBonn/semantic-kitti-api.
@@ -56,7 +56,7 @@ def read_labels(path: PathLike) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.
     Raises
     ------
     FileFormatError
-        If the file is no whole number of labels.
+        If the size of the file is not a multiple of 4 bytes.
     OSError
         If it cannot be read.
     """

@@ -1,8 +1,8 @@
 """Points as text: ``.csv`` with commas, ``.xyz`` with spaces, each with a first line that names the columns.
 
-All fields are kept, vectors other than `xyz` and `normal` as one column a component, each number with the fewest digits
-that give it back. Text has no types: fields of lidarsim's names get lidarsim's again, all others come back as float64,
-which holds integers up to 2⁵³. A file without names that has three columns is taken for x, y, z.
+All fields are kept, vectors other than `xyz` and `normal` as one column per component, each number with the fewest
+digits that restore it. Text has no types: fields that lidarsim knows get their own again, all others come back as
+float64, which holds integers up to 2⁵³. A file of three columns without names is read as x, y, z.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lidarsim.pointcloud import CANONICAL, Fields, register_format
 NORMAL = ("nx", "ny", "nz")
 CODES = {"b1", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 LINES = 1 << 12
-"""Lines that are held at a time: text takes several times the memory of its numbers."""
+"""Lines in memory at a time: text takes several times the memory of its numbers."""
 
 
 def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
@@ -69,7 +69,7 @@ def _parsed(lines: Iterable[str], names: list[str], between: str | None) -> Iter
 
 
 def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
-    """Return the column in the dtype of lidarsim's field of that name, if its numbers fit; a misfit is told later."""
+    """Return the column in the dtype of lidarsim's field of that name, if it fits; a misfit is reported later."""
     _, dtype = CANONICAL.get(name, ((), np.float64))
     if issubclass(dtype, np.floating):
         return column.astype(dtype)

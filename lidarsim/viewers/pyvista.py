@@ -32,7 +32,7 @@ __all__ = ["check_screenshot", "draw"]
 PANEL = 260
 """Width of the legend beside a picture, pixels, or a quarter of the whole."""
 TURN = 90
-"""Images of a film that goes once around a single frame."""
+"""Images of a film that goes around a single frame once."""
 INSTANCED = 1000
 """Triangles from which on a mesh that several objects share is drawn as instances; all others make up one piece."""
 SHADING: dict[str, Any] = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.65}
@@ -225,7 +225,7 @@ class _Stage:
                 actor.SetVisibility(number == index)
         follows = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
         if index and not follows and not self.plotter.off_screen:
-            return  # the user has turned the view as he likes
+            return  # keep the view that the user has turned to
         view = self.picture.view(index, self.seen, self.aspect, turn=turn)
         camera = self.plotter.renderers[0].camera
         camera.position, camera.focal_point, camera.up = view.eye - self.middle, view.target - self.middle, view.up

@@ -246,7 +246,7 @@ def test_points_on_movers_of_the_street_move() -> None:
         ("scatter.boxes.along_m=[[0, 0], [0, 0]]", "expected points that differ"),
         ("scatter.boxes.speed_m_per_s=100", r"expected a path as long as the way in a sequence, \d+ m, got 28\.64 m"),
         ("scatter.cars.objects.0.position_m=[0, 0, 0]", "expected no position_m, since the place is drawn"),
-        ("scatter.cars.objects.0={shape: plane, normal: [0, 0, 1]}", "expected an object that ends somewhere"),
+        ("scatter.cars.objects.0={shape: plane, normal: [0, 0, 1]}", "expected a bounded object"),
         ("scatter.cars.objects.0={shape: scene_file, file: a.glb}", "expected one object, got a scene_file"),
         ("scatter.cars.scale={choice: [a]}", "expected numbers"),
         ("scatter.cars.gap_m=-1", "expected a value >= 0.0, got -1"),

@@ -1,4 +1,4 @@
-"""How the files of a data set are laid out: one module a layout, and its line in `LAYOUTS`."""
+"""How the files of a data set are laid out: one module per layout, and its line in `LAYOUTS`."""
 
 from __future__ import annotations
 

@@ -23,13 +23,13 @@ Write = Callable[[Sample], Extra]
 
 @dataclass
 class Files:
-    """Files on their way into a store, and what is said of each in the manifest."""
+    """Files on their way into a store, and their entries in the manifest."""
 
     store: Store
     entries: list[dict[str, Any]] = field(default_factory=list)
 
     def write(self, name: str, data: bytes | memoryview, **more: object) -> None:
-        """Write a file; `more` is said of it in the manifest."""
+        """Write a file; its entry in the manifest gets `more`."""
         data = bytes(data)
         self.store.write(name, data)
         self._add(name, hashlib.sha256(data).hexdigest(), len(data), more)
@@ -38,7 +38,7 @@ class Files:
     def local(self, name: str, more: Mapping[str, object] | None = None) -> Iterator[Path]:
         """Yield the path of a local file to write, which becomes the file `name` when the block ends well.
 
-        What `more` then holds is said of it in the manifest.
+        Its entry in the manifest gets what `more` then holds.
         """
         with self.store.writing(name) as path:
             yield path
@@ -70,7 +70,7 @@ class Summary:
     labels : dict of int to int
         How many points have each label.
     class_names : dict of int to str
-        Names of all labels that points have, and of those that the recipe names.
+        Class names of all labels that points have, and of those that the recipe names.
     digest : str
         Hash of the recipe.
     """

@@ -1,9 +1,9 @@
 """SemanticKITTI: scans, labels and poses as its development kit reads them.
 
 ``sequences/00/velodyne/000000.bin`` holds the points, ``labels/000000.label`` their classes and instances,
-``poses.txt`` the poses in the frame of a camera, relative to the first, ``calib.txt`` how that camera is turned
-against the sensor, ``times.txt`` the times, and ``semantic-kitti.yaml`` the classes. With a rig each sensor has all of
-that in a folder of its name.
+``poses.txt`` the poses in the frame of a camera, relative to the first, ``calib.txt`` the rotation from sensor to
+camera, ``times.txt`` the times in s, and ``semantic-kitti.yaml`` the classes. With a rig, each sensor has all of these
+in a folder of its name.
 
 Format: https://github.com/PRBonn/semantic-kitti-api, https://www.cvlibs.net/datasets/kitti/eval_odometry.php.
 """
@@ -25,8 +25,8 @@ from lidarsim.io import kitti, semantickitti
 from lidarsim.io.trajectories.kitti import write as write_poses
 from lidarsim.viewers._colors import QUALITATIVE
 
-# KITTI's camera looks along z, with x to the right and y down; ours is where the sensor is. There are no images, but
-# readers expect the projections P0 to P3 of four lenses: identities.
+# KITTI's camera looks along z, with x to the right and y down; ours sits at the sensor. There are no images, but
+# readers expect the projections P0 to P3 of four cameras: identities.
 CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 

@@ -1,8 +1,8 @@
 """Tar files of NumPy archives, which WebDataset reads as they are, and an index of them in Parquet.
 
 ``shards/000000.tar`` holds, for each sample, ``<sequence>_<frame>.npz`` with its points and ``….json`` with its numbers
-and pose; with a rig ``….<sensor>.npz``. ``index.parquet`` has a row a sample: where its archive is in the tar, and all
-that the JSON says.
+and pose; with a rig ``….<sensor>.npz``. ``index.parquet`` has one row per sample: where its archive is in the tar, and
+everything in the JSON.
 
 Format: https://github.com/webdataset/webdataset.
 """
@@ -32,7 +32,7 @@ ROWS = 1 << 16
 
 
 class Shards(Layout):
-    """Tar files of NumPy archives, and an index in Parquet. `xyz` is float32; which other fields there are, is said."""
+    """Tar files of NumPy archives, and an index in Parquet. `xyz` is float32; `fields` lists the others."""
 
     type: Literal["shards"]
     fields: list[str] = Field(default=list(FIELDS))

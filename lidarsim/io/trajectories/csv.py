@@ -18,7 +18,7 @@ def recognise(line: str) -> bool:
 
 
 def read(lines: Iterator[str]) -> tuple[Floats, Floats]:
-    """Return times and poses; columns of other names are passed over."""
+    """Return times and poses; other columns are skipped."""
     header = next(lines)
     names = [name.strip() for name in header.split(",")]
     if any(names.count(name) != 1 for name in COLUMNS):

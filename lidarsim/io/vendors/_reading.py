@@ -12,7 +12,7 @@ from lidarsim.errors import FileFormatError
 
 @contextmanager
 def refusals(path: Path, kind: str) -> Iterator[None]:
-    """Turn what the checks refuse into an error that names the file and what it was recognised as."""
+    """Turn errors of the checks into one that names the file and the kind that it was recognised as."""
     try:
         check_regular(path)
         yield

@@ -1,7 +1,7 @@
 """Livox's scan patterns for simulation: CSV files of Time/s, Azimuth/deg and Zenith/deg.
 
-The files say when a pulse fires only by its place: their Time/s is the number of the row. The rate of the pulses is
-that of the model, told by the field of view.
+The files give no firing times, for their Time/s is the number of the row: a pulse's place in the file is its place in
+time. The pulse rate is that of the model, which is recognised by the field of view.
 
 Source: Livox-SDK/livox_laser_simulation, scan_mode/*.csv.
 """
@@ -61,8 +61,8 @@ def read(path: Path, *, rate: float = 10.0, pulse_rate: float | None = None, noi
     rate : float
         Frames per second, Hz.
     pulse_rate : float, optional
-        Rows per second, Hz, of a model that is not covered; they are taken for one beam. Default: that of the model,
-        which is told by the field of view: Mid-40, Mid-70 or Mid-360.
+        Rows per second, Hz, of a model that is not supported; they are taken as one beam. Default: that of the model,
+        which is recognised by the field of view: Mid-40, Mid-70 or Mid-360.
     noise : {"datasheet"}, optional
         As in `Lidar.preset`.
 
@@ -74,7 +74,7 @@ def read(path: Path, *, rate: float = 10.0, pulse_rate: float | None = None, noi
     Raises
     ------
     FileFormatError
-        If the file is not whole or the sensor is of a model that is not covered.
+        If the file is incomplete or the model is not supported.
     """
     with refusals(path, KIND):
         azimuth, zenith = list(columns_of(path.read_text(encoding="utf-8-sig").splitlines()).values())[1:]

@@ -170,9 +170,7 @@ def _model(lasers: int, azimuth_offset: Floats) -> str:
         if model.lasers == lasers:
             return name
     known = sorted({model.lasers for model in MODELS.values()})
-    raise ValueError(
-        f"lasers: expected the number of a model that is covered, {', '.join(map(str, known))}, got {lasers}"
-    )
+    raise ValueError(f"lasers: expected as many as a supported model has, {', '.join(map(str, known))}, got {lasers}")
 
 
 def _column(lasers: list[dict[str, Any]], key: str, default: float | None = None) -> Floats:

@@ -140,7 +140,7 @@ def test_vls128_fires_in_steps_of_its_later_firmware(tmp_path: Path) -> None:
         (text(16, vert_correction="up"), {}, "vert_correction: expected real numbers of shape (16,), got dtype <U2"),
         (text(16, laser_id="3"), {}, "laser_id: expected each of 0 to 15 once"),
         (text(16).replace("laser_id: 2,", ""), {}, "laser_id is missing in lasers[2]"),
-        (text(40), {}, "lasers: expected the number of a model that is covered, 16, 32, 64, 128, got 40"),
+        (text(40), {}, "lasers: expected as many as a supported model has, 16, 32, 64, 128, got 40"),
         (text(16), {"model": "velodyne-vls128"}, "model: velodyne-vls128 has 128 lasers, the file 16"),
         (
             text(16),
