@@ -330,7 +330,9 @@ def test_a_window_without_a_display_gets_one_line(
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     assert lidarsim("view", "run.yaml", "--with", viewer) == 2
-    expected = "lidarsim: no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot\n"
+    expected = (
+        "lidarsim: no display to open a window on (DISPLAY is not set): write a file instead (save=, --screenshot)\n"
+    )
     assert capsys.readouterr().err == expected
 
 

@@ -24,10 +24,10 @@ Node = yaml.Node
 T = TypeVar("T")
 
 MOST_BYTES, MOST_VALUES, MOST_DEPTH = 1 << 24, 1_000_000, 100
-"""What a document may have: its values are counted wherever an alias repeats them, and it is small beside them."""
+"""Limits of a document; values count each time that an alias repeats them."""
 
 Loaded = dict[tuple[Path, Callable[[Path], object]], Any]
-"""What files were read as, by their paths and readers."""
+"""Objects read from files, by path and reader."""
 
 _OVERRIDE = "--set "
 _TAG = "tag:yaml.org,2002:"
@@ -103,7 +103,7 @@ def read(path: Path) -> Node:
         raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise ConfigError(f"{path}: not valid YAML: byte {error.start} is not UTF-8") from None
-    if isinstance(node, yaml.ScalarNode):  # what it is stays unsaid: it may be any file
+    if isinstance(node, yaml.ScalarNode):  # its text is not shown: it may be any file
         raise ConfigError(f"{path}: expected a mapping or a list in YAML, got plain text")
     return node
 
@@ -119,7 +119,7 @@ def plain(node: Node) -> Any:
     except (KeyError, TypeError, ValueError):
         kind = node.tag.removeprefix(_TAG)
         raise ConfigError(
-            f"{_written(node.start_mark)}: not valid YAML: {short(kind)} is unknown or not what stands here"
+            f"{_written(node.start_mark)}: not valid YAML: {short(kind)} is unknown or does not fit the value"
         ) from None
 
 
@@ -136,7 +136,7 @@ def without(node: Node, *keys: str) -> Node:
 def merge(base: Node, difference: Node) -> Node:
     """Return `base` with the values of `difference` put over it, mapping by mapping.
 
-    Anything but a mapping replaces what it meets, and so does a mapping of another ``type``: its keys are others.
+    Anything but a mapping replaces the value there, as does a mapping of another ``type``, whose keys differ.
     """
     if not isinstance(base, yaml.MappingNode) or not isinstance(difference, yaml.MappingNode):
         return difference
@@ -333,7 +333,7 @@ def _extent(node: Node, known: dict[Node, tuple[int, int] | None]) -> tuple[int,
         known[node] = values, depth
     extent = known[node]
     if extent is None:
-        raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: this value holds itself")
+        raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: this value contains itself")
     return extent
 
 

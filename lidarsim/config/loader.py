@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 M = TypeVar("M", bound=Model)
 
-# These choose what a document includes, so overrides of them come first and all others after it is whole.
+# These choose what a document includes, so they are overridden first, and all others once it is complete.
 CHOICES = re.compile(r"rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?")
 
 Change = tuple[list[str], Node]
@@ -64,7 +64,7 @@ class Run:
     frames : range
         Numbers of the frames to scan.
     cloud : dict
-        How points are given: arguments of `Scan.point_cloud`.
+        Arguments of `Scan.point_cloud`: the coordinates of the points.
     """
 
     scene: Scene

@@ -1,4 +1,4 @@
-"""What there is to show something on."""
+"""Displays and notebooks, where something can be shown."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ def require_display() -> None:
         return
     display = os.environ.get("DISPLAY", "")
     if not display:
-        raise LidarsimError("no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot")
+        raise LidarsimError(
+            "no display to open a window on (DISPLAY is not set): write a file instead (save=, --screenshot)"
+        )
     if not _answers(display):
-        raise LidarsimError(f"no display to show a window on (DISPLAY is {display}, where nothing answers)")
+        raise LidarsimError(f"no display to open a window on (DISPLAY is {display}, where nothing answers)")
 
 
 def _answers(display: str) -> bool:

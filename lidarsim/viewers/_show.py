@@ -1,4 +1,4 @@
-"""One function that shows clouds, scans and scenes, in any of the viewers."""
+"""One function that shows clouds, scans and scenes in any of the viewers."""
 
 from __future__ import annotations
 

@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 __all__ = ["Page", "page", "write"]
 
 MOST = 400_000
-"""Points that a page holds at most, evenly chosen from all frames: browsers slow down beyond."""
+"""Most points of a page, evenly chosen from all frames: more slow browsers down."""
 ANGLE = np.radians(45.0)
-"""Vertical angle of view that Plotly has."""
+"""Plotly's vertical angle of view, rad."""
 TOLD = ("range", "intensity", "range_error", "ring", "object_id")
-"""Fields that a page tells of the point under the pointer."""
+"""Fields that a page shows for the point under the pointer."""
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -41,7 +41,7 @@ class Page:
     text : str
         The whole page in HTML.
     height : int
-        Of its frame in the notebook, pixels.
+        Height of its frame in the notebook, pixels.
     """
 
     text: str

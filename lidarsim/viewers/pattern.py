@@ -1,4 +1,4 @@
-"""A picture of a scan pattern: where its pulses go, and what they leave on a plane."""
+"""A picture of a scan pattern: where its pulses go, and their footprint on a plane."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from lidarsim.sensor import Lidar
 
 MOST = 200_000
-"""Pulses that a picture shows at most, evenly chosen: more only fill the same pixels."""
+"""Most pulses of a picture, evenly chosen: more only fill the same pixels."""
 
 
 def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:

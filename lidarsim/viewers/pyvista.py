@@ -239,7 +239,7 @@ class _Stage:
         renderer.ResetCameraClippingRange()
 
     def film(self) -> Iterator[npt.NDArray[np.uint8]]:
-        """Return the images of a film: all frames, or of a single one all sides."""
+        """Return the images of a film: all frames, or a single one from all sides."""
         frames = len(self.picture.frames)
         self.plotter.show(auto_close=False, interactive=False)
         for number in range(frames if frames > 1 else TURN):

@@ -61,16 +61,16 @@ def test_an_alias_stands_for_its_anchor() -> None:
         ("a: 1\n---\nb: 2", "f.yaml:2: not valid YAML: but found another document"),
         ("a:\n\t- 1", "f.yaml:2: not valid YAML: found character '\\t' that cannot start any token"),
         ("a: *x", "f.yaml:1: not valid YAML: found undefined alias 'x'"),
-        ("a: &x [*x]", "f.yaml:1: not valid YAML: this value holds itself"),
+        ("a: &x [*x]", "f.yaml:1: not valid YAML: this value contains itself"),
         ("? [a]\n: 1", "f.yaml:1: expected a word as a key"),
         ("a: \0", "f.yaml: not valid YAML: character 0 at position 3"),
         ("[" * 2_000, "f.yaml: not valid YAML: nested too deeply"),
-        ("a: !!int x", "f.yaml:1: not valid YAML: int is unknown or not what stands here"),
+        ("a: !!int x", "f.yaml:1: not valid YAML: int is unknown or does not fit the value"),
         (
             "a: !!python/name:os.system",
-            "f.yaml:1: not valid YAML: python/name:os.system is unknown or not what stands here",
+            "f.yaml:1: not valid YAML: python/name:os.system is unknown or does not fit the value",
         ),
-        ("a: !!python/tuple [1]", "f.yaml:1: not valid YAML: python/tuple is unknown or not what stands here"),
+        ("a: !!python/tuple [1]", "f.yaml:1: not valid YAML: python/tuple is unknown or does not fit the value"),
     ],
 )
 def test_what_is_no_document(text: str, message: str) -> None:

@@ -193,7 +193,10 @@ def test_show_without_a_display(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(LidarsimError) as caught:
         ls.show(PointCloud(xyz=[[1, 2, 3]]), viewer="open3d")
-    assert str(caught.value) == "no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot"
+    assert (
+        str(caught.value)
+        == "no display to open a window on (DISPLAY is not set): write a file instead (save=, --screenshot)"
+    )
 
 
 def test_a_window_that_open3d_cannot_open_is_one_clear_error(monkeypatch: pytest.MonkeyPatch) -> None:

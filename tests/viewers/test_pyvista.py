@@ -252,7 +252,10 @@ def test_window_without_a_display(wall: PointCloud, monkeypatch: pytest.MonkeyPa
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(LidarsimError) as caught:
         show(wall)
-    assert str(caught.value) == "no display to show a window on (DISPLAY is not set): write a file: save=, --screenshot"
+    assert (
+        str(caught.value)
+        == "no display to open a window on (DISPLAY is not set): write a file instead (save=, --screenshot)"
+    )
 
 
 def test_rendering_says_nothing(tmp_path: Path) -> None:
