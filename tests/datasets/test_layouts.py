@@ -126,7 +126,7 @@ def test_nuscenes_tables_fit_together(recipe: Path, tmp_path: Path) -> None:
         sequence = int(
             index["scene"][index["sample"][data["sample_token"]]["scene_token"]]["name"].removeprefix("scene-")
         )
-        frame = round((data["timestamp"] - start) / 1e5)
+        frame = round((data["timestamp"] - start - 3600e6 * sequence) / 1e5)
         scan, cloud = clouds(recipe, sequence, frame, *RIG)[channel.removeprefix("LIDAR_").lower()]
         points = np.fromfile(tmp_path / "out" / data["filename"], np.float32).reshape(-1, 5)
         labels = np.fromfile(tmp_path / "out" / index["lidarseg"][data["token"]]["filename"], np.uint8)
@@ -197,6 +197,10 @@ def test_nuscenes_in_its_own_kit(recipe: Path, tmp_path: Path, capsys: pytest.Ca
     data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=defaultdict(lambda: (1, 2, 3)))
     sample = data.get("sample", data.scene[1]["first_sample_token"])
     cloud = clouds(recipe, 1, 0)[""][1]
+    data.list_scenes()
+    assert [line.split(",")[0] for line in capsys.readouterr().out.splitlines() if "scene-" in line] == [
+        f"scene-{sequence:04}" for sequence in range(3)
+    ]
     data.get_sample_lidarseg_stats(sample["token"])
     printed = capsys.readouterr().out
     for label, name in ((30, "class_30"), (40, "road")):

@@ -36,8 +36,9 @@ from lidarsim.io._units import fitting
 from lidarsim.scene import SceneObject
 
 VERSION = "v1.0-lidarsim"
-START = 1_577_836_800_000_000
-"""Time 0 of each sequence: the start of 2020, µs since 1970."""
+START, APART = 1_577_836_800_000_000, 3_600_000_000
+"""Time 0 of the first sequence, the start of 2020, and how far the next ones are from it, µs: the kit sorts scenes
+by their time, and cannot if two have the same."""
 
 VISIBILITY = {"1": (0, 40), "2": (40, 60), "3": (60, 80), "4": (80, 100)}
 """Levels of visibility by token, as nuScenes has them, %."""
@@ -139,7 +140,7 @@ def _labels(record: Record) -> str:
 
 
 def _stamp(record: Record) -> int:
-    return START + round(record.seconds * 1e6)
+    return START + record.sequence * APART + round(record.seconds * 1e6)
 
 
 def _placed(matrix: Floats) -> dict[str, list[float]]:
