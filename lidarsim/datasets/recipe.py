@@ -258,13 +258,13 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Recipe:
     for assignment in overrides:
         root = replace(root, *assigned(assignment))
     place = Place(root)
+    if "run" not in entries(root):
+        raise place.error("missing key 'run': a recipe has the configuration that it varies there")
     settings = checked(Settings, without(root, "run"))
     for key, draw in settings.vary.items():
         draw.check(place / "vary" / key)
     for key, group in settings.scatter.items():
         group.check(place / "scatter" / key)
-    if "run" not in entries(root):
-        raise place.error("missing key 'run'")
     source = Document(str(path.parent), _run(place / "run", root), settings, root)
     return _recipe(source, settings, labelled(settings.class_names, place / "class_names"))
 
