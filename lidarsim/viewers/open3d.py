@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._validation import Floats
@@ -128,6 +129,12 @@ def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middl
     return [{"name": f"{name}{which}", "geometry": mesh, "material": material}]
 
 
+def _linear(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
+    """Return colours in linear light, 0 to 1, as Open3D's viewer takes those of points (IEC 61966-2-1)."""
+    srgb = rgb / np.float32(255)
+    return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
+
+
 def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> None:
     """Show a picture in Open3D's viewer until it is closed; of several frames, its list chooses which.
 
@@ -151,11 +158,21 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
     o3d = import_open3d()
     seen = picture.seen()
     middle = seen.mean(axis=0)  # its graphics have float32, too coarse for map coordinates
+    dots = o3d.visualization.rendering.MaterialRecord()
+    dots.shader = "defaultUnlit"  # a class has one colour, however its points are lit
+    dots.point_size = point_size or 3
     parts: list[dict[str, Any]] = []
     for number, frame in enumerate(picture.frames):
         points = to_open3d(frame.cloud)
-        points.point["colors"] = o3d.core.Tensor(picture.colors.rgb(frame.cloud))
-        parts.append({"name": f"frame {number}", "geometry": points.translate(-middle), "is_visible": not number})
+        points.point["colors"] = o3d.core.Tensor(_linear(picture.colors.rgb(frame.cloud)))
+        parts.append(
+            {
+                "name": f"frame {number}",
+                "geometry": points.translate(-middle),
+                "material": dots,
+                "is_visible": not number,
+            }
+        )
         several = f", frame {number}" if len(picture.frames) > 1 else ""
         for mover in frame.movers:
             parts += [{**part, "is_visible": not number} for part in _part(o3d, mover, several, picture, middle)]

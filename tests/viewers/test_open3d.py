@@ -15,6 +15,7 @@ from lidarsim import io
 from lidarsim.errors import LidarsimError, MissingExtraError
 from lidarsim.pointcloud import CANONICAL, PointCloud, narrowed
 from lidarsim.viewers import open3d as view
+from lidarsim.viewers._colors import category_color
 
 assert io, "the formats register themselves on import"
 
@@ -183,8 +184,10 @@ def test_show_gives_the_viewer_coloured_points(monkeypatch: pytest.MonkeyPatch) 
     assert list(parts) == ["frame 0", "0 ball", "sensor"]
     assert np.abs(parts["frame 0"]["geometry"].point.positions.numpy()).max() < 2  # relative to their middle
     colors = parts["frame 0"]["geometry"].point.colors.numpy()
-    assert colors.dtype == np.uint8
-    assert colors[0].tolist() == colors[1].tolist() != colors[2].tolist()
+    for color, label in zip(colors, (5, 5, 9), strict=True):  # in linear light
+        assert color.dtype == np.float32
+        encoded = np.where(color <= 0.0031308, 12.92 * color, 1.055 * color ** (1 / 2.4) - 0.055)
+        assert bytes(np.round(255 * encoded).astype(np.uint8)).hex() == category_color(label)[1:]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
