@@ -180,7 +180,7 @@ def _there(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[in
         raise LidarsimError("lost the connection to the scheduler: run the same command again to resume") from None
 
 
-def _submitted(plan: Plan, shards: Iterable[int], client: Any, tell: Callable[[int, int], object]) -> Iterator[Made]:
+def _submitted(plan: Plan, shards: Iterable[int], client: Client, tell: Callable[[int, int], object]) -> Iterator[Made]:
     distributed = import_extra("distributed", "cluster", "a cluster")
     pickled = import_extra("cloudpickle", "cluster", "a cluster").dumps(plan)
     waiting, tries, shard_of = iter(shards), Counter[int](), {}
