@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import platform
 import re
 import sys
 
@@ -11,6 +12,7 @@ import pytest
 from hard.children import output
 
 import lidarsim as ls
+import lidarsim._native as core
 
 LARGEST, LEAST = sys.float_info.max, 5e-324
 
@@ -169,3 +171,65 @@ lidar = ls.Lidar(ls.patterns.Grid(np.linspace(-3, 3, 100), np.linspace(-1, 1, 50
     # Scans that each kept one array of a byte a pulse would take twice this for each 40 of them. Allocator and threads
     # take some for themselves, too, but not over and over.
     assert int(output(code, setup=setup)) < 40 * 5000 / 2
+
+
+NO_THREADS = """
+import ctypes, hashlib
+
+class Instruction(ctypes.Structure):
+    _fields_ = [("code", ctypes.c_uint16), ("jt", ctypes.c_uint8), ("jf", ctypes.c_uint8), ("k", ctypes.c_uint32)]
+
+class Program(ctypes.Structure):
+    _fields_ = [("length", ctypes.c_ushort), ("filter", ctypes.POINTER(Instruction))]
+
+def refuse_threads():
+    # Load the number of the system call; of clone3 and clone return EAGAIN, and allow all others (seccomp(2)).
+    steps = (0x20, 0, 0, 0), (0x15, 2, 0, 435), (0x15, 1, 0, 56), (0x06, 0, 0, 0x7FFF0000), (0x06, 0, 0, 0x50000 | 11)
+    program = Program(len(steps), (Instruction * len(steps))(*steps))
+    libc = ctypes.CDLL(None, use_errno=True)
+    assert libc.prctl(38, 1, 0, 0, 0) == 0 and libc.prctl(22, 2, ctypes.byref(program)) == 0, ctypes.get_errno()
+    try:
+        threading.Thread(target=print).start()
+    except RuntimeError:
+        return
+    raise AssertionError("a thread was had")
+"""
+
+
+@pytest.mark.skipif((sys.platform, platform.machine()) != ("linux", "x86_64"), reason="needs seccomp, and its numbers")
+def test_where_the_system_refuses_threads_the_caller_does_all() -> None:
+    code = """
+        if sys.argv[1] == "refused":
+            refuse_threads()
+        mesh, scene = field(50), ls.Scene()
+        for k in range(3):
+            scene.add(mesh, motion=ls.Trajectory.from_twist(np.eye(4), (k, 0, 0), (0, 0, 0.1)))
+        before = len(os.listdir("/proc/self/task"))
+        hits = [mesh.cast(*rays(5000)), scene.cast(*rays(5000), time=np.linspace(0, 1, 5000)), field(20).cast(*rays(9))]
+        print(len(os.listdir("/proc/self/task")) - before)
+        print([hashlib.sha256(hit.t.tobytes() + hit.object_id.tobytes()).hexdigest() for hit in hits])
+        print(*(hit.hit.sum() for hit in hits[:2]))
+    """
+    refused, allowed = (
+        output(code, how, setup=NO_THREADS, environment={"LIDARSIM_THREADS": "3"}).splitlines()
+        for how in ("refused", "allowed")
+    )
+    assert (refused[0], allowed[0]) == ("0", "3")
+    assert refused[1:] == allowed[1:]
+    assert all(int(hits) > 500 for hits in refused[2].split())
+
+
+def test_a_panic_of_the_core_is_a_runtime_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that no caller can bring about: the core is given the label of one face of two."""
+    whole = core.Appearance
+    monkeypatch.setattr(core, "Appearance", lambda labels, *others: whole(labels[:1], *others))
+    mesh = ls.TriangleMesh([(5, -1, -1), (5, 1, -1), (5, 1, 1), (5, -1, 1)], [(0, 1, 2), (0, 2, 3)])
+    scene, lidar = ls.Scene(), ls.Lidar(ls.patterns.Grid([0.05, -0.05], [0.0], rate=10.0))
+    scene.add(mesh, label=[3, 4])
+    message = "a fault in lidarsim, please report it: index out of bounds: the len is 1 but the index is 1"
+    with pytest.raises(RuntimeError, match=f"^{re.escape(message)}$"):
+        lidar.scan(scene)
+    monkeypatch.undo()
+    scene = ls.Scene()
+    scene.add(mesh, label=[3, 4])
+    assert lidar.scan(scene).label.ravel().tolist() == [3, 4]

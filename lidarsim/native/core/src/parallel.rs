@@ -71,13 +71,14 @@ fn pool() -> Option<Arc<Pool>> {
     Some(new)
 }
 
-/// Runs `work` in the pool, so that the parallel iterators in it use its threads.
-///
-/// # Panics
-///
-/// If the system has no more threads.
+/// Runs `work` in the pool, so that the parallel iterators in it use its threads; on this thread alone where the system refuses others.
 pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    let Some(pool) = pool() else { panic!("the system has no room for {} more threads", threads()) };
+    let Some(pool) = pool() else {
+        // From then on this thread is a pool of its own to the iterators. Where it is that already, another is refused.
+        let alone = ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
+        std::mem::forget(alone);
+        return work();
+    };
     let (job, mut outcome) = (Job::current(), None);
     pool.pool.in_place_scope(|scope| {
         let (working, done) = mpsc::channel();
