@@ -190,7 +190,7 @@ impl RayPacket {
 
     /// Bounds of t of a ray, of those as it starts here.
     #[inline(always)]
-    pub fn from_offset(&self, lane: usize, t: Interval) -> Interval {
+    pub fn t_of_ray(&self, lane: usize, t: Interval) -> Interval {
         if !self.has_offsets {
             return t;
         }
@@ -458,7 +458,7 @@ mod tests {
                     }
                     assert_eq!(near.direction(lane), rays.direction(lane));
                     let t = Interval { low: 0.25, high: 0.5 };
-                    let (from, offset) = (near.from_offset(lane, t), near.offset[lane]);
+                    let (from, offset) = (near.t_of_ray(lane, t), near.offset[lane]);
                     let sum = |t: f64| Dyadic::exact(t).plus(&Dyadic::exact(offset));
                     assert_eq!(sum(t.low).minus(&Dyadic::exact(from.low)).sign(), Ok(Ordering::Greater));
                     assert_eq!(sum(t.high).minus(&Dyadic::exact(from.high)).sign(), Ok(Ordering::Less));

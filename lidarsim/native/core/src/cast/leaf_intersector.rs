@@ -102,7 +102,7 @@ impl LeafIntersector<'_, '_> {
                 let primitive = leaves[leaf].ids()[i];
                 let known = if sure & 1 << i != 0 {
                     let t = Leaf::intersect::<I>(i, &self.scratch.planes[leaf], &ray, &self.scratch.sums[k]);
-                    t.map(|t| self.rays.from_offset(lane, t))
+                    t.map(|t| self.rays.t_of_ray(lane, t))
                 } else {
                     None
                 };

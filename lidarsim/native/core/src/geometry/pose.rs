@@ -204,16 +204,25 @@ impl Path {
 
     /// The velocity at a time of what moves along and is then at a point of the world.
     pub fn velocity_of(&self, point: Point, time: f64) -> Point {
-        let (pose, Velocity { linear, angular }) = (self.at(time), self.velocity(time));
+        let pose = self.at(time);
+        let Velocity { linear, angular } = self.velocity_in(time, Some(&pose));
         let swung = pose.turn(cross(angular, pose.turn_back(sub(point, pose.translation))));
         std::array::from_fn(|i| linear[i] + swung[i])
     }
 
     /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which it is reached.
     pub fn velocity(&self, time: f64) -> Velocity {
+        self.velocity_in(time, None)
+    }
+
+    /// As `velocity`, with the pose at the time, if it is known.
+    fn velocity_in(&self, time: f64, pose: Option<&Pose>) -> Velocity {
         match self {
             Path::Still(_) => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
-            Path::Twist { linear, angular, .. } => Velocity { linear: self.at(time).turn(*linear), angular: *angular },
+            Path::Twist { linear, angular, .. } => {
+                let linear = pose.map_or_else(|| self.at(time).turn(*linear), |pose| pose.turn(*linear));
+                Velocity { linear, angular: *angular }
+            }
             Path::Knots { steps, .. } if steps.is_empty() => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
             Path::Knots { times, steps, .. } => {
                 let i = times.partition_point(|&t| t <= time).saturating_sub(1).min(steps.len() - 1);
@@ -224,8 +233,9 @@ impl Path {
                 Velocity { linear: shift.derivative(u).map(|x| x / length), angular: turning.map(|x| x / length) }
             }
             Path::Mounted { body, mount } => {
-                let Velocity { linear, angular } = body.velocity(time);
-                let swung = body.at(time).turn(cross(angular, mount.translation));
+                let body_pose = body.at(time);
+                let Velocity { linear, angular } = body.velocity_in(time, Some(&body_pose));
+                let swung = body_pose.turn(cross(angular, mount.translation));
                 Velocity { linear: std::array::from_fn(|i| linear[i] + swung[i]), angular: mount.turn_back(angular) }
             }
         }

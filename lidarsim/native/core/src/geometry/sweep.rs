@@ -34,8 +34,9 @@ impl Path {
         let mut all = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
         for part in self.parts(span) {
             // At the knots poses are as given, which the formulas meet but for rounding.
-            let ends = [part.first, part.last].map(|time| Affine::from(self.at(time)).image(bounds));
-            for place in [self.during(&part, bounds)].iter().chain(&ends) {
+            let ends: &[f64] = if matches!(self, Path::Knots { .. }) { &[part.first, part.last] } else { &[] };
+            let ends = ends.iter().map(|&time| Affine::from(self.at(time)).image(bounds));
+            for place in ends.chain([self.during(&part, bounds)]) {
                 for (all, place) in all.iter_mut().zip(place) {
                     // What is unknown makes the box endless.
                     all.low = if all.low <= place.low { all.low } else { place.low };

@@ -1,9 +1,14 @@
 //! A scene during a span of time, which is what rays are cast at.
 
+use rayon::prelude::*;
+
 use super::{Index, Scene, size};
 use crate::arith::number::Interval;
 use crate::bvh::Bvh;
-use crate::parallel;
+use crate::{memory, parallel};
+
+/// Boxes that a thread makes at a time, at least.
+const BOXES: usize = 64;
 
 /// A scene, with a hierarchy of the objects that move in boxes around all of their places during a span of time.
 #[derive(Debug)]
@@ -28,9 +33,12 @@ impl Scene {
         let times = times.filter(|time| time.is_finite());
         let span = times.map(|time| [time; 2]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]).unwrap_or_default();
         let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
-        let bounds: Vec<Option<[Interval; 3]>> = self.movers.iter().map(bounds).collect();
         let leaf = |places: &[u32]| self.movers[places[0] as usize];
-        let movers = parallel::run(|| Bvh::new(bounds.len(), |place| bounds[place as usize], 1, leaf));
-        World { scene: self, index, movers: Some(movers), size: size(&bounds).max(index.size) }
+        let (movers, longest) = parallel::run(|| {
+            let mut boxes: Vec<Option<[Interval; 3]>> = memory::with_capacity(self.movers.len());
+            self.movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes);
+            (Bvh::new(boxes.len(), |place| boxes[place as usize], 1, leaf), size(&boxes))
+        });
+        World { scene: self, index, movers: Some(movers), size: longest.max(index.size) }
     }
 }
