@@ -475,6 +475,24 @@ mod tests {
             ];
             beyond[0].min(beyond[1])
         });
+        // Nearly as large as the direction itself.
+        let very_vague = least(&|x| {
+            let error = 1.8 * x[0] * x[1];
+            let subpacket = packet(0.0, x[1], error, 1.0).subpackets[0];
+            let high = Dyadic::exact(x[1]).plus(&Dyadic::exact(error));
+            -roundings(&n(subpacket.near_slope[0][0]).times(&high), &Dyadic::exact(1.0))
+        });
+        let origin_errors = least(&|x| {
+            let mut rays = RayPacket::empty();
+            rays.count = 1;
+            (0..WIDE).for_each(|lane| rays.set(lane, [0.0; 3], [0.5; 3]));
+            rays.origin_error = [x[0]; LANES];
+            let mut packet = Packet::empty();
+            packet.enter::<Portable>(&rays, [0.0; 3], 0.0, &[1.0; LANES]);
+            let subpacket = packet.subpackets[0];
+            let beyond = |far: f32| roundings(&n(far), &Dyadic::exact(x[0]));
+            beyond(subpacket.near_origin[0][0]).min(beyond(-subpacket.far_origin[0][0]))
+        });
         let limits = least(&|x| {
             let packet = packet(0.0, 0.5, 0.0, x[0]);
             let beyond = [
@@ -488,6 +506,8 @@ mod tests {
         assert!((7.0..9.0).contains(&near) && (7.0..9.0).contains(&far), "{near}, {far}");
         assert!((2.0..3.0).contains(&origins), "{origins}");
         assert!((12.0..14.0).contains(&vague), "{vague}");
+        assert!((12.0..14.0).contains(&very_vague), "{very_vague}");
+        assert!((2.0..4.0).contains(&origin_errors), "{origin_errors}");
         assert!((1.0..3.0).contains(&limits), "{limits}");
     }
 
@@ -503,6 +523,27 @@ mod tests {
             least = least.min((1.0 - near * d) / f64::from(U)).min((far * d - 1.0) / f64::from(U));
         }
         assert!((6.5..8.0).contains(&least), "{least}");
+    }
+
+    /// Of numbers that are subnormal in float32, or less, the least normal number covers what is lost.
+    #[test]
+    fn origins_and_limits_that_underflow_are_on_the_safe_side() {
+        let mut next = crate::testing::numbers();
+        for k in 0..20_000 {
+            let mut small = || next() * 2.0_f64.powi(-155 + k % 40);
+            let (o, error, t) = (small(), small(), small());
+            let mut rays = RayPacket::empty();
+            rays.count = 1;
+            (0..WIDE).for_each(|lane| rays.set(lane, [o; 3], [0.5; 3]));
+            rays.origin_error = [error; LANES];
+            let mut packet = Packet::empty();
+            packet.enter::<Portable>(&rays, [0.0; 3], t, &[t; LANES]);
+            let Subpacket { near_origin, far_origin, limit, .. } = packet.subpackets[0];
+            assert!(o + error <= f64::from(near_origin[0][0]) && f64::from(far_origin[0][0]) <= o - error);
+            assert!(t <= f64::from(limit[0]) && t <= f64::from(packet.limit_of(t)));
+            // Above t by half a subnormal at most, which is far below the limit and what planes are behind origins.
+            assert!(f64::from(packet.octant.start) <= t + f64::from(f32::from_bits(1)) / 2.0);
+        }
     }
 
     /// Where direction and error are rounded down by half a subnormal each, that is 8u of their sum, 2⁻¹²⁸: of the 12u, only the four would be left that the

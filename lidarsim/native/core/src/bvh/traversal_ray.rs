@@ -140,4 +140,37 @@ mod tests {
         });
         assert!((1.5..3.0).contains(&-least), "{least} at {x:?}");
     }
+
+    #[test]
+    fn origins_and_limits_are_rounded_outward() {
+        let mut next = crate::testing::numbers();
+        for k in 0..20_000 {
+            let mut number = |low: i32| next() * 2.0_f64.powi(low + k % 160);
+            let (o, error, t) = (number(-80), number(-155), number(-155));
+            let origin = [Interval { low: o - error, high: o + error }; 3];
+            for sign in [1.0, -1.0] {
+                let ray = TraversalRay::new(origin, [Interval::point(0.75 * sign); 3], [0.0; 3], t, t);
+                assert!(f64::from(ray.start) <= t && t <= f64::from(ray.limit), "{t}");
+                let Axis { near_origin, far_origin, .. } = ray.axes[0];
+                let (low, high) = if sign > 0.0 { (far_origin, near_origin) } else { (near_origin, far_origin) };
+                assert!(f64::from(low) <= o - error && o + error <= f64::from(high), "{o} ± {error}");
+            }
+        }
+    }
+
+    /// A box that the ray enters if its direction has one sign, and does not if it has the other.
+    #[test]
+    fn a_direction_of_unknown_sign_rules_nothing_out() {
+        let unknown = Interval { low: -0.1, high: 0.1 };
+        let direction = [unknown, Interval::point(0.75), Interval::point(0.75)];
+        let ray = TraversalRay::new([Interval::point(0.0); 3], direction, [0.0; 3], 0.0, 1e9);
+        for side in [1.0, -1.0] {
+            let (low, high) = (
+                [[0.5 * side - 0.1; WIDTH], [7.0; WIDTH], [7.0; WIDTH]],
+                [[0.5 * side + 0.1; WIDTH], [8.0; WIDTH], [8.0; WIDTH]],
+            );
+            let (near, far) = ray.intersect(&low, &high);
+            assert!((0..WIDTH).all(|k| near[k] <= far[k]));
+        }
+    }
 }

@@ -154,7 +154,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::arith::number::{Dyadic, Number};
+    use crate::arith::number::{Dyadic, Interval, Number};
     use crate::arith::simd::{Level, Task, dispatch};
     use crate::bvh::all;
     use crate::geometry::affine::{Affine, Placement};
@@ -183,6 +183,20 @@ mod tests {
             object = object.transformed(Affine::new(linear, [0; 3].map(|_: u8| place * (number() + 0.5))))?;
         }
         Some(object)
+    }
+
+    /// Intervals of numbers near and far, wide, or of neighbours.
+    #[test]
+    fn middles_are_as_near_both_ends_as_they_say() {
+        let mut number = numbers();
+        for k in 0..20_000 {
+            let low = (2.0 * number() - 1.0) * 2.0_f64.powi(k % 200 - 100);
+            let high = if k % 3 == 0 { low.next_up() } else { low + number() * [1.0, 1e-15, 1e15][k as usize % 3] };
+            let ([middle, ..], error) = middle_of_one([Interval { low, high }; 3]);
+            let [low, high, middle, error] = [low, high, middle, error].map(Dyadic::exact);
+            let inside = [low.minus(&middle.minus(&error)), middle.plus(&error).minus(&high)];
+            assert!(inside.iter().all(|x| x.sign() != Ok(Ordering::Less)), "{low:?} {high:?}");
+        }
     }
 
     #[test]

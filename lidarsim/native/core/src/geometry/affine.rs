@@ -472,3 +472,31 @@ impl<N: Number> Adjugate<N> {
         self.linear.normal(n)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::numbers;
+
+    #[test]
+    fn images_of_boxes_hold_those_of_their_corners() {
+        let mut next = numbers();
+        for round in 0..2000 {
+            let scale = [1.0, 1e6, 1e-160, 1e-322, 1e150][round % 5];
+            let mut point = |scale: f64| -> Point { [0; 3].map(|_: u8| scale * (2.0 * next() - 1.0)) };
+            let map = Affine::new([0; 3].map(|_: u8| point(1.0)), point(scale));
+            let (a, b) = (point(scale), point(scale));
+            let bounds = [0, 1, 2].map(|i: usize| Interval { low: a[i].min(b[i]), high: a[i].max(b[i]) });
+            let image = map.image(bounds);
+            for corner in 0..8 {
+                let p = [0, 1, 2].map(|i| if corner >> i & 1 == 0 { a[i] } else { b[i] });
+                for i in 0..3 {
+                    let x = vector::dot(&vector::exact::<Dyadic>(map.linear[i]), &vector::exact(p));
+                    let x = x.plus(&Dyadic::exact(map.offset[i]));
+                    assert!(x.minus(&Dyadic::exact(image[i].low)).sign() != Ok(Ordering::Less), "{map:?} {p:?}");
+                    assert!(x.minus(&Dyadic::exact(image[i].high)).sign() != Ok(Ordering::Greater), "{map:?} {p:?}");
+                }
+            }
+        }
+    }
+}

@@ -143,10 +143,13 @@ fn farthest(Cubic([a, b, c]): &Cubic, u: f64) -> f64 {
 
 #[cfg(test)]
 mod tests {
+    use std::cmp::Ordering;
     use std::sync::Arc;
 
     use super::*;
+    use crate::arith::number::{Dyadic, Number};
     use crate::geometry::pose::{Pose, Step};
+    use crate::geometry::vector;
     use crate::testing::numbers;
 
     fn pose(number: &mut impl FnMut() -> f64, place: f64) -> Pose {
@@ -229,5 +232,46 @@ mod tests {
             }
         }
         assert!(2 * tight > 3 * count, "{tight} of {}", 3 * count);
+    }
+
+    /// Whether a box holds another that is placed somewhere, exactly.
+    fn holds(swept: &[Interval; 3], pose: Pose, bounds: &[Interval; 3]) -> bool {
+        pose.rows().iter().zip(swept).all(|([x, y, z, offset], swept)| {
+            let ends = |from: f64, to: f64, m: f64| if m < 0.0 { to } else { from };
+            let at = |p: Point| {
+                let sum = vector::dot(&vector::exact::<Dyadic>([*x, *y, *z]), &vector::exact(p));
+                sum.plus(&Dyadic::exact(*offset))
+            };
+            let corner = |from: fn(&Interval) -> f64, to: fn(&Interval) -> f64| {
+                let [a, b, c] = bounds;
+                at([ends(from(a), to(a), *x), ends(from(b), to(b), *y), ends(from(c), to(c), *z)])
+            };
+            let (low, high) = (corner(|i| i.low, |i| i.high), corner(|i| i.high, |i| i.low));
+            low.minus(&Dyadic::exact(swept.low)).sign() != Ok(Ordering::Less)
+                && high.minus(&Dyadic::exact(swept.high)).sign() != Ok(Ordering::Greater)
+        })
+    }
+
+    /// In so short a time a body moves less than poses are rounded.
+    #[test]
+    fn a_sweep_over_a_few_moments_holds_all_places_exactly() {
+        let mut number = numbers();
+        for (place, speed) in [(1.0, 1.0), (5e6, 2.0), (0.0, 1e-3), (10.0, 1e-12)] {
+            for path in paths(&mut number, place, speed) {
+                let [first, last] = if let Path::Knots { end, .. } = &path { [0.0, *end] } else { [0.0, 1e4] };
+                let bounds = [(); 3].map(|()| {
+                    let low = 4.0 * (number() - 0.5);
+                    Interval { low, high: low + number() }
+                });
+                for _ in 0..30 {
+                    let mut times = vec![first + number() * (last - first)];
+                    (1..12).for_each(|k| times.push(times[k - 1].next_up()));
+                    let swept = path.sweep(bounds, [times[0], times[11]]);
+                    for time in times {
+                        assert!(holds(&swept, path.at(time), &bounds), "{path:?} {time}");
+                    }
+                }
+            }
+        }
     }
 }

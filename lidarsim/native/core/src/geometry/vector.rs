@@ -83,3 +83,46 @@ pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
 fn rounded<F: Floats<f64, N>, const N: usize>(x: F, large: F) -> F {
     x.abs().le_pick(large.mul(F::splat(0.5)), x.add(large).sub(large), x)
 }
+
+#[cfg(test)]
+mod tests {
+    use std::cmp::Ordering;
+
+    use super::*;
+    use crate::arith::number::{Dyadic, UNIT};
+    use crate::testing::{numbers, worst};
+
+    /// |v|² (1 + u)² against the square of the length: coordinates may be off by one rounding.
+    #[test]
+    fn lengths_are_above_the_true_ones_by_what_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;
+        let (least, _) = worst(8, 2000, draw, |v: &[f64; 3]| {
+            let square = norm2(&exact::<Dyadic>(*v)).split().0;
+            let beyond = Dyadic::exact(length_above(*v)).squared().minus(&norm2(&exact(*v))).split().0;
+            // Half the relative error of the square is that of the length.
+            if square > 0.0 { -beyond / (2.0 * square * UNIT) } else { f64::NEG_INFINITY }
+        });
+        // Of 8 roundings, six are for a rounding of each quotient, which are squared, the sums, the root and two products; and one for the coordinates.
+        assert!((1.0..8.0).contains(&-least), "{least}");
+    }
+
+    #[test]
+    fn lengths_of_subnormal_vectors_are_above_the_true_ones() {
+        for k in 1..512_u64 {
+            let v = [k & 7, k >> 3 & 7, k >> 6].map(f64::from_bits);
+            let beyond = Dyadic::exact(length_above(v)).squared().minus(&norm2(&exact::<Dyadic>(v)));
+            assert_eq!(beyond.sign(), Ok(Ordering::Greater), "{v:?}");
+        }
+    }
+
+    /// What a formula knows to 2⁻⁶⁰ of the largest coordinate may be anything below that where it should be zero.
+    #[test]
+    fn unit_vectors_do_not_depend_on_what_cancels() {
+        let mut next = numbers();
+        for _ in 0..1000 {
+            let (x, z) = (0.5 + next(), next() - 0.5);
+            let noise = (next() - 0.5) * 2.0_f64.powi(-60) * x.max(z.abs());
+            assert_eq!(unit::<f64, 1>([x, 0.25 * noise, z]), unit([x, 0.0, z]));
+        }
+    }
+}

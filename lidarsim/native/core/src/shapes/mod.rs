@@ -99,3 +99,71 @@ macro_rules! surfaces {
 }
 
 surfaces!(Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle);
+
+#[cfg(test)]
+mod tests {
+    use std::cmp::Ordering;
+
+    use super::*;
+    use crate::arith::number::Dyadic;
+    use crate::geometry::vector::{self, Point};
+    use crate::testing::numbers;
+
+    /// Whether a box reaches as far below and above two coordinates as the root of a ratio.
+    fn reaches(side: &Interval, [low, high]: [f64; 2], num: &Dyadic, den: &Dyadic) -> bool {
+        let beyond = |x: Dyadic| {
+            let far = x.squared().times(den).minus(num).sign() != Ok(Ordering::Less);
+            x.sign() != Ok(Ordering::Less) && far
+        };
+        let n = Dyadic::exact;
+        beyond(n(low).minus(&n(side.low))) && beyond(n(side.high).minus(&n(high)))
+    }
+
+    /// Against exact arithmetic, of numbers that are far from the origin, subnormal or huge.
+    #[test]
+    fn boxes_hold_the_surfaces() {
+        let mut next = numbers();
+        let mut checked = 0;
+        for round in 0..4000 {
+            let scale = [1.0, 1e-9, 1e-160, 1e-310, 1e-322, 1e150][round % 6];
+            let place = [0.0, scale, 1e6 * scale][round % 3];
+            let mut point =
+                |place: f64, scale: f64| -> Point { [0; 3].map(|_: u8| place + scale * (2.0 * next() - 1.0)) };
+            let (center, end, size) = (point(place, scale), point(place, scale), point(0.0, scale).map(f64::abs));
+            let rotation = [0; 3].map(|_: u8| point(0.0, 1.0));
+            if size.contains(&0.0) || center == end {
+                continue;
+            }
+            let radius = size[0];
+            let axis = vector::sub(&vector::exact::<Dyadic>(end), &vector::exact(center));
+            let (length2, one) = (vector::norm2(&axis), Dyadic::exact(1.0));
+            let ellipsoid = Ellipsoid::new(center, size, rotation).and_then(|ellipsoid| ellipsoid.bounds());
+            let bounds = [
+                Sphere { center, radius }.bounds(),
+                Box { size, center }.bounds(),
+                Cylinder { start: center, end, radius, capped: false }.bounds(),
+                ellipsoid,
+            ];
+            for i in 0..3 {
+                let (square, middle) = (Dyadic::exact(radius).squared(), [center[i]; 2]);
+                let across = square.times(&length2.minus(&axis[i].squared()));
+                let row = [0, 1, 2].map(|j| Dyadic::exact(rotation[i][j]).times(&Dyadic::exact(size[j])));
+                let ends = [center[i].min(end[i]), center[i].max(end[i])];
+                for (bounds, ends, num, den) in [
+                    (&bounds[0], middle, square, &one),
+                    (&bounds[1], middle, Dyadic::exact(size[i]).squared(), &Dyadic::exact(4.0)),
+                    (&bounds[2], ends, across, &length2),
+                    (&bounds[3], middle, vector::norm2(&row), &one),
+                ] {
+                    let Some(bounds) = bounds else { continue };
+                    assert!(
+                        reaches(&bounds[i], ends, &num, den),
+                        "{center:?} {end:?} {size:?} {rotation:?}: {bounds:?}"
+                    );
+                    checked += 1;
+                }
+            }
+        }
+        assert!(checked > 30_000, "{checked}");
+    }
+}

@@ -43,6 +43,20 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
     bounds: Interval<L::Floats>,
     lanes: L,
 ) -> Result<(L::Floats, Vector<DoubleDoubles<L, N>>), Uncertain> {
+    let (middle, step, near) = step_from_middle(ray, target, feature, bounds, lanes)?;
+    let t = middle.plus(&step).rounded()?;
+    Ok((t, target.normal(&near.at(&step), feature, lanes)))
+}
+
+/// The middle of the bounds, t less that, and the ray begun at the middle.
+#[inline(always)]
+fn step_from_middle<L: Lanes<N>, const N: usize>(
+    ray: &Ray<DoubleDoubles<L, N>>,
+    target: &impl Target<L, N>,
+    feature: u8,
+    bounds: Interval<L::Floats>,
+    lanes: L,
+) -> Result<(DoubleDoubles<L, N>, DoubleDoubles<L, N>, Ray<DoubleDoubles<L, N>>), Uncertain> {
     let half = L::Floats::splat(0.5);
     let middle = bounds.low.mul(half).add(bounds.high.mul(half));
     let (pad, unit) = (L::Floats::splat(PAD), L::Floats::splat(UNIT));
@@ -61,8 +75,41 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
     lanes.keep(L::Floats::splat(0.0).lt(margin))?;
     let step = implicit.div(slope).negated();
     let error = step.abs().fused(slope_size.fused(unit, slope_error), rest).div(margin).mul(pad);
-    let step = DoubleDoubles::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes);
+    Ok((middle, DoubleDoubles::within(step, error.fused(pad, L::Floats::splat(UNDERFLOW)), lanes), near))
+}
 
-    let t = middle.plus(&step).rounded()?;
-    Ok((t, target.normal(&near.at(&step), feature, lanes)))
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::{Dyadic, One};
+    use crate::shapes::Sphere;
+    use crate::testing::{assert_slack, worst};
+
+    /// The share of its bound that a step is off by: on a ray along x into a sphere, within bounds so `wide` that hold the root `at` some place.
+    fn share(&[y, z, r, at]: &[f64; 4], wide: f64) -> f64 {
+        let (origin, direction) = ([-3.0, y, z], [1.0, 0.25, 0.0]);
+        let sphere = Sphere { center: [0.0; 3], radius: 2.0 + r };
+        let Ok([Some(root), Some(_)]) = sphere.roots(&Ray::<Dyadic>::new(origin, direction)) else { return 0.0 };
+        let Ok(t) = Dyadic::value(&root) else { return 0.0 };
+        let middle = t.split().0 + 0.999 * wide * (2.0 * at - 1.0).clamp(-1.0, 1.0);
+        let bounds = Interval { low: middle - wide, high: middle + wide };
+        let Ok((middle, step, _)) = step_from_middle::<One, 1>(&Ray::new(origin, direction), &sphere, 0, bounds, One)
+        else {
+            return 0.0;
+        };
+        let ((middle, _), (step, error)) = (middle.parts(), step.parts());
+        t.minus(&Dyadic::exact(middle)).minus(&Dyadic::exact(step)).split().0.abs() / error
+    }
+
+    /// Within wide bounds the error is that of the slope, which varies; within narrow ones that of its rounding; and within those of a few ulps that of F.
+    /// The slope is bounded over an interval twice as wide as the way from its middle to the root, on both sides.
+    #[test]
+    fn steps_are_as_near_as_their_bounds_say() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        let found = [0.3, 1e-10, 4.0 * UNIT].map(|wide| worst(6, 1000, draw, |x| share(x, wide)).0);
+        let all = found;
+        for (found, known) in found.iter().zip([0.25, 0.25, 0.1]) {
+            assert_slack(&format!("steps {all:?}"), *found, known);
+        }
+    }
 }

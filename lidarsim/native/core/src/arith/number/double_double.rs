@@ -380,6 +380,7 @@ impl<L: Lanes<N>, const N: usize> super::tests::Enclosure<N> for DoubleDoubles<L
 mod tests {
     use super::*;
     use crate::arith::number::Dyadic;
+    use crate::geometry::vector;
     use crate::testing::{assert_slack, worst};
 
     /// high + fraction·ulp(high), without an error of its own.
@@ -445,16 +446,53 @@ mod tests {
         assert_slack("SQRT", root, 0.733);
     }
 
+    /// Operands that are off by a tenth of themselves, a square root's by nearly all: an error counts in full, and two of them together.
+    #[test]
+    fn errors_of_operands_are_passed_on() {
+        let given = |x: f64, off: f64| {
+            let truth = Dyadic::exact(x).plus(&Dyadic::exact(off));
+            (DoubleDouble::within(x, off.abs(), One), truth)
+        };
+        let mut next = crate::testing::numbers();
+        let mut largest: [f64; 4] = [0.0; 4];
+        for _ in 0..100 {
+            let (x, y) = (1.0 + next(), 1.0 + next());
+            let ((a, p), (b, q), (c, r)) = (given(x, 0.1 * x), given(y, 0.1 * y), given(y, -0.1 * y));
+            let (d, s) = given(x, -0.99 * x);
+            let [_, Some(root)] =
+                Root::quadratic(Dyadic::exact(1.0), Dyadic::exact(0.0), s.negated(), s.clone(), Ordering::Greater, 0)
+            else {
+                unreachable!("a positive number has a root")
+            };
+            let shares = [
+                share(a.plus(&b), &p.plus(&q)),
+                share(a.times(&b), &p.times(&q)),
+                share_of(a.over(c), &Root::linear(p, r, 0)),
+                share_of(d.sqrt(), &root),
+            ];
+            (0..4).for_each(|k| largest[k] = largest[k].max(shares[k]));
+        }
+        // √x − √(x/100) = 0.9·√x is 0.91 of 0.99·x/√x.
+        for (what, found, known) in [
+            ("sum", largest[0], 1.0),
+            ("product", largest[1], 1.0),
+            ("quotient", largest[2], 1.0),
+            ("root", largest[3], 0.91),
+        ] {
+            assert_slack(what, found, known);
+        }
+    }
+
     /// Down to where they are refused, quotients and square roots are as near as they are elsewhere.
     #[test]
     fn small_operands_are_as_near_or_refused() {
         let (mut known, mut refused) = (0, 0);
         let mut next = crate::testing::numbers();
         for exponent in (-1010..-700).step_by(2) {
-            for _ in 0..4 {
-                let scale = 2.0_f64.powi(exponent / 2);
-                let mut operand = || {
-                    let (x, fraction) = (1.0 + next(), next() - 0.5);
+            // The divisor is as small, or barely large enough, so that their quotient is an ordinary number.
+            for beside in [exponent, exponent, -790, -720] {
+                let mut operand = |exponent: i32| {
+                    let (x, fraction, scale) = (1.0 + next(), next() - 0.5, 2.0_f64.powi(exponent / 2));
                     let low = fraction * f64::EPSILON;
                     let sum = DoubleDouble {
                         high: x * scale * scale,
@@ -463,7 +501,7 @@ mod tests {
                     };
                     (sum, Dyadic::exact(sum.high).plus(&Dyadic::exact(sum.low())))
                 };
-                let ((a, p), (b, q)) = (operand(), operand());
+                let ((a, p), (b, q)) = (operand(exponent), operand(beside));
                 let zero = Dyadic::exact(0.0);
                 let [_, Some(root)] =
                     Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p.clone(), Ordering::Greater, 0)
@@ -488,6 +526,9 @@ mod tests {
         assert_eq!(number(UNIT, UNIT * UNIT / 2.0).rounded(), Err(Uncertain));
         assert_eq!(number(UNIT, 0.0).rounded(), Err(Uncertain));
         assert_eq!(number(UNIT * (1.0 - 4.0 * UNIT), 0.0).rounded(), Ok(1.0));
+        // What may be off counts in full.
+        assert_eq!(number(0.75 * UNIT, 0.25 * UNIT).rounded(), Err(Uncertain));
+        assert_eq!(number(0.75 * UNIT, 0.24 * UNIT).rounded(), Ok(1.0));
         // Down to zero.
         assert_eq!(number(-UNIT, 1.0 - UNIT).sign(), Err(Uncertain));
         assert_eq!(number(-UNIT, 1.0 - 4.0 * UNIT).sign(), Ok(Ordering::Greater));
@@ -501,5 +542,20 @@ mod tests {
             let found = DoubleDouble::proportions(&[DoubleDouble::exact(1.0), near, near]);
             assert_eq!(found, if known { Ok([1.0, 0.5, 0.5]) } else { Err(Uncertain) });
         }
+    }
+
+    /// What `unit` makes a vector of length 1 of: from 2⁻⁴⁰⁰ to 2⁴⁰⁰.
+    #[test]
+    fn proportions_can_be_squared() {
+        let mut known = Vec::new();
+        for k in -1000..1000 {
+            let v = [0.5, -0.75, 0.25].map(|x| DoubleDouble::exact(x * 2.0_f64.powi(k)));
+            let Ok(v) = DoubleDouble::proportions(&v) else { continue };
+            let [x, y, z] = vector::unit(v);
+            // A square root, three quotients and their squares are off by less than 8 roundings.
+            assert!((x * x + y * y + z * z - 1.0).abs() < 16.0 * UNIT, "2^{k}");
+            known.push(k);
+        }
+        assert_eq!(known, (-399..=400).collect::<Vec<_>>());
     }
 }

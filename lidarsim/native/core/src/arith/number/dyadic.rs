@@ -286,12 +286,38 @@ mod tests {
         }
     }
 
+    /// A quotient that is beside a midpoint of two float64 numbers by less than 2⁻³⁰⁰ of itself.
+    #[test]
+    fn quotients_next_to_midpoints_are_rounded_to_nearest() {
+        let divisor = Dyadic { mantissa: BigInt::from(3).pow(200), exponent: -7 };
+        for (middle, low, high) in [(9007199254740993_i64, 0.0, 2.0), (9007199254740995, 0.0, 2.0)] {
+            let whole = divisor.times(&Dyadic { mantissa: BigInt::from(middle), exponent: 0 });
+            for (off, expected) in [(-1, low), (1, high)] {
+                let beside = whole.plus(&Dyadic { mantissa: BigInt::from(off), exponent: -7 });
+                assert_eq!(beside.ratio(&divisor), (middle - 1) as f64 + expected, "{middle}, {off}");
+            }
+        }
+    }
+
     /// Both roots of t² − 2bt + b² − disc = 0.
     fn roots(b: Dyadic, disc: Dyadic) -> [Root<Dyadic>; 2] {
         let c = b.squared().minus(&disc);
         match Root::quadratic(Dyadic::exact(1.0), b, c, disc, Ordering::Greater, 0) {
             [Some(first), Some(second)] => [first, second],
             _ => unreachable!("there are two"),
+        }
+    }
+
+    #[test]
+    fn roots_without_an_end_are_rounded_like_those_of_the_processor() {
+        for k in 2..2000 {
+            let x = f64::from(k) * 1.1;
+            for (root, expected) in roots(Dyadic::zero(), Dyadic::exact(x)).iter().zip([-x.sqrt(), x.sqrt()]) {
+                assert_eq!(Dyadic::round(root), Ok(expected), "√{x}");
+                let Ok(Interval { low, high }) = Dyadic::enclose(root) else { unreachable!("that is certain") };
+                let beside = [low, high].map(|x| Dyadic::compare_with(root, &Dyadic::exact(x)));
+                assert_eq!(beside, [Ordering::Greater, Ordering::Less], "√{x}");
+            }
         }
     }
 

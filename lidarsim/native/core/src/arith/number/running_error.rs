@@ -389,6 +389,66 @@ mod tests {
         }
     }
 
+    /// Operands that are off by any share of themselves: of quotients up to half of the divisor, where the bound is met, of roots all.
+    #[test]
+    fn large_errors_of_operands_are_passed_on() {
+        let vague = |x: f64, share: f64, sign: f64| {
+            let error = x * share.clamp(0.0, 1.0);
+            let truth = Dyadic::exact(x).plus(&Dyadic::exact(sign * error));
+            (RunningError::within(x, error, One), truth)
+        };
+        let draw = |i: usize, next: &mut dyn FnMut() -> f64| if i == 0 { 1.0 + next() } else { next() };
+        let quotient = worst(4, 1000, draw, |&[x, y]: &[f64; 2]| {
+            let ((a, p), (b, q)) = (vague(x, y, 1.0), vague(2.0 - 0.5 * x, y, -1.0));
+            match (a.over(b), Dyadic::value(&Root::linear(p, q, 0))) {
+                (Ok(found), Ok(x)) => share(found, &x),
+                _ => 0.0,
+            }
+        });
+        // Down to zero, where the root of what it is at most is the bound.
+        let root = worst(4, 1000, draw, |&[x, y]: &[f64; 2]| {
+            let error = x * (1.0 + y.abs());
+            let p = Dyadic::exact(x).plus(&Dyadic::exact(error));
+            let zero = Dyadic::exact(0.0);
+            let [_, Some(root)] = Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
+            else {
+                return 0.0;
+            };
+            Dyadic::value(&root).map_or(0.0, |p| share(RunningError::within(x, error, One).sqrt(), &p))
+        });
+        assert_slack("quotient", quotient.0, 1.0);
+        assert_slack("root", root.0, 1.0);
+    }
+
+    /// Reciprocals of divisors from 2¹⁰²² on are subnormal numbers, which hold fewer bits.
+    #[test]
+    fn quotients_by_huge_numbers_are_as_near_or_refused() {
+        let (mut known, mut refused) = (0, 0);
+        let mut next = crate::testing::numbers();
+        for k in 1010..1024 {
+            for _ in 0..400 {
+                let [x, y] = [0; 2].map(|_: u8| (1.0 + next()) * 2.0_f64.powi(k));
+                let truth = Dyadic::value(&Root::linear(Dyadic::exact(x), Dyadic::exact(y), 0));
+                let found = RunningError::exact(x).over(RunningError::exact(y));
+                (known, refused) = (known + usize::from(found.is_ok()), refused + usize::from(found.is_err()));
+                if let (Ok(found), Ok(truth)) = (found, truth) {
+                    assert!(share(found, &truth) <= 1.0, "{x} / {y}");
+                }
+            }
+        }
+        assert!(known > 4000 && refused > 400, "{known}, {refused}");
+    }
+
+    /// One number for all lanes keeps its bound.
+    #[test]
+    fn a_number_for_all_lanes_is_within_the_same_bound() {
+        for weight in [UNIT, GIVEN, 1000.0 * UNIT] {
+            let x = RunningError { weight, ..RunningError::exact(3.0) };
+            let all = RunningErrors::<One, 1>::from(&x);
+            assert!(all.error() >= x.error() && all.error() <= GIVEN.max(weight) * 3.0 * (1.0 + 64.0 * UNIT));
+        }
+    }
+
     /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of v ± m, where one may be lost.
     #[test]
     fn an_interval_reaches_beyond_its_ball() {

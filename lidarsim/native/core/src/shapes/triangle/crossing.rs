@@ -217,6 +217,60 @@ mod tests {
         assert_slack("error", found, 0.0149);
     }
 
+    /// As `t_is_as_near_as_it_says`, of rays that all but lie in the plane: both sums cancel, and their low parts are nearly as large as what is left of the
+    /// high ones.
+    #[test]
+    fn t_of_grazing_rays_is_as_near_as_it_says() {
+        let draw = |i: usize, next: &mut dyn FnMut() -> f64| if i < 15 { next() - 0.5 } else { 100.0 * next() };
+        let mut used = 0;
+        let (found, _) = worst(12, 1500, draw, |x: &[f64; 17]| {
+            let [a, b, c, o, d] = std::array::from_fn(|k| std::array::from_fn(|axis| x[3 * k + axis]));
+            let edges = |[u, v, _]: Point| -> Point { [0, 1, 2].map(|i| u * (b[i] - a[i]) + v * (c[i] - a[i])) };
+            let off = |x: f64| 2.0_f64.powi(-(x.abs().min(100.0) as i32));
+            let aside = |p: Point, from: Point, by: f64| -> Point {
+                let along = edges(p);
+                [0, 1, 2].map(|i| from[i] + along[i] + by * p[i])
+            };
+            let (o, d): (Point, Point) = (aside(o, a, off(x[15])), aside(d, [0.0; 3], off(x[16])));
+            let all = std::array::from_fn(|k| [a, b, c, o, d][k / 3][k % 3]);
+            let (_, [num, den]) = sums(&all);
+            let [a, b, c, o, d] = points(&all).map(in_lanes);
+            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+            if ordinary & 1 == 0 {
+                return 0.0;
+            }
+            used += 1;
+            exact(t).times(&den).minus(&num).split().0.abs() / den.split().0.abs() / error[0]
+        });
+        assert!(used > 3000, "{used}");
+        assert_slack("error", found, 0.0166);
+    }
+
+    /// Down to where it is not `ordinary`, so that products of three coordinates underflow.
+    #[test]
+    fn t_among_tiny_numbers_is_as_near_or_of_no_use() {
+        let mut next = crate::testing::numbers();
+        let (mut known, mut refused) = (0, 0);
+        for k in -350..-100 {
+            for _ in 0..8 {
+                let x: [f64; 15] = std::array::from_fn(|i| (next() - 0.5) * if i < 12 { 2.0_f64.powi(k) } else { 1.0 });
+                let (_, [num, den]) = sums(&x);
+                let [a, b, c, o, d] = points(&x).map(in_lanes);
+                let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+                if ordinary & 1 == 0 {
+                    refused += 1;
+                    continue;
+                }
+                let off = exact(t).times(&den).minus(&num);
+                let reach = Dyadic::exact(error[0]).times(&den);
+                let inside = [reach.minus(&off).times(&den), reach.plus(&off).times(&den)];
+                assert!(inside.iter().all(|x| x.sign() != Ok(std::cmp::Ordering::Less)), "2^{k}: {x:?}");
+                known += 1;
+            }
+        }
+        assert!(known > 100 && refused > 1000, "{known}, {refused}");
+    }
+
     /// A crossing at a t with an error, of a normal along x whose coordinates are sums of products of this size.
     fn crossing(t: [f64; 2], error: f64, size: f64) -> Crossing<Portable> {
         let of = |high: f64, low: f64| Expansion { high: [high; 8], low: [low; 8] };

@@ -531,6 +531,15 @@ mod tests {
             }
         }
 
+        /// The largest share of its bound that a vertex is off by.
+        fn places(&self) -> f64 {
+            let off = |k: usize, axis: usize| {
+                let seen = Dyadic::exact(self.edges.vertices[k][axis][0]);
+                seen.minus(&self.vertices[k][axis]).split().0.abs() / self.edges.off()
+            };
+            (0..9).fold(0.0, |largest, i| off(i / 3, i % 3).max(largest))
+        }
+
         /// The largest share of its bound that a volume is off by.
         fn volumes(&self) -> f64 {
             let [a, b, c] = &self.vertices;
@@ -582,6 +591,36 @@ mod tests {
         ]) {
             assert_slack("volume", volume, known.0);
             assert_slack("t", t, known.1);
+        }
+    }
+
+    /// On the grid and from afar, a vertex is off by two roundings of the three that are counted: of the anchor, less the origin, and of the sum with it.
+    #[test]
+    fn vertices_are_off_by_the_share_of_their_bound_that_is_known() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        // So far that the grid is finer than the last place there.
+        let from = From { distance: 3e10, ..FROM[0] };
+        assert_slack("vertex", worst(8, 3000, draw, |x| Shown::new(x, from).places()).0, 0.6);
+    }
+
+    /// |N|₁ just above a power of two, which sides that are rounded down make a number just below.
+    #[test]
+    fn normals_are_no_longer_than_a_leaf_says() {
+        let (x, y) = (1.0 - UNIT, 0.5);
+        let (s, t) = (0.49 * UNIT, 0.49 * UNIT);
+        let mut meshes = vec![vec![Triangle([-t, -s, 0.0], [x, -s, 0.0], [-t, y, 0.0])]];
+        let mut next = numbers();
+        meshes.extend((0..500).map(|k| mesh([0.0, 5e6][k % 2], 1.0, 1, &mut next)));
+        for mesh in meshes {
+            let leaf = leaf(&mesh);
+            let [a, b, c] = corners(&mesh, 0).map(crate::geometry::vector::exact::<Dyadic>);
+            let sum = crate::shapes::triangle::normal_through(&a, &b, &c)
+                .map(|x| if x.sign() == Ok(Ordering::Less) { x.negated() } else { x })
+                .iter()
+                .fold(Dyadic::exact(0.0), |sum, x| sum.plus(x));
+            let unit = Dyadic::exact(power_of_two(leaf.exponent)).squared();
+            let most = unit.times(&Dyadic::exact(power_of_two(3 - i16::from(leaf.thinness))));
+            assert!(sum.minus(&most).sign() != Ok(Ordering::Greater), "{mesh:?}");
         }
     }
 
