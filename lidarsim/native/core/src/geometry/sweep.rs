@@ -184,6 +184,8 @@ mod tests {
         }
         let velocity = |number: &mut dyn FnMut() -> f64| [(); 3].map(|()| speed * (2.0 * number() - 1.0));
         all.push(Path::Twist { start: pose(number, place), linear: velocity(number), angular: velocity(number) });
+        // What it adds for turns is not hidden by what it adds for travel.
+        all.push(Path::Twist { start: pose(number, place), linear: [0.0; 3], angular: velocity(number) });
         let mounts: Vec<Path> =
             all.iter().map(|path| Arc::new(path.clone()).mounted(&pose(number, place.min(4.0)))).collect();
         all.extend(mounts);
