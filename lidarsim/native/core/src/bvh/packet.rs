@@ -488,7 +488,7 @@ mod tests {
             (0..WIDE).for_each(|lane| rays.set(lane, [0.0; 3], [0.5; 3]));
             rays.origin_error = [x[0]; LANES];
             let mut packet = Packet::empty();
-            packet.enter::<Portable>(&rays, [0.0; 3], 0.0, &[1.0; LANES]);
+            packet.enter::<Portable>(&rays, &around_origin(1.0), 0.0, &[1.0; LANES]);
             let subpacket = packet.subpackets[0];
             let beyond = |far: f32| roundings(&n(far), &Dyadic::exact(x[0]));
             beyond(subpacket.near_origin[0][0]).min(beyond(-subpacket.far_origin[0][0]))
@@ -537,10 +537,10 @@ mod tests {
             (0..WIDE).for_each(|lane| rays.set(lane, [o; 3], [0.5; 3]));
             rays.origin_error = [error; LANES];
             let mut packet = Packet::empty();
-            packet.enter::<Portable>(&rays, [0.0; 3], t, &[t; LANES]);
+            packet.enter::<Portable>(&rays, &around_origin(1.0), t, &[t; LANES]);
             let Subpacket { near_origin, far_origin, limit, .. } = packet.subpackets[0];
             assert!(o + error <= f64::from(near_origin[0][0]) && f64::from(far_origin[0][0]) <= o - error);
-            assert!(t <= f64::from(limit[0]) && t <= f64::from(packet.limit_of(t)));
+            assert!(t <= f64::from(limit[0]) && t <= f64::from(packet.limit_of(0, t)));
             // Above t by half a subnormal at most, which is far below the limit and what planes are behind origins.
             assert!(f64::from(packet.octant.start) <= t + f64::from(f32::from_bits(1)) / 2.0);
         }
