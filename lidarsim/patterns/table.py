@@ -145,7 +145,7 @@ class Table(Value):
         if "elevation_rad" in names:
             angles("azimuth_rad", columns["azimuth_rad"], at_most=TURN)
             angles("elevation_rad", columns["elevation_rad"], at_most=TURN / 4)
-        directions = _DIRECTIONS[names](*(columns[name] for name in names))
+        directions = _DIRECTIONS[names](*(array(name, columns[name], "n") for name in names))
         times: Floats | float = columns.get("time_s", 0.0)
         if pulse_rate is not None:
             times = np.arange(len(directions)) / real("pulse_rate", pulse_rate, above=0.0)
