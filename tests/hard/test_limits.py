@@ -146,25 +146,6 @@ def test_work_without_memory_raises_and_can_be_done_later(work: str, purpose: st
     assert f"bytes of memory for {purpose}, got none" in found
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="needs a limit of the address space that holds, and /proc")
-def test_a_panic_of_the_core_is_a_runtime_error() -> None:
-    """The core panics where the system has no room for the stacks of its threads, which a build cannot do without."""
-    code = """
-        mesh = field(50)
-        resource.setrlimit(resource.RLIMIT_AS, (used() + (16 << 20), resource.RLIM_INFINITY))
-        try:
-            mesh.cast([[0.5, 0.5, 9]], [[0, 0, -1]])
-        except Exception as error:  # PyO3's own PanicException is none
-            print(repr(error))
-        resource.setrlimit(resource.RLIMIT_AS, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-        print(8 < mesh.cast([[0.5, 0.5, 9]], [[0, 0, -1]]).t[0] < 10)
-    """
-    setup = MEMORY.partition("def refused")[0]
-    found = output(code, setup=setup, environment={"LIDARSIM_THREADS": "64"})
-    fault = "a fault in lidarsim, please report it: the system has no room for 64 more threads"
-    assert found == f"{RuntimeError(fault)!r}\nTrue"
-
-
 def test_memory_stays_flat_over_scans() -> None:
     code = """
         def resident():
