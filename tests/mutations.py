@@ -59,6 +59,10 @@ MUTANTS = [
     Mutant("crossing: normals 2⁻⁶⁰", "BOUND * 2_f64.powi(60)", "BOUND * 2_f64.powi(59)"),
     Mutant("sides: from 2⁻²⁰⁰", "f64::from_bits((1023 - 200) << 52)", "f64::from_bits((1023 - 300) << 52)"),
     Mutant("sides: to 2²⁰⁰", "f64::from_bits((1023 + 200) << 52)", "f64::from_bits((1023 + 400) << 52)"),
+    Mutant(
+        "double-double of exact numbers u²", "low, UNIT * UNIT * high.abs()", "low, 0.25 * UNIT * UNIT * high.abs()"
+    ),
+    Mutant("double-double of exact numbers from 2⁻⁸⁰⁰", "(-800..=1000)", "(-1020..=1000)"),
     Mutant("double-double sum 4u²", "PLUS: f64 = 4.0 *", "PLUS: f64 = 2.0 *"),
     Mutant("double-double product 5u²", "TIMES: f64 = 5.0 *", "TIMES: f64 = 2.5 *"),
     Mutant("double-double quotient 16u²", "OVER: f64 = 16.0 *", "OVER: f64 = 8.0 *"),

@@ -5,11 +5,20 @@ use std::cmp::Ordering;
 pub use super::number::Root;
 use super::number::{Number, Uncertain};
 
+/// The index of the root of a line that touches a surface: there are no two.
+pub const TOUCHING: u8 = 2;
+
 impl<N: Number> Root<N> {
     /// t = num/den, den > 0.
     #[inline(always)]
     pub fn linear(num: N, den: N, feature: u8) -> Self {
-        Root { a: den, b: num, c: N::exact(0.0), disc: N::exact(0.0), branch: 0, t: None, feature }
+        Root { a: den, b: num, c: N::exact(0.0), disc: N::exact(0.0), branch: 0, t: None, touches: false, feature }
+    }
+
+    /// t = b/a, a > 0, where a·t² − 2b·t + c = 0 has no other root.
+    #[inline(always)]
+    pub fn touching(a: N, b: N, feature: u8) -> Self {
+        Root { touches: true, ..Root::linear(b, a, feature) }
     }
 
     /// t = num/den; none where den = 0.
@@ -25,11 +34,13 @@ impl<N: Number> Root<N> {
     /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending, where disc has sign `order`: one if it is zero, none if negative.
     #[inline(always)]
     pub fn quadratic(a: N, b: N, c: N, disc: N, order: Ordering, feature: u8) -> Roots<N> {
-        let first = Root { a, b, c, disc, branch: -1, t: None, feature };
         match order {
             Ordering::Less => [None, None],
-            Ordering::Equal => [Some(first), None],
-            Ordering::Greater => [Some(first.clone()), Some(first.other())],
+            Ordering::Equal => [Some(Root::touching(a, b, feature)), None],
+            Ordering::Greater => {
+                let first = Root { a, b, c, disc, branch: -1, t: None, touches: false, feature };
+                [Some(first.clone()), Some(first.other())]
+            }
         }
     }
 

@@ -19,6 +19,7 @@
 //! below round these up. They hold where nothing overflows (then the bound is infinite or NaN) or underflows (covered by `UNDERFLOW`, or refused
 //! below `SMALL`).
 
+use std::borrow::Cow;
 use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
@@ -263,6 +264,14 @@ impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L
     }
 }
 
+impl DoubleDouble {
+    /// Within `error` of high + low, |low| ≤ |high|.
+    pub fn of_sum(high: f64, low: f64, error: f64) -> Self {
+        let (high, low) = fast_two_sum(high, low);
+        DoubleDoubles { high, low: Some(low), error: Some(error), lanes: One }
+    }
+}
+
 /// With a lower part and a bound in any case, so that the compiler knows that there are.
 impl<L: Lanes<N>, const N: usize> From<&DoubleDouble> for DoubleDoubles<L, N> {
     #[inline(always)]
@@ -338,8 +347,8 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
     }
 
     #[inline(always)]
-    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
-        K::convert(kinds.double_double())
+    fn of_kinds<K: Kinds>(kinds: &K) -> Cow<'_, K::In<Self>> {
+        Cow::Owned(K::convert(kinds.double_double()))
     }
 
     #[inline(always)]
@@ -366,21 +375,21 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
 }
 
 #[cfg(test)]
-impl<L: Lanes<N>, const N: usize> super::tests::Enclosure<N> for DoubleDoubles<L, N> {
-    fn holds(&self, lane: usize, x: &super::Dyadic) -> bool {
-        super::tests::within(x, self.high.store()[lane], self.low().store()[lane], self.error().store()[lane])
-    }
-
-    fn is_certain(&self, lane: usize) -> bool {
-        self.high.abs().store()[lane] > self.error().store()[lane]
-    }
-}
-
-#[cfg(test)]
 mod tests {
     use super::*;
-    use crate::arith::number::Dyadic;
+    use crate::arith::number::tests::{Enclosure, within};
+    use crate::arith::number::{Dyadic, nearly};
     use crate::testing::{assert_slack, worst};
+
+    impl<L: Lanes<N>, const N: usize> Enclosure<N> for DoubleDoubles<L, N> {
+        fn holds(&self, lane: usize, x: &Dyadic) -> bool {
+            within(x, self.high.store()[lane], self.low().store()[lane], self.error().store()[lane])
+        }
+
+        fn is_certain(&self, lane: usize) -> bool {
+            self.high.abs().store()[lane] > self.error().store()[lane]
+        }
+    }
 
     /// high + fraction·ulp(high), without an error of its own.
     fn number(high: f64, fraction: f64) -> (DoubleDouble, Dyadic) {
@@ -406,6 +415,43 @@ mod tests {
             (Ok(found), Ok(x)) => share(found, &x),
             _ => 0.0,
         }
+    }
+
+    #[test]
+    fn exact_numbers_are_as_near_as_their_bound_says() {
+        let score = |x: &[f64; 3]| {
+            let [a, b, c] = x.map(Dyadic::exact);
+            let exact = a.times(&b).times(&c);
+            share(nearly(&exact), &exact)
+        };
+        assert_slack("exact number", worst(8, 2000, |_, next| 1.0 + next(), score).0, 0.499);
+    }
+
+    #[test]
+    fn exact_numbers_of_all_sizes_are_held_or_refused() {
+        // Of 157 bits, so that more than the two parts hold is left out.
+        let [a, b, c] = [1.2345678912345677, -1.3578246813579247, 1.0192837465564738].map(Dyadic::exact);
+        let long = a.times(&b).times(&c);
+        let (mut held, mut refused) = (0, 0);
+        for k in -1200..1200 {
+            let power = |k: i32| Dyadic::exact(2.0_f64.powi(k));
+            let exact = long.times(&power(k / 2)).times(&power(k - k / 2));
+            let found = nearly(&exact);
+            if found.error() < f64::INFINITY {
+                // Scaled, so that no bound underflows.
+                let scaled = |x: f64| Dyadic::exact(x).times(&power(400));
+                let off = exact.times(&power(400)).minus(&scaled(found.high)).minus(&scaled(found.low()));
+                let bound = scaled(found.high.abs()).times(&power(-106));
+                let off = if off.sign() == Ok(Ordering::Less) { off.negated() } else { off };
+                assert_eq!(off.minus(&bound).sign(), Ok(Ordering::Less), "{k}");
+                held += 1;
+            } else {
+                assert_eq!(found.sign(), Err(Uncertain));
+                refused += 1;
+            }
+        }
+        assert!(held > 1600 && refused > 400, "{held}, {refused}");
+        assert_eq!(nearly(&Dyadic::exact(-0.0)).sign(), Ok(Ordering::Equal));
     }
 
     /// The constants are the proven bounds, rounded up to whole numbers. Of these the search finds 2.4u² of 3u² for a sum, 3.2u² of 4u² for a product,

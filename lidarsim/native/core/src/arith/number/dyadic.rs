@@ -1,15 +1,15 @@
 //! Exact arithmetic on dyadic rationals, integers times powers of two: every float64 is one, and they are closed under sums and products.
 
+use std::borrow::Cow;
 use std::cmp::Ordering;
 
-use num_bigint::{BigInt, BigUint, Sign};
-
-use super::{Interval, Kinds, Number, Root, Uncertain};
+use super::integer::Integer;
+use super::{Interval, Kinds, Number, Root, Uncertain, approximate, nearly};
 
 /// The number `mantissa · 2^exponent`.
 #[derive(Clone, Debug)]
 pub struct Dyadic {
-    mantissa: BigInt,
+    mantissa: Integer,
     exponent: i64,
 }
 
@@ -21,45 +21,111 @@ const BEYOND: i64 = 128;
 
 impl Dyadic {
     fn zero() -> Self {
-        Dyadic { mantissa: BigInt::ZERO, exponent: 0 }
+        Dyadic { mantissa: Integer::ZERO, exponent: 0 }
     }
 
     fn ordering(&self) -> Ordering {
-        match self.mantissa.sign() {
-            Sign::Minus => Ordering::Less,
-            Sign::NoSign => Ordering::Equal,
-            Sign::Plus => Ordering::Greater,
+        self.mantissa.sign()
+    }
+
+    /// 2^(top − 1) ≤ |self| < 2^top, unless it is zero.
+    fn top(&self) -> i64 {
+        self.mantissa.bits() as i64 + self.exponent
+    }
+
+    /// The sum, or the difference if so.
+    fn sum(&self, other: &Self, minus: bool) -> Self {
+        if other.mantissa.is_zero() {
+            return self.clone();
         }
+        if self.mantissa.is_zero() {
+            return if minus { other.negated() } else { other.clone() };
+        }
+        let shift = (self.exponent - other.exponent).unsigned_abs();
+        if self.exponent >= other.exponent {
+            return Dyadic {
+                mantissa: self.mantissa.shifted_plus(shift, &other.mantissa, minus),
+                exponent: other.exponent,
+            };
+        }
+        let mut mantissa = other.mantissa.shifted_plus(shift, &self.mantissa, minus);
+        if minus {
+            mantissa.negate();
+        }
+        Dyadic { mantissa, exponent: self.exponent }
+    }
+
+    /// Rounded to the nearest float64, ties to even; ±∞ on overflow.
+    fn nearest(&self) -> f64 {
+        if self.mantissa.is_zero() {
+            return 0.0;
+        }
+        let top = self.top();
+        if top > 1024 {
+            return if self.mantissa.is_negative() { f64::NEG_INFINITY } else { f64::INFINITY };
+        }
+        let last = (top - 53).max(-1074); // exponent of the last bit that a float64 of this size has
+        let leading = self.mantissa.leading();
+        let keep = top - last;
+        let (kept, rest) = match keep {
+            ..0 => return self.signed(0.0),
+            0 => (0, leading),
+            keep => ((leading >> (128 - keep)) as u64, leading << keep),
+        };
+        const HALF: u128 = 1 << 127;
+        let up = rest > HALF || rest == HALF && kept & 1 != 0;
+        // At most 2^53, so exact; the product is exact too, or overflows.
+        self.signed(scale((kept + u64::from(up)) as f64, last))
+    }
+
+    /// Two float64 numbers whose sum is the number to within u²/2, of which the second is at most u of the first; none where that is near to over- or
+    /// underflow.
+    pub(super) fn leading_parts(&self) -> Option<(f64, f64)> {
+        let top = self.top();
+        if !(-800..=1000).contains(&top) {
+            return None;
+        }
+        let leading = self.mantissa.leading();
+        let high = (leading >> 64) as u64;
+        // What the first leaves is at most 2^10, so exact.
+        let rest = (i128::from(high) - (high as f64) as i128) as f64 + scale(leading as u64 as f64, -64);
+        Some((self.signed(scale(high as f64, top - 64)), self.signed(scale(rest, top - 64))))
+    }
+
+    fn signed(&self, magnitude: f64) -> f64 {
+        if self.mantissa.is_negative() { -magnitude } else { magnitude }
     }
 
     /// √self for self ≥ 0: exact where the root is dyadic, else cut after this many bits or more.
     fn sqrt(&self, bits: i64) -> Self {
-        let m = self.mantissa.magnitude();
-        if m.bits() == 0 {
+        if self.mantissa.is_zero() {
             return Dyadic::zero();
         }
-        let mut shift = (2 * bits - m.bits() as i64).max(0);
+        let mut shift = (2 * bits - self.mantissa.bits() as i64).max(0);
         if (self.exponent - shift) % 2 != 0 {
             shift += 1;
         }
-        let root = (m << shift as u64).sqrt();
-        Dyadic { mantissa: BigInt::from(root), exponent: (self.exponent - shift) / 2 }
+        let root = (self.mantissa.magnitude() << shift as u64).sqrt();
+        Dyadic { mantissa: Integer::from_magnitude(false, &root), exponent: (self.exponent - shift) / 2 }
+    }
+
+    /// The quotient, cut after this many bits or more, and whether it is exact.
+    fn quotient(&self, den: &Self, bits: i64) -> (Self, bool) {
+        let shift = (den.mantissa.bits() as i64 - self.mantissa.bits() as i64 + bits).max(0);
+        let (n, d) = (self.mantissa.magnitude() << shift as u64, den.mantissa.magnitude());
+        let quotient = &n / &d;
+        let negative = self.mantissa.is_negative() != den.mantissa.is_negative();
+        let mantissa = Integer::from_magnitude(negative, &quotient);
+        (Dyadic { mantissa, exponent: self.exponent - den.exponent - shift }, quotient * d == n)
     }
 
     /// The quotient rounded to the nearest float64, ties to even; ±∞ on overflow.
     fn ratio(&self, den: &Self) -> f64 {
-        let (n, d) = (self.mantissa.magnitude(), den.mantissa.magnitude());
-        if n.bits() == 0 {
-            return 0.0;
-        }
-        // A quotient of at least 66 bits, and a sticky bit below it.
-        let shift = (d.bits() as i64 - n.bits() as i64 + 66).max(0);
-        let scaled = n << shift as u64;
-        let quotient = &scaled / d;
-        let sticky = &quotient * d != scaled;
-        let quotient = (quotient << 1u32) + BigUint::from(u8::from(sticky));
-        let magnitude = round(&quotient, self.exponent - den.exponent - shift - 1);
-        if self.mantissa.sign() == den.mantissa.sign() { magnitude } else { -magnitude }
+        // At least 66 bits, and a bit below them that tells whether there are more.
+        let (quotient, is_exact) = self.quotient(den, 66);
+        let sticky = Integer::new(quotient.mantissa.is_negative(), u64::from(!is_exact));
+        Dyadic { mantissa: quotient.mantissa.shifted_plus(1, &sticky, false), exponent: quotient.exponent - 1 }
+            .nearest()
     }
 
     /// The root as a quotient of sums in which nothing cancels, as in `RunningError::of_root`, with its square root cut after `bits`.
@@ -107,7 +173,9 @@ impl Dyadic {
         if left != right || left == Ordering::Equal {
             return left.cmp(&right);
         }
-        let order = p.squared().minus(&q.squared().times(d)).ordering();
+        let [near_p, near_q, near_d] = [p, q, d].map(nearly);
+        let order = near_p.squared().minus(&near_q.squared().times(&near_d)).sign();
+        let order = order.unwrap_or_else(|Uncertain| p.squared().minus(&q.squared().times(d)).ordering());
         if left == Ordering::Greater { order } else { order.reverse() }
     }
 }
@@ -115,27 +183,6 @@ impl Dyadic {
 /// Sign of q·√d.
 fn surd_term(q: &Dyadic, d: &Dyadic) -> Ordering {
     if d.ordering() == Ordering::Equal { Ordering::Equal } else { q.ordering() }
-}
-
-/// `mantissa · 2^exponent`, mantissa > 0, to the nearest float64, ties to even.
-fn round(mantissa: &BigUint, exponent: i64) -> f64 {
-    let top = mantissa.bits() as i64 + exponent; // 2^(top−1) ≤ value < 2^top
-    if top > 1024 {
-        return f64::INFINITY;
-    }
-    let last = (top - 53).max(-1074); // exponent of the last bit that a float64 of this size has
-    let cut = last - exponent;
-    let mut kept = if cut > 0 { mantissa >> cut as u64 } else { mantissa << (-cut) as u64 };
-    if cut > 0 {
-        let half = mantissa.bit(cut as u64 - 1);
-        let beyond = mantissa.trailing_zeros().is_some_and(|zeros| (zeros as i64) < cut - 1);
-        if half && (beyond || kept.bit(0)) {
-            kept += 1u32;
-        }
-    }
-    // At most 2^53, so exact; the product is exact too, or overflows.
-    let kept = kept.iter_u64_digits().next().unwrap_or(0) as f64;
-    scale(kept, last)
 }
 
 /// x · 2^k for −1074 ≤ k ≤ 971; exact unless it overflows.
@@ -157,35 +204,25 @@ impl Number for Dyadic {
             return Dyadic::zero();
         }
         let zeros = mantissa.trailing_zeros();
-        let sign = if x < 0.0 { Sign::Minus } else { Sign::Plus };
-        Dyadic {
-            mantissa: BigInt::from_biguint(sign, BigUint::from(mantissa >> zeros)),
-            exponent: exponent + i64::from(zeros),
-        }
+        Dyadic { mantissa: Integer::new(x < 0.0, mantissa >> zeros), exponent: exponent + i64::from(zeros) }
     }
 
     fn plus(&self, other: &Self) -> Self {
-        if self.mantissa.sign() == Sign::NoSign {
-            return other.clone();
-        }
-        if other.mantissa.sign() == Sign::NoSign {
-            return self.clone();
-        }
-        let (fine, coarse) = if self.exponent <= other.exponent { (self, other) } else { (other, self) };
-        let aligned = &coarse.mantissa << (coarse.exponent - fine.exponent) as u64;
-        Dyadic { mantissa: aligned + &fine.mantissa, exponent: fine.exponent }
+        self.sum(other, false)
     }
 
     fn minus(&self, other: &Self) -> Self {
-        self.plus(&other.negated())
+        self.sum(other, true)
     }
 
     fn times(&self, other: &Self) -> Self {
-        Dyadic { mantissa: &self.mantissa * &other.mantissa, exponent: self.exponent + other.exponent }
+        Dyadic { mantissa: self.mantissa.times(&other.mantissa), exponent: self.exponent + other.exponent }
     }
 
     fn negated(&self) -> Self {
-        Dyadic { mantissa: -&self.mantissa, exponent: self.exponent }
+        let mut negated = self.clone();
+        negated.mantissa.negate();
+        negated
     }
 
     fn sign(&self) -> Result<Ordering, Uncertain> {
@@ -197,6 +234,12 @@ impl Number for Dyadic {
     }
 
     fn compare(a: &Root<Self>, b: &Root<Self>) -> Result<Ordering, Uncertain> {
+        if a.branch != 0 || b.branch != 0 {
+            let order = Number::compare(&approximate(a), &approximate(b));
+            if order.is_ok() {
+                return order;
+            }
+        }
         // t₁ − t₂ has the sign of (b₁a₂ − b₂a₁) + β₁a₂·√disc₁ − β₂a₁·√disc₂, as a₁, a₂ > 0.
         let p = a.b.times(&b.a).minus(&b.b.times(&a.a));
         let x = Dyadic::exact(f64::from(a.branch)).times(&b.a);
@@ -211,6 +254,10 @@ impl Number for Dyadic {
     /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is near enough to that. So the root
     /// itself is compared with the midpoints around a float64 near it.
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
+        let t = Number::round(&approximate(root));
+        if t.is_ok() {
+            return t;
+        }
         let (num, den) = Self::fraction(root, NEAR_BITS);
         let near = num.ratio(&den);
         if root.branch == 0 {
@@ -234,25 +281,21 @@ impl Number for Dyadic {
         let longest = [&root.a, &root.b, &root.c, &root.disc].map(|x| x.mantissa.bits() as i64).into_iter().max();
         let bits = longest.unwrap_or(0) + BEYOND;
         let (num, den) = Self::fraction(root, bits);
-        let (n, d) = (&num.mantissa, &den.mantissa);
-        let shift = (d.bits() as i64 - n.bits() as i64 + bits).max(0);
-        Ok(Dyadic { mantissa: (n << shift as u64) / d, exponent: num.exponent - den.exponent - shift })
+        Ok(num.quotient(&den, bits).0)
     }
 
     fn split(&self) -> (f64, Self) {
-        let near = self.ratio(&Dyadic::exact(1.0)).clamp(f64::MIN, f64::MAX);
+        let near = self.nearest().clamp(f64::MIN, f64::MAX);
         (near, self.minus(&Dyadic::exact(near)))
     }
 
-    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
-        kinds.dyadic().clone()
+    fn of_kinds<K: Kinds>(kinds: &K) -> Cow<'_, K::In<Self>> {
+        Cow::Borrowed(kinds.dyadic())
     }
 
     fn proportions(v: &[Self; 3]) -> Result<[f64; 3], Uncertain> {
-        let top = |x: &Dyadic| x.exponent + x.mantissa.bits() as i64;
-        let exponent = v.iter().filter(|x| x.mantissa.sign() != Sign::NoSign).map(top).max().unwrap_or(0);
-        let unit = Dyadic { mantissa: BigInt::from(1), exponent };
-        Ok(v.each_ref().map(|x| x.ratio(&unit)))
+        let largest = v.iter().filter(|x| !x.mantissa.is_zero()).map(Self::top).max().unwrap_or(0);
+        Ok(v.each_ref().map(|x| Dyadic { mantissa: x.mantissa.clone(), exponent: x.exponent - largest }.nearest()))
     }
 
     fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain> {
@@ -323,7 +366,10 @@ mod tests {
 
     #[test]
     fn roots_next_to_midpoints_are_rounded_to_nearest() {
-        let number = |mantissa: i64, exponent| Dyadic { mantissa: BigInt::from(mantissa), exponent };
+        let number = |mantissa: i64, exponent| Dyadic {
+            mantissa: Integer::new(mantissa < 0, mantissa.unsigned_abs()),
+            exponent,
+        };
         let mut checked = 0;
         for x in [1.0, 1.0_f64.next_up(), 2.0, -3.0, 5e-324, 1e-320, f64::MIN_POSITIVE, 1e300, f64::MAX.next_down()] {
             for (low, high) in [(x, x.next_up()), (x.next_down(), x)] {
@@ -353,7 +399,10 @@ mod tests {
 
     #[test]
     fn roots_beyond_the_largest_number_are_infinite_from_its_midpoint_on() {
-        let number = |mantissa: i64, exponent| Dyadic { mantissa: BigInt::from(mantissa), exponent };
+        let number = |mantissa: i64, exponent| Dyadic {
+            mantissa: Integer::new(mantissa < 0, mantissa.unsigned_abs()),
+            exponent,
+        };
         let middle = Dyadic::exact(f64::MAX).plus(&number(1, 970));
         for (off, expected) in [(-1, f64::MAX), (0, f64::INFINITY), (1, f64::INFINITY)] {
             let disc = number(1, 0).plus(&number(off, -3000));

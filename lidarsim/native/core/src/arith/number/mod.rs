@@ -11,12 +11,14 @@
 
 mod double_double;
 mod dyadic;
+mod integer;
 mod lanes;
 mod running_error;
 mod stored;
 #[cfg(test)]
 mod tests;
 
+use std::borrow::Cow;
 use std::cmp::Ordering;
 
 pub use double_double::{DoubleDouble, DoubleDoubles};
@@ -60,7 +62,7 @@ pub trait Number: Clone {
     fn split(&self) -> (Self::Floats, Self);
 
     /// The value precomputed in this kind of number.
-    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self>;
+    fn of_kinds<K: Kinds>(kinds: &K) -> Cow<'_, K::In<Self>>;
 
     #[inline(always)]
     fn doubled(&self) -> Self {
@@ -91,6 +93,8 @@ pub struct Root<N> {
     pub branch: i8,
     /// t, where it is computed already.
     pub t: Option<N>,
+    /// Whether the line touches the surface there: both roots of a quadratic equation are this one.
+    pub touches: bool,
     /// The part of the surface: a face of a box, the side or a cap of a cylinder.
     pub feature: u8,
 }
@@ -139,6 +143,22 @@ pub fn decide_exactly<Q: Predicate>(predicate: &Q) -> Q::Answer {
         .evaluate::<DoubleDouble>()
         .or_else(|Uncertain| predicate.evaluate::<Dyadic>())
         .unwrap_or_else(|Uncertain| unreachable!("exact arithmetic is never uncertain"))
+}
+
+/// An exact number in double-double: its leading 128 bits in two parts. What they leave out, and the rounding of the lower part, is less than u²/2 of the
+/// number.
+fn nearly(x: &Dyadic) -> DoubleDouble {
+    match x.leading_parts() {
+        _ if x.is_zero() == Ok(true) => DoubleDouble::exact(0.0),
+        None => DoubleDouble::of_sum(0.0, 0.0, f64::INFINITY),
+        Some((high, low)) => DoubleDouble::of_sum(high, low, UNIT * UNIT * high.abs()),
+    }
+}
+
+/// A root with its exact coefficients in double-double, which mostly tells as much as exact arithmetic on them.
+fn approximate(root: &Root<Dyadic>) -> Root<DoubleDouble> {
+    let [a, b, c, disc] = [&root.a, &root.b, &root.c, &root.disc].map(nearly);
+    Root { a, b, c, disc, branch: root.branch, t: None, touches: root.touches, feature: root.feature }
 }
 
 /// Unit roundoff of float64, 2⁻⁵³.

@@ -3,6 +3,7 @@
 //! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running error μ is; weights, small multiples of u,
 //! depend on the formula alone, so that they are compile-time constants.
 
+use std::borrow::Cow;
 use std::cmp::Ordering;
 
 use super::lanes::{Lanes, OfRays, One};
@@ -280,8 +281,8 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
     }
 
     #[inline(always)]
-    fn of_kinds<K: Kinds>(kinds: &K) -> K::In<Self> {
-        K::convert(kinds.running_error())
+    fn of_kinds<K: Kinds>(kinds: &K) -> Cow<'_, K::In<Self>> {
+        Cow::Owned(K::convert(kinds.running_error()))
     }
 
     #[inline(always)]
