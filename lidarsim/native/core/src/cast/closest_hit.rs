@@ -100,8 +100,8 @@ impl<'a> ClosestHit<'a> {
         RootIntervals { object: self.scene.at(id, self.time), primitive, origin, direction }
     }
 
-    fn take_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8)>; 2]) {
-        for (index, &(t, feature)) in (0..).zip(found.iter().flatten()) {
+    fn take_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8, u8)>; 2]) {
+        for &(t, index, feature) in found.iter().flatten() {
             if self.takes(RootId { object: id, primitive, index, feature }, t) {
                 return;
             }

@@ -1,10 +1,12 @@
 //! Deferred candidates: pairs of a ray and a triangle that the test in a leaf, on its quantized vertices, left uncertain. They are tested eight at a
-//! time with the vertices as given, by expansions; what remains uncertain goes through the filtered predicates.
+//! time with the vertices as given, by expansions; sides that these leave open are decided exactly, and where t remains uncertain, the filtered
+//! predicates tell.
 
 use crate::arith::number::Interval;
 use crate::arith::simd::{Floats, Isa, Task, lanes};
 use crate::bvh::RayPacket;
 use crate::cast::closest_hit::ClosestHits;
+use crate::geometry::ray::Ray;
 use crate::scene::{RootId, Scene};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of, sides};
 
@@ -71,17 +73,25 @@ impl Task for Resolve<'_, '_> {
             }
         }
         for eight in 0..count.div_ceil(8) {
-            let corners = corners_of::<I>(&corners.as_chunks().0[eight]);
+            let triangles = corners_of::<I>(&corners.as_chunks().0[eight]);
             let (o, d) = (lanes::part(&origin, eight), lanes::part(&direction, eight));
-            let (hit, missed) = sides::<I>(corners, o, d);
-            let (t, known) = Crossing::<I>::new(corners, o, d).bounds();
+            let mut sides = sides::<I>(triangles, o, d);
+            let mut unsure = sides.unsure() & ((1 << (*count - 8 * eight).min(8)) - 1);
+            while unsure != 0 {
+                let k = unsure.trailing_zeros() as usize;
+                unsure &= unsure - 1;
+                let lane = usize::from(lane[8 * eight + k]);
+                sides.decide(k, corners[8 * eight + k], &Ray::new(rays.origin(lane), rays.direction(lane)));
+            }
+            let (hit, missed) = sides.hit_and_missed();
+            let (t, known) = Crossing::<I>::new(triangles, o, d).bounds();
             let (low, high) = (t.low.store(), t.high.store());
             for k in 8 * eight..(*count).min(8 * eight + 8) {
                 let (lane, root, bit) = (usize::from(lane[k]), root[k], 1 << (k % 8));
                 if hit & known & bit != 0 {
                     closest.offer(rays, lane, root, Interval { low: low[k % 8], high: high[k % 8] });
                 } else if missed & bit == 0 {
-                    closest.consider(rays, lane, root.object, root.primitive);
+                    closest.consider_exactly(rays, lane, root.object, root.primitive);
                 }
             }
         }

@@ -311,22 +311,23 @@ impl HitBatch {
         let placements = Placements { first: object.inverse(), then };
         let world = WorldRays { origin: &self.origin, direction: &self.direction };
         refined.known = 0;
-        if placements.is_identity() {
+        let stepped = if placements.is_identity() {
             // Hits on untransformed meshes are refined by `TriangleHits`.
-            if let Geometry::Surface(shape) = &object.geometry {
-                shape.apart::<I, _>(RefineBatch { rays: world, batch: self, refined });
+            match &object.geometry {
+                Geometry::Surface(shape) => shape.apart::<I, _>(RefineBatch { rays: world, batch: self, refined }),
+                Geometry::Mesh(_) => None,
             }
         } else if local.place::<I, OfDoubleDoubles>(placements, world, slots) {
             match &object.geometry {
-                Geometry::Surface(shape) => {
-                    shape.apart::<I, _>(RefineBatch { rays: &*local, batch: self, refined });
-                }
+                Geometry::Surface(shape) => shape.apart::<I, _>(RefineBatch { rays: &*local, batch: self, refined }),
                 Geometry::Mesh(mesh) => {
                     let corners = &self.corners(mesh);
-                    I::apart(RefineTriangleBatch { rays: &*local, corners, batch: self, refined });
+                    I::apart(RefineTriangleBatch { rays: &*local, corners, batch: self, refined })
                 }
             }
-        }
+        } else {
+            None
+        };
         placements.apart::<I, _>(PlaceNormals(refined));
         for slot in 0..self.count {
             let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
@@ -338,7 +339,15 @@ impl HitBatch {
                 let bounds = Interval { low: self.low[slot], high: self.high[slot] };
                 let root = RootId { primitive, index: self.index[slot], ..self.root };
                 let (origin, direction) = (pick(&self.origin, slot), pick(&self.direction, slot));
-                hits.put(at, scene.hit_within(&root, bounds, origin, direction, self.time[slot]));
+                let time = self.time[slot];
+                // Alone it would take the same step.
+                hits.put(
+                    at,
+                    match stepped {
+                        Some(()) => scene.hit(&root, origin, direction, time),
+                        None => scene.hit_within(&root, bounds, origin, direction, time),
+                    },
+                );
             }
         }
         self.count = 0;

@@ -1,6 +1,6 @@
 //! Vectors over any [`Number`].
 
-use crate::arith::number::{Lanes, Number, OfRays};
+use crate::arith::number::{Lanes, Number, OfRays, Uncertain};
 use crate::arith::simd::Floats;
 
 pub type Vector<N> = [N; 3];
@@ -48,6 +48,11 @@ pub fn norm2<N: Number>(a: &Vector<N>) -> N {
 #[inline(always)]
 pub fn negated<N: Number>(a: &Vector<N>) -> Vector<N> {
     [a[0].negated(), a[1].negated(), a[2].negated()]
+}
+
+#[inline(always)]
+pub fn is_zero<N: Number>(a: &Vector<N>) -> Result<bool, Uncertain> {
+    Ok(a[0].is_zero()? && a[1].is_zero()? && a[2].is_zero()?)
 }
 
 /// Vectors, one for each ray.

@@ -5,6 +5,7 @@ use std::cmp::Ordering;
 use std::sync::Arc;
 
 use super::{Geometry, Object, RootId};
+use crate::arith::root::TOUCHING;
 use crate::geometry::axis_plane::AxisPlane;
 use crate::shapes::Surface;
 
@@ -13,7 +14,8 @@ pub fn order(x: &Object, a: &RootId, y: &Object, b: &RootId) -> Option<Ordering>
     if x.is_placed_as(y) {
         // A line is the same in the coordinates of both, and so are the roots of equal surfaces.
         if are_same_surface(x, a, y, b) {
-            return Some(a.index.cmp(&b.index));
+            let place = |root: &RootId| if root.index == TOUCHING { 0 } else { root.index };
+            return Some(place(a).cmp(&place(b)));
         }
         let plane = local_plane(x, a);
         if plane.is_some() && plane == local_plane(y, b) {
@@ -103,8 +105,12 @@ mod tests {
                 let primitives = if let Geometry::Mesh(mesh) = &at.geometry { mesh.len() as u32 } else { 1 };
                 let on = |primitive| {
                     let found = number::decide(&RootIntervals { object: at.at(0.0), primitive, origin, direction });
-                    let root = move |(index, (_, feature))| RootId { object, primitive, index, feature };
-                    (0..).zip(found.into_iter().flatten()).map(root)
+                    found.into_iter().flatten().map(move |(_, index, feature)| RootId {
+                        object,
+                        primitive,
+                        index,
+                        feature,
+                    })
                 };
                 (0..primitives).flat_map(on).collect::<Vec<_>>()
             });

@@ -10,7 +10,7 @@ mod world;
 
 use std::cmp::Ordering;
 
-use crate::arith::number::{self, Interval, Number, One, Uncertain};
+use crate::arith::number::{self, Dyadic, Interval, Number, One, Uncertain};
 use crate::bvh::{Bvh, Stack, TraversalRay};
 use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
@@ -19,7 +19,7 @@ use crate::once::Once;
 use crate::shapes::newton;
 use crate::{memory, parallel};
 
-use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot};
+use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot, meets_what_they_share};
 
 pub use hit::{Hit, Sink};
 pub use object::{Geometry, Object, ObjectAt};
@@ -131,7 +131,7 @@ impl Scene {
         let mut places: Vec<RootId> = Vec::new();
         for primitive in primitives {
             let found = number::decide(&RootIntervals { object: self.at(object, 0.0), primitive, origin, direction });
-            for (index, &(_, feature)) in (0..).zip(found.iter().flatten()) {
+            for &(_, index, feature) in found.iter().flatten() {
                 places.push(RootId { object, primitive, index, feature });
             }
         }
@@ -177,10 +177,18 @@ impl Scene {
     /// The order of two roots on a line, at a time.
     pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point, time: f64) -> Ordering {
         let object = |at: &RootId| &self.objects[at.object as usize];
-        coincidence::order(object(a), a, object(b), b).unwrap_or_else(|| {
-            let objects = [self.at(a.object, time), self.at(b.object, time)];
-            number::decide(&RootOrder { objects, a, b, origin, direction })
-        })
+        if let Some(order) = coincidence::order(object(a), a, object(b), b) {
+            return order;
+        }
+        let objects = [self.at(a.object, time), self.at(b.object, time)];
+        let [x, y] = &objects;
+        if x.is_triangle() && y.is_triangle() && x.is_placed_as(y) {
+            let ray = x.local(Ray::<Dyadic>::new(origin, direction));
+            if meets_what_they_share(&ray, &x.triangle(a.primitive), &y.triangle(b.primitive)) == Ok(true) {
+                return Ordering::Equal;
+            }
+        }
+        number::decide(&RootOrder { objects, a, b, origin, direction })
     }
 
     /// t, correctly rounded.

@@ -169,8 +169,10 @@ impl Object {
     }
 
     pub(super) fn root<N: Number>(&self, at: &RootId, ray: &Ray<N>) -> Result<Root<N>, Uncertain> {
-        let [first, second] = self.roots(at.primitive, ray)?;
-        (if at.index == 0 { first } else { second }).ok_or(Uncertain)
+        match &self.geometry {
+            Geometry::Surface(shape) => shape.root(ray, at.index),
+            Geometry::Mesh(mesh) => mesh.triangle(at.primitive).root(ray, at.index),
+        }
     }
 }
 

@@ -4,10 +4,11 @@ use std::cmp::Ordering;
 
 use super::{Geometry, ObjectAt, RootId};
 use crate::arith::number::{Interval, Number, Predicate, Uncertain};
+use crate::arith::root::TOUCHING;
 use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
-use crate::geometry::vector::Point;
-use crate::shapes::Surface;
+use crate::geometry::vector::{self, Point};
+use crate::shapes::{Surface, Triangle, triangle};
 
 /// Bounds of the roots of a primitive.
 pub struct RootIntervals<'a> {
@@ -18,15 +19,15 @@ pub struct RootIntervals<'a> {
 }
 
 impl Predicate for RootIntervals<'_> {
-    /// Bounds of t, and the part of the surface.
-    type Answer = [Option<(Interval, u8)>; 2];
+    /// Bounds of t, and the index and part of the surface as in `RootId`.
+    type Answer = [Option<(Interval, u8, u8)>; 2];
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
         let roots =
             self.object.roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
         let mut found = [None; 2];
-        for (found, root) in found.iter_mut().zip(roots.iter().flatten()) {
-            *found = Some((N::enclose(root)?, root.feature));
+        for (index, (found, root)) in (0..).zip(found.iter_mut().zip(roots.iter().flatten())) {
+            *found = Some((N::enclose(root)?, if root.touches { TOUCHING } else { index }, root.feature));
         }
         Ok(found)
     }
@@ -48,6 +49,22 @@ impl Predicate for RootOrder<'_> {
             |object: &ObjectAt, at: &RootId| object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)));
         let [a, b] = &self.objects;
         N::compare(&root(a, self.a)?, &root(b, self.b)?)
+    }
+}
+
+/// Whether the line meets an edge or a corner that two triangles, in the same coordinates, share: then it meets their planes at the same t.
+pub fn meets_what_they_share<N: Number>(ray: &Ray<N>, one: &Triangle, other: &Triangle) -> Result<bool, Uncertain> {
+    let Triangle(a, b, c) = one;
+    let d = &ray.direction;
+    let from = |point: &Point| ray.origin_from(vector::exact(*point));
+    match [a, b, c].map(|corner| other.has_corner(corner)) {
+        [false, false, false] => Ok(false),
+        [true, false, false] => vector::is_zero(&vector::cross(&from(a), d)),
+        [false, true, false] => vector::is_zero(&vector::cross(&from(b), d)),
+        [false, false, true] => vector::is_zero(&vector::cross(&from(c), d)),
+        [_, true, true] => triangle::volume(d, &from(b), &from(c)).is_zero(),
+        [true, _, true] => triangle::volume(d, &from(a), &from(c)).is_zero(),
+        [true, true, false] => triangle::volume(d, &from(a), &from(b)).is_zero(),
     }
 }
 
@@ -112,12 +129,89 @@ pub fn refined_hit<N: Number>(
     ray: &Ray<N>,
     index: u8,
 ) -> Result<(N::Floats, [N::Floats; 3]), Uncertain> {
-    let [first, second] = surface.roots(ray)?;
-    let root = match if index == 0 { first } else { second } {
-        Some(root) => root,
-        None => return Err(Uncertain),
-    };
+    let root = surface.root(ray, index)?;
     let t = N::value(&root)?;
     let normal = placement.normal(surface.normal(&ray.at(&t), root.feature));
     Ok((N::round(&root)?, N::proportions(&normal)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::number::{self, Dyadic};
+    use crate::geometry::affine::Affine;
+    use crate::scene::Object;
+    use crate::shapes::{AnySurface, Cylinder, Ellipsoid, Sphere};
+    use crate::testing::numbers;
+
+    fn of(surface: impl Into<AnySurface>) -> Object {
+        Object::new(Geometry::Surface(surface.into()), false)
+    }
+
+    /// Rays to points of an edge or a corner that two triangles share, and to points of one of them: where they meet what is shared, exact arithmetic
+    /// finds the same t on both, and where they do not, mostly another one.
+    #[test]
+    fn rays_meet_neighbours_at_once_where_they_meet_what_these_share() {
+        let mut next = numbers();
+        let (mut met, mut passed, mut apart) = (0, 0, 0);
+        for round in 0..2000 {
+            let mut point = || [0; 3].map(|_: u8| (32.0 * next()).round() / 4.0);
+            let (a, b, c, d, e, origin) = (point(), point(), point(), point(), point(), point());
+            let neighbours =
+                [Triangle(d, a, b), Triangle(b, d, c), Triangle(a, c, d), Triangle(e, c, d), Triangle(d, e, a)];
+            let (one, other) = (Triangle(a, b, c), neighbours[round % 5]);
+            let w = [0.0, 0.25, 0.5, 1.0][round / 5 % 4];
+            let [from, to] = [[a, b], [b, c], [c, a]][round / 20 % 3];
+            let target = [0, 1, 2].map(|i| from[i] * w + to[i] * (1.0 - w));
+            let direction = [0, 1, 2].map(|i| target[i] - origin[i]);
+            let ray = Ray::<Dyadic>::new(origin, direction);
+            let (Ok(x), Ok(y)) = (one.root(&ray, 0), other.root(&ray, 0)) else { continue };
+            let is_tie = Dyadic::compare(&x, &y) == Ok(Ordering::Equal);
+            match meets_what_they_share(&ray, &one, &other) {
+                Ok(true) => {
+                    assert!(is_tie, "{one:?} {other:?} {ray:?}");
+                    met += 1;
+                }
+                _ if is_tie => passed += 1,
+                _ => apart += 1,
+            }
+        }
+        assert!(met > 400 && apart > 400 && passed < met / 8, "{met}, {passed}, {apart}");
+    }
+
+    /// Lines in planes that touch a shape: o = p − k·d, so that t = k, of circles and ellipses through p with a tangent d.
+    #[test]
+    fn a_line_that_touches_has_one_root_that_is_known_to() {
+        let ellipsoid = Ellipsoid::new([0.0; 3], [5.0, 5.0, 7.0], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        let cylinder = |capped| Cylinder { start: [0.0, 0.0, -9.0], end: [0.0, 0.0, 9.0], radius: 5.0, capped };
+        let sphere = of(Sphere { center: [0.0; 3], radius: 5.0 });
+        let shapes = [sphere, of(cylinder(false)), of(cylinder(true))].into_iter().chain(ellipsoid.map(of));
+        let map = Affine::new([[0.0, -2.0, 0.0], [1.0, 0.0, 0.5], [0.0, 0.0, -1.0]], [0.0, 0.25, 3.0]);
+        let mut found = 0;
+        for (index, object) in shapes.enumerate() {
+            for (object, is_moved) in [(object.transformed(map), true), (Some(object), false)] {
+                let Some(object) = object else { unreachable!("the map can be inverted") };
+                for k in 1..40 {
+                    let (k, rise) = (f64::from(k) / 4.0, if index == 3 { 0.0 } else { f64::from(k % 5) / 8.0 });
+                    let (origin, direction) = ([3.0 + 4.0 * k, 4.0 - 3.0 * k, -rise * k], [-4.0, 3.0, rise]);
+                    let (origin, direction) = if is_moved {
+                        let [[x, y, z], [u, v, w]] = [origin, direction];
+                        ([-2.0 * y, x + 0.5 * z + 0.25, 3.0 - z], [-2.0 * v, u + 0.5 * w, -w])
+                    } else {
+                        (origin, direction)
+                    };
+                    let at = object.at(0.0);
+                    let roots = number::decide(&RootIntervals { object: at, primitive: 0, origin, direction });
+                    let [Some((t, index, feature)), None] = roots else { panic!("{object:?} {k}") };
+                    assert!(index == TOUCHING && t.low <= k && k <= t.high);
+                    let root = RootId { object: 0, primitive: 0, index, feature };
+                    let rounded = number::decide(&RoundedRoot { object: at, at: &root, origin, direction });
+                    let (refined, _) = number::decide_exactly(&RefinedHit { object: at, at: &root, origin, direction });
+                    assert_eq!((rounded, refined), (k, k));
+                    found += 1;
+                }
+            }
+        }
+        assert_eq!(found, 4 * 2 * 39);
+    }
 }

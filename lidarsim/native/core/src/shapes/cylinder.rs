@@ -116,6 +116,14 @@ impl Surface for Cylinder {
     }
 
     #[inline(always)]
+    fn touching<N: Number>(&self, ray: &Ray<N>) -> Option<Root<N>> {
+        let axis: Vector<N> = self.axis();
+        let n = vector::cross(&ray.direction, &axis);
+        let m = vector::cross(&ray.origin_from(vector::exact(self.start)), &axis);
+        Some(Root::touching(vector::norm2(&n), vector::dot(&n, &m).negated(), SIDE))
+    }
+
+    #[inline(always)]
     fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {
         let axis = self.axis();
         let f = ray.origin_from(vector::exact(if feature == END { self.end } else { self.start }));

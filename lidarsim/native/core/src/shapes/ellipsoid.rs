@@ -6,7 +6,7 @@
 use super::sphere;
 use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::Roots;
+use crate::arith::root::{Root, Roots};
 use crate::geometry::affine::{Affine, Inverse};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
@@ -62,6 +62,12 @@ impl Surface for Ellipsoid {
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         let (f, d, r) = self.unit_space(ray);
         sphere::roots_of_ball(&f, &d, &r)
+    }
+
+    #[inline(always)]
+    fn touching<N: Number>(&self, ray: &Ray<N>) -> Option<Root<N>> {
+        let (f, d, _) = self.unit_space(ray);
+        Some(sphere::touching_ball(&f, &d))
     }
 
     #[inline(always)]

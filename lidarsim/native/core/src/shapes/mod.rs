@@ -22,7 +22,7 @@ pub use surface::{Shape, Surface, SurfaceTask};
 pub use triangle::Triangle;
 
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::Roots;
+use crate::arith::root::{Root, Roots};
 use crate::arith::simd::{Floats, Isa, LaneTask};
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
@@ -77,6 +77,14 @@ macro_rules! surfaces {
         impl Surface for AnySurface {
             fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
                 match self { $(AnySurface::$name(shape) => shape.roots(ray)),+ }
+            }
+
+            fn touching<N: Number>(&self, ray: &Ray<N>) -> Option<Root<N>> {
+                match self { $(AnySurface::$name(shape) => shape.touching(ray)),+ }
+            }
+
+            fn root<N: Number>(&self, ray: &Ray<N>, index: u8) -> Result<Root<N>, Uncertain> {
+                match self { $(AnySurface::$name(shape) => shape.root(ray, index)),+ }
             }
 
             fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {

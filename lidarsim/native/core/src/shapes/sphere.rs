@@ -27,9 +27,18 @@ pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<R
     if order == Ordering::Less {
         return Ok([None, None]);
     }
+    if order == Ordering::Equal {
+        return Ok([Some(touching_ball(f, d)), None]);
+    }
     let b = vector::dot(f, d).negated();
     let c = vector::norm2(f).minus(&r2);
     Ok(Root::quadratic(a, b, c, disc, order, 0))
+}
+
+/// The root of a line that touches the ball.
+#[inline(always)]
+pub fn touching_ball<N: Number>(f: &Vector<N>, d: &Vector<N>) -> Root<N> {
+    Root::touching(vector::norm2(d), vector::dot(f, d).negated(), 0)
 }
 
 impl Shape for Sphere {
@@ -47,6 +56,11 @@ impl Surface for Sphere {
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         let f = ray.origin_from(vector::exact(self.center));
         roots_of_ball(&f, &ray.direction, &ray.weighted(N::exact(self.radius)))
+    }
+
+    #[inline(always)]
+    fn touching<N: Number>(&self, ray: &Ray<N>) -> Option<Root<N>> {
+        Some(touching_ball(&ray.origin_from(vector::exact(self.center)), &ray.direction))
     }
 
     #[inline(always)]

@@ -1,7 +1,7 @@
 //! The interface of an implicit surface.
 
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::Roots;
+use crate::arith::root::{Root, Roots, TOUCHING};
 use crate::arith::simd::Floats;
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
@@ -11,6 +11,21 @@ use crate::geometry::vector::Vector;
 pub trait Surface {
     /// Every t, of either sign, at which the line intersects the surface: ascending and distinct.
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
+
+    /// The root of a line that touches the surface, which is not checked; none of a surface without such lines.
+    fn touching<N: Number>(&self, _ray: &Ray<N>) -> Option<Root<N>> {
+        None
+    }
+
+    /// The root of this index, as in `RootId`, which there is.
+    #[inline(always)]
+    fn root<N: Number>(&self, ray: &Ray<N>, index: u8) -> Result<Root<N>, Uncertain> {
+        if index == TOUCHING {
+            return self.touching(ray).ok_or(Uncertain);
+        }
+        let [first, second] = self.roots(ray)?;
+        (if index == 0 { first } else { second }).ok_or(Uncertain)
+    }
 
     /// The implicit function F at the ray's origin: zero on part `feature` of the surface, and of degree two at most.
     fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N;

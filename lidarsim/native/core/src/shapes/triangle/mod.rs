@@ -46,7 +46,11 @@ impl Triangle {
     /// Whether all corners are corners of the other, in any order.
     pub fn has_corners_of(&self, other: &Triangle) -> bool {
         let Triangle(a, b, c) = other;
-        [self.0, self.1, self.2].iter().all(|p| p == a || p == b || p == c)
+        [a, b, c].into_iter().all(|corner| self.has_corner(corner))
+    }
+
+    pub fn has_corner(&self, corner: &Point) -> bool {
+        [self.0, self.1, self.2].contains(corner)
     }
 }
 
@@ -60,6 +64,12 @@ pub fn barycentric([a, b, c]: [Point; 3]) -> [f64; 3] {
     areas.map(|area| area / all)
 }
 
+/// d·(p × q), of corners relative to the origin of a ray: six times the volume between the ray and an edge.
+#[inline(always)]
+pub fn volume<N: Number>(d: &Vector<N>, p: &Vector<N>, q: &Vector<N>) -> N {
+    vector::dot(d, &vector::cross(p, q))
+}
+
 /// (b − a) × (c − a).
 #[inline(always)]
 pub fn normal_through<N: Number>(a: &Vector<N>, b: &Vector<N>, c: &Vector<N>) -> Vector<N> {
@@ -69,6 +79,15 @@ pub fn normal_through<N: Number>(a: &Vector<N>, b: &Vector<N>, c: &Vector<N>) ->
 #[inline(always)]
 pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
     normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c))
+}
+
+impl Triangle {
+    /// Where the ray is in the plane, with a relative to its origin; none if it is parallel.
+    #[inline(always)]
+    fn crossing<N: Number>(&self, a: Vector<N>, d: &Vector<N>) -> Result<Option<Root<N>>, Uncertain> {
+        let normal: Vector<N> = triangle_normal(self.0, self.1, self.2);
+        Root::ratio(vector::dot(&normal, &a), vector::dot(&normal, d), 0)
+    }
 }
 
 impl Shape for Triangle {
@@ -98,7 +117,7 @@ impl Surface for Triangle {
         let mut negative = false;
         let mut unsure = false;
         for (p, q) in [(&c, &b), (&a, &c), (&b, &a)] {
-            match vector::dot(d, &vector::cross(p, q)).sign() {
+            match volume(d, p, q).sign() {
                 Ok(sign) => {
                     positive |= sign == Ordering::Greater;
                     negative |= sign == Ordering::Less;
@@ -112,8 +131,14 @@ impl Surface for Triangle {
         if unsure {
             return Err(Uncertain);
         }
-        let normal: Vector<N> = triangle_normal(self.0, self.1, self.2);
-        Ok([Root::ratio(vector::dot(&normal, &a), vector::dot(&normal, d), 0)?, None])
+        Ok([self.crossing(a, d)?, None])
+    }
+
+    /// Without the signs, as there is one.
+    #[inline(always)]
+    fn root<N: Number>(&self, ray: &Ray<N>, _: u8) -> Result<Root<N>, Uncertain> {
+        let a = vector::negated(&ray.origin_from(vector::exact(self.0)));
+        self.crossing(a, &ray.direction)?.ok_or(Uncertain)
     }
 
     #[inline(always)]

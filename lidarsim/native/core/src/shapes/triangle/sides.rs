@@ -1,24 +1,69 @@
 //! The signs of U, V, W (Woop et al.) of rays and triangles, a triangle per lane, by expansions: an orientation filter as Shewchuk's stage B.
 
-use super::crossing::BOUND;
-use crate::arith::expansion::{Expansion, V};
-use crate::arith::simd::{Floats, Isa, lanes};
+use std::cmp::Ordering;
 
-/// The lanes whose ray certainly hits its triangle, and those whose ray certainly misses it: by the signs of the volumes d·(c × b), d·(a × c),
-/// d·(b × a), as in `Triangle`.
+use super::crossing::BOUND;
+use super::volume;
+use crate::arith::expansion::{Expansion, V};
+use crate::arith::number::{Dyadic, Number, Uncertain};
+use crate::arith::simd::{Floats, Isa, lanes};
+use crate::geometry::ray::Ray;
+use crate::geometry::vector::{self, Point};
+use crate::stop;
+
+/// The signs of the volumes d·(c × b), d·(a × c), d·(b × a), as in `Triangle`.
+pub struct Sides {
+    signs: [Side; 3],
+    /// Lanes whose numbers are zero or of a size between 2^±200; of others nothing is said.
+    ordinary: u32,
+}
+
+impl Sides {
+    /// The lanes whose ray certainly hits its triangle, and those whose ray certainly misses it.
+    #[inline(always)]
+    pub fn hit_and_missed(&self) -> (u32, u32) {
+        let [u, v, w] = &self.signs;
+        let (below, above) = (u.below | v.below | w.below, u.above | v.above | w.above);
+        let known = u.known() & v.known() & w.known();
+        (self.ordinary & known & (below ^ above), self.ordinary & below & above)
+    }
+
+    /// The lanes that `decide` can say more of.
+    #[inline(always)]
+    pub fn unsure(&self) -> u32 {
+        let (hit, missed) = self.hit_and_missed();
+        self.ordinary & !(hit | missed)
+    }
+
+    /// Decides in exact arithmetic those signs of a lane that are not known.
+    #[cold]
+    #[inline(never)]
+    pub fn decide(&mut self, lane: usize, corners: [&Point; 3], ray: &Ray<Dyadic>) {
+        stop::poll();
+        let [a, b, c] = &corners.map(|corner| vector::sub(&vector::exact(*corner), &ray.origin));
+        for (side, (p, q)) in self.signs.iter_mut().zip([(c, b), (a, c), (b, a)]) {
+            if side.known() >> lane & 1 == 0 {
+                match volume(&ray.direction, p, q).sign() {
+                    Ok(Ordering::Less) => side.below |= 1 << lane,
+                    Ok(Ordering::Greater) => side.above |= 1 << lane,
+                    Ok(Ordering::Equal) | Err(Uncertain) => side.zero |= 1 << lane,
+                }
+            }
+        }
+    }
+}
+
+/// The sides of rays and triangles, where they are certain.
 ///
 /// As an expansion each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
 /// zero or between 2^±200, so that differences are zero or at least 2⁻²⁵². Then S, if it is not zero, is at least 2⁻⁷⁰⁴ and its u²-th part far above
 /// what underflow loses; and if S is zero, so is the volume.
 #[inline(always)]
-pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> (u32, u32) {
+pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
     let ordinary = ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
     let (a, b, c) =
         (Expansion::<I>::vector_diff(a, o), Expansion::<I>::vector_diff(b, o), Expansion::<I>::vector_diff(c, o));
-    let (u, v, w) = (side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d));
-    let (below, above) = (u.below | v.below | w.below, u.above | v.above | w.above);
-    let known = u.known() & v.known() & w.known();
-    (ordinary & known & (below ^ above), ordinary & below & above)
+    Sides { signs: [side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d)], ordinary }
 }
 
 /// Lanes by the sign of a volume, where it is certain.
@@ -58,14 +103,9 @@ fn ordinary<I: Isa>(v: V<I>) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use std::cmp::Ordering;
-
     use super::super::{Crossing, Triangle, corners_of};
     use super::*;
-    use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::{Level, Task, dispatch};
-    use crate::geometry::ray::Ray;
-    use crate::geometry::vector::Point;
     use crate::shapes::Surface;
     use crate::testing::numbers;
 
@@ -76,8 +116,8 @@ mod tests {
     }
 
     impl Task for Probe<'_> {
-        /// What `sides` says, and bounds of t with the lanes in which they are known.
-        type Output = ((u32, u32), [f64; 8], [f64; 8], u32);
+        /// What `sides` says; who hits once all is decided, of which lanes; and bounds of t with the lanes in which they are known.
+        type Output = ((u32, u32), (u32, u32), [f64; 8], [f64; 8], u32);
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
@@ -87,7 +127,12 @@ mod tests {
                 I::columns(self.rays.each_ref().map(|ray| &ray.1)),
             );
             let (t, known) = Crossing::<I>::new(corners, o, d).bounds();
-            (sides::<I>(corners, o, d), t.low.store(), t.high.store(), known)
+            let mut sides = sides::<I>(corners, o, d);
+            let filtered = sides.hit_and_missed();
+            for (lane, ([a, b, c], (o, d))) in self.triangles.iter().zip(self.rays).enumerate() {
+                sides.decide(lane, [a, b, c], &Ray::new(*o, *d));
+            }
+            (filtered, (sides.hit_and_missed().0, sides.ordinary), t.low.store(), t.high.store(), known)
         }
     }
 
@@ -132,7 +177,7 @@ mod tests {
                     }
                 });
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    let ((hits, misses), low, high, known) =
+                    let ((hits, misses), (decided, ordinary), low, high, known) =
                         dispatch(level, Probe { triangles: &triangles, rays: &rays });
                     assert_eq!(hits & misses, 0);
                     for (lane, root) in roots.iter().enumerate() {
@@ -141,6 +186,16 @@ mod tests {
                         assert!(!(is(misses) && root.is_some()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
                         (hit, missed) = (hit + usize::from(is(hits)), missed + usize::from(is(misses)));
                         unsure += usize::from(!is(hits | misses));
+                        // All is decided, but that a ray in the plane of a triangle, on no side, has no root.
+                        if is(ordinary) {
+                            assert_eq!(
+                                is(decided),
+                                root.is_some(),
+                                "{level:?}: {:?}, {:?}",
+                                triangles[lane],
+                                rays[lane]
+                            );
+                        }
                         if let (Some(root), true) = (root, is(hits & known)) {
                             // t = b/a with a > 0.
                             let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
@@ -162,14 +217,34 @@ mod tests {
         assert!(unsure > 3_000, "{unsure}");
     }
 
+    /// Of neighbours among the Fibonacci numbers, xₙ·xₙ₊₂ − xₙ₊₁² = ±1: far below what expansions can tell of so large products.
+    #[test]
+    fn signs_that_expansions_leave_open_are_decided() {
+        let mut fibonacci = vec![1_u64, 1];
+        while fibonacci.len() < 78 {
+            fibonacci.push(fibonacci[fibonacci.len() - 1] + fibonacci[fibonacci.len() - 2]);
+        }
+        let point = |n: usize, sign: f64| [sign * fibonacci[n] as f64, sign * fibonacci[n + 1] as f64, 1.0];
+        // The third corner is minus the sum of the others, and the ray is between all, or it is the sum, and the ray is beyond the edge.
+        let triangles = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
+            let (n, sign) = (71 + lane % 4, if lane < 4 { -1.0 } else { 1.0 });
+            [point(n, 1.0), point(n + 1, 1.0), point(n + 2, sign)]
+        });
+        let rays = [([0.0; 3], [0.0, 0.0, 1.0]); 8];
+        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            let (filtered, decided, ..) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
+            assert_eq!((filtered, decided), ((0, 0), (0x0f, 0xff)), "{level:?}");
+        }
+    }
+
     #[test]
     fn an_exact_zero_is_certain() {
         // Whole numbers in a plane through the origin: the ray lies in the plane of an edge and the axis, exactly.
         let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
         let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
         for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-            let (sides, low, high, known) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
-            assert_eq!((sides, known), ((0xff, 0), 0xff));
+            let (sides, decided, low, high, known) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
+            assert_eq!((sides, decided, known), ((0xff, 0), (0xff, 0xff), 0xff));
             assert!(low.iter().zip(high).all(|(low, high)| *low <= 4.0 && 4.0 <= high));
         }
     }
