@@ -306,6 +306,8 @@ impl Number for Dyadic {
 
 #[cfg(test)]
 mod tests {
+    use num_bigint::BigUint;
+
     use super::*;
 
     #[test]
@@ -332,12 +334,12 @@ mod tests {
     /// A quotient that is beside a midpoint of two float64 numbers by less than 2⁻³⁰⁰ of itself.
     #[test]
     fn quotients_next_to_midpoints_are_rounded_to_nearest() {
-        let divisor = Dyadic { mantissa: BigInt::from(3).pow(200), exponent: -7 };
-        for (middle, low, high) in [(9007199254740993_i64, 0.0, 2.0), (9007199254740995, 0.0, 2.0)] {
-            let whole = divisor.times(&Dyadic { mantissa: BigInt::from(middle), exponent: 0 });
-            for (off, expected) in [(-1, low), (1, high)] {
-                let beside = whole.plus(&Dyadic { mantissa: BigInt::from(off), exponent: -7 });
-                assert_eq!(beside.ratio(&divisor), (middle - 1) as f64 + expected, "{middle}, {off}");
+        let divisor = Dyadic { mantissa: Integer::from_magnitude(false, &BigUint::from(3_u32).pow(200)), exponent: -7 };
+        for (middle, low, high) in [(9007199254740993_u64, 0.0, 2.0), (9007199254740995, 0.0, 2.0)] {
+            let whole = divisor.times(&Dyadic { mantissa: Integer::new(false, middle), exponent: 0 });
+            for (less, expected) in [(true, low), (false, high)] {
+                let beside = whole.plus(&Dyadic { mantissa: Integer::new(less, 1), exponent: -7 });
+                assert_eq!(beside.ratio(&divisor), (middle - 1) as f64 + expected, "{middle}, {less}");
             }
         }
     }
