@@ -45,6 +45,8 @@ class Mutant:
 PACKETS = ("tests/hard/test_packets.py", "-k", "short_rays")
 ROUNDING = ("tests/hard/test_cases.py", "-k", "midpoints or small_sphere")
 
+FAR = ("tests/hard/test_scenes.py", "-k", "from_far_away")
+
 MUTANTS = [
     Mutant("leaf: volumes, rounding 32u", "reach * (32.0 * UNIT * reach +", "reach * (16.0 * UNIT * reach +"),
     Mutant("leaf: volumes, vertices 8ε", "* reach + 8.0 * error), 8.0", "* reach + 4.0 * error), 8.0"),
@@ -239,8 +241,8 @@ MUTANTS = [
         slack="sums of subnormal numbers are exact",
     ),
     Mutant("bits of a root near its float64", "NEAR_BITS: i64 = 64", "NEAR_BITS: i64 = 50"),
-    Mutant("bits of an exact quotient", "n.bits() as i64 + 66)", "n.bits() as i64 + 52)"),
-    Mutant("sticky bit of an exact quotient", "BigUint::from(u8::from(sticky))", "BigUint::from(0 * u8::from(sticky))"),
+    Mutant("bits of an exact quotient", "self.quotient(den, 66)", "self.quotient(den, 52)"),
+    Mutant("sticky bit of an exact quotient", "u64::from(!is_exact)", "0"),
     Mutant("bounds of an exact root", "low: t.next_down(), high: t.next_up() })", "low: t, high: t })"),
     Mutant(
         "crossing: from 2⁻⁴⁰⁰",
@@ -404,6 +406,15 @@ MUTANTS = [
     ),
     Mutant("packet: floor of the limit of one", "(1.0 + 4.0 * U) + f32::MIN_POSITIVE", "(1.0 + 4.0 * U)"),
     Mutant("packet: finite near slopes", "Floats::min(near, I::F32x16::splat(f32::MAX)).mul", "near.mul"),
+    Mutant("packet: way back of uncertain signs", "fastest[axis].mul(latest)", "fastest[axis].mul(latest.mul(latest))"),
+    Mutant("packet: no hit later than that", "hierarchy.reach(axis)", "0.1 * hierarchy.reach(axis)"),
+    Mutant("far rays: rounding of the start 3u", "splat(3.0 * UNIT)).add(error)", "splat(0.5 * UNIT)).add(error)"),
+    Mutant("far rays: error of the direction", "error.add(bent).mul", "error.mul"),
+    Mutant("far rays: error of the origin", "error.add(bent).mul", "bent.mul"),
+    Mutant("far rays: bounds of t", "(t.low + self.offset[lane]).next_down()", "(t.low + self.offset[lane])"),
+    Mutant("far rays: limits", "(low.sub(less.0), zero)", "(low.sub(less.0).sub(less.0), zero)", FAR),
+    Mutant("far rays: limit of one", "(t - self.offset[lane]).max(0.0)", "(t - 2.0 * self.offset[lane]).max(0.0)", FAR),
+    Mutant("far rays: start at t_min", "if rays.has_offsets { 0.0 } else { t_min }", "t_min", FAR),
     Mutant("packet: numbers below 1e30", "LARGEST: f64 = 1e30", "LARGEST: f64 = 1e40"),
     Mutant("packet: directions above 1e-30", "SMALLEST: f64 = 1e-30", "SMALLEST: f64 = 1e-40"),
     Mutant("ray: start", "ray.start = down(t_min", "ray.start = up(t_min"),
