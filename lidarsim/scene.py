@@ -97,12 +97,12 @@ class SceneObject(Immutable):
     def _placed(self) -> core.Shape:
         placed = self.shape._native
         if self.transform is not None:
-            placed = placed.transformed(self.transform.tolist())
+            placed = placed.transformed(self.transform)
         return placed if self.motion is None else placed.moving(self.motion._native)
 
     def _appearance(self) -> core.Appearance:
-        values = np.array(self.material.reflectivity, np.float64, copy=None, ndmin=1)
-        return core.Appearance(self.label, self.instance, self.material.per, values)
+        reflectivity: Any = self.material.reflectivity  # a number or an array: `Material` makes arrays of sequences
+        return core.Appearance(self.label, self.instance, self.material.per, reflectivity)
 
     def __repr__(self) -> str:
         """Return what it is and where."""

@@ -85,7 +85,7 @@ class Shape(Value):
         matrix = None
         if transform is not None:
             matrix = frozen(affine("transform", transform))
-            native = native.transformed(matrix.tolist())
+            native = native.transformed(matrix)
         object.__setattr__(self, "_native", native)
         object.__setattr__(self, "transform", matrix)
         for name, value in parameters.items():

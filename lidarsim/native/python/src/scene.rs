@@ -28,17 +28,23 @@ enum LabelParameter<'py> {
     Face(PyReadonlyArray1<'py, u32>),
 }
 
+#[derive(FromPyObject)]
+enum ReflectivityParameter<'py> {
+    Object(f64),
+    Each(PyReadonlyArray1<'py, f64>),
+}
+
 #[pymethods]
 impl PyAppearance {
     /// The label, or one a face; the instance; what the reflectivity is given per ("object", "face" or "vertex"), and the
-    /// values of that.
+    /// value or values of that.
     #[new]
     fn new(
         py: Python<'_>,
         label: LabelParameter<'_>,
         instance: u32,
         per: &str,
-        reflectivity: PyReadonlyArray1<'_, f64>,
+        reflectivity: ReflectivityParameter<'_>,
     ) -> PyResult<Self> {
         let labels = match label {
             LabelParameter::Object(label) => Labels::Object(label),
@@ -47,12 +53,13 @@ impl PyAppearance {
                 Labels::Face(detached(py, || memory::copy(labels))?)
             }
         };
-        let values = elements("reflectivity", &reflectivity)?;
-        let values = detached(py, || memory::copy(values))?;
-        let reflectivity = match (per, values.as_slice()) {
-            ("object", [value]) => Reflectivity::Object(*value),
-            ("face", _) => Reflectivity::Face(values),
-            ("vertex", _) => Reflectivity::Vertex(values),
+        let reflectivity = match (per, reflectivity) {
+            ("object", ReflectivityParameter::Object(value)) => Reflectivity::Object(value),
+            ("face" | "vertex", ReflectivityParameter::Each(values)) => {
+                let values = elements("reflectivity", &values)?;
+                let values = detached(py, || memory::copy(values))?;
+                if per == "face" { Reflectivity::Face(values) } else { Reflectivity::Vertex(values) }
+            }
             _ => {
                 return Err(PyValueError::new_err(
                     "reflectivity: expected one of an object, or some per face or vertex",

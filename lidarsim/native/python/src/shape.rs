@@ -50,8 +50,10 @@ impl PyShape {
     }
 
     /// The image under a 4×4 affine matrix.
-    fn transformed(&self, py: Python<'_>, matrix: [[f64; 4]; 4]) -> PyResult<Self> {
-        let [x, y, z, _] = matrix;
+    fn transformed(&self, py: Python<'_>, matrix: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+        let &[x, y, z, _] = elements("transform", &matrix)?.as_chunks().0 else {
+            return Err(PyValueError::new_err("transform: expected shape (4, 4)"));
+        };
         match detached(py, || self.object.transformed(Affine::from_rows([x, y, z])))? {
             Some(object) => Ok(PyShape { object }),
             None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),

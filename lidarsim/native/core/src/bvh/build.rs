@@ -154,7 +154,7 @@ pub fn build<L: Send>(
         leaf(&ids[..range.len()])
     };
     parts.leaves.into_par_iter().map(range).collect_into_vec(&mut leaves);
-    Bvh { center, nodes: memory::copy(&parts.nodes), leaves }
+    Bvh::with(center, memory::copy(&parts.nodes), leaves)
 }
 
 /// A binary tree over consecutive items.

@@ -30,6 +30,8 @@ pub const MAX_LEAF_SIZE: usize = 8;
 #[derive(Clone, Debug)]
 pub struct Bvh<L> {
     center: Point,
+    /// How far from the centre its boxes reach along each axis; without any, infinity.
+    reach: [f32; 3],
     nodes: Vec<Node>,
     leaves: Vec<L>,
 }
@@ -52,15 +54,18 @@ impl<L> Bvh<L> {
         self.center
     }
 
-    /// How far from the centre its boxes reach along an axis; without any, infinity.
-    fn reach(&self, axis: usize) -> f32 {
-        let Some(root) = self.nodes.first() else { return f32::INFINITY };
-        root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]).fold(0.0, f32::max)
+    fn with(center: Point, nodes: Vec<Node>, leaves: Vec<L>) -> Self {
+        let along = |root: &Node, axis: usize| {
+            root.low[axis].map(|x| -x).into_iter().chain(root.high[axis]).fold(0.0, f32::max)
+        };
+        let reach = [0, 1, 2].map(|axis| nodes.first().map_or(f32::INFINITY, |root| along(root, axis)));
+        Bvh { center, reach, nodes, leaves }
     }
 
-    /// As `reach`, along any axis.
+    /// How far from the centre its boxes reach along any axis; without any, infinity.
     pub fn longest_reach(&self) -> f64 {
-        self.reach(0).max(self.reach(1)).max(self.reach(2)).into()
+        let [x, y, z] = self.reach;
+        x.max(y).max(z).into()
     }
 
     /// The leaf, if there is but one.

@@ -186,7 +186,7 @@ impl Packet {
             // origin, to boxes whose far planes are there; to those ahead it comes no sooner than if it went forward.
             let mut latest = I::F32x16::load(&subpacket.limit);
             for axis in 0..3 {
-                let way = distance[axis].add(I::F32x16::splat(hierarchy.reach(axis)));
+                let way = distance[axis].add(I::F32x16::splat(hierarchy.reach[axis]));
                 latest = way.div(slowest[axis]).mul(I::F32x16::splat(STRETCH)).min(latest);
             }
             for (axis, mut left) in unsigned.into_iter().enumerate() {
@@ -417,7 +417,7 @@ mod tests {
         for axis in 0..3 {
             (root.low[axis][3], root.high[axis][3]) = (-reach, reach);
         }
-        Bvh { center: [0.0; 3], nodes: vec![root], leaves: Vec::new() }
+        Bvh::with([0.0; 3], vec![root], Vec::new())
     }
 
     /// A packet of one ray, from the origin along (d, 0.9, 0), and it is seen so by a box's axis x.

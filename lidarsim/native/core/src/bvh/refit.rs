@@ -28,7 +28,7 @@ impl<L: Clone> Bvh<L> {
                 boxes[i].include(&around);
             }
         }
-        Some(hierarchy)
+        Some(Bvh::with(hierarchy.center, hierarchy.nodes, hierarchy.leaves))
     }
 }
 
