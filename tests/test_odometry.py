@@ -1,4 +1,4 @@
-"""Odometry on simulated drives: KISS-ICP, where it is installed, finds the way back from points of each pulse's own time.
+"""Odometry on simulated drives: KISS-ICP, where it is installed, finds the way from points of each pulse's own time.
 
 I. Vizzo et al., KISS-ICP: In Defense of Point-to-Point ICP, IEEE Robotics and Automation Letters 8, 2023.
 """
@@ -35,7 +35,7 @@ def street(path: ls.Trajectory) -> ls.Scene:
     """Houses, posts and trees beside the path, and eight cars that go with and against it."""
     draw, scene = np.random.default_rng(4), ls.Scene()
     scene.add(ls.Plane((0, 0, 1), 0.0), label=1)
-    middle, turn = np.array([55.0, 0.0, 0.0]), np.eye(4)
+    turn = np.eye(4)
     for side in (-1, 1):
         along = -30.0
         while along < 150.0:
@@ -45,13 +45,13 @@ def street(path: ls.Trajectory) -> ls.Scene:
             scene.add(ls.Box((width, deep, high)), transform=turn, label=2)
             along += width + draw.uniform(0.5, 8)
         for _ in range(20):
-            foot = np.array([draw.uniform(-30, 150), side * draw.uniform(9, 12), 0.0])
-            scene.add(ls.Cylinder(foot, foot + (0, 0, draw.uniform(3, 7)), draw.uniform(0.05, 0.3)), label=3)
+            x, y = draw.uniform(-30, 150), side * draw.uniform(9, 12)
+            scene.add(ls.Cylinder((x, y, 0), (x, y, draw.uniform(3, 7)), draw.uniform(0.05, 0.3)), label=3)
     for number in range(8):
         way = 1 if number % 2 else -1
         place = np.eye(4)
         place[:3, :3] = Rotation.from_euler("z", 0.0 if way > 0 else np.pi).as_matrix()
-        place[:3, 3] = middle + (draw.uniform(-60, 60), -4.0 * way, 0.0)
+        place[:3, 3] = 55.0 + draw.uniform(-60, 60), -4.0 * way, 0.0
         motion = ls.Trajectory.from_twist(place, (draw.uniform(5, 13), 0, 0), (0, 0, 0))
         scene.add(ls.Box((4.3, 1.8, 1.5), (0, 0, 0.8)), motion=motion, label=4)
     assert path.span[1] >= FRAMES * PERIOD
