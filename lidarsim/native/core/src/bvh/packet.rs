@@ -26,7 +26,7 @@ pub struct Packet {
     count: usize,
     /// t times this is t here; a power of two.
     scale: f64,
-    /// Where rays start at points of their own, the t of each that this is from.
+    /// As of `RayPacket`.
     offset: [f64; LANES],
     has_offsets: bool,
     pub(super) octant: Octant,
@@ -201,7 +201,7 @@ impl Packet {
         }
     }
 
-    /// Where the sign of a lane's direction is not certain, `octant` may have any.
+    /// Where the sign of a lane's direction is not certain, `octant` may have either.
     #[inline(always)]
     pub(super) fn frustum_of_all<I: Isa>(&self) -> Frustum {
         let mut frustum = Frustum::EMPTY;

@@ -17,7 +17,7 @@ pub const LANES: usize = SUBPACKETS * WIDE;
 pub const LARGEST: f64 = 1e30;
 pub const SMALLEST: f64 = 1e-30;
 
-/// How many times as far as a hierarchy reaches rays are that come from far away. In float32 they are off by 2⁻¹⁴ of it at least.
+/// Rays are far from a hierarchy beyond this many times its reach: there float32 tells places apart to 2⁻¹⁴ of the reach at best.
 const FAR: f64 = 1024.0;
 
 /// A bit for each ray of a packet.
@@ -34,7 +34,7 @@ pub struct RayPacket {
     pub direction_error: [f64; LANES],
     /// |d|₁, or the number beside it.
     pub length: [f64; LANES],
-    /// The t of each ray at which it starts here, where they start at points of their own; see `start_near`.
+    /// The t of each ray at which it starts here, if they were moved along; see `start_near`.
     pub offset: [f64; LANES],
     pub has_offsets: bool,
     /// When they are cast, if anything moves; of rays in the coordinates of an object unset.
@@ -148,8 +148,7 @@ impl RayPacket {
         self.one_origin = self.at_origin_of(first) == all(self.count);
     }
 
-    /// Whether the rays come from so far away from a hierarchy, against how far it reaches from its centre, that bounds had better be worked out from
-    /// points near to it.
+    /// Whether the rays start so far from a hierarchy, for its reach, that its boxes are better tested from points near it. The first tells for all.
     #[inline(always)]
     pub fn are_far(&self, center: Point, reach: f64) -> bool {
         let [x, y, z] = self.origin(0);
@@ -157,10 +156,10 @@ impl RayPacket {
         distance > FAR * reach && distance < LARGEST
     }
 
-    /// Has all rays start at points of their own, before a hierarchy.
+    /// Moves the start of each ray along it, to a point before a hierarchy.
     ///
-    /// Any t will do. The point o + t·d there is rounded once, by a fused multiply-add, so off by u of itself, and by t times what d is off, as well as
-    /// by what o is. The bound is three times that u, which covers its own roundings, of 4u of each term.
+    /// Any t will do. The point o + t·d there is rounded once, by a fused multiply-add: it is off by u of itself, by what o is off, and by t times what d
+    /// is off. The bound has 3u in place of u, and 8u more of the other two, for its own roundings.
     #[inline(always)]
     pub fn start_near<I: Isa>(&mut self, center: Point, reach: f64) {
         let middle = lanes::splat::<I::F64x8>(center);
@@ -168,7 +167,7 @@ impl RayPacket {
             let (o, d) = (self.origins::<I>(eight), self.directions::<I>(eight));
             let way = [middle[0].sub(o[0]), middle[1].sub(o[1]), middle[2].sub(o[2])];
             let (square, off) = (lanes::dot(d, d), lanes::dot(lanes::abs(way), lanes::abs(way)).sqrt());
-            // Where the ray is nearest to the centre, less twice the reach, and what t may be off.
+            // Where the ray is nearest to the centre, less twice the reach and what rounding may add to t.
             let before = off.mul(I::F64x8::splat(8.0 * f64::EPSILON)).add(I::F64x8::splat(2.0 * reach));
             let t = lanes::dot(way, d).div(square).sub(before.div(square.sqrt()));
             let t = t.max(I::F64x8::splat(0.0)).min(I::F64x8::splat(LARGEST));
@@ -188,7 +187,7 @@ impl RayPacket {
         (self.one_origin, self.has_offsets) = (false, true);
     }
 
-    /// Bounds of t of a ray, of those as it starts here.
+    /// Bounds of the t of a ray, by bounds of t from where it starts here.
     #[inline(always)]
     pub fn t_of_ray(&self, lane: usize, t: Interval) -> Interval {
         if !self.has_offsets {
