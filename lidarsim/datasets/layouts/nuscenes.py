@@ -112,7 +112,7 @@ def _box(items: list[SceneObject], time: float) -> dict[str, list[float]]:
     turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     bounds = np.array(
         [
-            item.shape._bounds(item.shape._native.transformed((turn.T @ place).tolist()))
+            item.shape._bounds(item.shape._native.transformed(turn.T @ place))
             for item, place in zip(items, places, strict=True)
         ]
     )
