@@ -8,7 +8,7 @@ use crate::bvh::RayPacket;
 use crate::cast::closest_hit::ClosestHits;
 use crate::geometry::ray::Ray;
 use crate::scene::{RootId, Scene};
-use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of, sides};
+use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of, sides};
 
 /// A queue of pairs of a ray and a triangle of an untransformed mesh, whose vertices are prefetched meanwhile.
 pub struct DeferredCandidates {
@@ -84,7 +84,7 @@ impl Task for Resolve<'_, '_> {
                 sides.decide(k, corners[8 * eight + k], &Ray::new(rays.origin(lane), rays.direction(lane)));
             }
             let (hit, missed) = sides.hit_and_missed();
-            let (t, known) = Crossing::<I>::new(triangles, o, d).bounds();
+            let (t, known) = Crossing::<I>::new(&TrianglePlane::new(triangles, o), d).bounds();
             let (low, high) = (t.low.store(), t.high.store());
             for k in 8 * eight..(*count).min(8 * eight + 8) {
                 let (lane, root, bit) = (usize::from(lane[k]), root[k], 1 << (k % 8));

@@ -4,7 +4,7 @@ use crate::arith::simd::{Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::scene::{Hit, RootId, Scene, Sink};
-use crate::shapes::triangle::{Corners, Crossing, NOWHERE, corners_of};
+use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 
 /// The hits of a packet on untransformed triangles.
 pub struct TriangleHits<'a> {
@@ -34,12 +34,20 @@ impl<'a> TriangleHits<'a> {
     /// Prefetches the corners of the triangles.
     #[inline(always)]
     pub fn prefetch<I: Isa>(&mut self, scene: &'a Scene) {
-        let mut left = self.lanes;
+        let (mut left, mut last) = (self.lanes, None);
         while let Some(lane) = take(&mut left) {
-            self.corners[lane] = scene.objects()[self.object[lane] as usize].corners(self.primitive[lane]);
-            for corner in self.corners[lane] {
+            let triangle = (self.object[lane], self.primitive[lane]);
+            if let Some((known, corners)) = last
+                && known == triangle
+            {
+                self.corners[lane] = corners;
+                continue;
+            }
+            let corners = scene.objects()[self.object[lane] as usize].corners(self.primitive[lane]);
+            for corner in corners {
                 I::prefetch(corner);
             }
+            (self.corners[lane], last) = (corners, Some((triangle, corners)));
         }
     }
 
@@ -74,19 +82,35 @@ impl Task for Refine<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Mask {
-        let Refine { triangle_hits: TriangleHits { lanes, corners, t, normal, .. }, rays } = self;
+        let Refine { triangle_hits: TriangleHits { lanes, object, primitive, corners, t, normal }, rays } = self;
         let (mut certain, mut left) = (0, *lanes);
+        // The planes of the last eight hits, and their normals. If one point saw all of them on one triangle, the next eight may be there, too.
+        let (mut latest, mut shared) = (None, None);
         while left != 0 {
-            let eight = left.trailing_zeros() as usize / 8;
+            let first = left.trailing_zeros() as usize;
+            let eight = first / 8;
+            let mask = (*lanes >> (8 * eight)) as u32 & 0xff;
             left &= !(0xff << (8 * eight));
-            let corners = corners_of::<I>(&corners.as_chunks().0[eight]);
-            let crossing = Crossing::<I>::new(corners, rays.origins::<I>(eight), rays.directions::<I>(eight));
-            let (refined, unit, known) = crossing.rounded();
+            let triangle = (object[first], primitive[first]);
+            let (objects, primitives) = (&object.as_chunks::<8>().0[eight], &primitive.as_chunks::<8>().0[eight]);
+            let mut others = 0;
+            for k in 0..8 {
+                others |= u32::from((objects[k], primitives[k]) != triangle) << k;
+            }
+            let is_shared = rays.one_origin && others & mask == 0;
+            if !(is_shared && shared == Some(triangle)) {
+                let corners = if is_shared { &[corners[first]; 8] } else { &corners.as_chunks().0[eight] };
+                let plane = TrianglePlane::<I>::new(corners_of::<I>(corners), rays.origins::<I>(eight));
+                latest = Some((plane, plane.unit_normal()));
+                shared = is_shared.then_some(triangle);
+            }
+            let Some((plane, (unit, fine))) = &latest else { unreachable!("made above") };
+            let (refined, sure) = Crossing::<I>::new(plane, rays.directions::<I>(eight)).rounded();
             t.as_chunks_mut().0[eight] = refined.store();
             for axis in 0..3 {
                 normal[axis].as_chunks_mut().0[eight] = unit[axis].store();
             }
-            certain |= Mask::from(known) << (8 * eight);
+            certain |= Mask::from(sure & fine) << (8 * eight);
         }
         certain
     }

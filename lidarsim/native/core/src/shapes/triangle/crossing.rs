@@ -45,22 +45,53 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
 /// itself, and its product with ρ is: 3u·|ρ/D|. So the correction is off by less than 5u·(|ν| + |T·δ| + |ρ|)/|D|, but for terms in u². `ROUNDINGS` is three
 /// times that, which covers these, and the roundings of the bound; the u·|T·D| beside ν and T·δ covers that of low ± error where t is rounded.
 pub struct Crossing<I: Isa> {
-    normal: [Expansion<I>; 3],
-    /// A.
-    size: V<I>,
     t: Expansion<I>,
     error: I::F64x8,
     /// Lanes in which t and its error are of any use.
     ordinary: u32,
 }
 
-impl<I: Isa> Crossing<I> {
+/// What all rays from one point have in common where they cross the plane of a triangle: n, n·(a − o), and what bounds their errors; see `Crossing`.
+#[derive(Clone, Copy)]
+pub struct TrianglePlane<I: Isa> {
+    normal: [Expansion<I>; 3],
+    /// A.
+    size: V<I>,
+    num: Expansion<I>,
+    num_error: I::F64x8,
+}
+
+impl<I: Isa> TrianglePlane<I> {
     #[inline(always)]
-    pub fn new([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Self {
+    pub fn new([a, b, c]: [V<I>; 3], o: V<I>) -> Self {
         let (e1, e2, r) =
             (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a), Expansion::<I>::vector_diff(a, o));
         let (normal, size) = Expansion::cross(e1, e2);
-        let (num, den) = (Expansion::dot(normal, r), Expansion::dot_plain(normal, d));
+        let reach = [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()];
+        let num_error = lanes::dot(size, reach).mul(I::F64x8::splat(BOUND));
+        TrianglePlane { normal, size, num: Expansion::dot(normal, r), num_error }
+    }
+
+    /// A unit normal, and the lanes in which it is right to 2⁻⁶⁰ of its length, and three roundings.
+    #[inline(always)]
+    pub fn unit_normal(&self) -> (V<I>, u32) {
+        let TrianglePlane { normal: n, size, .. } = *self;
+        let n = [n[0].rounded(), n[1].rounded(), n[2].rounded()];
+        let square = lanes::dot(n, n);
+        let length = square.sqrt();
+        let total = size[0].add(size[1]).add(size[2]).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)));
+        let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
+        let fine = tiny.lt(square) & square.lt(huge) & total.lt(length);
+        let shrink = I::F64x8::splat(1.0).div(length);
+        ([n[0].mul(shrink), n[1].mul(shrink), n[2].mul(shrink)], fine)
+    }
+}
+
+impl<I: Isa> Crossing<I> {
+    #[inline(always)]
+    pub fn new(plane: &TrianglePlane<I>, d: V<I>) -> Self {
+        let TrianglePlane { normal, size, num, num_error } = *plane;
+        let den = Expansion::dot_plain(normal, d);
 
         let (unit, bound) = (I::F64x8::splat(UNIT), I::F64x8::splat(BOUND));
         let (num_high, den_high) = (num.rounded(), den.rounded());
@@ -71,7 +102,6 @@ impl<I: Isa> Crossing<I> {
         let correction = num.high.sub(p).sub(q).add(lows).mul(inverse);
         let t = Expansion::<I>::fast_sum(first, correction);
 
-        let num_error = lanes::dot(size, [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()]).mul(bound);
         let den_error = lanes::dot(size, lanes::abs(d)).mul(bound);
         let parts = num.low.abs().add(first.mul(den.low).abs()).add(first.mul(den.high).abs().mul(unit));
         let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(ROUNDINGS));
@@ -87,27 +117,17 @@ impl<I: Isa> Crossing<I> {
             & num_size.lt(huge)
             & den_error.add(den.low.abs()).mul(I::F64x8::splat(128.0)).lt(den_size)
             & num.low.abs().mul(I::F64x8::splat(8.0)).lt(num_size);
-        Crossing { normal, size, t, error, ordinary }
+        Crossing { t, error, ordinary }
     }
 
-    /// t, correctly rounded, a unit normal, and the lanes in which both are certain.
+    /// t, correctly rounded, and the lanes in which it is certain.
     #[inline(always)]
-    pub fn rounded(&self) -> (I::F64x8, V<I>, u32) {
-        let Crossing { normal: n, size, t, error, ordinary } = *self;
+    pub fn rounded(&self) -> (I::F64x8, u32) {
+        let Crossing { t, error, ordinary } = *self;
         // Rounding is monotone: where both ends of the error round to the same number, so does the truth.
         let up = t.high.add(t.low.add(error));
         let down = t.high.add(t.low.sub(error));
-        let certain = ordinary & up.le(t.high) & t.high.le(down);
-
-        let n = [n[0].rounded(), n[1].rounded(), n[2].rounded()];
-        let square = lanes::dot(n, n);
-        let length = square.sqrt();
-        // The normal is right to 2⁻⁶⁰ of its length, and three roundings.
-        let total = size[0].add(size[1]).add(size[2]).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)));
-        let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
-        let fine = tiny.lt(square) & square.lt(huge) & total.lt(length);
-        let shrink = I::F64x8::splat(1.0).div(length);
-        (t.high, [n[0].mul(shrink), n[1].mul(shrink), n[2].mul(shrink)], certain & fine)
+        (t.high, ordinary & up.le(t.high) & t.high.le(down))
     }
 
     /// Bounds of t, and the lanes in which they are of any use.
@@ -188,7 +208,7 @@ mod tests {
         let (found, _) = worst(6, 1500, draw, |x| {
             let [a, b, c, o, d] = points(x).map(in_lanes);
             let ([(num, _), (den, _)], _) = sums(x);
-            let Crossing { t, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+            let Crossing { t, ordinary, .. } = Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
             if ordinary & 1 == 0 {
                 return 0.0;
             }
@@ -208,7 +228,7 @@ mod tests {
         let (found, _) = worst(6, 1500, draw, |x| {
             let [a, b, c, o, d] = points(x).map(in_lanes);
             let (_, [num, den]) = sums(x);
-            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
             if ordinary & 1 == 0 {
                 return 0.0;
             }
@@ -235,7 +255,7 @@ mod tests {
             let all = std::array::from_fn(|k| [a, b, c, o, d][k / 3][k % 3]);
             let (_, [num, den]) = sums(&all);
             let [a, b, c, o, d] = points(&all).map(in_lanes);
-            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
             if ordinary & 1 == 0 {
                 return 0.0;
             }
@@ -256,7 +276,8 @@ mod tests {
                 let x: [f64; 15] = std::array::from_fn(|i| (next() - 0.5) * if i < 12 { 2.0_f64.powi(k) } else { 1.0 });
                 let (_, [num, den]) = sums(&x);
                 let [a, b, c, o, d] = points(&x).map(in_lanes);
-                let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new([a, b, c], o, d);
+                let Crossing { t, error, ordinary, .. } =
+                    Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
                 if ordinary & 1 == 0 {
                     refused += 1;
                     continue;
@@ -271,11 +292,10 @@ mod tests {
         assert!(known > 100 && refused > 1000, "{known}, {refused}");
     }
 
-    /// A crossing at a t with an error, of a normal along x whose coordinates are sums of products of this size.
-    fn crossing(t: [f64; 2], error: f64, size: f64) -> Crossing<Portable> {
-        let of = |high: f64, low: f64| Expansion { high: [high; 8], low: [low; 8] };
-        let normal = [of(1.0, 0.0), of(0.0, 0.0), of(0.0, 0.0)];
-        Crossing { normal, size: in_lanes([size, 0.0, 0.0]), t: of(t[0], t[1]), error: [error; 8], ordinary: 0xff }
+    /// A crossing at a t with an error.
+    fn crossing(t: [f64; 2], error: f64) -> Crossing<Portable> {
+        let t = Expansion { high: [t[0]; 8], low: [t[1]; 8] };
+        Crossing { t, error: [error; 8], ordinary: 0xff }
     }
 
     /// The ends are at least seven roundings outside: eight, but for the one of the sum itself.
@@ -284,7 +304,7 @@ mod tests {
         let draw = |i: usize, next: &mut dyn FnMut() -> f64| if i == 0 { 1.0 + next() } else { 2.0 * next() - 1.0 };
         let (least, _) = worst(4, 1000, draw, |x: &[f64; 3]| {
             let (high, low, error) = (x[0], x[1].clamp(-1.0, 1.0) * UNIT, x[2].abs() * UNIT);
-            let (t, _) = crossing([high, low], error, 1.0).bounds();
+            let (t, _) = crossing([high, low], error).bounds();
             let beyond = |end: f64, sign: f64| {
                 let reached = Dyadic::exact(high).plus(&Dyadic::exact(low)).plus(&Dyadic::exact(sign * error));
                 sign * Dyadic::exact(end).minus(&reached).split().0 / (UNIT * high)
@@ -299,7 +319,10 @@ mod tests {
     fn normals_are_known_to_what_is_promised() {
         let promised = 2.0_f64.powi(-60) / BOUND;
         for (size, known) in [(0.9 * promised, 0xff), (1.1 * promised, 0)] {
-            assert_eq!(crossing([1.0, 0.0], 0.0, size).rounded().2, known);
+            let of = |high: f64| Expansion { high: [high; 8], low: [0.0; 8] };
+            let (normal, size) = ([of(1.0), of(0.0), of(0.0)], in_lanes([size, 0.0, 0.0]));
+            let plane = TrianglePlane::<Portable> { normal, size, num: of(1.0), num_error: [0.0; 8] };
+            assert_eq!(plane.unit_normal().1, known);
         }
     }
 }

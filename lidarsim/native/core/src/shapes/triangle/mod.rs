@@ -19,7 +19,7 @@ use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
-pub use crossing::{Corners, Crossing, NOWHERE, corners_of};
+pub use crossing::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 pub use each::Triangles;
 pub use leaf::{LEAF_SIZE, Leaf, LeafRay, Planes};
 pub use sides::sides;

@@ -103,7 +103,7 @@ fn ordinary<I: Isa>(v: V<I>) -> u32 {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Crossing, Triangle, corners_of};
+    use super::super::{Crossing, Triangle, TrianglePlane, corners_of};
     use super::*;
     use crate::arith::simd::{Level, Task, dispatch};
     use crate::shapes::Surface;
@@ -126,7 +126,7 @@ mod tests {
                 I::columns(self.rays.each_ref().map(|ray| &ray.0)),
                 I::columns(self.rays.each_ref().map(|ray| &ray.1)),
             );
-            let (t, known) = Crossing::<I>::new(corners, o, d).bounds();
+            let (t, known) = Crossing::<I>::new(&TrianglePlane::new(corners, o), d).bounds();
             let mut sides = sides::<I>(corners, o, d);
             let filtered = sides.hit_and_missed();
             for (lane, ([a, b, c], (o, d))) in self.triangles.iter().zip(self.rays).enumerate() {
