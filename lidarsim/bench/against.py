@@ -101,8 +101,9 @@ def _from_above(world: World, count: int) -> Iterator[Cast]:
     ground, moved = draw.uniform(0.98 * world.low, 0.98 * world.high, (count, 3)), np.eye(4)
     moved[:3, 3] = 0.1, -0.7, 0.3
     down, slanted = np.array([0.0, 0.0, -1.0]), np.array([0.2, 0.1, -1.0])
-    rays = Rays("", ground - 900.0 * down, np.tile(down, (count, 1)), one_origin=False)
-    yield Cast("moved terrain, straight down", (replace(mesh, transform=moved),), rays)
+    few = count // 100  # there are builds in which each of these meets all of the mesh
+    rays = Rays("", ground[:few] - 900.0 * down, np.tile(down, (few, 1)), one_origin=False)
+    yield Cast("moved terrain, downward", (replace(mesh, transform=moved),), rays)
     rays = Rays("", ground - 5e5 * slanted, np.tile(slanted, (count, 1)), one_origin=False)
     yield Cast("terrain, from 500 km", world.shapes, rays)
 
