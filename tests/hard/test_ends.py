@@ -21,7 +21,7 @@ number = st.one_of(
 length = st.one_of(st.sampled_from([1.0, MOST, 5e-324]), st.floats(5e-324, MOST))
 vector = st.tuples(number, number, number)
 direction = vector.filter(any)
-lines = st.lists(st.tuples(vector, direction), min_size=1, max_size=20)
+line = st.tuples(vector, direction)
 matrices = st.one_of(st.none(), st.lists(number, min_size=12, max_size=12))
 shapes = {
     "Plane": st.tuples(direction, number),
@@ -36,7 +36,10 @@ shapes = {
 
 
 @pytest.mark.parametrize("kind", shapes)
-def test_any_numbers(kind: str) -> None:
+def test_any_numbers(kind: str, slow: bool) -> None:
+    # With the examples of the slow profile, more than a million casts of all kinds.
+    lines = st.lists(line, min_size=36, max_size=40) if slow else st.lists(line, min_size=1, max_size=20)
+
     @given(shapes[kind], matrices, lines)
     def check(arguments, matrix, lines):
         assume(kind != "Triangle" or area(*arguments))
