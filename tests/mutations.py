@@ -406,7 +406,11 @@ MUTANTS = [
     ),
     Mutant("packet: floor of the limit of one", "(1.0 + 4.0 * U) + f32::MIN_POSITIVE", "(1.0 + 4.0 * U)"),
     Mutant("packet: finite near slopes", "Floats::min(near, I::F32x16::splat(f32::MAX)).mul", "near.mul"),
-    Mutant("packet: way back of uncertain signs", "fastest[axis].mul(latest)", "fastest[axis].mul(latest.mul(latest))"),
+    Mutant(
+        "packet: way back of uncertain signs",
+        "fastest[axis].mul(latest)",
+        "fastest[axis].mul(latest).mul(I::F32x16::splat(0.5))",
+    ),
     Mutant("packet: no hit later than that", "hierarchy.reach[axis]", "0.1 * hierarchy.reach[axis]"),
     Mutant("far rays: rounding of the start 3u", "splat(3.0 * UNIT)).add(error)", "splat(0.5 * UNIT)).add(error)"),
     Mutant("far rays: error of the direction", "error.add(bent).mul", "error.mul"),

@@ -511,6 +511,23 @@ mod tests {
         assert!((1.0..3.0).contains(&limits), "{limits}");
     }
 
+    /// The ray goes along y at 0.9 ∓ e and along x at 0 ± e, in a hierarchy that reaches to 1: until it has left that, it goes e/(0.9 − e) back at most.
+    #[test]
+    fn rays_of_uncertain_sign_may_go_back_as_far_as_they_can_and_little_farther() {
+        let mut next = crate::testing::numbers();
+        for k in 0..20_000 {
+            let (o, error) = (next() - 0.5, 0.4 * next() * 2.0_f64.powi(-(k % 30)));
+            let n = Dyadic::exact;
+            for d in [0.0, -0.0, 1e-300] {
+                let far = f64::from(packet(o, d, error, 1e9).subpackets[0].far_origin[0][0]);
+                // How far back, times 0.9 − e, against e: with 4u of the origin, two of 12u in t and on the way, and what they are rounded to be above.
+                let way = n(o).minus(&n(far)).times(&n(0.9).minus(&n(error)));
+                let more = way.minus(&n(error)).split().0 / f64::from(U);
+                assert!(0.0 <= more && more <= 8.0 * o.abs() + 64.0 * error, "{o}, {error}: {more}");
+            }
+        }
+    }
+
     /// As `bounds_in_float32_...`, of directions that are subnormal numbers in float32.
     #[test]
     fn slopes_of_directions_that_underflow_are_on_the_safe_side() {
