@@ -185,7 +185,7 @@ impl PyScene {
                 primitive: &mut primitive.spare_capacity_mut()[..n],
                 normal: &mut normal.spare_capacity_mut()[..n],
             });
-            // SAFETY: a cast writes the hit of each of its n rays, legal or not, or unwinds.
+            // SAFETY: a cast clears the hits of each of its n rays, legal or not, or unwinds.
             unsafe {
                 t.set_len(n);
                 object.set_len(n);

@@ -45,6 +45,8 @@ pub struct RayPacket {
     pub octant: u32,
     /// Whether all rays have the same origin, which is off by the same.
     pub one_origin: bool,
+    /// If not, the rays that start where each of them does; see `find_origins`.
+    at_origin: [Mask; LANES],
     pub count: usize,
 }
 
@@ -62,6 +64,7 @@ impl RayPacket {
             at: [0; LANES],
             octant: 0,
             one_origin: false,
+            at_origin: [0; LANES],
             count: 0,
         }
     }
@@ -129,7 +132,8 @@ impl RayPacket {
     }
 
     /// Gathers the rays of `mask`, which are of one octant, from another packet.
-    pub fn gather_octant(&mut self, others: &RayPacket, mask: Mask, octant: u32) {
+    #[inline(always)]
+    pub fn gather_octant<I: Isa>(&mut self, others: &RayPacket, mask: Mask, octant: u32) {
         self.origin.clone_from(&others.origin);
         self.direction.clone_from(&others.direction);
         self.origin_error.clone_from(&others.origin_error);
@@ -145,7 +149,8 @@ impl RayPacket {
                 self.direction_error[lane] = others.direction_error[first];
             }
         }
-        self.one_origin = self.at_origin_of(first) == all(self.count);
+        self.one_origin = self.matches::<I>(first) == all(self.count);
+        self.find_origins::<I>();
     }
 
     /// Whether the rays start so far from a hierarchy, for its reach, that its boxes are better tested from points near it. The first tells for all.
@@ -185,6 +190,7 @@ impl RayPacket {
             self.offset.as_chunks_mut().0[eight] = t.store();
         }
         (self.one_origin, self.has_offsets) = (false, true);
+        self.find_origins::<I>();
     }
 
     /// Bounds of the t of a ray, by bounds of t from where it starts here.
@@ -201,15 +207,40 @@ impl RayPacket {
         [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]]
     }
 
-    /// The rays that start where this one does.
+    /// Finds out which rays start where others do, for `at_origin_of`.
+    #[inline(always)]
+    pub fn find_origins<I: Isa>(&mut self) {
+        let mut left = if self.one_origin { 0 } else { all(self.count) };
+        while left != 0 {
+            let same = self.matches::<I>(left.trailing_zeros() as usize);
+            let mut lanes = same;
+            while let Some(lane) = take(&mut lanes) {
+                self.at_origin[lane] = same;
+            }
+            left &= !same;
+        }
+    }
+
+    /// The rays that start where this one does, once `find_origins` has been called.
     #[inline(always)]
     pub fn at_origin_of(&self, lane: usize) -> Mask {
-        let (origin, error) = (self.origin(lane), self.origin_error[lane]);
+        if self.one_origin { all(self.count) } else { self.at_origin[lane] }
+    }
+
+    /// The rays whose origins are equal to that of this one, and as far off.
+    #[inline(always)]
+    fn matches<I: Isa>(&self, lane: usize) -> Mask {
+        let (origin, error) = (lanes::splat::<I::F64x8>(self.origin(lane)), I::F64x8::splat(self.origin_error[lane]));
         let mut same = 0;
-        for other in 0..self.count {
-            same |= Mask::from(self.origin(other) == origin && self.origin_error[other] == error) << other;
+        for eight in 0..self.count.div_ceil(8) {
+            let (o, off) = (self.origins::<I>(eight), I::F64x8::load(&self.origin_error.as_chunks().0[eight]));
+            let mut equal = off.le(error) & error.le(off);
+            for axis in 0..3 {
+                equal &= o[axis].le(origin[axis]) & origin[axis].le(o[axis]);
+            }
+            same |= Mask::from(equal) << (8 * eight);
         }
-        same
+        same & all(self.count)
     }
 
     #[inline(always)]

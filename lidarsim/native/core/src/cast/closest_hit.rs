@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa};
-use crate::bvh::{Bvh, LANES, RayPacket, Stack, TraversalRay};
+use crate::bvh::{Bvh, LANES, Mask, RayPacket, Stack, TraversalRay};
 use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, RootId, RootIntervals, Scene, World};
@@ -53,7 +53,7 @@ impl<'a> ClosestHit<'a> {
             self.consider(object, 0);
         }
         self.traverse(&world.index.bounded, stack);
-        if let Some(movers) = &world.movers {
+        if let Some(movers) = world.movers() {
             self.traverse(movers, stack);
         }
     }
@@ -209,9 +209,14 @@ impl<'a> ClosestHits<'a> {
         (self.object, self.primitive)
     }
 
+    /// The lanes with a hit.
     #[inline(always)]
-    pub fn has_found(&self, lane: usize) -> bool {
-        self.low[lane] < f64::INFINITY
+    pub fn found<I: Isa>(&self) -> Mask {
+        let mut found = 0;
+        for (eight, low) in self.low.as_chunks().0.iter().enumerate() {
+            found |= Mask::from(I::F64x8::load(low).lt(I::F64x8::splat(f64::INFINITY))) << (8 * eight);
+        }
+        found
     }
 
     /// The object that the nearest hit of a lane is on.

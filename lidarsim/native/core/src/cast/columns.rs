@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::schedule::pieces;
-use crate::arith::simd::{self, Isa, Level};
+use crate::arith::simd::{Isa, Level};
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, Sink, World};
 use crate::{memory, parallel};
@@ -67,6 +67,15 @@ impl Arrays for Occlusion<'_> {
 
 impl Sink for Columns<'_> {
     #[inline(always)]
+    fn clear(&mut self, rays: Range<usize>) {
+        let Hit { t, normal, object, primitive } = Hit::MISS;
+        self.t[rays.clone()].fill(MaybeUninit::new(t));
+        self.object[rays.clone()].fill(MaybeUninit::new(object));
+        self.primitive[rays.clone()].fill(MaybeUninit::new(primitive));
+        self.normal[rays].fill(MaybeUninit::new(normal));
+    }
+
+    #[inline(always)]
     fn put(&mut self, i: usize, hit: Hit) {
         self.t[i].write(hit.t);
         self.object[i].write(hit.object);
@@ -75,11 +84,11 @@ impl Sink for Columns<'_> {
     }
 
     #[inline(always)]
-    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
-        simd::prefetch::<I, _>(&self.t[hits.clone()]);
-        simd::prefetch::<I, _>(&self.object[hits.clone()]);
-        simd::prefetch::<I, _>(&self.primitive[hits.clone()]);
-        simd::prefetch::<I, _>(&self.normal[hits]);
+    fn prefetch<I: Isa>(&self, i: usize) {
+        I::prefetch(&self.t[i]);
+        I::prefetch(&self.object[i]);
+        I::prefetch(&self.primitive[i]);
+        I::prefetch(&self.normal[i]);
     }
 }
 
@@ -87,12 +96,17 @@ impl Sink for Occlusion<'_> {
     const ANY: bool = true;
 
     #[inline(always)]
+    fn clear(&mut self, rays: Range<usize>) {
+        self.0[rays].fill(MaybeUninit::new(false));
+    }
+
+    #[inline(always)]
     fn put(&mut self, i: usize, hit: Hit) {
         self.0[i].write(hit.object >= 0);
     }
 
     #[inline(always)]
-    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
-        simd::prefetch::<I, _>(&self.0[hits]);
+    fn prefetch<I: Isa>(&self, i: usize) {
+        I::prefetch(&self.0[i]);
     }
 }

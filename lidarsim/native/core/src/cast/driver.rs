@@ -6,7 +6,7 @@
 use std::cell::Cell;
 
 use crate::arith::simd::{self, Isa, Level, Task};
-use crate::bvh::{LANES, RayPacket};
+use crate::bvh::{LANES, RayPacket, take};
 use crate::cast::closest_hit::ClosestHit;
 use crate::cast::ray_sort::{NEAR, RaySort};
 use crate::cast::surface_intersector::{HitBatches, SurfaceIntersector};
@@ -48,7 +48,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let mut legal = true;
         loop {
             for traversal in &mut traversals {
-                while traversal.is_idle() && source.next_packet::<I>(traversal.state.rays) {
+                while traversal.is_idle() && source.next_packet::<I>(traversal.state.rays, router.hits) {
                     source.prefetch::<I>(traversal.state.rays.count, router.hits);
                     if traversal.state.rays.count > 0 {
                         traversal.make_ready();
@@ -131,15 +131,17 @@ struct PacketSource<'a> {
 }
 
 impl PacketSource<'_> {
-    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if there are no more.
+    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if there are no more. Hits of rays that are sorted
+    /// for it are cleared.
     #[inline(always)]
-    fn next_packet<I: Isa>(&mut self, rays: &mut RayPacket) -> bool {
+    fn next_packet<I: Isa>(&mut self, rays: &mut RayPacket, hits: &mut (impl Sink + ?Sized)) -> bool {
         let end = self.ray_sort.sorted().len();
         if self.start == end {
             if !self.ray_sort.advance::<I>(self.origins, self.directions) {
                 return false;
             }
             (self.start, self.done) = (0, self.done + end);
+            hits.clear(self.done..self.done + self.ray_sort.sorted().len());
         }
         rays.gather::<I>(self.origins, self.directions, &self.ray_sort.sorted()[self.start..]);
         let taken = rays.count.max(1);
@@ -152,22 +154,20 @@ impl PacketSource<'_> {
         true
     }
 
-    /// Prefetches the rays of a coming packet, and the places of their hits.
+    /// Prefetches the rays of a coming packet, and the places of their hits unless these have just been cleared.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
         let sorted = self.ray_sort.sorted();
         if sorted.len() == NEAR {
             // Of the rays that will be sorted next, as many as were gathered last.
             let (end, next) = (self.origins.len(), self.done + NEAR + self.start);
-            let ahead = end.min(next - count)..end.min(next);
-            simd::prefetch::<I, _>(&self.origins[ahead.clone()]);
-            hits.prefetch::<I>(ahead);
+            simd::prefetch::<I, _>(&self.origins[end.min(next - count)..end.min(next)]);
         } else {
             for &i in &sorted[self.start..sorted.len().min(self.start + LANES)] {
                 let i = i as usize;
                 I::prefetch(&self.origins[i]);
                 I::prefetch(&self.directions[i]);
-                hits.prefetch::<I>(i..i + 1);
+                hits.prefetch::<I>(i);
             }
         }
     }
@@ -184,11 +184,9 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
     #[inline(always)]
     fn route<I: Isa>(&mut self, state: &PacketState, triangle_hits: &mut TriangleHits<'a>) {
         let PacketState { rays, closest, .. } = state;
-        let mut lanes = 0;
-        for lane in 0..rays.count {
-            if !closest.has_found(lane) {
-                self.hits.put(rays.at[lane] as usize, Hit::MISS);
-            } else if S::ANY {
+        let (mut lanes, mut left) = (0, closest.found::<I>());
+        while let Some(lane) = take(&mut left) {
+            if S::ANY {
                 self.hits.put(rays.at[lane] as usize, Hit::UNREFINED);
             } else if self.world.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
                 lanes |= 1 << lane;
@@ -206,16 +204,16 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
         let rays = &traversal.state.rays;
         let (at, origin, direction, time) = (rays.at[0] as usize, rays.origin(0), rays.direction(0), rays.time[0]);
         let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
-        let mut hit = Hit::MISS;
         if legal {
             let scene = self.world.scene;
             let mut closest = ClosestHit::new(scene, (origin, direction, time), range, S::ANY);
             closest.run(self.world, traversal.stack());
             if let Some((root, bounds)) = closest.found() {
-                hit = if S::ANY { Hit::UNREFINED } else { scene.hit_within(&root, bounds, origin, direction, time) };
+                let hit =
+                    if S::ANY { Hit::UNREFINED } else { scene.hit_within(&root, bounds, origin, direction, time) };
+                self.hits.put(at, hit);
             }
         }
-        self.hits.put(at, hit);
         legal
     }
 }

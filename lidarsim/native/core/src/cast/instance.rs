@@ -62,7 +62,8 @@ impl InstanceRays {
     }
 
     /// Gathers those of `left` that are of the octant of the first, and returns them.
-    pub fn next(&mut self, left: Mask) -> Mask {
+    #[inline(always)]
+    pub fn next<I: Isa>(&mut self, left: Mask) -> Mask {
         let first = left.trailing_zeros();
         let (mut next, mut octant) = (left, 0);
         for (axis, backward) in self.backward.iter().enumerate() {
@@ -70,7 +71,7 @@ impl InstanceRays {
             next &= if is_backward { *backward } else { !*backward };
             octant |= u32::from(is_backward) << axis;
         }
-        self.rays.gather_octant(&self.all, next, octant);
+        self.rays.gather_octant::<I>(&self.all, next, octant);
         next
     }
 }
@@ -155,7 +156,7 @@ mod tests {
 
     use super::*;
     use crate::arith::number::{Dyadic, Interval, Number};
-    use crate::arith::simd::{Level, Task, dispatch};
+    use crate::arith::simd::{Level, Portable, Task, dispatch};
     use crate::bvh::all;
     use crate::geometry::affine::{Affine, Placement};
     use crate::scene::Geometry;
@@ -216,7 +217,7 @@ mod tests {
                 let mut left = dispatch(level, Enter(&object, &world, &mut instance_rays));
                 assert_eq!(left, all(64), "{level:?}");
                 while left != 0 {
-                    let mut next = instance_rays.next(left);
+                    let mut next = instance_rays.next::<Portable>(left);
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
                         let (rays, ray) = (&instance_rays.rays, Ray::new(world.origin(lane), world.direction(lane)));

@@ -56,8 +56,7 @@ impl LeafIntersector<'_, '_> {
         // One loop over origins, so that `test` is inlined once.
         let (mut nearer, mut left) = (0, mask);
         while left != 0 {
-            let one_origin = self.rays.one_origin || left & (left - 1) == 0;
-            let same = if one_origin { left } else { left & self.rays.at_origin_of(left.trailing_zeros() as usize) };
+            let same = left & self.rays.at_origin_of(left.trailing_zeros() as usize);
             nearer |= self.test::<I>(leaf, same);
             left &= !same;
         }

@@ -172,7 +172,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
             I::call(Incoherent { state, world, packets: [&mut outer.packet, &mut inner.packet], stack, surfaces });
             return;
         }
-        self.later = world.movers.as_ref();
+        state.rays.find_origins::<I>();
+        self.later = world.movers();
         self.start_in::<I>(&world.index.bounded);
     }
 
@@ -342,7 +343,7 @@ impl<'a> PacketState<'a, '_> {
             && !visit.object.is_untransformed()
             && let Some(instance_rays) = self.instance_rays.as_mut()
         {
-            next = instance_rays.next(next);
+            next = instance_rays.next::<I>(next);
             let (center, reach) = (visit.hierarchy.center(), visit.hierarchy.longest_reach());
             if instance_rays.rays.are_far(center, reach) {
                 instance_rays.rays.start_near::<I>(center, reach);
@@ -436,7 +437,7 @@ impl Task for Incoherent<'_, '_, '_> {
     fn run<I: Isa>(self) {
         let Incoherent { state, world, packets: [outer, inner], stack, surfaces } = self;
         let active = all(state.rays.count);
-        for hierarchy in [Some(&world.index.bounded), world.movers.as_ref()].into_iter().flatten() {
+        for hierarchy in [Some(&world.index.bounded), world.movers()].into_iter().flatten() {
             state.approach::<I>(hierarchy);
             match hierarchy.only_leaf() {
                 Some(&id) => Objects { state, packet: inner, surfaces }.intersect::<I>(stack, id, active),

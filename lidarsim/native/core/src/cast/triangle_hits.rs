@@ -84,8 +84,8 @@ impl Task for Refine<'_, '_> {
     fn run<I: Isa>(self) -> Mask {
         let Refine { triangle_hits: TriangleHits { lanes, object, primitive, corners, t, normal }, rays } = self;
         let (mut certain, mut left) = (0, *lanes);
-        // The planes of the last eight hits, and their normals. If one point saw all of them on one triangle, the next eight may be there, too.
-        let (mut latest, mut shared) = (None, None);
+        // The planes of the last eight hits, and their normals; and the triangle, if all of them were on one: the next eight may be there, too.
+        let mut latest: Option<(TrianglePlane<I>, ([I::F64x8; 3], u32), Option<(u32, u32)>)> = None;
         while left != 0 {
             let first = left.trailing_zeros() as usize;
             let eight = first / 8;
@@ -97,15 +97,19 @@ impl Task for Refine<'_, '_> {
             for k in 0..8 {
                 others |= u32::from((objects[k], primitives[k]) != triangle) << k;
             }
-            let is_shared = rays.one_origin && others & mask == 0;
-            if !(is_shared && shared == Some(triangle)) {
-                let corners = if is_shared { &[corners[first]; 8] } else { &corners.as_chunks().0[eight] };
-                let plane = TrianglePlane::<I>::new(corners_of::<I>(corners), rays.origins::<I>(eight));
-                latest = Some((plane, plane.unit_normal()));
-                shared = is_shared.then_some(triangle);
-            }
-            let Some((plane, (unit, fine))) = &latest else { unreachable!("made above") };
-            let (refined, sure) = Crossing::<I>::new(plane, rays.directions::<I>(eight)).rounded();
+            let one = if others & mask == 0 { Some(triangle) } else { None };
+            let (plane, (unit, fine)) = match latest {
+                Some((plane, normal, of)) if one.is_some() && one == of => {
+                    (if rays.one_origin { plane } else { plane.from_points(rays.origins::<I>(eight)) }, normal)
+                }
+                _ => {
+                    let corners = if one.is_some() { &[corners[first]; 8] } else { &corners.as_chunks().0[eight] };
+                    let plane = TrianglePlane::<I>::new(corners_of::<I>(corners), rays.origins::<I>(eight));
+                    (plane, plane.unit_normal())
+                }
+            };
+            latest = Some((plane, (unit, fine), one));
+            let (refined, sure) = Crossing::<I>::new(&plane, rays.directions::<I>(eight)).rounded();
             t.as_chunks_mut().0[eight] = refined.store();
             for axis in 0..3 {
                 normal[axis].as_chunks_mut().0[eight] = unit[axis].store();

@@ -55,6 +55,12 @@ impl Pose {
         std::array::from_fn(|j| self.rotation[0][j] * v[0] + self.rotation[1][j] * v[1] + self.rotation[2][j] * v[2])
     }
 
+    /// A point of the world in the sensor frame.
+    #[inline(always)]
+    pub fn place_back(&self, p: Point) -> Point {
+        self.turn_back(sub(p, self.translation))
+    }
+
     /// The pose of what has the pose `inner` in the frame of `self`.
     pub fn then(&self, inner: &Pose) -> Pose {
         Pose { rotation: product(self.rotation, inner.rotation), translation: self.place(inner.translation) }
@@ -65,7 +71,7 @@ impl Pose {
         let columns: [Point; 3] = std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
         Pose {
             rotation: std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i])),
-            translation: base.turn_back(sub(self.translation, base.translation)),
+            translation: base.place_back(self.translation),
         }
     }
 }
@@ -202,29 +208,24 @@ impl Path {
         }
     }
 
-    /// The velocity at a time of what moves along and is then at a point of the world.
-    pub fn velocity_of(&self, point: Point, time: f64) -> Point {
-        let pose = self.at(time);
-        let Velocity { linear, angular } = self.velocity_in(time, Some(&pose));
-        let swung = pose.turn(cross(angular, pose.turn_back(sub(point, pose.translation))));
-        std::array::from_fn(|i| linear[i] + swung[i])
-    }
-
     /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which it is reached.
     pub fn velocity(&self, time: f64) -> Velocity {
-        self.velocity_in(time, None)
+        self.motion(time).velocity
     }
 
-    /// As `velocity`, with the pose at the time, if it is known.
-    fn velocity_in(&self, time: f64, pose: Option<&Pose>) -> Velocity {
-        match self {
-            Path::Still(_) => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
-            Path::Twist { linear, angular, .. } => {
-                let linear = pose.map_or_else(|| self.at(time).turn(*linear), |pose| pose.turn(*linear));
-                Velocity { linear, angular: *angular }
-            }
-            Path::Knots { steps, .. } if steps.is_empty() => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
-            Path::Knots { times, steps, .. } => {
+    /// `at` and `velocity` together, which is less work.
+    pub fn motion(&self, time: f64) -> Motion {
+        if let Path::Mounted { body, mount } = self {
+            let Motion { pose, velocity: Velocity { linear, angular } } = body.motion(time);
+            let swung = pose.turn(cross(angular, mount.translation));
+            let linear = std::array::from_fn(|i| linear[i] + swung[i]);
+            let velocity = Velocity { linear, angular: mount.turn_back(angular) };
+            return Motion { pose: pose.then(mount), velocity };
+        }
+        let pose = self.at(time);
+        let velocity = match self {
+            Path::Twist { linear, angular, .. } => Velocity { linear: pose.turn(*linear), angular: *angular },
+            Path::Knots { times, steps, .. } if !steps.is_empty() => {
                 let i = times.partition_point(|&t| t <= time).saturating_sub(1).min(steps.len() - 1);
                 let length = times[i + 1] - times[i];
                 let u = ((time - times[i]) / length).min(1.0);
@@ -232,13 +233,26 @@ impl Path {
                 let turning = Turn::new(turn.at(u)).rate(turn.derivative(u));
                 Velocity { linear: shift.derivative(u).map(|x| x / length), angular: turning.map(|x| x / length) }
             }
-            Path::Mounted { body, mount } => {
-                let body_pose = body.at(time);
-                let Velocity { linear, angular } = body.velocity_in(time, Some(&body_pose));
-                let swung = body_pose.turn(cross(angular, mount.translation));
-                Velocity { linear: std::array::from_fn(|i| linear[i] + swung[i]), angular: mount.turn_back(angular) }
-            }
-        }
+            _ => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
+        };
+        Motion { pose, velocity }
+    }
+}
+
+/// The pose and the velocity of a body at a moment.
+#[derive(Clone, Copy, Debug)]
+pub struct Motion {
+    pub pose: Pose,
+    pub velocity: Velocity,
+}
+
+impl Motion {
+    /// The velocity in the world of a point of the body, which is given in its frame.
+    #[inline(always)]
+    pub fn velocity_of(&self, point: Point) -> Point {
+        let Velocity { linear, angular } = self.velocity;
+        let swung = self.pose.turn(cross(angular, point));
+        std::array::from_fn(|i| linear[i] + swung[i])
     }
 }
 

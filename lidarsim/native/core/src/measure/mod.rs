@@ -23,7 +23,7 @@ use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::number::Interval;
 use crate::arith::simd::{self, Isa, Level, Task};
 use crate::geometry::point::{cross, dot, sub};
-use crate::geometry::pose::{Path, Pose, Velocity};
+use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
 use crate::measure::rng::{Effect, Stream};
 use crate::memory::{resize, split_off};
@@ -50,8 +50,8 @@ pub trait Caster: Sync {
     /// The vertices of the triangle of a mesh that was hit, and the share that each has of the hit.
     fn shares(&self, hit: &Hit, origin: Point, direction: Point, time: f64) -> Option<([u32; 3], [f64; 3])>;
 
-    /// The velocity of a point of an object at a time.
-    fn velocity(&self, object: i32, point: Point, time: f64) -> Point;
+    /// How an object moves, if it does.
+    fn path(&self, object: i32) -> Option<&Path>;
 }
 
 impl Caster for World<'_> {
@@ -64,9 +64,8 @@ impl Caster for World<'_> {
         World::cast(self, level, rays, (0.0, f64::INFINITY), hits);
     }
 
-    fn velocity(&self, object: i32, point: Point, time: f64) -> Point {
-        let motion = self.scene.objects()[object as usize].motion();
-        motion.map_or([0.0; 3], |motion| motion.velocity_of(point, time))
+    fn path(&self, object: i32) -> Option<&Path> {
+        self.scene.objects()[object as usize].motion()
     }
 
     fn shares(&self, hit: &Hit, origin: Point, direction: Point, time: f64) -> Option<([u32; 3], [f64; 3])> {
@@ -229,9 +228,6 @@ impl<'a> Rows<'a> {
         if let Some(direction) = self.true_direction.get_mut(row) {
             direction.write([f64::NAN; 3]);
         }
-        if let Some(velocity) = self.radial_velocity.get_mut(row) {
-            velocity.write(f32::NAN);
-        }
     }
 }
 
@@ -268,8 +264,12 @@ struct Scratch {
     transmission: Vec<f64>,
     /// Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
     incidence: Vec<[f64; 2]>,
+    /// Of each row, the products of the ray's direction with the velocity of what was hit against the sensor, and with itself; empty if nothing moves.
+    approach: Vec<[f64; 2]>,
     /// Of each pulse, the velocity of its origin in the world; empty if the sensor does not move.
     velocity: Vec<Point>,
+    /// Of the object that moves and was met last, and when: neighbours often meet it at one time.
+    motion: Option<((i32, f64), Motion)>,
     /// Of each pulse, its number in the whole frame.
     index: Vec<u64>,
     /// Of each pulse, what effects draw, and its direction with its jitter; of effects that are off these are empty. Further echoes draw their
@@ -327,12 +327,16 @@ impl<'a, C: Caster> Scan<'a, C> {
         self.cast(pulses.clone(), rays)?;
         self.shine(rays);
         resize(&mut rays.incidence, pulses.len() * self.measurement.returns.most(), [0.0; 2]);
+        resize(&mut rays.approach, rows.radial_velocity.len(), [0.0; 2]);
         match &self.measurement.beam {
             None => self.measure_lines(pulses, rays, rows),
             Some(beam) => self.measure_footprints(beam, pulses, rays, rows),
         }
         for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(&rays.incidence) {
             angle.write(first_quadrant_angle(squared_sin.sqrt(), *cos) as f32);
+        }
+        for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(&rays.approach) {
+            velocity.write((along / squared_length.sqrt()) as f32);
         }
         Ok(())
     }
@@ -392,25 +396,38 @@ impl<'a, C: Caster> Scan<'a, C> {
         rows.write(row, echo, hit, numbers);
         let across = cross(hit.normal, direction);
         rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
-        if let Some(velocity) = rows.radial_velocity.get_mut(row) {
-            velocity.write(self.radial_velocity(i, echo.ray, rays));
+        if row < rays.approach.len() {
+            let velocity = self.velocity(i, echo.ray, rays);
+            rays.approach[row] = [dot(velocity, direction), dot(direction, direction)];
         }
     }
 
-    /// How fast the range of what a ray of the `i`-th pulse hits grows: the velocity of that point of the surface against the origin of the pulse,
-    /// along the ray.
-    #[inline(never)]
-    fn radial_velocity(&self, i: usize, ray: usize, rays: &Scratch) -> f32 {
-        let (origin, direction, hit) = (rays.origins[ray], rays.directions[ray], &rays.hits[ray]);
+    /// The velocity of what a ray of the `i`-th pulse hits, there, against the origin of the pulse.
+    #[inline(always)]
+    fn velocity(&self, i: usize, ray: usize, rays: &mut Scratch) -> Point {
         let mut velocity = [0.0; 3];
-        if let Some(&time) = rays.times.get(ray) {
-            let point = std::array::from_fn(|k| origin[k] + hit.t * direction[k]);
-            velocity = self.caster.velocity(hit.object, point, time);
+        if let Some(&time) = rays.times.get(ray)
+            && let Some(path) = self.caster.path(rays.hits[ray].object)
+        {
+            velocity = Self::velocity_on(path, ray, time, rays);
         }
-        if let Some(own) = rays.velocity.get(i) {
-            velocity = sub(velocity, *own);
+        match rays.velocity.get(i) {
+            Some(own) => sub(velocity, *own),
+            None => velocity,
         }
-        (dot(velocity, direction) / dot(direction, direction).sqrt()) as f32
+    }
+
+    #[inline(never)]
+    fn velocity_on(path: &Path, ray: usize, time: f64, rays: &mut Scratch) -> Point {
+        let (origin, direction, hit) = (rays.origins[ray], rays.directions[ray], &rays.hits[ray]);
+        let point = std::array::from_fn(|k| origin[k] + hit.t * direction[k]);
+        let met = (hit.object, time);
+        let motion = match rays.motion {
+            Some((last, motion)) if last == met => motion,
+            _ => path.motion(time),
+        };
+        rays.motion = Some((met, motion));
+        motion.velocity_of(motion.pose.place_back(point))
     }
 
     /// Where the `i`-th pulse of the batch that starts with pulse `start` went.
@@ -430,25 +447,22 @@ impl<'a, C: Caster> Scan<'a, C> {
         resize(&mut rays.origins, count, [0.0; 3]);
         resize(&mut rays.directions, count, [0.0; 3]);
         rays.velocity.clear();
+        rays.motion = None;
         let (mut start, mut right) = (pulses.start, true);
         while start < pulses.end {
             // Pulses of one time are fired from one pose.
-            let pose = frame.path.at(frame.start + frame.times[start]);
             let mut end = start + 1;
-            if let Path::Still(_) = frame.path {
+            let pose = if let Path::Still(pose) = frame.path {
                 end = pulses.end;
-            }
-            while end < pulses.end && frame.times[end] == frame.times[start] {
-                end += 1;
-            }
-            if let Path::Still(_) = frame.path {
+                *pose
             } else {
-                let Velocity { linear, angular } = frame.path.velocity(frame.start + frame.times[start]);
-                for origin in &frame.origins[start..end] {
-                    let swung = pose.turn(cross(angular, *origin));
-                    rays.velocity.push(std::array::from_fn(|k| linear[k] + swung[k]));
+                while end < pulses.end && frame.times[end] == frame.times[start] {
+                    end += 1;
                 }
-            }
+                let motion = frame.path.motion(frame.start + frame.times[start]);
+                rays.velocity.extend(frame.origins[start..end].iter().map(|origin| motion.velocity_of(*origin)));
+                motion.pose
+            };
             right &= self.aim(start..end, start - pulses.start, &pose, rays);
             start = end;
         }
@@ -614,6 +628,9 @@ fn close(i: usize, all: Range<usize>, end: usize, status: Status, rays: &mut Scr
     for row in end..all.end {
         rows.clear(row);
         rays.incidence[row] = [f64::NAN; 2];
+        if let Some(approach) = rays.approach.get_mut(row) {
+            *approach = [f64::NAN; 2];
+        }
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::arith::simd::{self, Isa};
+use crate::arith::simd::Isa;
 use crate::geometry::vector::Point;
 
 /// The closest hit of a ray.
@@ -24,24 +24,33 @@ impl Hit {
     pub const UNREFINED: Hit = Hit { t: f64::NAN, object: 0, ..Hit::MISS };
 }
 
-/// Where hits go: the hit of ray i, once for each ray, in any order.
+/// Where the hits of rays go, those of misses first: nothing more is put for these.
 pub trait Sink {
-    /// Whether any hit of a ray will do: then what is put is `Hit::UNREFINED` or `Hit::MISS`.
+    /// Whether any hit of a ray will do: then what is put is `Hit::UNREFINED`.
     const ANY: bool = false;
 
+    /// Puts `Hit::MISS` for some rays, before any other hit of theirs. One after the other is written, whole lines of the cache, which then are where
+    /// the hits go that are put in any order.
+    fn clear(&mut self, rays: Range<usize>);
+    /// Puts the hit of ray i.
     fn put(&mut self, i: usize, hit: Hit);
-    /// Prefetches the memory of some hits.
-    fn prefetch<I: Isa>(&self, hits: Range<usize>);
+    /// Prefetches where the hit of ray i goes.
+    fn prefetch<I: Isa>(&self, i: usize);
 }
 
 impl Sink for [Hit] {
+    #[inline(always)]
+    fn clear(&mut self, rays: Range<usize>) {
+        self[rays].fill(Hit::MISS);
+    }
+
     #[inline(always)]
     fn put(&mut self, i: usize, hit: Hit) {
         self[i] = hit;
     }
 
     #[inline(always)]
-    fn prefetch<I: Isa>(&self, hits: Range<usize>) {
-        simd::prefetch::<I, _>(&self[hits]);
+    fn prefetch<I: Isa>(&self, i: usize) {
+        I::prefetch(&self[i]);
     }
 }

@@ -10,6 +10,8 @@ mod world;
 
 use std::cmp::Ordering;
 
+use arc_swap::ArcSwapOption;
+
 use crate::arith::number::{self, Dyadic, Interval, Number, One, Uncertain};
 use crate::bvh::{Bvh, Stack, TraversalRay};
 use crate::geometry::affine::Placement;
@@ -26,14 +28,17 @@ pub use object::{Geometry, Object, ObjectAt};
 pub use predicates::RootIntervals;
 pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
+use world::Movers;
 pub use world::World;
 
 #[derive(Debug)]
 pub struct Scene {
     objects: Vec<Object>,
-    /// Those that move.
+    /// Those that move, in rising order.
     movers: Vec<u32>,
     index: Once<Index>,
+    /// Those of the last cast.
+    last_movers: ArcSwapOption<Movers>,
 }
 
 #[derive(Clone, Debug)]
@@ -54,13 +59,14 @@ impl Scene {
     pub fn new(objects: Vec<Object>) -> Self {
         let moves = |id: &u32| objects[*id as usize].motion().is_some();
         let movers = (0..objects.len() as u32).filter(moves).collect();
-        Scene { objects, movers, index: Once::new() }
+        Scene { objects, movers, index: Once::new(), last_movers: ArcSwapOption::empty() }
     }
 
     /// As `new`. The hierarchy that another scene has of its objects is refitted to these, if they differ in their places alone and it is still about as
     /// good: that takes much less time than to build one.
     pub fn like(other: &Scene, objects: Vec<Object>) -> Self {
         let scene = Scene::new(objects);
+        scene.last_movers.store(other.last_movers.load_full());
         if let Some(index) = other.index.get()
             && let Some(index) = scene.refitted(index)
         {

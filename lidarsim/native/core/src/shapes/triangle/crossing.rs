@@ -57,6 +57,8 @@ pub struct TrianglePlane<I: Isa> {
     normal: [Expansion<I>; 3],
     /// A.
     size: V<I>,
+    /// A corner.
+    corner: V<I>,
     num: Expansion<I>,
     num_error: I::F64x8,
 }
@@ -64,12 +66,23 @@ pub struct TrianglePlane<I: Isa> {
 impl<I: Isa> TrianglePlane<I> {
     #[inline(always)]
     pub fn new([a, b, c]: [V<I>; 3], o: V<I>) -> Self {
-        let (e1, e2, r) =
-            (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a), Expansion::<I>::vector_diff(a, o));
+        let (e1, e2) = (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a));
         let (normal, size) = Expansion::cross(e1, e2);
+        Self::of_point(normal, size, a, o)
+    }
+
+    #[inline(always)]
+    fn of_point(normal: [Expansion<I>; 3], size: V<I>, corner: V<I>, o: V<I>) -> Self {
+        let r = Expansion::<I>::vector_diff(corner, o);
         let reach = [r[0].high.abs(), r[1].high.abs(), r[2].high.abs()];
         let num_error = lanes::dot(size, reach).mul(I::F64x8::splat(BOUND));
-        TrianglePlane { normal, size, num: Expansion::dot(normal, r), num_error }
+        TrianglePlane { normal, size, corner, num: Expansion::dot(normal, r), num_error }
+    }
+
+    /// The same planes, seen from other points.
+    #[inline(always)]
+    pub fn from_points(&self, o: V<I>) -> Self {
+        Self::of_point(self.normal, self.size, self.corner, o)
     }
 
     /// A unit normal, and the lanes in which it is right to 2⁻⁶⁰ of its length, and three roundings.
@@ -90,7 +103,7 @@ impl<I: Isa> TrianglePlane<I> {
 impl<I: Isa> Crossing<I> {
     #[inline(always)]
     pub fn new(plane: &TrianglePlane<I>, d: V<I>) -> Self {
-        let TrianglePlane { normal, size, num, num_error } = *plane;
+        let TrianglePlane { normal, size, num, num_error, .. } = *plane;
         let den = Expansion::dot_plain(normal, d);
 
         let (unit, bound) = (I::F64x8::splat(UNIT), I::F64x8::splat(BOUND));
@@ -321,7 +334,8 @@ mod tests {
         for (size, known) in [(0.9 * promised, 0xff), (1.1 * promised, 0)] {
             let of = |high: f64| Expansion { high: [high; 8], low: [0.0; 8] };
             let (normal, size) = ([of(1.0), of(0.0), of(0.0)], in_lanes([size, 0.0, 0.0]));
-            let plane = TrianglePlane::<Portable> { normal, size, num: of(1.0), num_error: [0.0; 8] };
+            let plane =
+                TrianglePlane::<Portable> { normal, size, corner: [[0.0; 8]; 3], num: of(1.0), num_error: [0.0; 8] };
             assert_eq!(plane.unit_normal().1, known);
         }
     }
