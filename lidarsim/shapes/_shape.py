@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._pickling import Pickled, Value
 from lidarsim._shown import extent, short
-from lidarsim._validation import Floats, Transform, affine, frozen, rays, t_range
+from lidarsim._validation import Floats, Transform, placement, rays, t_range
 from lidarsim.shapes._tessellation import Triangles
 
 
@@ -63,11 +63,11 @@ class Shape(Value):
         The shape in the core.
     transform : array_like, shape (4, 4), or RigidTransform, optional
         Affine map that the shape goes through; its entries are taken as exact.
-    **parameters
-        The other attributes.
+    numbers : sequence of float
+        What the other attributes are made of, unless the shape in the core has that.
     """
 
-    __slots__ = ("_native", "transform")
+    __slots__ = ("_native", "_numbers", "transform")
 
     __match_args__: ClassVar[tuple[str, ...]] = ()
     """Attributes that say all of the shape but its transform: arguments of the constructor."""
@@ -79,17 +79,18 @@ class Shape(Value):
     """Whether the surface ends somewhere."""
 
     _native: core.Shape
+    _numbers: Sequence[float]
     transform: Floats | None
 
-    def __init__(self, native: core.Shape, transform: Transform | None = None, **parameters: object) -> None:
+    def __init__(self, native: core.Shape, transform: Transform | None = None, numbers: Sequence[float] = ()) -> None:
         matrix = None
         if transform is not None:
-            matrix = frozen(affine("transform", transform))
+            matrix = placement("transform", transform)
             native = native.transformed(matrix)
-        object.__setattr__(self, "_native", native)
-        object.__setattr__(self, "transform", matrix)
-        for name, value in parameters.items():
-            object.__setattr__(self, name, frozen(value) if isinstance(value, np.ndarray) else value)
+        set_ = object.__setattr__
+        set_(self, "_native", native)
+        set_(self, "_numbers", numbers)
+        set_(self, "transform", matrix)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
