@@ -218,12 +218,6 @@ def affine(name: str, value: Transform) -> Floats:
     return matrix
 
 
-def placement(name: str, value: Transform) -> Floats:
-    """Return `affine` of `value` as a read-only copy."""
-    plain = _native.plain_affine(value)
-    return frozen(affine(name, value)) if plain is None else plain
-
-
 _LAST = [0.0, 0.0, 0.0, 1.0]
 
 

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._files import PathLike
 from lidarsim._pickling import Immutable, Pickled
-from lidarsim._validation import UINT32, Floats, Transform, array, integer, named_labels, placement, rays, t_range
+from lidarsim._validation import UINT32, Floats, Transform, array, integer, named_labels, rays, t_range
 from lidarsim._views import Plotted, view
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
@@ -102,11 +102,9 @@ class SceneObject(_Native):
         instance = integer("instance", instance, at_least=0, at_most=UINT32)
         placed, matrix = shape._native, None
         if transform is not None:
-            matrix = placement("transform", transform)
-            placed = placed.transformed(matrix)
+            placed, matrix = shape._image(transform)
         if motion is not None:
             placed = placed.moving(motion._native)
-        reflectivity: Any = material.reflectivity  # a number or an array: `Material` makes arrays of sequences
         # At once, for one at a time takes twice as long.
         self.__dict__.update(
             id=id,
@@ -118,7 +116,7 @@ class SceneObject(_Native):
             transform=matrix,
             motion=motion,
             _placed=placed,
-            _looks=core.Appearance(label, instance, per, reflectivity),
+            _looks=core.Appearance(label, instance, per, material.reflectivity),
         )
 
     @property
@@ -692,7 +690,7 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
 
 def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
-    if not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
+    if type(value) is int or not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
     given = np.asarray(value)
     if not isinstance(shape, TriangleMesh):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
 
@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._pickling import Pickled, Value
 from lidarsim._shown import extent, short
-from lidarsim._validation import Floats, Transform, placement, rays, t_range
+from lidarsim._validation import Floats, Transform, affine, rays, t_range
 from lidarsim.shapes._tessellation import Triangles
 
 
@@ -63,11 +63,9 @@ class Shape(Value):
         The shape in the core.
     transform : array_like, shape (4, 4), or RigidTransform, optional
         Affine map that the shape goes through; its entries are taken as exact.
-    numbers : sequence of float
-        What the other attributes are made of, unless the shape in the core has that.
     """
 
-    __slots__ = ("_native", "_numbers", "transform")
+    __slots__ = ("_native", "transform")
 
     __match_args__: ClassVar[tuple[str, ...]] = ()
     """Attributes that say all of the shape but its transform: arguments of the constructor."""
@@ -79,21 +77,29 @@ class Shape(Value):
     """Whether the surface ends somewhere."""
 
     _native: core.Shape
-    _numbers: Sequence[float]
     transform: Floats | None
 
-    def __init__(self, native: core.Shape, transform: Transform | None = None, numbers: Sequence[float] = ()) -> None:
-        matrix = None
-        if transform is not None:
-            matrix = placement("transform", transform)
-            native = native.transformed(matrix)
+    def __init__(self, native: core.Shape, transform: Transform | None = None) -> None:
         set_ = object.__setattr__
         set_(self, "_native", native)
-        set_(self, "_numbers", numbers)
+        matrix = None
+        if transform is not None:
+            native, matrix = self._image(transform)
+            set_(self, "_native", native)
         set_(self, "transform", matrix)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        """The parameters by which the core knows the shape, if it is not a mesh."""
+        return self._native.numbers()
+
+    def _image(self, transform: Transform) -> tuple[core.Shape, Floats]:
+        """Return the shape under one more transform, in the core, and a read-only copy of that transform."""
+        image = self._native.transformed(transform)
+        return self._image(affine("transform", transform)) if image is None else image
 
     def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that stand for the surface where it is looked at, before any transform.

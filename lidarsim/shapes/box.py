@@ -62,7 +62,7 @@ class Box(Shape):
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:
         numbers = (*positive("size", vector("size", size)), *vector("center", center))
-        super().__init__(_native.Shape("Box", numbers), transform, numbers)
+        super().__init__(_native.Shape("Box", numbers), transform)
 
     @property
     def size(self) -> Floats:

@@ -67,7 +67,7 @@ class Cylinder(Shape):
         if not isinstance(capped, bool | np.bool_):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
         numbers = (*first, *last, real("radius", radius, above=0.0), float(capped))
-        super().__init__(_native.Shape("Cylinder", numbers), transform, numbers)
+        super().__init__(_native.Shape("Cylinder", numbers), transform)
 
     @property
     def start(self) -> Floats:

@@ -66,7 +66,7 @@ class Ellipsoid(Shape):
         middle, lengths = vector("center", center), positive("radii", vector("radii", radii))
         axes = _ALONG_XYZ if rotation is None else array("rotation", rotation, (3, 3)).ravel().tolist()
         numbers = (*middle, *lengths, *axes)
-        super().__init__(_native.Shape("Ellipsoid", numbers), transform, numbers)
+        super().__init__(_native.Shape("Ellipsoid", numbers), transform)
 
     @property
     def center(self) -> Floats:

@@ -106,7 +106,7 @@ class Plane(Shape):
 
     def _set(self, numbers: tuple[float, ...], transform: Transform | None) -> None:
         """Set up the plane of a normal and a distance, of a point and a normal, or of three points."""
-        Shape.__init__(self, _native.Shape("Plane", numbers), transform, numbers)
+        Shape.__init__(self, _native.Shape("Plane", numbers), transform)
 
     @property
     def point(self) -> Floats:

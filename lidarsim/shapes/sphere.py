@@ -50,7 +50,7 @@ class Sphere(Shape):
 
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
         numbers = (*vector("center", center), real("radius", radius, above=0.0))
-        super().__init__(_native.Shape("Sphere", numbers), transform, numbers)
+        super().__init__(_native.Shape("Sphere", numbers), transform)
 
     @property
     def center(self) -> Floats:

@@ -51,7 +51,7 @@ class Triangle(Shape):
         self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
     ) -> None:
         numbers = (*vector("a", a), *vector("b", b), *vector("c", c))
-        super().__init__(_native.Shape("Triangle", numbers), transform, numbers)
+        super().__init__(_native.Shape("Triangle", numbers), transform)
 
     @property
     def a(self) -> Floats:

@@ -1,7 +1,6 @@
 //! Arguments in the forms that most have, taken at once. Of all others Python finds out what they are, or what is wrong with them.
 
-use numpy::ndarray::aview2;
-use numpy::{PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyFloat, PyInt, PyList, PyTuple};
 
@@ -31,19 +30,13 @@ fn number(item: &Bound<'_, PyAny>) -> Option<f64> {
     Some(item.cast_exact::<PyInt>().ok()?.extract::<i64>().ok()? as f64)
 }
 
-/// A read-only copy of a C-contiguous array (4, 4) of float64, if its numbers are finite and its last row is (0, 0, 0, 1).
-#[pyfunction]
-pub fn plain_affine<'py>(value: &Bound<'py, PyAny>) -> Option<Bound<'py, PyArray2<f64>>> {
+/// The rows of a C-contiguous array (4, 4) of float64, if they are finite and the last one is (0, 0, 0, 1).
+pub fn affine(value: &Bound<'_, PyAny>) -> Option<[[f64; 4]; 4]> {
     let array: PyReadonlyArray2<'_, f64> = value.extract().ok()?;
-    let rows: &[[f64; 4]] = array.as_slice().ok()?.as_chunks().0;
-    let is_plain = array.is_c_contiguous()
-        && array.shape() == [4, 4]
-        && rows[3] == [0.0, 0.0, 0.0, 1.0]
-        && rows.as_flattened().iter().all(|number| number.is_finite());
-    if !is_plain {
+    if !array.is_c_contiguous() || array.shape() != [4, 4] {
         return None;
     }
-    let copy = PyArray2::from_array(value.py(), &aview2(rows));
-    copy.readwrite().make_nonwriteable();
-    Some(copy)
+    let rows: [[f64; 4]; 4] = array.as_slice().ok()?.as_chunks().0.try_into().ok()?;
+    let is_finite = rows.as_flattened().iter().all(|number| number.is_finite());
+    (is_finite && rows[3] == [0.0, 0.0, 0.0, 1.0]).then_some(rows)
 }
