@@ -206,7 +206,7 @@ def pose(name: str, value: Transform) -> Floats:
 def affine(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix with a last row of (0, 0, 0, 1); the core decides whether it can be inverted."""
     if hasattr(value, "as_matrix"):
-        if not hasattr(type(value), "rotation"):  # to get that of a RigidTransform takes as long as a thousand rays
+        if not hasattr(type(value), "rotation"):  # scipy would make that of the value itself, and slowly
             kind = type(value).__name__
             raise TypeError(f"{name}: expected a RigidTransform or an array of shape (4, 4), got a {kind}")
         value = value.as_matrix()

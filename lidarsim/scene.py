@@ -86,6 +86,8 @@ class SceneObject(_Native):
         material: Material,
         transform: Transform | None,
         motion: Trajectory | None,
+        *,
+        _looks: core.Appearance | None = None,
     ) -> None:
         if not isinstance(shape, Shape):
             raise TypeError(f"shape: expected a lidarsim shape, got {_kind(shape)}")
@@ -116,7 +118,7 @@ class SceneObject(_Native):
             transform=matrix,
             motion=motion,
             _placed=placed,
-            _looks=core.Appearance(label, instance, per, material.reflectivity),
+            _looks=_looks or core.Appearance(label, instance, per, material.reflectivity),
         )
 
     @property
@@ -129,7 +131,7 @@ class SceneObject(_Native):
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
-        return cls(**contents)
+        return dataclasses.replace(super()._restored(contents))
 
     def __repr__(self) -> str:
         """Return what it is and where."""
@@ -353,6 +355,8 @@ class Scene(Pickled, Plotted):
             given["material"] = DIFFUSE
         if given.get("instance", 0) is None:
             given["instance"] = item.id + 1
+        if not given.keys() & {"label", "instance", "material"}:
+            given["_looks"] = item._looks  # of a mesh there may be a label a face
         self._items[item.id] = dataclasses.replace(item, **given)
         self._changed()
 
