@@ -346,7 +346,7 @@ FORMS = {
     "unaligned": unaligned,
     "swapped bytes": lambda values: values.astype(values.dtype.newbyteorder()),
     "long doubles": lambda values: values.astype(np.longdouble),
-    "masked": lambda values: np.ma.array(values),
+    "masked": np.ma.array,
 }
 
 
