@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim import _native
+
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
@@ -42,6 +44,8 @@ def real(
     infinite: bool = False,
 ) -> float:
     """Return `value` as a float inside the bounds; NaN never passes, ±inf only with `infinite`."""
+    if type(value) is float and at_least <= value <= at_most and above < value < math.inf:
+        return value
     wrong: type[TypeError | ValueError] = TypeError
     got = ""
     if not isinstance(value, (bool, str, bytes)):
@@ -66,6 +70,8 @@ def real(
 
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
     """Return `value` as an int inside the bounds."""
+    if type(value) is int and (at_least is None or value >= at_least) and (at_most is None or value <= at_most):
+        return value
     wrong: type[TypeError | ValueError] = TypeError
     if not isinstance(value, bool):
         try:  # that of an array exists, and fails unless it is of a single integer
@@ -126,7 +132,16 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
     return result
 
 
-def frozen(values: Floats) -> Floats:
+def vector(name: str, value: object) -> tuple[float, float, float]:
+    """Return `value`, an array_like of shape (3,), as floats."""
+    plain = _native.plain_vector(value)
+    if plain is None:
+        x, y, z = array(name, value, (3,)).tolist()
+        return x, y, z
+    return plain
+
+
+def frozen(values: npt.ArrayLike) -> Floats:
     """Return a read-only copy of `values`."""
     copy = np.array(values, order="C")
     copy.setflags(write=False)
@@ -148,11 +163,11 @@ def nonzero_vectors(name: str, vectors: Floats) -> Floats:
     return vectors
 
 
-def positive(name: str, values: Floats) -> Floats:
-    """Return the vector `values` after checking that each of them is > 0."""
-    for i, value in enumerate(values.tolist()):
-        if value <= 0:
-            raise ValueError(f"{name}: expected numbers > 0, got {name}[{i}] = {value}")
+def positive(name: str, values: Sequence[float]) -> Sequence[float]:
+    """Return `values` after checking that each of them is > 0."""
+    if min(values) <= 0:
+        i = next(i for i, value in enumerate(values) if value <= 0)
+        raise ValueError(f"{name}: expected numbers > 0, got {name}[{i}] = {values[i]}")
     return values
 
 
@@ -176,8 +191,6 @@ def pose(name: str, value: Transform) -> Floats:
     Rigid means that the rotation part is orthonormal to within 1e-6, what a float32 pose file keeps, and not a
     reflection.
     """
-    if hasattr(value, "as_matrix") and hasattr(value, "rotation"):
-        value = value.as_matrix()
     matrix = affine(name, value)
     rotation = matrix[:3, :3]
     error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
@@ -193,7 +206,7 @@ def pose(name: str, value: Transform) -> Floats:
 def affine(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix with a last row of (0, 0, 0, 1); the core decides whether it can be inverted."""
     if hasattr(value, "as_matrix"):
-        if not hasattr(value, "rotation"):
+        if not hasattr(type(value), "rotation"):  # scipy would make that of the value itself, and slowly
             kind = type(value).__name__
             raise TypeError(f"{name}: expected a RigidTransform or an array of shape (4, 4), got a {kind}")
         value = value.as_matrix()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -10,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import array, real
+from lidarsim._validation import array, frozen, real
 
 __all__ = ["Material"]
 
@@ -18,7 +17,7 @@ Per = Literal["object", "face", "vertex"]
 PER = get_args(Per)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
+@dataclass(frozen=True, init=False, kw_only=True, eq=False, repr=False)
 class Material(Value):
     """How a surface returns light.
 
@@ -43,24 +42,24 @@ class Material(Value):
     >>> sign = ls.Material(reflectivity=[0.1, 300.0], per="face")
     """
 
-    reflectivity: float | Sequence[float] | npt.NDArray[np.float64] = 1.0
-    per: Per = "object"
+    reflectivity: float | npt.NDArray[np.float64]
+    per: Per
 
-    def __post_init__(self) -> None:
-        """Check the arguments."""
-        if self.per not in PER:
-            raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {self.per!r}")
-        if self.per == "object":
-            if isinstance(self.reflectivity, (np.ndarray, list, tuple)):
+    def __init__(self, *, reflectivity: float | npt.ArrayLike = 1.0, per: Per = "object") -> None:
+        if per not in PER:
+            raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {per!r}")
+        set_ = object.__setattr__
+        set_(self, "per", per)
+        if per == "object":
+            if isinstance(reflectivity, (np.ndarray, list, tuple)):
                 raise TypeError("reflectivity: expected one number, or an array with per='face' or per='vertex'")
-            object.__setattr__(self, "reflectivity", real("reflectivity", self.reflectivity, at_least=0.0))
+            set_(self, "reflectivity", real("reflectivity", reflectivity, at_least=0.0))
             return
-        values = array("reflectivity", self.reflectivity, ("n",)).copy()
+        values = array("reflectivity", reflectivity, ("n",))
         if (values < 0.0).any():
             index = int(np.argmax(values < 0.0))
             raise ValueError(f"reflectivity: expected numbers >= 0, got reflectivity[{index}] = {values[index]}")
-        values.setflags(write=False)
-        object.__setattr__(self, "reflectivity", values)
+        set_(self, "reflectivity", frozen(values))
 
     @classmethod
     def from_colors(cls, colors: npt.ArrayLike, *, per: Literal["face", "vertex"] = "vertex") -> Material:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Self, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any, Self, TypedDict, Unpack
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._files import PathLike
 from lidarsim._pickling import Immutable, Pickled
-from lidarsim._validation import UINT32, Floats, Transform, affine, array, frozen, integer, named_labels, rays, t_range
+from lidarsim._validation import UINT32, Floats, Transform, array, integer, named_labels, rays, t_range
 from lidarsim._views import Plotted, view
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
@@ -36,8 +36,15 @@ MOST_LINES = 12  # of a repr
 MOST = 2**31 - 1  # ids are int32 in hits
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SceneObject(Immutable):
+class _Native(Immutable):
+    """An object of a scene as the core has it."""
+
+    _placed: core.Shape
+    _looks: core.Appearance
+
+
+@dataclass(frozen=True, init=False, eq=False)
+class SceneObject(_Native):
     """A shape in a scene.
 
     Attributes
@@ -69,22 +76,50 @@ class SceneObject(Immutable):
     transform: Floats | None
     motion: Trajectory | None
 
-    def __post_init__(self) -> None:
-        """Check and convert the arguments."""
-        if not isinstance(self.shape, Shape):
-            raise TypeError(f"shape: expected a lidarsim shape, got {_kind(self.shape)}")
-        if not isinstance(self.name, str):
-            raise TypeError(f"name: expected a string, got {self.name!r}")
-        if not isinstance(self.material, Material):
-            raise TypeError(f"material: expected a Material, got {_kind(self.material)}")
-        if self.motion is not None and not isinstance(self.motion, Trajectory):
-            raise TypeError(f"motion: expected a Trajectory, got {_kind(self.motion)}")
-        _check_reflectivity(self.material, self.shape)
-        set_ = object.__setattr__
-        set_(self, "label", _label(self.label, self.shape))
-        set_(self, "instance", integer("instance", self.instance, at_least=0, at_most=UINT32))
-        if self.transform is not None:
-            set_(self, "transform", frozen(affine("transform", self.transform)))
+    def __init__(  # noqa: PLR0917 - the fields, in their order
+        self,
+        id: int,  # noqa: A002
+        shape: Shape,
+        name: str,
+        label: npt.ArrayLike,
+        instance: int,
+        material: Material,
+        transform: Transform | None,
+        motion: Trajectory | None,
+        *,
+        _looks: core.Appearance | None = None,
+    ) -> None:
+        if not isinstance(shape, Shape):
+            raise TypeError(f"shape: expected a lidarsim shape, got {_kind(shape)}")
+        if not isinstance(name, str):
+            raise TypeError(f"name: expected a string, got {name!r}")
+        if not isinstance(material, Material):
+            raise TypeError(f"material: expected a Material, got {_kind(material)}")
+        if motion is not None and not isinstance(motion, Trajectory):
+            raise TypeError(f"motion: expected a Trajectory, got {_kind(motion)}")
+        per = material.per
+        if per != "object":
+            _check_reflectivity(material, shape)
+        label = _label(label, shape)
+        instance = integer("instance", instance, at_least=0, at_most=UINT32)
+        placed, matrix = shape._native, None
+        if transform is not None:
+            placed, matrix = shape._image(transform)
+        if motion is not None:
+            placed = placed.moving(motion._native)
+        # At once, for one at a time takes twice as long.
+        self.__dict__.update(
+            id=id,
+            shape=shape,
+            name=name,
+            label=label,
+            instance=instance,
+            material=material,
+            transform=matrix,
+            motion=motion,
+            _placed=placed,
+            _looks=_looks or core.Appearance(label, instance, per, material.reflectivity),
+        )
 
     @property
     def bounds(self) -> Floats:
@@ -92,17 +127,11 @@ class SceneObject(Immutable):
 
         Infinite where the object is, nan if it is a mesh without triangles. Of what moves: without its motion.
         """
-        return self.shape._bounds(self._placed())
+        return self.shape._bounds(self._placed)
 
-    def _placed(self) -> core.Shape:
-        placed = self.shape._native
-        if self.transform is not None:
-            placed = placed.transformed(self.transform)
-        return placed if self.motion is None else placed.moving(self.motion._native)
-
-    def _appearance(self) -> core.Appearance:
-        reflectivity: Any = self.material.reflectivity  # a number or an array: `Material` makes arrays of sequences
-        return core.Appearance(self.label, self.instance, self.material.per, reflectivity)
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return dataclasses.replace(super()._restored(contents))
 
     def __repr__(self) -> str:
         """Return what it is and where."""
@@ -122,14 +151,6 @@ class _Changes(TypedDict, total=False):
     material: Material | None
     transform: Transform | None
     motion: Trajectory | None
-
-
-class _Entry(NamedTuple):
-    """An object and what the core has of it."""
-
-    item: SceneObject
-    shape: core.Shape
-    appearance: core.Appearance
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +249,7 @@ class Scene(Pickled, Plotted):
 
     def __init__(self, *, class_names: Mapping[int, str] | None = None) -> None:
         self._class_names = named_labels("class_names", class_names)
-        self._entries: dict[int, _Entry] = {}
+        self._items: dict[int, SceneObject] = {}
         self._next = 0
         self._kept: _Snapshot | None = None
         self._changed()
@@ -287,8 +308,7 @@ class Scene(Pickled, Plotted):
         if number > MOST:
             raise ValueError(f"expected at most {MOST + 1} objects in the life of a scene")
         own = number + 1 if instance is None else instance
-        item = SceneObject(number, shape, name, label, own, material or DIFFUSE, transform, motion)  # type: ignore[arg-type]
-        self._entries[number] = _Entry(item, item._placed(), item._appearance())
+        self._items[number] = SceneObject(number, shape, name, label, own, material or DIFFUSE, transform, motion)
         self._next += 1
         self._changed()
         return number
@@ -325,7 +345,7 @@ class Scene(Pickled, Plotted):
         [4.]
         [5.]
         """
-        entry = self._entry(object_id)
+        item = self._item(object_id)
         allowed = _Changes.__annotations__
         for name in changes:
             if name not in allowed:
@@ -334,11 +354,10 @@ class Scene(Pickled, Plotted):
         if given.get("material", DIFFUSE) is None:
             given["material"] = DIFFUSE
         if given.get("instance", 0) is None:
-            given["instance"] = entry.item.id + 1
-        item = dataclasses.replace(entry.item, **given)
-        placed = item._placed() if given.keys() & {"shape", "transform", "motion"} else entry.shape
-        looks = item._appearance() if given.keys() & {"label", "instance", "material"} else entry.appearance
-        self._entries[item.id] = _Entry(item, placed, looks)
+            given["instance"] = item.id + 1
+        if not given.keys() & {"label", "instance", "material"}:
+            given["_looks"] = item._looks  # of a mesh there may be a label a face
+        self._items[item.id] = dataclasses.replace(item, **given)
         self._changed()
 
     def remove(self, object_id: int) -> None:
@@ -354,7 +373,7 @@ class Scene(Pickled, Plotted):
         KeyError
             If there is no such object.
         """
-        del self._entries[self._entry(object_id).item.id]
+        del self._items[self._item(object_id).id]
         self._changed()
 
     def find(self, name: str) -> list[int]:
@@ -413,7 +432,7 @@ class Scene(Pickled, Plotted):
     @property
     def objects(self) -> tuple[SceneObject, ...]:
         """The objects in the order of their ids: tuple of SceneObject."""
-        return tuple(self)
+        return tuple(self._items.copy().values())
 
     @property
     def bounds(self) -> Floats:
@@ -427,20 +446,16 @@ class Scene(Pickled, Plotted):
         low, high = np.stack(boxes, axis=1)
         return np.stack([low.min(axis=0), high.max(axis=0)])
 
-    def _entry(self, object_id: object) -> _Entry:
+    def _item(self, object_id: object) -> SceneObject:
         if isinstance(object_id, str):
             raise TypeError(f"object_id: expected an integer, got {object_id!r}; scene.find gives the ids of a name")
         number = integer("object_id", object_id)
         try:
-            return self._entries[number]
+            return self._items[number]
         except KeyError:
             if 0 <= number < self._next:
                 raise KeyError(f"object_id: expected the id of an object, got {number}, which was removed") from None
             raise KeyError(f"object_id: expected an id below {self._next}, got {number}") from None
-
-    def _in_order(self) -> list[_Entry]:
-        """Return the entries in the order of their ids, as they are at one moment."""
-        return list(self._entries.copy().values())
 
     def _changed(self) -> None:
         """Note that the objects are no longer those of the snapshot."""
@@ -455,14 +470,13 @@ class Scene(Pickled, Plotted):
         version = self._version
         kept = self._kept
         if kept is None or kept.version is not version:
-            entries = self._in_order()
-            shapes, looks = [entry.shape for entry in entries], [entry.appearance for entry in entries]
+            items = self.objects
+            shapes, looks = [item._placed for item in items], [item._looks for item in items]
             native = core.Scene(shapes, looks, None if kept is None else kept.native)
             ids = None
-            if entries and entries[-1].item.id != len(entries) - 1:
-                ids = np.array([*(entry.item.id for entry in entries), -1], dtype=np.int32)
-            motions = ((entry.item, entry.item.motion) for entry in entries)
-            movers = tuple((item, motion) for item, motion in motions if motion is not None)
+            if items and items[-1].id != len(items) - 1:
+                ids = np.array([*(item.id for item in items), -1], dtype=np.int32)
+            movers = tuple([(item, item.motion) for item in items if item.motion is not None])
             spans = [motion.span for _, motion in movers]
             span = (
                 max((start for start, _ in spans), default=-math.inf),
@@ -556,11 +570,11 @@ class Scene(Pickled, Plotted):
 
     def __getitem__(self, object_id: int) -> SceneObject:
         """Return an object by its id."""
-        return self._entry(object_id).item
+        return self._item(object_id)
 
     def __iter__(self) -> Iterator[SceneObject]:
         """Iterate over the objects as they are now, in the order of their ids."""
-        return iter([entry.item for entry in self._in_order()])
+        return iter(self.objects)
 
     def to_pyvista(
         self, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None
@@ -626,7 +640,7 @@ class Scene(Pickled, Plotted):
 
     def __len__(self) -> int:
         """Return the number of objects."""
-        return len(self._entries)
+        return len(self._items)
 
     def __repr__(self) -> str:
         """Return how many objects there are of which shape and label, and where."""
@@ -655,7 +669,7 @@ class Scene(Pickled, Plotted):
         scene = cls.__new__(cls)
         Scene.__init__(scene)
         scene._class_names = contents["class_names"]
-        scene._entries = {item.id: _Entry(item, item._placed(), item._appearance()) for item in contents["objects"]}
+        scene._items = {item.id: item for item in contents["objects"]}
         scene._next = contents["next"]
         return scene
 
@@ -680,7 +694,7 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
 
 def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
-    if not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
+    if type(value) is int or not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
     given = np.asarray(value)
     if not isinstance(shape, TriangleMesh):
@@ -707,8 +721,6 @@ def _kind(value: object) -> str:
 def _check_reflectivity(material: Material, shape: Shape) -> None:
     """Raise an error where a reflectivity per face or vertex does not fit the shape."""
     per = material.per
-    if per == "object":
-        return
     if not isinstance(shape, TriangleMesh):
         raise TypeError(f"material: expected a TriangleMesh for a reflectivity per {per}, got {type(shape).__name__}")
     wanted = len(shape) if per == "face" else len(shape.vertices)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._pickling import Pickled, Value
 from lidarsim._shown import extent, short
-from lidarsim._validation import Floats, Transform, affine, frozen, rays, t_range
+from lidarsim._validation import Floats, Transform, affine, rays, t_range
 from lidarsim.shapes._tessellation import Triangles
 
 
@@ -63,8 +63,6 @@ class Shape(Value):
         The shape in the core.
     transform : array_like, shape (4, 4), or RigidTransform, optional
         Affine map that the shape goes through; its entries are taken as exact.
-    **parameters
-        The other attributes.
     """
 
     __slots__ = ("_native", "transform")
@@ -81,18 +79,27 @@ class Shape(Value):
     _native: core.Shape
     transform: Floats | None
 
-    def __init__(self, native: core.Shape, transform: Transform | None = None, **parameters: object) -> None:
+    def __init__(self, native: core.Shape, transform: Transform | None = None) -> None:
+        set_ = object.__setattr__
+        set_(self, "_native", native)
         matrix = None
         if transform is not None:
-            matrix = frozen(affine("transform", transform))
-            native = native.transformed(matrix)
-        object.__setattr__(self, "_native", native)
-        object.__setattr__(self, "transform", matrix)
-        for name, value in parameters.items():
-            object.__setattr__(self, name, frozen(value) if isinstance(value, np.ndarray) else value)
+            native, matrix = self._image(transform)
+            set_(self, "_native", native)
+        set_(self, "transform", matrix)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
+
+    @property
+    def _numbers(self) -> tuple[float, ...]:
+        """The parameters by which the core knows the shape, if it is not a mesh."""
+        return self._native.numbers()
+
+    def _image(self, transform: Transform) -> tuple[core.Shape, Floats]:
+        """Return the shape under one more transform, in the core, and a read-only copy of that transform."""
+        image = self._native.transformed(transform)
+        return self._image(affine("transform", transform)) if image is None else image
 
     def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that stand for the surface where it is looked at, before any transform.

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, array, positive
+from lidarsim._validation import Floats, Transform, Vector, frozen, positive, vector
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -53,19 +53,26 @@ class Box(Shape):
     array([[3., 5.]])
     """
 
-    __slots__ = __match_args__ = ("size", "center")
+    __slots__ = ()
+    __match_args__ = ("size", "center")
 
     configuration: ClassVar = {"size_m": Vector, "center_m": Vector}
-
-    size: Floats
-    center: Floats
 
     def __init__(
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:
-        sides, middle = positive("size", array("size", size, (3,))), array("center", center, (3,))
-        native = _native.Shape("Box", [*sides.tolist(), *middle.tolist()])
-        super().__init__(native, transform, size=sides, center=middle)
+        numbers = (*positive("size", vector("size", size)), *vector("center", center))
+        super().__init__(_native.Shape("Box", numbers), transform)
+
+    @property
+    def size(self) -> Floats:
+        """Lengths of the edges before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[:3])
+
+    @property
+    def center(self) -> Floats:
+        """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[3:6])
 
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.center + self.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, array, real
+from lidarsim._validation import Floats, Transform, Vector, frozen, real, vector
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, segments
 
@@ -47,14 +47,10 @@ class Cylinder(Shape):
     array([[3.5, 4.5]])
     """
 
-    __slots__ = __match_args__ = ("start", "end", "radius", "capped")
+    __slots__ = ()
+    __match_args__ = ("start", "end", "radius", "capped")
 
     configuration: ClassVar = {"start_m": Vector, "end_m": Vector, "radius_m": float, "capped": bool}
-
-    start: Floats
-    end: Floats
-    radius: float
-    capped: bool
 
     def __init__(
         self,
@@ -65,15 +61,33 @@ class Cylinder(Shape):
         *,
         transform: Transform | None = None,
     ) -> None:
-        first, last = array("start", start, (3,)), array("end", end, (3,))
-        ends = first.tolist(), last.tolist()
-        if ends[0] == ends[1]:
-            raise ValueError(f"end: expected a point other than start, got {tuple(ends[1])} for both")
+        first, last = vector("start", start), vector("end", end)
+        if first == last:
+            raise ValueError(f"end: expected a point other than start, got {last} for both")
         if not isinstance(capped, bool | np.bool_):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
-        length = real("radius", radius, above=0.0)
-        native = _native.Shape("Cylinder", [*ends[0], *ends[1], length, bool(capped)])
-        super().__init__(native, transform, start=first, end=last, radius=length, capped=bool(capped))
+        numbers = (*first, *last, real("radius", radius, above=0.0), float(capped))
+        super().__init__(_native.Shape("Cylinder", numbers), transform)
+
+    @property
+    def start(self) -> Floats:
+        """Where the axis starts before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[:3])
+
+    @property
+    def end(self) -> Floats:
+        """Where the axis ends before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[3:6])
+
+    @property
+    def radius(self) -> float:
+        """The radius before any transform, m: float."""
+        return self._numbers[6]
+
+    @property
+    def capped(self) -> bool:
+        """Whether the ends are closed: bool."""
+        return bool(self._numbers[7])
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, end, radius = self.start, self.end, self.radius

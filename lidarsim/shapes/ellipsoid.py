@@ -8,12 +8,14 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, array, positive
+from lidarsim._validation import Floats, Transform, Vector, array, frozen, positive, vector
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
+
+_ALONG_XYZ = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 class Ellipsoid(Shape):
@@ -46,13 +48,10 @@ class Ellipsoid(Shape):
     array([[3., 7.]])
     """
 
-    __slots__ = __match_args__ = ("center", "radii", "rotation")
+    __slots__ = ()
+    __match_args__ = ("center", "radii", "rotation")
 
     configuration: ClassVar = {"center_m": Vector, "radii_m": Vector}
-
-    center: Floats
-    radii: Floats
-    rotation: Floats
 
     def __init__(
         self,
@@ -62,14 +61,27 @@ class Ellipsoid(Shape):
         *,
         transform: Transform | None = None,
     ) -> None:
-        if rotation is None:
-            rotation = np.eye(3)
-        elif hasattr(rotation, "as_matrix"):
+        if rotation is not None and hasattr(rotation, "as_matrix"):
             rotation = rotation.as_matrix()
-        middle, lengths = array("center", center, (3,)), positive("radii", array("radii", radii, (3,)))
-        axes = array("rotation", rotation, (3, 3))
-        native = _native.Shape("Ellipsoid", [*middle.tolist(), *lengths.tolist(), *axes.ravel().tolist()])
-        super().__init__(native, transform, center=middle, radii=lengths, rotation=axes)
+        middle, lengths = vector("center", center), positive("radii", vector("radii", radii))
+        axes = _ALONG_XYZ if rotation is None else array("rotation", rotation, (3, 3)).ravel().tolist()
+        numbers = (*middle, *lengths, *axes)
+        super().__init__(_native.Shape("Ellipsoid", numbers), transform)
+
+    @property
+    def center(self) -> Floats:
+        """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[:3])
+
+    @property
+    def radii(self) -> Floats:
+        """Half axes before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[3:6])
+
+    @property
+    def rotation(self) -> Floats:
+        """Directions of the axes before any transform, in columns: read-only ndarray of float64, shape (3, 3)."""
+        return frozen(self._numbers[6:]).reshape(3, 3)
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         axes = self.rotation * self.radii

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, Transform, array, nonzero_vectors, real
+from lidarsim._validation import Floats, Transform, nonzero_vectors, real, vector
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -48,15 +47,13 @@ class Plane(Shape):
     array([2.])
     """
 
-    __slots__ = ("_numbers",)
+    __slots__ = ()
     __match_args__ = ("normal", "distance")
-
-    _numbers: tuple[float, ...]
 
     bounded: ClassVar = False
 
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
-        self._set([*_normal(normal), real("distance", distance)], transform)
+        self._set((*_normal(normal), real("distance", distance)), transform)
 
     @classmethod
     def from_point(cls, point: npt.ArrayLike, normal: npt.ArrayLike, *, transform: Transform | None = None) -> Self:
@@ -79,9 +76,7 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the normal is zero, or the transform cannot be inverted.
         """
-        return cls._restored(
-            {"numbers": [*array("point", point, (3,)).tolist(), *_normal(normal)], "transform": transform}
-        )
+        return cls._restored({"numbers": (*vector("point", point), *_normal(normal)), "transform": transform})
 
     @classmethod
     def from_points(
@@ -106,12 +101,12 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the points are on one line, or the transform cannot be inverted.
         """
-        points = [x for name, value in (("a", a), ("b", b), ("c", c)) for x in array(name, value, (3,)).tolist()]
+        points = (*vector("a", a), *vector("b", b), *vector("c", c))
         return cls._restored({"numbers": points, "transform": transform})
 
-    def _set(self, numbers: Sequence[float], transform: Transform | None) -> None:
+    def _set(self, numbers: tuple[float, ...], transform: Transform | None) -> None:
         """Set up the plane of a normal and a distance, of a point and a normal, or of three points."""
-        Shape.__init__(self, _native.Shape("Plane", numbers), transform, _numbers=tuple(numbers))
+        Shape.__init__(self, _native.Shape("Plane", numbers), transform)
 
     @property
     def point(self) -> Floats:
@@ -171,6 +166,8 @@ class Plane(Shape):
         return outline, np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1).astype(np.uint32)
 
 
-def _normal(value: npt.ArrayLike) -> list[float]:
-    normal: list[float] = nonzero_vectors("normal", array("normal", value, (3,))).tolist()
+def _normal(value: npt.ArrayLike) -> tuple[float, float, float]:
+    normal = vector("normal", value)
+    if not any(normal):
+        nonzero_vectors("normal", np.array(normal))
     return normal

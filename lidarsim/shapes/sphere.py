@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, array, real
+from lidarsim._validation import Floats, Transform, Vector, frozen, real, vector
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
@@ -43,17 +43,24 @@ class Sphere(Shape):
     array([[2., 4.]])
     """
 
-    __slots__ = __match_args__ = ("center", "radius")
+    __slots__ = ()
+    __match_args__ = ("center", "radius")
 
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
-    center: Floats
-    radius: float
-
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
-        middle, length = array("center", center, (3,)), real("radius", radius, above=0.0)
-        native = _native.Shape("Sphere", [*middle.tolist(), length])
-        super().__init__(native, transform, center=middle, radius=length)
+        numbers = (*vector("center", center), real("radius", radius, above=0.0))
+        super().__init__(_native.Shape("Sphere", numbers), transform)
+
+    @property
+    def center(self) -> Floats:
+        """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[:3])
+
+    @property
+    def radius(self) -> float:
+        """The radius before any transform, m: float."""
+        return self._numbers[3]
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         vertices, faces = unit_sphere(None if chord_error is None else chord_error / self.radius)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, array
+from lidarsim._validation import Floats, Transform, Vector, frozen, vector
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -42,20 +42,31 @@ class Triangle(Shape):
     array([3.])
     """
 
-    __slots__ = __match_args__ = ("a", "b", "c")
+    __slots__ = ()
+    __match_args__ = ("a", "b", "c")
 
     configuration: ClassVar = {"a_m": Vector, "b_m": Vector, "c_m": Vector}
-
-    a: Floats
-    b: Floats
-    c: Floats
 
     def __init__(
         self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
     ) -> None:
-        corners = {name: array(name, value, (3,)) for name, value in (("a", a), ("b", b), ("c", c))}
-        native = _native.Shape("Triangle", [x for corner in corners.values() for x in corner.tolist()])
-        super().__init__(native, transform, **corners)
+        numbers = (*vector("a", a), *vector("b", b), *vector("c", c))
+        super().__init__(_native.Shape("Triangle", numbers), transform)
+
+    @property
+    def a(self) -> Floats:
+        """The first vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[:3])
+
+    @property
+    def b(self) -> Floats:
+        """The second vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[3:6])
+
+    @property
+    def c(self) -> Floats:
+        """The third vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
+        return frozen(self._numbers[6:9])
 
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return np.stack([self.a, self.b, self.c]), np.array([[0, 1, 2]], np.uint32)

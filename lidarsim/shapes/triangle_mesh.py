@@ -230,7 +230,7 @@ class TriangleMesh(Shape):
         rows, columns = heights.shape
         if rows < 2 or columns < 2:
             raise ValueError(f"z: expected at least 2 rows and 2 columns, got shape {heights.shape}")
-        step = positive("spacing", array("spacing", np.broadcast_to(np.asarray(spacing), (2,)), (2,)))
+        step = positive("spacing", array("spacing", np.broadcast_to(np.asarray(spacing), (2,)), (2,)).tolist())
         x0, y0 = array("origin", origin, (2,))
         x, y = np.meshgrid(x0 + step[0] * np.arange(columns), y0 + step[1] * np.arange(rows))
         corner = np.arange(rows * columns).reshape(rows, columns)

@@ -333,6 +333,49 @@ def test_input_of_any_layout_is_taken_and_kept(sample):
     assert_same_hits(shape.cast(o, d), hits)
 
 
+def unaligned(values):
+    return np.frombuffer(b"\0" + values.tobytes(), np.uint8)[1:].view(values.dtype).reshape(values.shape)
+
+
+FORMS = {
+    "lists": np.ndarray.tolist,
+    "tuple": lambda values: tuple(values.tolist()),
+    "by columns": np.asfortranarray,
+    "with gaps": lambda values: np.repeat(values, 2, axis=0)[::2],
+    "backwards": lambda values: np.flip(np.flip(values).copy()),
+    "unaligned": unaligned,
+    "swapped bytes": lambda values: values.astype(values.dtype.newbyteorder()),
+    "long doubles": lambda values: values.astype(np.longdouble),
+    "masked": np.ma.array,
+}
+
+
+@pytest.mark.parametrize("form", FORMS.values(), ids=FORMS)
+@every_sample
+def test_arguments_of_any_form_make_the_same_shape(sample, form):
+    matrix = np.array([[0.5, 0.25, 0, 0], [0, 2, -1, 0], [0, 0.75, 1, 0], [0, 0, 0, 1]])  # its transpose is a map too
+    spec = sample.spec(transform=matrix)
+    given = [form(x) if isinstance(x, np.ndarray) and x.dtype == np.float64 else x for x in spec.args]
+    shape, expected = cases.Spec(spec.kind, tuple(given), form(matrix)).build(), spec.build()
+    assert shape == expected
+    np.testing.assert_array_equal(shape.transform, matrix)
+    assert_same_hits(shape.cast(*generic_rays()), expected.cast(*generic_rays()))
+    scene = ls.Scene()
+    scene.add(sample.build(), transform=form(matrix))
+    assert_same_hits(scene.cast(*generic_rays()), expected.cast(*generic_rays()))
+
+
+@pytest.mark.parametrize(
+    "center",
+    [(1, -2, 3.5), (2**53 + 1, -(2**63), 2**62 + 1537), [-0.0, 5e-324, 1e308], (np.float32(0.1), np.int64(3), True)],
+)
+def test_numbers_are_taken_as_numpy_takes_them(center):
+    expected = np.asarray(center).astype(np.float64)
+    for form in (tuple, list, np.array):
+        taken = ls.Sphere(form(center), 1.0).center
+        assert (taken.tobytes(), taken.dtype, taken.flags.writeable) == (expected.tobytes(), np.float64, False)
+
+
 @every_sample
 def test_is_immutable(sample):
     shape = sample.build()

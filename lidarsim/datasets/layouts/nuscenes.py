@@ -111,10 +111,7 @@ def _box(items: list[SceneObject], time: float) -> dict[str, list[float]]:
     turn = np.eye(4)
     turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
     bounds = np.array(
-        [
-            item.shape._bounds(item.shape._native.transformed(turn.T @ place))
-            for item, place in zip(items, places, strict=True)
-        ]
+        [item.shape._bounds(item.shape._image(turn.T @ place)[0]) for item, place in zip(items, places, strict=True)]
     )
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     length, width, height = (high - low).tolist()

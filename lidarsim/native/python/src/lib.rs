@@ -1,6 +1,7 @@
 //! What Python sees of the core. No Python type goes past these files.
 
 mod path;
+mod plain;
 mod scan;
 mod scene;
 mod shape;
@@ -35,6 +36,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;
+    m.add_function(wrap_pyfunction!(plain::plain_vector, m)?)?;
     m.add_function(wrap_pyfunction!(threads, m)?)?;
     m.add_function(wrap_pyfunction!(isa, m)?)?;
     Ok(())

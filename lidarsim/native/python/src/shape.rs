@@ -8,13 +8,16 @@ use numpy::ndarray::aview2;
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 
-use crate::{Points, PyPath, detached, elements, points, rays};
+use crate::{Points, PyPath, detached, elements, plain, points, rays};
 
 /// A shape, placed by the maps it went through.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
 pub struct PyShape {
     pub object: Object,
+    /// What it was made from, unless that is a mesh.
+    numbers: Vec<f64>,
 }
 
 impl PyShape {
@@ -32,7 +35,7 @@ impl PyShape {
     #[new]
     fn new(name: &str, numbers: Vec<f64>) -> PyResult<Self> {
         let surface = AnySurface::new(name, &numbers).map_err(PyValueError::new_err)?;
-        Ok(PyShape { object: Object::new(Geometry::Surface(surface), false) })
+        Ok(PyShape { object: Object::new(Geometry::Surface(surface), false), numbers })
     }
 
     /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
@@ -46,23 +49,29 @@ impl PyShape {
         let (vertices, faces) = (points("vertices", &vertices)?, elements("faces", &faces)?.as_chunks().0);
         let mesh = detached(py, || TriangleMesh::new(memory::copy(vertices), memory::copy(faces)))?
             .ok_or_else(|| PyValueError::new_err("faces: expected shape (m, 3) and the numbers of vertices"))?;
-        Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole) })
+        Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole), numbers: Vec::new() })
     }
 
-    /// The image under a 4×4 affine matrix.
-    fn transformed(&self, py: Python<'_>, matrix: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
-        let &[x, y, z, _] = elements("transform", &matrix)?.as_chunks().0 else {
-            return Err(PyValueError::new_err("transform: expected shape (4, 4)"));
+    /// The image under a 4×4 affine matrix, and a read-only copy of that; none if it is not as `plain::affine` takes it.
+    fn transformed<'py>(&self, matrix: &Bound<'py, PyAny>) -> PyResult<Option<(Self, Bound<'py, PyArray2<f64>>)>> {
+        let py = matrix.py();
+        let Some(rows @ [x, y, z, _]) = plain::affine(matrix) else { return Ok(None) };
+        let Some(object) = detached(py, || self.object.transformed(Affine::from_rows([x, y, z])))? else {
+            return Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0"));
         };
-        match detached(py, || self.object.transformed(Affine::from_rows([x, y, z])))? {
-            Some(object) => Ok(PyShape { object }),
-            None => Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")),
-        }
+        let copy = PyArray2::from_array(py, &aview2(&rows));
+        copy.readwrite().make_nonwriteable();
+        Ok(Some((PyShape { object, numbers: self.numbers.clone() }, copy)))
     }
 
     /// The same, which then moves along a path.
     fn moving(&self, motion: &PyPath) -> Self {
-        PyShape { object: self.object.moving(motion.path.clone()) }
+        PyShape { object: self.object.moving(motion.path.clone()), numbers: self.numbers.clone() }
+    }
+
+    /// The parameters of a shape that is not a mesh.
+    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        PyTuple::new(py, &self.numbers)
     }
 
     /// The vertices of a mesh, (n, 3): a read-only view.
