@@ -23,6 +23,16 @@ const FAR: f64 = 1024.0;
 /// A bit for each ray of a packet.
 pub type Mask = u64;
 
+/// Which rays of a packet start at one point: groups of lanes.
+#[derive(Clone)]
+struct Origins {
+    groups: [Mask; LANES],
+    count: usize,
+}
+
+/// Bits of a hash of origins.
+const HASH: u32 = 8;
+
 /// A ray packet in float64, a lane each; lanes beyond the last ray, up to a whole subpacket, repeat the first.
 #[derive(Clone)]
 #[repr(C, align(64))]
@@ -45,8 +55,7 @@ pub struct RayPacket {
     pub octant: u32,
     /// Whether all rays have the same origin, which is off by the same.
     pub one_origin: bool,
-    /// If not, the rays that start where each of them does; see `find_origins`.
-    at_origin: [Mask; LANES],
+    origins: Origins,
     pub count: usize,
 }
 
@@ -64,7 +73,7 @@ impl RayPacket {
             at: [0; LANES],
             octant: 0,
             one_origin: false,
-            at_origin: [0; LANES],
+            origins: Origins { groups: [0; LANES], count: 0 },
             count: 0,
         }
     }
@@ -131,25 +140,29 @@ impl RayPacket {
         origin.iter().chain(&direction).all(|x| x.abs() < LARGEST) && largest > SMALLEST
     }
 
-    /// Gathers the rays of `mask`, which are of one octant, from another packet.
-    #[inline(always)]
-    pub fn gather_octant<I: Isa>(&mut self, others: &RayPacket, mask: Mask, octant: u32) {
+    /// Takes over the rays of another packet, as they are.
+    pub fn take_over(&mut self, others: &RayPacket) {
         self.origin.clone_from(&others.origin);
         self.direction.clone_from(&others.direction);
         self.origin_error.clone_from(&others.origin_error);
         self.direction_error.clone_from(&others.direction_error);
         self.length.clone_from(&others.length);
+    }
+
+    /// Keeps the rays of `mask`, which are of one octant.
+    #[inline(always)]
+    pub fn keep<I: Isa>(&mut self, mask: Mask, octant: u32) {
         (self.octant, self.has_offsets) = (octant, false);
         let first = mask.trailing_zeros() as usize;
         self.count = LANES - mask.leading_zeros() as usize;
         for lane in 0..self.count.next_multiple_of(WIDE) {
             if mask & 1 << lane == 0 {
-                self.set(lane, others.origin(first), others.direction(first));
-                self.origin_error[lane] = others.origin_error[first];
-                self.direction_error[lane] = others.direction_error[first];
+                self.set(lane, self.origin(first), self.direction(first));
+                self.origin_error[lane] = self.origin_error[first];
+                self.direction_error[lane] = self.direction_error[first];
             }
         }
-        self.one_origin = self.matches::<I>(first) == all(self.count);
+        self.one_origin = self.starts_of_runs::<I>() == 1;
         self.find_origins::<I>();
     }
 
@@ -207,40 +220,71 @@ impl RayPacket {
         [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]]
     }
 
-    /// Finds out which rays start where others do, for `at_origin_of`.
+    /// Finds rays that start where others do, for `origin_groups`.
     #[inline(always)]
     pub fn find_origins<I: Isa>(&mut self) {
-        let mut left = if self.one_origin { 0 } else { all(self.count) };
-        while left != 0 {
-            let same = self.matches::<I>(left.trailing_zeros() as usize);
-            let mut lanes = same;
-            while let Some(lane) = take(&mut lanes) {
-                self.at_origin[lane] = same;
+        if self.one_origin {
+            self.origins.groups[0] = all(self.count);
+            self.origins.count = 1;
+            return;
+        }
+        // By the hash of an origin, one more than the number of its group. Of two origins with one hash the later one takes the place: what comes of
+        // the other after that is a group of its own.
+        let mut known = [0_u8; 1 << HASH];
+        let mut left = self.starts_of_runs::<I>();
+        self.origins.count = 0;
+        while let Some(start) = take(&mut left) {
+            let run = all(self.count.min(left.trailing_zeros() as usize)) & !all(start);
+            let known = &mut known[self.hash_of_origin(start)];
+            let group = usize::from(*known).wrapping_sub(1);
+            if *known != 0 && self.start_at_one_point(self.origins.groups[group], start) {
+                self.origins.groups[group] |= run;
+            } else {
+                self.origins.groups[self.origins.count] = run;
+                self.origins.count += 1;
+                *known = self.origins.count as u8;
             }
-            left &= !same;
         }
     }
 
-    /// The rays that start where this one does, once `find_origins` has been called.
+    /// By multiplication: D. Knuth, The Art of Computer Programming, vol. 3, §6.4.
     #[inline(always)]
-    pub fn at_origin_of(&self, lane: usize) -> Mask {
-        if self.one_origin { all(self.count) } else { self.at_origin[lane] }
+    fn hash_of_origin(&self, lane: usize) -> usize {
+        let [x, y, z] = self.origin(lane).map(f64::to_bits);
+        let mixed = x ^ y.rotate_left(21) ^ z.rotate_left(42);
+        (mixed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (u64::BITS - HASH)) as usize
     }
 
-    /// The rays whose origins are equal to that of this one, and as far off.
+    /// All rays, in groups that each start at one point, once `find_origins` has been called.
     #[inline(always)]
-    fn matches<I: Isa>(&self, lane: usize) -> Mask {
-        let (origin, error) = (lanes::splat::<I::F64x8>(self.origin(lane)), I::F64x8::splat(self.origin_error[lane]));
-        let mut same = 0;
+    pub fn origin_groups(&self) -> &[Mask] {
+        &self.origins.groups[..self.origins.count]
+    }
+
+    /// The first lanes of runs of rays with one origin.
+    #[inline(always)]
+    fn starts_of_runs<I: Isa>(&self) -> Mask {
+        let [x, y, z] = &self.origin;
+        let mut starts = 1;
         for eight in 0..self.count.div_ceil(8) {
-            let (o, off) = (self.origins::<I>(eight), I::F64x8::load(&self.origin_error.as_chunks().0[eight]));
-            let mut equal = off.le(error) & error.le(off);
-            for axis in 0..3 {
-                equal &= o[axis].le(origin[axis]) & origin[axis].le(o[axis]);
+            // Each of eight lanes beside the next one, up to the last.
+            let lane = (8 * eight).min(LANES - 9);
+            let mut same = 0xff;
+            for column in [x, y, z, &self.origin_error] {
+                if let (Some(these), Some(next)) = (column[lane..].first_chunk(), column[lane + 1..].first_chunk()) {
+                    let (these, next) = (I::F64x8::load(these), I::F64x8::load(next));
+                    same &= these.le(next) & next.le(these);
+                }
             }
-            same |= Mask::from(equal) << (8 * eight);
+            starts |= Mask::from(same ^ 0xff) << (lane + 1);
         }
-        same & all(self.count)
+        starts & all(self.count)
+    }
+
+    #[inline(always)]
+    fn start_at_one_point(&self, group: Mask, other: usize) -> bool {
+        let lane = group.trailing_zeros() as usize;
+        self.origin(lane) == self.origin(other) && self.origin_error[lane] == self.origin_error[other]
     }
 
     #[inline(always)]
@@ -276,19 +320,17 @@ impl RayPacket {
             // More than 30° from the first.
             apart |= dot.mul(dot).lt(norm2.mul(I::F64x8::splat(0.75 * length2)));
         }
-        let mut wide = false;
+        let mut wide = 0;
         if !self.one_origin {
+            let least = I::F64x8::splat(size / 128.0);
             for axis in 0..3 {
-                let (mut least, mut most) =
-                    (I::F64x8::splat(self.origin[axis][0]), I::F64x8::splat(self.origin[axis][0]));
+                let first = I::F64x8::splat(self.origin[axis][0]);
                 for eight in 0..self.count.div_ceil(8) {
-                    let o = I::F64x8::load(&self.origin[axis].as_chunks().0[eight]);
-                    (least, most) = (Floats::min(o, least), Floats::max(o, most));
+                    wide |= least.lt(I::F64x8::load(&self.origin[axis].as_chunks().0[eight]).sub(first).abs());
                 }
-                wide |= most.largest() - least.smallest() > size / 64.0;
             }
         }
-        apart == 0 && !wide
+        apart == 0 && wide == 0
     }
 }
 
@@ -443,6 +485,63 @@ mod tests {
             assert_eq!(found.one_origin, given[..found.count].iter().all(|(o, _)| *o == given[0].0));
         }
     }
+
+    struct FindOrigins<'a>(&'a mut RayPacket);
+
+    impl Task for FindOrigins<'_> {
+        type Output = ();
+
+        #[inline(always)]
+        fn run<I: Isa>(self) {
+            self.0.find_origins::<I>();
+        }
+    }
+
+    /// Of rays that are apart in one coordinate, or in the error, in runs or by turns.
+    #[test]
+    fn rays_are_put_together_that_start_at_one_point() {
+        let (mut next, mut apart, mut together) = (numbers(), 0, 0);
+        let (mut all_runs, mut all_groups, mut all_kinds) = (0, 0, 0);
+        for round in 0..400 {
+            let (kinds, length) = ([1, 2, 5, 16, 40][round % 5], 1 + round / 5 % 9);
+            let mut rays = RayPacket::empty();
+            rays.count = [1, 7, 8, 9, 33, 63, LANES][(7.0 * next()) as usize];
+            let mut kind = [0; LANES];
+            for lane in 0..LANES {
+                kind[lane] = if lane % length == 0 { (f64::from(kinds) * next()) as usize } else { kind[lane - 1] };
+                let mut four = [1.0, 2.0, 3.0, 0.5];
+                four[kind[lane] % 4] += kind[lane] as f64;
+                rays.set(lane, [four[0], four[1], four[2]], [1.0; 3]);
+                rays.origin_error[lane] = four[3];
+            }
+            let runs = (0..rays.count).filter(|&lane| lane == 0 || kind[lane] != kind[lane - 1]).count();
+            let mut kinds = kind[..rays.count].to_vec();
+            kinds.sort_unstable();
+            kinds.dedup();
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let mut found = rays.clone();
+                dispatch(level, FindOrigins(&mut found));
+                let groups = found.origin_groups();
+                assert_eq!(groups.iter().fold(0, |all, group| all | group), all(rays.count));
+                assert_eq!(groups.iter().map(|group| group.count_ones() as usize).sum::<usize>(), rays.count);
+                (all_runs, all_groups, all_kinds) =
+                    (all_runs + runs, all_groups + groups.len(), all_kinds + kinds.len());
+                for lane in 0..rays.count {
+                    for other in 0..rays.count {
+                        let is_same = groups.iter().any(|group| group & 1 << lane != 0 && group & 1 << other != 0);
+                        assert!(!is_same || kind[other] == kind[lane], "{level:?}, {round}");
+                        together += usize::from(is_same && other != lane);
+                        apart += usize::from(!is_same);
+                    }
+                }
+            }
+        }
+        assert!(together > 50_000 && apart > 50_000, "{together}, {apart}");
+        // But for what hashes confuse, of which there is little among a few origins, there is one group for each.
+        assert!(all_kinds <= all_groups && 5 * all_groups < 6 * all_kinds, "{all_kinds}, {all_groups}, {all_runs}");
+        assert!(2 * all_runs > 3 * all_kinds);
+    }
+
     struct StartNear<'a>(&'a mut RayPacket, Point, f64);
 
     impl Task for StartNear<'_> {

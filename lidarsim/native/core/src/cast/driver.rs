@@ -275,4 +275,31 @@ mod tests {
         }
         assert!(ties > 500 && upper > 500, "{ties}, {upper}");
     }
+
+    #[test]
+    fn rays_that_hit_nothing_are_misses_whatever_was_there_before() {
+        with_large_frames(|| {
+            let scene = Scene::new(vec![object(FLAT, 9)]);
+            let (mut origins, mut directions) = rays();
+            let hitting = origins.len();
+            // Rays beside the triangle and away from it, one that does not fit into packets, and one that is illegal.
+            for (origin, direction) in [([-1.0, 2.0, 3.0], [0.0, 0.0, -1.0]), ([1.0, 2.0, 3.0], [0.0, 0.0, 1.0])] {
+                origins.extend(vec![origin; 700]);
+                directions.extend(vec![direction; 700]);
+            }
+            origins.extend([[1e40; 3], [f64::NAN; 3]]);
+            directions.extend([[1.0; 3]; 2]);
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let before = Hit { t: 7.0, normal: [7.0; 3], object: 7, primitive: 7 };
+                let mut hits = vec![before; origins.len()];
+                let (world, rays) = (scene.during([].into_iter()), (&origins[..], &directions[..], &[][..]));
+                assert!(!world.cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
+                for (i, hit) in hits.iter().enumerate() {
+                    let Hit { t, normal, object, primitive } = *hit;
+                    let is_miss = (t, normal, object, primitive) == (f64::INFINITY, [0.0; 3], -1, 0);
+                    assert!(is_miss != (i < hitting) && hit.t != before.t, "{level:?}, {i}: {hit:?}");
+                }
+            }
+        });
+    }
 }

@@ -16,13 +16,14 @@ pub struct InstanceRays {
     all: RayPacket,
     /// Which of them have a negative direction, by axis.
     backward: [Mask; 3],
-    /// Those of one octant.
-    pub rays: RayPacket,
+    /// Those of one octant, if others are left.
+    some: RayPacket,
+    are_some: bool,
 }
 
 impl InstanceRays {
     pub fn new() -> Self {
-        InstanceRays { all: RayPacket::empty(), backward: [0; 3], rays: RayPacket::empty() }
+        InstanceRays { all: RayPacket::empty(), backward: [0; 3], some: RayPacket::empty(), are_some: false }
     }
 
     /// Transforms these rays of the world, and returns those that fit into packets. `then`: where an object that moves is for each of them.
@@ -61,7 +62,19 @@ impl InstanceRays {
         true
     }
 
-    /// Gathers those of `left` that are of the octant of the first, and returns them.
+    /// The rays that were chosen last.
+    #[inline(always)]
+    pub fn rays(&self) -> &RayPacket {
+        if self.are_some { &self.some } else { &self.all }
+    }
+
+    /// As `rays`.
+    #[inline(always)]
+    pub fn rays_mut(&mut self) -> &mut RayPacket {
+        if self.are_some { &mut self.some } else { &mut self.all }
+    }
+
+    /// Chooses those of `left` that are of the octant of the first, and returns them.
     #[inline(always)]
     pub fn next<I: Isa>(&mut self, left: Mask) -> Mask {
         let first = left.trailing_zeros();
@@ -71,7 +84,11 @@ impl InstanceRays {
             next &= if is_backward { *backward } else { !*backward };
             octant |= u32::from(is_backward) << axis;
         }
-        self.rays.gather_octant::<I>(&self.all, next, octant);
+        self.are_some = next != left;
+        if self.are_some {
+            self.some.take_over(&self.all);
+        }
+        self.rays_mut().keep::<I>(next, octant);
         next
     }
 }
@@ -220,7 +237,7 @@ mod tests {
                     let mut next = instance_rays.next::<Portable>(left);
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
-                        let (rays, ray) = (&instance_rays.rays, Ray::new(world.origin(lane), world.direction(lane)));
+                        let (rays, ray) = (instance_rays.rays(), Ray::new(world.origin(lane), world.direction(lane)));
                         let truth: Ray<Dyadic> = object.inverse().local(ray);
                         let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
                         let given = [

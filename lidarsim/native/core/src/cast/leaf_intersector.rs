@@ -53,12 +53,12 @@ impl LeafIntersector<'_, '_> {
     /// Intersects these rays with a leaf, and returns the mask of those whose limits have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
-        // One loop over origins, so that `test` is inlined once.
-        let (mut nearer, mut left) = (0, mask);
-        while left != 0 {
-            let same = left & self.rays.at_origin_of(left.trailing_zeros() as usize);
-            nearer |= self.test::<I>(leaf, same);
-            left &= !same;
+        let mut nearer = 0;
+        for group in self.rays.origin_groups() {
+            let same = mask & group;
+            if same != 0 {
+                nearer |= self.test::<I>(leaf, same);
+            }
         }
         nearer
     }

@@ -345,8 +345,8 @@ impl<'a> PacketState<'a, '_> {
         {
             next = instance_rays.next::<I>(next);
             let (center, reach) = (visit.hierarchy.center(), visit.hierarchy.longest_reach());
-            if instance_rays.rays.are_far(center, reach) {
-                instance_rays.rays.start_near::<I>(center, reach);
+            if instance_rays.rays().are_far(center, reach) {
+                instance_rays.rays_mut().start_near::<I>(center, reach);
             }
         }
         self.pending &= !next;
@@ -357,7 +357,7 @@ impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn rays_in(&self, visit: InstanceVisit) -> &RayPacket {
         match &self.instance_rays {
-            Some(instance_rays) if !visit.object.is_untransformed() => &instance_rays.rays,
+            Some(instance_rays) if !visit.object.is_untransformed() => instance_rays.rays(),
             _ => self.near_rays(),
         }
     }
@@ -368,7 +368,7 @@ impl<'a> PacketState<'a, '_> {
         let world = &*self.rays;
         let InstanceVisit { id, mesh, .. } = visit;
         let (rays, deferred) = match (&self.instance_rays, &self.near_rays) {
-            (Some(instance_rays), _) if !visit.object.is_untransformed() => (&instance_rays.rays, None),
+            (Some(instance_rays), _) if !visit.object.is_untransformed() => (instance_rays.rays(), None),
             (_, Some(near_rays)) if self.are_far => (&**near_rays, Some(&mut *self.deferred)),
             _ => (world, Some(&mut *self.deferred)),
         };

@@ -71,6 +71,9 @@ impl<'a> TriangleHits<'a> {
     }
 }
 
+/// The planes of eight hits; their unit normals, and the lanes in which these are right; and the triangle, if all hits are on one.
+type Latest<I> = (TrianglePlane<I>, ([<I as Isa>::F64x8; 3], u32), Option<(u32, u32)>);
+
 /// Works out t and the normals, and returns the lanes in which both are certain.
 struct Refine<'t, 'a> {
     triangle_hits: &'t mut TriangleHits<'a>,
@@ -84,8 +87,8 @@ impl Task for Refine<'_, '_> {
     fn run<I: Isa>(self) -> Mask {
         let Refine { triangle_hits: TriangleHits { lanes, object, primitive, corners, t, normal }, rays } = self;
         let (mut certain, mut left) = (0, *lanes);
-        // The planes of the last eight hits, and their normals; and the triangle, if all of them were on one: the next eight may be there, too.
-        let mut latest: Option<(TrianglePlane<I>, ([I::F64x8; 3], u32), Option<(u32, u32)>)> = None;
+        // If the last eight hits were on one triangle, the next eight may be there, too.
+        let mut latest: Option<Latest<I>> = None;
         while left != 0 {
             let first = left.trailing_zeros() as usize;
             let eight = first / 8;
@@ -100,7 +103,7 @@ impl Task for Refine<'_, '_> {
             let one = if others & mask == 0 { Some(triangle) } else { None };
             let (plane, (unit, fine)) = match latest {
                 Some((plane, normal, of)) if one.is_some() && one == of => {
-                    (if rays.one_origin { plane } else { plane.from_points(rays.origins::<I>(eight)) }, normal)
+                    (if rays.one_origin { plane } else { plane.seen_from(rays.origins::<I>(eight)) }, normal)
                 }
                 _ => {
                     let corners = if one.is_some() { &[corners[first]; 8] } else { &corners.as_chunks().0[eight] };

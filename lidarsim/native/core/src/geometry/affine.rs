@@ -1,13 +1,17 @@
 //! Affine maps, object to world, whose inverse is never rounded.
 
 use std::cmp::Ordering;
+use std::sync::Arc;
 
-use crate::arith::number::{DoubleDouble, Dyadic, Interval, Kinds, Lanes, Number, OfRays, RunningError, Uncertain};
+use crate::arith::number::{
+    self, DoubleDouble, Dyadic, Interval, Kinds, Lanes, Number, OfRays, Predicate, RunningError, Uncertain,
+};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::pose::Pose;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
+use crate::once::Once;
 
 /// x ↦ linear·x + offset, with rows `linear[i]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,37 +78,42 @@ impl From<Pose> for Affine {
     }
 }
 
-/// The inverse of an affine map, in each kind of [`Number`].
-#[derive(Clone, Debug)]
+/// The inverse of affine maps, one after the other, in each kind of [`Number`].
+#[derive(Debug)]
 pub struct Inverse {
-    pub running_error: Adjugate<RunningError>,
-    pub double_double: Adjugate<DoubleDouble>,
-    pub dyadic: Adjugate<Dyadic>,
+    running_error: Adjugate<RunningError>,
+    double_double: Adjugate<DoubleDouble>,
+    /// Made when it is first needed, which for most objects is never.
+    dyadic: Once<Adjugate<Dyadic>>,
+    last: Affine,
+    reflects: bool,
+    before: Option<Arc<Inverse>>,
 }
 
 impl Inverse {
-    /// None if there is none: the determinant is zero, exactly.
-    pub fn of(map: &Affine) -> Option<Self> {
-        let dyadic = Adjugate::<Dyadic>::of(map, false);
-        let reflects = match dyadic.linear.determinant.sign() {
-            Ok(Ordering::Less) => true,
-            Ok(Ordering::Greater) => false,
-            Ok(Ordering::Equal) | Err(Uncertain) => return None,
-        };
+    /// Of a map, and of those before it. None if there is none: the determinant is zero, exactly.
+    pub fn of(map: &Affine, before: Option<Arc<Inverse>>) -> Option<Self> {
+        let reflects = number::decide(&Determinant(map))? == Ordering::Less;
         Some(Inverse {
-            running_error: Adjugate::of(map, reflects),
-            double_double: Adjugate::of(map, reflects),
-            dyadic: Adjugate::of(map, reflects),
+            running_error: Adjugate::of(map, reflects, before.as_ref().map(|before| &before.running_error)),
+            double_double: Adjugate::of(map, reflects, before.as_ref().map(|before| &before.double_double)),
+            dyadic: Once::new(),
+            last: *map,
+            reflects,
+            before,
         })
     }
+}
 
-    /// Of `first` and then `second`, whose inverse this is.
-    pub fn after(&self, first: &Self, second: &Affine) -> Self {
-        Inverse {
-            running_error: self.running_error.after(&first.running_error, second),
-            double_double: self.double_double.after(&first.double_double, second),
-            dyadic: self.dyadic.after(&first.dyadic, second),
-        }
+/// The sign of the determinant of a map; none if it is zero.
+struct Determinant<'a>(&'a Affine);
+
+impl Predicate for Determinant<'_> {
+    type Answer = Option<Ordering>;
+
+    fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
+        let sign = Cofactors::<N>::new(&self.0.linear.map(vector::exact)).determinant.sign()?;
+        Ok(if sign == Ordering::Equal { None } else { Some(sign) })
     }
 }
 
@@ -123,7 +132,8 @@ impl Kinds for Inverse {
 
     #[inline(always)]
     fn dyadic(&self) -> &Adjugate<Dyadic> {
-        &self.dyadic
+        self.dyadic
+            .get_or_make(|| Adjugate::of(&self.last, self.reflects, self.before.as_ref().map(|before| before.dyadic())))
     }
 
     #[inline(always)]
@@ -420,11 +430,16 @@ pub struct Adjugate<N> {
 }
 
 impl<N: Number<Floats = f64>> Adjugate<N> {
-    fn of(map: &Affine, negate: bool) -> Self {
+    /// Of a map with a determinant of this sign, and of those before it.
+    fn of(map: &Affine, reflects: bool, before: Option<&Self>) -> Self {
         let Cofactors { rows, determinant } = Cofactors::<N>::new(&map.linear.map(vector::exact));
         let (rows, determinant) =
-            if negate { (rows.each_ref().map(vector::negated), determinant.negated()) } else { (rows, determinant) };
-        Adjugate { linear: Cofactors { rows, determinant }, offset: map.offset, rest: None }
+            if reflects { (rows.each_ref().map(vector::negated), determinant.negated()) } else { (rows, determinant) };
+        let own = Adjugate { linear: Cofactors { rows, determinant }, offset: map.offset, rest: None };
+        match before {
+            None => own,
+            Some(before) => own.after(before, map),
+        }
     }
 
     /// x = L₂·(L₁·y + t₁) + t₂, so that adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.

@@ -266,8 +266,10 @@ struct Scratch {
     incidence: Vec<[f64; 2]>,
     /// Of each row, the products of the ray's direction with the velocity of what was hit against the sensor, and with itself; empty if nothing moves.
     approach: Vec<[f64; 2]>,
-    /// Of each pulse, the velocity of its origin in the world; empty if the sensor does not move.
-    velocity: Vec<Point>,
+    /// Velocities in the world of origins of pulses, and of each pulse which of them is that of its own, as those next to each other share many; empty if
+    /// the sensor does not move.
+    velocities: Vec<Point>,
+    velocity: Vec<u32>,
     /// Of the object that moves and was met last, and when: neighbours often meet it at one time.
     motion: Option<((i32, f64), Motion)>,
     /// Of each pulse, its number in the whole frame.
@@ -412,7 +414,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             velocity = Self::velocity_on(path, ray, time, rays);
         }
         match rays.velocity.get(i) {
-            Some(own) => sub(velocity, *own),
+            Some(own) => sub(velocity, rays.velocities[*own as usize]),
             None => velocity,
         }
     }
@@ -446,6 +448,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         let count = pulses.len() * measurement.rays();
         resize(&mut rays.origins, count, [0.0; 3]);
         resize(&mut rays.directions, count, [0.0; 3]);
+        rays.velocities.clear();
         rays.velocity.clear();
         rays.motion = None;
         let (mut start, mut right) = (pulses.start, true);
@@ -460,7 +463,14 @@ impl<'a, C: Caster> Scan<'a, C> {
                     end += 1;
                 }
                 let motion = frame.path.motion(frame.start + frame.times[start]);
-                rays.velocity.extend(frame.origins[start..end].iter().map(|origin| motion.velocity_of(*origin)));
+                let mut last = None;
+                for origin in &frame.origins[start..end] {
+                    if last != Some(origin) {
+                        rays.velocities.push(motion.velocity_of(*origin));
+                        last = Some(origin);
+                    }
+                    rays.velocity.push(rays.velocities.len() as u32 - 1);
+                }
                 motion.pose
             };
             right &= self.aim(start..end, start - pulses.start, &pose, rays);

@@ -41,12 +41,8 @@ impl Object {
     pub fn transformed(&self, map: Affine) -> Option<Self> {
         let mut object = self.clone();
         if !map.is_identity() {
-            let inverse = Inverse::of(&map)?;
+            object.inverse = Some(Arc::new(Inverse::of(&map, object.inverse)?));
             object.maps.push(map);
-            object.inverse = Some(Arc::new(match &self.inverse {
-                None => inverse,
-                Some(first) => inverse.after(first, &map),
-            }));
         }
         Some(object)
     }

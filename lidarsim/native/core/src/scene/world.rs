@@ -70,6 +70,6 @@ impl Scene {
         let bounds = |id: &u32| boxes[self.movers.binary_search(id).ok()?];
         let refitted = hierarchy.refitted(boxes.iter().flatten().count(), bounds)?;
         let is_good = refitted.surface() <= WORN * surface;
-        is_good.then(|| Movers { hierarchy: refitted, surface: *surface })
+        if is_good { Some(Movers { hierarchy: refitted, surface: *surface }) } else { None }
     }
 }

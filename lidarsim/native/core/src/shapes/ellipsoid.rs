@@ -3,6 +3,8 @@
 //! The ray is taken into the space of the unit sphere, which leaves t as it is. The common denominator of the inverse map
 //! is kept as the radius of the sphere there, so that nothing is divided.
 
+use std::sync::Arc;
+
 use super::sphere;
 use super::surface::{Shape, Surface, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
@@ -17,7 +19,7 @@ pub struct Ellipsoid {
     placement: Affine,
     radii: Point,
     /// Of both maps, the stretching and the placement.
-    inverse: std::boxed::Box<Inverse>,
+    inverse: Arc<Inverse>,
 }
 
 impl PartialEq for Ellipsoid {
@@ -32,8 +34,8 @@ impl Ellipsoid {
         let [x, y, z] = radii;
         let stretched = Affine::new([[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]], [0.0; 3]);
         let placement = Affine::new(rotation, center);
-        let inverse = Inverse::of(&placement)?.after(&Inverse::of(&stretched)?, &placement);
-        Some(Ellipsoid { placement, radii, inverse: std::boxed::Box::new(inverse) })
+        let inverse = Inverse::of(&placement, Some(Arc::new(Inverse::of(&stretched, None)?)))?;
+        Some(Ellipsoid { placement, radii, inverse: Arc::new(inverse) })
     }
 
     /// The ray in the space of the sphere, and the radius of the sphere there.

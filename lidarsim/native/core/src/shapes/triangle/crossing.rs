@@ -81,7 +81,7 @@ impl<I: Isa> TrianglePlane<I> {
 
     /// The same planes, seen from other points.
     #[inline(always)]
-    pub fn from_points(&self, o: V<I>) -> Self {
+    pub fn seen_from(&self, o: V<I>) -> Self {
         Self::of_point(self.normal, self.size, self.corner, o)
     }
 
