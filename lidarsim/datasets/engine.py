@@ -48,12 +48,8 @@ LOCAL = {
     # At Dask's threshold, each array is given back to the system and made anew of pages full of zeros, a sixth of the
     # time of a worker; this is as a process without Dask does it.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
-    # A hundred times a second the profiler takes the interpreter from the work: a tenth of the time.
+    # The profiler looks at the work a hundred times a second, a fortieth of the time of a worker.
     "distributed.worker.profile.enabled": False,
-    # No worker is given a shard to keep for later, while another one may have none left to do.
-    "distributed.scheduler.worker-saturation": 1.0,
-    # To start a worker takes seconds: where none comes, none can be started, and shards fail.
-    "distributed.scheduler.no-workers-timeout": "1 minute",
 }
 """Dask's settings for workers on this machine."""
 
@@ -255,6 +251,8 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
     if workers is None and scheduler is None:
         yield None
         return
+    if workers is not None:
+        integer("--workers", workers, at_least=1)
     distributed = import_extra("distributed", "cluster", "a cluster")
     for name in ("distributed", "distributed.client"):  # each has a level of its own
         logging.getLogger(name).setLevel(logging.CRITICAL)  # our errors say it, once
@@ -266,22 +264,19 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
         with client:
             yield client
         return
-    workers = integer("--workers", workers, at_least=1)
     config = import_extra("dask.config", "cluster", "a cluster")
     environment = {"LIDARSIM_THREADS": os.environ.get("LIDARSIM_THREADS", "1")}
     with ExitStack() as stack:
-        stack.enter_context(config.set(LOCAL))
+        stack.enter_context(config.set(LOCAL))  # for workers that replace killed ones, too
         local = distributed.LocalCluster(
-            n_workers=0,
+            n_workers=workers,
             threads_per_worker=1,
             env=environment,
-            memory_limit=1 / workers,
             preload=IGNORE_INTERRUPTS,
             silence_logs="CRITICAL",
             dashboard_address=":0",
         )
         client = stack.enter_context(distributed.Client(stack.enter_context(local)))
-        local.scale(workers)  # they start while this process goes on, and take shards when they are there
         try:
             yield client
         finally:

@@ -225,17 +225,6 @@ def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, drive
     assert tree(out) == drive
 
 
-def test_workers_that_do_not_start(recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A worker that ends at once stands for one that the machine has no room for."""
-    monkeypatch.setattr(engine, "IGNORE_INTERRUPTS", "import os; os._exit(1)")
-    monkeypatch.setitem(engine.LOCAL, "distributed.scheduler.no-workers-timeout", "1s")
-    with (
-        engine.cluster(1, None) as client,
-        pytest.raises(LidarsimError, match=r"3 shards failed; .* without any running workers"),
-    ):
-        ls.generate(recipe, tmp_path / "out", client=client, pictures=0)
-
-
 def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
     out = tmp_path / "out"
 
