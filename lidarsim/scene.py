@@ -78,7 +78,7 @@ class SceneObject(_Native):
 
     def __init__(  # noqa: PLR0917 - the fields, in their order
         self,
-        id: int,  # noqa: A002
+        id: int,  # noqa: A002 - the name of the field
         shape: Shape,
         name: str,
         label: npt.ArrayLike,

@@ -322,11 +322,12 @@ impl RayPacket {
         }
         let mut wide = 0;
         if !self.one_origin {
-            let least = I::F64x8::splat(size / 128.0);
+            // From the first, so that none is a sixty-fourth of the scene from another.
+            let most = I::F64x8::splat(size / 128.0);
             for axis in 0..3 {
                 let first = I::F64x8::splat(self.origin[axis][0]);
                 for eight in 0..self.count.div_ceil(8) {
-                    wide |= least.lt(I::F64x8::load(&self.origin[axis].as_chunks().0[eight]).sub(first).abs());
+                    wide |= most.lt(I::F64x8::load(&self.origin[axis].as_chunks().0[eight]).sub(first).abs());
                 }
             }
         }

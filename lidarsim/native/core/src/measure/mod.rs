@@ -269,7 +269,7 @@ struct Scratch {
     /// Velocities in the world of origins of pulses, and of each pulse which of them is that of its own, as those next to each other share many; empty if
     /// the sensor does not move.
     velocities: Vec<Point>,
-    velocity: Vec<u32>,
+    velocity_index: Vec<u32>,
     /// Of the object that moves and was met last, and when: neighbours often meet it at one time.
     motion: Option<((i32, f64), Motion)>,
     /// Of each pulse, its number in the whole frame.
@@ -413,8 +413,8 @@ impl<'a, C: Caster> Scan<'a, C> {
         {
             velocity = Self::velocity_on(path, ray, time, rays);
         }
-        match rays.velocity.get(i) {
-            Some(own) => sub(velocity, rays.velocities[*own as usize]),
+        match rays.velocity_index.get(i) {
+            Some(&own) => sub(velocity, rays.velocities[own as usize]),
             None => velocity,
         }
     }
@@ -449,7 +449,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         resize(&mut rays.origins, count, [0.0; 3]);
         resize(&mut rays.directions, count, [0.0; 3]);
         rays.velocities.clear();
-        rays.velocity.clear();
+        rays.velocity_index.clear();
         rays.motion = None;
         let (mut start, mut right) = (pulses.start, true);
         while start < pulses.end {
@@ -469,7 +469,7 @@ impl<'a, C: Caster> Scan<'a, C> {
                         rays.velocities.push(motion.velocity_of(*origin));
                         last = Some(origin);
                     }
-                    rays.velocity.push(rays.velocities.len() as u32 - 1);
+                    rays.velocity_index.push(rays.velocities.len() as u32 - 1);
                 }
                 motion.pose
             };
