@@ -217,7 +217,7 @@ impl RayPacket {
 
     #[inline(always)]
     pub fn origin(&self, lane: usize) -> Point {
-        [self.origin[0][lane], self.origin[1][lane], self.origin[2][lane]]
+        point(&self.origin, lane)
     }
 
     /// Finds rays that start where others do, for `origin_groups`.
@@ -228,31 +228,25 @@ impl RayPacket {
             self.origins.count = 1;
             return;
         }
-        // By the hash of an origin, one more than the number of its group. Of two origins with one hash the later one takes the place: what comes of
-        // the other after that is a group of its own.
-        let mut known = [0_u8; 1 << HASH];
-        let mut left = self.starts_of_runs::<I>();
-        self.origins.count = 0;
+        let starts = self.starts_of_runs::<I>();
+        // By the hash of an origin, the first lane of a group, and by that the group. Of two origins with one hash the later one takes the place: what
+        // comes of the other after that is a group of its own. Without branches, as nothing tells which run starts a group; lane 0 starts the first.
+        let (mut known, mut group_of) = ([0_u8; 1 << HASH], [0_u8; LANES]);
+        let Origins { groups, count } = &mut self.origins;
+        (groups[0], *count) = (0, 1);
+        let mut left = starts;
         while let Some(start) = take(&mut left) {
             let run = all(self.count.min(left.trailing_zeros() as usize)) & !all(start);
-            let known = &mut known[self.hash_of_origin(start)];
-            let group = usize::from(*known).wrapping_sub(1);
-            if *known != 0 && self.start_at_one_point(self.origins.groups[group], start) {
-                self.origins.groups[group] |= run;
-            } else {
-                self.origins.groups[self.origins.count] = run;
-                self.origins.count += 1;
-                *known = self.origins.count as u8;
-            }
+            let (origin, error) = (point(&self.origin, start), self.origin_error[start]);
+            let known = &mut known[hash(origin)];
+            let first = usize::from(*known);
+            let same = (point(&self.origin, first) == origin) & (self.origin_error[first] == error);
+            let group = if same { usize::from(group_of[first]) } else { *count };
+            groups[group] = run | if same { groups[group] } else { 0 };
+            *known = if same { first } else { start } as u8;
+            group_of[start] = group as u8;
+            *count += usize::from(!same);
         }
-    }
-
-    /// By multiplication: D. Knuth, The Art of Computer Programming, vol. 3, §6.4.
-    #[inline(always)]
-    fn hash_of_origin(&self, lane: usize) -> usize {
-        let [x, y, z] = self.origin(lane).map(f64::to_bits);
-        let mixed = x ^ y.rotate_left(21) ^ z.rotate_left(42);
-        (mixed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (u64::BITS - HASH)) as usize
     }
 
     /// All rays, in groups that each start at one point, once `find_origins` has been called.
@@ -282,14 +276,8 @@ impl RayPacket {
     }
 
     #[inline(always)]
-    fn start_at_one_point(&self, group: Mask, other: usize) -> bool {
-        let lane = group.trailing_zeros() as usize;
-        self.origin(lane) == self.origin(other) && self.origin_error[lane] == self.origin_error[other]
-    }
-
-    #[inline(always)]
     pub fn direction(&self, lane: usize) -> Point {
-        [self.direction[0][lane], self.direction[1][lane], self.direction[2][lane]]
+        point(&self.direction, lane)
     }
 
     /// The origins of the eighth part `eight`, by axis.
@@ -333,6 +321,19 @@ impl RayPacket {
         }
         apart == 0 && wide == 0
     }
+}
+
+#[inline(always)]
+fn point(columns: &[[f64; LANES]; 3], lane: usize) -> Point {
+    [columns[0][lane], columns[1][lane], columns[2][lane]]
+}
+
+/// Of an origin, by multiplication: D. Knuth, The Art of Computer Programming, vol. 3, §6.4.
+#[inline(always)]
+fn hash(origin: Point) -> usize {
+    let [x, y, z] = origin.map(f64::to_bits);
+    let mixed = x ^ y.rotate_left(21) ^ z.rotate_left(42);
+    (mixed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (u64::BITS - HASH)) as usize
 }
 
 /// Fewer than eight numbers, and after them `filler`.

@@ -29,7 +29,7 @@ use crate::measure::rng::{Effect, Stream};
 use crate::memory::{resize, split_off};
 use crate::scene::{Geometry, Hit, World};
 use crate::shapes::triangle::barycentric;
-use direction::{beside, distance, is_finite, is_unit, turned};
+use direction::{beside, distance, is_finite, is_unit, reciprocal_length, turned};
 use echo::{Echo, Light};
 use waveform::Waveform;
 
@@ -338,7 +338,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             angle.write(first_quadrant_angle(squared_sin.sqrt(), *cos) as f32);
         }
         for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(&rays.approach) {
-            velocity.write((along / squared_length.sqrt()) as f32);
+            velocity.write((along * reciprocal_length(*squared_length)) as f32);
         }
         Ok(())
     }
@@ -454,22 +454,20 @@ impl<'a, C: Caster> Scan<'a, C> {
         let (mut start, mut right) = (pulses.start, true);
         while start < pulses.end {
             // Pulses of one time are fired from one pose.
-            let mut end = start + 1;
+            let mut end = pulses.end;
             let pose = if let Path::Still(pose) = frame.path {
-                end = pulses.end;
                 *pose
             } else {
-                while end < pulses.end && frame.times[end] == frame.times[start] {
-                    end += 1;
-                }
+                end = start + equal_to_first::<1>(frame.times[start..pulses.end].as_chunks().0);
                 let motion = frame.path.motion(frame.start + frame.times[start]);
-                let mut last = None;
-                for origin in &frame.origins[start..end] {
-                    if last != Some(origin) {
-                        rays.velocities.push(motion.velocity_of(*origin));
-                        last = Some(origin);
-                    }
-                    rays.velocity_index.push(rays.velocities.len() as u32 - 1);
+                let origins = &frame.origins[start..end];
+                let next = rays.velocities.len() as u32;
+                if equal_to_first(origins) == origins.len() {
+                    rays.velocities.push(motion.velocity_of(origins[0]));
+                    rays.velocity_index.resize(end - pulses.start, next);
+                } else {
+                    rays.velocities.extend(origins.iter().map(|origin| motion.velocity_of(*origin)));
+                    rays.velocity_index.extend(next..next + origins.len() as u32);
                 }
                 motion.pose
             };
@@ -628,6 +626,16 @@ impl<'a, C: Caster> Scan<'a, C> {
         let range = echo.range + (bias + m.range_sigma.at(echo.range) * noise);
         Ok(m.gate(m.quantised(range + offset))? - offset)
     }
+}
+
+/// How many elements are equal to the first, from that on. Eight at a time, which become vector instructions.
+#[inline(always)]
+fn equal_to_first<const N: usize>(elements: &[[f64; N]]) -> usize {
+    let first = elements[0];
+    let is_equal = |element: &[f64; N]| (0..N).fold(true, |all, k| all & (element[k] == first[k]));
+    let are_equal = |eight: &&[[f64; N]; 8]| eight.iter().fold(true, |all, element| all & is_equal(element));
+    let whole = 8 * elements.as_chunks().0.iter().take_while(are_equal).count();
+    whole + elements[whole..].iter().take_while(|element| is_equal(element)).count()
 }
 
 /// Writes what became of the `i`-th pulse of a batch, and those of its rows, from `end` on, that it has no returns for.
