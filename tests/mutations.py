@@ -291,20 +291,20 @@ MUTANTS = [
     Mutant("leaf: thinness", "thinness = (3 - above)", "thinness = (4 - above)"),
     Mutant(
         "leaf: volumes that underflow",
-        "I::fused(ray.error, edges.bound[1], f64::MIN_POSITIVE)",
-        "I::fused(ray.error, edges.bound[1], 0.0)",
+        "I::fused(error, self.bound[1], f64::MIN_POSITIVE)",
+        "I::fused(error, self.bound[1], 0.0)",
         slack="the error of a coordinate is 2⁻¹⁴⁹ at least, as a float32, so that bounds are far from that",
     ),
     Mutant(
         "leaf: t that underflows",
-        "let off = I::fused(moved, inverse.abs(), f64::MIN_POSITIVE)",
-        "let off = I::fused(moved, inverse.abs(), 0.0)",
+        "let off = moved.fused(inverse.abs(), least)",
+        "let off = moved.mul(inverse.abs())",
         slack="as of the volumes",
     ),
     Mutant(
         "leaf: sums known to half",
-        "known = turned + f64::MIN_POSITIVE < sums",
-        "known = 0.25 * turned + f64::MIN_POSITIVE < sums",
+        "known = turned.add(least).lt(sum.abs())",
+        "known = turned.mul(F::splat(0.25)).add(least).lt(sum.abs())",
         slack="certain hits have sums of 3/8 of that at least, and roundings are 1/200 of it",
     ),
     Mutant(
@@ -313,6 +313,21 @@ MUTANTS = [
         "+ 32.0 * UNIT * square * edges.reach)",
         slack="as of the volumes",
     ),
+    Mutant(
+        "leaf: many rays", "edges.bound_of(rays.length, rays.error)", "0.0 * edges.bound_of(rays.length, rays.error)"
+    ),
+    Mutant(
+        "leaf: eight rays",
+        "rays.length.fused(F64x8::<I>::splat(edges.bound[0]), bound)",
+        "rays.length.fused(F64x8::<I>::splat(0.0), bound)",
+    ),
+    Mutant(
+        "leaf: length of many directions 4u",
+        "length: length * (1.0 + 4.0 * UNIT)",
+        "length: length * (1.0 + 0.0 * UNIT)",
+        slack="the bound that it goes into has an eighth to spare",
+    ),
+    Mutant("reciprocal length: terms", "1.0 - e * (0.5 - e * (0.375 - e * 0.3125))", "1.0 - e * 0.5"),
     Mutant(
         "newton: margin 2u",
         "slope_size.mul(L::Floats::splat(1.0 - 2.0 * UNIT))",

@@ -4,7 +4,7 @@ use std::cmp::Ordering;
 
 use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa};
-use crate::bvh::{Bvh, LANES, Mask, RayPacket, Stack, TraversalRay};
+use crate::bvh::{Bvh, LANES, Mask, RayPacket, Stack, TraversalRay, take};
 use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, RootId, RootIntervals, Scene, World};
@@ -268,6 +268,27 @@ impl<'a> ClosestHits<'a> {
         if t.low <= self.limit[lane] && self.t_min <= t.high {
             self.takes(rays, lane, at, t);
         }
+    }
+
+    /// As `offer`, of one root to these lanes of the eight. Returns the lanes whose limits may have decreased.
+    #[inline(always)]
+    pub fn offer_eight<I: Isa>(
+        &mut self,
+        rays: &RayPacket,
+        eight: usize,
+        lanes: u32,
+        at: RootId,
+        t: Interval<I::F64x8>,
+    ) -> u32 {
+        let limits = I::F64x8::load(&self.limit.as_chunks().0[eight]);
+        let offered = lanes & t.low.le(limits) & I::F64x8::splat(self.t_min).le(t.high);
+        if offered != 0 {
+            let (low, high, mut left) = (t.low.store(), t.high.store(), Mask::from(offered));
+            while let Some(k) = take(&mut left) {
+                self.takes(rays, 8 * eight + k, at, Interval { low: low[k], high: high[k] });
+            }
+        }
+        offered
     }
 
     #[cold]

@@ -1,12 +1,16 @@
 //! The leaf intersector: rays of a packet against the triangles of a mesh's leaves.
 
-use crate::arith::simd::Isa;
-use crate::bvh::{LANES, Mask, RayPacket, SINGLE_RAYS, Stack, Visitor, take};
+use crate::arith::number::UNIT;
+use crate::arith::simd::{Floats, Isa};
+use crate::bvh::{LANES, Mask, RayPacket, SINGLE_RAYS, Stack, Visitor, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
 use crate::scene::TriangleMesh;
 use crate::scene::{RootId, Scene};
-use crate::shapes::triangle::{LEAF_SIZE, Leaf, LeafRay, Planes};
+use crate::shapes::triangle::{DirectionBounds, Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, TriangleTest};
+
+/// From so many rays of one origin on, triangles of a leaf are ruled out for all of them. Of few that are left each is tested against eight rays at a time.
+const MANY: u32 = 16;
 
 /// Intersects rays of one octant, in the local coordinates of a mesh, with its leaves.
 pub struct LeafIntersector<'a, 's> {
@@ -26,12 +30,15 @@ pub struct LeafIntersector<'a, 's> {
 pub struct LeafScratch {
     /// Of the rays with candidates, one after the other, the sums U + V + W by triangle.
     sums: [[f64; LEAF_SIZE]; LANES],
-    planes: [Planes; SINGLE_RAYS],
+    /// Of the leaves of single rays, or of one leaf as seen from the origins of a packet.
+    planes: [Planes; LANES],
+    /// Of the rays that traverse the mesh, once they are asked for.
+    pub directions: Option<DirectionBounds>,
 }
 
 impl LeafScratch {
     pub fn new() -> Self {
-        LeafScratch { sums: [[0.0; LEAF_SIZE]; LANES], planes: [Planes::NONE; SINGLE_RAYS] }
+        LeafScratch { sums: [[0.0; LEAF_SIZE]; LANES], planes: [Planes::NONE; LANES], directions: None }
     }
 }
 
@@ -41,26 +48,135 @@ struct LeafTest {
     lane: u8,
     candidates: u8,
     sure: u8,
-    /// The index of the leaf.
-    leaf: u8,
+    /// The index of the leaf's planes, as seen from the origin of the ray.
+    planes: u8,
 }
 
-impl LeafTest {
-    const NOTHING: LeafTest = LeafTest { lane: 0, candidates: 0, sure: 0, leaf: 0 };
+/// The tests that have candidates, and how many planes there are for them.
+struct LeafTests<const N: usize> {
+    tests: [LeafTest; N],
+    count: usize,
+    planes: usize,
+}
+
+impl<const N: usize> LeafTests<N> {
+    #[inline(always)]
+    fn new() -> Self {
+        let nothing = LeafTest { lane: 0, candidates: 0, sure: 0, planes: 0 };
+        LeafTests { tests: [nothing; N], count: 0, planes: 0 }
+    }
+
+    /// Keeps a test, with the next planes, if it has candidates. Without a branch.
+    #[inline(always)]
+    fn push(&mut self, lane: usize, candidates: u32, sure: u32) {
+        let planes = self.planes as u8;
+        self.tests[self.count] = LeafTest { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, planes };
+        self.count += usize::from(candidates != 0);
+    }
 }
 
 impl LeafIntersector<'_, '_> {
     /// Intersects these rays with a leaf, and returns the mask of those whose limits have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
+        // All rays are tested before any result is used, so that no branch depends on a single test.
+        let mut tests = LeafTests::<LANES>::new();
         let mut nearer = 0;
+        let vertices = leaf.grid_vertices::<I>();
         for group in self.rays.origin_groups() {
-            let same = mask & group;
-            if same != 0 {
-                nearer |= self.test::<I>(leaf, same);
+            let left = mask & group;
+            if left == 0 {
+                continue;
+            }
+            let first = left.trailing_zeros() as usize;
+            let edges = leaf.edges(&vertices, self.rays.origin(first), self.rays.origin_error[first]);
+            if left.count_ones() >= MANY && !self.rays.has_offsets && self.deferred.is_some() {
+                let reachable = leaf.reachable(&edges, &self.directions::<I>());
+                let eights = (0..LANES / 8).filter(|&eight| part_of_mask::<8>(left, eight) != 0).count();
+                if reachable.count_ones() as usize * eights < left.count_ones() as usize {
+                    nearer |= self.test_each(leaf, &edges, reachable, left);
+                    continue;
+                }
+            }
+            self.test::<I>(leaf, &edges, left, &mut tests);
+        }
+        nearer | self.accept::<I, _>(&tests, |_| leaf)
+    }
+
+    /// Tests rays of one origin, one after the other, against all triangles of a leaf.
+    #[inline(always)]
+    fn test<I: Isa>(&mut self, leaf: &Leaf, edges: &Edges<I>, mut left: Mask, tests: &mut LeafTests<LANES>) {
+        let before = tests.count;
+        while let Some(lane) = take(&mut left) {
+            let (candidates, sure) = leaf.candidates::<I>(edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
+            tests.push(lane, candidates, sure);
+        }
+        if tests.count > before {
+            self.scratch.planes[tests.planes] = leaf.planes::<I>(edges);
+            tests.planes += 1;
+        }
+    }
+
+    /// Intersects rays of one origin with these triangles of a leaf, one after the other.
+    #[inline(always)]
+    fn test_each<I: Isa>(&mut self, leaf: &Leaf, edges: &Edges<I>, reachable: u32, mask: Mask) -> Mask {
+        let (stored, planes) = (edges.stored(), leaf.planes(edges));
+        let (mut nearer, mut left) = (0, Mask::from(reachable));
+        while let Some(i) = take(&mut left) {
+            let root = RootId::of_triangle(self.id, leaf.ids()[i]);
+            let before = nearer;
+            for eight in 0..LANES / 8 {
+                let active = part_of_mask::<8>(mask, eight);
+                if active == 0 {
+                    continue;
+                }
+                let TriangleTest { candidates, known, t } =
+                    Leaf::test::<I>(i, &stored, &planes, &self.eight_rays(eight));
+                let (known, mut unknown) = (known & active, Mask::from(candidates & !known & active));
+                nearer |= Mask::from(self.closest.offer_eight::<I>(self.world, eight, known, root, t)) << (8 * eight);
+                while let Some(k) = take(&mut unknown) {
+                    self.defer::<I>(8 * eight + k, root.primitive);
+                }
+            }
+            if nearer != before {
+                self.mesh.prefetch_face::<I>(root.primitive);
             }
         }
         nearer
+    }
+
+    /// Bounds of the directions of all rays.
+    #[inline(always)]
+    fn directions<I: Isa>(&mut self) -> DirectionBounds {
+        if let Some(bounds) = self.scratch.directions {
+            return bounds;
+        }
+        let LeafRays { direction, mut error, .. } = self.eight_rays::<I>(0);
+        let (mut low, mut high) = (direction, direction);
+        for eight in 1..self.rays.count.div_ceil(8) {
+            let rays = self.eight_rays::<I>(eight);
+            for axis in 0..3 {
+                low[axis] = Floats::min(low[axis], rays.direction[axis]);
+                high[axis] = Floats::max(high[axis], rays.direction[axis]);
+            }
+            error = Floats::max(error, rays.error);
+        }
+        let low = [low[0].smallest(), low[1].smallest(), low[2].smallest()];
+        let high = [high[0].largest(), high[1].largest(), high[2].largest()];
+        let length = (0..3).fold(0.0, |sum, i| sum + low[i].abs().max(high[i].abs()));
+        // Two roundings, and one here.
+        let bounds = DirectionBounds { low, high, length: length * (1.0 + 4.0 * UNIT), error: error.largest() };
+        *self.scratch.directions.insert(bounds)
+    }
+
+    #[inline(always)]
+    fn eight_rays<I: Isa>(&self, eight: usize) -> LeafRays<I> {
+        let RayPacket { length, direction_error, .. } = self.rays;
+        LeafRays {
+            direction: self.rays.directions::<I>(eight),
+            length: I::F64x8::load(&length.as_chunks().0[eight]),
+            error: I::F64x8::load(&direction_error.as_chunks().0[eight]),
+        }
     }
 
     #[inline(always)]
@@ -69,38 +185,17 @@ impl LeafIntersector<'_, '_> {
         LeafRay { direction: self.rays.direction(lane), length: length[lane], error: direction_error[lane] }
     }
 
-    /// As `intersect`, with rays of one origin.
-    #[inline(always)]
-    fn test<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
-        let first = mask.trailing_zeros() as usize;
-        let edges = leaf.edges::<I>(self.rays.origin(first), self.rays.origin_error[first]);
-        // All rays are tested before any result is used, so that no branch depends on a single test.
-        let mut tests = [LeafTest::NOTHING; LANES];
-        let mut count = 0;
-        let mut left = mask;
-        while let Some(lane) = take(&mut left) {
-            let (candidates, sure) = leaf.candidates::<I>(&edges, &self.ray(lane), &mut self.scratch.sums[count]);
-            tests[count] = LeafTest { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, leaf: 0 };
-            count += usize::from(candidates != 0);
-        }
-        if count == 0 {
-            return 0;
-        }
-        self.scratch.planes[0] = leaf.planes::<I>(&edges);
-        self.accept::<I>(&tests[..count], &[leaf])
-    }
-
     /// Updates the closest hits by tests in leaves, and returns the mask of rays whose limits have decreased.
     #[inline(always)]
-    fn accept<I: Isa>(&mut self, tests: &[LeafTest], leaves: &[&Leaf]) -> Mask {
+    fn accept<'l, I: Isa, const N: usize>(&mut self, tests: &LeafTests<N>, leaf: impl Fn(usize) -> &'l Leaf) -> Mask {
         let mut nearer = 0;
-        for (k, &LeafTest { lane, candidates, sure, leaf }) in tests.iter().enumerate() {
+        for (k, &LeafTest { lane, candidates, sure, planes }) in tests.tests[..tests.count].iter().enumerate() {
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
-            let (ray, leaf) = (self.ray(lane), usize::from(leaf));
+            let (ray, planes) = (self.ray(lane), usize::from(planes));
             while let Some(i) = take(&mut candidates) {
-                let primitive = leaves[leaf].ids()[i];
+                let primitive = leaf(planes).ids()[i];
                 let known = if sure & 1 << i != 0 {
-                    let t = Leaf::intersect::<I>(i, &self.scratch.planes[leaf], &ray, &self.scratch.sums[k]);
+                    let t = self.scratch.planes[planes].intersect_one(i, &ray, &self.scratch.sums[k]);
                     t.map(|t| self.rays.t_of_ray(lane, t))
                 } else {
                     None
@@ -137,16 +232,15 @@ impl LeafIntersector<'_, '_> {
 impl Visitor<Leaf> for LeafIntersector<'_, '_> {
     #[inline(always)]
     fn visit<I: Isa>(&mut self, _: &mut Stack, lanes: &[usize], leaves: &[&Leaf]) -> Mask {
-        let mut tests = [LeafTest::NOTHING; SINGLE_RAYS];
-        let mut count = 0;
-        for (k, (&lane, leaf)) in lanes.iter().zip(leaves).enumerate() {
-            let edges = leaf.edges::<I>(self.rays.origin(lane), self.rays.origin_error[lane]);
-            let (candidates, sure) = leaf.candidates::<I>(&edges, &self.ray(lane), &mut self.scratch.sums[count]);
-            self.scratch.planes[k] = leaf.planes::<I>(&edges);
-            tests[count] = LeafTest { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, leaf: k as u8 };
-            count += usize::from(candidates != 0);
+        let mut tests = LeafTests::<SINGLE_RAYS>::new();
+        for (&lane, leaf) in lanes.iter().zip(leaves) {
+            let edges = leaf.edges(&leaf.grid_vertices::<I>(), self.rays.origin(lane), self.rays.origin_error[lane]);
+            let (candidates, sure) = leaf.candidates::<I>(&edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
+            self.scratch.planes[tests.planes] = leaf.planes::<I>(&edges);
+            tests.push(lane, candidates, sure);
+            tests.planes += 1;
         }
-        self.accept::<I>(&tests[..count], leaves)
+        self.accept::<I, _>(&tests, |k| leaves[k])
     }
 
     #[inline(always)]

@@ -313,7 +313,8 @@ impl<'a> PacketState<'a, '_> {
 
     /// Sets up a packet for a mesh, with the rays that `next` chose last.
     #[inline(always)]
-    fn fill_within<I: Isa>(&self, packet: &mut Packet, visit: InstanceVisit) {
+    fn fill_within<I: Isa>(&mut self, packet: &mut Packet, visit: InstanceVisit) {
+        self.scratch.directions = None;
         packet.enter::<I>(self.rays_in(visit), visit.hierarchy, self.closest.t_min(), self.closest.limits());
     }
 

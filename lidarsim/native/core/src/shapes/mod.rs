@@ -83,8 +83,8 @@ macro_rules! surfaces {
                 match self { $(AnySurface::$name(shape) => shape.touching(ray)),+ }
             }
 
-            fn root<N: Number>(&self, ray: &Ray<N>, index: u8) -> Result<Root<N>, Uncertain> {
-                match self { $(AnySurface::$name(shape) => shape.root(ray, index)),+ }
+            fn only_root<N: Number>(&self, ray: &Ray<N>) -> Option<Result<Root<N>, Uncertain>> {
+                match self { $(AnySurface::$name(shape) => shape.only_root(ray)),+ }
             }
 
             fn implicit<N: Number>(&self, ray: &Ray<N>, feature: u8) -> N {

@@ -17,9 +17,17 @@ pub trait Surface {
         None
     }
 
+    /// The root of a line that intersects the surface, which is not checked; none of a surface that a line may intersect twice.
+    fn only_root<N: Number>(&self, _ray: &Ray<N>) -> Option<Result<Root<N>, Uncertain>> {
+        None
+    }
+
     /// The root of this index, as in `RootId`, which there is.
     #[inline(always)]
     fn root<N: Number>(&self, ray: &Ray<N>, index: u8) -> Result<Root<N>, Uncertain> {
+        if let Some(root) = self.only_root(ray) {
+            return root;
+        }
         if index == TOUCHING {
             return self.touching(ray).ok_or(Uncertain);
         }

@@ -21,7 +21,7 @@ use crate::geometry::vector::{self, Point, Vector};
 
 pub use crossing::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 pub use each::Triangles;
-pub use leaf::{LEAF_SIZE, Leaf, LeafRay, Planes};
+pub use leaf::{DirectionBounds, Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, TriangleTest};
 pub use sides::sides;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -136,9 +136,9 @@ impl Surface for Triangle {
 
     /// Without the signs, as there is one.
     #[inline(always)]
-    fn root<N: Number>(&self, ray: &Ray<N>, _: u8) -> Result<Root<N>, Uncertain> {
+    fn only_root<N: Number>(&self, ray: &Ray<N>) -> Option<Result<Root<N>, Uncertain>> {
         let a = vector::negated(&ray.origin_from(vector::exact(self.0)));
-        self.crossing(a, &ray.direction)?.ok_or(Uncertain)
+        Some(self.crossing(a, &ray.direction).and_then(|root| root.ok_or(Uncertain)))
     }
 
     #[inline(always)]
