@@ -56,7 +56,7 @@ impl RaySort {
     pub fn restart(&mut self, directions: &[Point], size: f64) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
         (self.size, self.start) = (size, 0);
-        let room = self.group.min(directions.len()) + BLOCK + RUN;
+        let room = self.group.min(directions.len()) + BLOCK + LONG_RUN;
         let RaySort { places, octants, keys, near, items, sorted, order, .. } = self;
         for vector in [places, octants, keys, near, items, sorted, order] {
             vector.clear();
@@ -80,14 +80,18 @@ impl RaySort {
         self.start = group.end;
         let (low, high) = self.find_places::<I>(&directions[group.clone()]);
         self.direction_keys(low, high);
-        if self.group == NEAR {
-            self.find_near(low, high);
-        } else {
+        if self.group != NEAR {
             self.add_cells::<I>(&origins[group.clone()]);
             self.near.clear();
             self.near.resize(self.keys.len(), 0);
+            self.radix_sort::<RUN>(group.start);
+        } else if origins[group.start] == origins[group.end - 1] {
+            self.find_near::<RUN>(low, high, 1.0);
+            self.radix_sort::<RUN>(group.start);
+        } else {
+            self.find_near::<LONG_RUN>(low, high, 2.0);
+            self.radix_sort::<LONG_RUN>(group.start);
         }
-        self.radix_sort(group.start);
         true
     }
 
@@ -152,12 +156,12 @@ impl RaySort {
 
     /// Finds which rays are near the ones before them: runs of them are sorted as one, and gathered by the same packet.
     #[inline(always)]
-    fn find_near(&mut self, low: [u32; 2], high: [u32; 2]) {
+    fn find_near<const LENGTH: usize>(&mut self, low: [u32; 2], high: [u32; 2], tiles: f64) {
         let n = self.places.len();
-        // As far as a run may reach across the tile that a packet has of what the group covers.
+        // As far as a run may reach across the tiles that packets have of what the group covers.
         let area = (f64::from(high[0] - low[0]) + 1.0) * (f64::from(high[1] - low[1]) + 1.0);
         let tile = (area * LANES as f64 / n as f64).sqrt();
-        let step = (tile / (RUN - 1) as f64) as u32;
+        let step = (tiles * tile / (LENGTH - 1) as f64) as u32;
         self.near.clear();
         self.near.resize(n, 0);
         let pairs = self.places.windows(2).zip(self.octants.windows(2));
@@ -211,16 +215,16 @@ impl RaySort {
 
     /// Sorts the indices by their keys; equal keys keep their order.
     #[inline(always)]
-    fn radix_sort(&mut self, first: usize) {
+    fn radix_sort<const LENGTH: usize>(&mut self, first: usize) {
         const DIGITS: usize = 2;
         let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
         let mut ends = [[0_u32; 1 << 8]; DIGITS];
         // An index, with a bit that tells whether it is of a run or of a single ray.
         self.items.clear();
-        for (run, keys) in self.keys.chunks(RUN).enumerate() {
-            let start = RUN * run;
-            let whole =
-                keys.len() == RUN && self.near[start + 1..start + RUN].iter().fold(1, |all, near| all & near) == 1;
+        for (run, keys) in self.keys.chunks(LENGTH).enumerate() {
+            let start = LENGTH * run;
+            let whole = keys.len() == LENGTH
+                && self.near[start + 1..start + LENGTH].iter().fold(1, |all, near| all & near) == 1;
             for (i, key) in keys[..if whole { 1 } else { keys.len() }].iter().enumerate() {
                 let item = key << 16 | ((start + i) as u32) << 1 | u32::from(whole);
                 for k in 0..DIGITS {
@@ -248,20 +252,23 @@ impl RaySort {
             std::mem::swap(&mut self.items, &mut self.sorted);
         }
         // What a run would have beyond a single ray is written over by the next.
-        self.order.resize(self.keys.len() + RUN - 1, 0);
+        self.order.resize(self.keys.len() + LENGTH - 1, 0);
         let mut end = 0;
         for item in &self.items {
             let at = first as u32 + ((item & 0xffff) >> 1);
-            for (i, place) in self.order[end..end + RUN].iter_mut().enumerate() {
+            for (i, place) in self.order[end..end + LENGTH].iter_mut().enumerate() {
                 *place = at + i as u32;
             }
-            end += if item & 1 != 0 { RUN } else { 1 };
+            end += if item & 1 != 0 { LENGTH } else { 1 };
         }
     }
 }
 
 /// Most rays of a run.
 const RUN: usize = 4;
+
+/// The same where origins differ, as those of a sensor that moves do: then a packet has fewer of them. Such a run may reach across two tiles.
+const LONG_RUN: usize = 16;
 
 /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
 const WHOLE: f32 = 8_388_608.0;
@@ -398,6 +405,21 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// A packet of square tiles has eight columns of this sensor.
+    #[test]
+    fn packets_of_a_sensor_that_moves_start_at_few_points() {
+        let direction = |i: usize| {
+            let (azimuth, elevation) = (0.006 * (i / 128) as f64, 0.006 * (i % 128) as f64 - 0.4);
+            [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
+        };
+        let directions: Vec<Point> = (0..128 * 128).map(direction).collect();
+        let origins: Vec<Point> = (0..directions.len()).map(|i| [1e-3 * (i / 128) as f64, 0.0, 0.0]).collect();
+        let order = groups(&origins, &directions, 100.0).concat();
+        let starts = |packet: &[u32]| packet.iter().map(|i| i / 128).collect::<std::collections::BTreeSet<_>>().len();
+        let mean = order.chunks(LANES).map(starts).sum::<usize>() as f64 / (order.len() / LANES) as f64;
+        assert!(mean < 6.0, "{mean}");
     }
 
     #[test]
