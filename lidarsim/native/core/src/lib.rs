@@ -23,4 +23,4 @@ pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
 pub use parallel::{threads, use_threads};
-pub use scene::{Geometry, Object, Scene, TriangleMesh, World};
+pub use scene::{Geometry, Object, Scene, TriangleMesh, World, span};

@@ -4,7 +4,7 @@ use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
     BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, ReturnRows, Returns, Rows, Scan,
 };
-use lidarsim_core::{Path, Point, Pose, memory};
+use lidarsim_core::{Path, Point, Pose, memory, span};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
@@ -309,7 +309,8 @@ pub fn scan<'py>(
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(directions.len(), most, measurement.strays(), moves);
         scene.scene.prepare();
-        let world = scene.scene.during(times.iter().map(|time| start + time));
+        // Rounding keeps the order of times; one that overflows is refused.
+        let world = scene.scene.during(span(times).map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
         let scan = Scan::new(&frame, &measurement, &scene.appearances, &world, level);
         scan.share(&mut columns.rows(directions.len(), most))?;
         // SAFETY: all pulses are measured, and none was bad, so that all of their rows were written.

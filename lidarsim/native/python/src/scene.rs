@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use lidarsim_core::measure::{Appearance, Labels, Reflectivity};
-use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Scene, World, memory};
+use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Scene, World, memory, span};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::PyClass;
 use pyo3::exceptions::PyValueError;
@@ -127,7 +127,7 @@ impl PyScene {
         let (made, legal) = detached(py, || {
             memory::expect_room(n.saturating_mul(bytes), || format!("the hits of {n} rays"));
             self.scene.prepare();
-            let world = self.scene.during(times.iter().copied());
+            let world = self.scene.during(span(times));
             work(RayCast { world, level, rays: (origins, directions, times), range })
         })?;
         if !legal {

@@ -37,7 +37,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let Scratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
-        ray_sort.restart(directions, world.size);
+        ray_sort.restart(directions, world.size, !times.is_empty());
         batches.restart(scene);
         let mut source = PacketSource { origins, directions, times, ray_sort, start: 0, done: 0 };
         let mut traversals =
@@ -254,7 +254,7 @@ mod tests {
                         [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                         let mut hits = vec![Hit::MISS; origins.len()];
-                        let (world, rays) = (scene.during([].into_iter()), (&origins[..], &directions[..], &[][..]));
+                        let (world, rays) = (scene.during([0.0; 2]), (&origins[..], &directions[..], &[][..]));
                         assert!(world.cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
                         for (hit, o) in hits.iter().zip(&origins) {
                             // The surfaces part where the last vertex has a weight.
@@ -292,7 +292,7 @@ mod tests {
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let before = Hit { t: 7.0, normal: [7.0; 3], object: 7, primitive: 7 };
                 let mut hits = vec![before; origins.len()];
-                let (world, rays) = (scene.during([].into_iter()), (&origins[..], &directions[..], &[][..]));
+                let (world, rays) = (scene.during([0.0; 2]), (&origins[..], &directions[..], &[][..]));
                 assert!(!world.cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
                 for (i, hit) in hits.iter().enumerate() {
                     let Hit { t, normal, object, primitive } = *hit;

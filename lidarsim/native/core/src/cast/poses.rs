@@ -13,7 +13,7 @@ pub struct Poses<const M: usize> {
     kept: Vec<Kept>,
 }
 
-const TABLE_BITS: u32 = 9;
+const TABLE_BITS: u32 = 10;
 
 #[derive(Clone)]
 struct Kept {

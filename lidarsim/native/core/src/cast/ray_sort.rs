@@ -24,6 +24,7 @@ const COARSE: u32 = 4;
 pub struct RaySort {
     /// The longest side of the scene.
     size: f64,
+    has_times: bool,
     group: usize,
     start: usize,
     places: Vec<u32>,
@@ -52,9 +53,10 @@ impl Task for Advance<'_> {
 }
 
 impl RaySort {
-    /// Begins anew with other rays, which point this way.
-    pub fn restart(&mut self, directions: &[Point], size: f64) {
+    /// Begins anew with other rays, which point this way; whether each has a time, at which it meets what moves.
+    pub fn restart(&mut self, directions: &[Point], size: f64, has_times: bool) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
+        self.has_times = has_times;
         (self.size, self.start) = (size, 0);
         let room = self.group.min(directions.len()) + BLOCK + LONG_RUN;
         let RaySort { places, octants, keys, near, items, sorted, order, .. } = self;
@@ -85,7 +87,7 @@ impl RaySort {
             self.near.clear();
             self.near.resize(self.keys.len(), 0);
             self.radix_sort::<RUN>(group.start);
-        } else if origins[group.start] == origins[group.end - 1] {
+        } else if !self.has_times && origins[group.start] == origins[group.end - 1] {
             self.find_near::<RUN>(low, high, 1.0);
             self.radix_sort::<RUN>(group.start);
         } else {
@@ -267,7 +269,7 @@ impl RaySort {
 /// Most rays of a run.
 const RUN: usize = 4;
 
-/// The same where origins differ, as those of a sensor that moves do: then a packet has fewer of them. Such a run may reach across two tiles.
+/// The same where origins or times differ, as sensor or scene move: then a packet has fewer of them. Such a run may reach across two tiles.
 const LONG_RUN: usize = 16;
 
 /// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
@@ -363,9 +365,9 @@ mod tests {
             let mut groups = Vec::new();
             let mut order = RaySort::default();
             // Whatever it was used for before.
-            order.restart(&[[1.0, 0.0, 0.0]; 2], 1.0);
+            order.restart(&[[1.0, 0.0, 0.0]; 2], 1.0, false);
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
-            order.restart(directions, size);
+            order.restart(directions, size, false);
             while order.advance::<I>(origins, directions) {
                 groups.push(order.sorted().to_vec());
             }

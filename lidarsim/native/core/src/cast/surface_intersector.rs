@@ -559,7 +559,7 @@ mod tests {
                 let cast = |level| {
                     let mut hits = vec![Hit::MISS; origins.len()];
                     let rays = (&origins[..], &directions[..], &[][..]);
-                    assert!(scene.during([].into_iter()).cast(level, rays, range, &mut hits[..]));
+                    assert!(scene.during([0.0; 2]).cast(level, rays, range, &mut hits[..]));
                     hits
                 };
                 let expected = cast(Level::Scalar);

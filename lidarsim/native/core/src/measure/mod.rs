@@ -424,11 +424,10 @@ impl<'a, C: Caster> Scan<'a, C> {
         let (origin, direction, hit) = (rays.origins[ray], rays.directions[ray], &rays.hits[ray]);
         let point = std::array::from_fn(|k| origin[k] + hit.t * direction[k]);
         let met = (hit.object, time);
-        let motion = match rays.motion {
-            Some((last, motion)) if last == met => motion,
-            _ => path.motion(time),
+        let motion = match &mut rays.motion {
+            Some((last, motion)) if *last == met => motion,
+            other => &mut other.insert((met, path.motion(time))).1,
         };
-        rays.motion = Some((met, motion));
         motion.velocity_of(motion.pose.place_back(point))
     }
 

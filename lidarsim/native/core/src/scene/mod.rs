@@ -29,7 +29,7 @@ pub use predicates::RootIntervals;
 pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
 use world::Movers;
-pub use world::World;
+pub use world::{World, span};
 
 #[derive(Debug)]
 pub struct Scene {

@@ -31,6 +31,28 @@ pub struct Movers {
     surface: f32,
 }
 
+/// From the first to the last of some times, but for those that are not finite, at which no ray is cast; of none it is empty, at 0. Eight at a time, which
+/// become vector instructions.
+pub fn span(times: &[f64]) -> [f64; 2] {
+    let (mut low, mut high) = ([f64::INFINITY; 8], [f64::NEG_INFINITY; 8]);
+    let mut add = |k: usize, time: f64| {
+        low[k] = if time < low[k] && time > f64::NEG_INFINITY { time } else { low[k] };
+        high[k] = if time > high[k] && time < f64::INFINITY { time } else { high[k] };
+    };
+    let (eights, others) = times.as_chunks::<8>();
+    for eight in eights {
+        for k in 0..8 {
+            add(k, eight[k]);
+        }
+    }
+    for (k, &time) in others.iter().enumerate() {
+        add(k, time);
+    }
+    let [first, last] =
+        [low.into_iter().fold(f64::INFINITY, f64::min), high.into_iter().fold(f64::NEG_INFINITY, f64::max)];
+    if first <= last { [first, last] } else { [0.0; 2] }
+}
+
 impl World<'_> {
     /// Of what moves; none if nothing does.
     #[inline(always)]
@@ -40,16 +62,13 @@ impl World<'_> {
 }
 
 impl Scene {
-    /// The scene between the first and the last of some times. No hierarchy of a mesh or of what stands still is built anew for it, and that of what moves
+    /// The scene in a span of time (see [`span`]). No hierarchy of a mesh or of what stands still is built anew for it, and that of what moves
     /// is the one of the span before, refitted, while it is about as good: frames that follow one another differ little.
-    pub fn during(&self, times: impl Iterator<Item = f64>) -> World<'_> {
+    pub fn during(&self, span: [f64; 2]) -> World<'_> {
         let index = self.index();
         if !self.moves() {
             return World { scene: self, index, movers: None, size: index.size };
         }
-        // A time that is not finite is that of a ray that will not be cast.
-        let times = times.filter(|time| time.is_finite());
-        let span = times.map(|time| [time; 2]).reduce(|[a, b], [c, d]| [a.min(c), b.max(d)]).unwrap_or_default();
         let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
         let mut boxes: Vec<Option<[Interval; 3]>> = memory::with_capacity(self.movers.len());
         parallel::run(|| self.movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes));
@@ -71,5 +90,26 @@ impl Scene {
         let refitted = hierarchy.refitted(boxes.iter().flatten().count(), bounds)?;
         let is_good = refitted.surface() <= WORN * surface;
         if is_good { Some(Movers { hierarchy: refitted, surface: *surface }) } else { None }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::numbers;
+
+    #[test]
+    fn spans_are_from_the_first_to_the_last_finite_time() {
+        let (mut next, odd) = (numbers(), [f64::NAN, f64::INFINITY, f64::NEG_INFINITY]);
+        for count in 0..40 {
+            for share in [0.0, 0.5, 1.0] {
+                let mut time = |_| if next() < share { odd[(3.0 * next()) as usize] } else { next() - 0.5 };
+                let times: Vec<f64> = (0..count).map(&mut time).collect();
+                let mut finite: Vec<f64> = times.iter().copied().filter(|time| time.is_finite()).collect();
+                finite.sort_unstable_by(f64::total_cmp);
+                let expected = finite.first().map_or([0.0; 2], |first| [*first, finite[finite.len() - 1]]);
+                assert_eq!(span(&times), expected, "{times:?}");
+            }
+        }
     }
 }
