@@ -84,18 +84,17 @@ fn step_from_middle<L: Lanes<N>, const N: usize>(
 mod tests {
     use super::*;
     use crate::arith::number::{Dyadic, One};
-    use crate::shapes::Sphere;
+    use crate::geometry::vector::Point;
+    use crate::shapes::{Plane, Sphere};
     use crate::testing::{assert_slack, worst};
 
-    /// The share of its bound that a step is off by: on a ray along x into a sphere, within bounds so `wide` that hold the root `at` some place.
-    fn share(&[y, z, r, at]: &[f64; 4], wide: f64) -> f64 {
-        let (origin, direction) = ([-3.0, y, z], [1.0, 0.25, 0.0]);
-        let sphere = Sphere { center: [0.0; 3], radius: 2.0 + r };
-        let Ok([Some(root), Some(_)]) = sphere.roots(&Ray::<Dyadic>::new(origin, direction)) else { return 0.0 };
+    /// The share of its bound that a step is off by: on a ray into a surface, within bounds so `wide` that hold the root `at` some place.
+    fn share(surface: &impl Surface, [origin, direction]: [Point; 2], at: f64, wide: f64) -> f64 {
+        let Ok([Some(root), _]) = surface.roots(&Ray::<Dyadic>::new(origin, direction)) else { return 0.0 };
         let Ok(t) = Dyadic::value(&root) else { return 0.0 };
         let middle = t.split().0 + 0.999 * wide * (2.0 * at - 1.0).clamp(-1.0, 1.0);
         let bounds = Interval { low: middle - wide, high: middle + wide };
-        let Ok((middle, step, _)) = step_from_middle::<One, 1>(&Ray::new(origin, direction), &sphere, 0, bounds, One)
+        let Ok((middle, step, _)) = step_from_middle::<One, 1>(&Ray::new(origin, direction), surface, 0, bounds, One)
         else {
             return 0.0;
         };
@@ -103,12 +102,21 @@ mod tests {
         t.minus(&Dyadic::exact(middle)).minus(&Dyadic::exact(step)).split().0.abs() / error
     }
 
-    /// The error is that of the slope, which varies, beyond the bounds on their far side, too; within a few ulps it is that of F.
+    /// The error is that of the slope, which varies, beyond the bounds on their far side, too. Of a plane, whose slope does not vary, it is that of F.
     #[test]
     fn steps_are_as_near_as_their_bounds_say() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
         for (wide, known) in [(0.8, 0.202), (1e-10, 0.285), (4.0 * UNIT, 0.118)] {
-            assert_slack("step", worst(6, 1000, draw, |x| share(x, wide)).0, known);
+            let of_sphere = |&[y, z, r, at]: &[f64; 4]| {
+                let sphere = Sphere { center: [0.0; 3], radius: 2.0 + r };
+                share(&sphere, [[-3.0, y, z], [1.0, 0.25, 0.0]], at, wide)
+            };
+            assert_slack("step", worst(6, 1000, draw, of_sphere).0, known);
         }
+        let of_plane = |&[x, y, z, a, b]: &[f64; 5]| {
+            let plane = Plane::Distance { normal: [1.0 + a, b, 0.5], distance: a };
+            share(&plane, [[-1e8 * (1.0 + x), 1e8 * y, 1e8 * z], [1.0, -b, a]], 0.5, 0.0)
+        };
+        assert_slack("step to a plane", worst(8, 2000, draw, of_plane).0, 0.311);
     }
 }
