@@ -228,13 +228,12 @@ impl RayPacket {
             self.origins.count = 1;
             return;
         }
-        let starts = self.starts_of_runs::<I>();
+        let mut left = self.starts_of_runs::<I>();
         // By the hash of an origin, the first lane of a group, and by that the group. Of two origins with one hash the later one takes the place: what
         // comes of the other after that is a group of its own. Without branches, as nothing tells which run starts a group; lane 0 starts the first.
         let (mut known, mut group_of) = ([0_u8; 1 << HASH], [0_u8; LANES]);
         let Origins { groups, count } = &mut self.origins;
         (groups[0], *count) = (0, 1);
-        let mut left = starts;
         while let Some(start) = take(&mut left) {
             let run = all(self.count.min(left.trailing_zeros() as usize)) & !all(start);
             let (origin, error) = (point(&self.origin, start), self.origin_error[start]);

@@ -135,7 +135,7 @@ mod tests {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
         let (found, x) = worst(8, 4000, draw, |x: &[f64; 4]| {
             let d = vector(x, 4.9e-7);
-            let found = reciprocal_length(crate::geometry::point::dot(d, d));
+            let found = reciprocal_length(dot(d, d));
             // x²·|d|² against 1: twice the relative error.
             let square = vector::norm2(&vector::exact::<Dyadic>(d)).times(&Dyadic::exact(found).squared());
             square.minus(&Dyadic::exact(1.0)).split().0.abs() / (2.0 * UNIT)

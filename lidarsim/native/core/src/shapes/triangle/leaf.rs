@@ -464,7 +464,6 @@ mod tests {
     }
 
     /// What a leaf tells of a ray.
-    #[derive(Clone)]
     struct Said {
         /// By this ray and the one beside it.
         reachable: u32,
@@ -543,7 +542,8 @@ mod tests {
     }
 
     fn around(rays: &[(Point, f64)]) -> DirectionBounds {
-        let of = |value: fn(f64, f64) -> f64, axis: usize| rays.iter().map(|(d, _)| d[axis]).reduce(value).unwrap();
+        let of =
+            |value: fn(f64, f64) -> f64, axis: usize| rays.iter().fold(rays[0].0[axis], |x, (d, _)| value(x, d[axis]));
         let (low, high) = ([0, 1, 2].map(|axis| of(f64::min, axis)), [0, 1, 2].map(|axis| of(f64::max, axis)));
         let length = (0..3).map(|i| low[i].abs().max(high[i].abs())).sum();
         DirectionBounds { low, high, length, error: rays.iter().fold(0.0, |most, ray| ray.1.max(most)) }
@@ -562,7 +562,7 @@ mod tests {
     #[test]
     fn what_a_leaf_is_certain_of_is_so() {
         let mut next = numbers();
-        // Hit, and of these certain, and of these with bounds of t; not hit, and of these ruled out.
+        // Hit, and of these certain, and of these with bounds of t; not hit, and of these ruled out, and for two rays at once.
         let (mut hit, mut sure, mut bounded, mut missed, mut out, mut beyond) = (0, 0, 0, 0, 0, 0);
         for (place, size) in BOXES {
             for round in 0..12 {
