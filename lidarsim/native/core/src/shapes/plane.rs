@@ -93,3 +93,21 @@ impl Surface for Plane {
         None
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shapes::newton::tests::share;
+    use crate::testing::{assert_slack, worst};
+
+    /// The slope does not vary, so that the error of a step from nearby is that of F.
+    #[test]
+    fn newton_steps_are_as_near_as_their_bounds_say() {
+        let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
+        let of_plane = |&[x, y, z, a, b]: &[f64; 5]| {
+            let plane = Plane::Distance { normal: [1.0 + a, b, 0.5], distance: a };
+            share(&plane, [[-1e8 * (1.0 + x), 1e8 * y, 1e8 * z], [1.0, -b, a]], 0.5, 0.0)
+        };
+        assert_slack("step", worst(8, 2000, draw, of_plane).0, 0.311);
+    }
+}
