@@ -44,8 +44,10 @@ def real(
     infinite: bool = False,
 ) -> float:
     """Return `value` as a float inside the bounds; NaN never passes, ±inf only with `infinite`."""
-    if type(value) is float and at_least <= value <= at_most and above < value < math.inf:
-        return value
+    if isinstance(value, float):
+        number = float(value)  # a float64 of numpy is one, but slow to compare
+        if at_least <= number <= at_most and above < number < math.inf:
+            return number
     wrong: type[TypeError | ValueError] = TypeError
     got = ""
     if not isinstance(value, (bool, str, bytes)):
@@ -216,6 +218,11 @@ def affine(name: str, value: Transform) -> Floats:
         hint = "; transposed?" if matrix[:, 3].tolist() == _LAST else ""
         raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(last)}{hint}")
     return matrix
+
+
+def placement(transform: Transform) -> _native.Affine:
+    """Return the argument `transform` of a shape or an object as the core has it."""
+    return _native.Affine.plain(transform) or _native.Affine(affine("transform", transform).tolist())
 
 
 _LAST = [0.0, 0.0, 0.0, 1.0]

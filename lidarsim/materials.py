@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
@@ -17,7 +16,6 @@ Per = Literal["object", "face", "vertex"]
 PER = get_args(Per)
 
 
-@dataclass(frozen=True, init=False, kw_only=True, eq=False, repr=False)
 class Material(Value):
     """How a surface returns light.
 
@@ -42,24 +40,40 @@ class Material(Value):
     >>> sign = ls.Material(reflectivity=[0.1, 300.0], per="face")
     """
 
-    reflectivity: float | npt.NDArray[np.float64]
-    per: Per
+    __slots__ = ("_per", "_reflectivity")
 
     def __init__(self, *, reflectivity: float | npt.ArrayLike = 1.0, per: Per = "object") -> None:
         if per not in PER:
             raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {per!r}")
-        set_ = object.__setattr__
-        set_(self, "per", per)
+        self._per = per
+        self._reflectivity: float | npt.NDArray[np.float64]
         if per == "object":
             if isinstance(reflectivity, (np.ndarray, list, tuple)):
                 raise TypeError("reflectivity: expected one number, or an array with per='face' or per='vertex'")
-            set_(self, "reflectivity", real("reflectivity", reflectivity, at_least=0.0))
+            self._reflectivity = real("reflectivity", reflectivity, at_least=0.0)
             return
         values = array("reflectivity", reflectivity, ("n",))
         if (values < 0.0).any():
             index = int(np.argmax(values < 0.0))
             raise ValueError(f"reflectivity: expected numbers >= 0, got reflectivity[{index}] = {values[index]}")
-        set_(self, "reflectivity", frozen(values))
+        self._reflectivity = frozen(values)
+
+    @property
+    def reflectivity(self) -> float | npt.NDArray[np.float64]:
+        """Lambertian reflectivity: float, or read-only ndarray of float64, shape (n,)."""
+        return self._reflectivity
+
+    @property
+    def per(self) -> Per:
+        """What the reflectivity is given for: "object", "face" or "vertex"."""
+        return self._per
+
+    def _contents(self) -> dict[str, Any]:
+        return {"reflectivity": self.reflectivity, "per": self.per}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return cls(**contents)
 
     @classmethod
     def from_colors(cls, colors: npt.ArrayLike, *, per: Literal["face", "vertex"] = "vertex") -> Material:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._files import PathLike
 from lidarsim._pickling import Immutable, Pickled
-from lidarsim._validation import UINT32, Floats, Transform, array, integer, named_labels, rays, t_range
+from lidarsim._validation import UINT32, Floats, Transform, array, integer, named_labels, placement, rays, t_range
 from lidarsim._views import Plotted, view
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
@@ -36,15 +35,10 @@ MOST_LINES = 12  # of a repr
 MOST = 2**31 - 1  # ids are int32 in hits
 
 
-class _Native(Immutable):
-    """An object of a scene as the core has it."""
-
-    _placed: core.Shape
-    _looks: core.Appearance
+FIELDS = ("id", "shape", "name", "label", "instance", "material", "transform", "motion")
 
 
-@dataclass(frozen=True, init=False, eq=False)
-class SceneObject(_Native):
+class SceneObject(core.SceneObject, Immutable):
     """A shape in a scene.
 
     Attributes
@@ -67,71 +61,14 @@ class SceneObject(_Native):
         Rigid motion over time, after `transform`; None for what stands still.
     """
 
-    id: int
-    shape: Shape
-    name: str
-    label: Label
-    instance: int
-    material: Material
-    transform: Floats | None
-    motion: Trajectory | None
+    __slots__ = ()
 
-    def __init__(  # noqa: PLR0917 - the fields, in their order
-        self,
-        id: int,  # noqa: A002 - the name of the field
-        shape: Shape,
-        name: str,
-        label: npt.ArrayLike,
-        instance: int,
-        material: Material,
-        transform: Transform | None,
-        motion: Trajectory | None,
-        *,
-        _looks: core.Appearance | None = None,
-    ) -> None:
-        if not isinstance(shape, Shape):
-            raise TypeError(f"shape: expected a lidarsim shape, got {_kind(shape)}")
-        if not isinstance(name, str):
-            raise TypeError(f"name: expected a string, got {name!r}")
-        if not isinstance(material, Material):
-            raise TypeError(f"material: expected a Material, got {_kind(material)}")
-        if motion is not None and not isinstance(motion, Trajectory):
-            raise TypeError(f"motion: expected a Trajectory, got {_kind(motion)}")
-        per = material.per
-        if per != "object":
-            _check_reflectivity(material, shape)
-        label = _label(label, shape)
-        instance = integer("instance", instance, at_least=0, at_most=UINT32)
-        placed, matrix = shape._native, None
-        if transform is not None:
-            placed, matrix = shape._image(transform)
-        if motion is not None:
-            placed = placed.moving(motion._native)
-        # At once, for one at a time takes twice as long.
-        self.__dict__.update(
-            id=id,
-            shape=shape,
-            name=name,
-            label=label,
-            instance=instance,
-            material=material,
-            transform=matrix,
-            motion=motion,
-            _placed=placed,
-            _looks=_looks or core.Appearance(label, instance, per, material.reflectivity),
-        )
-
-    @property
-    def bounds(self) -> Floats:
-        """Low and high corner of a box around the object in the world, m: ndarray of float64, shape (2, 3).
-
-        Infinite where the object is, nan if it is a mesh without triangles. Of what moves: without its motion.
-        """
-        return self.shape._bounds(self._placed)
+    def _contents(self) -> dict[str, Any]:
+        return {name: getattr(self, name) for name in FIELDS}
 
     @classmethod
-    def _restored(cls, contents: dict[str, Any]) -> Self:
-        return dataclasses.replace(super()._restored(contents))
+    def _restored(cls, contents: dict[str, Any]) -> SceneObject:
+        return _checked(**contents)
 
     def __repr__(self) -> str:
         """Return what it is and where."""
@@ -139,6 +76,35 @@ class SceneObject(_Native):
         name = f" {self.name!r}" if self.name else ""
         moves = "" if self.motion is None else ", moves"
         return f"SceneObject {self.id}{name}: {self.shape}, {label}, instance {self.instance}{moves}"
+
+
+def _checked(  # noqa: PLR0917 - the fields, in their order
+    id: int,  # noqa: A002 - the name of the field
+    shape: Shape,
+    name: str,
+    label: Any,
+    instance: object,
+    material: Material,
+    transform: Transform | None,
+    motion: Trajectory | None,
+    like: SceneObject | None = None,
+) -> SceneObject:
+    """Return the object of these fields after checking them; `like`: one of the same label, instance and material."""
+    if not isinstance(shape, Shape):
+        raise TypeError(f"shape: expected a lidarsim shape, got {_kind(shape)}")
+    if not isinstance(name, str):
+        raise TypeError(f"name: expected a string, got {name!r}")
+    if not isinstance(material, Material):
+        raise TypeError(f"material: expected a Material, got {_kind(material)}")
+    if motion is not None and not isinstance(motion, Trajectory):
+        raise TypeError(f"motion: expected a Trajectory, got {_kind(motion)}")
+    if material._per != "object":
+        _check_reflectivity(material, shape)
+    if type(label) is not int or not 0 <= label <= UINT32:
+        label = _label(label, shape)
+    number = integer("instance", instance, at_least=0, at_most=UINT32)
+    place = None if transform is None else placement(transform)
+    return SceneObject(id, shape, name, label, number, material, place, motion, like)
 
 
 class _Changes(TypedDict, total=False):
@@ -307,9 +273,12 @@ class Scene(Pickled, Plotted):
         number = self._next
         if number > MOST:
             raise ValueError(f"expected at most {MOST + 1} objects in the life of a scene")
-        own = number + 1 if instance is None else instance
-        self._items[number] = SceneObject(number, shape, name, label, own, material or DIFFUSE, transform, motion)
-        self._next += 1
+        if instance is None:
+            instance = number + 1
+        if material is None:
+            material = DIFFUSE
+        self._items[number] = _checked(number, shape, name, label, instance, material, transform, motion)
+        self._next = number + 1
         self._changed()
         return number
 
@@ -355,9 +324,9 @@ class Scene(Pickled, Plotted):
             given["material"] = DIFFUSE
         if given.get("instance", 0) is None:
             given["instance"] = item.id + 1
-        if not given.keys() & {"label", "instance", "material"}:
-            given["_looks"] = item._looks  # of a mesh there may be a label a face
-        self._items[item.id] = dataclasses.replace(item, **given)
+        looks = {"label", "instance", "material"}
+        like = None if given.keys() & looks else item  # of a mesh there may be a label a face
+        self._items[item.id] = _checked(**(item._contents() | given), like=like)
         self._changed()
 
     def remove(self, object_id: int) -> None:
@@ -471,8 +440,7 @@ class Scene(Pickled, Plotted):
         kept = self._kept
         if kept is None or kept.version is not version:
             items = self.objects
-            shapes, looks = [item._placed for item in items], [item._looks for item in items]
-            native = core.Scene(shapes, looks, None if kept is None else kept.native)
+            native = core.Scene(list(items), None if kept is None else kept.native)
             ids = None
             if items and items[-1].id != len(items) - 1:
                 ids = np.array([*(item.id for item in items), -1], dtype=np.int32)
@@ -694,7 +662,7 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
 
 def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
-    if type(value) is int or not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
+    if not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
     given = np.asarray(value)
     if not isinstance(shape, TriangleMesh):

@@ -177,7 +177,7 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
                 raise (there / "objects" / index).error("expected a bounded object, got an unbounded one")
             scale = drawn(group.scale, stream)
             size = np.diag([*np.ones(3) * scale * np.asarray(item.scale), 1.0])
-            bounds = shape._bounds(shape._image(size)[0])
+            bounds = shape._image(size).bounds()
             way = _Way(group, stream, times, there)
             for _ in range(TRIES):
                 poses = way.poses(stream)

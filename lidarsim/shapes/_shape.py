@@ -13,7 +13,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._pickling import Pickled, Value
 from lidarsim._shown import extent, short
-from lidarsim._validation import Floats, Transform, affine, rays, t_range
+from lidarsim._validation import Floats, Transform, placement, rays, real, t_range, vector
 from lidarsim.shapes._tessellation import Triangles
 
 
@@ -65,7 +65,7 @@ class Shape(Value):
         Affine map that the shape goes through; its entries are taken as exact.
     """
 
-    __slots__ = ("_native", "transform")
+    __slots__ = ("_native",)
 
     __match_args__: ClassVar[tuple[str, ...]] = ()
     """Attributes that say all of the shape but its transform: arguments of the constructor."""
@@ -77,29 +77,40 @@ class Shape(Value):
     """Whether the surface ends somewhere."""
 
     _native: core.Shape
-    transform: Floats | None
 
     def __init__(self, native: core.Shape, transform: Transform | None = None) -> None:
-        set_ = object.__setattr__
-        set_(self, "_native", native)
-        matrix = None
+        _set_native(self, native)
         if transform is not None:
-            native, matrix = self._image(transform)
-            set_(self, "_native", native)
-        set_(self, "transform", matrix)
+            _set_native(self, self._image(transform))
+
+    def _set(
+        self, name: str, vectors: dict[str, npt.ArrayLike], numbers: dict[str, float], transform: Transform | None
+    ) -> None:
+        """Be the shape of this name in the core, of arguments of the constructor: vectors, and numbers."""
+        native = core.Shape.plain(name, vectors, numbers)
+        if native is None:
+            checked = [x for argument, value in vectors.items() for x in vector(argument, value)]
+            for argument, value in numbers.items():
+                checked.append(real(argument, value, above=0.0 if argument == "radius" else -math.inf))
+            native = core.Shape(name, checked)
+        Shape.__init__(self, native, transform)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"{type(self).__name__} is immutable: cannot set {name!r}")
+
+    @property
+    def transform(self) -> Floats | None:
+        """Affine map that the shape goes through: read-only ndarray of float64, shape (4, 4), or None."""
+        return self._native.transform()
 
     @property
     def _numbers(self) -> tuple[float, ...]:
         """The parameters by which the core knows the shape, if it is not a mesh."""
         return self._native.numbers()
 
-    def _image(self, transform: Transform) -> tuple[core.Shape, Floats]:
-        """Return the shape under one more transform, in the core, and a read-only copy of that transform."""
-        image = self._native.transformed(transform)
-        return self._image(affine("transform", transform)) if image is None else image
+    def _image(self, transform: Transform) -> core.Shape:
+        """Return the shape under one more transform, in the core."""
+        return self._native.transformed(placement(transform))
 
     def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that stand for the surface where it is looked at, before any transform.
@@ -163,7 +174,7 @@ class Shape(Value):
         ValueError
             If a shape is wrong, a number is not finite, a direction is zero, or the range is not one.
         """
-        return Hits(*core.Scene([self._native]).cast(*rays(origins, directions), *t_range(t_min, t_max), None))
+        return Hits(*core.Scene.of_shape(self._native).cast(*rays(origins, directions), *t_range(t_min, t_max), None))
 
     @property
     def bounds(self) -> Floats:
@@ -172,14 +183,7 @@ class Shape(Value):
         The surface is within, and a shape without a transform of its own reaches every side. Infinite if the surface
         is, nan if it is a mesh without triangles.
         """
-        return self._bounds(self._native)
-
-    def _bounds(self, placed: core.Shape) -> Floats:
-        """Return `bounds` of this shape as it is placed in the core."""
-        found = placed.bounds()
-        if found is not None:
-            return np.array(found)
-        return np.array([[-math.inf] * 3, [math.inf] * 3] if placed.primitives() else np.full((2, 3), math.nan))
+        return self._native.bounds()
 
     def _contents(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in (*self.__match_args__, "transform")}
@@ -192,3 +196,6 @@ class Shape(Value):
         """Return the arguments of the constructor."""
         shown = [f"{name}={short(getattr(self, name))}" for name in self.__match_args__]
         return f"{type(self).__name__}({', '.join(shown)}{'' if self.transform is None else ', transform=…'})"
+
+
+_set_native = Shape.__dict__["_native"].__set__  # what `Shape.__setattr__` refuses

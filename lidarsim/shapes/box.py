@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, frozen, positive, vector
+from lidarsim._validation import Floats, Transform, Vector, frozen
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -61,8 +60,7 @@ class Box(Shape):
     def __init__(
         self, size: npt.ArrayLike, center: npt.ArrayLike = (0.0, 0.0, 0.0), *, transform: Transform | None = None
     ) -> None:
-        numbers = (*positive("size", vector("size", size)), *vector("center", center))
-        super().__init__(_native.Shape("Box", numbers), transform)
+        self._set("Box", {"size": size, "center": center}, {}, transform)
 
     @property
     def size(self) -> Floats:

@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, frozen, real, vector
+from lidarsim._validation import Floats, Transform, Vector, frozen
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, segments
 
@@ -61,13 +60,9 @@ class Cylinder(Shape):
         *,
         transform: Transform | None = None,
     ) -> None:
-        first, last = vector("start", start), vector("end", end)
-        if first == last:
-            raise ValueError(f"end: expected a point other than start, got {last} for both")
-        if not isinstance(capped, bool | np.bool_):
+        if not isinstance(capped, (bool, np.bool_)):
             raise TypeError(f"capped: expected a bool, got {capped!r}")
-        numbers = (*first, *last, real("radius", radius, above=0.0), float(capped))
-        super().__init__(_native.Shape("Cylinder", numbers), transform)
+        self._set("Cylinder", {"start": start, "end": end}, {"radius": radius, "capped": float(capped)}, transform)
 
     @property
     def start(self) -> Floats:

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, array, frozen, positive, vector
+from lidarsim._validation import Floats, Transform, Vector, array, frozen
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import Rotation
 
-_ALONG_XYZ = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_ALONG_XYZ = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Ellipsoid(Shape):
@@ -63,10 +62,9 @@ class Ellipsoid(Shape):
     ) -> None:
         if rotation is not None and hasattr(rotation, "as_matrix"):
             rotation = rotation.as_matrix()
-        middle, lengths = vector("center", center), positive("radii", vector("radii", radii))
-        axes = _ALONG_XYZ if rotation is None else array("rotation", rotation, (3, 3)).ravel().tolist()
-        numbers = (*middle, *lengths, *axes)
-        super().__init__(_native.Shape("Ellipsoid", numbers), transform)
+        x, y, z = _ALONG_XYZ if rotation is None else array("rotation", rotation, (3, 3)).tolist()
+        vectors = {"center": center, "radii": radii, "x": x, "y": y, "z": z}
+        self._set("Ellipsoid", vectors, {}, transform)
 
     @property
     def center(self) -> Floats:

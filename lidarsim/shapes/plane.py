@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._validation import Floats, Transform, nonzero_vectors, real, vector
+from lidarsim._validation import Floats, Transform
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -53,7 +53,7 @@ class Plane(Shape):
     bounded: ClassVar = False
 
     def __init__(self, normal: npt.ArrayLike, distance: float, *, transform: Transform | None = None) -> None:
-        self._set((*_normal(normal), real("distance", distance)), transform)
+        self._set("Plane", {"normal": normal}, {"distance": distance}, transform)
 
     @classmethod
     def from_point(cls, point: npt.ArrayLike, normal: npt.ArrayLike, *, transform: Transform | None = None) -> Self:
@@ -76,7 +76,9 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the normal is zero, or the transform cannot be inverted.
         """
-        return cls._restored({"numbers": (*vector("point", point), *_normal(normal)), "transform": transform})
+        plane = cls.__new__(cls)
+        plane._set("Plane", {"point": point, "normal": normal}, {}, transform)
+        return plane
 
     @classmethod
     def from_points(
@@ -101,12 +103,9 @@ class Plane(Shape):
         ValueError
             If a number is not finite, the points are on one line, or the transform cannot be inverted.
         """
-        points = (*vector("a", a), *vector("b", b), *vector("c", c))
-        return cls._restored({"numbers": points, "transform": transform})
-
-    def _set(self, numbers: tuple[float, ...], transform: Transform | None) -> None:
-        """Set up the plane of a normal and a distance, of a point and a normal, or of three points."""
-        Shape.__init__(self, _native.Shape("Plane", numbers), transform)
+        plane = cls.__new__(cls)
+        plane._set("Plane", {"a": a, "b": b, "c": c}, {}, transform)
+        return plane
 
     @property
     def point(self) -> Floats:
@@ -143,7 +142,7 @@ class Plane(Shape):
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
         plane = cls.__new__(cls)
-        plane._set(**contents)
+        Shape.__init__(plane, _native.Shape("Plane", contents["numbers"]), contents["transform"])
         return plane
 
     def _tessellated(self, _chord_error: float | None, box: Floats, /) -> Triangles:
@@ -164,10 +163,3 @@ class Plane(Shape):
         outline = outline[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
         fan = np.arange(1, len(outline) - 1)
         return outline, np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1).astype(np.uint32)
-
-
-def _normal(value: npt.ArrayLike) -> tuple[float, float, float]:
-    normal = vector("normal", value)
-    if not any(normal):
-        nonzero_vectors("normal", np.array(normal))
-    return normal

@@ -6,8 +6,7 @@ from typing import ClassVar
 
 import numpy.typing as npt
 
-from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, frozen, real, vector
+from lidarsim._validation import Floats, Transform, Vector, frozen
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
@@ -49,8 +48,7 @@ class Sphere(Shape):
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
-        numbers = (*vector("center", center), real("radius", radius, above=0.0))
-        super().__init__(_native.Shape("Sphere", numbers), transform)
+        self._set("Sphere", {"center": center}, {"radius": radius}, transform)
 
     @property
     def center(self) -> Floats:

@@ -7,8 +7,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim import _native
-from lidarsim._validation import Floats, Transform, Vector, frozen, vector
+from lidarsim._validation import Floats, Transform, Vector, frozen
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -50,8 +49,7 @@ class Triangle(Shape):
     def __init__(
         self, a: npt.ArrayLike, b: npt.ArrayLike, c: npt.ArrayLike, *, transform: Transform | None = None
     ) -> None:
-        numbers = (*vector("a", a), *vector("b", b), *vector("c", c))
-        super().__init__(_native.Shape("Triangle", numbers), transform)
+        self._set("Triangle", {"a": a, "b": b, "c": c}, {}, transform)
 
     @property
     def a(self) -> Floats:

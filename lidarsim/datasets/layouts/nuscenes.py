@@ -110,9 +110,7 @@ def _box(items: list[SceneObject], time: float) -> dict[str, list[float]]:
     yaw = np.arctan2(places[0][1, 0], places[0][0, 0])
     turn = np.eye(4)
     turn[:2, :2] = [[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]]
-    bounds = np.array(
-        [item.shape._bounds(item.shape._image(turn.T @ place)[0]) for item, place in zip(items, places, strict=True)]
-    )
+    bounds = np.array([item.shape._image(turn.T @ place).bounds() for item, place in zip(items, places, strict=True)])
     low, high = bounds[:, 0].min(axis=0), bounds[:, 1].max(axis=0)
     length, width, height = (high - low).tolist()
     return {

@@ -1,5 +1,7 @@
 //! What Python sees of the core. No Python type goes past these files.
 
+mod affine;
+mod object;
 mod path;
 mod plain;
 mod scan;
@@ -18,6 +20,8 @@ use numpy::{Element, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
 use pyo3::prelude::*;
 
+pub use affine::PyAffine;
+pub use object::PySceneObject;
 pub use path::PyPath;
 pub use scene::PyScene;
 pub use shape::PyShape;
@@ -27,9 +31,10 @@ pub type Points<'py> = PyReadonlyArray2<'py, f64>;
 #[pymodule]
 fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyShape>()?;
+    m.add_class::<PyAffine>()?;
+    m.add_class::<PySceneObject>()?;
     m.add_class::<PyScene>()?;
     m.add_class::<PyPath>()?;
-    m.add_class::<scene::PyAppearance>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
     m.add_function(wrap_pyfunction!(scan::points_of, m)?)?;

@@ -1,25 +1,42 @@
 //! Arguments in the forms that most have, taken at once. Of all others Python finds out what they are, or what is wrong with them.
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use lidarsim_core::Point;
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
-use pyo3::types::{PyFloat, PyInt, PyList, PyTuple};
+use pyo3::types::{PyDict, PyFloat, PyInt, PyList, PyTuple};
 
 /// The numbers of a tuple, a list or an array of float64, if they are three and finite.
 #[pyfunction]
 pub fn plain_vector(value: &Bound<'_, PyAny>) -> Option<(f64, f64, f64)> {
-    let (x, y, z) = if let Ok(tuple) = value.cast_exact::<PyTuple>() {
+    vector(value).map(|[x, y, z]| (x, y, z))
+}
+
+fn vector(value: &Bound<'_, PyAny>) -> Option<Point> {
+    let point = if let Ok(tuple) = value.cast_exact::<PyTuple>() {
         three(tuple.len(), |i| number(&*tuple.get_borrowed_item(i).ok()?))?
     } else if let Ok(list) = value.cast_exact::<PyList>() {
         three(list.len(), |i| number(&list.get_item(i).ok()?))?
     } else {
-        let array: PyReadonlyArray1<'_, f64> = value.extract().ok()?;
-        three(if array.is_aligned() { array.len() } else { 0 }, |i| array.get(i).copied())?
+        let array = value.cast::<PyArray1<f64>>().ok()?;
+        three(if array.is_aligned() { array.len() } else { 0 }, |i| array.get_owned(i))?
     };
-    (x.is_finite() && y.is_finite() && z.is_finite()).then_some((x, y, z))
+    point.iter().all(|x| x.is_finite()).then_some(point)
 }
 
-fn three(count: usize, item: impl Fn(usize) -> Option<f64>) -> Option<(f64, f64, f64)> {
-    if count == 3 { Some((item(0)?, item(1)?, item(2)?)) } else { None }
+fn three(count: usize, item: impl Fn(usize) -> Option<f64>) -> Option<Point> {
+    if count == 3 { Some([item(0)?, item(1)?, item(2)?]) } else { None }
+}
+
+/// The numbers of vectors, and after them those of numbers, both by name; if all are finite.
+pub fn numbers(vectors: &Bound<'_, PyDict>, scalars: &Bound<'_, PyDict>) -> Option<Vec<f64>> {
+    let mut numbers = Vec::with_capacity(3 * vectors.len() + scalars.len());
+    for (_, value) in vectors {
+        numbers.extend(vector(&value)?);
+    }
+    for (_, value) in scalars {
+        numbers.push(number(&value).filter(|x| x.is_finite())?);
+    }
+    Some(numbers)
 }
 
 /// A float, or the float nearest to an integer of 64 bits.
@@ -30,13 +47,18 @@ fn number(item: &Bound<'_, PyAny>) -> Option<f64> {
     Some(item.cast_exact::<PyInt>().ok()?.extract::<i64>().ok()? as f64)
 }
 
-/// The rows of a C-contiguous array (4, 4) of float64, if they are finite and the last one is (0, 0, 0, 1).
+/// The rows of an array (4, 4) of float64, if they are finite and the last one is (0, 0, 0, 1).
 pub fn affine(value: &Bound<'_, PyAny>) -> Option<[[f64; 4]; 4]> {
-    let array: PyReadonlyArray2<'_, f64> = value.extract().ok()?;
-    if !array.is_c_contiguous() || array.shape() != [4, 4] {
+    let array = value.cast::<PyArray2<f64>>().ok()?;
+    if array.shape() != [4, 4] || !array.is_aligned() {
         return None;
     }
-    let rows: [[f64; 4]; 4] = array.as_slice().ok()?.as_chunks().0.try_into().ok()?;
+    let mut rows = [[0.0; 4]; 4];
+    for (i, row) in rows.iter_mut().enumerate() {
+        for (j, number) in row.iter_mut().enumerate() {
+            *number = array.get_owned([i, j])?;
+        }
+    }
     let is_finite = rows.as_flattened().iter().all(|number| number.is_finite());
     (is_finite && rows[3] == [0.0, 0.0, 0.0, 1.0]).then_some(rows)
 }

@@ -2,93 +2,23 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::measure::{Appearance, Labels, Reflectivity};
+use lidarsim_core::measure::Appearance;
 use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Scene, World, memory, span};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
-use pyo3::PyClass;
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::pyclass::boolean_struct::True;
 use pyo3::types::PyList;
 
-use crate::{Points, PyShape, detached, elements, equal_points, legal_rays, level};
+use crate::{Points, PySceneObject, PyShape, detached, elements, equal_points, legal_rays, level};
 
 type HitArrays<'py> =
     (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
-
-/// What a lidar can tell of an object.
-#[pyclass(frozen, name = "Appearance", module = "lidarsim._native")]
-pub struct PyAppearance {
-    pub appearance: Arc<Appearance>,
-}
-
-#[derive(FromPyObject)]
-enum LabelParameter<'py> {
-    Object(u32),
-    Face(PyReadonlyArray1<'py, u32>),
-}
-
-#[derive(FromPyObject)]
-enum ReflectivityParameter<'py> {
-    Object(f64),
-    Each(PyReadonlyArray1<'py, f64>),
-}
-
-#[pymethods]
-impl PyAppearance {
-    /// The label, or one a face; the instance; what the reflectivity is given per ("object", "face" or "vertex"), and the
-    /// value or values of that.
-    #[new]
-    fn new(
-        py: Python<'_>,
-        label: LabelParameter<'_>,
-        instance: u32,
-        per: &str,
-        reflectivity: ReflectivityParameter<'_>,
-    ) -> PyResult<Self> {
-        let labels = match label {
-            LabelParameter::Object(label) => Labels::Object(label),
-            LabelParameter::Face(labels) => {
-                let labels = elements("label", &labels)?;
-                Labels::Face(detached(py, || memory::copy(labels))?)
-            }
-        };
-        let reflectivity = match (per, reflectivity) {
-            ("object", ReflectivityParameter::Object(value)) => Reflectivity::Object(value),
-            ("face" | "vertex", ReflectivityParameter::Each(values)) => {
-                let values = elements("reflectivity", &values)?;
-                let values = detached(py, || memory::copy(values))?;
-                if per == "face" { Reflectivity::Face(values) } else { Reflectivity::Vertex(values) }
-            }
-            _ => {
-                return Err(PyValueError::new_err(
-                    "reflectivity: expected one of an object, or some per face or vertex",
-                ));
-            }
-        };
-        Ok(PyAppearance { appearance: Arc::new(Appearance { labels, instance, reflectivity }) })
-    }
-}
 
 /// Objects, which hits name by their places.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
 pub struct PyScene {
     pub scene: Scene,
     pub appearances: Vec<Arc<Appearance>>,
-}
-
-/// What `part` gives of each item of a list.
-fn of_each<T: PyClass<Frozen = True> + Sync, R: Send>(
-    py: Python<'_>,
-    list: &Bound<'_, PyList>,
-    part: impl Fn(&T) -> R,
-) -> PyResult<Vec<R>> {
-    let count = list.len();
-    let mut parts = detached(py, || memory::with_capacity(count))?;
-    for item in list.iter().take(count) {
-        parts.push(part(item.cast::<T>()?.get()));
-    }
-    Ok(parts)
 }
 
 /// Rays that are cast at a scene.
@@ -139,23 +69,29 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// Appearances are needed for scans alone. `like`: a scene that may have the same objects in other places, whose hierarchy is then refitted.
+    /// `like`: a scene that may have the same objects in other places, whose hierarchy is then refitted.
     #[new]
-    #[pyo3(signature = (shapes, appearances=None, like=None))]
-    fn new(
-        py: Python<'_>,
-        shapes: &Bound<'_, PyList>,
-        appearances: Option<&Bound<'_, PyList>>,
-        like: Option<&PyScene>,
-    ) -> PyResult<Self> {
-        let objects = of_each(py, shapes, |shape: &PyShape| shape.object.clone())?;
-        let of_list = |list| of_each(py, list, |of: &PyAppearance| of.appearance.clone());
-        let appearances = appearances.map_or(Ok(Vec::new()), of_list)?;
+    #[pyo3(signature = (items, like=None))]
+    fn new(py: Python<'_>, items: &Bound<'_, PyList>, like: Option<&PyScene>) -> PyResult<Self> {
+        let count = items.len();
+        let (mut objects, mut appearances) =
+            detached(py, || (memory::with_capacity(count), memory::with_capacity(count)))?;
+        for item in items.iter().take(count) {
+            let item = item.cast::<PySceneObject>()?.get();
+            objects.push(item.object.clone());
+            appearances.push(item.appearance.clone());
+        }
         let scene = match like {
             None => Scene::new(objects),
             Some(like) => detached(py, || Scene::like(&like.scene, objects))?,
         };
         Ok(PyScene { scene, appearances })
+    }
+
+    /// One shape, which can be cast at but not scanned.
+    #[staticmethod]
+    fn of_shape(shape: &PyShape) -> Self {
+        PyScene { scene: Scene::new(vec![shape.object.clone()]), appearances: Vec::new() }
     }
 
     /// Builds the hierarchies now rather than at the first cast.

@@ -3,14 +3,14 @@
 use std::sync::Arc;
 
 use lidarsim_core::shapes::{self, AnySurface};
-use lidarsim_core::{Affine, Geometry, Object, Point, Scene, TriangleMesh, memory};
+use lidarsim_core::{Geometry, Object, Scene, TriangleMesh, memory};
 use numpy::ndarray::aview2;
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyTuple;
+use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyPath, detached, elements, plain, points, rays};
+use crate::{Points, PyAffine, detached, elements, plain, points, rays};
 
 /// A shape, placed by the maps it went through.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
@@ -18,6 +18,7 @@ pub struct PyShape {
     pub object: Object,
     /// What it was made from, unless that is a mesh.
     numbers: Vec<f64>,
+    transform: Option<PyAffine>,
 }
 
 impl PyShape {
@@ -35,7 +36,13 @@ impl PyShape {
     #[new]
     fn new(name: &str, numbers: Vec<f64>) -> PyResult<Self> {
         let surface = AnySurface::new(name, &numbers).map_err(PyValueError::new_err)?;
-        Ok(PyShape { object: Object::new(Geometry::Surface(surface), false), numbers })
+        Ok(PyShape { object: Object::new(Geometry::Surface(surface), false), numbers, transform: None })
+    }
+
+    /// The same of arguments in the usual forms, vectors and after them numbers, by their names; none if these are not, or if no such shape has them.
+    #[staticmethod]
+    fn plain(name: &str, vectors: &Bound<'_, PyDict>, numbers: &Bound<'_, PyDict>) -> Option<Self> {
+        Self::new(name, plain::numbers(vectors, numbers)?).ok()
     }
 
     /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
@@ -49,24 +56,18 @@ impl PyShape {
         let (vertices, faces) = (points("vertices", &vertices)?, elements("faces", &faces)?.as_chunks().0);
         let mesh = detached(py, || TriangleMesh::new(memory::copy(vertices), memory::copy(faces)))?
             .ok_or_else(|| PyValueError::new_err("faces: expected shape (m, 3) and the numbers of vertices"))?;
-        Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole), numbers: Vec::new() })
+        Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole), numbers: Vec::new(), transform: None })
     }
 
-    /// The image under a 4×4 affine matrix, and a read-only copy of that; none if it is not as `plain::affine` takes it.
-    fn transformed<'py>(&self, matrix: &Bound<'py, PyAny>) -> PyResult<Option<(Self, Bound<'py, PyArray2<f64>>)>> {
-        let py = matrix.py();
-        let Some(rows @ [x, y, z, _]) = plain::affine(matrix) else { return Ok(None) };
-        let Some(object) = detached(py, || self.object.transformed(Affine::from_rows([x, y, z])))? else {
-            return Err(PyValueError::new_err("transform: expected an invertible matrix, got determinant 0"));
-        };
-        let copy = PyArray2::from_array(py, &aview2(&rows));
-        copy.readwrite().make_nonwriteable();
-        Ok(Some((PyShape { object, numbers: self.numbers.clone() }, copy)))
+    /// The image under a transform.
+    fn transformed(&self, transform: &PyAffine) -> PyResult<Self> {
+        let object = transform.image_of(&self.object)?;
+        Ok(PyShape { object, numbers: self.numbers.clone(), transform: Some(*transform) })
     }
 
-    /// The same, which then moves along a path.
-    fn moving(&self, motion: &PyPath) -> Self {
-        PyShape { object: self.object.moving(motion.path.clone()), numbers: self.numbers.clone() }
+    /// The matrix of the transform, read-only.
+    fn transform<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
+        self.transform.map(|transform| transform.matrix(py))
     }
 
     /// The parameters of a shape that is not a mesh.
@@ -84,9 +85,9 @@ impl PyShape {
         view(shape, shape.get().mesh().map_or(&[][..], TriangleMesh::faces))
     }
 
-    /// The low and the high corner of a box around the surface; none if there is no surface, or no such box.
-    fn bounds(&self) -> Option<(Point, Point)> {
-        self.object.bounds().map(|sides| (sides.map(|side| side.low), sides.map(|side| side.high)))
+    /// The low and the high corner of a box around the surface; infinite if that is, nan if it is a mesh without triangles.
+    fn bounds<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        bounds(py, &self.object)
     }
 
     /// The number of primitives that hits tell apart.
@@ -129,6 +130,15 @@ impl PyShape {
         })?;
         PyArray1::from_vec(py, flat).reshape([o.len(), width])
     }
+}
+
+pub fn bounds<'py>(py: Python<'py>, object: &Object) -> Bound<'py, PyArray2<f64>> {
+    let corners = match object.bounds() {
+        Some(sides) => [sides.map(|side| side.low), sides.map(|side| side.high)],
+        None if object.is_empty() => [[f64::NAN; 3]; 2],
+        None => [[f64::NEG_INFINITY; 3], [f64::INFINITY; 3]],
+    };
+    PyArray2::from_array(py, &aview2(&corners))
 }
 
 /// A read-only array over rows of a shape, which it keeps alive.

@@ -153,7 +153,8 @@ impl Object {
         Some(unless_nan(self.maps.iter().fold(local, |bounds, map| map.image(bounds))))
     }
 
-    pub(super) fn is_empty(&self) -> bool {
+    /// Whether it is a mesh without triangles.
+    pub fn is_empty(&self) -> bool {
         matches!(&self.geometry, Geometry::Mesh(mesh) if mesh.is_empty())
     }
 

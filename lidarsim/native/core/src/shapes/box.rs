@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Shape, Surface, parameters};
+use super::surface::{Shape, Surface, all_positive, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root, Roots};
 use crate::geometry::axis_plane::AxisPlane;
@@ -47,7 +47,9 @@ impl Shape for Box {
     /// size, center.
     fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
         let [dx, dy, dz, x, y, z] = parameters(numbers)?;
-        Ok(Box { size: [dx, dy, dz], center: [x, y, z] })
+        let size = [dx, dy, dz];
+        all_positive("size", &size)?;
+        Ok(Box { size, center: [x, y, z] })
     }
 }
 

@@ -5,7 +5,7 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Shape, Surface, parameters};
+use super::surface::{Shape, Surface, parameters, positive};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root, Roots};
 use crate::geometry::axis_plane::AxisPlane;
@@ -45,6 +45,10 @@ impl Shape for Cylinder {
     /// start, end, radius, and 1 if it is capped, else 0.
     fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
         let [a, b, c, x, y, z, radius, capped] = parameters(numbers)?;
+        if [a, b, c] == [x, y, z] {
+            return Err(format!("end: expected a point other than start, got {:?} for both", (x, y, z)));
+        }
+        positive("radius", radius)?;
         Ok(Cylinder { start: [a, b, c], end: [x, y, z], radius, capped: capped != 0.0 })
     }
 }

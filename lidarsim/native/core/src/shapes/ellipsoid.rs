@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::sphere;
-use super::surface::{Shape, Surface, parameters};
+use super::surface::{Shape, Surface, all_positive, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::affine::{Affine, Inverse};
@@ -53,6 +53,7 @@ impl Shape for Ellipsoid {
     /// center, radii, rotation by rows.
     fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
         let [x, y, z, a, b, c, rotation @ ..] = parameters::<15>(numbers)?;
+        all_positive("radii", &[a, b, c])?;
         let [r0, r1, r2, r3, r4, r5, r6, r7, r8] = rotation;
         Ellipsoid::new([x, y, z], [a, b, c], [[r0, r1, r2], [r3, r4, r5], [r6, r7, r8]])
             .ok_or_else(|| "rotation: expected an invertible matrix, got determinant 0".into())

@@ -49,10 +49,16 @@ impl Shape for Plane {
 
     /// normal, distance; point, normal; or three points.
     fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
-        match *numbers {
-            [x, y, z, distance] => Ok(Plane::Distance { normal: [x, y, z], distance }),
-            [a, b, c, x, y, z] => Ok(Plane::PointNormal { point: [a, b, c], normal: [x, y, z] }),
-            _ => Triangle::from_numbers(numbers).map(|Triangle(a, b, c)| Plane::Points(a, b, c)),
+        let plane = match *numbers {
+            [x, y, z, distance] => Plane::Distance { normal: [x, y, z], distance },
+            [a, b, c, x, y, z] => Plane::PointNormal { point: [a, b, c], normal: [x, y, z] },
+            _ => return Triangle::from_numbers(numbers).map(|Triangle(a, b, c)| Plane::Points(a, b, c)),
+        };
+        match plane {
+            Plane::Distance { normal: [0.0, 0.0, 0.0], .. } | Plane::PointNormal { normal: [0.0, 0.0, 0.0], .. } => {
+                Err("normal: expected non-zero vectors, got normal = (0, 0, 0)".into())
+            }
+            plane => Ok(plane),
         }
     }
 }

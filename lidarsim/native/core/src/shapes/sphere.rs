@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Shape, Surface, parameters};
+use super::surface::{Shape, Surface, parameters, positive};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::geometry::ray::Ray;
@@ -47,6 +47,7 @@ impl Shape for Sphere {
     /// center, radius.
     fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
         let [x, y, z, radius] = parameters(numbers)?;
+        positive("radius", radius)?;
         Ok(Sphere { center: [x, y, z], radius })
     }
 }

@@ -55,13 +55,26 @@ pub trait Shape: Surface + Sized {
     /// Most roots on a line.
     const MOST_ROOTS: usize;
 
-    /// The shape of these parameters, one after the other. Only what takes exact arithmetic is checked; the error names the parameter and its value.
+    /// The shape of these parameters, finite ones, one after the other. The error names the one that no such shape has, and its value.
     fn from_numbers(numbers: &[f64]) -> Result<Self, String>;
 }
 
 /// The parameters as an array; an error if there are not N.
 pub fn parameters<const N: usize>(numbers: &[f64]) -> Result<[f64; N], String> {
     numbers.try_into().map_err(|_| format!("numbers: expected {N} of them, got {}", numbers.len()))
+}
+
+/// An error unless a parameter is > 0.
+pub fn positive(name: &str, number: f64) -> Result<(), String> {
+    if number > 0.0 { Ok(()) } else { Err(format!("{name}: expected a finite number > 0, got {number:?}")) }
+}
+
+/// An error unless all numbers of a parameter are > 0.
+pub fn all_positive(name: &str, numbers: &[f64]) -> Result<(), String> {
+    match numbers.iter().enumerate().find(|&(_, number)| !(*number > 0.0)) {
+        None => Ok(()),
+        Some((i, number)) => Err(format!("{name}: expected numbers > 0, got {name}[{i}] = {number:?}")),
+    }
 }
 
 /// A function that is generic over the type of a surface and over registers of N lanes: an always inlined `run`.

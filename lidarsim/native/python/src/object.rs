@@ -1,0 +1,135 @@
+//! Objects of scenes.
+
+use std::sync::Arc;
+
+use lidarsim_core::measure::{Appearance, Labels, Reflectivity};
+use lidarsim_core::{Object, memory};
+use numpy::{PyArray2, PyReadonlyArray1};
+use pyo3::exceptions::PyValueError;
+use pyo3::intern;
+use pyo3::prelude::*;
+
+use crate::{PyAffine, PyPath, PyShape, detached, elements, shape};
+
+/// An object as it was given, which Python has validated, and as the core has it.
+#[pyclass(frozen, subclass, name = "SceneObject", module = "lidarsim._native")]
+pub struct PySceneObject {
+    pub object: Object,
+    pub appearance: Arc<Appearance>,
+    #[pyo3(get)]
+    id: u32,
+    #[pyo3(get)]
+    shape: Py<PyAny>,
+    #[pyo3(get)]
+    name: Py<PyAny>,
+    #[pyo3(get)]
+    label: Py<PyAny>,
+    #[pyo3(get)]
+    instance: u32,
+    #[pyo3(get)]
+    material: Py<PyAny>,
+    #[pyo3(get)]
+    motion: Option<Py<PyAny>>,
+    transform: Option<PyAffine>,
+}
+
+#[derive(FromPyObject)]
+enum LabelParameter<'py> {
+    Object(u32),
+    Face(PyReadonlyArray1<'py, u32>),
+}
+
+#[derive(FromPyObject)]
+enum ReflectivityParameter<'py> {
+    Object(f64),
+    Each(PyReadonlyArray1<'py, f64>),
+}
+
+#[pymethods]
+impl PySceneObject {
+    /// The label is one, or one a face; the reflectivity of the material one, or what the material says. `like`: an object of the same label,
+    /// instance and material, which are shared.
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "the fields, in their order")]
+    #[pyo3(signature = (id, shape, name, label, instance, material, transform, motion, like=None), text_signature = None)]
+    fn new(
+        id: u32,
+        shape: Bound<'_, PyAny>,
+        name: Py<PyAny>,
+        label: Bound<'_, PyAny>,
+        instance: u32,
+        material: Bound<'_, PyAny>,
+        transform: Option<&PyAffine>,
+        motion: Option<Bound<'_, PyAny>>,
+        like: Option<&PySceneObject>,
+    ) -> PyResult<Self> {
+        let py = shape.py();
+        let native = intern!(py, "_native");
+        let given: Bound<'_, PyShape> = shape.getattr(native)?.cast_into()?;
+        let mut object = match transform {
+            None => given.get().object.clone(),
+            Some(map) => map.image_of(&given.get().object)?,
+        };
+        if let Some(motion) = &motion {
+            let path: Bound<'_, PyPath> = motion.getattr(native)?.cast_into()?;
+            object = object.moving(path.get().path.clone());
+        }
+        let appearance = match like {
+            Some(like) => like.appearance.clone(),
+            None => Arc::new(appearance(&label, instance, &material)?),
+        };
+        Ok(PySceneObject {
+            object,
+            appearance,
+            id,
+            shape: shape.unbind(),
+            name,
+            label: label.unbind(),
+            instance,
+            material: material.unbind(),
+            motion: motion.map(Bound::unbind),
+            transform: transform.copied(),
+        })
+    }
+
+    #[getter]
+    fn transform<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyArray2<f64>>> {
+        self.transform.map(|map| map.matrix(py))
+    }
+
+    /// As of a shape; without its motion.
+    #[getter]
+    fn bounds<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
+        shape::bounds(py, &self.object)
+    }
+
+    /// Whether both share the memory of their labels and reflectivities.
+    fn looks_like(&self, other: &PySceneObject) -> bool {
+        Arc::ptr_eq(&self.appearance, &other.appearance)
+    }
+}
+
+/// What a lidar can tell of an object.
+fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAny>) -> PyResult<Appearance> {
+    let py = material.py();
+    let labels = match label.extract()? {
+        LabelParameter::Object(label) => Labels::Object(label),
+        LabelParameter::Face(labels) => {
+            let labels = elements("label", &labels)?;
+            Labels::Face(detached(py, || memory::copy(labels))?)
+        }
+    };
+    let reflectivity = match material.getattr(intern!(py, "_reflectivity"))?.extract()? {
+        ReflectivityParameter::Object(value) => Reflectivity::Object(value),
+        ReflectivityParameter::Each(values) => {
+            let values = elements("reflectivity", &values)?;
+            let values = detached(py, || memory::copy(values))?;
+            match material.getattr(intern!(py, "_per"))?.extract()? {
+                "face" => Reflectivity::Face(values),
+                "vertex" => Reflectivity::Vertex(values),
+                _ => return Err(PyValueError::new_err("reflectivity: expected one of an object")),
+            }
+        }
+    };
+    Ok(Appearance { labels, instance, reflectivity })
+}
