@@ -246,7 +246,7 @@ def test_rust_imports_run_one_way() -> None:
     core, python = RustSources(NATIVE / "core" / "src"), RustSources(NATIVE / "python" / "src")
     assert len(core.imports()) > 100
     assert rust_faults(core, LAYERS) == []
-    assert rust_faults(python, ["plain", "affine", "path", "shape", "object", "scene", "scan"]) == []
+    assert rust_faults(python, ["plain", "affine", "path", "shape", "object", "scene", "scan", "cloud"]) == []
     assert not any(re.search(r"\b(pyo3|numpy)\b", source) for source in core.sources.values())
 
 

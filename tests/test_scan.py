@@ -418,13 +418,26 @@ def rounding(cloud: ls.PointCloud) -> Floats:
     return 1e-15 * (cloud.range + 10.0)
 
 
-def test_points_are_the_returns() -> None:
-    scan = lidar(EVERYTHING).scan(room(), TURNED, time=5.0)
+@pytest.mark.parametrize("columns", [1, 180, 700])
+@pytest.mark.parametrize(
+    "measurement",
+    [
+        EVERYTHING,
+        ls.Measurement(range_sigma=0.01),
+        ls.Measurement(dropout=0.6),
+        dataclasses.replace(EVERYTHING, returns=5),
+    ],
+    ids=["two", "one", "few", "five"],
+)
+def test_points_are_the_returns(measurement: ls.Measurement, columns: int) -> None:
+    """Pulses are fewer than one thread takes, and more than two take."""
+    scan = lidar(measurement, columns=columns).scan(room(), TURNED, time=5.0)
     cloud = scan.point_cloud()
-    has_return = np.arange(2) < scan.return_count[:, None]
-    assert 500 < has_return.sum() == len(cloud)
+    most = scan.range.shape[1]
+    has_return = np.arange(most) < scan.return_count[:, None]
+    assert columns * 2 < has_return.sum() == len(cloud) < scan.range.size
     assert np.array_equal(has_return, np.isfinite(scan.range))
-    assert has_return[:, 1].any()
+    assert columns == 1 or most == 1 or has_return[:, 1].any()
     pulse, number = np.nonzero(has_return)
     for name in ("range", "true_range", "range_error", "intensity", "object_id", "label", "incidence"):
         assert np.array_equal(getattr(cloud, name), getattr(scan, name)[has_return]), name

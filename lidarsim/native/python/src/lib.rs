@@ -1,6 +1,7 @@
 //! What Python sees of the core. No Python type goes past these files.
 
 mod affine;
+mod cloud;
 mod object;
 mod path;
 mod plain;
@@ -37,7 +38,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyPath>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
-    m.add_function(wrap_pyfunction!(scan::points_of, m)?)?;
+    m.add_function(wrap_pyfunction!(cloud::points_of, m)?)?;
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
     m.add_function(wrap_pyfunction!(shape::self_crossing, m)?)?;

@@ -1,15 +1,11 @@
-//! Scans: one call a frame, from pulses to the arrays of a scan, and from these to those of a point cloud.
+//! Scans: one call a frame, from pulses to the arrays of a scan.
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, ReturnRows, Returns, Rows, Scan,
+    BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, Returns, Rows, Scan,
 };
-use lidarsim_core::{Path, Point, Pose, memory, span};
-use numpy::ndarray::Dimension;
-use numpy::{
-    Element, IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
-    PyReadonlyArray3, PyUntypedArrayMethods,
-};
+use lidarsim_core::{Path, Point, memory, span};
+use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -351,166 +347,6 @@ fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {
             )
         }
     }
-}
-
-/// The attributes of `lidarsim.Scan` that a point cloud is made from.
-#[derive(FromPyObject)]
-pub struct ScanArrays<'py> {
-    pulses: AllPulseArrays<'py>,
-    time: f64,
-    range: PyReadonlyArray2<'py, f64>,
-    true_range: PyReadonlyArray2<'py, f64>,
-    range_error: PyReadonlyArray2<'py, f64>,
-    intensity: PyReadonlyArray2<'py, f32>,
-    incidence: PyReadonlyArray2<'py, f32>,
-    normal: PyReadonlyArray3<'py, f32>,
-    object_id: PyReadonlyArray2<'py, i32>,
-    instance: PyReadonlyArray2<'py, u32>,
-    label: PyReadonlyArray2<'py, u32>,
-    radial_velocity: Option<PyReadonlyArray2<'py, f32>>,
-    return_count: PyReadonlyArray1<'py, u8>,
-}
-
-#[derive(FromPyObject)]
-struct AllPulseArrays<'py> {
-    directions: Points<'py>,
-    origins: Points<'py>,
-    time: PyReadonlyArray1<'py, f64>,
-    ring: PyReadonlyArray1<'py, u16>,
-    column: PyReadonlyArray1<'py, u32>,
-}
-
-/// In which coordinates points are given.
-#[derive(Clone, Copy)]
-enum Coordinates {
-    /// Of the sensor when it fired the pulse.
-    Sensor,
-    /// Of the sensor at one moment.
-    Moment(Pose),
-    World,
-}
-
-/// The fields of `lidarsim.PointCloud`, an entry a return. `frame`: "sensor" or "world"; `moment`: the time, on the clock of
-/// the path, whose sensor frame the points of "sensor" are put in, if it is one for all.
-#[pyfunction]
-pub fn points_of<'py>(
-    py: Python<'py>,
-    scan: ScanArrays<'py>,
-    path: &PyPath,
-    frame: &str,
-    moment: Option<f64>,
-) -> PyResult<Bound<'py, PyDict>> {
-    let path: &Path = &path.path;
-    let coordinates = match (frame, path, moment) {
-        ("world", ..) => Coordinates::World,
-        ("sensor", Path::Still(_), _) | ("sensor", _, None) => Coordinates::Sensor,
-        ("sensor", _, Some(time)) => Coordinates::Moment(path.at(time)),
-        _ => return Err(PyValueError::new_err(format!("frame: unknown {frame:?}"))),
-    };
-    let pulses = &scan.pulses;
-    let (n, most) = (scan.return_count.len(), scan.range.shape()[1]);
-    let directions = of_length(n, points("pulses.directions", &pulses.directions)?)?;
-    let origins = of_length(n, points("pulses.origins", &pulses.origins)?)?;
-    let (times, rings) = (column(n, &pulses.time)?, column(n, &pulses.ring)?);
-    let columns = column(n, &pulses.column)?;
-    let counts = column(n, &scan.return_count)?;
-    let (range, true_range) = (column(n * most, &scan.range)?, column(n * most, &scan.true_range)?);
-    let (range_error, intensity) = (column(n * most, &scan.range_error)?, column(n * most, &scan.intensity)?);
-    let (incidence, object_id) = (column(n * most, &scan.incidence)?, column(n * most, &scan.object_id)?);
-    let (instance, label) = (column(n * most, &scan.instance)?, column(n * most, &scan.label)?);
-    let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
-
-    let (returns, start) = (detached(py, || ReturnRows::new(counts, most))?, scan.time);
-    // Where the sensor was at a time, and that as seen from the moment: of the last return, as those next to each other share many times.
-    type Last = Option<(f64, Pose, Pose)>;
-    let place_and_turn = |last: &mut Last, row: usize, pulse: usize| {
-        let local: Point = std::array::from_fn(|k| origins[pulse][k] + directions[pulse][k] * range[row]);
-        let normal = normals[row].map(f64::from);
-        let time = start + times[pulse];
-        let (pose, seen) = match (path, last.as_ref()) {
-            (Path::Still(pose), _) => (pose, pose),
-            (_, Some((then, pose, seen))) if *then == time => (pose, seen),
-            _ => {
-                let pose = path.at(time);
-                let seen = if let Coordinates::Moment(at) = coordinates { pose.relative_to(&at) } else { pose };
-                let (_, pose, seen) = &*last.insert((time, pose, seen));
-                (pose, seen)
-            }
-        };
-        let (point, turned) = match coordinates {
-            Coordinates::Sensor => (local, pose.turn_back(normal)),
-            Coordinates::Moment(at) => (seen.place(local), at.turn_back(normal)),
-            Coordinates::World => (pose.place(local), normal),
-        };
-        (point, turned.map(|x| x as f32))
-    };
-    let (xyz, turned) = gather_pairs(py, &returns, place_and_turn)?;
-    let fields = PyDict::new(py);
-    let shape = [returns.count(), 3];
-    fields.set_item("xyz", xyz.into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("range", gather(py, &returns, |row, _| range[row])?.into_pyarray(py))?;
-    fields.set_item("true_range", gather(py, &returns, |row, _| true_range[row])?.into_pyarray(py))?;
-    fields.set_item("intensity", gather(py, &returns, |row, _| intensity[row])?.into_pyarray(py))?;
-    fields.set_item("time", gather(py, &returns, |_, pulse| times[pulse])?.into_pyarray(py))?;
-    fields.set_item("ring", gather(py, &returns, |_, pulse| rings[pulse])?.into_pyarray(py))?;
-    fields.set_item("column", gather(py, &returns, |_, pulse| columns[pulse])?.into_pyarray(py))?;
-    fields.set_item(
-        "return_number",
-        gather(py, &returns, |row, pulse| (row - pulse * most + 1) as u8)?.into_pyarray(py),
-    )?;
-    fields.set_item("return_count", gather(py, &returns, |_, pulse| counts[pulse])?.into_pyarray(py))?;
-    fields.set_item("object_id", gather(py, &returns, |row, _| object_id[row])?.into_pyarray(py))?;
-    fields.set_item("instance", gather(py, &returns, |row, _| instance[row])?.into_pyarray(py))?;
-    fields.set_item("label", gather(py, &returns, |row, _| label[row])?.into_pyarray(py))?;
-    fields.set_item("normal", turned.into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("incidence", gather(py, &returns, |row, _| incidence[row])?.into_pyarray(py))?;
-    fields.set_item("range_error", gather(py, &returns, |row, _| range_error[row])?.into_pyarray(py))?;
-    if let Some(velocity) = &scan.radial_velocity {
-        let velocity = column(n * most, velocity)?;
-        fields.set_item("radial_velocity", gather(py, &returns, |row, _| velocity[row])?.into_pyarray(py))?;
-    }
-    Ok(fields)
-}
-
-/// The elements of a C-contiguous array that has so many.
-fn column<'a, T: Element, D: Dimension>(n: usize, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
-    of_length(n, elements("scan", array)?)
-}
-
-fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
-    if slice.len() == n { Ok(slice) } else { Err(PyValueError::new_err("scan: expected arrays as a scan gives them")) }
-}
-
-/// A value of each return, by its row and its pulse.
-fn gather<T: Send>(py: Python<'_>, returns: &ReturnRows, value: impl Fn(usize, usize) -> T + Sync) -> PyResult<Vec<T>> {
-    let value = &value;
-    detached(py, || {
-        let mut values = memory::with_capacity(returns.count());
-        returns.gather(&mut values.spare_capacity_mut()[..returns.count()], value);
-        // SAFETY: the place of each return was written.
-        unsafe { values.set_len(returns.count()) };
-        values
-    })
-}
-
-/// Two values of each return, by what the return before left, its row and its pulse.
-fn gather_pairs<A: Send, B: Send, S>(
-    py: Python<'_>,
-    returns: &ReturnRows,
-    values: impl Fn(&mut Option<S>, usize, usize) -> (A, B) + Sync,
-) -> PyResult<(Vec<A>, Vec<B>)> {
-    let values = &values;
-    detached(py, || {
-        let n = returns.count();
-        let (mut a, mut b) = (memory::with_capacity(n), memory::with_capacity(n));
-        returns.gather_pairs((&mut a.spare_capacity_mut()[..n], &mut b.spare_capacity_mut()[..n]), values);
-        // SAFETY: both places of each return were written.
-        unsafe {
-            a.set_len(n);
-            b.set_len(n);
-        }
-        (a, b)
-    })
 }
 
 /// Philox4x32-10 of each counter (n, 4) with one key.

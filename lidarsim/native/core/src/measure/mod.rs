@@ -10,6 +10,7 @@ mod beam;
 mod direction;
 mod echo;
 mod parameters;
+mod returns;
 pub mod rng;
 mod share;
 mod waveform;
@@ -37,7 +38,7 @@ pub use appearance::{Appearance, Labels, Reflectivity};
 pub use beam::Beam;
 pub use echo::Returns;
 pub use parameters::{Detection, Effects, Measurement, RangeSigma};
-pub use share::ReturnRows;
+pub use returns::{Copied, Each, Field, Numbers, Pair, ReturnCounts};
 
 /// What finds the surfaces.
 pub trait Caster: Sync {
