@@ -88,9 +88,9 @@ impl RayPacket {
     }
 
     /// Gathers the first rays of an order, up to the first of another octant: none (`count` is 0) if the very first does not fit into packets; it
-    /// is then in lane 0, to be traced by itself as a `TraversalRay`.
+    /// is then in lane 0, to be traced by itself as a `TraversalRay`. `one_origin`: all have the same, to the bit.
     #[inline(always)]
-    pub fn gather<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32]) {
+    pub fn gather<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32], one_origin: bool) {
         (self.count, self.has_offsets) = (0, false);
         let Some(&first) = order.first() else { return };
         let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(LARGEST));
@@ -103,7 +103,8 @@ impl RayPacket {
                 None => padded(&order[8 * eight..], first),
             };
             self.at.as_chunks_mut().0[eight] = at;
-            let (o, d) = (columns::<I>(origins, &at), columns::<I>(directions, &at));
+            let o = if one_origin { lanes::splat(first_origin) } else { columns::<I>(origins, &at) };
+            let d = columns::<I>(directions, &at);
             let mut within = 0xff;
             let mut at_one = 0xff;
             let mut largest = I::F64x8::splat(0.0);
@@ -395,6 +396,7 @@ mod tests {
         origins: &'a [Point],
         directions: &'a [Point],
         order: &'a [u32],
+        one_origin: bool,
     }
 
     impl Task for Gather<'_> {
@@ -402,7 +404,7 @@ mod tests {
 
         #[inline(always)]
         fn run<I: Isa>(self) {
-            self.rays.gather::<I>(self.origins, self.directions, self.order);
+            self.rays.gather::<I>(self.origins, self.directions, self.order, self.one_origin);
         }
     }
 
@@ -448,6 +450,12 @@ mod tests {
                         Some(x) => rays[place].0[odd % 3] = *x,
                         None => rays[place].1 = odd_directions[odd - odd_origins.len()](rays[place].1),
                     }
+                    // What is odd only counts in the first origin.
+                    let one_origin = odd % 2 == 0;
+                    if one_origin {
+                        let first = rays[if odd < odd_origins.len() { place } else { 0 }].0;
+                        rays.iter_mut().for_each(|ray| ray.0 = first);
+                    }
                     for many in [1, 5, 16, 63, 80] {
                         let (origins, directions): (Vec<Point>, Vec<Point>) = rays.iter().copied().unzip();
                         let order: Vec<u32> = (0..many).collect();
@@ -457,7 +465,7 @@ mod tests {
                             (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
                             let (rays_taken, order) = (&mut found, &order[..]);
                             let (origins, directions) = (&origins[..], &directions[..]);
-                            dispatch(level, Gather { rays: rays_taken, origins, directions, order });
+                            dispatch(level, Gather { rays: rays_taken, origins, directions, order, one_origin });
                             let count = found.count;
                             let known = expected(&rays[..many as usize]);
                             assert_eq!(count, known, "{level:?}: {odd} at {place} of {many}");

@@ -143,7 +143,8 @@ impl PacketSource<'_> {
             (self.start, self.done) = (0, self.done + end);
             hits.clear(self.done..self.done + self.ray_sort.sorted().len());
         }
-        rays.gather::<I>(self.origins, self.directions, &self.ray_sort.sorted()[self.start..]);
+        let order = &self.ray_sort.sorted()[self.start..];
+        rays.gather::<I>(self.origins, self.directions, order, self.ray_sort.has_one_origin());
         let taken = rays.count.max(1);
         self.start += taken;
         if !self.times.is_empty() {

@@ -31,6 +31,8 @@ pub struct RaySort {
     start: usize,
     /// Of the rays in order.
     count: usize,
+    /// Whether these have one origin, to the bit.
+    has_one_origin: bool,
     last: LastSorted,
     places: Vec<u32>,
     octants: Vec<u32>,
@@ -97,7 +99,8 @@ impl RaySort {
             return false;
         }
         (self.start, self.count) = (group.end, group.len());
-        let together = !self.has_times && origins[group.start] == origins[group.end - 1];
+        self.has_one_origin = self.group == NEAR && are_equal(&origins[group.clone()]);
+        let together = !self.has_times && self.has_one_origin;
         if together && self.takes_over::<I>(directions, group.clone()) {
             return true;
         }
@@ -170,6 +173,12 @@ impl RaySort {
     #[inline(always)]
     pub fn sorted(&self) -> &[u32] {
         &self.order[..self.count]
+    }
+
+    /// Whether all rays of the group have one origin, to the bit; of scattered rays that is not looked for.
+    #[inline(always)]
+    pub fn has_one_origin(&self) -> bool {
+        self.has_one_origin
     }
 
     /// Finds the octant of each direction, and its octahedral coordinates, the place on its face of |x| + |y| + |z| = 1: two of 16 bits, of which
@@ -386,6 +395,17 @@ pub fn are_scattered(directions: &[Point]) -> bool {
     n > 1 && (0..SAMPLES).filter(|&k| apart(somewhere(k))).count() > SAMPLES / 2
 }
 
+/// Whether points are equal to the bit.
+#[inline(always)]
+fn are_equal(points: &[Point]) -> bool {
+    let first = points[0].map(f64::to_bits);
+    let different = points.iter().fold(0, |all, point| {
+        let [x, y, z] = point.map(f64::to_bits);
+        all | x ^ first[0] | y ^ first[1] | z ^ first[2]
+    });
+    different == 0
+}
+
 /// Which of eight numbers are negative.
 #[inline(always)]
 fn negative<I: Isa>(numbers: &[f64; 8]) -> u8 {
@@ -562,6 +582,23 @@ mod tests {
             };
             let mean = order.windows(2).map(step).sum::<f64>() / order.len() as f64;
             assert!(mean <= 0.2 * far, "{mean}");
+        }
+    }
+
+    #[test]
+    fn one_origin_is_one_to_the_bit() {
+        for n in [1, 2, 9, NEAR] {
+            for origin in [[1.0, -2.0, 0.0], [f64::NAN; 3]] {
+                let mut origins = vec![origin; n];
+                assert!(are_equal(&origins));
+                for i in (1..n).step_by(7) {
+                    for axis in 0..3 {
+                        origins[i][axis] = -origin[axis];
+                        assert!(!are_equal(&origins), "{i} of {n}");
+                        origins[i] = origin;
+                    }
+                }
+            }
         }
     }
 
