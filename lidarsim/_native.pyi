@@ -5,6 +5,7 @@ from typing import Any, Self, final
 
 import numpy as np
 import numpy.typing as npt
+from typing_extensions import disjoint_base
 
 from lidarsim import shapes
 from lidarsim.materials import Material
@@ -55,6 +56,7 @@ class Shape:
         self, origins: npt.NDArray[np.float64], directions: npt.NDArray[np.float64]
     ) -> npt.NDArray[np.float64]: ...
 
+@disjoint_base
 class SceneObject:
     def __new__(
         cls,
