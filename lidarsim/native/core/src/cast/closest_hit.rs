@@ -225,6 +225,20 @@ impl<'a> ClosestHits<'a> {
         self.object[lane]
     }
 
+    /// The lanes whose nearest hit, if any, is on this object.
+    #[inline(always)]
+    pub fn lanes_on(&self, object: u32) -> Mask {
+        let mut lanes = 0;
+        for (eight, objects) in self.object.as_chunks::<8>().0.iter().enumerate() {
+            let mut on = 0;
+            for (k, other) in objects.iter().enumerate() {
+                on |= u32::from(*other == object) << k;
+            }
+            lanes |= Mask::from(on) << (8 * eight);
+        }
+        lanes
+    }
+
     /// Bounds of t of the nearest hit of a lane.
     #[inline(always)]
     pub fn bounds(&self, lane: usize) -> Interval {

@@ -186,6 +186,14 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
     fn route<I: Isa>(&mut self, state: &PacketState, triangle_hits: &mut TriangleHits<'a>) {
         let PacketState { rays, closest, .. } = state;
         let (mut lanes, mut left) = (0, closest.found::<I>());
+        if !S::ANY && left != 0 {
+            // Most packets meet one object.
+            let object = closest.object(left.trailing_zeros() as usize);
+            if self.world.scene.objects()[object as usize].is_untransformed_triangle() {
+                lanes = left & closest.lanes_on(object);
+                left &= !lanes;
+            }
+        }
         while let Some(lane) = take(&mut left) {
             if S::ANY {
                 self.hits.put(rays.at[lane] as usize, Hit::UNREFINED);

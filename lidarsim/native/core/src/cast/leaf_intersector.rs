@@ -2,7 +2,7 @@
 
 use crate::arith::number::UNIT;
 use crate::arith::simd::{Floats, Isa};
-use crate::bvh::{LANES, Mask, RayPacket, SINGLE_RAYS, Stack, Visitor, part_of_mask, take};
+use crate::bvh::{LANES, Mask, RayPacket, Stack, Visitor, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
 use crate::scene::TriangleMesh;
@@ -30,6 +30,8 @@ pub struct LeafIntersector<'a, 's> {
 pub struct LeafScratch {
     /// Of the rays with candidates, one after the other, the sums U + V + W by triangle.
     sums: [[f64; LEAF_SIZE]; LANES],
+    /// Those rays.
+    tests: [LeafTest; LANES],
     /// Of the leaves of single rays, or of one leaf as seen from the origins of a packet.
     planes: [Planes; LANES],
     /// Of the rays that traverse the mesh, once they are asked for.
@@ -38,11 +40,20 @@ pub struct LeafScratch {
 
 impl LeafScratch {
     pub fn new() -> Self {
-        LeafScratch { sums: [[0.0; LEAF_SIZE]; LANES], planes: [Planes::NONE; LANES], directions: None }
+        let (sums, nothing) = ([[0.0; LEAF_SIZE]; LANES], LeafTest { lane: 0, candidates: 0, sure: 0, planes: 0 });
+        LeafScratch { sums, tests: [nothing; LANES], planes: [Planes::NONE; LANES], directions: None }
+    }
+
+    /// Keeps a test, with the next planes, if it has candidates. Without a branch.
+    #[inline(always)]
+    fn keep(&mut self, tests: &mut LeafTests, lane: usize, candidates: u32, sure: u32) {
+        let planes = tests.planes as u8;
+        self.tests[tests.count] = LeafTest { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, planes };
+        tests.count += usize::from(candidates != 0);
     }
 }
 
-/// The test of a ray in a leaf: masks of the candidates, and of those that are certain hits. Bytes, as an array of these is cleared for each leaf.
+/// The test of a ray in a leaf: masks of the candidates, and of those that are certain hits.
 #[derive(Clone, Copy)]
 struct LeafTest {
     lane: u8,
@@ -52,27 +63,11 @@ struct LeafTest {
     planes: u8,
 }
 
-/// The tests that have candidates, and how many planes there are for them.
-struct LeafTests<const N: usize> {
-    tests: [LeafTest; N],
+/// How many tests have candidates, and how many planes there are for them.
+#[derive(Clone, Copy, Default)]
+struct LeafTests {
     count: usize,
     planes: usize,
-}
-
-impl<const N: usize> LeafTests<N> {
-    #[inline(always)]
-    fn new() -> Self {
-        let nothing = LeafTest { lane: 0, candidates: 0, sure: 0, planes: 0 };
-        LeafTests { tests: [nothing; N], count: 0, planes: 0 }
-    }
-
-    /// Keeps a test, with the next planes, if it has candidates. Without a branch.
-    #[inline(always)]
-    fn push(&mut self, lane: usize, candidates: u32, sure: u32) {
-        let planes = self.planes as u8;
-        self.tests[self.count] = LeafTest { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, planes };
-        self.count += usize::from(candidates != 0);
-    }
 }
 
 impl LeafIntersector<'_, '_> {
@@ -80,7 +75,7 @@ impl LeafIntersector<'_, '_> {
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
         // All rays are tested before any result is used, so that no branch depends on a single test.
-        let mut tests = LeafTests::<LANES>::new();
+        let mut tests = LeafTests::default();
         let mut nearer = 0;
         let vertices = leaf.grid_vertices::<I>();
         for group in self.rays.origin_groups() {
@@ -101,16 +96,16 @@ impl LeafIntersector<'_, '_> {
             }
             self.test::<I>(leaf, &edges, left, &mut tests);
         }
-        nearer | self.accept::<I, _>(&tests, |_| leaf)
+        nearer | self.accept::<I>(tests, |_| leaf)
     }
 
     /// Tests rays of one origin, one after the other, against all triangles of a leaf.
     #[inline(always)]
-    fn test<I: Isa>(&mut self, leaf: &Leaf, edges: &Edges<I>, mut left: Mask, tests: &mut LeafTests<LANES>) {
+    fn test<I: Isa>(&mut self, leaf: &Leaf, edges: &Edges<I>, mut left: Mask, tests: &mut LeafTests) {
         let before = tests.count;
         while let Some(lane) = take(&mut left) {
             let (candidates, sure) = leaf.candidates::<I>(edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
-            tests.push(lane, candidates, sure);
+            self.scratch.keep(tests, lane, candidates, sure);
         }
         if tests.count > before {
             self.scratch.planes[tests.planes] = leaf.planes::<I>(edges);
@@ -188,9 +183,10 @@ impl LeafIntersector<'_, '_> {
 
     /// Updates the closest hits by tests in leaves, and returns the mask of rays whose limits have decreased.
     #[inline(always)]
-    fn accept<'l, I: Isa, const N: usize>(&mut self, tests: &LeafTests<N>, leaf: impl Fn(usize) -> &'l Leaf) -> Mask {
+    fn accept<'l, I: Isa>(&mut self, tests: LeafTests, leaf: impl Fn(usize) -> &'l Leaf) -> Mask {
         let mut nearer = 0;
-        for (k, &LeafTest { lane, candidates, sure, planes }) in tests.tests[..tests.count].iter().enumerate() {
+        for k in 0..tests.count {
+            let LeafTest { lane, candidates, sure, planes } = self.scratch.tests[k];
             let (lane, mut candidates) = (usize::from(lane), Mask::from(candidates));
             let (ray, planes) = (self.ray(lane), usize::from(planes));
             while let Some(i) = take(&mut candidates) {
@@ -233,15 +229,15 @@ impl LeafIntersector<'_, '_> {
 impl Visitor<Leaf> for LeafIntersector<'_, '_> {
     #[inline(always)]
     fn visit<I: Isa>(&mut self, _: &mut Stack, lanes: &[usize], leaves: &[&Leaf]) -> Mask {
-        let mut tests = LeafTests::<SINGLE_RAYS>::new();
+        let mut tests = LeafTests::default();
         for (&lane, leaf) in lanes.iter().zip(leaves) {
             let edges = leaf.edges(&leaf.grid_vertices::<I>(), self.rays.origin(lane), self.rays.origin_error[lane]);
             let (candidates, sure) = leaf.candidates::<I>(&edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
             self.scratch.planes[tests.planes] = leaf.planes::<I>(&edges);
-            tests.push(lane, candidates, sure);
+            self.scratch.keep(&mut tests, lane, candidates, sure);
             tests.planes += 1;
         }
-        self.accept::<I, _>(&tests, |k| leaves[k])
+        self.accept::<I>(tests, |k| leaves[k])
     }
 
     #[inline(always)]
