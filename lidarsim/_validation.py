@@ -143,6 +143,15 @@ def vector(name: str, value: object) -> tuple[float, float, float]:
     return plain
 
 
+def matrix(name: str, value: object) -> list[list[float]]:
+    """Return `value`, an array_like of shape (3, 3), as rows of floats."""
+    plain = _native.plain_matrix(value)
+    if plain is None:
+        rows: list[list[float]] = array(name, value, (3, 3)).tolist()
+        return rows
+    return plain
+
+
 def frozen(values: npt.ArrayLike) -> Floats:
     """Return a read-only copy of `values`."""
     copy = np.array(values, order="C")

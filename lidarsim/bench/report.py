@@ -62,6 +62,10 @@ MOTION = """\
 128 channels: what moves over the same standing still. One ray: a scene with another pose of one object than at the cast
 before, over the same scene built anew."""
 
+SCENES = """\
+Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material, that are built and
+scanned once: the mean of a scene, and the share of the time that building takes."""
+
 COINCIDENT = """\
 Scenes in which one surface lies in another, so that each hit is on both, against the same scenes without the second.
 The hit is on the first of the two; wrong are rays whose hit differs from that without the second."""
@@ -228,6 +232,24 @@ def to_markdown(results: Results) -> str:
                 for row in results["motion"]
             ),
         ),
+        "## Random scenes",
+        SCENES,
+        _table(
+            "scenes | objects | what | rays | threads | build, µs | scan, µs | share of building",
+            (
+                [
+                    str(row["scenes"]),
+                    str(row["objects"]),
+                    row["what"],
+                    f"{row['rays']:,}",
+                    str(row["threads"]),
+                    _short(1e6 * row["build"]),
+                    _short(1e6 * row["scan"]),
+                    f"{row['share']:.1%}",
+                ]
+                for row in results["scenes"]
+            ),
+        ),
         "## Methods",
         _table("method | version", ([name, state] for name, state in results["casters"].items())),
     ]
@@ -312,6 +334,12 @@ def summary(results: Results) -> str:
                 line += f"; {_count(row['resident'])} bytes per triangle, Open3D {_count(peer['resident'])}"
             lines.append(line)
     lines += [f"{row['what']}: {_short(row['ratio'])} × the bare cast" for row in results["scan"][1:]]
+    lines += [
+        f"{row['scenes']} random scenes of {row['objects']} objects, a {row['what']} by 32 channels each: "
+        f"building takes {row['share']:.1%} of the time"
+        for row in results["scenes"]
+        if row["threads"] == max(results["plan"]["threads"])
+    ]
     errors = [row["error"] for row in results["speed"] + results["growth"] if row["method"] == "lidarsim"]
     wrong = sum(error["lost"] + error["invented"] + error["other"] for error in errors)
     worst = max((error["max_ulp"] for error in errors if error["max_ulp"] is not None), default=0.0)

@@ -350,9 +350,9 @@ def _uneven_ball(triangles: int, rng: np.random.Generator) -> Triangles:
     return points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices).astype(np.int64)
 
 
-def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
+def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0), seed: int = 4) -> World:
     """Return a quarter each of spheres, boxes, cylinders and ellipsoids, 0.3 m to 2 m in radius, over a plane."""
-    rng = np.random.default_rng(4)
+    rng = np.random.default_rng(seed)
     shift = np.asarray(offset, dtype=np.float64)
     specs = [Spec("Plane.from_point", (shift.copy(), np.array([0.0, 0.0, 1.0])))]
     for k in range(shapes):

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim.bench import motion, report, scenes
+from lidarsim.bench import building, motion, report, scenes
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
 from lidarsim.bench.scenes import Rays, Truth, World
 
@@ -67,6 +67,8 @@ class Plan:
         A method that has used up this time in a comparison sits out its further turns.
     builds : int
         Builds of each mesh.
+    scenes : int
+        Random scenes that are built and scanned.
     memory : tuple of str
         Meshes that fresh processes build, to see by how much they grow.
     sample : int
@@ -84,6 +86,7 @@ class Plan:
     rounds: int = 41
     seconds: float = 8.0
     builds: int = 7
+    scenes: int = 200
     memory: tuple[str, ...] = tuple(MESHES)
     sample: int = 4000
 
@@ -95,6 +98,7 @@ QUICK = Plan(
     rounds=5,
     seconds=0.15,
     builds=1,
+    scenes=20,
     memory=("city",),
     sample=200,
 )
@@ -223,6 +227,7 @@ class _Run:
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
+        self.scenes: list[dict[str, Any]] = []
         self.stand_in: str | None = None  # the tessellation that stands for Open3D
 
     def meshes(self) -> None:
@@ -364,6 +369,13 @@ class _Run:
         times = interleave({name: call for name, (_, call) in what.items()}, self.plan.rounds, self.plan.seconds)
         self.motion += motion.over(times, what)
 
+    def random_scenes(self) -> None:
+        """Measure which share of the time it takes to build scenes that are scanned once."""
+        for threads in self.plan.threads:
+            self.progress(f"random scenes, {threads} threads")
+            os.environ["LIDARSIM_THREADS"] = str(threads)
+            self.scenes += [{"threads": threads, **row} for row in building.rows(self.plan.scenes, self.plan.builds)]
+
     def results(self) -> dict[str, Any]:
         """Return everything as JSON would hold it."""
         return {
@@ -378,6 +390,7 @@ class _Run:
             "coincident": self.coincident,
             "motion": self.motion,
             "sight": self.sight,
+            "scenes": self.scenes,
         }
 
     def _world(self, make: Callable[..., World], offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
@@ -554,6 +567,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.coincident_surfaces()
         bench.lines_of_sight()
         bench.moving()
+        bench.random_scenes()
         progress("")
         return {**bench.results(), "seconds": round(time.perf_counter() - began, 1)}
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, Transform, Vector, array, frozen
+from lidarsim._validation import Floats, Transform, Vector, frozen, matrix
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, unit_sphere
 
@@ -62,7 +62,7 @@ class Ellipsoid(Shape):
     ) -> None:
         if rotation is not None and hasattr(rotation, "as_matrix"):
             rotation = rotation.as_matrix()
-        x, y, z = _ALONG_XYZ if rotation is None else array("rotation", rotation, (3, 3)).tolist()
+        x, y, z = _ALONG_XYZ if rotation is None else matrix("rotation", rotation)
         vectors = {"center": center, "radii": radii, "x": x, "y": y, "z": z}
         self._set("Ellipsoid", vectors, {}, transform)
 

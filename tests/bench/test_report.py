@@ -77,6 +77,19 @@ def results() -> dict[str, Any]:
         "sight": [
             {"rays": "random", "hits": 65000, "cast": 45.6, "occluded": 22.8, "ratio": 2.0, "wrong": 0},
         ],
+        "scenes": [
+            {
+                "threads": threads,
+                "what": "scan",
+                "scenes": 200,
+                "objects": 50,
+                "rays": 69472,
+                "build": 0.00025,
+                "scan": 0.00475 / threads,
+                "share": 0.05 * threads,
+            }
+            for threads in (1, 2)
+        ],
         "coincident": [
             {"what": "a plane, twice", "rays": 65536, "hits": 65000, "ns": 45.6, "ratio": 1.4, "wrong": 0},
         ],
@@ -128,6 +141,10 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
     assert table(text, "what | ms | × cast") == [["Scene.cast", "4", "1"], ["Lidar.scan, range noise", "5", "1.25"]]
     assert table(text, "what | over") == [["still", "", "4", "1"], ["moving", "still", "6", "1.5"]]
     assert table(text, "rays | cast") == [["random", "45.6", "22.8", "2", "0"]]
+    assert table(text, "scenes | objects") == [
+        ["200", "50", "scan", "69,472", "1", "250", "4750", "5.0%"],
+        ["200", "50", "scan", "69,472", "2", "250", "2375", "10.0%"],
+    ]
     assert table(text, "method | version")[-1] == ["MuJoCo-LiDAR, Taichi", "not installed (taichi)"]
     assert "Measured on Abacus 3, 2 cores, Linux x86_64, Python 3.11.7, with 2 threads where a method has them" in text
 
@@ -139,6 +156,7 @@ def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
         "- analytic shapes: 15 × the fastest back end of MuJoCo-LiDAR",
         "- city: built in 0.25 s, Open3D 0.3 s; 80 bytes per triangle, Open3D 88",
         "- Lidar.scan, range noise: 1.25 × the bare cast",
+        "- 200 random scenes of 50 objects, a scan by 32 channels each: building takes 10.0% of the time",
         "- lidarsim against exact arithmetic: 0 wrong of 3,000 rays, ranges within 0.5 ulp",
     ]
     results["speed"][0]["error"].update(other=2, max_ulp=3.0)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lidarsim.bench import motion, peers, scenes, speed
+import lidarsim as ls
+from lidarsim.bench import building, motion, peers, scenes, speed
 from lidarsim.bench.oracle import Surd
 from lidarsim.bench.scenes import Truth
 from lidarsim.bench.speed import Plan, interleave, judge
@@ -29,6 +30,7 @@ PLAN = Plan(
     rounds=2,
     seconds=0.2,
     builds=2,
+    scenes=3,
     memory=("city",),
     sample=50,
 )
@@ -157,6 +159,29 @@ def test_what_is_moved_is_not_built_anew() -> None:
     built, moved = (calls[name][1]() for name in calls if "3,200" in name)
     # The top of the sphere, two steps and the range: fewer than 8 roundings of numbers below 16.
     assert built.t[0] > moved.t[0] == pytest.approx(9.0 - 1.0 - 0.002, abs=8 * 2.0**-50)
+
+
+def test_scenes_are_built_and_scanned_whole(results: dict[str, Any]) -> None:
+    assert [(row["threads"], row["what"]) for row in results["scenes"]] == [
+        (threads, what) for threads in (1, 2) for what in ("scan", "scan, point_cloud")
+    ]
+    pulses = ls.Lidar.preset(building.SENSOR).pattern.pulses()
+    assert len(np.unique(pulses.ring)) == 32
+    for row in results["scenes"]:
+        assert (row["scenes"], row["objects"], row["rays"]) == (3, 50, len(pulses))
+        assert row["build"] > 0
+        assert row["share"] == row["build"] / (row["build"] + row["scan"])
+    first, second = (building._build(building._draw(seed)) for seed in (0, 1))
+    kinds = [type(item.shape).__name__ for item in first]
+    assert {kind: kinds.count(kind) for kind in kinds} == {
+        "Plane": 1,
+        "Sphere": 13,
+        "Box": 13,
+        "Cylinder": 12,
+        "Ellipsoid": 12,
+    }
+    assert sum(item.transform is not None for item in first) == 17
+    assert not np.array_equal(first.bounds, second.bounds)
 
 
 def test_lines_of_sight_are_where_hits_are(results: dict[str, Any]) -> None:

@@ -47,18 +47,27 @@ fn number(item: &Bound<'_, PyAny>) -> Option<f64> {
     Some(item.cast_exact::<PyInt>().ok()?.extract::<i64>().ok()? as f64)
 }
 
+/// The rows of an array (3, 3) of float64, if they are finite.
+#[pyfunction]
+pub fn plain_matrix(value: &Bound<'_, PyAny>) -> Option<[[f64; 3]; 3]> {
+    matrix(value)
+}
+
 /// The rows of an array (4, 4) of float64, if they are finite and the last one is (0, 0, 0, 1).
 pub fn affine(value: &Bound<'_, PyAny>) -> Option<[[f64; 4]; 4]> {
+    matrix(value).filter(|rows| rows[3] == [0.0, 0.0, 0.0, 1.0])
+}
+
+fn matrix<const N: usize>(value: &Bound<'_, PyAny>) -> Option<[[f64; N]; N]> {
     let array = value.cast::<PyArray2<f64>>().ok()?;
-    if array.shape() != [4, 4] || !array.is_aligned() {
+    if array.shape() != [N, N] || !array.is_aligned() {
         return None;
     }
-    let mut rows = [[0.0; 4]; 4];
+    let mut rows = [[0.0; N]; N];
     for (i, row) in rows.iter_mut().enumerate() {
         for (j, number) in row.iter_mut().enumerate() {
             *number = array.get_owned([i, j])?;
         }
     }
-    let is_finite = rows.as_flattened().iter().all(|number| number.is_finite());
-    (is_finite && rows[3] == [0.0, 0.0, 0.0, 1.0]).then_some(rows)
+    rows.as_flattened().iter().all(|number| number.is_finite()).then_some(rows)
 }
