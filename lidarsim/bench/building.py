@@ -44,7 +44,7 @@ def rows(count: int, rounds: int) -> list[dict[str, Any]]:
     lidar, pose = ls.Lidar.preset(SENSOR), np.eye(4)
     pose[2, 3] = 2.0
     found = []
-    for what in ("scan", "scan, point_cloud"):
+    for what in ("scan", "scan and point_cloud"):
         times = []
         for _ in range(rounds):
             build = scan = 0.0

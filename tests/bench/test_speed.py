@@ -163,7 +163,7 @@ def test_what_is_moved_is_not_built_anew() -> None:
 
 def test_scenes_are_built_and_scanned_whole(results: dict[str, Any]) -> None:
     assert [(row["threads"], row["what"]) for row in results["scenes"]] == [
-        (threads, what) for threads in (1, 2) for what in ("scan", "scan, point_cloud")
+        (threads, what) for threads in (1, 2) for what in ("scan", "scan and point_cloud")
     ]
     pulses = ls.Lidar.preset(building.SENSOR).pattern.pulses()
     assert len(np.unique(pulses.ring)) == 32
