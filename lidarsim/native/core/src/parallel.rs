@@ -1,4 +1,4 @@
-//! Work shared among threads, in a pool that is rebuilt after a fork.
+//! Work shared among threads, in pools that are rebuilt after a fork.
 
 use std::num::NonZero;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
@@ -16,7 +16,12 @@ struct Pool {
     pool: ThreadPool,
 }
 
-static CURRENT: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
+/// Where parallel iterators run: as many threads as work is shared among, and meanwhile the caller sleeps.
+static ITERATING: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
+
+/// Those that help a caller who takes part, so one less. With one more, which has nothing to do, a thread of the pool that finds work would wake
+/// that one as well, and where all processors are then taken, work that was just handed out waits for milliseconds.
+static HELPING: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
 
 /// How many threads were asked for; 0 for as many as may run at once.
 static ASKED: AtomicUsize = AtomicUsize::new(0);
@@ -51,9 +56,10 @@ fn available() -> usize {
     count
 }
 
-fn pool() -> Option<Arc<Pool>> {
-    let (process, threads) = (std::process::id(), threads());
-    let current = CURRENT.load_full();
+/// The pool that is kept there, of so many threads; none where the system refuses them.
+fn pool(kept: &ArcSwapOption<Pool>, threads: usize) -> Option<Arc<Pool>> {
+    let process = std::process::id();
+    let current = kept.load_full();
     if let Some(pool) = &current
         && pool.process == process
         && pool.threads == threads
@@ -62,7 +68,7 @@ fn pool() -> Option<Arc<Pool>> {
     }
     let pool = ThreadPoolBuilder::new().num_threads(threads).stack_size(STACK).build().ok()?;
     let new = Arc::new(Pool { process, threads, pool });
-    let old = CURRENT.swap(Some(new.clone()));
+    let old = kept.swap(Some(new.clone()));
     if old.as_ref().is_some_and(|old| old.process != process) {
         // Its threads are gone: to end it would wait for them.
         std::mem::forget(old);
@@ -71,9 +77,9 @@ fn pool() -> Option<Arc<Pool>> {
     Some(new)
 }
 
-/// Runs `work` in the pool, so that the parallel iterators in it use its threads; on this thread alone where the system refuses others.
+/// Runs `work` in a pool, so that the parallel iterators in it use its threads; on this thread alone where the system refuses others.
 pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    let Some(pool) = pool() else {
+    let Some(pool) = pool(&ITERATING, threads()) else {
         // From then on this thread is a pool of its own to the iterators. Where it is that already, another is refused.
         let alone = ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
         std::mem::forget(alone);
@@ -92,11 +98,12 @@ pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     outcome.unwrap_or_else(|| unreachable!("work that fails unwinds"))
 }
 
-/// Has all of `work` done, a piece at a time, by this thread and others of the pool.
+/// Has all of `work` done, a piece at a time, by this thread and others.
 ///
 /// This thread takes part: to wake one thread less is faster, above all where others are about to end work of their own.
 pub fn share<T: Send>(work: impl ExactSizeIterator<Item = T> + Send, act: impl Fn(T) + Sync) {
-    let helpers = threads().min(work.len()).saturating_sub(1);
+    let others = threads() - 1;
+    let helpers = others.min(work.len().saturating_sub(1));
     let work = Mutex::new(work);
     let take = || work.lock().unwrap_or_else(PoisonError::into_inner).next();
     let job = &Job::current();
@@ -108,7 +115,7 @@ pub fn share<T: Send>(work: impl ExactSizeIterator<Item = T> + Send, act: impl F
             }
         });
     };
-    match if helpers > 0 { pool() } else { None } {
+    match if helpers > 0 { pool(&HELPING, others) } else { None } {
         Some(pool) => pool.pool.in_place_scope(|scope| {
             let (working, done) = mpsc::channel::<()>();
             for _ in 0..helpers {
