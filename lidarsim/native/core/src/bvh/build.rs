@@ -23,8 +23,8 @@ const BY_SURFACE: usize = 40;
 /// Most levels of nodes: each takes one or more of the binary tree, and 2³⁰ primitives are halved 30 times.
 pub const DEPTH: usize = BY_SURFACE + 30;
 
-/// Subtrees of more primitives than this are built in parallel.
-const PARALLEL: usize = 4096;
+/// More primitives than this are built over in parallel, by the threads of the pool that this runs in.
+pub const PARALLEL: usize = 4096;
 
 /// Ranges of fewer primitives than this are split by position alone.
 const SIZED: usize = 4096;
@@ -125,7 +125,11 @@ pub fn build<L: Send>(
     let unite = |a: [Interval; 3], b: [Interval; 3]| {
         std::array::from_fn(|i| Interval { low: a[i].low.min(b[i].low), high: a[i].high.max(b[i].high) })
     };
-    let all = ids.clone().into_par_iter().with_min_len(PARALLEL).filter_map(&bounds).reduce(|| nothing, unite);
+    let all = if count > PARALLEL {
+        ids.into_par_iter().with_min_len(PARALLEL).filter_map(&bounds).reduce(|| nothing, unite)
+    } else {
+        ids.filter_map(&bounds).fold(nothing, unite)
+    };
     let center: Point = all.map(|side| {
         let middle = 0.5 * side.low + 0.5 * side.high;
         if middle.is_finite() { middle } else { 0.0 }
@@ -135,8 +139,7 @@ pub fn build<L: Send>(
         let bounds = bounds(id).map_or(Aabb::EMPTY, |bounds| Aabb::around(bounds, center));
         Item { bounds, id }
     };
-    let mut items: Vec<Item> = memory::with_capacity(count);
-    ids.into_par_iter().with_min_len(PARALLEL).map(item).collect_into_vec(&mut items);
+    let mut items = if count > PARALLEL { in_parallel(count, PARALLEL, item) } else { in_order(count, item) };
     // What `down` gives is below infinity.
     items.retain(|item| item.bounds.low(0) < f32::INFINITY);
     let mut parts = Parts { nodes: Vec::new(), leaves: Vec::new() };
@@ -144,17 +147,30 @@ pub fn build<L: Send>(
         let extent = Extent::of(&items);
         parts.add(&Tree::grow(&mut items, extent, most, 0, job), 0, job);
     }
-    let mut leaves = memory::with_capacity(parts.leaves.len());
-    let range = |range: Range<usize>| {
+    let leaf = |at: u32| {
         job.poll();
+        let range = parts.leaves[at as usize].clone();
         let mut ids = [0; MAX_LEAF_SIZE];
         for (id, item) in ids.iter_mut().zip(&items[range.clone()]) {
             *id = item.id;
         }
         leaf(&ids[..range.len()])
     };
-    parts.leaves.into_par_iter().map(range).collect_into_vec(&mut leaves);
+    let n = parts.leaves.len();
+    let leaves = if count > PARALLEL { in_parallel(n, 1, leaf) } else { in_order(n, leaf) };
     Bvh::with(center, memory::copy(&parts.nodes), leaves)
+}
+
+/// What `make` gives for the numbers below `count`.
+fn in_order<T>(count: usize, make: impl Fn(u32) -> T) -> Vec<T> {
+    memory::collect((0..count).map(|i| make(i as u32)))
+}
+
+/// The same, made by all threads of the pool in parts of at least so many.
+fn in_parallel<T: Send>(count: usize, part: usize, make: impl Fn(u32) -> T + Sync) -> Vec<T> {
+    let mut made = memory::with_capacity(count);
+    (0..count as u32).into_par_iter().with_min_len(part).map(&make).collect_into_vec(&mut made);
+    made
 }
 
 /// A binary tree over consecutive items.

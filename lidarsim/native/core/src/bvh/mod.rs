@@ -15,6 +15,7 @@ mod traversal_ray;
 
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
+use crate::parallel;
 use node::Node;
 
 pub use packet::Packet;
@@ -45,7 +46,9 @@ impl<L: Send> Bvh<L> {
         most: usize,
         leaf: impl Fn(&[u32]) -> L + Sync,
     ) -> Self {
-        build::build(count, bounds, most.min(MAX_LEAF_SIZE), leaf)
+        let build = || build::build(count, &bounds, most.min(MAX_LEAF_SIZE), &leaf);
+        // To wake other threads takes as long as to build over some hundreds of primitives.
+        if count > build::PARALLEL { parallel::run(build) } else { build() }
     }
 }
 

@@ -16,6 +16,9 @@ use crate::geometry::vector::Point;
 use crate::scene::{Hit, Sink, World};
 use crate::stop;
 
+/// After how many packets the caller may stop a cast.
+const POLL: usize = 16;
+
 /// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be no times. The outcome is
 /// false if there was a ray with a number that is not finite, or with a zero direction; such a ray is a miss.
 pub struct Cast<'a, S: Sink + ?Sized> {
@@ -46,7 +49,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
         let mut router = HitRouter { world, batches, hits };
         let mut legal = true;
-        loop {
+        for turn in 0_usize.. {
             for traversal in &mut traversals {
                 while traversal.is_idle() && source.next_packet::<I>(traversal.state.rays, router.hits) {
                     source.prefetch::<I>(traversal.state.rays.count, router.hits);
@@ -57,7 +60,10 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                     }
                 }
             }
-            stop::poll();
+            // The clock takes as long to read as a ray or two.
+            if turn.is_multiple_of(POLL) {
+                stop::poll();
+            }
             if !S::ANY {
                 triangle_hits.prefetch::<I>(scene);
             }

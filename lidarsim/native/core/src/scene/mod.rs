@@ -97,7 +97,7 @@ impl Scene {
     fn index(&self) -> &Index {
         self.index.get_or_make(|| {
             let (unbounded, still) = self.sorted();
-            let bounded = parallel::run(|| Bvh::new(still.len(), |id| still[id as usize], 1, |ids| ids[0]));
+            let bounded = Bvh::new(still.len(), |id| still[id as usize], 1, |ids| ids[0]);
             Index { unbounded, size: size(&still), surface: bounded.surface(), bounded }
         })
     }

@@ -7,7 +7,7 @@ use crate::geometry::vector::Point;
 use crate::once::Once;
 use crate::shapes::triangle::{LEAF_SIZE, Leaf};
 use crate::shapes::{Surface, Triangle};
-use crate::{memory, parallel, stop};
+use crate::{memory, stop};
 
 #[derive(Debug)]
 pub struct TriangleMesh {
@@ -75,14 +75,12 @@ impl TriangleMesh {
             memory::expect_room(2 * self.len().div_ceil(LEAF_SIZE) * size_of::<Leaf>(), || {
                 format!("a hierarchy over {} triangles", self.len())
             });
-            parallel::run(|| {
-                Bvh::new(
-                    self.len(),
-                    |id| self.triangle(id).bounds(),
-                    LEAF_SIZE,
-                    |ids| Leaf::new(ids, |id| self.triangle(id)),
-                )
-            })
+            Bvh::new(
+                self.len(),
+                |id| self.triangle(id).bounds(),
+                LEAF_SIZE,
+                |ids| Leaf::new(ids, |id| self.triangle(id)),
+            )
         })
     }
 

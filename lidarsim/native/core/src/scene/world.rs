@@ -70,11 +70,15 @@ impl Scene {
             return World { scene: self, index, movers: None, size: index.size };
         }
         let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
-        let mut boxes: Vec<Option<[Interval; 3]>> = memory::with_capacity(self.movers.len());
-        parallel::run(|| self.movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes));
+        let mut boxes = memory::with_capacity(self.movers.len());
+        if self.movers.len() > BOXES {
+            parallel::run(|| self.movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes));
+        } else {
+            boxes.extend(self.movers.iter().map(bounds));
+        }
         let movers = self.refitted_movers(&boxes).unwrap_or_else(|| {
             let leaf = |places: &[u32]| self.movers[places[0] as usize];
-            let hierarchy = parallel::run(|| Bvh::new(boxes.len(), |place| boxes[place as usize], 1, leaf));
+            let hierarchy = Bvh::new(boxes.len(), |place| boxes[place as usize], 1, leaf);
             Movers { surface: hierarchy.surface(), hierarchy }
         });
         let movers = Arc::new(movers);
