@@ -305,8 +305,9 @@ pub fn scan<'py>(
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(directions.len(), most, measurement.strays(), moves);
         scene.scene.prepare();
-        // Rounding keeps the order of times; one that overflows is refused.
-        let world = scene.scene.during(span(times).map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
+        // Rounding keeps the order of times; one that overflows is refused. Where nothing moves, it does not matter when.
+        let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
+        let world = scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
         let scan = Scan::new(&frame, &measurement, &scene.appearances, &world, level);
         scan.share(&mut columns.rows(directions.len(), most))?;
         // SAFETY: all pulses are measured, and none was bad, so that all of their rows were written.

@@ -286,6 +286,8 @@ struct Scratch {
     bias: Vec<f64>,
     /// Of each pulse, the sensor's own range less that from the beam's origin; empty if they are the same.
     offset: Vec<f64>,
+    /// Of each pulse of one ray, the sensor's own range with all that befalls it.
+    measured: Vec<f64>,
 }
 
 /// The work on some pulses, compiled for each instruction set.
@@ -348,11 +350,13 @@ impl<'a, C: Caster> Scan<'a, C> {
     #[inline(always)]
     fn measure_lines(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
         let most = self.measurement.returns.most();
+        self.sense_lines(rays);
         for i in 0..pulses.len() {
             let first = i * most;
             let (mut end, mut status) = (first, Status::Miss);
             if let Some(light) = rays.light(i) {
-                let echo = self.received(Echo::of(light), rays, i, 0);
+                let mut echo = Echo::of(light);
+                echo.measured = self.decided(&echo, rays.measured[i], rays, i);
                 status = echo.status();
                 self.report(first, i, &echo, rays, rows);
                 if let Some(direction) = rows.true_direction.get_mut(first) {
@@ -372,7 +376,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         for i in 0..pulses.len() {
             waveform.echoes(beam, rays, i, &mut echoes);
             for (echo, number) in echoes.iter_mut().zip(0..) {
-                *echo = self.received(*echo, rays, i, number);
+                echo.measured = self.decided(echo, self.sensed(echo, rays, i, number), rays, i);
             }
             self.measurement.returns.choose(&echoes, &mut chosen);
             let first = i * most;
@@ -599,23 +603,10 @@ impl<'a, C: Caster> Scan<'a, C> {
         }
     }
 
-    /// An echo as it is measured: of the `i`-th pulse of the batch, its echo `number`.
+    /// The range that the sensor finds for an echo: of the `i`-th pulse of the batch, its echo `number`.
     #[inline(always)]
-    fn received(&self, echo: Echo, rays: &Scratch, i: usize, number: u16) -> Echo {
-        Echo { measured: self.measured(&echo, rays, i, number), ..echo }
-    }
-
-    #[inline(always)]
-    fn measured(&self, echo: &Echo, rays: &Scratch, i: usize, number: u16) -> Result<f64, Status> {
+    fn sensed(&self, echo: &Echo, rays: &Scratch, i: usize, number: u16) -> f64 {
         let m = self.measurement;
-        // Of 0/0, a black surface at distance zero, this is false.
-        let seen = self.threshold.is_none_or(|least| echo.power >= least);
-        if !seen {
-            return Err(Status::BelowThreshold);
-        }
-        if rays.dropout.get(i).is_some_and(|uniform| *uniform < m.effects.dropout) {
-            return Err(Status::Dropped);
-        }
         let noise = match rays.noise.get(i) {
             None => 0.0,
             Some(&noise) if number == 0 => noise,
@@ -623,8 +614,47 @@ impl<'a, C: Caster> Scan<'a, C> {
         };
         let bias = *rays.bias.get(i).unwrap_or(&m.effects.range_bias);
         let offset = *rays.offset.get(i).unwrap_or(&0.0);
-        let range = echo.range + (bias + m.range_sigma.at(echo.range) * noise);
-        Ok(m.gate(m.quantised(range + offset))? - offset)
+        m.quantised(echo.range + (bias + m.range_sigma.at(echo.range) * noise) + offset)
+    }
+
+    /// `sensed` for the only echo of each pulse, a term at a time, in loops that become vector instructions.
+    #[inline(always)]
+    fn sense_lines(&self, rays: &mut Scratch) {
+        let (m, Scratch { range, noise, bias, offset, measured, .. }) = (self.measurement, rays);
+        measured.clear();
+        if bias.is_empty() {
+            resize(measured, range.len(), m.effects.range_bias);
+        } else {
+            measured.extend_from_slice(bias);
+        }
+        for ((measured, range), noise) in measured.iter_mut().zip(&*range).zip(noise) {
+            *measured += m.range_sigma.at(*range) * *noise;
+        }
+        for (measured, range) in measured.iter_mut().zip(range) {
+            *measured += *range;
+        }
+        for (measured, offset) in measured.iter_mut().zip(offset) {
+            *measured += *offset;
+        }
+        if m.effects.range_resolution > 0.0 {
+            for measured in measured {
+                *measured = m.quantised(*measured);
+            }
+        }
+    }
+
+    /// What an echo of the `i`-th pulse of the batch is reported with, if the sensor finds that range: the range, or why there is none.
+    #[inline(always)]
+    fn decided(&self, echo: &Echo, range: f64, rays: &Scratch, i: usize) -> Result<f64, Status> {
+        // Of 0/0, a black surface at distance zero, this is false.
+        let seen = self.threshold.is_none_or(|least| echo.power >= least);
+        if !seen {
+            return Err(Status::BelowThreshold);
+        }
+        if rays.dropout.get(i).is_some_and(|uniform| *uniform < self.measurement.effects.dropout) {
+            return Err(Status::Dropped);
+        }
+        Ok(self.measurement.gate(range)? - *rays.offset.get(i).unwrap_or(&0.0))
     }
 }
 
