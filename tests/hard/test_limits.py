@@ -214,7 +214,8 @@ def test_where_the_system_refuses_threads_the_caller_does_all() -> None:
         output(code, how, setup=NO_THREADS, environment={"LIDARSIM_THREADS": "3"}).splitlines()
         for how in ("refused", "allowed")
     )
-    assert (refused[0], allowed[0]) == ("0", "3")
+    # Three that build the hierarchy of a mesh, and two that help with casts, where the caller is the third.
+    assert (refused[0], allowed[0]) == ("0", str(3 + 2))
     assert refused[1:] == allowed[1:]
     assert all(int(hits) > 500 for hits in refused[2].split())
 
