@@ -125,7 +125,8 @@ pub fn build<L: Send>(
     let unite = |a: [Interval; 3], b: [Interval; 3]| {
         std::array::from_fn(|i| Interval { low: a[i].low.min(b[i].low), high: a[i].high.max(b[i].high) })
     };
-    let all = if count > PARALLEL {
+    let shared = count > PARALLEL;
+    let all = if shared {
         ids.into_par_iter().with_min_len(PARALLEL).filter_map(&bounds).reduce(|| nothing, unite)
     } else {
         ids.filter_map(&bounds).fold(nothing, unite)
@@ -139,7 +140,7 @@ pub fn build<L: Send>(
         let bounds = bounds(id).map_or(Aabb::EMPTY, |bounds| Aabb::around(bounds, center));
         Item { bounds, id }
     };
-    let mut items = if count > PARALLEL { in_parallel(count, PARALLEL, item) } else { in_order(count, item) };
+    let mut items = collect(count, shared, item);
     // What `down` gives is below infinity.
     items.retain(|item| item.bounds.low(0) < f32::INFINITY);
     let mut parts = Parts { nodes: Vec::new(), leaves: Vec::new() };
@@ -156,20 +157,19 @@ pub fn build<L: Send>(
         }
         leaf(&ids[..range.len()])
     };
-    let n = parts.leaves.len();
-    let leaves = if count > PARALLEL { in_parallel(n, 1, leaf) } else { in_order(n, leaf) };
+    let leaves = collect(parts.leaves.len(), shared, leaf);
     Bvh::with(center, memory::copy(&parts.nodes), leaves)
 }
 
-/// What `make` gives for the numbers below `count`.
-fn in_order<T>(count: usize, make: impl Fn(u32) -> T) -> Vec<T> {
-    memory::collect((0..count).map(|i| make(i as u32)))
-}
-
-/// The same, made by all threads of the pool in parts of at least so many.
-fn in_parallel<T: Send>(count: usize, part: usize, make: impl Fn(u32) -> T + Sync) -> Vec<T> {
+/// What `make` gives for the numbers below `count`, in order; by all threads of the pool, if the work is shared.
+fn collect<T: Send>(count: usize, shared: bool, make: impl Fn(u32) -> T + Sync) -> Vec<T> {
     let mut made = memory::with_capacity(count);
-    (0..count as u32).into_par_iter().with_min_len(part).map(&make).collect_into_vec(&mut made);
+    let numbers = 0..count as u32;
+    if shared {
+        numbers.into_par_iter().map(&make).collect_into_vec(&mut made);
+    } else {
+        made.extend(numbers.map(make));
+    }
     made
 }
 

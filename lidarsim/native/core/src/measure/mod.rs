@@ -356,7 +356,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             let (mut end, mut status) = (first, Status::Miss);
             if let Some(light) = rays.light(i) {
                 let mut echo = Echo::of(light);
-                echo.measured = self.decided(&echo, rays.measured[i], rays, i);
+                echo.measured = self.detected(&echo, rays.measured[i], rays, i);
                 status = echo.status();
                 self.report(first, i, &echo, rays, rows);
                 if let Some(direction) = rows.true_direction.get_mut(first) {
@@ -376,7 +376,7 @@ impl<'a, C: Caster> Scan<'a, C> {
         for i in 0..pulses.len() {
             waveform.echoes(beam, rays, i, &mut echoes);
             for (echo, number) in echoes.iter_mut().zip(0..) {
-                echo.measured = self.decided(echo, self.sensed(echo, rays, i, number), rays, i);
+                echo.measured = self.detected(echo, self.sensed(echo, rays, i, number), rays, i);
             }
             self.measurement.returns.choose(&echoes, &mut chosen);
             let first = i * most;
@@ -622,10 +622,9 @@ impl<'a, C: Caster> Scan<'a, C> {
     fn sense_lines(&self, rays: &mut Scratch) {
         let (m, Scratch { range, noise, bias, offset, measured, .. }) = (self.measurement, rays);
         measured.clear();
-        if bias.is_empty() {
-            resize(measured, range.len(), m.effects.range_bias);
-        } else {
-            measured.extend_from_slice(bias);
+        resize(measured, range.len(), m.effects.range_bias);
+        for (measured, bias) in measured.iter_mut().zip(bias) {
+            *measured = *bias;
         }
         for ((measured, range), noise) in measured.iter_mut().zip(&*range).zip(noise) {
             *measured += m.range_sigma.at(*range) * *noise;
@@ -643,9 +642,9 @@ impl<'a, C: Caster> Scan<'a, C> {
         }
     }
 
-    /// What an echo of the `i`-th pulse of the batch is reported with, if the sensor finds that range: the range, or why there is none.
+    /// The range that an echo of the `i`-th pulse of the batch is reported with, where the sensor finds this one; or why there is none.
     #[inline(always)]
-    fn decided(&self, echo: &Echo, range: f64, rays: &Scratch, i: usize) -> Result<f64, Status> {
+    fn detected(&self, echo: &Echo, range: f64, rays: &Scratch, i: usize) -> Result<f64, Status> {
         // Of 0/0, a black surface at distance zero, this is false.
         let seen = self.threshold.is_none_or(|least| echo.power >= least);
         if !seen {
