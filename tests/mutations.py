@@ -444,6 +444,20 @@ MUTANTS = [
         "error.fused(F::splat(PAD), F::splat(UNDERFLOW)))",
         "error.fused(F::splat(0.5), F::splat(UNDERFLOW)))",
     ),
+    Mutant("instance: products 8u", "linear_error += 8.0 * UNIT", "linear_error += 4.0 * UNIT"),
+    Mutant("instance: entries", "linear_error.max(direction[i].high - direction[i].low)", "linear_error.max(0.0)"),
+    Mutant(
+        "instance: images 4u",
+        "origin[i].low + 4.0 * UNIT * image[i].abs()",
+        "origin[i].low",
+        slack="an image is but what rounding the offset left, and the sum with it is within the 8u of the product",
+    ),
+    Mutant(
+        "instance: width of images",
+        "origin[i].high - origin[i].low + 4.0",
+        "0.0 + 4.0",
+        slack="unless a map is close to having no inverse, double-doubles tell them within the 4u beside it",
+    ),
     Mutant(
         "logarithm: terms",
         "ODD_RECIPROCALS: [f64; 11] = {\n    let mut c = [0.0; 11]",

@@ -148,22 +148,22 @@ impl RayPacket {
         self.origin_error.clone_from(&others.origin_error);
         self.direction_error.clone_from(&others.direction_error);
         self.length.clone_from(&others.length);
+        self.one_origin = others.one_origin;
     }
 
-    /// Keeps the rays of `mask`, which are of one octant.
+    /// Keeps the rays of `mask`, which are of one octant. `one_origin` may say that all have the same.
     #[inline(always)]
     pub fn keep<I: Isa>(&mut self, mask: Mask, octant: u32) {
         (self.octant, self.has_offsets) = (octant, false);
         let first = mask.trailing_zeros() as usize;
         self.count = LANES - mask.leading_zeros() as usize;
-        for lane in 0..self.count.next_multiple_of(WIDE) {
-            if mask & 1 << lane == 0 {
-                self.set(lane, self.origin(first), self.direction(first));
-                self.origin_error[lane] = self.origin_error[first];
-                self.direction_error[lane] = self.direction_error[first];
-            }
+        let mut others = all(self.count.next_multiple_of(WIDE)) & !mask;
+        while let Some(lane) = take(&mut others) {
+            self.set(lane, self.origin(first), self.direction(first));
+            self.origin_error[lane] = self.origin_error[first];
+            self.direction_error[lane] = self.direction_error[first];
         }
-        self.one_origin = self.starts_of_runs::<I>() == 1;
+        self.one_origin = self.one_origin || self.starts_of_runs::<I>() == 1;
         self.find_origins::<I>();
     }
 
@@ -181,7 +181,7 @@ impl RayPacket {
     /// is off. The bound has 3u in place of u, and 8u more of the other two, for its own roundings.
     #[inline(always)]
     pub fn start_near<I: Isa>(&mut self, center: Point, reach: f64) {
-        let middle = lanes::splat::<I::F64x8>(center);
+        let middle = lanes::splat::<I::F64x8, 8>(center);
         for eight in 0..self.count.next_multiple_of(WIDE) / 8 {
             let (o, d) = (self.origins::<I>(eight), self.directions::<I>(eight));
             let way = [middle[0].sub(o[0]), middle[1].sub(o[1]), middle[2].sub(o[2])];

@@ -5,7 +5,7 @@ use std::cell::Cell;
 use crate::arith::number::{Many, PAD, RunningErrors, UNDERFLOW};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::bvh::{LANES, LARGEST, Mask, RayPacket, SMALLEST, part_of_mask, take};
-use crate::geometry::affine::{Affines, PlacementTask, Placements, RayPlacement};
+use crate::geometry::affine::{Affines, Inverse, PlacementTask, Placements, RayPlacement, RoundedInverse};
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
 use crate::geometry::vector::of_rays;
@@ -36,14 +36,38 @@ impl InstanceRays {
         mask: Mask,
     ) -> Mask {
         self.backward = [0; 3];
-        let mut held = 0;
-        if then.is_some() || mask & (mask - 1) != 0 {
-            let placements = Placements { first: object.inverse(), then };
-            held = placements.apart::<I, _>(Gather { world, mask, instance_rays: self }).unwrap_or(0);
-        }
+        let mut held = match object.inverse().and_then(Inverse::rounded) {
+            Some(inverse) if then.is_none() => self.gather_still::<I>(inverse, world, mask),
+            _ => {
+                let placements = Placements { first: object.inverse(), then };
+                placements.apart::<I, _>(Gather { world, mask, instance_rays: self }).unwrap_or(0)
+            }
+        };
         let mut left = mask & !held;
+        self.all.one_origin = world.one_origin && then.is_none() && left == 0;
         while let Some(lane) = take(&mut left) {
             held |= Mask::from(self.gather_one(object, world, lane)) << lane;
+        }
+        held
+    }
+
+    /// As `gather`, by an inverse that all rays share.
+    #[inline(always)]
+    fn gather_still<I: Isa>(&mut self, inverse: &RoundedInverse, world: &RayPacket, mask: Mask) -> Mask {
+        let mut held = 0;
+        let mut origin = inverse.points(lanes::splat::<I::F64x8, 8>(world.origin(0)));
+        for eight in 0..LANES / 8 {
+            let active = part_of_mask::<8>(mask, eight);
+            if active != 0 {
+                if !world.one_origin {
+                    origin = inverse.points(world.origins::<I>(eight));
+                }
+                let direction = inverse.vectors::<I::F64x8, 8>(world.directions::<I>(eight));
+                held |= Mask::from(self.put(eight, origin, direction) & active) << (8 * eight);
+            }
+        }
+        for backward in &mut self.backward {
+            *backward &= held;
         }
         held
     }
@@ -117,7 +141,7 @@ impl PlacementTask for Gather<'_> {
             let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, rays);
             let ray = Ray { origin, direction: of_rays(d, rays), weight: None };
             if let Ok([o, d]) = placement.part(i).local_rays(ray, rays).enclose() {
-                held |= Mask::from(instance_rays.put(i, o, d) & active.get()) << (i * N);
+                held |= Mask::from(instance_rays.put(i, middle(o), middle(d)) & active.get()) << (i * N);
             }
         }
         for backward in &mut instance_rays.backward {
@@ -130,8 +154,12 @@ impl PlacementTask for Gather<'_> {
 impl InstanceRays {
     /// Stores part `i`, and returns those of its rays that fit into packets: as `RayPacket::fits`.
     #[inline(always)]
-    fn put<F: Floats<f64, N>, const N: usize>(&mut self, i: usize, origin: Bounds<F>, direction: Bounds<F>) -> u32 {
-        let ((o, origin_error), (d, direction_error)) = (middle(origin), middle(direction));
+    fn put<F: Floats<f64, N>, const N: usize>(
+        &mut self,
+        i: usize,
+        (o, origin_error): ([F; 3], F),
+        (d, direction_error): ([F; 3], F),
+    ) -> u32 {
         let huge = F::splat(LARGEST);
         let mut fit = origin_error.lt(huge) & direction_error.lt(huge);
         let mut largest = F::splat(0.0);

@@ -71,16 +71,26 @@ impl<const M: usize> LocalRays<M> {
     pub const UNSET: Self =
         LocalRays { origin: [Stored::UNSET; 3], direction: [Stored::UNSET; 3], weight: Stored::UNSET };
 
-    /// Places those parts of the rays that have any of `mask`, as numbers of a kind; false where registers have a single lane.
+    /// Places those parts of the rays that have any of `mask`, as numbers of a kind; false where registers have a single lane. `one_origin`: all start at one
+    /// point.
     #[inline(always)]
-    pub fn place<I: Isa, K: Kind>(&mut self, placements: Placements<M>, world: WorldRays<M>, mask: Mask) -> bool {
-        placements.apart::<I, _>(Place { world, mask, local: self, kind: PhantomData::<K> }).is_some()
+    pub fn place<I: Isa, K: Kind>(
+        &mut self,
+        placements: Placements<M>,
+        world: WorldRays<M>,
+        mask: Mask,
+        one_origin: bool,
+    ) -> bool {
+        let one_origin = one_origin && placements.then.is_none();
+        placements.apart::<I, _>(Place { world, mask, one_origin, local: self, kind: PhantomData::<K> }).is_some()
     }
 }
 
 struct Place<'a, K, const M: usize> {
     world: WorldRays<'a, M>,
     mask: Mask,
+    /// Whether all start at one point in the coordinates of the object, too.
+    one_origin: bool,
     local: &'a mut LocalRays<M>,
     kind: PhantomData<K>,
 }
@@ -90,20 +100,34 @@ impl<K: Kind, const M: usize> PlacementTask for Place<'_, K, M> {
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) {
-        let Place { world, mask, local, .. } = self;
+        let Place { world, mask, one_origin, local, .. } = self;
+        let first = mask.trailing_zeros() as usize;
         for i in 0..M / N {
             let active = Cell::new(part_of_mask::<N>(mask, i));
             if active.get() == 0 {
                 continue;
             }
             let rays = Many::<F>::new(&active);
-            let Ray { origin, direction, weight } =
-                placement.part(i).local_rays(world.part::<K::Of<Many<F>, N>, _, N>(i, rays), rays);
+            let ray = world.part::<K::Of<Many<F>, N>, _, N>(i, rays);
+            // Apart, so that no origin is worked out again.
+            if one_origin && i > first / N {
+                let Ray { direction, .. } = placement.part(i).local_rays(ray, rays);
+                for axis in 0..3 {
+                    direction[axis].store(i, &mut local.direction[axis]);
+                }
+                continue;
+            }
+            let Ray { origin, direction, weight } = placement.part(i).local_rays(ray, rays);
             for axis in 0..3 {
                 origin[axis].store(i, &mut local.origin[axis]);
                 direction[axis].store(i, &mut local.direction[axis]);
             }
             weight.unwrap_or(OfRays::<Many<F>, N>::of_rays(F::splat(1.0), rays)).store(i, &mut local.weight);
+        }
+        if one_origin {
+            for number in local.origin.iter_mut().chain([&mut local.weight]) {
+                number.repeat(first);
+            }
         }
     }
 }

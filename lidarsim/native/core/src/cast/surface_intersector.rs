@@ -67,7 +67,7 @@ impl SurfaceIntersector {
             filtered = if placements.is_identity() {
                 shape.apart::<I, _>(BoundRoots { rays: world, t_min, hits }).is_some()
             } else {
-                local.place::<I, OfRunningErrors>(placements, world, mask)
+                local.place::<I, OfRunningErrors>(placements, world, mask, rays.one_origin)
                     && shape.apart::<I, _>(BoundRoots { rays: &*local, t_min, hits }).is_some()
             };
         }
@@ -317,7 +317,7 @@ impl HitBatch {
                 Geometry::Surface(shape) => shape.apart::<I, _>(RefineBatch { rays: world, batch: self, refined }),
                 Geometry::Mesh(_) => None,
             }
-        } else if local.place::<I, OfDoubleDoubles>(placements, world, slots) {
+        } else if local.place::<I, OfDoubleDoubles>(placements, world, slots, self.has_one_origin()) {
             match &object.geometry {
                 Geometry::Surface(shape) => shape.apart::<I, _>(RefineBatch { rays: &*local, batch: self, refined }),
                 Geometry::Mesh(mesh) => {
@@ -351,6 +351,18 @@ impl HitBatch {
             }
         }
         self.count = 0;
+    }
+
+    /// Whether all rays start at one point, to the bit.
+    #[inline(always)]
+    fn has_one_origin(&self) -> bool {
+        let mut others = 0;
+        for column in &self.origin {
+            for x in &column[..self.count] {
+                others |= x.to_bits() ^ column[0].to_bits();
+            }
+        }
+        others == 0
     }
 
     /// The corners of the triangles, by corner and axis; empty slots repeat the first.

@@ -11,4 +11,11 @@ pub struct Stored<const M: usize> {
 
 impl<const M: usize> Stored<M> {
     pub const UNSET: Self = Stored { high: [0.0; M], low: [0.0; M], error: [0.0; M] };
+
+    /// Sets all numbers to the one in a lane.
+    #[inline(always)]
+    pub fn repeat(&mut self, lane: usize) {
+        let Stored { high, low, error } = self;
+        (*high, *low, *error) = ([high[lane]; M], [low[lane]; M], [error[lane]; M]);
+    }
 }

@@ -187,7 +187,7 @@ pub mod lanes {
     use super::Floats;
 
     #[inline(always)]
-    pub fn splat<F: Floats<f64, 8>>(v: [f64; 3]) -> [F; 3] {
+    pub fn splat<F: Floats<f64, N>, const N: usize>(v: [f64; 3]) -> [F; 3] {
         [F::splat(v[0]), F::splat(v[1]), F::splat(v[2])]
     }
 
@@ -209,7 +209,7 @@ pub mod lanes {
 
     /// As `dot`, with fewer roundings where that is faster.
     #[inline(always)]
-    pub fn fused_dot<F: Floats<f64, 8>>(a: [F; 3], b: [F; 3]) -> F {
+    pub fn fused_dot<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> F {
         a[0].fused(b[0], a[1].fused(b[1], a[2].mul(b[2])))
     }
 

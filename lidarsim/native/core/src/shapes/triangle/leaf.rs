@@ -202,7 +202,7 @@ impl Leaf {
     /// there; they are at most those of a direction of the largest coordinates, so that the bound is the same with its length.
     #[inline(always)]
     pub fn reachable<I: Isa>(&self, edges: &Edges<I>, rays: &DirectionBounds) -> u32 {
-        let (low, high) = (lanes::splat::<F64x8<I>>(rays.low), lanes::splat(rays.high));
+        let (low, high) = (lanes::splat::<F64x8<I>, 8>(rays.low), lanes::splat(rays.high));
         let bound = F64x8::<I>::splat(edges.bound_of(rays.length, rays.error));
         let (mut negative, mut positive) = (0, 0);
         for n in edges.normals {
