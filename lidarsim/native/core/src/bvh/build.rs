@@ -132,7 +132,7 @@ pub fn build<L: Send>(
         ids.filter_map(&bounds).fold(nothing, unite)
     };
     let center: Point = all.map(|side| {
-        let middle = 0.5 * side.low + 0.5 * side.high;
+        let middle = side.middle();
         if middle.is_finite() { middle } else { 0.0 }
     });
     let item = |id| {

@@ -138,7 +138,7 @@ impl RoundedInverse {
             let axis = std::array::from_fn(|i| f64::from(u8::from(i == j)));
             let [origin, direction] = inverse.apply(&Ray::new(pivot, axis)).enclose().ok()?;
             for i in 0..3 {
-                (linear[i][j], image[i]) = (middle(direction[i]), middle(origin[i]));
+                (linear[i][j], image[i]) = (direction[i].middle(), origin[i].middle());
                 largest = largest.max(linear[i][j].abs());
                 linear_error = linear_error.max(direction[i].high - direction[i].low);
                 image_error = image_error.max(origin[i].high - origin[i].low + 4.0 * UNIT * image[i].abs());
@@ -171,10 +171,6 @@ impl RoundedInverse {
         ];
         (image, error)
     }
-}
-
-fn middle(x: Interval) -> f64 {
-    0.5 * x.low + 0.5 * x.high
 }
 
 /// The sign of the determinant of a map; none if it is zero.

@@ -121,6 +121,11 @@ impl Interval {
     pub fn point(x: f64) -> Self {
         Interval { low: x, high: x }
     }
+
+    /// Halved first, so that it stays finite.
+    pub fn middle(self) -> f64 {
+        0.5 * self.low + 0.5 * self.high
+    }
 }
 
 /// A decision or value that can be evaluated in any kind of [`Number`] of one lane.
