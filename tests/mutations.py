@@ -58,9 +58,21 @@ MUTANTS = [
     Mutant("triple products 320u²", "BOUND: f64 = 320.0 *", "BOUND: f64 = 160.0 *"),
     Mutant("corrected quotient 16u", "ROUNDINGS: f64 = 16.0 *", "ROUNDINGS: f64 = 8.0 *"),
     Mutant("crossing: bounds of t 8u", "high.abs().mul(I::F64x8::splat(8.0", "high.abs().mul(I::F64x8::splat(4.0"),
+    Mutant("crossing: placed, w·n·(a − o) 640u²", "splat(2.0 * BOUND * inverse", "splat(1.0 * BOUND * inverse"),
+    Mutant("crossing: placed, N·d 640u²", "let two = I::F64x8::splat(2.0);", "let two = I::F64x8::splat(1.0);"),
+    Mutant("crossing: placed, origins", "high.abs().add(o_size))", "high.abs())"),
+    Mutant("expanded inverse: constants 64u²", "CONSTANT: f64 = 64.0 *", "CONSTANT: f64 = 128.0 *"),
+    Mutant("expanded inverse: the rest of an offset", "rest.high.abs() / UNIT + rest.size", "rest.size"),
+    Mutant(
+        "expanded inverse: from 2⁻²⁰⁰",
+        "ORDINARY_MIN: f64 = f64::from_bits((1023 - 200) << 52)",
+        "ORDINARY_MIN: f64 = f64::from_bits((1023 - 300) << 52)",
+    ),
     Mutant("crossing: normals 2⁻⁶⁰", "BOUND * 2_f64.powi(60)", "BOUND * 2_f64.powi(59)"),
-    Mutant("sides: from 2⁻²⁰⁰", "f64::from_bits((1023 - 200) << 52)", "f64::from_bits((1023 - 300) << 52)"),
-    Mutant("sides: to 2²⁰⁰", "f64::from_bits((1023 + 200) << 52)", "f64::from_bits((1023 + 400) << 52)"),
+    Mutant(
+        "sides: from 2⁻²⁰⁰", "splat(f64::from_bits((1023 - 200) << 52))", "splat(f64::from_bits((1023 - 300) << 52))"
+    ),
+    Mutant("sides: to 2²⁰⁰", "splat(f64::from_bits((1023 + 200) << 52))", "splat(f64::from_bits((1023 + 400) << 52))"),
     Mutant(
         "double-double of exact numbers u²", "low, UNIT * UNIT * high.abs()", "low, 0.25 * UNIT * UNIT * high.abs()"
     ),
@@ -112,6 +124,9 @@ MUTANTS = [
     ),
     Mutant("ray: near slopes 4u", "SHRINK: f32 = 1.0 - 4.0 *", "SHRINK: f32 = 1.0 - 2.0 *"),
     Mutant("ray: far slopes 4u", "STRETCH: f32 = 1.0 + 4.0 *", "STRETCH: f32 = 1.0 + 2.0 *"),
+    Mutant("polytope: sums 12u", "*reach + 12.0 * UNIT", "*reach + 6.0 * UNIT"),
+    Mutant("polytope: terms 8u", "sum + 8.0 * UNIT * size", "sum + 4.0 * UNIT * size"),
+    Mutant("polytope: sums that overflow", "if largest < LARGEST {", "if largest < f64::INFINITY {"),
     Mutant("boxes rounded down", "(x as f32).next_down()", "(x as f32)"),
     Mutant("boxes rounded up", "(x as f32).next_up()", "(x as f32)"),
     Mutant("grid of a leaf", "(error as f32).next_up()", "(0.5 * error) as f32"),
@@ -388,9 +403,16 @@ MUTANTS = [
         "* (1.0 + 0.0 * UNIT) + rounding",
         slack="what is added for rounding, 512u of all lengths, covers it",
     ),
-    Mutant("images of boxes, below", "low = (low + a.min(b).next_down()).next_down()", "low = low + a.min(b)"),
-    Mutant("images of boxes, above", "high = (high + a.max(b).next_up()).next_up()", "high = high + a.max(b)"),
-    Mutant("boxes of ellipsoids", "low: (self.offset[i] - reach).next_down(),", "low: self.offset[i] - reach,"),
+    Mutant(
+        "images, below",
+        "low: (self.offset[i] - reach(self.linear[i].map(|x| -x))).next_down(),",
+        "low: self.offset[i] - reach(self.linear[i].map(|x| -x)),",
+    ),
+    Mutant(
+        "images, above",
+        "high: (self.offset[i] + reach(self.linear[i])).next_up(),",
+        "high: self.offset[i] + reach(self.linear[i]),",
+    ),
     Mutant("boxes of cylinders 32ε", "across[i] / length * (1.0 + 32.0 * f64::EPSILON)", "across[i] / length"),
     Mutant(
         "boxes of cylinders",

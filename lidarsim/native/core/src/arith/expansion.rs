@@ -2,6 +2,7 @@
 //! J. Shewchuk, Adaptive precision floating-point arithmetic, 1997). They carry no error bound: each formula that uses them derives its own.
 
 use crate::arith::error_free::{fast_two_sum, two_diff, two_product, two_sum};
+use crate::arith::number::{DoubleDouble, UNIT};
 use crate::arith::simd::{Floats, Isa};
 
 /// By axis.
@@ -15,7 +16,38 @@ pub struct Expansion<I: Isa> {
     pub low: I::F64x8,
 }
 
+/// The same number in every lane: high + low, off by at most `CONSTANT`·size, which is at least its size.
+#[derive(Clone, Copy, Debug)]
+pub struct Constant {
+    pub high: f64,
+    pub low: f64,
+    pub size: f64,
+}
+
+/// See `Constant`; a number in double-double is off by no more than a few operations of it, or else its size is said to be larger.
+pub const CONSTANT: f64 = 64.0 * UNIT * UNIT;
+
+/// What underflow takes from a few products is less than u² of this.
+pub const TINY: f64 = f64::MIN_POSITIVE / (UNIT * UNIT);
+
+impl Constant {
+    pub const ZERO: Constant = Constant { high: 0.0, low: 0.0, size: 0.0 };
+}
+
+impl From<&DoubleDouble> for Constant {
+    #[inline(always)]
+    fn from(x: &DoubleDouble) -> Self {
+        let (high, low, error) = x.terms();
+        Constant { high, low, size: (error / CONSTANT).max(high.abs()) }
+    }
+}
+
 impl<I: Isa> Expansion<I> {
+    #[inline(always)]
+    pub fn splat(x: Constant) -> Self {
+        Expansion { high: I::F64x8::splat(x.high), low: I::F64x8::splat(x.low) }
+    }
+
     /// a − b, exactly, by axis.
     #[inline(always)]
     pub fn vector_diff(a: V<I>, b: V<I>) -> [Self; 3] {
@@ -24,7 +56,7 @@ impl<I: Isa> Expansion<I> {
 
     /// a − b, exactly.
     #[inline(always)]
-    fn diff(a: I::F64x8, b: I::F64x8) -> Self {
+    pub fn diff(a: I::F64x8, b: I::F64x8) -> Self {
         let (high, low) = two_diff(a, b);
         Expansion { high, low }
     }
@@ -61,6 +93,13 @@ impl<I: Isa> Expansion<I> {
         let (y, y_size) = Self::minor(p[2], q[0], p[0], q[2]);
         let (z, z_size) = Self::minor(p[0], q[1], p[1], q[0]);
         ([x, y, z], [x_size, y_size, z_size])
+    }
+
+    /// a·b, but for the product of the lower parts.
+    #[inline(always)]
+    pub fn product(a: Self, b: Self) -> Self {
+        let (high, low) = two_product(a.high, b.high);
+        Expansion { high, low: a.low.mul_add(b.high, a.high.mul_add(b.low, low)) }
     }
 
     /// The compensated dot product Dot2 (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005), with the lower parts

@@ -180,7 +180,7 @@ impl PacketSource<'_> {
     }
 }
 
-/// Routes closest hits to what refines them: triangles as given, or batches.
+/// Routes closest hits to what refines them: triangles that stand still by themselves, or batches.
 struct HitRouter<'a, S: ?Sized> {
     world: &'a World<'a>,
     batches: &'a mut HitBatches,
@@ -191,27 +191,33 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
     #[inline(always)]
     fn route<I: Isa>(&mut self, state: &PacketState, triangle_hits: &mut TriangleHits<'a>) {
         let PacketState { rays, closest, .. } = state;
-        let (mut lanes, mut left) = (0, closest.found::<I>());
+        let (mut given, mut placed, mut left) = (0, 0, closest.found::<I>());
+        let object = |lane| &self.world.scene.objects()[closest.object(lane) as usize];
         if !S::ANY && left != 0 {
             // Most packets meet one object.
-            let object = closest.object(left.trailing_zeros() as usize);
-            if self.world.scene.objects()[object as usize].is_untransformed_triangle() {
-                lanes = left & closest.lanes_on(object);
-                left &= !lanes;
+            let first = left.trailing_zeros() as usize;
+            let lanes = left & closest.lanes_on(closest.object(first));
+            if object(first).is_untransformed_triangle() {
+                given = lanes;
+            } else if object(first).is_placed_triangle() {
+                placed = lanes;
             }
+            left &= !(given | placed);
         }
         while let Some(lane) = take(&mut left) {
             if S::ANY {
                 self.hits.put(rays.at[lane] as usize, Hit::UNREFINED);
-            } else if self.world.scene.objects()[closest.object(lane) as usize].is_untransformed_triangle() {
-                lanes |= 1 << lane;
+            } else if object(lane).is_untransformed_triangle() {
+                given |= 1 << lane;
+            } else if object(lane).is_placed_triangle() {
+                placed |= 1 << lane;
             } else {
                 let (root, bounds) = (closest.root(lane), closest.bounds(lane));
                 let bracket = (rays.origin(lane), rays.direction(lane), rays.time[lane], bounds);
                 self.batches.push::<I>(self.world.scene, rays.at[lane], root, bracket, self.hits);
             }
         }
-        triangle_hits.gather(closest, lanes);
+        triangle_hits.gather(closest, given, placed);
     }
 
     /// Traces a ray that does not fit into packets; false if it is illegal.

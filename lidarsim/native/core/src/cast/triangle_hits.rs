@@ -1,14 +1,17 @@
-//! Refines the closest hits on triangles of untransformed meshes, by expansions.
+//! Refines the closest hits on triangles that stand still, by expansions.
 
 use crate::arith::simd::{Floats, Isa, Task};
-use crate::bvh::{LANES, Mask, RayPacket, take};
+use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
+use crate::geometry::affine::Inverse;
 use crate::scene::{Hit, RootId, Scene, Sink};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 
-/// The hits of a packet on untransformed triangles.
+/// The hits of a packet on triangles.
 pub struct TriangleHits<'a> {
     lanes: Mask,
+    /// Those on triangles that a map has placed.
+    placed: Mask,
     object: [u32; LANES],
     primitive: [u32; LANES],
     corners: Corners<'a, LANES>,
@@ -21,13 +24,13 @@ impl<'a> TriangleHits<'a> {
     pub fn new() -> Self {
         let corners = [[NOWHERE; 3]; LANES];
         let (t, normal) = ([0.0; LANES], [[0.0; LANES]; 3]);
-        TriangleHits { lanes: 0, object: [0; LANES], primitive: [0; LANES], corners, t, normal }
+        TriangleHits { lanes: 0, placed: 0, object: [0; LANES], primitive: [0; LANES], corners, t, normal }
     }
 
-    /// Takes the nearest hits of these lanes.
+    /// Takes the nearest hits of these lanes: on triangles as given, and on placed ones.
     #[inline(always)]
-    pub fn gather(&mut self, closest: &ClosestHits, lanes: Mask) {
-        self.lanes = lanes;
+    pub fn gather(&mut self, closest: &ClosestHits, given: Mask, placed: Mask) {
+        (self.lanes, self.placed) = (given | placed, placed);
         (self.object, self.primitive) = closest.triangles();
     }
 
@@ -55,7 +58,10 @@ impl<'a> TriangleHits<'a> {
     #[inline(always)]
     pub fn refine<I: Isa>(&mut self, scene: &Scene, rays: &RayPacket, hits: &mut (impl Sink + ?Sized)) {
         // All are calculated before the first is put: that waits for long chains of operations.
-        let certain = I::call(Refine { triangle_hits: self, rays });
+        let mut certain = I::call(Refine { triangle_hits: self, rays });
+        if self.placed != 0 {
+            certain |= I::call(RefinePlaced { triangle_hits: self, scene, rays });
+        }
         while let Some(lane) = take(&mut self.lanes) {
             let (at, object, primitive) = (rays.at[lane] as usize, self.object[lane], self.primitive[lane]);
             // No hit is put together first: to read back in one piece what was written in two takes long.
@@ -74,7 +80,7 @@ impl<'a> TriangleHits<'a> {
 /// The planes of eight hits; their unit normals, and the lanes in which these are right; and the triangle, if all hits are on one.
 type Latest<I> = (TrianglePlane<I>, ([<I as Isa>::F64x8; 3], u32), Option<(u32, u32)>);
 
-/// Works out t and the normals, and returns the lanes in which both are certain.
+/// Works out t and the normals on triangles as given, and returns the lanes in which both are certain.
 struct Refine<'t, 'a> {
     triangle_hits: &'t mut TriangleHits<'a>,
     rays: &'t RayPacket,
@@ -85,14 +91,16 @@ impl Task for Refine<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Mask {
-        let Refine { triangle_hits: TriangleHits { lanes, object, primitive, corners, t, normal }, rays } = self;
-        let (mut certain, mut left) = (0, *lanes);
+        let Refine { triangle_hits: TriangleHits { lanes, placed, object, primitive, corners, t, normal }, rays } =
+            self;
+        let given = *lanes & !*placed;
+        let (mut certain, mut left) = (0, given);
         // If the last eight hits were on one triangle, the next eight may be there, too.
         let mut latest: Option<Latest<I>> = None;
         while left != 0 {
             let first = left.trailing_zeros() as usize;
             let eight = first / 8;
-            let mask = (*lanes >> (8 * eight)) as u32 & 0xff;
+            let mask = part_of_mask::<8>(given, eight);
             left &= !(0xff << (8 * eight));
             let triangle = (object[first], primitive[first]);
             let (objects, primitives) = (&object.as_chunks::<8>().0[eight], &primitive.as_chunks::<8>().0[eight]);
@@ -117,7 +125,58 @@ impl Task for Refine<'_, '_> {
             for axis in 0..3 {
                 normal[axis].as_chunks_mut().0[eight] = unit[axis].store();
             }
-            certain |= Mask::from(sure & fine) << (8 * eight);
+            certain |= Mask::from(sure & fine & mask) << (8 * eight);
+        }
+        certain
+    }
+}
+
+/// As `Refine`, of hits on placed triangles.
+struct RefinePlaced<'t, 'a> {
+    triangle_hits: &'t mut TriangleHits<'a>,
+    scene: &'t Scene,
+    rays: &'t RayPacket,
+}
+
+impl Task for RefinePlaced<'_, '_> {
+    type Output = Mask;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Mask {
+        let RefinePlaced { triangle_hits: TriangleHits { placed, object, corners, t, normal, .. }, scene, rays } = self;
+        let (mut certain, mut left) = (0, *placed);
+        while left != 0 {
+            let first = left.trailing_zeros() as usize;
+            let id = object[first];
+            let inverse = scene.objects()[id as usize].inverse().and_then(Inverse::expanded);
+            let mut origin = None;
+            for eight in first / 8..LANES / 8 {
+                let mut mask = part_of_mask::<8>(left, eight);
+                for (k, other) in object.as_chunks::<8>().0[eight].iter().enumerate() {
+                    mask &= !(u32::from(*other != id) << k);
+                }
+                left &= !(Mask::from(mask) << (8 * eight));
+                let (Some(inverse), true) = (inverse, mask != 0) else { continue };
+                let from = match origin {
+                    Some(origin) if rays.one_origin => origin,
+                    _ => inverse.points::<I>(rays.origins::<I>(eight)),
+                };
+                origin = Some(from);
+                let plane = TrianglePlane::<I>::placed(corners_of::<I>(&corners.as_chunks().0[eight]), inverse, from);
+                let (unit, fine) = plane.placed_unit_normal();
+                let (refined, sure) = Crossing::<I>::new(&plane, rays.directions::<I>(eight)).rounded();
+                let (refined, unit) = (refined.store(), [unit[0].store(), unit[1].store(), unit[2].store()]);
+                let known = sure & fine & mask;
+                let mut sure = Mask::from(known);
+                while let Some(k) = take(&mut sure) {
+                    let lane = 8 * eight + k;
+                    t[lane] = refined[k];
+                    for axis in 0..3 {
+                        normal[axis][lane] = unit[axis][k];
+                    }
+                }
+                certain |= Mask::from(known) << (8 * eight);
+            }
         }
         certain
     }

@@ -2,6 +2,7 @@
 
 pub mod affine;
 pub mod axis_plane;
+pub mod dop;
 pub mod point;
 pub mod pose;
 pub mod ray;

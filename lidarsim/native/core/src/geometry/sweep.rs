@@ -1,6 +1,7 @@
 //! Boxes around what moves, over a span of time.
 
 use super::affine::Affine;
+use super::dop::Dop;
 use super::pose::{Cubic, Path, Velocity};
 use super::vector::{Point, length_above};
 use crate::arith::number::{Interval, UNIT};
@@ -25,18 +26,18 @@ const PIECES: f64 = 64.0;
 const LARGEST_ANGLE: f64 = 1e6;
 
 impl Path {
-    /// A box around all places of a box that moves along the path between two times.
-    pub fn sweep(&self, bounds: [Interval; 3], span: [f64; 2]) -> [Interval; 3] {
+    /// A box around all places of a body that moves along the path between two times.
+    pub fn sweep(&self, shape: &Dop, span: [f64; 2]) -> [Interval; 3] {
         if let Path::Mounted { body, mount } = self {
             // The pose of the mount, rounded, is within what `during` allows of that of the body and then that of the mount.
-            return body.sweep(Affine::from(*mount).image(bounds), span);
+            return body.sweep(&Dop::of_box(shape.image(&Affine::from(*mount))), span);
         }
         let mut all = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
         for part in self.parts(span) {
             // At the knots poses are as given, which the formulas meet but for rounding.
             let ends: &[f64] = if matches!(self, Path::Knots { .. }) { &[part.first, part.last] } else { &[] };
-            let ends = ends.iter().map(|&time| Affine::from(self.at(time)).image(bounds));
-            for place in ends.chain([self.during(&part, bounds)]) {
+            let ends = ends.iter().map(|&time| shape.image(&Affine::from(self.at(time))));
+            for place in ends.chain([self.during(&part, shape)]) {
                 for (all, place) in all.iter_mut().zip(place) {
                     // What is unknown makes the box endless.
                     all.low = if all.low <= place.low { all.low } else { place.low };
@@ -95,24 +96,24 @@ impl Path {
         pieces([first, last], angular).map(part).collect()
     }
 
-    /// A box around all places of a box within a part.
+    /// A box around all places of a body within a part.
     ///
     /// From the middle of the part, h before its end, the body moves by `linear`·h at most along each axis, and a point at r from its origin
     /// turns by min(`angular`·h, 2)·r. A pose is rounded: with u = 2⁻⁵³, the rotation vector by less than 12u of the sum of its terms, its
     /// exponential, two products with it, and how far the rotations given are from orthonormal, by less than 60u together; its
     /// position by less than 12u of the terms, and u of itself; what a twist travels is off as a rotation is. A mount
     /// adds a product more. Twice that, for middle and moment, in the three coordinates, is less than 512u of all lengths that take part.
-    fn during(&self, part: &Part, bounds: [Interval; 3]) -> [Interval; 3] {
+    fn during(&self, part: &Part, shape: &Dop) -> [Interval; 3] {
         let &Part { first, last, linear, angular, reach, turn } = part;
         if !(turn <= LARGEST_ANGLE) {
             return [Interval { low: f64::NEG_INFINITY, high: f64::INFINITY }; 3];
         }
         let there = middle(first, last);
         let pose = Affine::from(self.at(there));
-        let radius = length_above(bounds.map(|b| b.low.abs().max(b.high.abs())));
+        let radius = length_above(shape.bounds().map(|b| b.low.abs().max(b.high.abs())));
         let half = (last - there).max(there - first).next_up();
         let rounding = 512.0 * UNIT * (1.0 + turn) * (radius + reach + length_above(pose.columns()[3]));
-        let place = pose.image(bounds);
+        let place = shape.image(&pose);
         std::array::from_fn(|i| {
             let reach = (linear[i] * half + (angular * half).min(2.0) * radius) * (1.0 + 16.0 * UNIT) + rounding;
             Interval { low: (place[i].low - reach).next_down(), high: (place[i].high + reach).next_up() }
@@ -206,7 +207,7 @@ mod tests {
                 for _ in 0..20 {
                     let a = first + number() * (last - first);
                     let b = (a + [0.0, 0.01, 0.1, 5.0][count % 4]).min(last);
-                    let swept = path.sweep(bounds, [a, b]);
+                    let swept = path.sweep(&Dop::of_box(bounds), [a, b]);
                     let mut hull = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
                     for k in 0..=200 {
                         let pose = path.at((a + f64::from(k) / 200.0 * (b - a)).min(b));
@@ -268,7 +269,7 @@ mod tests {
                 for _ in 0..30 {
                     let mut times = vec![first + number() * (last - first)];
                     (1..12).for_each(|k| times.push(times[k - 1].next_up()));
-                    let swept = path.sweep(bounds, [times[0], times[11]]);
+                    let swept = path.sweep(&Dop::of_box(bounds), [times[0], times[11]]);
                     for time in times {
                         assert!(holds(&swept, path.at(time), &bounds), "{path:?} {time}");
                     }

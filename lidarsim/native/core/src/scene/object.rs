@@ -1,5 +1,6 @@
 //! Objects: a geometry, placed by affine maps.
 
+use std::borrow::Cow;
 use std::ops::Deref;
 use std::sync::Arc;
 
@@ -8,6 +9,7 @@ use crate::arith::number::{self, Interval, Number, Predicate, Uncertain};
 use crate::arith::root::{Root, Roots};
 use crate::arith::simd::Isa;
 use crate::geometry::affine::{Affine, Inverse, Placed, Placement};
+use crate::geometry::dop::Dop;
 use crate::geometry::pose::Path;
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
@@ -95,6 +97,14 @@ impl Object {
         self.is_untransformed() && self.is_triangle()
     }
 
+    /// Whether hits are on triangles that are transformed, by maps that are not extreme, and do not move.
+    #[inline(always)]
+    pub fn is_placed_triangle(&self) -> bool {
+        let is_placed =
+            self.motion.is_none() && self.inverse.as_ref().is_some_and(|inverse| inverse.expanded().is_some());
+        is_placed && self.is_triangle()
+    }
+
     #[inline(always)]
     pub fn is_surface(&self) -> bool {
         matches!(self.geometry, Geometry::Surface(_))
@@ -140,17 +150,28 @@ impl Object {
 
     /// A box around the object wherever it is between two times.
     pub(super) fn bounds_during(&self, span: [f64; 2]) -> Option<[Interval; 3]> {
-        let bounds = self.bounds()?;
-        Some(self.motion().map_or(bounds, |motion| unless_nan(motion.sweep(bounds, span))))
+        match self.motion() {
+            Some(motion) => Some(unless_nan(motion.sweep(&*self.dop()?, span))),
+            None => self.bounds(),
+        }
     }
 
     /// A box around it without its motion; none if it is empty, or there is no such box.
     pub fn bounds(&self) -> Option<[Interval; 3]> {
+        match &self.geometry {
+            _ if !self.maps.is_empty() => Some(unless_nan(self.dop()?.bounds())),
+            Geometry::Surface(shape) => shape.bounds(),
+            Geometry::Mesh(mesh) => mesh.bounds(),
+        }
+    }
+
+    /// As `bounds`.
+    fn dop(&self) -> Option<Cow<'_, Dop>> {
         let local = match &self.geometry {
-            Geometry::Surface(shape) => shape.bounds()?,
-            Geometry::Mesh(mesh) => mesh.bounds()?,
+            Geometry::Surface(shape) => Cow::Owned(Dop::of_box(shape.bounds()?)),
+            Geometry::Mesh(mesh) => Cow::Borrowed(mesh.dop()?),
         };
-        Some(unless_nan(self.maps.iter().fold(local, |bounds, map| map.image(bounds))))
+        Some(self.maps.iter().fold(local, |dop, map| Cow::Owned(Dop::of_box(dop.image(map)))))
     }
 
     /// Whether it is a mesh without triangles.

@@ -3,6 +3,7 @@
 use crate::arith::number::Interval;
 use crate::arith::simd::Isa;
 use crate::bvh::Bvh;
+use crate::geometry::dop::Dop;
 use crate::geometry::vector::Point;
 use crate::once::Once;
 use crate::shapes::triangle::{LEAF_SIZE, Leaf};
@@ -15,6 +16,8 @@ pub struct TriangleMesh {
     faces: Vec<[u32; 3]>,
     /// Computed on first use, once for all scenes that share the mesh.
     bounds: Once<Option<[Interval; 3]>>,
+    /// The same.
+    dop: Once<Option<Dop>>,
     /// Built when it is first cast at.
     hierarchy: Once<Bvh<Leaf>>,
 }
@@ -24,7 +27,13 @@ impl TriangleMesh {
     pub fn new(vertices: Vec<Point>, faces: Vec<[u32; 3]>) -> Option<Self> {
         let known = |i: &u32| (*i as usize) < vertices.len();
         let is_right = faces.iter().flatten().all(known);
-        is_right.then_some(TriangleMesh { vertices, faces, bounds: Once::new(), hierarchy: Once::new() })
+        is_right.then_some(TriangleMesh {
+            vertices,
+            faces,
+            bounds: Once::new(),
+            dop: Once::new(),
+            hierarchy: Once::new(),
+        })
     }
 
     pub fn vertices(&self) -> &[Point] {
@@ -95,6 +104,22 @@ impl TriangleMesh {
                 })
             }))
         })
+    }
+
+    /// Of the vertices of the faces; none if there are none.
+    pub fn dop(&self) -> Option<&Dop> {
+        let dop = self.dop.get_or_make(|| {
+            let mut used = memory::with_capacity(self.vertices.len());
+            used.resize(self.vertices.len(), false);
+            for (i, &v) in self.faces.iter().flatten().enumerate() {
+                if i.is_multiple_of(1 << 16) {
+                    stop::poll();
+                }
+                used[v as usize] = true;
+            }
+            Dop::of_points(self.vertices.iter().zip(&used).filter(|(_, used)| **used).map(|(v, _)| *v))
+        });
+        dop.as_ref()
     }
 
     pub fn bytes(&self) -> usize {

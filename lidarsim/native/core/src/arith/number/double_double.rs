@@ -265,6 +265,11 @@ impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L
 }
 
 impl DoubleDouble {
+    /// The higher and the lower part, and how far their sum may be off.
+    pub fn terms(&self) -> (f64, f64, f64) {
+        (self.high, self.low(), self.error())
+    }
+
     /// Within `error` of high + low, |low| ≤ |high|.
     pub fn of_sum(high: f64, low: f64, error: f64) -> Self {
         let (high, low) = fast_two_sum(high, low);

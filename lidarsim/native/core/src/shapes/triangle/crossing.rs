@@ -1,10 +1,11 @@
 //! Intersections of rays with the planes of triangles, a triangle per lane, by expansions.
 
 use crate::arith::error_free::two_product;
-use crate::arith::expansion::{Expansion, V};
+use crate::arith::expansion::{Expansion, TINY, V};
 use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
-use crate::geometry::vector::Point;
+use crate::geometry::affine::ExpandedInverse;
+use crate::geometry::vector::{self, Point};
 
 /// The corner of no triangle.
 pub const NOWHERE: &Point = &[0.0; 3];
@@ -65,10 +66,9 @@ pub struct TrianglePlane<I: Isa> {
 
 impl<I: Isa> TrianglePlane<I> {
     #[inline(always)]
-    pub fn new([a, b, c]: [V<I>; 3], o: V<I>) -> Self {
-        let (e1, e2) = (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a));
-        let (normal, size) = Expansion::cross(e1, e2);
-        Self::of_point(normal, size, a, o)
+    pub fn new(corners: [V<I>; 3], o: V<I>) -> Self {
+        let (normal, size) = Self::normals(corners);
+        Self::of_point(normal, size, corners[0], o)
     }
 
     #[inline(always)]
@@ -79,24 +79,86 @@ impl<I: Isa> TrianglePlane<I> {
         TrianglePlane { normal, size, corner, num: Expansion::dot(normal, r), num_error }
     }
 
+    /// As `new`, of triangles in the coordinates of an object, seen from points of the world: with normals there.
+    ///
+    /// With the adjugate R and the determinant w of the map that places the object, and the origin o in its coordinates, t = w·n·(a − o)/(N·d), N = Rᵀ·n.
+    ///
+    /// Of R and w the low parts are at most u of their sizes, and off by 64u² of these. The roundings of the low part of a sum of three products, of parts of it, come to less
+    /// than eight of all. That of a coordinate of N is at most 9u·C, C = ΣA_i|R_ij|, and leaves out 5u²·C: with what n and R are off, less than 200u²·C. That of N·d is
+    /// at most 12u·ΣC_j|d_j|: with what N is off, less than 300u²·ΣC_j|d_j|. The difference a − o, of size Q, has a low part of at most 7u·Q, which is off by 180u²·Q and
+    /// a rounding. So that of n·(a − o) is at most 15u·ΣA_iQ_i, and leaves out 35u²·ΣA_iQ_i: with what n and the difference are off, less than 400u²·ΣA_iQ_i. The product with
+    /// w adds two roundings of 17u, 15u² that it leaves out, and 64u²: less than 520u²·wΣA_iQ_i. For both, `BOUND` is taken twice, which is 640u².
+    #[inline(always)]
+    pub fn placed(corners: [V<I>; 3], inverse: &ExpandedInverse, (o, o_size): ([Expansion<I>; 3], V<I>)) -> Self {
+        let (n, size) = Self::normals(corners);
+        let [[r00, r01, r02], [r10, r11, r12], [r20, r21, r22]] = inverse.rows;
+        let (x, x_size) = ExpandedInverse::product(n, size, [r00, r10, r20]);
+        let (y, y_size) = ExpandedInverse::product(n, size, [r01, r11, r21]);
+        let (z, z_size) = ExpandedInverse::product(n, size, [r02, r12, r22]);
+        let corner = corners[0];
+        let (from_x, reach_x) = Self::from_origin(corner[0], o[0], o_size[0]);
+        let (from_y, reach_y) = Self::from_origin(corner[1], o[1], o_size[1]);
+        let (from_z, reach_z) = Self::from_origin(corner[2], o[2], o_size[2]);
+        let num =
+            Expansion::product(Expansion::splat(inverse.determinant), Expansion::dot(n, [from_x, from_y, from_z]));
+        let reach = lanes::dot(size, [reach_x, reach_y, reach_z]);
+        let num_error = reach.mul(I::F64x8::splat(2.0 * BOUND * inverse.determinant.size));
+        let two = I::F64x8::splat(2.0);
+        let size = [x_size.mul(two), y_size.mul(two), z_size.mul(two)];
+        TrianglePlane { normal: [x, y, z], size, corner, num, num_error }
+    }
+
+    /// A coordinate of a − o, and its size.
+    #[inline(always)]
+    fn from_origin(a: I::F64x8, o: Expansion<I>, o_size: I::F64x8) -> (Expansion<I>, I::F64x8) {
+        let Expansion { high, low } = Expansion::<I>::diff(a, o.high);
+        (Expansion { high, low: low.sub(o.low) }, high.abs().add(o_size))
+    }
+
+    /// n and A.
+    #[inline(always)]
+    fn normals([a, b, c]: [V<I>; 3]) -> ([Expansion<I>; 3], V<I>) {
+        let (e1, e2) = (Expansion::<I>::vector_diff(b, a), Expansion::<I>::vector_diff(c, a));
+        let (normal, [x, y, z]) = Expansion::cross(e1, e2);
+        // Products may underflow.
+        let tiny = I::F64x8::splat(TINY);
+        (normal, [x.add(tiny), y.add(tiny), z.add(tiny)])
+    }
+
     /// The same planes, seen from other points.
     #[inline(always)]
     pub fn seen_from(&self, o: V<I>) -> Self {
         Self::of_point(self.normal, self.size, self.corner, o)
     }
 
+    /// What a normal must be longer than to be right to 2⁻⁶⁰ of its length.
+    #[inline(always)]
+    fn least_length(&self) -> I::F64x8 {
+        let [x, y, z] = self.size;
+        x.add(y).add(z).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)))
+    }
+
     /// A unit normal, and the lanes in which it is right to 2⁻⁶⁰ of its length, and three roundings.
     #[inline(always)]
     pub fn unit_normal(&self) -> (V<I>, u32) {
-        let TrianglePlane { normal: n, size, .. } = *self;
+        let TrianglePlane { normal: n, .. } = *self;
         let n = [n[0].rounded(), n[1].rounded(), n[2].rounded()];
         let square = lanes::dot(n, n);
         let length = square.sqrt();
-        let total = size[0].add(size[1]).add(size[2]).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)));
         let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
-        let fine = tiny.lt(square) & square.lt(huge) & total.lt(length);
+        let fine = tiny.lt(square) & square.lt(huge) & self.least_length().lt(length);
         let shrink = I::F64x8::splat(1.0).div(length);
         ([n[0].mul(shrink), n[1].mul(shrink), n[2].mul(shrink)], fine)
+    }
+
+    /// As `unit_normal`, of placed triangles: rounded as those of other surfaces are.
+    #[inline(always)]
+    pub fn placed_unit_normal(&self) -> (V<I>, u32) {
+        let TrianglePlane { normal: n, .. } = *self;
+        let n = [n[0].rounded(), n[1].rounded(), n[2].rounded()];
+        let largest = n[0].abs().max(n[1].abs()).max(n[2].abs());
+        let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
+        (vector::unit(n), tiny.lt(largest) & largest.lt(huge) & self.least_length().lt(largest))
     }
 }
 
@@ -158,7 +220,8 @@ mod tests {
     use super::*;
     use crate::arith::number::{Dyadic, Number};
     use crate::arith::simd::Portable;
-    use crate::geometry::vector;
+    use crate::geometry::affine::{Affine, Inverse, Placement};
+    use crate::geometry::ray::Ray;
     use crate::testing::{assert_slack, worst};
 
     /// a, b, c, o, d.
@@ -248,6 +311,45 @@ mod tests {
             exact(t).times(&den).minus(&num).split().0.abs() / den.split().0.abs() / error[0]
         });
         assert_slack("error", found, 0.0149);
+    }
+
+    /// Of a placed triangle: N·d and w·n·(a − o) against their bounds, and t against its own.
+    #[test]
+    fn placed_triangles_are_off_by_the_shares_of_their_bounds_that_are_known() {
+        let found = [0, 1, 2].map(|which| worst(6, 1500, draw, |x: &[f64; 27]| placed(x)[which]).0);
+        for ((what, known), found) in [("N·d", 0.0155), ("w·n·(a − o)", 0.011), ("t", 0.009)].into_iter().zip(found)
+        {
+            assert_slack(what, found, known);
+        }
+    }
+
+    fn placed(x: &[f64; 27]) -> [f64; 3] {
+        let [a, b, c, o, d] = std::array::from_fn(|k| std::array::from_fn(|axis| x[3 * k + axis]));
+        let row = |k: usize| [x[k], x[k + 1], x[k + 2]];
+        let Some(inverse) = Inverse::of(&Affine::new([row(15), row(18), row(21)], row(24)), None) else {
+            return [0.0; 3];
+        };
+        let Some(expanded) = inverse.expanded() else { return [0.0; 3] };
+        let plane = TrianglePlane::<Portable>::placed(
+            [a, b, c].map(in_lanes),
+            expanded,
+            expanded.points::<Portable>(in_lanes(o)),
+        );
+        // Of what is |determinant| times the ray in the coordinates of the triangle.
+        let ray: Ray<Dyadic> = inverse.local(Ray::new(o, d));
+        let normal: [Dyadic; 3] =
+            crate::shapes::triangle::normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c));
+        let num = vector::dot(&normal, &vector::negated(&ray.origin_from(vector::exact(a))));
+        let den = vector::dot(&normal, &ray.direction);
+        let dot = Expansion::dot_plain(plane.normal, in_lanes(d));
+        let bound = BOUND * (0..3).map(|i| plane.size[i][0] * d[i].abs()).sum::<f64>();
+        let Crossing { t, error, ordinary } = Crossing::<Portable>::new(&plane, in_lanes(d));
+        let off = exact(t).times(&den).minus(&num).split().0.abs() / den.split().0.abs() / error[0];
+        [
+            of_bound(&exact(dot).minus(&den), bound),
+            of_bound(&exact(plane.num).minus(&num), plane.num_error[0]),
+            if ordinary & 1 == 0 { 0.0 } else { off },
+        ]
     }
 
     /// As `t_is_as_near_as_it_says`, of rays that all but lie in the plane: both sums cancel, and their low parts are nearly as large as what is left of the

@@ -1,10 +1,13 @@
 //! Affine maps, object to world, whose inverse is never rounded.
 
+mod expanded;
+mod rounded;
+
 use std::cmp::Ordering;
 use std::sync::Arc;
 
 use crate::arith::number::{
-    self, DoubleDouble, Dyadic, Interval, Kinds, Lanes, Number, OfRays, Predicate, RunningError, UNIT, Uncertain,
+    self, DoubleDouble, Dyadic, Interval, Kinds, Lanes, Number, OfRays, Predicate, RunningError, Uncertain,
 };
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
 use crate::geometry::axis_plane::AxisPlane;
@@ -12,6 +15,9 @@ use crate::geometry::pose::Pose;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 use crate::once::Once;
+
+pub use expanded::ExpandedInverse;
+pub use rounded::RoundedInverse;
 
 /// x ↦ linear·x + offset, with rows `linear[i]`.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,26 +46,11 @@ impl Affine {
         *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
-    /// A box around the offset that reaches as far along each axis as `reach` says of the row of that axis.
+    /// A box around the offset, which reaches as far along each axis as `reach` says of the row of that axis, and of its opposite.
     pub fn around(&self, reach: impl Fn([f64; 3]) -> f64) -> [Interval; 3] {
-        std::array::from_fn(|i| {
-            let reach = reach(self.linear[i]);
-            Interval { low: (self.offset[i] - reach).next_down(), high: (self.offset[i] + reach).next_up() }
-        })
-    }
-
-    /// The image of a box, rounded outward.
-    pub fn image(&self, bounds: [Interval; 3]) -> [Interval; 3] {
-        std::array::from_fn(|i| {
-            let mut low = self.offset[i];
-            let mut high = self.offset[i];
-            for j in 0..3 {
-                let m = self.linear[i][j];
-                let (a, b) = if m == 0.0 { (0.0, 0.0) } else { (m * bounds[j].low, m * bounds[j].high) };
-                low = (low + a.min(b).next_down()).next_down();
-                high = (high + a.max(b).next_up()).next_up();
-            }
-            Interval { low, high }
+        std::array::from_fn(|i| Interval {
+            low: (self.offset[i] - reach(self.linear[i].map(|x| -x))).next_down(),
+            high: (self.offset[i] + reach(self.linear[i])).next_up(),
         })
     }
 
@@ -87,6 +78,8 @@ pub struct Inverse {
     dyadic: Once<Adjugate<Dyadic>>,
     /// Made when a mesh is first entered; none if its bounds are not certain.
     rounded: Once<Option<RoundedInverse>>,
+    /// Made when a triangle is first hit.
+    expanded: Once<Option<ExpandedInverse>>,
     last: Affine,
     reflects: bool,
     before: Option<Arc<Inverse>>,
@@ -101,6 +94,7 @@ impl Inverse {
             double_double: Adjugate::of(map, reflects, before.as_ref().map(|before| &before.double_double)),
             dyadic: Once::new(),
             rounded: Once::new(),
+            expanded: Once::new(),
             last: *map,
             reflects,
             before,
@@ -111,65 +105,10 @@ impl Inverse {
     pub fn rounded(&self) -> Option<&RoundedInverse> {
         self.rounded.get_or_make(|| RoundedInverse::of(&self.double_double)).as_ref()
     }
-}
 
-/// The inverse of affine maps in float64, x ↦ linear·(x − pivot) + image, and how far what it gives may be off.
-#[derive(Clone, Copy, Debug)]
-pub struct RoundedInverse {
-    linear: [Point; 3],
-    pivot: Point,
-    image: Point,
-    /// Of a product, for each unit of Σ|wᵢ| of what is multiplied, and of the image.
-    linear_error: f64,
-    image_error: f64,
-}
-
-impl RoundedInverse {
-    /// None if the bounds are not certain.
-    ///
-    /// With B the largest entry, and E the width of the widest interval that one is within: of a product, in units of Σ|wᵢ|, an entry that is off adds E, and
-    /// three products and their sums 3uB; where w is a difference, that adds uB, and the sum with the image T another uB, and u·T. The bounds have 8uB and
-    /// 4u·T, which is room for their own roundings, too.
-    fn of(inverse: &Adjugate<DoubleDouble>) -> Option<Self> {
-        let pivot = inverse.offset;
-        let (mut linear, mut image) = ([[0.0; 3]; 3], [0.0; 3]);
-        let (mut largest, mut linear_error, mut image_error): (f64, f64, f64) = (0.0, 0.0, 0.0);
-        for j in 0..3 {
-            let axis = std::array::from_fn(|i| f64::from(u8::from(i == j)));
-            let [origin, direction] = inverse.apply(&Ray::new(pivot, axis)).enclose().ok()?;
-            for i in 0..3 {
-                (linear[i][j], image[i]) = (direction[i].middle(), origin[i].middle());
-                largest = largest.max(linear[i][j].abs());
-                linear_error = linear_error.max(direction[i].high - direction[i].low);
-                image_error = image_error.max(origin[i].high - origin[i].low + 4.0 * UNIT * image[i].abs());
-            }
-        }
-        linear_error += 8.0 * UNIT * largest;
-        let known = linear_error.is_finite() && image_error.is_finite();
-        known.then_some(RoundedInverse { linear, pivot, image, linear_error, image_error })
-    }
-
-    /// Images of points, and how far any coordinate of each may be off.
-    #[inline(always)]
-    pub fn points<F: Floats<f64, N>, const N: usize>(&self, [x, y, z]: [F; 3]) -> ([F; 3], F) {
-        let ([p, q, r], [s, t, u]) = (lanes::splat(self.pivot), lanes::splat(self.image));
-        let ([x, y, z], error) = self.vectors([x.sub(p), y.sub(q), z.sub(r)]);
-        ([x.add(s), y.add(t), z.add(u)], error.add(F::splat(self.image_error)))
-    }
-
-    /// As `points`, of vectors.
-    #[inline(always)]
-    pub fn vectors<F: Floats<f64, N>, const N: usize>(&self, v: [F; 3]) -> ([F; 3], F) {
-        let [r0, r1, r2] = self.linear;
-        let size = v[0].abs().add(v[1].abs()).add(v[2].abs());
-        // Products may underflow.
-        let error = size.fused(F::splat(self.linear_error), F::splat(f64::MIN_POSITIVE));
-        let image = [
-            lanes::fused_dot(lanes::splat(r0), v),
-            lanes::fused_dot(lanes::splat(r1), v),
-            lanes::fused_dot(lanes::splat(r2), v),
-        ];
-        (image, error)
+    /// As expansions; none if there are numbers so large or small that products of several of them may overflow or underflow.
+    pub fn expanded(&self) -> Option<&ExpandedInverse> {
+        self.expanded.get_or_make(|| ExpandedInverse::of(&self.double_double)).as_ref()
     }
 }
 
@@ -553,70 +492,5 @@ impl<N: Number> Adjugate<N> {
     #[inline(always)]
     pub fn normal(&self, n: &Vector<N>) -> Vector<N> {
         self.linear.normal(n)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::testing::{assert_slack, numbers, worst};
-
-    /// The largest shares of their bounds that the images of a point and of a vector are off by, by the inverse of a map, or of two.
-    fn shares(x: &[f64; 30], twice: bool, far: f64) -> [f64; 2] {
-        let vector = |k: usize| -> Point { [x[k], x[k + 1], x[k + 2]] };
-        let map = |k: usize| Affine::new([vector(k), vector(k + 3), vector(k + 6)], vector(k + 9).map(|x| far * x));
-        let Some(mut inverse) = Inverse::of(&map(0), None) else { return [0.0; 2] };
-        if twice {
-            let Some(both) = Inverse::of(&map(12), Some(Arc::new(inverse))) else { return [0.0; 2] };
-            inverse = both;
-        }
-        let Some(rounded) = inverse.rounded() else { return [0.0; 2] };
-        let (point, direction) = (vector(24), vector(27));
-        let truth: Ray<Dyadic> = inverse.local(Ray::new(point, direction));
-        let weight = truth.weight.unwrap_or(Dyadic::exact(1.0));
-        let share = |truth: Vector<Dyadic>, (seen, error): (Point, f64)| {
-            let off = |i: usize| truth[i].minus(&weight.times(&Dyadic::exact(seen[i]))).split().0.abs();
-            off(0).max(off(1)).max(off(2)) / (weight.split().0 * error)
-        };
-        [
-            share(truth.origin, rounded.points::<f64, 1>(point)),
-            share(truth.direction, rounded.vectors::<f64, 1>(direction)),
-        ]
-    }
-
-    /// Of a point and of a vector, by a map or two, near and far. That roundings are 5u of the 8u, or 3u, takes a row of equal entries, and all of them
-    /// the same way; and of entries of equal size few are the largest.
-    #[test]
-    fn images_are_off_by_the_share_of_their_bounds_that_is_known() {
-        let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;
-        for (twice, far, known) in
-            [(false, 1.0, [0.189, 0.163]), (true, 1.0, [0.287, 0.187]), (true, 1e6, [0.225, 0.187])]
-        {
-            for (kind, known) in known.into_iter().enumerate() {
-                assert_slack("image", worst(8, 1500, draw, |x| shares(x, twice, far)[kind]).0, known);
-            }
-        }
-    }
-
-    #[test]
-    fn images_of_boxes_hold_those_of_their_corners() {
-        let mut next = numbers();
-        for round in 0..2000 {
-            let scale = [1.0, 1e6, 1e-160, 1e-322, 1e150][round % 5];
-            let mut point = |scale: f64| -> Point { [0; 3].map(|_: u8| scale * (2.0 * next() - 1.0)) };
-            let map = Affine::new([0; 3].map(|_: u8| point(1.0)), point(scale));
-            let (a, b) = (point(scale), point(scale));
-            let bounds = [0, 1, 2].map(|i: usize| Interval { low: a[i].min(b[i]), high: a[i].max(b[i]) });
-            let image = map.image(bounds);
-            for corner in 0..8 {
-                let p = [0, 1, 2].map(|i| if corner >> i & 1 == 0 { a[i] } else { b[i] });
-                for i in 0..3 {
-                    let x = vector::dot(&vector::exact::<Dyadic>(map.linear[i]), &vector::exact(p));
-                    let x = x.plus(&Dyadic::exact(map.offset[i]));
-                    assert!(x.minus(&Dyadic::exact(image[i].low)).sign() != Ok(Ordering::Less), "{map:?} {p:?}");
-                    assert!(x.minus(&Dyadic::exact(image[i].high)).sign() != Ok(Ordering::Greater), "{map:?} {p:?}");
-                }
-            }
-        }
     }
 }
