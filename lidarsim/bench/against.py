@@ -25,7 +25,7 @@ import numpy as np
 
 import lidarsim
 from lidarsim.bench import report, scenes
-from lidarsim.bench.cases import Spec, rotations
+from lidarsim.bench.cases import Spec
 from lidarsim.bench.scenes import Rays, World
 
 __all__ = ["Cast", "Comparison", "casts", "compare", "main"]
@@ -92,7 +92,8 @@ def casts(*, quick: bool = False) -> Iterator[Cast]:
             yield from _from_above(world, 200_000 // share)
     world = scenes.analytic()
     yield Cast("400 shapes", world.shapes, scenes.lidar(world, 128, columns, math.pi / 4))
-    yield _instances(64_618 // share, columns)
+    world = scenes.instances(64_618 // share)
+    yield Cast("50 instances that overlap", world.shapes, scenes.lidar(world, 128, columns, math.pi / 4))
 
 
 def _from_above(world: World, count: int) -> Iterator[Cast]:
@@ -106,18 +107,6 @@ def _from_above(world: World, count: int) -> Iterator[Cast]:
     yield Cast("moved terrain, downward", (replace(mesh, transform=moved),), rays)
     rays = Rays("", ground - 5e5 * slanted, np.tile(slanted, (count, 1)), one_origin=False)
     yield Cast("terrain, from 500 km", world.shapes, rays)
-
-
-def _instances(triangles: int, columns: int) -> Cast:
-    """Return copies of one closed body, of so many triangles, which overlap as the trees of a wood do."""
-    mesh = scenes.body(triangles)
-    draw = np.random.default_rng(6)
-    places = np.tile(np.eye(4), (50, 1, 1))
-    places[:, :3, :3] = rotations(50, 6)
-    places[:, :3, 3] = draw.uniform((-12, -12, -1), (12, 12, 2), (50, 3))
-    specs = tuple(Spec("TriangleMesh", mesh, place) for place in places)
-    world = World("instances", specs, np.array([0.0, 0.0, 1.0]), np.full(3, -12.0), np.full(3, 12.0))
-    return Cast("50 instances that overlap", specs, scenes.lidar(world, 128, columns, math.pi / 4))
 
 
 class _Worker:

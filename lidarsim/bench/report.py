@@ -66,6 +66,10 @@ SCENES = """\
 Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material, that are built and
 scanned once: the mean of a scene, and the share of the time that building takes."""
 
+INSTANCES = """\
+50 instances of one mesh that overlap, 128 channels, beside the same merged into one mesh of {triangles:,} triangles.
+Of {rays:,} rays: hits on another triangle than that of the instances, and how far the range is off from theirs."""
+
 COINCIDENT = """\
 Scenes in which one surface lies in another, so that each hit is on both, against the same scenes without the second.
 The hit is on the first of the two; wrong are rays whose hit differs from that without the second."""
@@ -200,6 +204,15 @@ def to_markdown(results: Results) -> str:
             "what | ms | × cast",
             ([row["what"], _short(1e3 * row["seconds"]), _short(row["ratio"])] for row in results["scan"]),
         ),
+        "## Instances",
+        INSTANCES.format(**results["instances"][0]),
+        _table(
+            "what | ns a ray | × Open3D | on another triangle | farthest off, mm",
+            (
+                [row["what"], _short(row["ns"]), _short(row["ratio"]), f"{row['other']:,}", _short(row["off_mm"])]
+                for row in results["instances"]
+            ),
+        ),
         "## Coincident surfaces",
         COINCIDENT,
         _table(
@@ -325,6 +338,9 @@ def summary(results: Results) -> str:
     if lidars:
         ratio = analytic["lidarsim"]["mrays"] / max(lidars)
         lines.append(f"analytic shapes: {_short(ratio)} × the fastest back end of MuJoCo-LiDAR")
+    placed = results["instances"][0]
+    if placed["ratio"]:
+        lines.append(f"50 instances that overlap: {_short(placed['ratio'])} × Open3D on one mesh")
     builds = {(row["scene"], row["method"]): row for row in results["builds"]}
     for (scene, method), row in builds.items():
         peer = builds.get((scene, "Open3D"))

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
 from lidarsim.bench import oracle
-from lidarsim.bench.cases import UTM, Spec
+from lidarsim.bench.cases import UTM, Spec, rotations
 from lidarsim.patterns import Spinning
 
 __all__ = [
@@ -31,7 +31,9 @@ __all__ = [
     "city",
     "coincident",
     "downward",
+    "instances",
     "lidar",
+    "merged",
     "random_rays",
     "scans",
     "terrain",
@@ -92,7 +94,7 @@ class World:
     def mesh(self) -> Triangles | None:
         """Vertices and faces of a world that is one mesh."""
         first = self.shapes[0]
-        return first.args if first.kind == "TriangleMesh" else None
+        return first.args if first.kind == "TriangleMesh" and first.transform is None else None
 
     @property
     def triangles(self) -> int:
@@ -327,6 +329,23 @@ def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> 
         place = np.array([(5 + 4 * (k % 3)) * np.cos(angle), (5 + 3 * (k % 3)) * np.sin(angle), 0.1 - body[:, 2].min()])
         parts.append((body + place, faces))
     return _mesh_world("scans", _join(parts)[:2], [(0, 0, 1.5), (-19, -14, 0.5), (19, 14, 7.5)], offset)
+
+
+def instances(triangles: int = 64_618) -> World:
+    """Return 50 copies of one closed body, of so many triangles, which overlap as the trees of a wood do."""
+    mesh, draw = body(triangles), np.random.default_rng(6)
+    places = np.tile(np.eye(4), (50, 1, 1))
+    places[:, :3, :3] = rotations(50, 6)
+    places[:, :3, 3] = draw.uniform((-12, -12, -1), (12, 12, 2), (50, 3))
+    shapes = tuple(Spec("TriangleMesh", mesh, place) for place in places)
+    return World("instances", shapes, np.array([0.0, 0.0, 1.0]), np.full(3, -12.0), np.full(3, 12.0))
+
+
+def merged(world: World) -> World:
+    """Return a world of placed meshes as one mesh; a triangle's owner is its object."""
+    parts = [(*spec.args, np.eye(4) if spec.transform is None else spec.transform) for spec in world.shapes]
+    vertices, faces, owner = _join((v @ place[:3, :3].T + place[:3, 3], f) for v, f, place in parts)
+    return replace(world, shapes=(Spec("TriangleMesh", (vertices, faces.astype(np.uint32))),), owner=owner)
 
 
 def body(triangles: int) -> Triangles:

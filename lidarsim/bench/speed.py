@@ -224,6 +224,7 @@ class _Run:
         self.distance: list[dict[str, Any]] = []
         self.builds: list[Build] = []
         self.scan: list[dict[str, Any]] = []
+        self.instances: list[dict[str, Any]] = []
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
@@ -311,6 +312,44 @@ class _Run:
             for name, s in times.items()
         ]
 
+    def overlapping_instances(self) -> None:
+        """Measure instances of one mesh that overlap, beside the same merged into one mesh, as Open3D needs it."""
+        import lidarsim as ls
+
+        world = scenes.instances(*(() if self.plan.triangles is None else (self.plan.triangles,)))
+        whole, rays, threads = scenes.merged(world), self._rays(world)[0], self.plan.threads[-1]
+        self.progress(f"{len(world.shapes)} instances")
+        shape, scene = ls.TriangleMesh(*world.shapes[0].args), ls.Scene()
+        for spec in world.shapes:
+            scene.add(shape, transform=spec.transform)
+        casters: dict[str, Caster] = {"lidarsim, one mesh": Lidarsim(whole, threads)}
+        if "Open3D" in self.casters:
+            casters["Open3D, one mesh"] = self.casters["Open3D"](whole, threads)
+        ready = {name: caster.prepare(rays) for name, caster in casters.items()}
+        own = "lidarsim, instances"
+        calls: dict[str, Callable[[], Any]] = {own: partial(scene.cast, rays.origins, rays.directions)}
+        calls |= {name: partial(caster.cast, ready[name], threads) for name, caster in casters.items()}
+        placed, count = calls[own](), len(shape.faces)
+        triangle = np.where(placed.hit, count * placed.object_id.astype(np.int64) + placed.primitive_id, -1)
+        found: dict[str, Found] = {own: (placed.t, triangle)}
+        found |= {name: caster.found(calls[name]()) for name, caster in casters.items()}
+        times = interleave(calls, self.plan.rounds, self.plan.seconds)
+        for name, seconds in times.items():
+            t, surface = found[name]
+            both = placed.hit & np.isfinite(t)
+            self.instances.append(
+                {
+                    "what": name,
+                    "rays": len(rays),
+                    "triangles": whole.triangles,
+                    "hits": int(np.isfinite(t).sum()),
+                    "ns": seconds / len(rays) * 1e9,
+                    "ratio": times["Open3D, one mesh"] / seconds if "Open3D" in self.casters else None,
+                    "other": int((np.asarray(surface) != triangle)[both].sum()),
+                    "off_mm": float(np.abs(t[both] - placed.t[both]).max() * 1e3),
+                }
+            )
+
     def coincident_surfaces(self) -> None:
         """Measure scenes in which one surface lies in another, over the same without the second."""
         import lidarsim as ls
@@ -387,6 +426,7 @@ class _Run:
             "distance": self.distance,
             "builds": [asdict(row) for row in self.builds],
             "scan": self.scan,
+            "instances": self.instances,
             "coincident": self.coincident,
             "motion": self.motion,
             "sight": self.sight,
@@ -564,6 +604,7 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
         bench.sizes()
         bench.distances()
         bench.whole_scan()
+        bench.overlapping_instances()
         bench.coincident_surfaces()
         bench.lines_of_sight()
         bench.moving()

@@ -90,6 +90,22 @@ def results() -> dict[str, Any]:
             }
             for threads in (1, 2)
         ],
+        "instances": [
+            {
+                "what": what,
+                "rays": 131072,
+                "triangles": 3230900,
+                "hits": 131000,
+                "ns": ns,
+                "ratio": 116.7 / ns,
+                "other": other,
+                "off_mm": off,
+            }
+            for what, ns, other, off in (
+                ("lidarsim, instances", 58.35, 0, 0.0),
+                ("Open3D, one mesh", 116.7, 1234, 9.2e-4),
+            )
+        ],
         "coincident": [
             {"what": "a plane, twice", "rays": 65536, "hits": 65000, "ns": 45.6, "ratio": 1.4, "wrong": 0},
         ],
@@ -133,6 +149,10 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
     ] * 3
     assert [cells[-1] for cells in casting if "Warp" in cells[2]] == ["1 + 0 + ? of 300"]
     assert table(text, "scene | ns a ray") == [["a plane, twice", "45.6", "1.4", "0 of 65,536"]]
+    assert table(text, "what | ns a ray") == [
+        ["lidarsim, instances", "58.4", "2", "0", "0"],
+        ["Open3D, one mesh", "117", "1", "1,234", "9.2e-4"],
+    ]
     assert table(text, "scene | triangles") == [
         ["city", "740,000", "**lidarsim**", "0.25", "1.2", "80", "80"],
         ["city", "740,000", "Open3D", "0.3", "1", "88", "—"],
@@ -154,6 +174,7 @@ def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
         "- meshes, 128 channels: 2 × Open3D (geometric mean; least 1 ×)",
         "- analytic shapes: 3 × Open3D, icosphere 5",
         "- analytic shapes: 15 × the fastest back end of MuJoCo-LiDAR",
+        "- 50 instances that overlap: 2 × Open3D on one mesh",
         "- city: built in 0.25 s, Open3D 0.3 s; 80 bytes per triangle, Open3D 88",
         "- Lidar.scan, range noise: 1.25 × the bare cast",
         "- 200 random scenes of 50 objects, a scan by 32 channels each: building takes 10.0% of the time",
@@ -164,6 +185,7 @@ def test_the_summary_is_of_the_rows(results: dict[str, Any]) -> None:
 
 
 def test_the_report_does_without_peers(results: dict[str, Any]) -> None:
+    results["instances"] = [{**results["instances"][0], "ratio": None}]
     for key in ("speed", "growth", "builds"):
         results[key] = [{**r, "ratio": None, "reference": False} for r in results[key] if r["method"] == "lidarsim"]
     assert len(table(report.to_markdown(results), "scene, rays")) == 8

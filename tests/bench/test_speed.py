@@ -127,6 +127,24 @@ def test_whole_scans_are_over_the_bare_cast(results: dict[str, Any]) -> None:
     assert [row["ratio"] for row in scan] == pytest.approx([row["seconds"] / scan[0]["seconds"] for row in scan])
 
 
+def test_instances_are_hit_where_the_merged_mesh_is(results: dict[str, Any]) -> None:
+    rows = results["instances"]
+    expected = ["lidarsim, instances", "lidarsim, one mesh", "Open3D, one mesh"]
+    assert [row["what"] for row in rows] == expected[: 3 if "Open3D" in peers.installed()[0] else 2]
+    for row in rows:
+        assert row["rays"] == 128 * 32
+        assert row["triangles"] == 50 * 2000 - 50 * 4  # a closed mesh of n vertices has 2n − 4
+        assert row["hits"] > 0.9 * row["rays"]
+        assert row["ns"] > 0
+    instances, merged, *others = rows
+    assert (instances["other"], instances["off_mm"]) == (0, 0.0)
+    # Merged vertices are rounded, by 2 ulp of 16 m at most; along a ray at 1° to a surface it is 57 times that.
+    assert merged["other"] <= 2
+    assert merged["off_mm"] < 2 * 57 * np.spacing(16.0) * 1e3
+    for row in others:
+        assert row["off_mm"] > merged["off_mm"]
+
+
 def test_coincident_surfaces_change_no_hit(results: dict[str, Any]) -> None:
     assert len(results["coincident"]) == 10
     for row in results["coincident"]:
