@@ -12,7 +12,7 @@ use crate::memory;
 pub const NEAR: usize = 1024;
 
 /// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their keys have.
-pub const MOST: usize = 1 << 15;
+pub const MOST: usize = 1 << 13;
 
 /// Bits of a key for the direction within its octant, an axis, and for the origin, an axis. Above them is the octant.
 const DIRECTION: u32 = 6;
