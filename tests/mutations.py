@@ -405,13 +405,13 @@ MUTANTS = [
     ),
     Mutant(
         "images, below",
-        "low: (self.offset[i] - reach(self.linear[i].map(|x| -x))).next_down(),",
-        "low: self.offset[i] - reach(self.linear[i].map(|x| -x)),",
+        "low: (self.offset[i] - below).next_down(),",
+        "low: self.offset[i] - below,",
     ),
     Mutant(
         "images, above",
-        "high: (self.offset[i] + reach(self.linear[i])).next_up(),",
-        "high: self.offset[i] + reach(self.linear[i]),",
+        "high: (self.offset[i] + above).next_up()",
+        "high: self.offset[i] + above",
     ),
     Mutant("boxes of cylinders 32ε", "across[i] / length * (1.0 + 32.0 * f64::EPSILON)", "across[i] / length"),
     Mutant(

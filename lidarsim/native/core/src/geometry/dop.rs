@@ -87,29 +87,34 @@ impl Dop {
         map.around(|row| self.along(row))
     }
 
-    /// At least w·p for all points p of the body.
+    /// At least −w·p, and at least w·p, for all points p of the body.
     ///
     /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ) + |wₖ|·(sᵢ + sⱼ + sₖ), s being the unit vectors of these signs along the axes. A difference,
     /// a product and two sums round by u each of the terms; the bound has 8u in place of 4u to cover its own roundings and those of second order. Differences do not
     /// underflow.
-    fn along(&self, w: Point) -> f64 {
-        let (sum, size) = self.terms(w);
-        sum + 8.0 * UNIT * size + f64::MIN_POSITIVE
+    fn along(&self, w: Point) -> [f64; 2] {
+        self.terms(w).map(|(sum, size)| sum + 8.0 * UNIT * size + f64::MIN_POSITIVE)
     }
 
-    /// The sum of the three terms of `along`, and that of their sizes.
-    fn terms(&self, w: Point) -> (f64, f64) {
+    /// Of −w and of w, the sum of the three terms of `along`, and that of their sizes.
+    fn terms(&self, w: Point) -> [(f64, f64); 2] {
         let mut axes = [0, 1, 2];
-        axes.sort_unstable_by(|&i, &j| w[j].abs().total_cmp(&w[i].abs()));
+        for (i, j) in [(0, 1), (1, 2), (0, 1)] {
+            if w[axes[i]].abs() < w[axes[j]].abs() {
+                axes.swap(i, j);
+            }
+        }
         let next = [w[axes[1]].abs(), w[axes[2]].abs(), 0.0];
-        let (mut at, mut sum, mut size) = (ZERO, 0.0, 0.0);
+        let (mut at, mut sums) = (ZERO, [(0.0, 0.0); 2]);
         for (axis, next) in axes.into_iter().zip(next) {
             at = if w[axis] < 0.0 { at - STEPS[axis] } else { at + STEPS[axis] };
             let share = w[axis].abs() - next;
-            let term = if share == 0.0 { 0.0 } else { share * self.0[at] };
-            (sum, size) = (sum + term, size + term.abs());
+            for ((sum, size), at) in sums.iter_mut().zip([2 * ZERO - at, at]) {
+                let term = if share == 0.0 { 0.0 } else { share * self.0[at] };
+                (*sum, *size) = (*sum + term, *size + term.abs());
+            }
         }
-        (sum, size)
+        sums
     }
 }
 
@@ -191,7 +196,7 @@ mod tests {
             for _ in 0..100 {
                 let w = unit();
                 let reach = points.iter().map(|p| w[0] * p[0] + w[1] * p[1] + w[2] * p[2]).fold(0.0, f64::max);
-                assert!(dop.along(w) < most * reach, "{w:?}");
+                assert!(dop.along(w)[1] < most * reach, "{w:?}");
             }
         }
     }
@@ -213,9 +218,9 @@ mod tests {
                 worst.max((room - Dyadic::exact(dop.0[i]).minus(&truth(direction, p)).split().0) / room)
             });
             // As much of the terms.
-            let (_, size) = dop.terms(w);
+            let [_, (_, size)] = dop.terms(w);
             let room = 8.0 * UNIT * size;
-            let rounded = room - Dyadic::exact(dop.along(w)).minus(&dop.exact_terms(w)).split().0;
+            let rounded = room - Dyadic::exact(dop.along(w)[1]).minus(&dop.exact_terms(w)).split().0;
             (summed, rounded / room)
         };
         assert_slack("sums", worst(8, 2000, draw, |x| off(x).0).0, 0.5);

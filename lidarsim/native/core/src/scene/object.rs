@@ -151,27 +151,27 @@ impl Object {
     /// A box around the object wherever it is between two times.
     pub(super) fn bounds_during(&self, span: [f64; 2]) -> Option<[Interval; 3]> {
         match self.motion() {
-            Some(motion) => Some(unless_nan(motion.sweep(&*self.dop()?, span))),
+            Some(motion) => Some(unless_nan(motion.sweep(&*self.dop_after(&self.maps)?, span))),
             None => self.bounds(),
         }
     }
 
     /// A box around it without its motion; none if it is empty, or there is no such box.
     pub fn bounds(&self) -> Option<[Interval; 3]> {
-        match &self.geometry {
-            _ if !self.maps.is_empty() => Some(unless_nan(self.dop()?.bounds())),
-            Geometry::Surface(shape) => shape.bounds(),
-            Geometry::Mesh(mesh) => mesh.bounds(),
+        match (self.maps.split_last(), &self.geometry) {
+            (Some((last, others)), _) => Some(unless_nan(self.dop_after(others)?.image(last))),
+            (None, Geometry::Surface(shape)) => shape.bounds(),
+            (None, Geometry::Mesh(mesh)) => mesh.bounds(),
         }
     }
 
-    /// As `bounds`.
-    fn dop(&self) -> Option<Cow<'_, Dop>> {
+    /// How far it reaches after these first maps of its own.
+    fn dop_after(&self, maps: &[Affine]) -> Option<Cow<'_, Dop>> {
         let local = match &self.geometry {
             Geometry::Surface(shape) => Cow::Owned(Dop::of_box(shape.bounds()?)),
             Geometry::Mesh(mesh) => Cow::Borrowed(mesh.dop()?),
         };
-        Some(self.maps.iter().fold(local, |dop, map| Cow::Owned(Dop::of_box(dop.image(map)))))
+        Some(maps.iter().fold(local, |dop, map| Cow::Owned(Dop::of_box(dop.image(map)))))
     }
 
     /// Whether it is a mesh without triangles.

@@ -88,7 +88,7 @@ impl Surface for Ellipsoid {
     fn bounds(&self) -> Option<[Interval; 3]> {
         // As far along an axis as that row of R·diag(radii) is long.
         let [x, y, z] = self.radii;
-        Some(self.placement.around(|row| vector::length_above([row[0] * x, row[1] * y, row[2] * z])))
+        Some(self.placement.around(|row| [vector::length_above([row[0] * x, row[1] * y, row[2] * z]); 2]))
     }
 }
 

@@ -46,11 +46,11 @@ impl Affine {
         *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
-    /// A box around the offset, which reaches as far along each axis as `reach` says of the row of that axis, and of its opposite.
-    pub fn around(&self, reach: impl Fn([f64; 3]) -> f64) -> [Interval; 3] {
-        std::array::from_fn(|i| Interval {
-            low: (self.offset[i] - reach(self.linear[i].map(|x| -x))).next_down(),
-            high: (self.offset[i] + reach(self.linear[i])).next_up(),
+    /// A box around the offset, which reaches as far along each axis, down and up, as `reach` says of the row of that axis.
+    pub fn around(&self, reach: impl Fn([f64; 3]) -> [f64; 2]) -> [Interval; 3] {
+        std::array::from_fn(|i| {
+            let [below, above] = reach(self.linear[i]);
+            Interval { low: (self.offset[i] - below).next_down(), high: (self.offset[i] + above).next_up() }
         })
     }
 
