@@ -1,5 +1,5 @@
 //! The surface intersector: packets against implicit surfaces, a register of rays at a time. It bounds the roots in float64 with running errors, and refines
-//! the closest hits in batches by double-double; batches also refine hits on transformed meshes.
+//! the closest hits in batches by double-double; batches also refine hits on meshes that move.
 //!
 //! Lanes that stay uncertain are decided ray by ray.
 
@@ -197,7 +197,7 @@ impl SurfaceHits {
     }
 }
 
-/// Batches of hits on one part of one object each, an implicit surface or a transformed mesh, to be refined together.
+/// Batches of hits on one part of one object each, an implicit surface or a mesh that moves, to be refined together.
 pub struct HitBatches {
     batches: Vec<HitBatch>,
     scratch: BatchScratch,
@@ -312,7 +312,7 @@ impl HitBatch {
         let world = WorldRays { origin: &self.origin, direction: &self.direction };
         refined.known = 0;
         let stepped = if placements.is_identity() {
-            // Hits on untransformed meshes are refined by `TriangleHits`.
+            // Hits on meshes that stand still are refined by `TriangleHits`, unless their maps are extreme.
             match &object.geometry {
                 Geometry::Surface(shape) => shape.apart::<I, _>(RefineBatch { rays: world, batch: self, refined }),
                 Geometry::Mesh(_) => None,
@@ -416,7 +416,7 @@ impl<R: RayParts> SurfaceTask for RefineBatch<'_, R> {
     }
 }
 
-/// As `RefineBatch`, of hits on triangles of a transformed mesh.
+/// As `RefineBatch`, of hits on triangles of a mesh.
 struct RefineTriangleBatch<'a, R> {
     rays: R,
     corners: &'a [[[f64; BATCH_SIZE]; 3]; 3],

@@ -16,7 +16,7 @@ pub struct TriangleMesh {
     faces: Vec<[u32; 3]>,
     /// Computed on first use, once for all scenes that share the mesh.
     bounds: Once<Option<[Interval; 3]>>,
-    /// The same.
+    /// The same, where the mesh is transformed or moves.
     dop: Once<Option<Dop>>,
     /// Built when it is first cast at.
     hierarchy: Once<Bvh<Leaf>>,
