@@ -18,7 +18,7 @@ pub struct ExpandedInverse {
     rest: [Constant; 3],
 }
 
-/// 2^±200, and so products of the inverse and four ordinary numbers neither overflow nor underflow.
+/// 2^±200: what underflow takes from products with the inverse is then far below the bounds of numbers from 2⁻⁴⁰⁰ on, which `Crossing` asks for.
 const ORDINARY_MIN: f64 = f64::from_bits((1023 - 200) << 52);
 const ORDINARY_MAX: f64 = f64::from_bits((1023 + 200) << 52);
 
@@ -58,6 +58,7 @@ impl ExpandedInverse {
         ([x, y, z], [x_size, y_size, z_size])
     }
 
+    /// A coordinate less that of the offset and of the rest, and its size.
     #[inline(always)]
     fn past_offset<I: Isa>(&self, axis: usize, x: I::F64x8) -> (Expansion<I>, I::F64x8) {
         let Expansion { high, low } = Expansion::<I>::diff(x, I::F64x8::splat(self.offset[axis]));
