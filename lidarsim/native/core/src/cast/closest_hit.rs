@@ -152,6 +152,19 @@ fn bounds(low: f64, limit: f64) -> Interval {
     Interval { low, high: limit.next_up() }
 }
 
+/// What has come of a root of eight rays: the lanes whose limits may have decreased, and those in which t < t_min, so that later hits of the same
+/// primitive are of interest.
+pub struct Taken {
+    pub nearer: u32,
+    pub early: u32,
+}
+
+/// The index of the root on its primitive, and the feature.
+#[inline(always)]
+fn part(root: &RootId) -> u32 {
+    u32::from_le_bytes([root.index, root.feature, 0, 0])
+}
+
 /// The closest-hit queries of the rays of a packet, a lane each, with the results of a `ClosestHit` each.
 #[repr(C, align(64))]
 pub struct ClosestHits<'a> {
@@ -159,8 +172,8 @@ pub struct ClosestHits<'a> {
     limit: [f64; LANES],
     object: [u32; LANES],
     primitive: [u32; LANES],
-    index: [u8; LANES],
-    feature: [u8; LANES],
+    /// The index of the root, and 2⁸ times the feature.
+    part: [u32; LANES],
     scene: &'a Scene,
     t_min: f64,
     t_max: f64,
@@ -174,8 +187,7 @@ impl<'a> ClosestHits<'a> {
             limit: [0.0; LANES],
             object: [0; LANES],
             primitive: [0; LANES],
-            index: [0; LANES],
-            feature: [0; LANES],
+            part: [0; LANES],
             scene,
             t_min,
             t_max: t_max.min(f64::MAX),
@@ -248,13 +260,14 @@ impl<'a> ClosestHits<'a> {
     #[inline(always)]
     pub fn root(&self, lane: usize) -> RootId {
         let (object, primitive) = (self.object[lane], self.primitive[lane]);
-        RootId { object, primitive, index: self.index[lane], feature: self.feature[lane] }
+        let [index, feature, ..] = self.part[lane].to_le_bytes();
+        RootId { object, primitive, index, feature }
     }
 
     #[inline(always)]
     pub fn put(&mut self, lane: usize, root: RootId) {
         (self.object[lane], self.primitive[lane]) = (root.object, root.primitive);
-        (self.index[lane], self.feature[lane]) = (root.index, root.feature);
+        self.part[lane] = part(&root);
     }
 
     /// As `ClosestHit::takes`.
@@ -284,25 +297,39 @@ impl<'a> ClosestHits<'a> {
         }
     }
 
-    /// As `offer`, of one root to these lanes of the eight. Returns the lanes whose limits may have decreased.
+    /// As `takes`, of one root in these lanes of the eight.
     #[inline(always)]
-    pub fn offer_eight<I: Isa>(
+    pub fn take_eight<I: Isa>(
         &mut self,
         rays: &RayPacket,
         eight: usize,
         lanes: u32,
         at: RootId,
         t: Interval<I::F64x8>,
-    ) -> u32 {
-        let limits = I::F64x8::load(&self.limit.as_chunks().0[eight]);
-        let offered = lanes & t.low.le(limits) & I::F64x8::splat(self.t_min).le(t.high);
-        if offered != 0 {
-            let (low, high, mut left) = (t.low.store(), t.high.store(), Mask::from(offered));
+    ) -> Taken {
+        let (lows, limits) = (&mut self.low.as_chunks_mut().0[eight], &mut self.limit.as_chunks_mut().0[eight]);
+        let (low, limit, t_min) = (I::F64x8::load(lows), I::F64x8::load(limits), I::F64x8::splat(self.t_min));
+        let mut early = lanes & t.high.lt(t_min);
+        let in_range = lanes & t_min.le(t.low);
+        let farther = in_range & limit.lt(t.low);
+        let nearer = in_range & !farther & t.high.le(I::F64x8::splat(self.t_max)) & t.high.lt(low);
+        if nearer != 0 {
+            *lows = I::pick(nearer, t.low, low).store();
+            *limits = I::pick(nearer, Floats::min(t.high, I::F64x8::splat(self.cap)), limit).store();
+            I::put(nearer, at.object, &mut self.object.as_chunks_mut().0[eight]);
+            I::put(nearer, at.primitive, &mut self.primitive.as_chunks_mut().0[eight]);
+            I::put(nearer, part(&at), &mut self.part.as_chunks_mut().0[eight]);
+        }
+        let near = lanes & !(early | farther);
+        let mut left = Mask::from(near & !nearer);
+        if left != 0 {
+            let (low, high) = (t.low.store(), t.high.store());
             while let Some(k) = take(&mut left) {
-                self.takes(rays, 8 * eight + k, at, Interval { low: low[k], high: high[k] });
+                let takes = self.takes_narrowly(rays, 8 * eight + k, at, Interval { low: low[k], high: high[k] });
+                early |= u32::from(!takes) << k;
             }
         }
-        offered
+        Taken { nearer: near, early }
     }
 
     #[cold]
@@ -347,5 +374,92 @@ impl<'a> ClosestHits<'a> {
     fn set_lane(&mut self, lane: usize, closest: &ClosestHit) {
         self.put(lane, closest.root);
         (self.low[lane], self.limit[lane]) = (closest.low, closest.limit);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::simd::{Level, Portable, Task, dispatch};
+    use crate::scene::{Object, Scene};
+    use crate::shapes::{AnySurface, Plane};
+    use crate::testing::{numbers, with_large_frames};
+
+    struct TakeEight<'a, 'b> {
+        closest: &'b mut ClosestHits<'a>,
+        rays: &'b RayPacket,
+        eight: usize,
+        lanes: u32,
+        at: RootId,
+        t: [Interval; 8],
+    }
+
+    impl Task for TakeEight<'_, '_> {
+        type Output = Taken;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Taken {
+            let TakeEight { closest, rays, eight, lanes, at, t } = self;
+            let t = Interval { low: I::F64x8::load(&t.map(|t| t.low)), high: I::F64x8::load(&t.map(|t| t.high)) };
+            closest.take_eight::<I>(rays, eight, lanes, at, t)
+        }
+    }
+
+    #[test]
+    fn eight_rays_take_what_each_does() {
+        with_large_frames(take_roots);
+    }
+
+    /// Roots on planes at whole t and beside them, and bounds that are exact, close or wide, so that some are known to be in range and nearest, and some
+    /// are so narrowly.
+    fn take_roots() {
+        let heights: Vec<f64> =
+            [1.0, 2.0, 3.0, 4.0, 5.0].iter().flat_map(|t: &f64| [*t, t.next_up(), t + 0.5]).collect();
+        let plane = |z: &f64| AnySurface::from(Plane::PointNormal { point: [0.0, 0.0, *z], normal: [0.0, 0.0, 1.0] });
+        let scene = Scene::new(heights.iter().map(|z| Object::new(Geometry::Surface(plane(z)), false)).collect());
+        let mut rays = RayPacket::empty();
+        rays.count = LANES;
+        (0..LANES).for_each(|lane| rays.set(lane, [0.0; 3], [0.0, 0.0, 1.0]));
+        let (mut next, mut nearer, mut early, mut kept) = (numbers(), 0, 0, 0);
+        for any in [false, true] {
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                for _ in 0..60 {
+                    let new = || ClosestHits::new(&scene, (2.0, 4.0), any);
+                    let (mut one_by_one, mut together) = (new(), new());
+                    one_by_one.restart::<Portable>();
+                    together.restart::<Portable>();
+                    for _ in 0..20 {
+                        let object = (heights.len() as f64 * next()) as usize;
+                        let at =
+                            RootId { object: object as u32, primitive: 0, index: 0, feature: (3.0 * next()) as u8 };
+                        let (eight, lanes) = ((8.0 * next()) as usize, (256.0 * next()) as u32);
+                        let t = [0; 8].map(|_: u8| {
+                            let off = [0.0, f64::EPSILON * heights[object], 0.3][(3.0 * next()) as usize];
+                            Interval { low: heights[object] - off, high: heights[object] + off }
+                        });
+                        let mut expected = 0;
+                        for k in (0..8).filter(|k| lanes & 1 << k != 0) {
+                            expected |= u32::from(!one_by_one.takes(&rays, 8 * eight + k, at, t[k])) << k;
+                        }
+                        let before = together.limit;
+                        let (closest, rays) = (&mut together, &rays);
+                        let taken = dispatch(level, TakeEight { closest, rays, eight, lanes, at, t });
+                        assert_eq!(taken.early, expected, "{level:?}");
+                        for lane in 0..LANES {
+                            let shorter = together.limit[lane] < before[lane];
+                            assert!(!shorter || lane / 8 == eight && taken.nearer & 1 << (lane % 8) != 0);
+                            nearer += usize::from(shorter);
+                            let of = |hits: &ClosestHits| (hits.low[lane].to_bits(), hits.limit[lane].to_bits());
+                            assert_eq!(of(&together), of(&one_by_one), "{level:?}");
+                            let of = |hits: &ClosestHits| (hits.object[lane], hits.primitive[lane], hits.part[lane]);
+                            assert_eq!(of(&together), of(&one_by_one), "{level:?}");
+                        }
+                        early += expected.count_ones();
+                        kept += (lanes & !expected & !taken.nearer).count_ones();
+                    }
+                }
+            }
+        }
+        assert!(nearer > 500 && early > 500 && kept > 500, "{nearer}, {early}, {kept}");
     }
 }

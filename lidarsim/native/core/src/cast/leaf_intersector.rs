@@ -129,7 +129,8 @@ impl LeafIntersector<'_, '_> {
                 let TriangleTest { candidates, known, t } =
                     Leaf::test::<I>(i, &stored, &planes, &self.eight_rays(eight));
                 let (known, mut unknown) = (known & active, Mask::from(candidates & !known & active));
-                nearer |= Mask::from(self.closest.offer_eight::<I>(self.world, eight, known, root, t)) << (8 * eight);
+                let taken = self.closest.take_eight::<I>(self.world, eight, known, root, t);
+                nearer |= Mask::from(taken.nearer) << (8 * eight);
                 while let Some(k) = take(&mut unknown) {
                     self.defer::<I>(8 * eight + k, root.primitive);
                 }

@@ -34,7 +34,7 @@ pub struct SurfaceIntersector {
 
 impl SurfaceIntersector {
     pub fn new() -> Self {
-        let nothing = AgreeingLanes { lanes: 0, start: 0, roots: [RootBounds::NONE; 2], count: 0 };
+        let nothing = AgreeingLanes { eight: 0, lanes: 0, roots: [RootBounds::NONE; 2], count: 0 };
         SurfaceIntersector {
             local: LocalRays::UNSET,
             hits: SurfaceHits { agreeing: [nothing; LANES], count: 0, unsure: 0 },
@@ -73,14 +73,10 @@ impl SurfaceIntersector {
         }
         let root = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
         for agreeing in &hits.agreeing[..hits.count] {
-            let mut left = Mask::from(agreeing.lanes);
-            while let Some(lane) = take(&mut left) {
-                for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
-                    let t = Interval { low: roots.low[lane], high: roots.high[lane] };
-                    if closest.takes(rays, agreeing.start + lane, root(index, roots.feature), t) {
-                        break;
-                    }
-                }
+            let mut left = agreeing.lanes;
+            for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
+                let t = Interval { low: I::F64x8::load(&roots.low), high: I::F64x8::load(&roots.high) };
+                left = closest.take_eight::<I>(rays, agreeing.eight, left, root(index, roots.feature), t).early;
             }
         }
         while let Some(lane) = take(&mut hits.unsure) {
@@ -101,12 +97,12 @@ struct SurfaceHits {
     unsure: Mask,
 }
 
-/// Lanes of a register whose roots took the same branches.
+/// Lanes of the packet whose roots took the same branches.
 #[derive(Clone, Copy)]
 struct AgreeingLanes {
-    /// A bit each, from lane `start` of the packet on.
+    /// Of which eight lanes of the packet, and a bit for each.
+    eight: usize,
     lanes: u32,
-    start: usize,
     /// The first root, and the second too where the first may lie before the range.
     roots: [RootBounds; 2],
     count: usize,
@@ -115,7 +111,7 @@ struct AgreeingLanes {
 /// Lanes of the widest register.
 const WIDEST: usize = 8;
 
-/// Bounds of a root of each, on one part of the surface.
+/// Bounds of a root of each of eight lanes, on one part of the surface.
 #[derive(Clone, Copy)]
 struct RootBounds {
     feature: u8,
@@ -127,10 +123,10 @@ impl RootBounds {
     const NONE: RootBounds = RootBounds { feature: 0, low: [0.0; WIDEST], high: [0.0; WIDEST] };
 
     #[inline(always)]
-    fn set<F: Floats<f64, N>, const N: usize>(&mut self, feature: u8, t: Interval<F>) {
+    fn set<F: Floats<f64, N>, const N: usize>(&mut self, part: usize, feature: u8, t: Interval<F>) {
         self.feature = feature;
-        self.low.as_chunks_mut().0[0] = t.low.store();
-        self.high.as_chunks_mut().0[0] = t.high.store();
+        self.low.as_chunks_mut().0[part] = t.low.store();
+        self.high.as_chunks_mut().0[part] = t.high.store();
     }
 }
 
@@ -183,15 +179,16 @@ impl SurfaceHits {
         let behind = t.low.lt(F::splat(t_min));
         // There are as many as rays, and each ray is in one of them alone: the index is in range.
         let agreeing = &mut self.agreeing[self.count];
-        agreeing.roots[0].set(first.feature, t);
+        let part = i % (WIDEST / N);
+        agreeing.roots[0].set(part, first.feature, t);
         agreeing.count = 1;
         if behind & active.get() != 0
             && let Some(second) = second
         {
-            agreeing.roots[1].set(second.feature, Number::enclose(&second)?);
+            agreeing.roots[1].set(part, second.feature, Number::enclose(&second)?);
             agreeing.count = 2;
         }
-        (agreeing.lanes, agreeing.start) = (active.get(), i * N);
+        (agreeing.eight, agreeing.lanes) = (i * N / WIDEST, active.get() << (part * N));
         self.count += 1;
         Ok(())
     }

@@ -80,6 +80,10 @@ pub trait Isa: Copy {
     /// Sets a bit in the masks where `near` ≤ `far`.
     fn mark(masks: Self::Masks, near: Self::F32x8, far: Self::F32x8, bit: u64) -> Self::Masks;
     fn masks(masks: Self::Masks) -> [u64; 8];
+    /// `then` in these lanes, else `otherwise`.
+    fn pick(lanes: u32, then: Self::F64x8, otherwise: Self::F64x8) -> Self::F64x8;
+    /// Writes a number to these of eight places.
+    fn put(lanes: u32, number: u32, places: &mut [u32; 8]);
     /// Prefetches the cache line of `address`.
     fn prefetch<T>(address: *const T);
     /// Runs the task out of line, in a function compiled for this instruction set: code with several callers is compiled once, and no function becomes too
@@ -272,6 +276,34 @@ mod tests {
                 let [x, y, z] = dispatch(level, Transpose { points: &points, at });
                 for lane in 0..8 {
                     assert_eq!([x[lane], y[lane], z[lane]], points[at[lane]], "{level:?}");
+                }
+            }
+        }
+    }
+
+    struct Selected<'a>(u32, &'a [f64; 8], &'a [f64; 8], u32, [u32; 8]);
+
+    impl Task for Selected<'_> {
+        type Output = ([f64; 8], [u32; 8]);
+
+        #[inline(always)]
+        fn run<I: Isa>(mut self) -> Self::Output {
+            I::put(self.0, self.3, &mut self.4);
+            (I::pick(self.0, I::F64x8::load(self.1), I::F64x8::load(self.2)).store(), self.4)
+        }
+    }
+
+    #[test]
+    fn lanes_are_selected_by_their_bits() {
+        let then = [0.5, -0.0, f64::INFINITY, 1e300, -3.0, 5e-324, 7.0, 8.0];
+        let (otherwise, number) = (then.map(|x| 2.0 - x), 0x8000_0001);
+        let places = [0, 1, u32::MAX, 3, 1 << 31, 5, 6, 7];
+        for lanes in 0..256 {
+            for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                let (picked, put) = dispatch(level, Selected(lanes, &then, &otherwise, number, places));
+                for i in 0..8 {
+                    let (x, place) = if lanes & 1 << i != 0 { (then[i], number) } else { (otherwise[i], places[i]) };
+                    assert_eq!((picked[i].to_bits(), put[i]), (x.to_bits(), place), "{level:?}, {lanes:b}");
                 }
             }
         }

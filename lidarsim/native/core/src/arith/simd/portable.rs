@@ -68,6 +68,18 @@ impl Isa for Portable {
     }
 
     #[inline(always)]
+    fn pick(lanes: u32, then: [f64; 8], otherwise: [f64; 8]) -> [f64; 8] {
+        std::array::from_fn(|i| if lanes & 1 << i != 0 { then[i] } else { otherwise[i] })
+    }
+
+    #[inline(always)]
+    fn put(lanes: u32, number: u32, places: &mut [u32; 8]) {
+        for (i, place) in places.iter_mut().enumerate() {
+            *place = if lanes & 1 << i != 0 { number } else { *place };
+        }
+    }
+
+    #[inline(always)]
     fn prefetch<T>(_: *const T) {}
 
     #[inline(never)]

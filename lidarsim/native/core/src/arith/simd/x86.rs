@@ -146,6 +146,32 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
+    fn pick(lanes: u32, then: Self::F64x8, otherwise: Self::F64x8) -> Self::F64x8 {
+        // SAFETY: as above.
+        unsafe {
+            let lanes = _mm256_set1_epi64x(lanes.into());
+            let of = |bits| _mm256_castsi256_pd(_mm256_cmpeq_epi64(_mm256_and_si256(lanes, bits), bits));
+            let (low, high) = (of(_mm256_setr_epi64x(1, 2, 4, 8)), of(_mm256_setr_epi64x(16, 32, 64, 128)));
+            Two(
+                Register(_mm256_blendv_pd(otherwise.0.0, then.0.0, low)),
+                Register(_mm256_blendv_pd(otherwise.1.0, then.1.0, high)),
+            )
+        }
+    }
+
+    #[inline(always)]
+    fn put(lanes: u32, number: u32, places: &mut [u32; 8]) {
+        // SAFETY: as above; the array is as long as the register.
+        unsafe {
+            let bits = _mm256_setr_epi32(1, 2, 4, 8, 16, 32, 64, 128);
+            let these = _mm256_cmpeq_epi32(_mm256_and_si256(_mm256_set1_epi32(lanes as i32), bits), bits);
+            let old = _mm256_loadu_si256(places.as_ptr().cast());
+            let new = _mm256_blendv_epi8(old, _mm256_set1_epi32(number as i32), these);
+            _mm256_storeu_si256(places.as_mut_ptr().cast(), new);
+        }
+    }
+
+    #[inline(always)]
     fn prefetch<T>(address: *const T) {
         // SAFETY: a prefetch of any address is harmless.
         unsafe { _mm_prefetch::<_MM_HINT_T0>(address.cast()) }
@@ -331,6 +357,22 @@ impl Isa for Avx512 {
         // SAFETY: as above.
         unsafe { _mm512_storeu_si512(bits.as_mut_ptr().cast(), masks) };
         bits
+    }
+
+    #[inline(always)]
+    fn pick(lanes: u32, Register(then): F64x8, Register(otherwise): F64x8) -> F64x8 {
+        // SAFETY: as above.
+        unsafe { Register(_mm512_mask_blend_pd(lanes as u8, otherwise, then)) }
+    }
+
+    #[inline(always)]
+    fn put(lanes: u32, number: u32, places: &mut [u32; 8]) {
+        // SAFETY: as above; the array is as long as the register.
+        unsafe {
+            let old = _mm256_loadu_si256(places.as_ptr().cast());
+            let new = _mm256_mask_blend_epi32(lanes as u8, old, _mm256_set1_epi32(number as i32));
+            _mm256_storeu_si256(places.as_mut_ptr().cast(), new);
+        }
     }
 
     #[inline(always)]
