@@ -82,6 +82,7 @@ pub(super) struct Frustum {
 }
 
 /// The children of a node whose boxes any ray of a frustum may enter, the farthest first.
+#[repr(C, align(64))]
 pub(super) struct BoxHits {
     pub count: usize,
     /// Which child each is of.
@@ -296,6 +297,7 @@ impl Packet {
 }
 
 /// The children of a node whose boxes any of a few rays may enter, the farthest first.
+#[repr(C, align(64))]
 pub(super) struct FewBoxHits {
     pub count: usize,
     /// Which child each is of.

@@ -27,6 +27,7 @@ pub struct LeafIntersector<'a, 's> {
 }
 
 /// Scratch memory of the tests in leaves.
+#[repr(C, align(64))]
 pub struct LeafScratch {
     /// Of the rays with candidates, one after the other, the sums U + V + W by triangle.
     sums: [[f64; LEAF_SIZE]; LANES],

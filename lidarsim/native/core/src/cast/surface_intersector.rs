@@ -113,10 +113,11 @@ const WIDEST: usize = 8;
 
 /// Bounds of a root of each of eight lanes, on one part of the surface.
 #[derive(Clone, Copy)]
+#[repr(C, align(64))]
 struct RootBounds {
-    feature: u8,
     low: [f64; WIDEST],
     high: [f64; WIDEST],
+    feature: u8,
 }
 
 impl RootBounds {
@@ -214,19 +215,20 @@ const BATCHES: usize = 32;
 const BATCH_SIZE: usize = 2 * WIDEST;
 
 #[derive(Clone, Copy)]
+#[repr(C, align(64))]
 struct HitBatch {
-    /// Of all hits, but for the primitive and the index of the root.
-    root: RootId,
-    primitive: [u32; BATCH_SIZE],
-    index: [u8; BATCH_SIZE],
-    count: usize,
-    at: [u32; BATCH_SIZE],
     origin: [[f64; BATCH_SIZE]; 3],
     direction: [[f64; BATCH_SIZE]; 3],
     time: [f64; BATCH_SIZE],
     /// Of t.
     low: [f64; BATCH_SIZE],
     high: [f64; BATCH_SIZE],
+    /// Of all hits, but for the primitive and the index of the root.
+    root: RootId,
+    primitive: [u32; BATCH_SIZE],
+    index: [u8; BATCH_SIZE],
+    count: usize,
+    at: [u32; BATCH_SIZE],
 }
 
 impl HitBatches {

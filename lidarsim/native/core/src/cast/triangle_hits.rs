@@ -8,16 +8,17 @@ use crate::scene::{Hit, RootId, Scene, Sink};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 
 /// The hits of a packet on triangles.
+#[repr(C, align(64))]
 pub struct TriangleHits<'a> {
-    lanes: Mask,
-    /// Those on triangles that a map has placed.
-    placed: Mask,
-    object: [u32; LANES],
-    primitive: [u32; LANES],
-    corners: Corners<'a, LANES>,
     /// As refined.
     t: [f64; LANES],
     normal: [[f64; LANES]; 3],
+    object: [u32; LANES],
+    primitive: [u32; LANES],
+    corners: Corners<'a, LANES>,
+    lanes: Mask,
+    /// Those on triangles that a map has placed.
+    placed: Mask,
 }
 
 impl<'a> TriangleHits<'a> {

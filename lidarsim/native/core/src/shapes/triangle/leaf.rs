@@ -52,6 +52,7 @@ pub struct Edges<I: Isa> {
 }
 
 /// The planes of a leaf's triangles relative to the origin of a ray.
+#[repr(C, align(64))]
 pub struct Planes {
     /// a·(c × b), with the sign of the volumes.
     distance: [f64; LEAF_SIZE],
@@ -70,6 +71,7 @@ pub struct LeafRay {
 }
 
 /// What `Leaf::test` needs of `Edges`, by triangle.
+#[repr(C, align(64))]
 pub struct StoredEdges {
     normals: [[[f64; LEAF_SIZE]; 3]; 3],
     bound: [f64; 2],
