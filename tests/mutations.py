@@ -57,6 +57,8 @@ MUTANTS = [
     Mutant("leaf: t, direction 4ε", "square, 4.0 * size]", "square, 2.0 * size]"),
     Mutant("triple products 320u²", "BOUND: f64 = 320.0 *", "BOUND: f64 = 160.0 *"),
     Mutant("corrected quotient 16u", "ROUNDINGS: f64 = 16.0 *", "ROUNDINGS: f64 = 8.0 *"),
+    Mutant("neighbouring hits: on one part", "(objects[k] == object) & (parts[k] == part)", "(objects[k] == object)"),
+    Mutant("neighbouring hits: on one object", "(objects[k] == object) & (parts[k] == part)", "(parts[k] == part)"),
     Mutant("hits of eight: in range", "in_range = lanes & t_min.le(t.low)", "in_range = lanes & t_min.le(t.high)"),
     Mutant(
         "hits of eight: up to t_max",

@@ -221,6 +221,12 @@ impl<'a> ClosestHits<'a> {
         (self.object, self.primitive)
     }
 
+    /// Primitives of the nearest hits.
+    #[inline(always)]
+    pub fn primitives(&self) -> &[u32; LANES] {
+        &self.primitive
+    }
+
     /// The lanes with a hit.
     #[inline(always)]
     pub fn found<I: Isa>(&self) -> Mask {
@@ -249,6 +255,18 @@ impl<'a> ClosestHits<'a> {
             lanes |= Mask::from(on) << (8 * eight);
         }
         lanes
+    }
+
+    /// The lanes of part `i` whose nearest hit, if any, is on the same object, and on the same part of it, as that of lane `first`.
+    #[inline(always)]
+    pub fn lanes_like<const N: usize>(&self, first: usize, i: usize) -> Mask {
+        let (object, part) = (self.object[first], self.part[first]);
+        let (objects, parts) = (&self.object.as_chunks::<N>().0[i], &self.part.as_chunks::<N>().0[i]);
+        let mut lanes = 0;
+        for k in 0..N {
+            lanes |= Mask::from((objects[k] == object) & (parts[k] == part)) << k;
+        }
+        lanes << (N * i)
     }
 
     /// Bounds of t of the nearest hit of a lane.

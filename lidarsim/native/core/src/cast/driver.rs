@@ -6,10 +6,10 @@
 use std::cell::Cell;
 
 use crate::arith::simd::{self, Isa, Level, Task};
-use crate::bvh::{LANES, RayPacket, take};
+use crate::bvh::{LANES, RayPacket, all, take};
 use crate::cast::closest_hit::ClosestHit;
 use crate::cast::ray_sort::{NEAR, RaySort};
-use crate::cast::surface_intersector::{HitBatches, SurfaceIntersector};
+use crate::cast::surface_intersector::{BATCH_SIZE, HitBatches, SurfaceIntersector};
 use crate::cast::traversal::{self, Advance, PacketState, TRAVERSALS, Traversal};
 use crate::cast::triangle_hits::TriangleHits;
 use crate::geometry::vector::Point;
@@ -203,6 +203,18 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
                 placed = lanes;
             }
             left &= !(given | placed);
+        }
+        if !S::ANY && left != 0 {
+            for part in 0..LANES / BATCH_SIZE {
+                let lanes = left & all(BATCH_SIZE) << (BATCH_SIZE * part);
+                if lanes == 0 {
+                    continue;
+                }
+                let first = object(lanes.trailing_zeros() as usize);
+                if !first.is_untransformed_triangle() && !first.is_placed_triangle() {
+                    left &= !self.batches.take_neighbors::<I>(self.world.scene, rays, closest, part, lanes, self.hits);
+                }
+            }
         }
         while let Some(lane) = take(&mut left) {
             if S::ANY {

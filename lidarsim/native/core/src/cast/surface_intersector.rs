@@ -198,6 +198,8 @@ impl SurfaceHits {
 /// Batches of hits on one part of one object each, an implicit surface or a mesh that moves, to be refined together.
 pub struct HitBatches {
     batches: Vec<HitBatch>,
+    /// Of neighbouring lanes of a packet.
+    neighbors: HitBatch,
     scratch: BatchScratch,
 }
 
@@ -212,7 +214,10 @@ struct BatchScratch {
 const BATCHES: usize = 32;
 
 /// Hits of a batch: two of the widest registers, so that the latency of one's divisions is hidden by the other's work.
-const BATCH_SIZE: usize = 2 * WIDEST;
+pub const BATCH_SIZE: usize = 2 * WIDEST;
+
+/// From so many on, hits of as many neighbouring lanes are a batch of their own.
+const NEARLY_ALL: u32 = 12;
 
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
@@ -227,8 +232,9 @@ struct HitBatch {
     root: RootId,
     primitive: [u32; BATCH_SIZE],
     index: [u8; BATCH_SIZE],
-    count: usize,
     at: [u32; BATCH_SIZE],
+    /// A bit for each slot that holds a hit.
+    slots: Mask,
 }
 
 impl HitBatches {
@@ -236,7 +242,6 @@ impl HitBatches {
         let empty = HitBatch {
             root: RootId { object: 0, primitive: 0, index: 0, feature: 0 },
             primitive: [0; BATCH_SIZE],
-            count: 0,
             at: [0; BATCH_SIZE],
             index: [0; BATCH_SIZE],
             origin: [[0.0; BATCH_SIZE]; 3],
@@ -244,6 +249,7 @@ impl HitBatches {
             time: [0.0; BATCH_SIZE],
             low: [0.0; BATCH_SIZE],
             high: [0.0; BATCH_SIZE],
+            slots: 0,
         };
         let refined = Refined {
             known: 0,
@@ -252,7 +258,7 @@ impl HitBatches {
             normal: [[0.0; BATCH_SIZE]; 3],
         };
         let scratch = BatchScratch { poses: Poses::new(), local: LocalRays::UNSET, refined };
-        HitBatches { batches: vec![empty; BATCHES], scratch }
+        HitBatches { batches: vec![empty; BATCHES], neighbors: empty, scratch }
     }
 
     /// Begins anew with another scene.
@@ -275,7 +281,7 @@ impl HitBatches {
             batch.flush::<I>(scene, &mut self.scratch, hits);
             batch.root = root;
         }
-        let slot = batch.count;
+        let slot = batch.slots.trailing_ones() as usize;
         (batch.at[slot], batch.primitive[slot], batch.index[slot]) = (at, root.primitive, root.index);
         for axis in 0..3 {
             batch.origin[axis][slot] = origin[axis];
@@ -283,10 +289,46 @@ impl HitBatches {
         }
         batch.time[slot] = time;
         (batch.low[slot], batch.high[slot]) = (bounds.low, bounds.high);
-        batch.count += 1;
-        if batch.count == BATCH_SIZE {
+        batch.slots |= 1 << slot;
+        if batch.slots == all(BATCH_SIZE) {
             batch.flush::<I>(scene, &mut self.scratch, hits);
         }
+    }
+
+    /// Takes those hits of lanes `BATCH_SIZE`·`part` and on that are on the same object and part as the first of `lanes`, if they are nearly all of
+    /// them, and returns them.
+    #[inline(always)]
+    pub fn take_neighbors<I: Isa>(
+        &mut self,
+        scene: &Scene,
+        rays: &RayPacket,
+        closest: &ClosestHits,
+        part: usize,
+        lanes: Mask,
+        hits: &mut (impl Sink + ?Sized),
+    ) -> Mask {
+        let first = lanes.trailing_zeros() as usize;
+        let these = lanes & closest.lanes_like::<BATCH_SIZE>(first, part);
+        if these.count_ones() < NEARLY_ALL {
+            return 0;
+        }
+        let batch = &mut self.neighbors;
+        for axis in 0..3 {
+            batch.origin[axis] = rays.origin[axis].as_chunks().0[part];
+            batch.direction[axis] = rays.direction[axis].as_chunks().0[part];
+        }
+        batch.time = rays.time.as_chunks().0[part];
+        batch.at = rays.at.as_chunks().0[part];
+        batch.root = closest.root(first);
+        batch.index = [batch.root.index; BATCH_SIZE];
+        batch.primitive = closest.primitives().as_chunks().0[part];
+        for slot in 0..BATCH_SIZE {
+            let Interval { low, high } = closest.bounds(BATCH_SIZE * part + slot);
+            (batch.low[slot], batch.high[slot]) = (low, high);
+        }
+        batch.slots = these >> (BATCH_SIZE * part);
+        batch.flush::<I>(scene, &mut self.scratch, hits);
+        these
     }
 
     #[inline(always)]
@@ -300,12 +342,12 @@ impl HitBatches {
 impl HitBatch {
     #[inline(always)]
     fn flush<I: Isa>(&mut self, scene: &Scene, scratch: &mut BatchScratch, hits: &mut (impl Sink + ?Sized)) {
-        if self.count == 0 {
+        if self.slots == 0 {
             return;
         }
         let BatchScratch { poses, local, refined } = scratch;
         let object = &scene.objects()[self.root.object as usize];
-        let slots = all(self.count);
+        let slots = self.slots;
         let then = object.motion().map(|_| poses.gather(scene, self.root.object, &self.time, slots));
         let placements = Placements { first: object.inverse(), then };
         let world = WorldRays { origin: &self.origin, direction: &self.direction };
@@ -328,10 +370,10 @@ impl HitBatch {
             None
         };
         placements.apart::<I, _>(PlaceNormals(refined));
-        for slot in 0..self.count {
+        while let Some(slot) = take(&mut self.slots) {
             let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
             // No hit is put together first: to read back in one piece what was written in several takes long.
-            if refined.known & (1 << slot) != 0 {
+            if refined.known & 1 << slot != 0 {
                 let (normal, primitive) = (pick(&refined.normal, slot), object.reported(primitive));
                 hits.put(at, Hit { t: refined.t[slot], normal, object: self.root.object as i32, primitive });
             } else {
@@ -349,27 +391,26 @@ impl HitBatch {
                 );
             }
         }
-        self.count = 0;
     }
 
     /// Whether all rays start at one point, to the bit.
     #[inline(always)]
     fn has_one_origin(&self) -> bool {
-        let mut others = 0;
+        let (first, mut others) = (self.slots.trailing_zeros() as usize, 0);
         for column in &self.origin {
-            for x in &column[..self.count] {
-                others |= x.to_bits() ^ column[0].to_bits();
+            for (slot, x) in column.iter().enumerate() {
+                others |= Mask::from(x.to_bits() != column[first].to_bits()) << slot;
             }
         }
-        others == 0
+        others & self.slots == 0
     }
 
     /// The corners of the triangles, by corner and axis; empty slots repeat the first.
     #[inline(always)]
     fn corners(&self, mesh: &TriangleMesh) -> [[[f64; BATCH_SIZE]; 3]; 3] {
-        let mut corners = [[[0.0; BATCH_SIZE]; 3]; 3];
+        let (mut corners, first) = ([[[0.0; BATCH_SIZE]; 3]; 3], self.slots.trailing_zeros() as usize);
         for slot in 0..BATCH_SIZE {
-            let primitive = self.primitive[if slot < self.count { slot } else { 0 }];
+            let primitive = self.primitive[if self.slots & 1 << slot != 0 { slot } else { first }];
             for (corner, point) in mesh.corners(primitive).into_iter().enumerate() {
                 for axis in 0..3 {
                     corners[corner][axis][slot] = point[axis];
@@ -408,8 +449,11 @@ impl<R: RayParts> SurfaceTask for RefineBatch<'_, R> {
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
-        for i in 0..self.batch.count.div_ceil(N) {
-            let active = Cell::new(self.batch.slots::<N>(i));
+        for i in 0..BATCH_SIZE / N {
+            let active = Cell::new(part_of_mask::<N>(self.batch.slots, i));
+            if active.get() == 0 {
+                continue;
+            }
             self.refined.refine::<F, N>(i, self.rays, surface, self.batch, &active);
         }
     }
@@ -429,9 +473,12 @@ impl<R: RayParts> LaneTask for RefineTriangleBatch<'_, R> {
     #[inline(always)]
     fn run<F: Floats<f64, N>, const N: usize>(self) {
         let [a, b, c] = self.corners;
-        for i in 0..self.batch.count.div_ceil(N) {
+        for i in 0..BATCH_SIZE / N {
+            let active = Cell::new(part_of_mask::<N>(self.batch.slots, i));
+            if active.get() == 0 {
+                continue;
+            }
             let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
-            let active = Cell::new(self.batch.slots::<N>(i));
             self.refined.refine::<F, N>(i, self.rays, &triangles, self.batch, &active);
         }
     }
@@ -468,14 +515,6 @@ impl PlacementTask for PlaceNormals<'_> {
     }
 }
 
-impl HitBatch {
-    /// The occupied slots of part `i`, as a mask of the lanes of a register.
-    #[inline(always)]
-    fn slots<const N: usize>(&self, i: usize) -> u32 {
-        ((1_u32 << self.count) - 1) >> (i * N) & ((1 << N) - 1)
-    }
-}
-
 impl Refined {
     /// Refines part `i` of a batch.
     #[inline(always)]
@@ -502,10 +541,12 @@ impl Refined {
 
 #[cfg(test)]
 mod tests {
+    use std::ops::Range;
     use std::sync::Arc;
 
     use super::*;
     use crate::arith::simd::Level;
+    use crate::cast::ray_sort::NEAR;
     use crate::geometry::affine::Affine;
     use crate::scene::Object;
     use crate::shapes::{AnySurface, Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle};
@@ -538,9 +579,14 @@ mod tests {
         objects.flat_map(|object| [twice(&object), object.transformed(sheared), Some(object)]).flatten().collect()
     }
 
-    /// From a few origins to the points of a grid, of which many are corners, on edges, or where a line touches; and past them.
+    /// Side by side, so that neighbours meet the same part of an object, as many as are sorted together. And from a few origins to the points of a grid, of
+    /// which many are corners, on edges, or where a line touches; and past them.
     fn rays() -> (Vec<Point>, Vec<Point>) {
         let (mut origins, mut directions) = (Vec::new(), Vec::new());
+        for k in 0..NEAR as i32 {
+            origins.push([0.25, -3.0, 0.5]);
+            directions.push([f64::from(k % 32) / 64.0 - 0.3, 1.0, f64::from(k / 32) / 64.0 - 0.4]);
+        }
         for origin in [[0.0, 0.0, 3.0], [1.0, -4.0, 0.0], [0.25, 0.125, 0.0], [-3.0, 2.0, 1.0], [0.1, 0.2, 4.3]] {
             for k in 0..343 {
                 let point = [k % 7, k / 7 % 7, k / 49].map(|i| f64::from(i) / 2.0 - 1.5);
@@ -567,17 +613,19 @@ mod tests {
         for objects in scenes {
             let scene = Scene::new(objects);
             for range in [(0.0, f64::INFINITY), (1.0, 3.0)] {
-                let cast = |level| {
-                    let mut hits = vec![Hit::MISS; origins.len()];
-                    let rays = (&origins[..], &directions[..], &[][..]);
-                    assert!(scene.during([0.0; 2]).cast(level, rays, range, &mut hits[..]));
+                let world = scene.during([0.0; 2]);
+                let cast = |level, rays: Range<usize>| {
+                    let mut hits = vec![Hit::MISS; rays.len()];
+                    let rays = (&origins[rays.clone()], &directions[rays], &[][..]);
+                    assert!(world.cast(level, rays, range, &mut hits[..]));
                     hits
                 };
-                let expected = cast(Level::Scalar);
+                let all = 0..origins.len();
+                let expected: Vec<Hit> = all.clone().flat_map(|i| cast(Level::Scalar, i..i + 1)).collect();
                 hit += expected.iter().filter(|hit| hit.object >= 0).count();
                 missed += expected.iter().filter(|hit| hit.object < 0).count();
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    for (i, (hit, expected)) in cast(level).iter().zip(&expected).enumerate() {
+                    for (i, (hit, expected)) in cast(level, all.clone()).iter().zip(&expected).enumerate() {
                         let bits =
                             |hit: &Hit| (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object, hit.primitive);
                         assert_eq!(bits(hit), bits(expected), "{level:?}: {:?} + t·{:?}", origins[i], directions[i]);
