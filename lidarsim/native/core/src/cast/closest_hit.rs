@@ -288,34 +288,22 @@ impl<'a> ClosestHits<'a> {
         self.part[lane] = part(&root);
     }
 
-    /// As `ClosestHit::takes`.
+    /// As `ClosestHit::takes`, of a root whose primitive has no other; tells whether the limit may have decreased.
     #[inline(always)]
-    pub fn takes(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
-        if t.high < self.t_min {
+    pub fn offer(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
+        if self.limit[lane] < t.low || t.high < self.t_min {
             return false;
         }
-        if self.t_min <= t.low {
-            if self.limit[lane] < t.low {
-                return true;
-            }
-            if t.high <= self.t_max && t.high < self.low[lane] {
-                self.put(lane, at);
-                (self.low[lane], self.limit[lane]) = (t.low, if t.high < self.cap { t.high } else { self.cap });
-                return true;
-            }
+        if self.t_min <= t.low && t.high <= self.t_max && t.high < self.low[lane] {
+            self.put(lane, at);
+            (self.low[lane], self.limit[lane]) = (t.low, if t.high < self.cap { t.high } else { self.cap });
+        } else {
+            self.takes_narrowly(rays, lane, at, t);
         }
-        self.takes_narrowly(rays, lane, at, t)
+        true
     }
 
-    /// As `takes`, where there is no other hit of the primitive.
-    #[inline(always)]
-    pub fn offer(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) {
-        if t.low <= self.limit[lane] && self.t_min <= t.high {
-            self.takes(rays, lane, at, t);
-        }
-    }
-
-    /// As `takes`, of one root in these lanes of the eight.
+    /// As `ClosestHit::takes`, of one root in these lanes of the eight.
     #[inline(always)]
     pub fn take_eight<I: Isa>(
         &mut self,
@@ -457,7 +445,7 @@ mod tests {
                         });
                         let mut expected = 0;
                         for k in (0..8).filter(|k| lanes & 1 << k != 0) {
-                            expected |= u32::from(!one_by_one.takes(&rays, 8 * eight + k, at, t[k])) << k;
+                            expected |= u32::from(!one_by_one.takes_narrowly(&rays, 8 * eight + k, at, t[k])) << k;
                         }
                         let before = together.limit;
                         let (closest, rays) = (&mut together, &rays);

@@ -199,16 +199,14 @@ impl LeafIntersector<'_, '_> {
                 } else {
                     None
                 };
-                match known {
-                    Some(t) if t.low > self.closest.limits()[lane] => continue,
-                    Some(t) => self.closest.offer(self.world, lane, RootId::of_triangle(self.id, primitive), t),
-                    None => {
-                        self.defer::<I>(lane, primitive);
-                        continue;
-                    }
+                let Some(t) = known else {
+                    self.defer::<I>(lane, primitive);
+                    continue;
+                };
+                if self.closest.offer(self.world, lane, RootId::of_triangle(self.id, primitive), t) {
+                    self.mesh.prefetch_face::<I>(primitive);
+                    nearer |= 1 << lane;
                 }
-                self.mesh.prefetch_face::<I>(primitive);
-                nearer |= 1 << lane;
             }
         }
         nearer
