@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::schedule::pieces;
-use crate::arith::simd::{Isa, Level};
+use crate::arith::simd::{self, Isa, Level};
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, Sink, World};
 use crate::{memory, parallel};
@@ -88,7 +88,7 @@ impl Sink for Columns<'_> {
         I::prefetch(&self.t[i]);
         I::prefetch(&self.object[i]);
         I::prefetch(&self.primitive[i]);
-        I::prefetch(&self.normal[i]);
+        simd::prefetch_across::<I, _>(&self.normal[i]);
     }
 }
 

@@ -172,8 +172,8 @@ impl PacketSource<'_> {
         } else {
             for &i in &sorted[self.start..sorted.len().min(self.start + LANES)] {
                 let i = i as usize;
-                I::prefetch(&self.origins[i]);
-                I::prefetch(&self.directions[i]);
+                simd::prefetch_across::<I, _>(&self.origins[i]);
+                simd::prefetch_across::<I, _>(&self.directions[i]);
                 hits.prefetch::<I>(i);
             }
         }

@@ -1,6 +1,6 @@
 //! Refines the closest hits on triangles that stand still, by expansions.
 
-use crate::arith::simd::{Floats, Isa, Task};
+use crate::arith::simd::{self, Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::geometry::affine::Inverse;
@@ -49,7 +49,7 @@ impl<'a> TriangleHits<'a> {
             }
             let corners = scene.objects()[self.object[lane] as usize].corners(self.primitive[lane]);
             for corner in corners {
-                I::prefetch(corner);
+                simd::prefetch_across::<I, _>(corner);
             }
             (self.corners[lane], last) = (corners, Some((triangle, corners)));
         }

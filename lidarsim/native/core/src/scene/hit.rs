@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::arith::simd::Isa;
+use crate::arith::simd::{self, Isa};
 use crate::geometry::vector::Point;
 
 /// The closest hit of a ray.
@@ -51,6 +51,6 @@ impl Sink for [Hit] {
 
     #[inline(always)]
     fn prefetch<I: Isa>(&self, i: usize) {
-        I::prefetch(&self[i]);
+        simd::prefetch_across::<I, _>(&self[i]);
     }
 }

@@ -1,7 +1,7 @@
 //! Triangle mesh: triangles over shared vertices, with a hierarchy of their boxes.
 
 use crate::arith::number::Interval;
-use crate::arith::simd::Isa;
+use crate::arith::simd::{self, Isa};
 use crate::bvh::Bvh;
 use crate::geometry::dop::Dop;
 use crate::geometry::vector::Point;
@@ -55,7 +55,7 @@ impl TriangleMesh {
     /// Prefetches the vertex indices of a triangle.
     #[inline(always)]
     pub fn prefetch_face<I: Isa>(&self, id: u32) {
-        I::prefetch(&self.faces[id as usize]);
+        simd::prefetch_across::<I, _>(&self.faces[id as usize]);
     }
 
     #[inline(always)]

@@ -102,6 +102,14 @@ pub fn prefetch<I: Isa, T>(slice: &[T]) {
     }
 }
 
+/// Prefetches a value that may lie across two lines of the cache.
+#[inline(always)]
+pub fn prefetch_across<I: Isa, T>(value: &T) {
+    let start: *const u8 = std::ptr::from_ref(value).cast();
+    I::prefetch(start);
+    I::prefetch(start.wrapping_add(size_of::<T>() - 1));
+}
+
 /// A function that is generic over the instruction set: an always inlined `run`.
 pub trait Task {
     type Output;
