@@ -257,7 +257,7 @@ impl<'a> ClosestHits<'a> {
         lanes
     }
 
-    /// The lanes of part `i` whose nearest hit, if any, is on the same object, and on the same part of it, as that of lane `first`.
+    /// The lanes, of N from `N·i` on, whose nearest hit, if any, is on the same part of the same object as that of lane `first`.
     #[inline(always)]
     pub fn lanes_like<const N: usize>(&self, first: usize, i: usize) -> Mask {
         let (object, part) = (self.object[first], self.part[first]);

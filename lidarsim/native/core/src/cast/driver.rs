@@ -205,14 +205,14 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
             left &= !(given | placed);
         }
         if !S::ANY && left != 0 {
-            for part in 0..LANES / BATCH_SIZE {
-                let lanes = left & all(BATCH_SIZE) << (BATCH_SIZE * part);
+            for start in (0..LANES).step_by(BATCH_SIZE) {
+                let lanes = left & all(BATCH_SIZE) << start;
                 if lanes == 0 {
                     continue;
                 }
                 let first = object(lanes.trailing_zeros() as usize);
                 if !first.is_untransformed_triangle() && !first.is_placed_triangle() {
-                    left &= !self.batches.take_neighbors::<I>(self.world.scene, rays, closest, part, lanes, self.hits);
+                    left &= !self.batches.take_neighbors::<I>(self.world.scene, rays, closest, start, lanes, self.hits);
                 }
             }
         }

@@ -41,7 +41,7 @@ impl SurfaceIntersector {
         }
     }
 
-    /// Intersects the rays of `mask` with an object, and updates their closest hits.
+    /// Intersects the rays of `mask` with an object, updates their closest hits, and returns the mask of those whose limits may have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(
         &mut self,
@@ -51,7 +51,7 @@ impl SurfaceIntersector {
         mask: Mask,
         closest: &mut ClosestHits,
         poses: &mut Poses<LANES>,
-    ) {
+    ) -> Mask {
         let SurfaceIntersector { local, hits } = self;
         (hits.count, hits.unsure) = (0, mask);
         let object = &scene.objects()[id as usize];
@@ -72,11 +72,14 @@ impl SurfaceIntersector {
             };
         }
         let root = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
+        let mut nearer = hits.unsure;
         for agreeing in &hits.agreeing[..hits.count] {
             let mut left = agreeing.lanes;
             for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
                 let t = Interval { low: I::F64x8::load(&roots.low), high: I::F64x8::load(&roots.high) };
-                left = closest.take_eight::<I>(rays, agreeing.eight, left, root(index, roots.feature), t).early;
+                let taken = closest.take_eight::<I>(rays, agreeing.eight, left, root(index, roots.feature), t);
+                nearer |= Mask::from(taken.nearer) << (8 * agreeing.eight);
+                left = taken.early;
             }
         }
         while let Some(lane) = take(&mut hits.unsure) {
@@ -86,6 +89,7 @@ impl SurfaceIntersector {
                 closest.consider(rays, lane, id, 0);
             }
         }
+        nearer
     }
 }
 
@@ -216,7 +220,7 @@ const BATCHES: usize = 32;
 /// Hits of a batch: two of the widest registers, so that the latency of one's divisions is hidden by the other's work.
 pub const BATCH_SIZE: usize = 2 * WIDEST;
 
-/// From so many on, hits of as many neighbouring lanes are a batch of their own.
+/// From so many on, hits of `BATCH_SIZE` neighbouring lanes are a batch of their own: as measured, fewer are better collected.
 const NEARLY_ALL: u32 = 12;
 
 #[derive(Clone, Copy)]
@@ -295,38 +299,38 @@ impl HitBatches {
         }
     }
 
-    /// Takes those hits of lanes `BATCH_SIZE`·`part` and on that are on the same object and part as the first of `lanes`, if they are nearly all of
-    /// them, and returns them.
+    /// Takes the hits of those of `lanes`, among the `BATCH_SIZE` lanes of the packet from `start` on, that are on the same part of the same object as
+    /// the first, if these are nearly all. Returns the lanes taken.
     #[inline(always)]
     pub fn take_neighbors<I: Isa>(
         &mut self,
         scene: &Scene,
         rays: &RayPacket,
         closest: &ClosestHits,
-        part: usize,
+        start: usize,
         lanes: Mask,
         hits: &mut (impl Sink + ?Sized),
     ) -> Mask {
-        let first = lanes.trailing_zeros() as usize;
-        let these = lanes & closest.lanes_like::<BATCH_SIZE>(first, part);
+        let (first, i) = (lanes.trailing_zeros() as usize, start / BATCH_SIZE);
+        let these = lanes & closest.lanes_like::<BATCH_SIZE>(first, i);
         if these.count_ones() < NEARLY_ALL {
             return 0;
         }
         let batch = &mut self.neighbors;
         for axis in 0..3 {
-            batch.origin[axis] = rays.origin[axis].as_chunks().0[part];
-            batch.direction[axis] = rays.direction[axis].as_chunks().0[part];
+            batch.origin[axis] = rays.origin[axis].as_chunks().0[i];
+            batch.direction[axis] = rays.direction[axis].as_chunks().0[i];
         }
-        batch.time = rays.time.as_chunks().0[part];
-        batch.at = rays.at.as_chunks().0[part];
+        batch.time = rays.time.as_chunks().0[i];
+        batch.at = rays.at.as_chunks().0[i];
         batch.root = closest.root(first);
         batch.index = [batch.root.index; BATCH_SIZE];
-        batch.primitive = closest.primitives().as_chunks().0[part];
+        batch.primitive = closest.primitives().as_chunks().0[i];
         for slot in 0..BATCH_SIZE {
-            let Interval { low, high } = closest.bounds(BATCH_SIZE * part + slot);
+            let Interval { low, high } = closest.bounds(start + slot);
             (batch.low[slot], batch.high[slot]) = (low, high);
         }
-        batch.slots = these >> (BATCH_SIZE * part);
+        batch.slots = these >> start;
         batch.flush::<I>(scene, &mut self.scratch, hits);
         these
     }
@@ -620,12 +624,12 @@ mod tests {
                     assert!(world.cast(level, rays, range, &mut hits[..]));
                     hits
                 };
-                let all = 0..origins.len();
-                let expected: Vec<Hit> = all.clone().flat_map(|i| cast(Level::Scalar, i..i + 1)).collect();
+                let indices = 0..origins.len();
+                let expected: Vec<Hit> = indices.clone().flat_map(|i| cast(Level::Scalar, i..i + 1)).collect();
                 hit += expected.iter().filter(|hit| hit.object >= 0).count();
                 missed += expected.iter().filter(|hit| hit.object < 0).count();
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    for (i, (hit, expected)) in cast(level, all.clone()).iter().zip(&expected).enumerate() {
+                    for (i, (hit, expected)) in cast(level, indices.clone()).iter().zip(&expected).enumerate() {
                         let bits =
                             |hit: &Hit| (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object, hit.primitive);
                         assert_eq!(bits(hit), bits(expected), "{level:?}: {:?} + t·{:?}", origins[i], directions[i]);

@@ -198,8 +198,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
     fn intersect<I: Isa>(&mut self, id: u32, surfaces: &mut SurfaceIntersector) {
         let mask = self.outer.mask();
         if self.state.scene.objects()[id as usize].is_surface() {
-            self.state.intersect_surface::<I>(id, mask, surfaces);
-            self.outer.shorten(mask);
+            let nearer = self.state.intersect_surface::<I>(id, mask, surfaces);
+            self.outer.shorten(nearer);
         } else {
             self.enter::<I>(id, mask);
         }
@@ -281,9 +281,9 @@ pub struct PacketState<'a, 'b> {
 
 impl<'a> PacketState<'a, '_> {
     #[inline(always)]
-    fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surfaces: &mut SurfaceIntersector) {
+    fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surfaces: &mut SurfaceIntersector) -> Mask {
         let PacketState { scene, rays, closest, poses, .. } = self;
-        surfaces.intersect::<I>(scene, id, rays, mask, closest, poses);
+        surfaces.intersect::<I>(scene, id, rays, mask, closest, poses)
     }
 
     /// Has rays from far away start near a hierarchy of objects.
