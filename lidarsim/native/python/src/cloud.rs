@@ -1,6 +1,6 @@
 //! Point clouds: one call, from the arrays of a scan to those of a cloud.
 
-use lidarsim_core::measure::{Copied, Each, Field, Numbers, Pair, ReturnCounts};
+use lidarsim_core::measure::{Copied, Each, Field, Numbers, Pair, ReturnCounts, Values};
 use lidarsim_core::{Path, Point, Pose, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
@@ -11,7 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyPath, detached, elements, points};
+use crate::{Points, PyPath, detached, elements, level, points};
 
 /// The attributes of `lidarsim.Scan` that a point cloud is made from.
 #[derive(FromPyObject)]
@@ -50,6 +50,74 @@ enum Coordinates {
     World,
 }
 
+/// What the points and the normals of returns are worked out from.
+#[derive(Clone, Copy)]
+struct Placing<'a> {
+    origins: &'a [Point],
+    directions: &'a [Point],
+    range: &'a [f64],
+    normals: &'a [[f32; 3]],
+    coordinates: Coordinates,
+}
+
+impl Placing<'_> {
+    /// Of a return, from where the sensor was, in the world and as seen from the moment.
+    #[inline(always)]
+    fn point_and_normal(&self, pose: &Pose, seen: &Pose, row: usize, pulse: usize) -> (Point, [f32; 3]) {
+        let (origin, direction, range) = (self.origins[pulse], self.directions[pulse], self.range[row]);
+        let local: Point = std::array::from_fn(|k| origin[k] + direction[k] * range);
+        let normal = self.normals[row].map(f64::from);
+        let (point, turned) = match self.coordinates {
+            Coordinates::Sensor => (local, pose.turn_back(normal)),
+            Coordinates::Moment(at) => (seen.place(local), at.turn_back(normal)),
+            Coordinates::World => (pose.place(local), normal),
+        };
+        (point, turned.map(|x| x as f32))
+    }
+}
+
+/// For a sensor that stands still.
+#[derive(Clone)]
+struct FromOnePose<'a> {
+    placing: Placing<'a>,
+    pose: &'a Pose,
+}
+
+impl Values<Point, [f32; 3]> for FromOnePose<'_> {
+    #[inline(always)]
+    fn of(&mut self, row: usize, pulse: usize) -> (Point, [f32; 3]) {
+        self.placing.point_and_normal(self.pose, self.pose, row, pulse)
+    }
+}
+
+/// For a sensor that moves.
+#[derive(Clone)]
+struct FromPath<'a> {
+    placing: Placing<'a>,
+    path: &'a Path,
+    times: &'a [f64],
+    start: f64,
+    /// Time, pose and relative pose of the last return: those next to each other share many times.
+    last: Option<(f64, Pose, Pose)>,
+}
+
+impl Values<Point, [f32; 3]> for FromPath<'_> {
+    #[inline(always)]
+    fn of(&mut self, row: usize, pulse: usize) -> (Point, [f32; 3]) {
+        let time = self.start + self.times[pulse];
+        let (_, pose, seen) = match &self.last {
+            Some(last) if last.0 == time => last,
+            _ => {
+                let pose = self.path.at(time);
+                let seen =
+                    if let Coordinates::Moment(at) = self.placing.coordinates { pose.relative_to(&at) } else { pose };
+                &*self.last.insert((time, pose, seen))
+            }
+        };
+        self.placing.point_and_normal(pose, seen, row, pulse)
+    }
+}
+
 /// The fields of `lidarsim.PointCloud`, an entry a return. `frame`: "sensor" or "world"; `moment`: the time, on the clock of
 /// the path, whose sensor frame the points of "sensor" are put in, if it is one for all.
 #[pyfunction]
@@ -80,33 +148,8 @@ pub fn points_of<'py>(
     let (instance, label) = (column(n * most, &scan.instance)?, column(n * most, &scan.label)?);
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
-    let start = scan.time;
-    // The point and the normal of a return, from where the sensor was, in the world and as seen from the moment.
-    let point_and_normal = |pose: &Pose, seen: &Pose, row: usize, pulse: usize| {
-        let (origin, direction, range) = (origins[pulse], directions[pulse], range[row]);
-        let local: Point = std::array::from_fn(|k| origin[k] + direction[k] * range);
-        let normal = normals[row].map(f64::from);
-        let (point, turned) = match coordinates {
-            Coordinates::Sensor => (local, pose.turn_back(normal)),
-            Coordinates::Moment(at) => (seen.place(local), at.turn_back(normal)),
-            Coordinates::World => (pose.place(local), normal),
-        };
-        (point, turned.map(|x| x as f32))
-    };
-    // Where a sensor that moves was, of the last return: those next to each other share many times.
-    let mut last: Option<(f64, Pose, Pose)> = None;
-    let of_moving = move |row, pulse| {
-        let time = start + times[pulse];
-        let (_, pose, seen) = match &last {
-            Some(last) if last.0 == time => last,
-            _ => {
-                let pose = path.at(time);
-                let seen = if let Coordinates::Moment(at) = coordinates { pose.relative_to(&at) } else { pose };
-                &*last.insert((time, pose, seen))
-            }
-        };
-        point_and_normal(pose, seen, row, pulse)
-    };
+    let (start, level) = (scan.time, level(py)?);
+    let placing = Placing { origins, directions, range, normals, coordinates };
     let mut columns: Vec<Box<dyn Column + '_>> = vec![
         of_each("range", Each::Row(range)),
         of_each("true_range", Each::Row(true_range)),
@@ -125,16 +168,14 @@ pub fn points_of<'py>(
         columns.push(of_each("radial_velocity", Each::Row(column(n * most, velocity)?)));
     }
     let (xyz, normal, number) = detached(py, || {
-        let returns = ReturnCounts::new(counts, most);
+        let returns = ReturnCounts::new(counts, most, level);
         let count = returns.count();
         let (mut xyz, mut normal, mut number) =
             (memory::with_capacity(count), memory::with_capacity(count), memory::with_capacity(count));
         let places = (&mut xyz.spare_capacity_mut()[..count], &mut normal.spare_capacity_mut()[..count]);
         let placed: Box<dyn Field<'_> + '_> = match path {
-            Path::Still(pose) => {
-                Box::new(Pair { places, values: |row, pulse| point_and_normal(pose, pose, row, pulse) })
-            }
-            _ => Box::new(Pair { places, values: of_moving }),
+            Path::Still(pose) => Box::new(Pair { places, values: FromOnePose { placing, pose } }),
+            _ => Box::new(Pair { places, values: FromPath { placing, path, times, start, last: None } }),
         };
         let mut fields = vec![placed, Box::new(Numbers(&mut number.spare_capacity_mut()[..count]))];
         fields.extend(columns.iter_mut().map(|column| column.field(count)));

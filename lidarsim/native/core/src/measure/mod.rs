@@ -38,7 +38,7 @@ pub use appearance::{Appearance, Labels, Reflectivity};
 pub use beam::Beam;
 pub use echo::Returns;
 pub use parameters::{Detection, Effects, Measurement, RangeSigma};
-pub use returns::{Copied, Each, Field, Numbers, Pair, ReturnCounts};
+pub use returns::{Copied, Each, Field, Numbers, Pair, ReturnCounts, Values};
 
 /// What finds the surfaces.
 pub trait Caster: Sync {

@@ -2,6 +2,7 @@
 
 use std::mem::MaybeUninit;
 
+use crate::arith::simd::{self, Isa, Level, Task};
 use crate::{memory, parallel};
 
 /// Pulses whose returns a thread takes at a time: few enough that their indices stay in the first cache.
@@ -11,6 +12,7 @@ const PULSES: usize = 1 << 11;
 pub struct ReturnCounts<'a> {
     counts: &'a [u8],
     most: usize,
+    level: Level,
     /// Returns of each piece of `PULSES` pulses.
     of_pieces: Vec<usize>,
 }
@@ -18,6 +20,7 @@ pub struct ReturnCounts<'a> {
 /// Returns of neighbouring pulses, in order: the row that each is in, and its pulse.
 pub struct Piece {
     most: usize,
+    level: Level,
     row: Vec<usize>,
     /// None where each pulse has one row: then they are the same.
     pulse: Option<Vec<usize>>,
@@ -33,9 +36,9 @@ pub trait Field<'a> {
 }
 
 impl<'a> ReturnCounts<'a> {
-    pub fn new(counts: &'a [u8], most: usize) -> Self {
+    pub fn new(counts: &'a [u8], most: usize, level: Level) -> Self {
         let returns = |counts: &[u8]| counts.iter().map(|&count| most.min(count.into())).sum();
-        ReturnCounts { counts, most, of_pieces: memory::collect(counts.chunks(PULSES).map(returns)) }
+        ReturnCounts { counts, most, level, of_pieces: memory::collect(counts.chunks(PULSES).map(returns)) }
     }
 
     /// Of all returns.
@@ -60,25 +63,49 @@ impl<'a> ReturnCounts<'a> {
     fn piece(&self, i: usize, count: usize) -> Piece {
         let first = i * PULSES;
         let counts = &self.counts[first..self.counts.len().min(first + PULSES)];
-        // As many as there may be, so that no branch hangs on how many there are: what is too much the next pulse writes over.
-        let numbers = || vec![0; counts.len() * self.most];
-        let (mut row, mut pulse, mut end) = (numbers(), if self.most == 1 { None } else { Some(numbers()) }, 0);
-        for (i, &count) in (first..).zip(counts) {
-            for j in 0..self.most {
-                row[end + j] = i * self.most + j;
-            }
-            if let Some(pulse) = &mut pulse {
-                pulse[end..end + self.most].fill(i);
-            }
-            end += self.most.min(count.into());
-        }
-        debug_assert_eq!(end, count);
-        row.truncate(end);
-        if let Some(pulse) = &mut pulse {
-            pulse.truncate(end);
-        }
-        Piece { most: self.most, row, pulse }
+        let (row, pulse) = if self.most == 1 {
+            (rows_of_single(first, counts), None)
+        } else {
+            let (row, pulse) = rows_and_pulses(first, counts, self.most);
+            (row, Some(pulse))
+        };
+        debug_assert_eq!(row.len(), count);
+        Piece { most: self.most, level: self.level, row, pulse }
     }
+}
+
+/// The rows of the returns of pulses from `first` on that have one row each: their own numbers.
+fn rows_of_single(first: usize, counts: &[u8]) -> Vec<usize> {
+    // As many as there may be, so that no branch hangs on a single count: what is too much the next pulse writes over.
+    let (mut row, mut end) = (vec![0; counts.len()], 0);
+    for (pulse, counts) in (first..).step_by(8).zip(counts.chunks(8)) {
+        if *counts == [1; 8] {
+            row[end..end + 8].copy_from_slice(&std::array::from_fn::<_, 8, _>(|k| pulse + k));
+            end += 8;
+        } else {
+            for (pulse, &count) in (pulse..).zip(counts) {
+                row[end] = pulse;
+                end += usize::from(count > 0);
+            }
+        }
+    }
+    row.truncate(end);
+    row
+}
+
+/// The rows and the pulses of the returns of pulses from `first` on that have `most` rows each.
+fn rows_and_pulses(first: usize, counts: &[u8], most: usize) -> (Vec<usize>, Vec<usize>) {
+    let (mut row, mut pulse, mut end) = (vec![0; counts.len() * most], vec![0; counts.len() * most], 0);
+    for (i, &count) in (first..).zip(counts) {
+        for j in 0..most {
+            row[end + j] = i * most + j;
+        }
+        pulse[end..end + most].fill(i);
+        end += most.min(count.into());
+    }
+    row.truncate(end);
+    pulse.truncate(end);
+    (row, pulse)
 }
 
 impl Piece {
@@ -105,7 +132,9 @@ impl<'a, T: Copy + Send + Sync> Field<'a> for Copied<'a, T> {
     fn split_off(&mut self, count: usize) -> Writer<'a> {
         let (places, each) = (memory::split_off(&mut self.places, count), self.each);
         Box::new(move |piece| match (each, &piece.pulse) {
-            (Each::Row(values), _) | (Each::Pulse(values), None) => copy_rising(places, &piece.row, values),
+            (Each::Row(values), _) | (Each::Pulse(values), None) => {
+                simd::dispatch(piece.level, CopyRising { places, indices: &piece.row, values });
+            }
             (Each::Pulse(values), Some(pulses)) => {
                 for (place, &pulse) in places.iter_mut().zip(pulses) {
                     place.write(values[pulse]);
@@ -116,18 +145,30 @@ impl<'a, T: Copy + Send + Sync> Field<'a> for Copied<'a, T> {
 }
 
 /// Copies the values of rising indices: where these follow each other, many at once.
-fn copy_rising<T: Copy>(places: &mut [MaybeUninit<T>], indices: &[usize], values: &[T]) {
-    const RUN: usize = 16;
-    for (places, indices) in places.chunks_mut(RUN).zip(indices.chunks(RUN)) {
-        if let (Ok(places), [first, .., last]) = (<&mut [_; RUN]>::try_from(&mut *places), indices)
-            && last - first == RUN - 1
-            && let Some(values) = values[*first..].first_chunk::<RUN>()
-        {
-            *places = values.map(MaybeUninit::new);
-            continue;
-        }
-        for (place, &i) in places.iter_mut().zip(indices) {
-            place.write(values[i]);
+struct CopyRising<'a, T> {
+    places: &'a mut [MaybeUninit<T>],
+    indices: &'a [usize],
+    values: &'a [T],
+}
+
+impl<T: Copy> Task for CopyRising<'_, T> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        const RUN: usize = 16;
+        let CopyRising { places, indices, values } = self;
+        for (places, indices) in places.chunks_mut(RUN).zip(indices.chunks(RUN)) {
+            if let (Ok(places), [first, .., last]) = (<&mut [_; RUN]>::try_from(&mut *places), indices)
+                && last - first == RUN - 1
+                && let Some(values) = values[*first..].first_chunk::<RUN>()
+            {
+                *places = values.map(MaybeUninit::new);
+                continue;
+            }
+            for (place, &i) in places.iter_mut().zip(indices) {
+                place.write(values[i]);
+            }
         }
     }
 }
@@ -146,22 +187,42 @@ impl<'a> Field<'a> for Numbers<'a> {
     }
 }
 
-/// Two fields that are worked out together from the row and the pulse of each return; each piece begins with a clone of what does it.
+/// What works out two fields of a return together. A trait and not a closure, which would not be compiled for the instruction set.
+pub trait Values<A, B>: Clone + Send {
+    /// From the row and the pulse of the return.
+    fn of(&mut self, row: usize, pulse: usize) -> (A, B);
+}
+
+/// Two fields that are worked out together; each piece begins with a clone of what does it.
 pub struct Pair<'a, A, B, V> {
     pub places: (&'a mut [MaybeUninit<A>], &'a mut [MaybeUninit<B>]),
     pub values: V,
 }
 
-impl<'a, A: Send, B: Send, V: FnMut(usize, usize) -> (A, B) + Clone + Send + 'a> Field<'a> for Pair<'a, A, B, V> {
+impl<'a, A: Send, B: Send, V: Values<A, B> + 'a> Field<'a> for Pair<'a, A, B, V> {
     fn split_off(&mut self, count: usize) -> Writer<'a> {
         let (a, b) = (memory::split_off(&mut self.places.0, count), memory::split_off(&mut self.places.1, count));
-        let mut values = self.values.clone();
-        Box::new(move |piece| {
-            for ((a, b), (row, pulse)) in a.iter_mut().zip(b).zip(piece.iter()) {
-                let values = values(row, pulse);
-                a.write(values.0);
-                b.write(values.1);
-            }
-        })
+        let values = self.values.clone();
+        Box::new(move |piece| simd::dispatch(piece.level, WritePair { places: (a, b), values, piece }))
+    }
+}
+
+struct WritePair<'a, 'b, A, B, V> {
+    places: (&'a mut [MaybeUninit<A>], &'a mut [MaybeUninit<B>]),
+    values: V,
+    piece: &'b Piece,
+}
+
+impl<A, B, V: Values<A, B>> Task for WritePair<'_, '_, A, B, V> {
+    type Output = ();
+
+    #[inline(always)]
+    fn run<I: Isa>(self) {
+        let WritePair { places: (a, b), mut values, piece } = self;
+        for ((a, b), (row, pulse)) in a.iter_mut().zip(b).zip(piece.iter()) {
+            let values = values.of(row, pulse);
+            a.write(values.0);
+            b.write(values.1);
+        }
     }
 }
