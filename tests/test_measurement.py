@@ -250,6 +250,46 @@ def test_each_ring_has_its_own_zero() -> None:
     assert np.array_equal(some.range, scan.range[[5, 1]])
 
 
+def test_a_pulse_is_measured_alone_as_it_is_among_others() -> None:
+    # 29 pulses, which is no multiple of eight, as far as and beyond the gate and the detection; some miss.
+    pattern = before_wall(np.r_[np.geomspace(0.5, 300.0, 25), -1.0, 3.0, -2.0, 4.0])
+    measurement = ls.Measurement(
+        range_sigma=0.02,
+        range_sigma_slope=1e-3,
+        range_bias=0.01,
+        range_resolution=0.004,
+        elevation_sigma=1e-4,
+        dropout=0.2,
+        detection=ls.Detection(0.5, 60.0),
+        extinction=1e-3,
+    )
+    lidar = ls.Lidar(pattern, measurement=measurement, min_range=1.0, max_range=200.0, range_offset=0.025)
+    most = ls.Lidar(pattern, measurement=dataclasses.replace(measurement, detection=None), max_range=200.0)
+    seen = set()
+    for sensor in (lidar, most):
+        scan = sensor.scan(wall(0.5), seed=4)
+        seen |= set(scan.status.tolist())
+        for i in range(29):
+            alone = fire(sensor, wall(0.5), seed=4, indices=[i])
+            for name in (*RETURNED, "status", "return_count"):
+                assert getattr(alone, name)[0].tobytes() == getattr(scan, name)[i].tobytes(), (i, name)
+    assert seen == set(ls.Status)
+
+
+RETURNED = (
+    "range",
+    "true_range",
+    "range_error",
+    "intensity",
+    "incidence",
+    "normal",
+    "object_id",
+    "instance",
+    "label",
+    "true_direction",
+)
+
+
 # Angles
 
 

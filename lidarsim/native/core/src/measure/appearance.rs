@@ -42,18 +42,22 @@ pub enum Reflectivity {
 }
 
 impl Reflectivity {
+    /// Where a ray, of an origin, a direction and a time, hit the object.
     #[inline(always)]
-    pub(super) fn at(&self, hit: &Hit, (origin, direction, time): (Point, Point, f64), caster: &impl Caster) -> f64 {
+    pub(super) fn at(&self, hit: &Hit, ray: impl FnOnce() -> (Point, Point, f64), caster: &impl Caster) -> f64 {
         match self {
             Reflectivity::Object(value) => *value,
             Reflectivity::Face(values) => values[hit.primitive as usize],
-            Reflectivity::Vertex(values) => match caster.shares(hit, origin, direction, time) {
-                Some((vertices, [u, v, w])) => {
-                    let [a, b, c] = vertices.map(|i| values[i as usize]);
-                    u * a + v * b + w * c
+            Reflectivity::Vertex(values) => {
+                let (origin, direction, time) = ray();
+                match caster.shares(hit, origin, direction, time) {
+                    Some((vertices, [u, v, w])) => {
+                        let [a, b, c] = vertices.map(|i| values[i as usize]);
+                        u * a + v * b + w * c
+                    }
+                    None => f64::NAN,
                 }
-                None => f64::NAN,
-            },
+            }
         }
     }
 }

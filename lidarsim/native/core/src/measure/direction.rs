@@ -1,6 +1,7 @@
 //! Directions: turned by a little, and of unit length to rounding.
 
 use crate::arith::elementary::sin_cos;
+use crate::arith::simd::{Floats, lanes};
 use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 
@@ -50,11 +51,12 @@ pub fn is_finite([x, y, z]: Point) -> bool {
 /// 1.74 of these together. The two sums of three such terms, which are 2⁻²⁶·|dᵢ| at most, round by less than 1.42 and 1.74 of 2⁻⁷⁹. In all that is
 /// 3.3·2⁻⁷⁸, and the last sum rounds by u·|e|.
 #[inline(always)]
-fn excess(d: Point) -> f64 {
+fn excess<F: Floats<f64, N>, const N: usize>([x, y, z]: [F; 3]) -> F {
     const ROUNDER: f64 = 1.5 * (1_u64 << 26) as f64;
-    let h = d.map(|x| (x + ROUNDER) - ROUNDER);
-    let rest: Point = std::array::from_fn(|k| (d[k] - h[k]) * (d[k] + h[k]));
-    (dot(h, h) - 1.0) + (rest[0] + rest[1] + rest[2])
+    let rounder = F::splat(ROUNDER);
+    let h = [x.add(rounder).sub(rounder), y.add(rounder).sub(rounder), z.add(rounder).sub(rounder)];
+    let rest = [x.sub(h[0]).mul(x.add(h[0])), y.sub(h[1]).mul(y.add(h[1])), z.sub(h[2]).mul(z.add(h[2]))];
+    lanes::dot(h, h).sub(F::splat(1.0)).add(rest[0].add(rest[1]).add(rest[2]))
 }
 
 /// t·|d| to within ½ + 2⁻¹⁶ ulp, for d unit to within 1e-6: √(1+e) = 1 + e/2 − e²/8 + e³/16 − …
@@ -62,9 +64,10 @@ fn excess(d: Point) -> f64 {
 /// With |e| < 1.01e-6 < 2⁻¹⁹ the factor beside t is less than 2⁻²⁰, and what it, its product with t and e round, less than 2⁻¹⁸·u in all; the next term
 /// of the series is less than 2⁻⁸⁰, 2⁻²⁷·u. So the last sum is that of t·|d| to within 2⁻¹⁷·u·t, and rounds once.
 #[inline(always)]
-pub fn distance(t: f64, d: Point) -> f64 {
+pub fn distance<F: Floats<f64, N>, const N: usize>(t: F, d: [F; 3]) -> F {
     let e = excess(d);
-    t + t * (e * (0.5 - e * (0.125 - e * 0.0625)))
+    let series = F::splat(0.125).sub(e.mul(F::splat(0.0625)));
+    t.add(t.mul(e.mul(F::splat(0.5).sub(e.mul(series)))))
 }
 
 /// 1/|d| to within 4u, by |d|² of d unit to within 1e-6: 1/√(1+e) = 1 − e/2 + 3e²/8 − 5e³/16 + …

@@ -9,6 +9,7 @@ mod appearance;
 mod beam;
 mod direction;
 mod echo;
+mod lines;
 mod parameters;
 mod returns;
 pub mod rng;
@@ -264,7 +265,8 @@ struct Scratch {
     /// What extinction leaves of that, if there is any.
     transmission: Vec<f64>,
     /// Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
-    incidence: Vec<[f64; 2]>,
+    squared_sin: Vec<f64>,
+    cos: Vec<f64>,
     /// Of each row, the products of the ray's direction with the velocity of what was hit against the sensor, and with itself; empty if nothing moves.
     approach: Vec<[f64; 2]>,
     /// Velocities in the world of origins of pulses, and of each pulse which of them is that of its own, as those next to each other share many; empty if
@@ -286,8 +288,6 @@ struct Scratch {
     bias: Vec<f64>,
     /// Of each pulse, the sensor's own range less that from the beam's origin; empty if they are the same.
     offset: Vec<f64>,
-    /// Of each pulse of one ray, the sensor's own range with all that befalls it.
-    measured: Vec<f64>,
 }
 
 /// The work on some pulses, compiled for each instruction set.
@@ -303,7 +303,7 @@ impl<C: Caster> Task for Batch<'_, '_, '_, C> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Self::Output {
-        self.scan.measure_batch(self.pulses, self.rays, self.rows)
+        self.scan.measure_batch::<I>(self.pulses, self.rays, self.rows)
     }
 }
 
@@ -328,16 +328,15 @@ impl<'a, C: Caster> Scan<'a, C> {
     }
 
     #[inline(always)]
-    fn measure_batch(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) -> Result<(), BadPulse> {
+    fn measure_batch<I: Isa>(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) -> Result<(), BadPulse> {
         self.cast(pulses.clone(), rays)?;
-        self.shine(rays);
-        resize(&mut rays.incidence, pulses.len() * self.measurement.returns.most(), [0.0; 2]);
+        self.reflect(rays);
         resize(&mut rays.approach, rows.radial_velocity.len(), [0.0; 2]);
         match &self.measurement.beam {
-            None => self.measure_lines(pulses, rays, rows),
+            None => self.measure_lines::<I>(pulses, rays, rows),
             Some(beam) => self.measure_footprints(beam, pulses, rays, rows),
         }
-        for (angle, [squared_sin, cos]) in rows.incidence.iter_mut().zip(&rays.incidence) {
+        for (angle, (squared_sin, cos)) in rows.incidence.iter_mut().zip(rays.squared_sin.iter().zip(&rays.cos)) {
             angle.write(first_quadrant_angle(squared_sin.sqrt(), *cos) as f32);
         }
         for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(&rays.approach) {
@@ -346,37 +345,18 @@ impl<'a, C: Caster> Scan<'a, C> {
         Ok(())
     }
 
-    /// Measures pulses of one ray each.
-    #[inline(always)]
-    fn measure_lines(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
-        let most = self.measurement.returns.most();
-        self.sense_lines(rays);
-        for i in 0..pulses.len() {
-            let first = i * most;
-            let (mut end, mut status) = (first, Status::Miss);
-            if let Some(light) = rays.light(i) {
-                let mut echo = Echo::of(light);
-                echo.measured = self.detected(&echo, rays.measured[i], rays, i);
-                status = echo.status();
-                self.report(first, i, &echo, rays, rows);
-                if let Some(direction) = rows.true_direction.get_mut(first) {
-                    direction.write(self.axis(pulses.start, i, rays));
-                }
-                end += 1;
-            }
-            close(i, first..first + most, end, status, rays, rows);
-        }
-    }
-
     /// Measures pulses of several rays each.
     #[inline(always)]
     fn measure_footprints(&self, beam: &Beam, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
         let most = self.measurement.returns.most();
+        self.shine(rays);
+        resize(&mut rays.squared_sin, pulses.len() * most, 0.0);
+        resize(&mut rays.cos, pulses.len() * most, 0.0);
         let (mut waveform, mut echoes, mut chosen) = (Waveform::default(), Vec::new(), Vec::new());
         for i in 0..pulses.len() {
             waveform.echoes(beam, rays, i, &mut echoes);
             for (echo, number) in echoes.iter_mut().zip(0..) {
-                echo.measured = self.detected(echo, self.sensed(echo, rays, i, number), rays, i);
+                echo.measured = self.detected(echo.power, self.sensed(echo, rays, i, number), rays, i);
             }
             self.measurement.returns.choose(&echoes, &mut chosen);
             let first = i * most;
@@ -398,15 +378,26 @@ impl<'a, C: Caster> Scan<'a, C> {
     #[inline(always)]
     fn report(&self, row: usize, i: usize, echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
         let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
-        let appearance = self.appearances.get(hit.object as usize);
-        let numbers = appearance.map_or([0; 2], |object| [object.instance, object.labels.at(hit)]);
-        rows.write(row, echo, hit, numbers);
+        rows.write(row, echo, hit, self.numbers(hit));
         let across = cross(hit.normal, direction);
-        rays.incidence[row] = [dot(across, across), rays.cosine[echo.ray]];
+        (rays.squared_sin[row], rays.cos[row]) = (dot(across, across), rays.cosine[echo.ray]);
         if row < rays.approach.len() {
-            let velocity = self.velocity(i, echo.ray, rays);
-            rays.approach[row] = [dot(velocity, direction), dot(direction, direction)];
+            rays.approach[row] = self.approach(i, echo.ray, rays);
         }
+    }
+
+    /// The instance and the label of what was hit.
+    #[inline(always)]
+    fn numbers(&self, hit: &Hit) -> [u32; 2] {
+        let appearance = self.appearances.get(hit.object as usize);
+        appearance.map_or([0; 2], |object| [object.instance, object.labels.at(hit)])
+    }
+
+    /// The products of the direction of a ray of the `i`-th pulse with the velocity of what it hits, and with itself.
+    #[inline(always)]
+    fn approach(&self, i: usize, ray: usize, rays: &mut Scratch) -> [f64; 2] {
+        let (velocity, direction) = (self.velocity(i, ray, rays), rays.directions[ray]);
+        [dot(velocity, direction), dot(direction, direction)]
     }
 
     /// The velocity of what a ray of the `i`-th pulse hits, there, against the origin of the pulse.
@@ -576,23 +567,29 @@ impl<'a, C: Caster> Scan<'a, C> {
         right
     }
 
+    /// What share of the light that meets a surface comes back, of all rays that hit one.
+    #[inline(always)]
+    fn reflect(&self, rays: &mut Scratch) {
+        let Scratch { origins, directions, times, hits, intensity, .. } = rays;
+        resize(intensity, hits.len(), 0.0);
+        for (i, (intensity, hit)) in intensity.iter_mut().zip(&*hits).enumerate() {
+            if let Some(appearance) = self.appearances.get(hit.object as usize) {
+                let ray = || (origins[i], directions[i], *times.get(i).unwrap_or(&0.0));
+                *intensity = appearance.reflectivity.at(hit, ray, self.caster);
+            }
+        }
+    }
+
     /// Range, cosine of the incidence, intensity and its loss, of all rays: a formula at a time, in loops that become vector instructions.
     #[inline(always)]
     fn shine(&self, rays: &mut Scratch) {
-        let Scratch { origins, directions, times, hits, range, cosine, intensity, transmission, .. } = rays;
+        let Scratch { directions, hits, range, cosine, intensity, transmission, .. } = rays;
         resize(range, hits.len(), 0.0);
         resize(cosine, hits.len(), 0.0);
-        resize(intensity, hits.len(), 0.0);
         for ((range, cosine), (hit, direction)) in range.iter_mut().zip(&mut *cosine).zip(hits.iter().zip(&*directions))
         {
             *range = distance(hit.t, *direction);
             *cosine = dot(hit.normal, *direction).abs();
-        }
-        for (i, (intensity, hit)) in intensity.iter_mut().zip(&*hits).enumerate() {
-            if let Some(appearance) = self.appearances.get(hit.object as usize) {
-                let ray = (origins[i], directions[i], *times.get(i).unwrap_or(&0.0));
-                *intensity = appearance.reflectivity.at(hit, ray, self.caster);
-            }
         }
         for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
             *intensity *= cosine;
@@ -617,36 +614,11 @@ impl<'a, C: Caster> Scan<'a, C> {
         m.quantised(echo.range + (bias + m.range_sigma.at(echo.range) * noise) + offset)
     }
 
-    /// `sensed` for the only echo of each pulse, a term at a time, in loops that become vector instructions.
+    /// The range that an echo of this power of the `i`-th pulse of the batch is reported with, where the sensor finds this one; or why there is none.
     #[inline(always)]
-    fn sense_lines(&self, rays: &mut Scratch) {
-        let (m, Scratch { range, noise, bias, offset, measured, .. }) = (self.measurement, rays);
-        measured.clear();
-        resize(measured, range.len(), m.effects.range_bias);
-        for (measured, bias) in measured.iter_mut().zip(bias) {
-            *measured = *bias;
-        }
-        for ((measured, range), noise) in measured.iter_mut().zip(&*range).zip(noise) {
-            *measured += m.range_sigma.at(*range) * *noise;
-        }
-        for (measured, range) in measured.iter_mut().zip(range) {
-            *measured += *range;
-        }
-        for (measured, offset) in measured.iter_mut().zip(offset) {
-            *measured += *offset;
-        }
-        if m.effects.range_resolution > 0.0 {
-            for measured in measured {
-                *measured = m.quantised(*measured);
-            }
-        }
-    }
-
-    /// The range that an echo of the `i`-th pulse of the batch is reported with, where the sensor finds this one; or why there is none.
-    #[inline(always)]
-    fn detected(&self, echo: &Echo, range: f64, rays: &Scratch, i: usize) -> Result<f64, Status> {
+    fn detected(&self, power: f64, range: f64, rays: &Scratch, i: usize) -> Result<f64, Status> {
         // Of 0/0, a black surface at distance zero, this is false.
-        let seen = self.threshold.is_none_or(|least| echo.power >= least);
+        let seen = self.threshold.is_none_or(|least| power >= least);
         if !seen {
             return Err(Status::BelowThreshold);
         }
@@ -674,7 +646,7 @@ fn close(i: usize, all: Range<usize>, end: usize, status: Status, rays: &mut Scr
     rows.return_count[i].write(if status == Status::Hit { (end - all.start) as u8 } else { 0 });
     for row in end..all.end {
         rows.clear(row);
-        rays.incidence[row] = [f64::NAN; 2];
+        (rays.squared_sin[row], rays.cos[row]) = (f64::NAN, f64::NAN);
         if let Some(approach) = rays.approach.get_mut(row) {
             *approach = [f64::NAN; 2];
         }

@@ -215,8 +215,13 @@ pub mod lanes {
     }
 
     #[inline(always)]
-    pub fn dot<F: Floats<f64, 8>>(a: [F; 3], b: [F; 3]) -> F {
+    pub fn dot<F: Floats<f64, N>, const N: usize>(a: [F; 3], b: [F; 3]) -> F {
         a[0].mul(b[0]).add(a[1].mul(b[1])).add(a[2].mul(b[2]))
+    }
+
+    #[inline(always)]
+    pub fn cross<F: Floats<f64, 8>>(a: [F; 3], b: [F; 3]) -> [F; 3] {
+        [a[1].mul(b[2]).sub(a[2].mul(b[1])), a[2].mul(b[0]).sub(a[0].mul(b[2])), a[0].mul(b[1]).sub(a[1].mul(b[0]))]
     }
 
     /// As `dot`, with fewer roundings where that is faster.
