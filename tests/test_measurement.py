@@ -25,6 +25,20 @@ Floats = npt.NDArray[np.float64]
 SIGMAS = 4.0
 """Confidence bounds of what is fitted: one fit in 16 000 lies outside."""
 
+RETURNED = (
+    "range",
+    "true_range",
+    "range_error",
+    "intensity",
+    "incidence",
+    "normal",
+    "object_id",
+    "instance",
+    "label",
+    "true_direction",
+)
+"""The fields of a scan that have an entry for each return."""
+
 
 def beams(directions: npt.ArrayLike, origins: npt.ArrayLike = (0.0, 0.0, 0.0), count: int = 1) -> ls.patterns.Table:
     directions = np.repeat(np.atleast_2d(directions), count, axis=0)
@@ -274,20 +288,6 @@ def test_a_pulse_is_measured_alone_as_it_is_among_others() -> None:
             for name in (*RETURNED, "status", "return_count"):
                 assert getattr(alone, name)[0].tobytes() == getattr(scan, name)[i].tobytes(), (i, name)
     assert seen == set(ls.Status)
-
-
-RETURNED = (
-    "range",
-    "true_range",
-    "range_error",
-    "intensity",
-    "incidence",
-    "normal",
-    "object_id",
-    "instance",
-    "label",
-    "true_direction",
-)
 
 
 # Angles

@@ -275,7 +275,7 @@ impl ScanColumns {
 #[pyfunction]
 pub fn expect_room(py: Python<'_>, pulses: usize, lidar: LidarParameters) -> PyResult<()> {
     let measurement = lidar.measurement()?;
-    detached(py, || ScanColumns::expect_room(pulses, measurement.returns.most(), measurement.strays(), false))
+    detached(py, || ScanColumns::expect_room(pulses, measurement.most_returns(), measurement.strays(), false))
 }
 
 /// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n, most).
@@ -300,7 +300,7 @@ pub fn scan<'py>(
     check_rings(rings, &measurement.range_offset)?;
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
-    let (most, level) = (measurement.returns.most(), level(py)?);
+    let (most, level) = (measurement.most_returns(), level(py)?);
     let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(directions.len(), most, measurement.strays(), moves);

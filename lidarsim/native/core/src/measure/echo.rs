@@ -62,8 +62,8 @@ pub enum Returns {
 }
 
 impl Returns {
-    /// The most returns a pulse can have.
-    pub fn most(self) -> usize {
+    /// The most that are reported of a pulse.
+    pub(super) fn most(self) -> usize {
         match self {
             Returns::Strongest | Returns::First | Returns::Last => 1,
             Returns::Dual => 2,

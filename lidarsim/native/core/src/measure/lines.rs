@@ -13,7 +13,7 @@ use crate::scene::Hit;
 type F64x8<I> = <I as Isa>::F64x8;
 
 impl<C: Caster> Scan<'_, C> {
-    /// Measures pulses of one ray each, of which each has one row.
+    /// Measures pulses of one ray each: so each has one echo at most, and one row.
     #[inline(always)]
     pub(super) fn measure_lines<I: Isa>(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
         let whole = pulses.len().next_multiple_of(8);

@@ -257,11 +257,11 @@ struct Scratch {
     /// Empty if no surface moves.
     times: Vec<f64>,
     hits: Vec<Hit>,
-    /// Of each ray what it brings back; of one that hits nothing, anything.
+    /// Of each ray the reflectivity of what it hits, and with a beam, after `shine`, what it brings back in clear air; of one that hits nothing, anything.
+    intensity: Vec<f64>,
+    /// With a beam, of each ray; of one that hits nothing, anything.
     range: Vec<f64>,
     cosine: Vec<f64>,
-    /// In clear air.
-    intensity: Vec<f64>,
     /// What extinction leaves of that, if there is any.
     transmission: Vec<f64>,
     /// Of each row, squared sine and cosine of the incidence; the angles come in a loop of their own.
@@ -348,7 +348,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     /// Measures pulses of several rays each.
     #[inline(always)]
     fn measure_footprints(&self, beam: &Beam, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
-        let most = self.measurement.returns.most();
+        let most = self.measurement.most_returns();
         self.shine(rays);
         resize(&mut rays.squared_sin, pulses.len() * most, 0.0);
         resize(&mut rays.cos, pulses.len() * most, 0.0);

@@ -73,6 +73,11 @@ impl Measurement {
         self.beam.as_ref().map_or(1, |beam| beam.len())
     }
 
+    /// The most returns that a pulse can have: of one ray there is one echo.
+    pub fn most_returns(&self) -> usize {
+        if self.beam.is_some() { self.returns.most() } else { 1 }
+    }
+
     /// Whether light need not come from where the pulse should have gone.
     pub fn strays(&self) -> bool {
         self.jitters() || self.beam.is_some()

@@ -9,7 +9,7 @@ use crate::{memory, parallel};
 impl<C: Caster> Scan<'_, C> {
     /// As `measure`, all pulses, on all threads. Of bad pulses the first is the outcome.
     pub fn share(&self, rows: &mut Rows) -> Result<(), BadPulse> {
-        let (rays, most) = (self.measurement.rays(), self.measurement.returns.most());
+        let (rays, most) = (self.measurement.rays(), self.measurement.most_returns());
         let pieces = pieces(self.frame.directions, rays).into_iter();
         let pieces = memory::collect(pieces.map(|piece| (piece.start, rows.split_off(piece.len(), most))));
         let bad = Mutex::new(None);
