@@ -61,9 +61,10 @@ impl<L> Bvh<L> {
         if traversal.child.is_leaf() { Some(&self.leaves[traversal.child.index()]) } else { None }
     }
 
-    /// Tests the children of a packet's current node, and pushes those that rays may enter.
+    /// Tests the children of a packet's current node, and pushes those that rays may enter; tells whether there are any.
     #[inline(always)]
-    pub fn open<I: Isa>(&self, traversal: &PacketTraversal, stack: &mut Stack) {
+    pub fn open<I: Isa>(&self, traversal: &PacketTraversal, stack: &mut Stack) -> bool {
+        let before = stack.len;
         let PacketTraversal { packet, frustum, mask, .. } = traversal;
         let node = &self.nodes[traversal.child.index()];
         // The farthest first, and branchless: no branch depends on the outcome of a single test.
@@ -82,6 +83,7 @@ impl<L> Bvh<L> {
                 stack.push_if(true, Entry { near, child, mask });
             }
         }
+        stack.len > before
     }
 
     /// As `traverse`, for rays of a packet one by one: `SINGLE_RAYS` traversals are interleaved, a step each in turn, which hides the latency of

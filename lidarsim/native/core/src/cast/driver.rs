@@ -10,7 +10,7 @@ use crate::bvh::{LANES, RayPacket, all, take};
 use crate::cast::closest_hit::ClosestHit;
 use crate::cast::ray_sort::{NEAR, RaySort};
 use crate::cast::surface_intersector::{BATCH_SIZE, HitBatches, SurfaceIntersector};
-use crate::cast::traversal::{self, Advance, PacketState, TRAVERSALS, Traversal};
+use crate::cast::traversal::{Advance, PacketState, TRAVERSALS, Traversal, TraversalScratch};
 use crate::cast::triangle_hits::TriangleHits;
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, Sink, World};
@@ -105,7 +105,8 @@ thread_local! {
 
 /// Scratch memory of a cast; its contents mean nothing to the next.
 struct Scratch {
-    traversals: [traversal::TraversalScratch; TRAVERSALS],
+    /// Each in a place of its own: a thread's stack need not hold all of them while they are made.
+    traversals: [Box<TraversalScratch>; TRAVERSALS],
     /// The rays of the packet whose hits are refined.
     previous: RayPacket,
     batches: HitBatches,
@@ -116,7 +117,7 @@ struct Scratch {
 impl Default for Scratch {
     fn default() -> Self {
         Scratch {
-            traversals: std::array::from_fn(|_| traversal::TraversalScratch::new()),
+            traversals: std::array::from_fn(|_| Box::new(TraversalScratch::new())),
             previous: RayPacket::empty(),
             batches: HitBatches::new(),
             surfaces: SurfaceIntersector::new(),

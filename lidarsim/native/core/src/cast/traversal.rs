@@ -13,8 +13,8 @@ use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Object, Scene, World};
 use crate::shapes::triangle::Leaf;
 
-/// Packets whose traversals are interleaved.
-pub const TRAVERSALS: usize = 2;
+/// Packets whose traversals are interleaved. Of two, both often wait for memory; of four, the first cache no longer holds what they need.
+pub const TRAVERSALS: usize = 3;
 
 /// Scratch memory of the traversal of a packet, reused from packet to packet.
 pub struct TraversalScratch {
@@ -126,35 +126,33 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.stack
     }
 
-    /// Visits the next node, leaf or object; false if there is none.
+    /// Goes on up to a node with children that rays may enter: the nearest comes next, and has only just been prefetched, while all others have had time to
+    /// arrive. False if nothing is left.
     #[inline(always)]
     fn step<I: Isa>(&mut self, surfaces: &mut SurfaceIntersector) -> bool {
         if self.stage == Stage::Ready {
             self.start::<I>(surfaces);
         }
-        while let Some(visit) = self.visit {
-            if self.inner.next_entry::<I>(self.stack, self.state.closest.limits()) {
-                match visit.hierarchy.leaf(self.inner) {
-                    Some(leaf) => {
-                        let nearer = self.state.leaf_intersector(visit).intersect::<I>(leaf, self.inner.mask());
-                        self.inner.shorten(nearer);
-                    }
-                    None => visit.hierarchy.open::<I>(self.inner, self.stack),
+        loop {
+            while let Some(visit) = self.visit {
+                if !self.inner.next_entry::<I>(self.stack, self.state.closest.limits()) {
+                    self.start_within::<I>(visit);
+                } else if let Some(leaf) = visit.hierarchy.leaf(self.inner) {
+                    let nearer = self.state.leaf_intersector(visit).intersect::<I>(leaf, self.inner.mask());
+                    self.inner.shorten(nearer);
+                } else if visit.hierarchy.open::<I>(self.inner, self.stack) {
+                    return true;
                 }
+            }
+            if !self.outer.next_entry::<I>(self.stack, self.state.closest.limits()) {
+                let Some(hierarchy) = self.later.take() else { return false };
+                self.start_in::<I>(hierarchy);
+            } else if let Some(&id) = self.hierarchy.leaf(self.outer) {
+                self.intersect::<I>(id, surfaces);
+            } else if self.hierarchy.open::<I>(self.outer, self.stack) {
                 return true;
             }
-            self.start_within::<I>(visit);
         }
-        if !self.outer.next_entry::<I>(self.stack, self.state.closest.limits()) {
-            let Some(hierarchy) = self.later.take() else { return false };
-            self.start_in::<I>(hierarchy);
-            return true;
-        }
-        match self.hierarchy.leaf(self.outer) {
-            Some(&id) => self.intersect::<I>(id, surfaces),
-            None => self.hierarchy.open::<I>(self.outer, self.stack),
-        }
-        true
     }
 
     #[inline(always)]
