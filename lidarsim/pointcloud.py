@@ -163,6 +163,14 @@ class PointCloud(Pickled, Plotted):
         for name in sorted(given, key=lambda name: name != "xyz"):  # first xyz, which sets the length
             setattr(self, name, given[name])
 
+    @classmethod
+    def _of(cls, arrays: dict[str, npt.NDArray[Any]], class_names: Mapping[int, str]) -> PointCloud:
+        """Return the cloud of fields of equal length that are as `_field` makes them."""
+        cloud = cls.__new__(cls)
+        cloud.class_names = class_names
+        cloud.__dict__.update(arrays)
+        return cloud
+
     @property
     def class_names(self) -> Mapping[int, str]:
         """Names of labels: read-only mapping of int to str."""

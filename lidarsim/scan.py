@@ -232,7 +232,7 @@ class Scan(Pickled, Plotted):
         return self._cloud(self.pose._native, frame, moment)
 
     def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
-        return PointCloud(_native.points_of(self, path, frame, moment), class_names=self.class_names)
+        return PointCloud._of(_native.points_of(self, path, frame, moment), self.class_names)
 
     def _moment(self, deskew: object) -> float | None:
         """Return the moment that `deskew` names, s after the start of the scan; None for raw points."""

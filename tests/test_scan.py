@@ -887,6 +887,31 @@ def test_pulses_that_cannot_be_fired_are_refused(
         ls.Lidar(Given(**parts), measurement=measurement).scan(room())
 
 
+@pytest.mark.parametrize(
+    "measurement", [ls.Measurement(range_sigma=0.02), ls.Measurement(azimuth_sigma=1e-3), EVERYTHING]
+)
+@pytest.mark.parametrize("moves", [False, True])
+def test_one_origin_of_all_pulses_is_as_good_as_each(measurement: ls.Measurement, moves: bool) -> None:
+    """The bits of a scan and of its points are those of pulses with an origin each, of which only the last differs."""
+    given = lidar(columns=100).pattern.pulses()
+    count = len(given)
+    origins = np.full((count + 1, 3), [0.05, -0.02, 0.04])
+    origins[count] = 0.0
+    directions, time = np.vstack([given.directions, [1.0, 0.0, 0.0]]), np.append(given.time, 0.099)
+    each = ls.Lidar(Given(directions, origins, time, shape=(1, count + 1)), measurement=measurement)
+    one = ls.Lidar(Given(directions[:-1], origins[:-1], time[:-1], shape=(1, count)), measurement=measurement)
+    pose = (
+        ls.Trajectory([0.0, 0.1], RigidTransform.concatenate([RigidTransform.identity(), TURNED])) if moves else TURNED
+    )
+    found, other = one.scan(room(), pose, seed=3), each.scan(room(), pose, seed=3)
+    assert_same(found, other, slice(count))
+    for options in ({}, {"frame": "world"}, {"deskew": "middle"}):
+        points, others = found.point_cloud(**options), other.point_cloud(**options)  # type: ignore[arg-type]
+        assert 500 < len(points) <= len(others)
+        assert points.xyz.tobytes() == others.xyz[: len(points)].tobytes()
+        assert points.normal.tobytes() == others.normal[: len(points)].tobytes()
+
+
 class Raw:
     """A pattern that knows nothing of lidarsim: what its pulses are like is up to the test."""
 

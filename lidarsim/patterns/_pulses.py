@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -13,13 +13,22 @@ from lidarsim._shown import extent
 from lidarsim._validation import array, in_order, integer, real
 
 
+class _OfOneOrigin(Immutable):
+    """What pulses are besides their arrays."""
+
+    __slots__ = ("_origin",)
+
+    _origin: tuple[float, ...] | None
+    """That of all pulses, if it is the same: scans need not read `origins` then."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
-class Pulses(Immutable):
+class Pulses(_OfOneOrigin):
     """The pulses of one frame, in the sensor frame (x forward, y left, z up) and in firing order.
 
     Anything that NumPy can turn into such an array is converted. The arrays are read-only, so that a pattern whose
     frames are all alike can return the same ones for each. Arrays that already have the right type are shared, not
-    copied; the caller's own remain writable.
+    copied, but for origins that are all alike; the caller's own remain writable.
 
     Parameters
     ----------
@@ -59,17 +68,24 @@ class Pulses(Immutable):
         """Check and convert the arguments."""
         directions = array("directions", self.directions, ("n", 3), finite=False)
         count = len(directions)
+        origins = array("origins", self.origins, (count, 3), finite=False)
+        same = count > 0 and bool((origins == origins[0]).all())
         converted = {
             "directions": directions,
-            "origins": array("origins", self.origins, (count, 3), finite=False),
+            "origins": origins.copy() if same else origins,  # what is said of them must remain true
             "time": array("time", self.time, (count,)),
             "ring": _numbered("ring", self.ring, count, np.uint16),
             "column": _numbered("column", self.column, count, np.uint32),
         }
+        object.__setattr__(self, "_origin", tuple(origins[0].tolist()) if same else None)
         for name, values in converted.items():
             shared = values.view()
             shared.setflags(write=False)
             object.__setattr__(self, name, shared)
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        return cls(**contents)
 
     def __len__(self) -> int:
         return len(self.directions)

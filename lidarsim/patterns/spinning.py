@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, Vector, angle, angles, array, frozen, real
+from lidarsim._validation import Floats, Vector, angle, angles, array, frozen, integer, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
@@ -181,6 +181,9 @@ class Spinning(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
+        if self.columns_per_turn % 1 == 0:
+            integer("frame", frame, at_least=0)
+            return self._even_turn
         wait = Ticks.of(frame, self.columns_per_turn, 1.0).wait
         return self._turn(wait) if wait else self._even_turn
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +14,24 @@ from lidarsim.patterns import Pulses, Spinning
 
 
 def test_the_callers_arrays_stay_writable_and_ours_are_not() -> None:
-    given = (np.eye(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3, np.uint16), np.arange(3, dtype=np.uint32))
+    given = (np.eye(3), np.diag([1.0, 2.0, 3.0]), np.zeros(3), np.zeros(3, np.uint16), np.arange(3, dtype=np.uint32))
     pulses = Pulses(*given)
     for name, array in zip(("directions", "origins", "time", "ring", "column"), given, strict=True):
         assert array.flags.writeable
         assert np.shares_memory(array, getattr(pulses, name))
         with pytest.raises(ValueError, match="read-only"):
             getattr(pulses, name)[0] = 1
+
+
+def test_origins_that_are_all_alike_are_ours() -> None:
+    """Scans read one of them alone, so that the caller must not change the others."""
+    given, numbers = np.full((100, 3), [0.1, 0.2, 0.3]), np.arange(100)
+    pulses = Pulses(np.tile([1.0, 0.0, 0.0], (100, 1)), given, np.zeros(100), numbers, numbers)
+    given[7] = 0.0
+    assert np.array_equal(pulses.origins, np.full((100, 3), [0.1, 0.2, 0.3]))
+    assert pulses.origins.flags.c_contiguous
+    assert not pulses.origins.flags.writeable
+    assert np.shares_memory(replace(pulses, origins=given).origins, given)
 
 
 class Described:

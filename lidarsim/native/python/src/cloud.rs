@@ -1,7 +1,9 @@
 //! Point clouds: one call, from the arrays of a scan to those of a cloud.
 
-use lidarsim_core::measure::{Copied, Each, Field, Numbers, Pair, ReturnCounts, Values};
-use lidarsim_core::{Path, Point, Pose, memory};
+use lidarsim_core::measure::{
+    Coordinates, Copied, Each, Field, Numbers, Origins, Placing, PointsAndNormals, ReturnCounts,
+};
+use lidarsim_core::{Path, Point, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
     Element, IntoPyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
@@ -35,87 +37,11 @@ pub struct ScanArrays<'py> {
 struct AllPulseArrays<'py> {
     directions: Points<'py>,
     origins: Points<'py>,
+    #[pyo3(attribute("_origin"))]
+    origin: Option<Point>,
     time: PyReadonlyArray1<'py, f64>,
     ring: PyReadonlyArray1<'py, u16>,
     column: PyReadonlyArray1<'py, u32>,
-}
-
-/// In which coordinates points are given.
-#[derive(Clone, Copy)]
-enum Coordinates {
-    /// Of the sensor when it fired the pulse.
-    Sensor,
-    /// Of the sensor at one moment.
-    Moment(Pose),
-    World,
-}
-
-/// What the points and the normals of returns are worked out from.
-#[derive(Clone, Copy)]
-struct Placing<'a> {
-    origins: &'a [Point],
-    directions: &'a [Point],
-    range: &'a [f64],
-    normals: &'a [[f32; 3]],
-    coordinates: Coordinates,
-}
-
-impl Placing<'_> {
-    /// Of a return, from where the sensor was, in the world and as seen from the moment.
-    #[inline(always)]
-    fn point_and_normal(&self, pose: &Pose, seen: &Pose, row: usize, pulse: usize) -> (Point, [f32; 3]) {
-        let (origin, direction, range) = (self.origins[pulse], self.directions[pulse], self.range[row]);
-        let local: Point = std::array::from_fn(|k| origin[k] + direction[k] * range);
-        let normal = self.normals[row].map(f64::from);
-        let (point, turned) = match self.coordinates {
-            Coordinates::Sensor => (local, pose.turn_back(normal)),
-            Coordinates::Moment(at) => (seen.place(local), at.turn_back(normal)),
-            Coordinates::World => (pose.place(local), normal),
-        };
-        (point, turned.map(|x| x as f32))
-    }
-}
-
-/// For a sensor that stands still.
-#[derive(Clone)]
-struct FromOnePose<'a> {
-    placing: Placing<'a>,
-    pose: &'a Pose,
-}
-
-impl Values<Point, [f32; 3]> for FromOnePose<'_> {
-    #[inline(always)]
-    fn of(&mut self, row: usize, pulse: usize) -> (Point, [f32; 3]) {
-        self.placing.point_and_normal(self.pose, self.pose, row, pulse)
-    }
-}
-
-/// For a sensor that moves.
-#[derive(Clone)]
-struct FromPath<'a> {
-    placing: Placing<'a>,
-    path: &'a Path,
-    times: &'a [f64],
-    start: f64,
-    /// Time, pose and relative pose of the last return: those next to each other share many times.
-    last: Option<(f64, Pose, Pose)>,
-}
-
-impl Values<Point, [f32; 3]> for FromPath<'_> {
-    #[inline(always)]
-    fn of(&mut self, row: usize, pulse: usize) -> (Point, [f32; 3]) {
-        let time = self.start + self.times[pulse];
-        let (_, pose, seen) = match &self.last {
-            Some(last) if last.0 == time => last,
-            _ => {
-                let pose = self.path.at(time);
-                let seen =
-                    if let Coordinates::Moment(at) = self.placing.coordinates { pose.relative_to(&at) } else { pose };
-                &*self.last.insert((time, pose, seen))
-            }
-        };
-        self.placing.point_and_normal(pose, seen, row, pulse)
-    }
 }
 
 /// The fields of `lidarsim.PointCloud`, an entry a return. `frame`: "sensor" or "world"; `moment`: the time, on the clock of
@@ -139,6 +65,7 @@ pub fn points_of<'py>(
     let (n, most) = (scan.return_count.len(), scan.range.shape()[1]);
     let directions = of_length(n, points("pulses.directions", &pulses.directions)?)?;
     let origins = of_length(n, points("pulses.origins", &pulses.origins)?)?;
+    let origins = pulses.origin.map_or(Origins::Each(origins), Origins::One);
     let (times, rings) = (column(n, &pulses.time)?, column(n, &pulses.ring)?);
     let columns_of = column(n, &pulses.column)?;
     let counts = column(n, &scan.return_count)?;
@@ -149,7 +76,7 @@ pub fn points_of<'py>(
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
     let (start, level) = (scan.time, level(py)?);
-    let placing = Placing { origins, directions, range, normals, coordinates };
+    let placing = Placing { origins, directions, range, normals, path, times, start, coordinates };
     let mut columns: Vec<Box<dyn Column + '_>> = vec![
         of_each("range", Each::Row(range)),
         of_each("true_range", Each::Row(true_range)),
@@ -171,20 +98,20 @@ pub fn points_of<'py>(
         let returns = ReturnCounts::new(counts, most, level);
         let count = returns.count();
         let (mut xyz, mut normal, mut number) =
-            (memory::with_capacity(count), memory::with_capacity(count), memory::with_capacity(count));
-        let places = (&mut xyz.spare_capacity_mut()[..count], &mut normal.spare_capacity_mut()[..count]);
-        let placed: Box<dyn Field<'_> + '_> = match path {
-            Path::Still(pose) => Box::new(Pair { places, values: FromOnePose { placing, pose } }),
-            _ => Box::new(Pair { places, values: FromPath { placing, path, times, start, last: None } }),
-        };
-        let mut fields = vec![placed, Box::new(Numbers(&mut number.spare_capacity_mut()[..count]))];
+            (memory::with_capacity(3 * count), memory::with_capacity(3 * count), memory::with_capacity(count));
+        let (points, normals) =
+            (&mut xyz.spare_capacity_mut()[..3 * count], &mut normal.spare_capacity_mut()[..3 * count]);
+        let mut fields: Vec<Box<dyn Field<'_> + '_>> = vec![
+            Box::new(PointsAndNormals { points, normals, placing }),
+            Box::new(Numbers(&mut number.spare_capacity_mut()[..count])),
+        ];
         fields.extend(columns.iter_mut().map(|column| column.field(count)));
         returns.write(&mut fields);
         drop(fields);
         // SAFETY: the places of all returns were written, or this had unwound.
         unsafe {
-            xyz.set_len(count);
-            normal.set_len(count);
+            xyz.set_len(3 * count);
+            normal.set_len(3 * count);
             number.set_len(count);
             columns.iter_mut().for_each(|column| column.are_written(count));
         }
@@ -192,8 +119,8 @@ pub fn points_of<'py>(
     })?;
     let fields = PyDict::new(py);
     let shape = [number.len(), 3];
-    fields.set_item("xyz", xyz.into_flattened().into_pyarray(py).reshape(shape)?)?;
-    fields.set_item("normal", normal.into_flattened().into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("xyz", xyz.into_pyarray(py).reshape(shape)?)?;
+    fields.set_item("normal", normal.into_pyarray(py).reshape(shape)?)?;
     fields.set_item("return_number", number.into_pyarray(py))?;
     columns.into_iter().try_for_each(|column| column.put_in(&fields))?;
     Ok(fields)

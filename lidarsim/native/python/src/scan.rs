@@ -2,7 +2,7 @@
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, RangeSigma, Returns, Rows, Scan,
+    BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, Origins, RangeSigma, Returns, Rows, Scan,
 };
 use lidarsim_core::{Path, Point, memory, span};
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
@@ -119,6 +119,8 @@ impl LidarParameters {
 pub struct PulseArrays<'py> {
     directions: Points<'py>,
     origins: Points<'py>,
+    #[pyo3(attribute("_origin"))]
+    origin: Option<Point>,
     time: PyReadonlyArray1<'py, f64>,
     ring: PyReadonlyArray1<'py, u16>,
 }
@@ -126,7 +128,7 @@ pub struct PulseArrays<'py> {
 /// The same, of equal length.
 struct Pulses<'a> {
     directions: &'a [Point],
-    origins: &'a [Point],
+    origins: Origins<'a>,
     times: &'a [f64],
     rings: &'a [u16],
 }
@@ -145,6 +147,7 @@ impl PulseArrays<'_> {
                 rings.len()
             )));
         }
+        let origins = self.origin.map_or(Origins::Each(origins), Origins::One);
         Ok(Pulses { directions, origins, times, rings })
     }
 }
@@ -337,7 +340,7 @@ fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {
             format!("pulses.directions: expected unit vectors, got pulses.directions[{i}] = ({x}, {y}, {z})")
         }
         Fault::Origin => {
-            let [x, y, z] = frame.origins[i];
+            let [x, y, z] = frame.origins.of(i);
             format!("pulses.origins: expected finite numbers, got pulses.origins[{i}] = ({x}, {y}, {z})")
         }
         Fault::Time => {

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::arith::elementary::{RECIPROCAL_FACTORIALS, polynomial, sin_cos};
+use crate::arith::simd::{Floats, lanes};
 use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::vector::Point;
 
@@ -38,21 +39,23 @@ impl Pose {
 
     /// A direction of the sensor frame in the world.
     #[inline(always)]
-    pub fn turn(&self, v: Point) -> Point {
-        self.rotation.map(|row| dot(row, v))
+    pub fn turn<F: Floats<f64, N>, const N: usize>(&self, v: [F; 3]) -> [F; 3] {
+        let [x, y, z] = self.rotation;
+        [lanes::dot(lanes::splat(x), v), lanes::dot(lanes::splat(y), v), lanes::dot(lanes::splat(z), v)]
     }
 
     /// A point of the sensor frame in the world.
     #[inline(always)]
-    pub fn place(&self, p: Point) -> Point {
-        let turned = self.turn(p);
-        std::array::from_fn(|i| turned[i] + self.translation[i])
+    pub fn place<F: Floats<f64, N>, const N: usize>(&self, p: [F; 3]) -> [F; 3] {
+        let ([x, y, z], t) = (self.turn(p), self.translation);
+        [x.add(F::splat(t[0])), y.add(F::splat(t[1])), z.add(F::splat(t[2]))]
     }
 
     /// A direction of the world in the sensor frame.
     #[inline(always)]
-    pub fn turn_back(&self, v: Point) -> Point {
-        std::array::from_fn(|j| self.rotation[0][j] * v[0] + self.rotation[1][j] * v[1] + self.rotation[2][j] * v[2])
+    pub fn turn_back<F: Floats<f64, N>, const N: usize>(&self, v: [F; 3]) -> [F; 3] {
+        let column = |j: usize| lanes::splat([self.rotation[0][j], self.rotation[1][j], self.rotation[2][j]]);
+        [lanes::dot(column(0), v), lanes::dot(column(1), v), lanes::dot(column(2), v)]
     }
 
     /// A point of the world in the sensor frame.

@@ -2,7 +2,6 @@
 
 use crate::arith::elementary::sin_cos;
 use crate::arith::simd::{Floats, lanes};
-use crate::geometry::point::dot;
 use crate::geometry::vector::Point;
 
 /// `direction` with its azimuth and elevation increased. At a pole, where the azimuth is free, it is 0.
@@ -35,13 +34,19 @@ fn heading([x, y, _]: Point) -> (f64, [f64; 2]) {
 
 /// To within 1e-6: a unit vector kept in float32 is one to within 2⁻²².
 #[inline(always)]
-pub fn is_unit(d: Point) -> bool {
-    (dot(d, d) - 1.0).abs() <= 1e-6
+pub fn is_unit<F: Floats<f64, N>, const N: usize>(d: [F; 3]) -> bool {
+    lanes::dot(d, d).sub(F::splat(1.0)).abs().le(F::splat(1e-6)) == all(N)
 }
 
 #[inline(always)]
-pub fn is_finite([x, y, z]: Point) -> bool {
-    x.is_finite() & y.is_finite() & z.is_finite()
+pub fn is_finite<F: Floats<f64, N>, const N: usize>([x, y, z]: [F; 3]) -> bool {
+    let infinite = F::splat(f64::INFINITY);
+    x.abs().lt(infinite) & y.abs().lt(infinite) & z.abs().lt(infinite) == all(N)
+}
+
+/// The mask of so many lanes.
+const fn all(lanes: usize) -> u32 {
+    (1 << lanes) - 1
 }
 
 /// e = |d|² − 1, with an error below 2⁻⁷⁶ + u·|e| where d is unit to within 1e-6.
@@ -83,6 +88,7 @@ pub fn reciprocal_length(squared_length: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::arith::number::{Dyadic, Number, UNIT};
+    use crate::geometry::point::dot;
     use crate::geometry::vector;
     use crate::testing::{assert_slack, worst};
 

@@ -4,9 +4,8 @@ use std::mem::MaybeUninit;
 use std::ops::Range;
 
 use super::direction::distance;
-use super::{Caster, RangeSigma, Rows, Scan, Scratch, Status};
+use super::{Caster, RangeSigma, Rows, Scan, Scratch, Status, points};
 use crate::arith::simd::{Floats, Isa, lanes};
-use crate::geometry::vector::Point;
 use crate::memory::resize;
 use crate::scene::Hit;
 
@@ -142,11 +141,6 @@ impl<C: Caster> Scan<'_, C> {
 #[inline(always)]
 fn normals<I: Isa>([a, b, c, d, e, f, g, h]: &[Hit; 8]) -> [F64x8<I>; 3] {
     I::columns([&a.normal, &b.normal, &c.normal, &d.normal, &e.normal, &f.normal, &g.normal, &h.normal])
-}
-
-#[inline(always)]
-fn points<I: Isa>([a, b, c, d, e, f, g, h]: &[Point; 8]) -> [F64x8<I>; 3] {
-    I::columns([a, b, c, d, e, f, g, h])
 }
 
 #[inline(always)]

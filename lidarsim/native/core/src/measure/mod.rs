@@ -10,7 +10,9 @@ mod beam;
 mod direction;
 mod echo;
 mod lines;
+mod origins;
 mod parameters;
+mod points;
 mod returns;
 pub mod rng;
 mod share;
@@ -23,7 +25,7 @@ use std::sync::Arc;
 
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::number::Interval;
-use crate::arith::simd::{self, Isa, Level, Task};
+use crate::arith::simd::{self, Floats, Isa, Level, Task};
 use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
@@ -38,8 +40,10 @@ use waveform::Waveform;
 pub use appearance::{Appearance, Labels, Reflectivity};
 pub use beam::Beam;
 pub use echo::Returns;
+pub use origins::Origins;
 pub use parameters::{Detection, Effects, Measurement, RangeSigma};
-pub use returns::{Copied, Each, Field, Numbers, Pair, ReturnCounts, Values};
+pub use points::{Coordinates, Placing, PointsAndNormals};
+pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
 
 /// What finds the surfaces.
 pub trait Caster: Sync {
@@ -97,8 +101,8 @@ pub enum Status {
 
 /// One frame to be fired.
 pub struct Frame<'a> {
-    /// In the sensor frame; directions unit to rounding.
-    pub origins: &'a [Point],
+    pub origins: Origins<'a>,
+    /// In the sensor frame, unit to rounding.
     pub directions: &'a [Point],
     /// Since the start of the frame, s.
     pub times: &'a [f64],
@@ -125,7 +129,7 @@ impl Frame<'_> {
         for pulse in pulses {
             let fault = if !is_unit(self.directions[pulse]) {
                 Fault::Direction
-            } else if !is_finite(self.origins[pulse]) {
+            } else if !is_finite(self.origins.of(pulse)) {
                 Fault::Origin
             } else if !self.is_within(self.path.span(), self.times[pulse]) {
                 Fault::Time
@@ -329,7 +333,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     #[inline(always)]
     fn measure_batch<I: Isa>(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) -> Result<(), BadPulse> {
-        self.cast(pulses.clone(), rays)?;
+        self.cast::<I>(pulses.clone(), rays)?;
         self.reflect(rays);
         resize(&mut rays.approach, rows.radial_velocity.len(), [0.0; 2]);
         match &self.measurement.beam {
@@ -434,7 +438,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     }
 
     #[inline(always)]
-    fn cast(&self, pulses: Range<usize>, rays: &mut Scratch) -> Result<(), BadPulse> {
+    fn cast<I: Isa>(&self, pulses: Range<usize>, rays: &mut Scratch) -> Result<(), BadPulse> {
         let (frame, measurement) = (self.frame, self.measurement);
         if !frame.have_poses(pulses.clone()) {
             return frame.first_bad(pulses);
@@ -455,18 +459,24 @@ impl<'a, C: Caster> Scan<'a, C> {
             } else {
                 end = start + equal_to_first::<1>(frame.times[start..pulses.end].as_chunks().0);
                 let motion = frame.path.motion(frame.start + frame.times[start]);
-                let origins = &frame.origins[start..end];
                 let next = rays.velocities.len() as u32;
-                if equal_to_first(origins) == origins.len() {
-                    rays.velocities.push(motion.velocity_of(origins[0]));
+                let one = match frame.origins {
+                    Origins::One(origin) => Some(origin),
+                    Origins::Each(origins) => {
+                        let origins = &origins[start..end];
+                        (equal_to_first(origins) == origins.len()).then(|| origins[0])
+                    }
+                };
+                if let Some(origin) = one {
+                    rays.velocities.push(motion.velocity_of(origin));
                     rays.velocity_index.resize(end - pulses.start, next);
                 } else {
-                    rays.velocities.extend(origins.iter().map(|origin| motion.velocity_of(*origin)));
-                    rays.velocity_index.extend(next..next + origins.len() as u32);
+                    rays.velocities.extend((start..end).map(|pulse| motion.velocity_of(frame.origins.of(pulse))));
+                    rays.velocity_index.extend((next..).take(end - start));
                 }
                 motion.pose
             };
-            right &= self.aim(start..end, start - pulses.start, &pose, rays);
+            right &= self.aim::<I>(start..end, start - pulses.start, &pose, rays);
             start = end;
         }
         if !right {
@@ -531,38 +541,39 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// Fires pulses from a pose; the first of them is the k-th of the batch. False if one has no legal origin or direction.
     #[inline(always)]
-    fn aim(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Scratch) -> bool {
-        let (origins, directions) = (&self.frame.origins[pulses.clone()], &self.frame.directions[pulses]);
+    fn aim<I: Isa>(&self, pulses: Range<usize>, k: usize, pose: &Pose, rays: &mut Scratch) -> bool {
+        let (origins, directions) = (&self.frame.origins, &self.frame.directions[pulses.clone()]);
+        let jitters = self.measurement.jitters();
+        let axes = if jitters { &rays.axes[k..k + pulses.len()] } else { directions };
         let first = k * self.measurement.rays();
-        let mut rays_there = rays.origins[first..].iter_mut().zip(&mut rays.directions[first..]);
-        let is_legal = |(origin, direction): (&Point, &Point)| is_finite(*origin) & is_unit(*direction);
+        let (origins_there, directions_there) = (&mut rays.origins[first..], &mut rays.directions[first..]);
         let mut right = true;
-        if self.measurement.beam.is_none() && !self.measurement.jitters() {
-            // Checked while they are aimed, for one reading less.
-            for ((o, d), (origin, direction)) in rays_there.zip(origins.iter().zip(directions)) {
-                right &= is_legal((origin, direction));
-                (*o, *d) = (pose.place(*origin), pose.turn(*direction));
+        if let Some(beam) = &self.measurement.beam {
+            let mut rays_there = origins_there.iter_mut().zip(directions_there);
+            for (pulse, (direction, axis)) in pulses.zip(directions.iter().zip(axes)) {
+                let origin = origins.of(pulse);
+                right &= is_finite(origin) & is_unit(*direction);
+                let origin = pose.place(origin);
+                for (offset, (o, d)) in beam.offsets().zip(&mut rays_there) {
+                    (*o, *d) = (origin, pose.turn(beside(*axis, offset)));
+                }
             }
             return right;
         }
-        for pulse in origins.iter().zip(directions) {
-            right &= is_legal(pulse);
+        let places = origins_there.as_flattened_mut().as_chunks_mut().0.iter_mut();
+        let places = places.zip(directions_there.as_flattened_mut().as_chunks_mut().0);
+        let eights = directions.as_chunks().0.iter().zip(axes.as_chunks().0).zip(places);
+        for (pulse, ((directions, axes), (o, d))) in pulses.clone().step_by(8).zip(eights) {
+            let (origins, directions) = (origins.of_eight::<I>(pulse), points::<I>(directions));
+            right &= is_finite(origins) & is_unit(directions);
+            put_points::<I>(pose.place(origins), o);
+            let axes = if jitters { points::<I>(axes) } else { directions };
+            put_points::<I>(pose.turn(axes), d);
         }
-        let axes = if self.measurement.jitters() { &rays.axes[k..k + origins.len()] } else { directions };
-        match &self.measurement.beam {
-            None => {
-                for ((o, d), (origin, axis)) in rays_there.zip(origins.iter().zip(axes)) {
-                    (*o, *d) = (pose.place(*origin), pose.turn(*axis));
-                }
-            }
-            Some(beam) => {
-                for (origin, axis) in origins.iter().zip(axes) {
-                    let origin = pose.place(*origin);
-                    for (offset, (o, d)) in beam.offsets().zip(&mut rays_there) {
-                        (*o, *d) = (origin, pose.turn(beside(*axis, offset)));
-                    }
-                }
-            }
+        for i in pulses.len() / 8 * 8..pulses.len() {
+            let (origin, direction) = (origins.of(pulses.start + i), directions[i]);
+            right &= is_finite(origin) & is_unit(direction);
+            (origins_there[i], directions_there[i]) = (pose.place(origin), pose.turn(axes[i]));
         }
         right
     }
@@ -626,6 +637,20 @@ impl<'a, C: Caster> Scan<'a, C> {
             return Err(Status::Dropped);
         }
         Ok(self.measurement.gate(range)? - *rays.offset.get(i).unwrap_or(&0.0))
+    }
+}
+
+/// The coordinates of neighbouring points, an axis after the other.
+#[inline(always)]
+fn points<I: Isa>(points: &[Point; 8]) -> [I::F64x8; 3] {
+    let (registers, _) = points.as_flattened().as_chunks();
+    I::deinterleaved([I::F64x8::load(&registers[0]), I::F64x8::load(&registers[1]), I::F64x8::load(&registers[2])])
+}
+
+#[inline(always)]
+fn put_points<I: Isa>(points: [I::F64x8; 3], places: &mut [f64; 24]) {
+    for (places, points) in places.as_chunks_mut().0.iter_mut().zip(I::interleaved(points)) {
+        *places = points.store();
     }
 }
 

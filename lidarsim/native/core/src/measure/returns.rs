@@ -19,8 +19,8 @@ pub struct ReturnCounts<'a> {
 
 /// Returns of neighbouring pulses, in order: the row that each is in, and its pulse.
 pub struct Piece {
-    most: usize,
-    level: Level,
+    pub(super) most: usize,
+    pub(super) level: Level,
     row: Vec<usize>,
     /// None where each pulse has one row: then they are the same.
     pulse: Option<Vec<usize>>,
@@ -110,8 +110,8 @@ fn rows_and_pulses(first: usize, counts: &[u8], most: usize) -> (Vec<usize>, Vec
 
 impl Piece {
     /// The row and the pulse of each return.
-    pub fn iter(&self) -> impl Iterator<Item = (usize, usize)> {
-        self.row.iter().copied().zip(self.pulse.as_ref().unwrap_or(&self.row).iter().copied())
+    pub(super) fn rows_and_pulses(&self) -> (&[usize], &[usize]) {
+        (&self.row, self.pulse.as_ref().unwrap_or(&self.row))
     }
 }
 
@@ -180,49 +180,10 @@ impl<'a> Field<'a> for Numbers<'a> {
     fn split_off(&mut self, count: usize) -> Writer<'a> {
         let places = memory::split_off(&mut self.0, count);
         Box::new(|piece| {
-            for (place, (row, pulse)) in places.iter_mut().zip(piece.iter()) {
+            let (rows, pulses) = piece.rows_and_pulses();
+            for (place, (row, pulse)) in places.iter_mut().zip(rows.iter().zip(pulses)) {
                 place.write((row - pulse * piece.most + 1) as u8);
             }
         })
-    }
-}
-
-/// What works out two fields of a return together. A trait and not a closure, which would not be compiled for the instruction set.
-pub trait Values<A, B>: Clone + Send {
-    /// From the row and the pulse of the return.
-    fn of(&mut self, row: usize, pulse: usize) -> (A, B);
-}
-
-/// Two fields that are worked out together; each piece begins with a clone of what does it.
-pub struct Pair<'a, A, B, V> {
-    pub places: (&'a mut [MaybeUninit<A>], &'a mut [MaybeUninit<B>]),
-    pub values: V,
-}
-
-impl<'a, A: Send, B: Send, V: Values<A, B> + 'a> Field<'a> for Pair<'a, A, B, V> {
-    fn split_off(&mut self, count: usize) -> Writer<'a> {
-        let (a, b) = (memory::split_off(&mut self.places.0, count), memory::split_off(&mut self.places.1, count));
-        let values = self.values.clone();
-        Box::new(move |piece| simd::dispatch(piece.level, WritePair { places: (a, b), values, piece }))
-    }
-}
-
-struct WritePair<'a, 'b, A, B, V> {
-    places: (&'a mut [MaybeUninit<A>], &'a mut [MaybeUninit<B>]),
-    values: V,
-    piece: &'b Piece,
-}
-
-impl<A, B, V: Values<A, B>> Task for WritePair<'_, '_, A, B, V> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<I: Isa>(self) {
-        let WritePair { places: (a, b), mut values, piece } = self;
-        for ((a, b), (row, pulse)) in a.iter_mut().zip(b).zip(piece.iter()) {
-            let values = values.of(row, pulse);
-            a.write(values.0);
-            b.write(values.1);
-        }
     }
 }

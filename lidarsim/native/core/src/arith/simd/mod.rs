@@ -72,6 +72,10 @@ pub trait Isa: Copy {
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// The coordinates of eight points, an axis after the other.
     fn columns(points: [&[f64; 3]; 8]) -> [Self::F64x8; 3];
+    /// As `columns`, of points whose coordinates these are, a point after the other.
+    fn deinterleaved(points: [Self::F64x8; 3]) -> [Self::F64x8; 3];
+    /// From `columns` back to the coordinates, a point after the other.
+    fn interleaved(columns: [Self::F64x8; 3]) -> [Self::F64x8; 3];
     /// Selects the distances with `near` ≤ `far` and sorts them with their payloads, the farthest first: their number, the distances with the last
     /// three bits rounded down, and the payloads; the rest of the arrays is unspecified. No distance is negative.
     fn by_distance(near: Self::F32x8, far: Self::F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]);
@@ -268,13 +272,13 @@ mod tests {
     }
 
     impl Task for Transpose<'_> {
-        type Output = [[f64; 8]; 3];
+        type Output = [[[f64; 8]; 3]; 3];
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
-            let [a, b, c, d, e, f, g, h] = self.at.map(|i| &self.points[i]);
-            let [x, y, z] = I::columns([a, b, c, d, e, f, g, h]);
-            [x.store(), y.store(), z.store()]
+            let columns = I::columns(self.at.map(|i| &self.points[i]));
+            let interleaved = I::interleaved(columns);
+            [columns, interleaved, I::deinterleaved(interleaved)].map(|registers| registers.map(I::F64x8::store))
         }
     }
 
@@ -286,10 +290,12 @@ mod tests {
         for _ in 0..200 {
             let at = [0; 8].map(|_: u8| (11.0 * number()) as usize);
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let [x, y, z] = dispatch(level, Transpose { points: &points, at });
+                let [columns @ [x, y, z], interleaved, again] = dispatch(level, Transpose { points: &points, at });
                 for lane in 0..8 {
                     assert_eq!([x[lane], y[lane], z[lane]], points[at[lane]], "{level:?}");
                 }
+                assert_eq!(*interleaved.as_flattened(), *at.map(|i| points[i]).as_flattened(), "{level:?}");
+                assert_eq!(again, columns, "{level:?}");
             }
         }
     }

@@ -35,6 +35,16 @@ impl Isa for Portable {
     }
 
     #[inline(always)]
+    fn deinterleaved(points: [[f64; 8]; 3]) -> [[f64; 8]; 3] {
+        std::array::from_fn(|axis| std::array::from_fn(|k| points[(3 * k + axis) / 8][(3 * k + axis) % 8]))
+    }
+
+    #[inline(always)]
+    fn interleaved(columns: [[f64; 8]; 3]) -> [[f64; 8]; 3] {
+        std::array::from_fn(|i| std::array::from_fn(|k| columns[(8 * i + k) % 3][(8 * i + k) / 3]))
+    }
+
+    #[inline(always)]
     fn by_distance(near: [f32; 8], far: [f32; 8], what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
         let (mut count, mut distances, mut sorted) = (0, [0.0; 8], [0; 8]);
         for i in 0..8 {

@@ -100,6 +100,18 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
+    fn deinterleaved([Two(a, b), Two(c, d), Two(e, f)]: [Self::F64x8; 3]) -> [Self::F64x8; 3] {
+        let ([x0, y0, z0], [x1, y1, z1]) = (four_deinterleaved(a, b, c), four_deinterleaved(d, e, f));
+        [Two(x0, x1), Two(y0, y1), Two(z0, z1)]
+    }
+
+    #[inline(always)]
+    fn interleaved([x, y, z]: [Self::F64x8; 3]) -> [Self::F64x8; 3] {
+        let ([a, b, c], [d, e, f]) = (four_interleaved(x.0, y.0, z.0), four_interleaved(x.1, y.1, z.1));
+        [Two(a, b), Two(c, d), Two(e, f)]
+    }
+
+    #[inline(always)]
     fn by_distance(Register(near): F32x8, Register(far): F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
         // SAFETY: as above.
         unsafe {
@@ -266,6 +278,35 @@ fn columns_of_four([a, b, c, d]: [&[f64; 3]; 4]) -> [__m256d; 3] {
     }
 }
 
+/// From the coordinates of four points, a point after the other, to those of an axis each.
+#[inline(always)]
+fn four_deinterleaved(Register(a): F64x4, Register(b): F64x4, Register(c): F64x4) -> [F64x4; 3] {
+    // SAFETY: as above.
+    unsafe {
+        let (xy, yz) = (_mm256_permute2f128_pd::<0x30>(a, b), _mm256_permute2f128_pd::<0x30>(b, c));
+        let zx = _mm256_permute2f128_pd::<0x21>(a, c);
+        [
+            Register(_mm256_shuffle_pd::<0b10_10>(xy, zx)),
+            Register(_mm256_shuffle_pd::<0b01_01>(xy, yz)),
+            Register(_mm256_shuffle_pd::<0b10_10>(zx, yz)),
+        ]
+    }
+}
+
+/// The inverse of `four_deinterleaved`.
+#[inline(always)]
+fn four_interleaved(Register(x): F64x4, Register(y): F64x4, Register(z): F64x4) -> [F64x4; 3] {
+    // SAFETY: as above.
+    unsafe {
+        let (xy, yz, zx) = (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(y, z), _mm256_shuffle_pd::<0b10_10>(z, x));
+        [
+            Register(_mm256_permute2f128_pd::<0x20>(xy, zx)),
+            Register(_mm256_blend_pd::<0b11_00>(yz, xy)),
+            Register(_mm256_permute2f128_pd::<0x31>(zx, yz)),
+        ]
+    }
+}
+
 impl Isa for Avx512 {
     type F32x8 = F32x8;
     type F32x16 = F32x16;
@@ -313,6 +354,38 @@ impl Isa for Avx512 {
                 Register(_mm512_shuffle_f64x2::<0b10_00_10_00>(xz0, xz1)),
                 Register(_mm512_shuffle_f64x2::<0b10_00_10_00>(y0, y1)),
                 Register(_mm512_shuffle_f64x2::<0b11_01_11_01>(xz0, xz1)),
+            ]
+        }
+    }
+
+    #[inline(always)]
+    fn deinterleaved([Register(a), Register(b), Register(c)]: [F64x8; 3]) -> [F64x8; 3] {
+        // SAFETY: as above.
+        unsafe {
+            // From a and b first, with anything in the places of what is in c; there its number k is k + 8.
+            let x = _mm512_permutex2var_pd(a, _mm512_setr_epi64(0, 3, 6, 9, 12, 15, 0, 0), b);
+            let y = _mm512_permutex2var_pd(a, _mm512_setr_epi64(1, 4, 7, 10, 13, 0, 0, 0), b);
+            let z = _mm512_permutex2var_pd(a, _mm512_setr_epi64(2, 5, 8, 11, 14, 0, 0, 0), b);
+            [
+                Register(_mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 1, 2, 3, 4, 5, 10, 13), c)),
+                Register(_mm512_permutex2var_pd(y, _mm512_setr_epi64(0, 1, 2, 3, 4, 8, 11, 14), c)),
+                Register(_mm512_permutex2var_pd(z, _mm512_setr_epi64(0, 1, 2, 3, 4, 9, 12, 15), c)),
+            ]
+        }
+    }
+
+    #[inline(always)]
+    fn interleaved([Register(x), Register(y), Register(z)]: [F64x8; 3]) -> [F64x8; 3] {
+        // SAFETY: as above.
+        unsafe {
+            // x and y in their places, and in those of z anything; then z, of which point k is number k + 8 there.
+            let xy0 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 8, 0, 1, 9, 0, 2, 10), y);
+            let xy1 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 3, 11, 0, 4, 12, 0, 5), y);
+            let xy2 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(13, 0, 6, 14, 0, 7, 15, 0), y);
+            [
+                Register(_mm512_permutex2var_pd(xy0, _mm512_setr_epi64(0, 1, 8, 3, 4, 9, 6, 7), z)),
+                Register(_mm512_permutex2var_pd(xy1, _mm512_setr_epi64(10, 1, 2, 11, 4, 5, 12, 7), z)),
+                Register(_mm512_permutex2var_pd(xy2, _mm512_setr_epi64(0, 13, 2, 3, 14, 5, 6, 15), z)),
             ]
         }
     }

@@ -1,0 +1,32 @@
+//! Where the pulses of a frame leave the sensor.
+
+use super::points;
+use crate::arith::simd::{Isa, lanes};
+use crate::geometry::vector::Point;
+
+/// In the sensor frame.
+#[derive(Clone, Copy)]
+pub enum Origins<'a> {
+    /// Of all pulses: most sensors fire from one point, and then there is less to read.
+    One(Point),
+    Each(&'a [Point]),
+}
+
+impl Origins<'_> {
+    #[inline(always)]
+    pub fn of(&self, pulse: usize) -> Point {
+        match self {
+            Origins::One(origin) => *origin,
+            Origins::Each(origins) => origins[pulse],
+        }
+    }
+
+    /// Of eight pulses from `first` on.
+    #[inline(always)]
+    pub(super) fn of_eight<I: Isa>(&self, first: usize) -> [I::F64x8; 3] {
+        match self {
+            Origins::One(origin) => lanes::splat(*origin),
+            Origins::Each(origins) => points::<I>(&origins[first..first + 8].as_chunks().0[0]),
+        }
+    }
+}
