@@ -156,7 +156,7 @@ MUTANTS = [
     Mutant("logarithm, exponential: ln 2", "0x3dea_39ef_3579_3c76", "0x3dea_39ef_3000_0000"),
     Mutant("sine, cosine: π/2", "0x3ba3_198a_2e03_7073", "0x3b83_198a_2e03_7073"),
     Mutant("|d|² − 1", "ROUNDER: f64 = 1.5 * (1_u64 << 26)", "ROUNDER: f64 = 1.5 * (1_u64 << 25)"),
-    Mutant("t·|d|", "e * (0.125 - e * 0.0625)", "e * 0.125"),
+    Mutant("t·|d|", "F::splat(0.125).sub(e.mul(F::splat(0.0625)))", "F::splat(0.125)"),
     Mutant(
         "double-double quotient: margin 2u",
         "margin = b.high.abs().mul(splat::<L, N>(1.0 - 2.0 *",
@@ -386,6 +386,9 @@ MUTANTS = [
         "step.abs().fused(slope_error, rest)",
         slack="the slope's own error is 5 roundings at least",
     ),
+    Mutant("axis plane: rest of the quotient 4u", "splat(4.0 * UNIT)).add(q.abs()", "splat(2.0 * UNIT)).add(q.abs()"),
+    Mutant("axis plane: remainder 2u²", "splat(2.0 * UNIT * UNIT)", "splat(UNIT * UNIT)"),
+    Mutant("axis plane: float64 coordinates", "!rest.abs().le(L::Floats::splat(0.0)) == 0", "0 == 0"),
     Mutant("newton: around the middle", "middle.sub(bounds.low)).mul(pad)", "middle.sub(bounds.low)).mul(half)"),
     Mutant("lengths 4ε", "(1.0 + 4.0 * f64::EPSILON)) +", "(1.0 + 0.0 * f64::EPSILON)) +"),
     Mutant(

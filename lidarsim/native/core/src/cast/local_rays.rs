@@ -12,8 +12,14 @@ use crate::geometry::vector::of_rays;
 
 /// M rays, a register at a time.
 pub trait RayParts: Copy {
+    /// Whether they are in the coordinates of the world.
+    const IN_WORLD: bool;
+
     /// Part `i` of them.
     fn part<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, i: usize, lanes: L) -> Ray<K>;
+
+    /// Origins and directions of part `i` along an axis, of rays that are in the coordinates of the world.
+    fn along<F: Floats<f64, N>, const N: usize>(self, axis: usize, i: usize) -> Option<(F, F)>;
 }
 
 /// Rays in the coordinates of the world, by axis.
@@ -24,10 +30,17 @@ pub struct WorldRays<'a, const M: usize> {
 }
 
 impl<const M: usize> RayParts for WorldRays<'_, M> {
+    const IN_WORLD: bool = true;
+
     #[inline(always)]
     fn part<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, i: usize, rays: L) -> Ray<K> {
         let (origin, direction) = (lanes::part(self.origin, i), lanes::part(self.direction, i));
         Ray { origin: of_rays(origin, rays), direction: of_rays(direction, rays), weight: None }
+    }
+
+    #[inline(always)]
+    fn along<F: Floats<f64, N>, const N: usize>(self, axis: usize, i: usize) -> Option<(F, F)> {
+        Some((lanes::load(&self.origin[axis], i), lanes::load(&self.direction[axis], i)))
     }
 }
 
@@ -39,6 +52,8 @@ pub struct LocalRays<const M: usize> {
 }
 
 impl<const M: usize> RayParts for &LocalRays<M> {
+    const IN_WORLD: bool = false;
+
     #[inline(always)]
     fn part<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, i: usize, lanes: L) -> Ray<K> {
         let ([x, y, z], [u, v, w]) = (&self.origin, &self.direction);
@@ -47,6 +62,11 @@ impl<const M: usize> RayParts for &LocalRays<M> {
             direction: [K::load(u, i, lanes), K::load(v, i, lanes), K::load(w, i, lanes)],
             weight: Some(K::load(&self.weight, i, lanes)),
         }
+    }
+
+    #[inline(always)]
+    fn along<F: Floats<f64, N>, const N: usize>(self, _: usize, _: usize) -> Option<(F, F)> {
+        None
     }
 }
 

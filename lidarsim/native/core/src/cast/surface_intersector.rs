@@ -5,7 +5,7 @@
 
 use std::cell::Cell;
 
-use crate::arith::number::{DoubleDoubles, Interval, Many, Number, OfRays, RunningErrors, Stored, Uncertain};
+use crate::arith::number::{DoubleDoubles, Interval, Lanes, Many, Number, OfRays, RunningErrors, Stored, Uncertain};
 use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
 use crate::bvh::{LANES, Mask, RayPacket, all, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
@@ -13,18 +13,12 @@ use crate::cast::local_rays::{LocalRays, OfDoubleDoubles, OfRunningErrors, RayPa
 use crate::cast::poses::Poses;
 use crate::geometry::affine::{PlacementTask, Placements, RayPlacement};
 use crate::geometry::ray::Ray;
-use crate::geometry::vector::{self, Point};
+use crate::geometry::vector::{self, Point, Vector};
 use crate::scene::TriangleMesh;
 use crate::scene::{Geometry, Hit, RootId, Scene, Sink};
 use crate::shapes::newton::{Target, newton_step};
 use crate::shapes::triangle::Triangles;
 use crate::shapes::{Surface, SurfaceTask};
-
-/// Part `i` of many numbers.
-#[inline(always)]
-fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
-    F::load(&x.as_chunks().0[i])
-}
 
 /// What packets are intersected with surfaces by. Reused, as it is large.
 pub struct SurfaceIntersector {
@@ -221,7 +215,7 @@ const BATCHES: usize = 32;
 pub const BATCH_SIZE: usize = 2 * WIDEST;
 
 /// From so many on, hits of `BATCH_SIZE` neighbouring lanes are a batch of their own: as measured, fewer are better collected.
-const NEARLY_ALL: u32 = 12;
+const MANY: u32 = 8;
 
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
@@ -300,7 +294,7 @@ impl HitBatches {
     }
 
     /// Takes the hits of those of `lanes`, among the `BATCH_SIZE` lanes of the packet from `start` on, that are on the same part of the same object as
-    /// the first, if these are nearly all. Returns the lanes taken.
+    /// the first, if these are many. Returns the lanes taken.
     #[inline(always)]
     pub fn take_neighbors<I: Isa>(
         &mut self,
@@ -313,7 +307,7 @@ impl HitBatches {
     ) -> Mask {
         let (first, i) = (lanes.trailing_zeros() as usize, start / BATCH_SIZE);
         let these = lanes & closest.lanes_like::<BATCH_SIZE>(first, i);
-        if these.count_ones() < NEARLY_ALL {
+        if these.count_ones() < MANY {
             return 0;
         }
         let batch = &mut self.neighbors;
@@ -373,7 +367,9 @@ impl HitBatch {
         } else {
             None
         };
-        placements.apart::<I, _>(PlaceNormals(refined));
+        if !placements.is_identity() {
+            placements.apart::<I, _>(PlaceNormals(refined));
+        }
         while let Some(slot) = take(&mut self.slots) {
             let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
             // No hit is put together first: to read back in one piece what was written in several takes long.
@@ -435,13 +431,13 @@ struct Refined {
     /// A bit for each hit that is certain.
     known: u32,
     t: [f64; BATCH_SIZE],
-    /// In the coordinates of the object, of any length.
+    /// In the coordinates of the object, of any length, where these are not those of the world.
     local_normal: [Stored<BATCH_SIZE>; 3],
     /// A unit normal in the coordinates of the world.
     normal: [[f64; BATCH_SIZE]; 3],
 }
 
-/// Refines the hits of a batch, but for the normals in the world.
+/// Refines the hits of a batch; where rays are in the coordinates of the object, the normals in the world are left to `PlaceNormals`.
 struct RefineBatch<'a, R> {
     rays: R,
     batch: &'a HitBatch,
@@ -453,12 +449,31 @@ impl<R: RayParts> SurfaceTask for RefineBatch<'_, R> {
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
+        let RefineBatch { rays, batch, refined } = self;
+        let plane = surface.axis_plane(batch.root.feature);
         for i in 0..BATCH_SIZE / N {
-            let active = Cell::new(part_of_mask::<N>(self.batch.slots, i));
+            let active = Cell::new(part_of_mask::<N>(batch.slots, i));
             if active.get() == 0 {
                 continue;
             }
-            self.refined.refine::<F, N>(i, self.rays, surface, self.batch, &active);
+            if let Some(plane) = &plane
+                && let Some((origin, direction)) = rays.along::<F, N>(plane.axis, i)
+            {
+                let lanes = Many::<F>::new(&active);
+                let Ok(t) = plane.t(origin, direction, lanes) else { continue };
+                refined.t.as_chunks_mut().0[i] = t.store();
+                // The normal of a plane is the same for all rays.
+                let ray = rays.part::<DoubleDoubles<Many<F>, N>, _, N>(i, lanes);
+                let (along, _) = surface.normal(&ray, batch.root.feature)[plane.axis].parts();
+                for normal in &mut refined.normal {
+                    normal.as_chunks_mut().0[i] = F::splat(0.0).store();
+                }
+                let sign = F::splat(0.0).le_pick(along, F::splat(1.0), F::splat(-1.0));
+                refined.normal[plane.axis].as_chunks_mut().0[i] = sign.store();
+                refined.known |= active.get() << (i * N);
+            } else {
+                refined.refine::<R, F, N>(i, rays, surface, batch, &active);
+            }
         }
     }
 }
@@ -483,7 +498,7 @@ impl<R: RayParts> LaneTask for RefineTriangleBatch<'_, R> {
                 continue;
             }
             let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
-            self.refined.refine::<F, N>(i, self.rays, &triangles, self.batch, &active);
+            self.refined.refine::<R, F, N>(i, self.rays, &triangles, self.batch, &active);
         }
     }
 }
@@ -508,13 +523,7 @@ impl PlacementTask for PlaceNormals<'_> {
             let [x, y, z] = &refined.local_normal;
             let normal =
                 [DoubleDoubles::load(x, i, lanes), DoubleDoubles::load(y, i, lanes), DoubleDoubles::load(z, i, lanes)];
-            if let Ok(normal) = Number::proportions(&placement.part(i).normals(normal, lanes)) {
-                let unit = vector::unit(normal);
-                for axis in 0..3 {
-                    refined.normal[axis].as_chunks_mut().0[i] = unit[axis].store();
-                }
-                refined.known |= active.get() << (i * N);
-            }
+            refined.put_normals(i, &placement.part(i).normals(normal, lanes), lanes);
         }
     }
 }
@@ -522,23 +531,38 @@ impl PlacementTask for PlaceNormals<'_> {
 impl Refined {
     /// Refines part `i` of a batch.
     #[inline(always)]
-    fn refine<'a, F: Floats<f64, N>, const N: usize>(
+    fn refine<'a, R: RayParts, F: Floats<f64, N>, const N: usize>(
         &mut self,
         i: usize,
-        rays: impl RayParts,
+        rays: R,
         target: &impl Target<Many<'a, F>, N>,
         batch: &HitBatch,
         active: &'a Cell<u32>,
     ) {
         let lanes = Many::new(active);
-        let bounds = Interval { low: load(&batch.low, i), high: load(&batch.high, i) };
+        let bounds = Interval { low: lanes::load(&batch.low, i), high: lanes::load(&batch.high, i) };
         let ray = rays.part::<DoubleDoubles<Many<F>, N>, _, N>(i, lanes);
-        if let Ok((t, normal)) = newton_step(&ray, target, batch.root.feature, bounds, lanes) {
-            self.t.as_chunks_mut().0[i] = t.store();
+        let Ok((t, normal)) = newton_step(&ray, target, batch.root.feature, bounds, lanes) else { return };
+        self.t.as_chunks_mut().0[i] = t.store();
+        if R::IN_WORLD {
+            self.put_normals(i, &normal, lanes);
+        } else {
             for axis in 0..3 {
                 normal[axis].store(i, &mut self.local_normal[axis]);
             }
             self.known |= active.get() << (i * N);
+        }
+    }
+
+    /// Puts unit normals of part `i`, known ones, along these in the world.
+    #[inline(always)]
+    fn put_normals<L: Lanes<N>, const N: usize>(&mut self, i: usize, along: &Vector<DoubleDoubles<L, N>>, lanes: L) {
+        if let Ok(along) = Number::proportions(along) {
+            let unit = vector::unit(along);
+            for axis in 0..3 {
+                self.normal[axis].as_chunks_mut().0[i] = unit[axis].store();
+            }
+            self.known |= lanes.active() << (i * N);
         }
     }
 }

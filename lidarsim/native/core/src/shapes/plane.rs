@@ -30,6 +30,35 @@ impl Plane {
         }
     }
 
+    /// The only axis along which the normal is not zero.
+    #[inline(always)]
+    fn axis(&self) -> Option<usize> {
+        let (Plane::Distance { normal, .. } | Plane::PointNormal { normal, .. }) = *self else { return None };
+        match normal.map(|x| x != 0.0) {
+            [true, false, false] => Some(0),
+            [false, true, false] => Some(1),
+            [false, false, true] => Some(2),
+            _ => None,
+        }
+    }
+
+    /// As `height` and the slope, where the normal is zero along the other axes.
+    #[inline(always)]
+    fn along_axis<N: Number, const AXIS: usize>(&self, ray: &Ray<N>) -> (N, N) {
+        let (o, d) = (&ray.origin[AXIS], &ray.direction[AXIS]);
+        match *self {
+            Plane::Distance { normal, distance } => {
+                let n = N::exact(normal[AXIS]);
+                (n.times(o).minus(&ray.weighted(N::exact(distance))), n.times(d))
+            }
+            Plane::PointNormal { point, normal } => {
+                let n = N::exact(normal[AXIS]);
+                (n.times(&o.minus(&ray.weighted(N::exact(point[AXIS])))), n.times(d))
+            }
+            Plane::Points(..) => (self.height(ray), vector::dot(&self.normal_of(), &ray.direction)),
+        }
+    }
+
     /// Of the origin over the plane, times the length of the normal.
     #[inline(always)]
     fn height<N: Number>(&self, ray: &Ray<N>) -> N {
@@ -66,8 +95,13 @@ impl Shape for Plane {
 impl Surface for Plane {
     #[inline(always)]
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
-        let slope = vector::dot(&self.normal_of(), &ray.direction);
-        Ok([Root::ratio(self.height(ray).negated(), slope, 0)?, None])
+        let (height, slope) = match self.axis() {
+            Some(0) => self.along_axis::<N, 0>(ray),
+            Some(1) => self.along_axis::<N, 1>(ray),
+            Some(_) => self.along_axis::<N, 2>(ray),
+            None => (self.height(ray), vector::dot(&self.normal_of(), &ray.direction)),
+        };
+        Ok([Root::ratio(height.negated(), slope, 0)?, None])
     }
 
     #[inline(always)]

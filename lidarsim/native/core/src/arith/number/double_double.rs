@@ -80,6 +80,13 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         DoubleDoubles { high: value, low: Some(splat::<L, N>(0.0)), error: Some(error), lanes }
     }
 
+    /// Within `error` of high + low, |low| ≤ |high|.
+    #[inline(always)]
+    pub fn of_sum(high: L::Floats, low: L::Floats, error: L::Floats, lanes: L) -> Self {
+        let (high, low) = fast_two_sum(high, low);
+        DoubleDoubles { high, low: Some(low), error: Some(error), lanes }
+    }
+
     /// The number to float64, and how far the whole of it may be off.
     #[inline(always)]
     pub fn parts(self) -> (L::Floats, L::Floats) {
@@ -268,12 +275,6 @@ impl DoubleDouble {
     /// The higher and the lower part, and how far their sum may be off.
     pub fn terms(&self) -> (f64, f64, f64) {
         (self.high, self.low(), self.error())
-    }
-
-    /// Within `error` of high + low, |low| ≤ |high|.
-    pub fn of_sum(high: f64, low: f64, error: f64) -> Self {
-        let (high, low) = fast_two_sum(high, low);
-        DoubleDoubles { high, low: Some(low), error: Some(error), lanes: One }
     }
 }
 

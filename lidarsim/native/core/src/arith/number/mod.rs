@@ -155,8 +155,8 @@ pub fn decide_exactly<Q: Predicate>(predicate: &Q) -> Q::Answer {
 fn nearly(x: &Dyadic) -> DoubleDouble {
     match x.leading_parts() {
         _ if x.is_zero() == Ok(true) => DoubleDouble::exact(0.0),
-        None => DoubleDouble::of_sum(0.0, 0.0, f64::INFINITY),
-        Some((high, low)) => DoubleDouble::of_sum(high, low, UNIT * UNIT * high.abs()),
+        None => DoubleDouble::of_sum(0.0, 0.0, f64::INFINITY, One),
+        Some((high, low)) => DoubleDouble::of_sum(high, low, UNIT * UNIT * high.abs(), One),
     }
 }
 

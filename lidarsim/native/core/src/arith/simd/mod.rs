@@ -207,10 +207,16 @@ pub mod lanes {
         [F::splat(v[0]), F::splat(v[1]), F::splat(v[2])]
     }
 
+    /// Part `i` of many numbers.
+    #[inline(always)]
+    pub fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
+        F::load(&x.as_chunks().0[i])
+    }
+
     /// The coordinates of part `i` of vectors, an axis each.
     #[inline(always)]
-    pub fn part<F: Floats<f64, N>, const N: usize, const M: usize>(v: &[[f64; M]; 3], i: usize) -> [F; 3] {
-        [F::load(&v[0].as_chunks().0[i]), F::load(&v[1].as_chunks().0[i]), F::load(&v[2].as_chunks().0[i])]
+    pub fn part<F: Floats<f64, N>, const N: usize, const M: usize>([x, y, z]: &[[f64; M]; 3], i: usize) -> [F; 3] {
+        [load(x, i), load(y, i), load(z, i)]
     }
 
     #[inline(always)]
