@@ -3,7 +3,7 @@
 use std::cmp::Ordering;
 
 use crate::arith::number::{self, Interval};
-use crate::arith::simd::{Floats, Isa};
+use crate::arith::simd::{Floats, Isa, lanes};
 use crate::bvh::{Bvh, LANES, Mask, RayPacket, Stack, TraversalRay, take};
 use crate::geometry::vector::Point;
 use crate::scene::TriangleMesh;
@@ -275,6 +275,14 @@ impl<'a> ClosestHits<'a> {
         bounds(self.low[lane], self.limit[lane])
     }
 
+    /// As `bounds`, of eight lanes. Beyond the limit is at least the next number: that is no farther than 2⁻⁵² of it, or the smallest of all.
+    #[inline(always)]
+    pub fn bounds_of_eight<I: Isa>(&self, eight: usize) -> Interval<I::F64x8> {
+        let limit: I::F64x8 = lanes::load(&self.limit, eight);
+        let beyond = limit.abs().mul(I::F64x8::splat(f64::EPSILON)).add(I::F64x8::splat(f64::MIN_POSITIVE));
+        Interval { low: lanes::load(&self.low, eight), high: limit.add(beyond) }
+    }
+
     #[inline(always)]
     pub fn root(&self, lane: usize) -> RootId {
         let (object, primitive) = (self.object[lane], self.primitive[lane]);
@@ -467,5 +475,35 @@ mod tests {
             }
         }
         assert!(nearer > 500 && early > 500 && kept > 500, "{nearer}, {early}, {kept}");
+    }
+
+    struct BoundsOfEight<'a, 'b>(&'b ClosestHits<'a>);
+
+    impl Task for BoundsOfEight<'_, '_> {
+        type Output = Interval<[f64; 8]>;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let Interval { low, high } = self.0.bounds_of_eight::<I>(1);
+            Interval { low: low.store(), high: high.store() }
+        }
+    }
+
+    #[test]
+    fn bounds_of_eight_hold_those_of_each() {
+        let scene = Scene::new(Vec::new());
+        let mut closest = ClosestHits::new(&scene, (0.0, f64::INFINITY), false);
+        let limits = [0.0, 5e-324, 1e-310, 1.0, 1.0_f64.next_down(), 1e300, f64::MAX, -1.5];
+        closest.limit[8..16].copy_from_slice(&limits);
+        closest.low[8..16].copy_from_slice(&limits.map(|limit| limit - limit.abs() / 8.0));
+        for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+            let found = dispatch(level, BoundsOfEight(&closest));
+            for k in 0..8 {
+                let Interval { low, high } = closest.bounds(8 + k);
+                assert!(found.low[k] == low && found.high[k] >= high, "{level:?}: {} for {high}", found.high[k]);
+                let wide = limits[k] + 4.0 * f64::EPSILON * limits[k].abs() + 2.0 * f64::MIN_POSITIVE;
+                assert!(found.high[k] <= wide, "{level:?}: {} for {high}", found.high[k]);
+            }
+        }
     }
 }

@@ -320,9 +320,10 @@ impl HitBatches {
         batch.root = closest.root(first);
         batch.index = [batch.root.index; BATCH_SIZE];
         batch.primitive = closest.primitives().as_chunks().0[i];
-        for slot in 0..BATCH_SIZE {
-            let Interval { low, high } = closest.bounds(start + slot);
-            (batch.low[slot], batch.high[slot]) = (low, high);
+        for part in 0..BATCH_SIZE / WIDEST {
+            let Interval { low, high } = closest.bounds_of_eight::<I>(start / WIDEST + part);
+            batch.low.as_chunks_mut().0[part] = low.store();
+            batch.high.as_chunks_mut().0[part] = high.store();
         }
         batch.slots = these >> start;
         batch.flush::<I>(scene, &mut self.scratch, hits);
