@@ -98,8 +98,12 @@ def _cpu() -> str:
         text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
     except OSError:
         return platform.processor() or platform.machine()
-    name = re.search(r"^model name\s*:\s*(.+)$", text, re.MULTILINE)
-    return name[1] if name else platform.machine()
+    known = dict(re.findall(r"^(model name|cpu family|model)\s*:\s*(.+)$", text, re.MULTILINE))
+    if "model name" not in known:
+        return platform.machine()
+    # The name of a virtual machine's processor may hide its generation.
+    numbers = [f"{name.split()[-1]} {known[name]}" for name in ("cpu family", "model") if name in known]
+    return " ".join([known["model name"], *([f"({', '.join(numbers)})"] if numbers else [])])
 
 
 def write(results: Results, folder: Path) -> None:

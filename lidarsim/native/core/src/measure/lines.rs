@@ -4,8 +4,8 @@ use std::mem::MaybeUninit;
 use std::ops::Range;
 
 use super::direction::distance;
-use super::{Caster, RangeSigma, Rows, Scan, Scratch, Status, points};
-use crate::arith::simd::{Floats, Isa, lanes};
+use super::{Caster, RangeSigma, Rows, Scan, Scratch, Status};
+use crate::arith::simd::{self, Floats, Isa, lanes};
 use crate::memory::resize;
 use crate::scene::Hit;
 
@@ -34,7 +34,7 @@ impl<C: Caster> Scan<'_, C> {
     fn measure_eight<I: Isa>(&self, pulses: Range<usize>, eight: usize, rays: &mut Scratch, rows: &mut Rows) {
         let nan = F64x8::<I>::splat(f64::NAN);
         let hits: &[Hit; 8] = &rays.hits.as_chunks().0[eight];
-        let (n, d) = (normals::<I>(hits), points::<I>(&rays.directions.as_chunks().0[eight]));
+        let (n, d) = (normals::<I>(hits), simd::load_points::<I>(&rays.directions.as_chunks().0[eight]));
         let mut missed = 0;
         for (k, hit) in hits.iter().enumerate() {
             missed |= (hit.object as u32 >> 31) << k;

@@ -25,7 +25,7 @@ use std::sync::Arc;
 
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::number::Interval;
-use crate::arith::simd::{self, Floats, Isa, Level, Task};
+use crate::arith::simd::{self, Isa, Level, Task};
 use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
@@ -564,11 +564,11 @@ impl<'a, C: Caster> Scan<'a, C> {
         let places = places.zip(directions_there.as_flattened_mut().as_chunks_mut().0);
         let eights = directions.as_chunks().0.iter().zip(axes.as_chunks().0).zip(places);
         for (pulse, ((directions, axes), (o, d))) in pulses.clone().step_by(8).zip(eights) {
-            let (origins, directions) = (origins.of_eight::<I>(pulse), points::<I>(directions));
+            let (origins, directions) = (origins.of_eight::<I>(pulse), simd::load_points::<I>(directions));
             right &= is_finite(origins) & is_unit(directions);
-            put_points::<I>(pose.place(origins), o);
-            let axes = if jitters { points::<I>(axes) } else { directions };
-            put_points::<I>(pose.turn(axes), d);
+            simd::store_points::<I>(pose.place(origins), o);
+            let axes = if jitters { simd::load_points::<I>(axes) } else { directions };
+            simd::store_points::<I>(pose.turn(axes), d);
         }
         for i in pulses.len() / 8 * 8..pulses.len() {
             let (origin, direction) = (origins.of(pulses.start + i), directions[i]);
@@ -637,20 +637,6 @@ impl<'a, C: Caster> Scan<'a, C> {
             return Err(Status::Dropped);
         }
         Ok(self.measurement.gate(range)? - *rays.offset.get(i).unwrap_or(&0.0))
-    }
-}
-
-/// The coordinates of neighbouring points, an axis after the other.
-#[inline(always)]
-fn points<I: Isa>(points: &[Point; 8]) -> [I::F64x8; 3] {
-    let (registers, _) = points.as_flattened().as_chunks();
-    I::deinterleaved([I::F64x8::load(&registers[0]), I::F64x8::load(&registers[1]), I::F64x8::load(&registers[2])])
-}
-
-#[inline(always)]
-fn put_points<I: Isa>(points: [I::F64x8; 3], places: &mut [f64; 24]) {
-    for (places, points) in places.as_chunks_mut().0.iter_mut().zip(I::interleaved(points)) {
-        *places = points.store();
     }
 }
 

@@ -1,7 +1,6 @@
 //! Where the pulses of a frame leave the sensor.
 
-use super::points;
-use crate::arith::simd::{Isa, lanes};
+use crate::arith::simd::{self, Isa, lanes};
 use crate::geometry::vector::Point;
 
 /// In the sensor frame.
@@ -26,7 +25,7 @@ impl Origins<'_> {
     pub(super) fn of_eight<I: Isa>(&self, first: usize) -> [I::F64x8; 3] {
         match self {
             Origins::One(origin) => lanes::splat(*origin),
-            Origins::Each(origins) => points::<I>(&origins[first..first + 8].as_chunks().0[0]),
+            Origins::Each(origins) => simd::load_points::<I>(&origins[first..first + 8].as_chunks().0[0]),
         }
     }
 }

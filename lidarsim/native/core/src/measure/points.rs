@@ -4,7 +4,6 @@ use std::mem::MaybeUninit;
 use std::ops::Range;
 
 use super::origins::Origins;
-use super::points;
 use super::returns::{Field, Piece, Writer};
 use crate::arith::simd::{self, Floats, Isa, Task};
 use crate::geometry::pose::{Path, Pose};
@@ -64,7 +63,7 @@ impl Placing<'_> {
     #[inline(always)]
     fn of_eight<I: Isa>(&self, first: usize) -> (Ray<I::F64x8>, [I::F64x8; 3]) {
         let eight = first..first + 8;
-        let directions = points::<I>(&self.directions[eight.clone()].as_chunks().0[0]);
+        let directions = simd::load_points::<I>(&self.directions[eight.clone()].as_chunks().0[0]);
         let range = I::F64x8::load(&self.range[eight.clone()].as_chunks().0[0]);
         let normals: &[[f32; 8]] = self.normals[eight].as_flattened().as_chunks().0;
         let normals = [0, 1, 2].map(|k| I::F64x8::load(&normals[k].map(f64::from)));

@@ -97,6 +97,21 @@ pub trait Isa: Copy {
     fn apart<T: LaneTask>(task: T) -> Option<T::Output>;
 }
 
+/// The coordinates of points in a row, an axis after the other.
+#[inline(always)]
+pub fn load_points<I: Isa>(points: &[[f64; 3]; 8]) -> [I::F64x8; 3] {
+    let (registers, _) = points.as_flattened().as_chunks();
+    I::deinterleaved([I::F64x8::load(&registers[0]), I::F64x8::load(&registers[1]), I::F64x8::load(&registers[2])])
+}
+
+/// The inverse of `load_points`, a coordinate after the other.
+#[inline(always)]
+pub fn store_points<I: Isa>(columns: [I::F64x8; 3], places: &mut [f64; 24]) {
+    for (places, register) in places.as_chunks_mut().0.iter_mut().zip(I::interleaved(columns)) {
+        *places = register.store();
+    }
+}
+
 /// Prefetches a slice.
 #[inline(always)]
 pub fn prefetch<I: Isa, T>(slice: &[T]) {
