@@ -465,7 +465,8 @@ impl<R: RayParts> SurfaceTask for RefineBatch<'_, R> {
                 refined.t.as_chunks_mut().0[i] = t.store();
                 // The normal of a plane is the same for all rays.
                 let ray = rays.part::<DoubleDoubles<Many<F>, N>, _, N>(i, lanes);
-                let (along, _) = surface.normal(&ray, batch.root.feature)[plane.axis].parts();
+                let (along, error) = surface.normal(&ray, batch.root.feature)[plane.axis].parts();
+                let Ok(()) = lanes.keep(error.lt(along.abs())) else { continue };
                 for normal in &mut refined.normal {
                     normal.as_chunks_mut().0[i] = F::splat(0.0).store();
                 }
@@ -663,5 +664,25 @@ mod tests {
             }
         }
         assert!(hit > 5_000 && missed > 5_000, "{hit}, {missed}");
+    }
+
+    /// Its normal, a product, is too small for a float64 number; it points down.
+    #[test]
+    fn a_plane_through_points_close_together_has_the_normal_that_single_rays_find() {
+        with_large_frames(|| {
+            for size in [1.0, 1e-100, 1e-170] {
+                let plane = Plane::Points([-size, -size, 1.0], [0.0, size, 1.0], [size, -size, 1.0]);
+                let scene = Scene::new(vec![Object::new(Geometry::Surface(plane.into()), false)]);
+                let (origins, directions) = ([[0.0, 0.0, 3.0]; 64], [[0.125, 0.25, -1.0]; 64]);
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let mut hits = vec![Hit::MISS; 64];
+                    let rays = (&origins[..], &directions[..], &[][..]);
+                    assert!(scene.during([0.0; 2]).cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
+                    for hit in hits {
+                        assert_eq!((hit.t, hit.normal), (2.0, [0.0, 0.0, -1.0]), "{level:?}, {size}");
+                    }
+                }
+            }
+        });
     }
 }
