@@ -905,8 +905,9 @@ def test_one_origin_of_all_pulses_is_as_good_as_each(measurement: ls.Measurement
     )
     found, other = one.scan(room(), pose, seed=3), each.scan(room(), pose, seed=3)
     assert_same(found, other, slice(count))
-    for options in ({}, {"frame": "world"}, {"deskew": "middle"}):
-        points, others = found.point_cloud(**options), other.point_cloud(**options)  # type: ignore[arg-type]
+    views: list[dict[str, Any]] = [{}, {"frame": "world"}, {"deskew": "middle"}]
+    for options in views:
+        points, others = found.point_cloud(**options), other.point_cloud(**options)
         assert 500 < len(points) <= len(others)
         assert points.xyz.tobytes() == others.xyz[: len(points)].tobytes()
         assert points.normal.tobytes() == others.normal[: len(points)].tobytes()

@@ -192,7 +192,7 @@ impl RaySort {
 
     /// Finds the octant of each direction, and its place on its face of |x| + |y| + |z| = 1: two coordinates of 16 bits, of which it returns the least and the
     /// largest. The second, |z|, goes by the elevation. So that tiles are upright, the first, (|x| − |y|)/2 + s·|z|, goes by the azimuth alone at that of the
-    /// first ray, where (|x| − |y|)/2 = s·(1 − |z|); it is at most 1/2, as s is.
+    /// first ray, where (|x| − |y|)/2 = s·(1 − |z|); it is at most 1/2, as s is. Of scattered rays s is 0.
     #[inline(always)]
     fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
         self.places.clear();

@@ -115,14 +115,13 @@ impl Surface for Plane {
     }
 
     fn axis_plane(&self, feature: u8) -> Option<AxisPlane> {
-        let across = |normal: Point| (0..3).find(|&axis| (0..3).all(|i| (normal[i] != 0.0) == (i == axis)));
         match *self {
             Plane::Distance { normal, distance } => {
-                let axis = across(normal)?;
+                let axis = self.axis()?;
                 AxisPlane::at_ratio(axis, distance, normal[axis])
             }
-            Plane::PointNormal { point, normal } => {
-                let axis = across(normal)?;
+            Plane::PointNormal { point, .. } => {
+                let axis = self.axis()?;
                 AxisPlane::at(axis, point[axis], 0.0)
             }
             Plane::Points(a, b, c) => Triangle(a, b, c).axis_plane(feature),
