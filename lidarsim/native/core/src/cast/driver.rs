@@ -40,7 +40,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let Scratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
-        ray_sort.restart(directions, world.size, !times.is_empty());
+        ray_sort.restart(directions, (world.number, world.size), !times.is_empty());
         batches.restart(scene);
         let mut source = PacketSource { origins, directions, times, ray_sort, start: 0, done: 0 };
         let mut traversals =

@@ -26,6 +26,8 @@ const COARSE: u32 = 4;
 pub struct RaySort {
     /// The longest side of the scene.
     size: f64,
+    /// Which world the rays are cast at.
+    world: u64,
     has_times: bool,
     group: usize,
     start: usize,
@@ -71,18 +73,22 @@ impl Task for Advance<'_> {
 }
 
 impl RaySort {
-    /// Begins anew with other rays, which point this way; whether each has a time, at which it meets what moves.
-    pub fn restart(&mut self, directions: &[Point], size: f64, has_times: bool) {
+    /// Begins anew with other rays, which point this way; whether each has a time, at which it meets what moves. The order of a group before, if that was cast
+    /// at the same world, may serve these, too.
+    pub fn restart(&mut self, directions: &[Point], (world, size): (u64, f64), has_times: bool) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
         self.has_times = has_times;
         (self.size, self.start, self.count) = (size, 0, 0);
-        self.last.start = None;
+        if self.world != world {
+            (self.world, self.last.start) = (world, None);
+        }
         let room = self.group.min(directions.len()) + BLOCK + LONG_RUN;
         let RaySort { places, octants, keys, near, items, sorted, order, .. } = self;
-        for vector in [places, octants, keys, near, items, sorted, order] {
+        for vector in [places, octants, keys, near, items, sorted] {
             vector.clear();
             memory::reserve(vector, room);
         }
+        memory::reserve(order, room);
     }
 
     /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a
@@ -150,9 +156,9 @@ impl RaySort {
         if others != 0 {
             return false;
         }
-        let step = (group.start - before) as u32;
+        let step = (group.start as u32).wrapping_sub(before as u32);
         for place in &mut self.order[..NEAR] {
-            *place += step;
+            *place = place.wrapping_add(step);
         }
         self.last.start = Some(group.start);
         self.spread(directions) <= 1.25 * self.last.spread
@@ -477,9 +483,9 @@ mod tests {
             let mut groups = Vec::new();
             let mut order = RaySort::default();
             // Whatever it was used for before.
-            order.restart(&[[1.0, 0.0, 0.0]; 2], 1.0, false);
+            order.restart(&[[1.0, 0.0, 0.0]; 2], (1, 1.0), false);
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
-            order.restart(directions, size, false);
+            order.restart(directions, (2, size), false);
             while order.advance::<I>(origins, directions) {
                 groups.push(order.sorted().to_vec());
             }
@@ -584,6 +590,39 @@ mod tests {
             taken_over += usize::from(k > 0 && relative(group, first) == relative(&together[k - 1], first - NEAR));
         }
         assert!((100..140).contains(&taken_over), "{taken_over}");
+    }
+
+    /// The orders of two pieces of `NEAR` rays of one origin, one after the other, each cast at a world.
+    struct Pieces<'a>([&'a [Point]; 2], [u64; 2]);
+
+    impl Task for Pieces<'_> {
+        type Output = [Vec<u32>; 2];
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> Self::Output {
+            let Pieces(pieces, worlds) = self;
+            let mut order = RaySort::default();
+            [0, 1].map(|k| {
+                order.restart(pieces[k], (worlds[k], 100.0), false);
+                assert!(order.advance::<I>(&[[0.0; 3]; NEAR], pieces[k]));
+                order.sorted().to_vec()
+            })
+        }
+    }
+
+    #[test]
+    fn an_order_is_taken_over_by_other_rays_at_the_same_world() {
+        let direction = |i: usize| {
+            let (azimuth, elevation) = (0.0061 * (i / 128) as f64 + 0.2, 0.006 * (i % 128) as f64 + 0.1);
+            [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
+        };
+        let directions: Vec<Point> = (0..20 * NEAR).map(direction).collect();
+        let pieces = [&directions[..NEAR], &directions[19 * NEAR..]];
+        let alone = pieces.map(|piece| groups(&[[0.0; 3]; NEAR], piece, 100.0).concat());
+        assert_ne!(alone[0], alone[1]);
+        let orders = |worlds| dispatch(Level::best(), Pieces(pieces, worlds));
+        assert_eq!(orders([7, 7]), [alone[0].clone(), alone[0].clone()]);
+        assert_eq!(orders([7, 8]), alone);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! A scene during a span of time, which is what rays are cast at.
 
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use rayon::prelude::*;
 
@@ -21,6 +22,8 @@ pub struct World<'a> {
     movers: Option<Arc<Movers>>,
     /// The longest side of the box around all bounded objects.
     pub size: f64,
+    /// Another for each world of the process.
+    pub number: u64,
 }
 
 /// The hierarchy of what moves, during a span of time.
@@ -65,9 +68,11 @@ impl Scene {
     /// The scene in a span of time (see [`span`]). No hierarchy of a mesh or of what stands still is built anew for it, and that of what moves
     /// is the one of the span before, refitted, while it is about as good: frames that follow one another differ little.
     pub fn during(&self, span: [f64; 2]) -> World<'_> {
-        let index = self.index();
+        /// Of the next world.
+        static NUMBER: AtomicU64 = AtomicU64::new(1);
+        let (index, number) = (self.index(), NUMBER.fetch_add(1, Ordering::Relaxed));
         if !self.moves() {
-            return World { scene: self, index, movers: None, size: index.size };
+            return World { scene: self, index, movers: None, size: index.size, number };
         }
         let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
         let mut boxes = memory::with_capacity(self.movers.len());
@@ -83,7 +88,7 @@ impl Scene {
         });
         let movers = Arc::new(movers);
         self.last_movers.store(Some(movers.clone()));
-        World { scene: self, index, size: size(&boxes).max(index.size), movers: Some(movers) }
+        World { scene: self, index, size: size(&boxes).max(index.size), movers: Some(movers), number }
     }
 
     /// The hierarchy of the span before, for the boxes of what moves in this one; none if there was none, or it is worn out.
