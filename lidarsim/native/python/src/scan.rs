@@ -159,7 +159,7 @@ struct ScanColumns {
     range_error: Vec<f64>,
     intensity: Vec<f32>,
     incidence: Vec<f32>,
-    normal: Vec<[f32; 3]>,
+    normal: Vec<f32>,
     object_id: Vec<i32>,
     instance: Vec<u32>,
     label: Vec<u32>,
@@ -193,7 +193,7 @@ impl ScanColumns {
             range_error: memory::with_capacity(rows),
             intensity: memory::with_capacity(rows),
             incidence: memory::with_capacity(rows),
-            normal: memory::with_capacity(rows),
+            normal: memory::with_capacity(3 * rows),
             object_id: memory::with_capacity(rows),
             instance: memory::with_capacity(rows),
             label: memory::with_capacity(rows),
@@ -215,7 +215,7 @@ impl ScanColumns {
             range_error: &mut self.range_error.spare_capacity_mut()[..rows],
             intensity: &mut self.intensity.spare_capacity_mut()[..rows],
             incidence: &mut self.incidence.spare_capacity_mut()[..rows],
-            normal: &mut self.normal.spare_capacity_mut()[..rows],
+            normal: &mut self.normal.spare_capacity_mut()[..3 * rows],
             object_id: &mut self.object_id.spare_capacity_mut()[..rows],
             instance: &mut self.instance.spare_capacity_mut()[..rows],
             label: &mut self.label.spare_capacity_mut()[..rows],
@@ -238,7 +238,7 @@ impl ScanColumns {
             self.range_error.set_len(rows);
             self.intensity.set_len(rows);
             self.incidence.set_len(rows);
-            self.normal.set_len(rows);
+            self.normal.set_len(3 * rows);
             self.object_id.set_len(rows);
             self.instance.set_len(rows);
             self.label.set_len(rows);
@@ -257,7 +257,7 @@ impl ScanColumns {
         arrays.set_item("range_error", self.range_error.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("intensity", self.intensity.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("incidence", self.incidence.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("normal", self.normal.into_flattened().into_pyarray(py).reshape([shape[0], most, 3])?)?;
+        arrays.set_item("normal", self.normal.into_pyarray(py).reshape([shape[0], most, 3])?)?;
         arrays.set_item("object_id", self.object_id.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("instance", self.instance.into_pyarray(py).reshape(shape)?)?;
         arrays.set_item("label", self.label.into_pyarray(py).reshape(shape)?)?;

@@ -113,20 +113,20 @@ impl PyScene {
         let rays = equal_points(&origins, &directions)?;
         let (t, object, primitive, normal) = self.cast_rays(py, rays, times.as_ref(), (t_min, t_max), HIT, |cast| {
             let n = rays.0.len();
-            let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity::<Point>(n));
+            let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity(3 * n));
             let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
             let legal = cast.write_to(&mut Columns {
                 t: &mut t.spare_capacity_mut()[..n],
                 object: &mut object.spare_capacity_mut()[..n],
                 primitive: &mut primitive.spare_capacity_mut()[..n],
-                normal: &mut normal.spare_capacity_mut()[..n],
+                normal: &mut normal.spare_capacity_mut()[..3 * n],
             });
             // SAFETY: a cast clears the hits of each of its n rays, legal or not, or unwinds.
             unsafe {
                 t.set_len(n);
                 object.set_len(n);
                 primitive.set_len(n);
-                normal.set_len(n);
+                normal.set_len(3 * n);
             }
             ((t, object, primitive, normal), legal)
         })?;
@@ -135,7 +135,7 @@ impl PyScene {
             PyArray1::from_vec(py, t),
             PyArray1::from_vec(py, object),
             PyArray1::from_vec(py, primitive),
-            PyArray1::from_vec(py, normal.into_flattened()).reshape([n, 3])?,
+            PyArray1::from_vec(py, normal).reshape([n, 3])?,
         ))
     }
 

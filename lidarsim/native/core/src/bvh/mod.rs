@@ -19,7 +19,7 @@ use crate::parallel;
 use node::Node;
 
 pub use packet::Packet;
-pub use ray_packet::{LANES, LARGEST, Mask, RayPacket, SMALLEST, all, part_of_mask, take};
+pub use ray_packet::{LANES, LARGEST, Mask, RayPacket, SMALLEST, all, is_run, part_of_mask, take};
 pub use stack::Stack;
 pub use traversal::{PacketTraversal, Visitor};
 pub use traversal_ray::TraversalRay;

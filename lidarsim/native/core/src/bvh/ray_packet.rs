@@ -346,6 +346,11 @@ fn padded(some: &[u32], filler: u32) -> [u32; 8] {
 /// The coordinates of these points, an axis after the other.
 #[inline(always)]
 fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
+    let [low, high] = [0, 1].map(|half| &at.as_chunks().0[half]);
+    if is_run(low) & is_run(high) {
+        let [low, high] = [low, high].map(|run| run[0] as usize);
+        return I::columns_of_runs([&points[low..low + 4].as_chunks().0[0], &points[high..high + 4].as_chunks().0[0]]);
+    }
     let [a, b, c, d, e, f, g, h] = *at;
     I::columns([
         &points[a as usize],
@@ -357,6 +362,13 @@ fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
         &points[g as usize],
         &points[h as usize],
     ])
+}
+
+/// Whether four rays follow one another.
+#[inline(always)]
+pub fn is_run(rays: &[u32; 4]) -> bool {
+    let [first, others @ ..] = rays;
+    others.iter().zip(1..).fold(true, |run, (ray, k)| run & (*ray == first.wrapping_add(k)))
 }
 
 /// Takes the lowest lane out of a mask.

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::schedule::pieces;
 use crate::arith::simd::{self, Isa, Level};
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Sink, World};
+use crate::scene::{Hit, Run, Sink, World};
 use crate::{memory, parallel};
 
 /// Arrays that the hits of many rays go to; each thread writes to a part of them.
@@ -37,12 +37,82 @@ pub trait Arrays: Sink + Send + Sized {
     }
 }
 
-/// An uninitialized array for each part of a hit.
-pub struct Columns<'a> {
-    pub t: &'a mut [MaybeUninit<f64>],
-    pub object: &'a mut [MaybeUninit<i32>],
-    pub primitive: &'a mut [MaybeUninit<i32>],
-    pub normal: &'a mut [MaybeUninit<Point>],
+/// A place for a value, initialized or not.
+pub trait Place<T>: Copy {
+    fn of(value: T) -> Self;
+}
+
+impl<T: Copy> Place<T> for T {
+    #[inline(always)]
+    fn of(value: T) -> T {
+        value
+    }
+}
+
+impl<T: Copy> Place<T> for MaybeUninit<T> {
+    #[inline(always)]
+    fn of(value: T) -> MaybeUninit<T> {
+        MaybeUninit::new(value)
+    }
+}
+
+/// An array for each part of a hit.
+pub struct Columns<'a, F = MaybeUninit<f64>, N = MaybeUninit<i32>> {
+    pub t: &'a mut [F],
+    pub object: &'a mut [N],
+    pub primitive: &'a mut [N],
+    /// A coordinate after the other.
+    pub normal: &'a mut [F],
+}
+
+/// The same with memory of its own.
+#[derive(Default)]
+pub struct HitArrays {
+    pub t: Vec<f64>,
+    pub object: Vec<i32>,
+    pub primitive: Vec<i32>,
+    pub normal: Vec<f64>,
+}
+
+impl HitArrays {
+    #[cfg(test)]
+    pub fn of(count: usize) -> Self {
+        let mut hits = HitArrays::default();
+        hits.resize(count);
+        hits
+    }
+
+    /// Makes them as long as that; what is added is no hit.
+    pub fn resize(&mut self, count: usize) {
+        let Hit { t, normal: [x, ..], object, primitive } = Hit::MISS;
+        memory::resize(&mut self.t, count, t);
+        memory::resize(&mut self.object, count, object);
+        memory::resize(&mut self.primitive, count, primitive);
+        memory::resize(&mut self.normal, 3 * count, x);
+    }
+
+    pub fn len(&self) -> usize {
+        self.t.len()
+    }
+
+    #[inline(always)]
+    pub fn normal(&self, i: usize) -> Point {
+        self.normal.as_chunks().0[i]
+    }
+
+    #[inline(always)]
+    pub fn at(&self, i: usize) -> Hit {
+        Hit { t: self.t[i], normal: self.normal(i), object: self.object[i], primitive: self.primitive[i] }
+    }
+
+    pub fn iter(&self) -> impl Iterator<Item = Hit> {
+        (0..self.len()).map(|i| self.at(i))
+    }
+
+    pub fn columns(&mut self) -> Columns<'_, f64, i32> {
+        let HitArrays { t, object, primitive, normal } = self;
+        Columns { t, object, primitive, normal }
+    }
 }
 
 /// An uninitialized array of whether each ray hits anything.
@@ -54,7 +124,7 @@ impl Arrays for Columns<'_> {
             t: memory::split_off(&mut self.t, count),
             object: memory::split_off(&mut self.object, count),
             primitive: memory::split_off(&mut self.primitive, count),
-            normal: memory::split_off(&mut self.normal, count),
+            normal: memory::split_off(&mut self.normal, 3 * count),
         }
     }
 }
@@ -65,22 +135,32 @@ impl Arrays for Occlusion<'_> {
     }
 }
 
-impl Sink for Columns<'_> {
+impl<F: Place<f64>, N: Place<i32>> Sink for Columns<'_, F, N> {
     #[inline(always)]
     fn clear(&mut self, rays: Range<usize>) {
         let Hit { t, normal, object, primitive } = Hit::MISS;
-        self.t[rays.clone()].fill(MaybeUninit::new(t));
-        self.object[rays.clone()].fill(MaybeUninit::new(object));
-        self.primitive[rays.clone()].fill(MaybeUninit::new(primitive));
-        self.normal[rays].fill(MaybeUninit::new(normal));
+        self.t[rays.clone()].fill(F::of(t));
+        self.object[rays.clone()].fill(N::of(object));
+        self.primitive[rays.clone()].fill(N::of(primitive));
+        self.normal[3 * rays.start..3 * rays.end].as_chunks_mut().0.fill(normal.map(F::of));
     }
 
     #[inline(always)]
     fn put(&mut self, i: usize, hit: Hit) {
-        self.t[i].write(hit.t);
-        self.object[i].write(hit.object);
-        self.primitive[i].write(hit.primitive);
-        self.normal[i].write(hit.normal);
+        self.t[i] = F::of(hit.t);
+        self.object[i] = N::of(hit.object);
+        self.primitive[i] = N::of(hit.primitive);
+        self.normal.as_chunks_mut().0[i] = hit.normal.map(F::of);
+    }
+
+    #[inline(always)]
+    fn put_run(&mut self, i: usize, hits: &Run) {
+        self.t[i..i + 4].as_chunks_mut().0[0] = hits.t.map(F::of);
+        self.object[i..i + 4].as_chunks_mut().0[0] = hits.object.map(N::of);
+        self.primitive[i..i + 4].as_chunks_mut().0[0] = hits.primitive.map(N::of);
+        for (place, normals) in self.normal[3 * i..3 * i + 12].as_chunks_mut().0.iter_mut().zip(hits.normals) {
+            *place = normals.map(F::of);
+        }
     }
 
     #[inline(always)]
@@ -88,7 +168,7 @@ impl Sink for Columns<'_> {
         I::prefetch(&self.t[i]);
         I::prefetch(&self.object[i]);
         I::prefetch(&self.primitive[i]);
-        simd::prefetch_across::<I, _>(&self.normal[i]);
+        simd::prefetch_across::<I, _>(&self.normal.as_chunks::<3>().0[i]);
     }
 }
 
@@ -108,5 +188,73 @@ impl Sink for Occlusion<'_> {
     #[inline(always)]
     fn prefetch<I: Isa>(&self, i: usize) {
         I::prefetch(&self.0[i]);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::arith::simd::{Task, dispatch};
+    use crate::scene::EightHits;
+    use crate::testing::numbers;
+
+    struct PutRuns<'a>(&'a mut HitArrays, &'a [u32; 8], u32, &'a [Hit; 8]);
+
+    impl Task for PutRuns<'_> {
+        type Output = u32;
+
+        #[inline(always)]
+        fn run<I: Isa>(self) -> u32 {
+            let PutRuns(arrays, rays, lanes, hits) = self;
+            let normal = [0, 1, 2].map(|axis| hits.map(|hit| hit.normal[axis]));
+            let eight = EightHits {
+                t: &hits.map(|hit| hit.t),
+                normal: normal.each_ref(),
+                object: hits.map(|hit| hit.object),
+                primitive: hits.map(|hit| hit.primitive),
+            };
+            arrays.columns().put_runs::<I>(rays, lanes, &eight)
+        }
+    }
+
+    /// Four lanes follow one another, or but for the first or the last, or end where the arrays do.
+    #[test]
+    fn runs_of_hits_are_put_where_each_would_be() {
+        const COUNT: u32 = 40;
+        let mut number = numbers();
+        let quarters =
+            [[5, 6, 7, 8], [20, 21, 22, 23], [36, 37, 38, 39], [9, 11, 12, 13], [30, 31, 32, 34], [3, 2, 1, 0]];
+        let (mut runs, mut others) = (0, 0);
+        for (first, second) in quarters.iter().flat_map(|a| quarters.iter().map(move |b| (a, b))) {
+            let rays: [u32; 8] = std::array::from_fn(|k| if k < 4 { first[k] } else { second[k - 4] });
+            for lanes in [0xff, 0xf0, 0x0f, 0xfe, 0x7f, 0xef, 0] {
+                let hits = rays.map(|ray| Hit {
+                    t: number(),
+                    normal: [number(), number(), number()],
+                    object: ray as i32 + 100,
+                    primitive: ray as i32 + 200,
+                });
+                for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
+                    let (mut arrays, mut expected) = (HitArrays::of(COUNT as usize), vec![Hit::MISS; COUNT as usize]);
+                    let put = dispatch(level, PutRuns(&mut arrays, &rays, lanes, &hits));
+                    for half in 0..2 {
+                        let four = 4 * half..4 * half + 4;
+                        let is_run = rays[four.clone()].windows(2).all(|pair| pair[1] == pair[0] + 1);
+                        let all = 0xf << (4 * half);
+                        assert_eq!(put & all, if is_run && lanes & all == all { all } else { 0 });
+                        if put & all != 0 {
+                            four.for_each(|k| expected[rays[k] as usize] = hits[k]);
+                            runs += 1;
+                        } else {
+                            others += 1;
+                        }
+                    }
+                    let parts = |hit: &Hit| (hit.t, hit.normal, hit.object, hit.primitive);
+                    let found: Vec<_> = arrays.iter().map(|hit| parts(&hit)).collect();
+                    assert_eq!(found, expected.iter().map(parts).collect::<Vec<_>>(), "{level:?}");
+                }
+            }
+        }
+        assert!(runs > 100 && others > 100, "{runs}, {others}");
     }
 }

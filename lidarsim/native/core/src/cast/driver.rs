@@ -255,6 +255,7 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cast::columns::HitArrays;
     use crate::scene::tests::{FLAT, object, tipped};
     use crate::scene::{RootId, Scene};
     use crate::testing::with_large_frames;
@@ -287,9 +288,9 @@ mod tests {
                     let at =
                         [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                        let mut hits = vec![Hit::MISS; origins.len()];
+                        let mut hits = HitArrays::of(origins.len());
                         let (world, rays) = (scene.during([0.0; 2]), (&origins[..], &directions[..], &[][..]));
-                        assert!(world.cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
+                        assert!(world.cast(level, rays, (0.0, f64::INFINITY), &mut hits.columns()));
                         for (hit, o) in hits.iter().zip(&origins) {
                             // The surfaces part where the last vertex has a weight.
                             let tie = z == 1.0 || o[1] == 0.0;
@@ -325,11 +326,12 @@ mod tests {
             directions.extend([[1.0; 3]; 2]);
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let before = Hit { t: 7.0, normal: [7.0; 3], object: 7, primitive: 7 };
-                let mut hits = vec![before; origins.len()];
+                let mut hits = HitArrays::of(origins.len());
+                (0..origins.len()).for_each(|i| hits.columns().put(i, before));
                 let (world, rays) = (scene.during([0.0; 2]), (&origins[..], &directions[..], &[][..]));
-                assert!(!world.cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
+                assert!(!world.cast(level, rays, (0.0, f64::INFINITY), &mut hits.columns()));
                 for (i, hit) in hits.iter().enumerate() {
-                    let Hit { t, normal, object, primitive } = *hit;
+                    let Hit { t, normal, object, primitive } = hit;
                     let is_miss = (t, normal, object, primitive) == (f64::INFINITY, [0.0; 3], -1, 0);
                     assert!(is_miss != (i < hitting) && hit.t != before.t, "{level:?}, {i}: {hit:?}");
                 }

@@ -14,5 +14,5 @@ mod surface_intersector;
 mod traversal;
 mod triangle_hits;
 
-pub use columns::{Arrays, Columns, Occlusion};
+pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use schedule::pieces;

@@ -15,7 +15,7 @@ use crate::geometry::affine::{PlacementTask, Placements, RayPlacement};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 use crate::scene::TriangleMesh;
-use crate::scene::{Geometry, Hit, RootId, Scene, Sink};
+use crate::scene::{EightHits, Geometry, Hit, RootId, Scene, Sink};
 use crate::shapes::newton::{Target, newton_step};
 use crate::shapes::triangle::Triangles;
 use crate::shapes::{Surface, SurfaceTask};
@@ -371,6 +371,19 @@ impl HitBatch {
         if !placements.is_identity() {
             placements.apart::<I, _>(PlaceNormals(refined));
         }
+        let id = self.root.object as i32;
+        for eight in 0..BATCH_SIZE / WIDEST {
+            let certain = part_of_mask::<WIDEST>(Mask::from(refined.known) & slots, eight);
+            let primitive = self.primitive.as_chunks().0[eight];
+            let eight_hits = EightHits {
+                t: &refined.t.as_chunks().0[eight],
+                normal: [0, 1, 2].map(|axis| &refined.normal[axis].as_chunks().0[eight]),
+                object: [id; WIDEST],
+                primitive: primitive.map(|primitive| object.reported(primitive)),
+            };
+            let put = hits.put_runs::<I>(&self.at.as_chunks().0[eight], certain, &eight_hits);
+            self.slots &= !(Mask::from(put) << (eight * WIDEST));
+        }
         while let Some(slot) = take(&mut self.slots) {
             let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
             // No hit is put together first: to read back in one piece what was written in several takes long.
@@ -576,6 +589,7 @@ mod tests {
 
     use super::*;
     use crate::arith::simd::Level;
+    use crate::cast::columns::HitArrays;
     use crate::cast::ray_sort::NEAR;
     use crate::geometry::affine::Affine;
     use crate::scene::Object;
@@ -645,10 +659,10 @@ mod tests {
             for range in [(0.0, f64::INFINITY), (1.0, 3.0)] {
                 let world = scene.during([0.0; 2]);
                 let cast = |level, rays: Range<usize>| {
-                    let mut hits = vec![Hit::MISS; rays.len()];
+                    let mut hits = HitArrays::of(rays.len());
                     let rays = (&origins[rays.clone()], &directions[rays], &[][..]);
-                    assert!(world.cast(level, rays, range, &mut hits[..]));
-                    hits
+                    assert!(world.cast(level, rays, range, &mut hits.columns()));
+                    hits.iter().collect::<Vec<_>>()
                 };
                 let indices = 0..origins.len();
                 let expected: Vec<Hit> = indices.clone().flat_map(|i| cast(Level::Scalar, i..i + 1)).collect();
@@ -675,10 +689,10 @@ mod tests {
                 let scene = Scene::new(vec![Object::new(Geometry::Surface(plane.into()), false)]);
                 let (origins, directions) = ([[0.0, 0.0, 3.0]; 64], [[0.125, 0.25, -1.0]; 64]);
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    let mut hits = vec![Hit::MISS; 64];
+                    let mut hits = HitArrays::of(64);
                     let rays = (&origins[..], &directions[..], &[][..]);
-                    assert!(scene.during([0.0; 2]).cast(level, rays, (0.0, f64::INFINITY), &mut hits[..]));
-                    for hit in hits {
+                    assert!(scene.during([0.0; 2]).cast(level, rays, (0.0, f64::INFINITY), &mut hits.columns()));
+                    for hit in hits.iter() {
                         assert_eq!((hit.t, hit.normal), (2.0, [0.0, 0.0, -1.0]), "{level:?}, {size}");
                     }
                 }

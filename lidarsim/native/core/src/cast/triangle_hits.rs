@@ -4,7 +4,7 @@ use crate::arith::simd::{self, Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
 use crate::geometry::affine::Inverse;
-use crate::scene::{Hit, RootId, Scene, Sink};
+use crate::scene::{EightHits, Hit, RootId, Scene, Sink};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
 
 /// The hits of a packet on triangles.
@@ -62,6 +62,23 @@ impl<'a> TriangleHits<'a> {
         let mut certain = I::call(Refine { triangle_hits: self, rays });
         if self.placed != 0 {
             certain |= I::call(RefinePlaced { triangle_hits: self, scene, rays });
+        }
+        for eight in 0..LANES / 8 {
+            let lanes = part_of_mask::<8>(certain, eight);
+            let (object, primitive) = (self.object.as_chunks().0[eight], self.primitive.as_chunks().0[eight]);
+            let id = object[0];
+            if lanes == 0 || object != [id; 8] {
+                continue;
+            }
+            let on = &scene.objects()[id as usize];
+            let eight_hits = EightHits {
+                t: &self.t.as_chunks().0[eight],
+                normal: [0, 1, 2].map(|axis| &self.normal[axis].as_chunks().0[eight]),
+                object: object.map(|id| id as i32),
+                primitive: primitive.map(|primitive| on.reported(primitive)),
+            };
+            let put = hits.put_runs::<I>(&rays.at.as_chunks().0[eight], lanes, &eight_hits);
+            self.lanes &= !(Mask::from(put) << (8 * eight));
         }
         while let Some(lane) = take(&mut self.lanes) {
             let (at, object, primitive) = (rays.at[lane] as usize, self.object[lane], self.primitive[lane]);

@@ -23,10 +23,10 @@ pub enum Labels {
 
 impl Labels {
     #[inline(always)]
-    pub(super) fn at(&self, hit: &Hit) -> u32 {
+    pub(super) fn at(&self, primitive: i32) -> u32 {
         match self {
             Labels::Object(label) => *label,
-            Labels::Face(labels) => labels[hit.primitive as usize],
+            Labels::Face(labels) => labels[primitive as usize],
         }
     }
 }
@@ -42,15 +42,20 @@ pub enum Reflectivity {
 }
 
 impl Reflectivity {
-    /// Where a ray, of an origin, a direction and a time, hit the object.
+    /// Where a ray hit this primitive of the object: `hit` tells where, with the origin, the direction and the time.
     #[inline(always)]
-    pub(super) fn at(&self, hit: &Hit, ray: impl FnOnce() -> (Point, Point, f64), caster: &impl Caster) -> f64 {
+    pub(super) fn at(
+        &self,
+        primitive: i32,
+        hit: impl FnOnce() -> (Hit, Point, Point, f64),
+        caster: &impl Caster,
+    ) -> f64 {
         match self {
             Reflectivity::Object(value) => *value,
-            Reflectivity::Face(values) => values[hit.primitive as usize],
+            Reflectivity::Face(values) => values[primitive as usize],
             Reflectivity::Vertex(values) => {
-                let (origin, direction, time) = ray();
-                match caster.shares(hit, origin, direction, time) {
+                let (hit, origin, direction, time) = hit();
+                match caster.shares(&hit, origin, direction, time) {
                     Some((vertices, [u, v, w])) => {
                         let [a, b, c] = vertices.map(|i| values[i as usize]);
                         u * a + v * b + w * c

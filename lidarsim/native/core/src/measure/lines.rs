@@ -7,7 +7,6 @@ use super::direction::distance;
 use super::{Caster, RangeSigma, Rows, Scan, Scratch, Status};
 use crate::arith::simd::{self, Floats, Isa, lanes};
 use crate::memory::resize;
-use crate::scene::Hit;
 
 type F64x8<I> = <I as Isa>::F64x8;
 
@@ -16,7 +15,7 @@ impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     pub(super) fn measure_lines<I: Isa>(&self, pulses: Range<usize>, rays: &mut Scratch, rows: &mut Rows) {
         let whole = pulses.len().next_multiple_of(8);
-        resize(&mut rays.hits, whole, Hit::MISS);
+        rays.hits.resize(whole);
         resize(&mut rays.directions, whole, [0.0; 3]);
         let Scratch { intensity, noise, bias, offset, dropout, squared_sin, cos, .. } = &mut *rays;
         for numbers in [intensity, noise, bias, offset, dropout] {
@@ -33,13 +32,15 @@ impl<C: Caster> Scan<'_, C> {
     #[inline(always)]
     fn measure_eight<I: Isa>(&self, pulses: Range<usize>, eight: usize, rays: &mut Scratch, rows: &mut Rows) {
         let nan = F64x8::<I>::splat(f64::NAN);
-        let hits: &[Hit; 8] = &rays.hits.as_chunks().0[eight];
-        let (n, d) = (normals::<I>(hits), simd::load_points::<I>(&rays.directions.as_chunks().0[eight]));
+        let hits = &rays.hits;
+        let normals: &[[f64; 3]; 8] = &hits.normal.as_chunks().0.as_chunks().0[eight];
+        let (objects, primitives) = (hits.object.as_chunks::<8>().0[eight], hits.primitive.as_chunks::<8>().0[eight]);
+        let (n, d) = (simd::load_points::<I>(normals), simd::load_points::<I>(&rays.directions.as_chunks().0[eight]));
         let mut missed = 0;
-        for (k, hit) in hits.iter().enumerate() {
-            missed |= (hit.object as u32 >> 31) << k;
+        for (k, object) in objects.iter().enumerate() {
+            missed |= (*object as u32 >> 31) << k;
         }
-        let truth = distance(F64x8::<I>::load(&std::array::from_fn(|k| hits[k].t)), d);
+        let truth = distance(eight_of::<I>(&hits.t, eight), d);
         let across = lanes::cross(n, d);
         let cos = lanes::dot(n, d).abs();
         let mut intensity = eight_of::<I>(&rays.intensity, eight).mul(cos);
@@ -58,17 +59,19 @@ impl<C: Caster> Scan<'_, C> {
         put_eight(rows.true_range, eight, I::pick(missed, nan, truth).store());
         put_eight(rows.range_error, eight, range.sub(truth).store());
         put_eight(rows.intensity, eight, I::pick(found, intensity, nan).store().map(|x| x as f32));
-        put_eight(rows.object_id, eight, std::array::from_fn(|k| hits[k].object));
-        let numbers: [[u32; 2]; 8] = std::array::from_fn(|k| self.numbers(&hits[k]));
+        put_eight(rows.object_id, eight, objects);
+        let numbers: [[u32; 2]; 8] = std::array::from_fn(|k| self.numbers(objects[k], primitives[k]));
         put_eight(rows.instance, eight, numbers.map(|[instance, _]| instance));
         put_eight(rows.label, eight, numbers.map(|[_, label]| label));
-        let mut normal: [[f32; 3]; 8] = std::array::from_fn(|k| hits[k].normal.map(|x| x as f32));
+        let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[eight];
+        let mut normal = parts.map(|part| part.map(|x| x as f32));
         let mut status = [Status::Hit as u8; 8];
         if found != 0xff {
             let (truth, measured, intensity) = (truth.store(), measured.store(), intensity.store());
             for k in 0..8 {
                 if missed & 1 << k != 0 {
-                    (normal[k], status[k]) = ([f32::NAN; 3], Status::Miss as u8);
+                    normal.as_flattened_mut()[3 * k..3 * k + 3].fill(f32::NAN);
+                    status[k] = Status::Miss as u8;
                 } else {
                     let power = intensity[k] / (truth[k] * truth[k]);
                     let why = self.detected(power, measured[k], rays, 8 * eight + k).err();
@@ -76,13 +79,18 @@ impl<C: Caster> Scan<'_, C> {
                 }
             }
         }
-        put_eight(rows.normal, eight, normal);
+        for (k, part) in normal.into_iter().enumerate() {
+            put_eight(rows.normal, 3 * eight + k, part);
+        }
         put_eight(rows.status, eight, status);
         put_eight(rows.return_count, eight, status.map(|status| u8::from(status == Status::Hit as u8)));
         rays.squared_sin.as_chunks_mut().0[eight] = I::pick(missed, nan, lanes::dot(across, across)).store();
         rays.cos.as_chunks_mut().0[eight] = I::pick(missed, nan, cos).store();
+        if rows.true_direction.is_empty() && rays.approach.is_empty() {
+            return;
+        }
         for i in 8 * eight..pulses.len().min(8 * eight + 8) {
-            let is_hit = rays.hits[i].object >= 0;
+            let is_hit = rays.hits.object[i] >= 0;
             if let Some(direction) = rows.true_direction.get_mut(i) {
                 direction.write(if is_hit { self.axis(pulses.start, i, rays) } else { [f64::NAN; 3] });
             }
@@ -139,11 +147,6 @@ impl<C: Caster> Scan<'_, C> {
 }
 
 #[inline(always)]
-fn normals<I: Isa>([a, b, c, d, e, f, g, h]: &[Hit; 8]) -> [F64x8<I>; 3] {
-    I::columns([&a.normal, &b.normal, &c.normal, &d.normal, &e.normal, &f.normal, &g.normal, &h.normal])
-}
-
-#[inline(always)]
 fn eight_of<I: Isa>(numbers: &[f64], eight: usize) -> F64x8<I> {
     F64x8::<I>::load(&numbers.as_chunks().0[eight])
 }
@@ -154,7 +157,7 @@ fn put_eight<T: Copy>(rows: &mut [MaybeUninit<T>], eight: usize, values: [T; 8])
     match rows.as_chunks_mut().0.get_mut(eight) {
         Some(rows) => *rows = values.map(MaybeUninit::new),
         None => {
-            for (row, value) in rows[8 * eight..].iter_mut().zip(values) {
+            for (row, value) in rows.iter_mut().skip(8 * eight).zip(values) {
                 row.write(value);
             }
         }

@@ -26,6 +26,7 @@ use std::sync::Arc;
 use crate::arith::elementary::first_quadrant_angle;
 use crate::arith::number::Interval;
 use crate::arith::simd::{self, Isa, Level, Task};
+use crate::cast::HitArrays;
 use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::pose::{Motion, Path, Pose};
 use crate::geometry::vector::Point;
@@ -51,7 +52,7 @@ pub trait Caster: Sync {
     fn moves(&self) -> bool;
 
     /// The nearest hit of each ray with t ≥ 0, at its time; none have times if nothing moves.
-    fn cast(&self, level: Level, rays: (&[Point], &[Point], &[f64]), hits: &mut [Hit]);
+    fn cast(&self, level: Level, rays: (&[Point], &[Point], &[f64]), hits: &mut HitArrays);
 
     /// The vertices of the triangle of a mesh that was hit, and the share that each has of the hit.
     fn shares(&self, hit: &Hit, origin: Point, direction: Point, time: f64) -> Option<([u32; 3], [f64; 3])>;
@@ -65,9 +66,9 @@ impl Caster for World<'_> {
         self.scene.moves()
     }
 
-    fn cast(&self, level: Level, rays: (&[Point], &[Point], &[f64]), hits: &mut [Hit]) {
+    fn cast(&self, level: Level, rays: (&[Point], &[Point], &[f64]), hits: &mut HitArrays) {
         // The rays are legal: `Frame::check` has seen them.
-        World::cast(self, level, rays, (0.0, f64::INFINITY), hits);
+        World::cast(self, level, rays, (0.0, f64::INFINITY), &mut hits.columns());
     }
 
     fn path(&self, object: i32) -> Option<&Path> {
@@ -172,7 +173,8 @@ pub struct Rows<'a> {
     pub range_error: &'a mut [MaybeUninit<f64>],
     pub intensity: &'a mut [MaybeUninit<f32>],
     pub incidence: &'a mut [MaybeUninit<f32>],
-    pub normal: &'a mut [MaybeUninit<[f32; 3]>],
+    /// A coordinate after the other.
+    pub normal: &'a mut [MaybeUninit<f32>],
     pub object_id: &'a mut [MaybeUninit<i32>],
     pub instance: &'a mut [MaybeUninit<u32>],
     pub label: &'a mut [MaybeUninit<u32>],
@@ -196,7 +198,7 @@ impl<'a> Rows<'a> {
             range_error: split_off(&mut self.range_error, rows),
             intensity: split_off(&mut self.intensity, rows),
             incidence: split_off(&mut self.incidence, rows),
-            normal: split_off(&mut self.normal, rows),
+            normal: split_off(&mut self.normal, 3 * rows),
             object_id: split_off(&mut self.object_id, rows),
             instance: split_off(&mut self.instance, rows),
             label: split_off(&mut self.label, rows),
@@ -211,7 +213,7 @@ impl<'a> Rows<'a> {
     #[inline(always)]
     fn write(&mut self, row: usize, echo: &Echo, hit: &Hit, [instance, label]: [u32; 2]) {
         self.true_range[row].write(echo.true_range);
-        self.normal[row].write(hit.normal.map(|x| x as f32));
+        self.normal.as_chunks_mut().0[row] = hit.normal.map(|x| MaybeUninit::new(x as f32));
         self.object_id[row].write(hit.object);
         self.instance[row].write(instance);
         self.label[row].write(label);
@@ -224,7 +226,7 @@ impl<'a> Rows<'a> {
     #[inline(always)]
     fn clear(&mut self, row: usize) {
         self.true_range[row].write(f64::NAN);
-        self.normal[row].write([f32::NAN; 3]);
+        self.normal.as_chunks_mut().0[row] = [MaybeUninit::new(f32::NAN); 3];
         self.object_id[row].write(-1);
         self.instance[row].write(0);
         self.label[row].write(0);
@@ -260,7 +262,7 @@ struct Scratch {
     directions: Vec<Point>,
     /// Empty if no surface moves.
     times: Vec<f64>,
-    hits: Vec<Hit>,
+    hits: HitArrays,
     /// Of each ray the reflectivity of what it hits, and with a beam, after `shine`, what it brings back in clear air; of one that hits nothing, anything.
     intensity: Vec<f64>,
     /// With a beam, of each ray; of one that hits nothing, anything.
@@ -381,8 +383,8 @@ impl<'a, C: Caster> Scan<'a, C> {
     /// Writes an echo of the `i`-th pulse of the batch, but for where it comes from.
     #[inline(always)]
     fn report(&self, row: usize, i: usize, echo: &Echo, rays: &mut Scratch, rows: &mut Rows) {
-        let (hit, direction) = (&rays.hits[echo.ray], rays.directions[echo.ray]);
-        rows.write(row, echo, hit, self.numbers(hit));
+        let (hit, direction) = (&rays.hits.at(echo.ray), rays.directions[echo.ray]);
+        rows.write(row, echo, hit, self.numbers(hit.object, hit.primitive));
         let across = cross(hit.normal, direction);
         (rays.squared_sin[row], rays.cos[row]) = (dot(across, across), rays.cosine[echo.ray]);
         if row < rays.approach.len() {
@@ -392,9 +394,9 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     /// The instance and the label of what was hit.
     #[inline(always)]
-    fn numbers(&self, hit: &Hit) -> [u32; 2] {
-        let appearance = self.appearances.get(hit.object as usize);
-        appearance.map_or([0; 2], |object| [object.instance, object.labels.at(hit)])
+    fn numbers(&self, object: i32, primitive: i32) -> [u32; 2] {
+        let appearance = self.appearances.get(object as usize);
+        appearance.map_or([0; 2], |appearance| [appearance.instance, appearance.labels.at(primitive)])
     }
 
     /// The products of the direction of a ray of the `i`-th pulse with the velocity of what it hits, and with itself.
@@ -409,7 +411,7 @@ impl<'a, C: Caster> Scan<'a, C> {
     fn velocity(&self, i: usize, ray: usize, rays: &mut Scratch) -> Point {
         let mut velocity = [0.0; 3];
         if let Some(&time) = rays.times.get(ray)
-            && let Some(path) = self.caster.path(rays.hits[ray].object)
+            && let Some(path) = self.caster.path(rays.hits.object[ray])
         {
             velocity = Self::velocity_on(path, ray, time, rays);
         }
@@ -421,7 +423,7 @@ impl<'a, C: Caster> Scan<'a, C> {
 
     #[inline(never)]
     fn velocity_on(path: &Path, ray: usize, time: f64, rays: &mut Scratch) -> Point {
-        let (origin, direction, hit) = (rays.origins[ray], rays.directions[ray], &rays.hits[ray]);
+        let (origin, direction, hit) = (rays.origins[ray], rays.directions[ray], &rays.hits.at(ray));
         let point = std::array::from_fn(|k| origin[k] + hit.t * direction[k]);
         let met = (hit.object, time);
         let motion = match &mut rays.motion {
@@ -487,7 +489,7 @@ impl<'a, C: Caster> Scan<'a, C> {
             let times = frame.times[pulses].iter().map(|time| frame.start + time);
             rays.times.extend(times.flat_map(|time| std::iter::repeat_n(time, measurement.rays())));
         }
-        resize(&mut rays.hits, count, Hit::MISS);
+        rays.hits.resize(count);
         self.caster.cast(self.level, (&rays.origins, &rays.directions, &rays.times), &mut rays.hits);
         Ok(())
     }
@@ -583,10 +585,11 @@ impl<'a, C: Caster> Scan<'a, C> {
     fn reflect(&self, rays: &mut Scratch) {
         let Scratch { origins, directions, times, hits, intensity, .. } = rays;
         resize(intensity, hits.len(), 0.0);
-        for (i, (intensity, hit)) in intensity.iter_mut().zip(&*hits).enumerate() {
-            if let Some(appearance) = self.appearances.get(hit.object as usize) {
-                let ray = || (origins[i], directions[i], *times.get(i).unwrap_or(&0.0));
-                *intensity = appearance.reflectivity.at(hit, ray, self.caster);
+        let surfaces = hits.object.iter().zip(&hits.primitive);
+        for (i, (intensity, (object, primitive))) in intensity.iter_mut().zip(surfaces).enumerate() {
+            if let Some(appearance) = self.appearances.get(*object as usize) {
+                let hit = || (hits.at(i), origins[i], directions[i], *times.get(i).unwrap_or(&0.0));
+                *intensity = appearance.reflectivity.at(*primitive, hit, self.caster);
             }
         }
     }
@@ -597,10 +600,10 @@ impl<'a, C: Caster> Scan<'a, C> {
         let Scratch { directions, hits, range, cosine, intensity, transmission, .. } = rays;
         resize(range, hits.len(), 0.0);
         resize(cosine, hits.len(), 0.0);
-        for ((range, cosine), (hit, direction)) in range.iter_mut().zip(&mut *cosine).zip(hits.iter().zip(&*directions))
-        {
-            *range = distance(hit.t, *direction);
-            *cosine = dot(hit.normal, *direction).abs();
+        let met = hits.t.iter().zip(hits.normal.as_chunks().0).zip(&*directions);
+        for ((range, cosine), ((t, normal), direction)) in range.iter_mut().zip(&mut *cosine).zip(met) {
+            *range = distance(*t, *direction);
+            *cosine = dot(*normal, *direction).abs();
         }
         for (intensity, cosine) in intensity.iter_mut().zip(&*cosine) {
             *intensity *= cosine;
@@ -668,7 +671,7 @@ impl Scratch {
     /// What a ray brings back, if it hits anything.
     #[inline(always)]
     fn light(&self, ray: usize) -> Option<Light> {
-        if self.hits[ray].object < 0 {
+        if self.hits.object[ray] < 0 {
             return None;
         }
         let (range, intensity) = (self.range[ray], self.intensity[ray]);

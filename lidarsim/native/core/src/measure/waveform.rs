@@ -116,7 +116,7 @@ impl Scratch {
     /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR = −R·n·dd/(n·d). The first ray
     /// is the axis, the next is to its left, and the two after that above it, to the left and to the right by half of the way.
     fn to_next_sub_ray(&self, light: &Light, first: usize) -> f64 {
-        let normal = self.hits[light.ray].normal;
+        let normal = self.hits.normal(light.ray);
         let [axis, left, above_left, above_right] = [0, 1, 2, 3].map(|k| dot(normal, self.directions[first + k]));
         let (leftward, upward) = (left - axis, (above_left + above_right - 2.0 * axis) / 3.0_f64.sqrt());
         let range = light.range / self.cosine[light.ray];
@@ -125,7 +125,7 @@ impl Scratch {
 
     /// The echo of one light or more.
     fn merge(&self, lights: &[Light]) -> Echo {
-        let object = |light: &Light| self.hits[light.ray].object;
+        let object = |light: &Light| self.hits.object[light.ray];
         let share = |of: i32| lights.iter().filter(|l| object(l) == of).map(|l| l.power).sum::<f64>();
         let main = *lights.iter().fold(&lights[0], |best, light| {
             let (a, b) = (object(light), object(best));

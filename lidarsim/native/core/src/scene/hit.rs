@@ -2,7 +2,8 @@
 
 use std::ops::Range;
 
-use crate::arith::simd::{self, Isa};
+use crate::arith::simd::{Floats, Isa};
+use crate::bvh::is_run;
 use crate::geometry::vector::Point;
 
 /// The closest hit of a ray.
@@ -24,6 +25,24 @@ impl Hit {
     pub const UNREFINED: Hit = Hit { t: f64::NAN, object: 0, ..Hit::MISS };
 }
 
+/// Hits of eight rays.
+pub struct EightHits<'a> {
+    pub t: &'a [f64; 8],
+    /// By axis.
+    pub normal: [&'a [f64; 8]; 3],
+    pub object: [i32; 8],
+    pub primitive: [i32; 8],
+}
+
+/// Hits of four rays that follow one another.
+pub struct Run {
+    pub t: [f64; 4],
+    /// The coordinates of the normals, a ray after the other.
+    pub normals: [[f64; 4]; 3],
+    pub object: [i32; 4],
+    pub primitive: [i32; 4],
+}
+
 /// Where the hits of rays go, those of misses first: nothing more is put for these.
 pub trait Sink {
     /// Whether any hit of a ray will do: then what is put is `Hit::UNREFINED`.
@@ -34,23 +53,42 @@ pub trait Sink {
     fn clear(&mut self, rays: Range<usize>);
     /// Puts the hit of ray i.
     fn put(&mut self, i: usize, hit: Hit);
+
+    /// Puts the hits of four rays, from i on.
+    #[inline(always)]
+    fn put_run(&mut self, i: usize, hits: &Run) {
+        let normals = hits.normals.as_flattened().as_chunks().0;
+        for (k, normal) in normals.iter().enumerate() {
+            self.put(
+                i + k,
+                Hit { t: hits.t[k], normal: *normal, object: hits.object[k], primitive: hits.primitive[k] },
+            );
+        }
+    }
+
+    /// Puts those hits of eight rays that are runs, four of `lanes` whose rays follow one another, as sorted rays of a sensor do, and returns their lanes.
+    #[inline(always)]
+    fn put_runs<I: Isa>(&mut self, rays: &[u32; 8], lanes: u32, hits: &EightHits) -> u32 {
+        let runs = [0, 1].map(|half| lanes >> (4 * half) & 0xf == 0xf && is_run(&rays.as_chunks().0[half]));
+        if runs == [false; 2] {
+            return 0;
+        }
+        let [x, y, z] = &hits.normal;
+        let normals = I::interleaved([I::F64x8::load(x), I::F64x8::load(y), I::F64x8::load(z)]);
+        let [a, b, c] = normals.map(I::F64x8::store).map(|eight| [eight.as_chunks().0[0], eight.as_chunks().0[1]]);
+        let normals = [[a[0], a[1], b[0]], [b[1], c[0], c[1]]];
+        let mut put = 0;
+        for half in 0..2 {
+            if runs[half] {
+                let (t, object) = (hits.t.as_chunks().0[half], hits.object.as_chunks().0[half]);
+                let run = Run { t, normals: normals[half], object, primitive: hits.primitive.as_chunks().0[half] };
+                self.put_run(rays[4 * half] as usize, &run);
+                put |= 0xf << (4 * half);
+            }
+        }
+        put
+    }
+
     /// Prefetches where the hit of ray i goes.
     fn prefetch<I: Isa>(&self, i: usize);
-}
-
-impl Sink for [Hit] {
-    #[inline(always)]
-    fn clear(&mut self, rays: Range<usize>) {
-        self[rays].fill(Hit::MISS);
-    }
-
-    #[inline(always)]
-    fn put(&mut self, i: usize, hit: Hit) {
-        self[i] = hit;
-    }
-
-    #[inline(always)]
-    fn prefetch<I: Isa>(&self, i: usize) {
-        simd::prefetch_across::<I, _>(&self[i]);
-    }
 }

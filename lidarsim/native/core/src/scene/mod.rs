@@ -23,7 +23,7 @@ use crate::{memory, parallel};
 
 use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot, meets_what_they_share};
 
-pub use hit::{Hit, Sink};
+pub use hit::{EightHits, Hit, Run, Sink};
 pub use object::{Geometry, Object, ObjectAt};
 pub use predicates::RootIntervals;
 pub use root_id::RootId;

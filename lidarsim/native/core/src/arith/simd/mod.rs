@@ -72,6 +72,8 @@ pub trait Isa: Copy {
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
     /// The coordinates of eight points, an axis after the other.
     fn columns(points: [&[f64; 3]; 8]) -> [Self::F64x8; 3];
+    /// As `columns`, of two runs of points that lie side by side.
+    fn columns_of_runs(runs: [&[[f64; 3]; 4]; 2]) -> [Self::F64x8; 3];
     /// As `columns`, of points whose coordinates these are, a point after the other.
     fn deinterleaved(points: [Self::F64x8; 3]) -> [Self::F64x8; 3];
     /// From `columns` back to the coordinates, a point after the other.
@@ -293,13 +295,16 @@ mod tests {
     }
 
     impl Task for Transpose<'_> {
-        type Output = [[[f64; 8]; 3]; 3];
+        type Output = [[[f64; 8]; 3]; 4];
 
         #[inline(always)]
         fn run<I: Isa>(self) -> Self::Output {
             let columns = I::columns(self.at.map(|i| &self.points[i]));
             let interleaved = I::interleaved(columns);
-            [columns, interleaved, I::deinterleaved(interleaved)].map(|registers| registers.map(I::F64x8::store))
+            // From the first point asked for on, and from the second, where there are as many.
+            let run = |i: usize| &self.points[self.at[i].min(self.points.len() - 4)..].as_chunks().0[0];
+            let runs = I::columns_of_runs([run(0), run(1)]);
+            [columns, interleaved, I::deinterleaved(interleaved), runs].map(|registers| registers.map(I::F64x8::store))
         }
     }
 
@@ -311,12 +316,17 @@ mod tests {
         for _ in 0..200 {
             let at = [0; 8].map(|_: u8| (11.0 * number()) as usize);
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                let [columns @ [x, y, z], interleaved, again] = dispatch(level, Transpose { points: &points, at });
+                let [columns @ [x, y, z], interleaved, again, runs] =
+                    dispatch(level, Transpose { points: &points, at });
                 for lane in 0..8 {
                     assert_eq!([x[lane], y[lane], z[lane]], points[at[lane]], "{level:?}");
                 }
                 assert_eq!(*interleaved.as_flattened(), *at.map(|i| points[i]).as_flattened(), "{level:?}");
                 assert_eq!(again, columns, "{level:?}");
+                for lane in 0..8 {
+                    let place = at[lane / 4].min(points.len() - 4) + lane % 4;
+                    assert_eq!(runs.map(|column| column[lane]), points[place], "{level:?}");
+                }
             }
         }
     }

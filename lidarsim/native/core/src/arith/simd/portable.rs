@@ -35,6 +35,11 @@ impl Isa for Portable {
     }
 
     #[inline(always)]
+    fn columns_of_runs([[a, b, c, d], [e, f, g, h]]: [&[[f64; 3]; 4]; 2]) -> [[f64; 8]; 3] {
+        Self::columns([a, b, c, d, e, f, g, h])
+    }
+
+    #[inline(always)]
     fn deinterleaved(points: [[f64; 8]; 3]) -> [[f64; 8]; 3] {
         std::array::from_fn(|axis| std::array::from_fn(|k| points[(3 * k + axis) / 8][(3 * k + axis) % 8]))
     }

@@ -100,6 +100,12 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
+    fn columns_of_runs([low, high]: [&[[f64; 3]; 4]; 2]) -> [Self::F64x8; 3] {
+        let ([x0, y0, z0], [x1, y1, z1]) = (columns_of_run(low), columns_of_run(high));
+        [Two(x0, x1), Two(y0, y1), Two(z0, z1)]
+    }
+
+    #[inline(always)]
     fn deinterleaved([Two(a, b), Two(c, d), Two(e, f)]: [Self::F64x8; 3]) -> [Self::F64x8; 3] {
         let ([x0, y0, z0], [x1, y1, z1]) = (four_deinterleaved(a, b, c), four_deinterleaved(d, e, f));
         [Two(x0, x1), Two(y0, y1), Two(z0, z1)]
@@ -278,6 +284,13 @@ fn columns_of_four([a, b, c, d]: [&[f64; 3]; 4]) -> [__m256d; 3] {
     }
 }
 
+/// The coordinates of four points side by side, an axis after the other.
+#[inline(always)]
+fn columns_of_run(run: &[[f64; 3]; 4]) -> [F64x4; 3] {
+    let (quarters, _) = run.as_flattened().as_chunks();
+    four_deinterleaved(F64x4::load(&quarters[0]), F64x4::load(&quarters[1]), F64x4::load(&quarters[2]))
+}
+
 /// From the coordinates of four points, a point after the other, to those of an axis each.
 #[inline(always)]
 fn four_deinterleaved(Register(a): F64x4, Register(b): F64x4, Register(c): F64x4) -> [F64x4; 3] {
@@ -355,6 +368,19 @@ impl Isa for Avx512 {
                 Register(_mm512_shuffle_f64x2::<0b10_00_10_00>(y0, y1)),
                 Register(_mm512_shuffle_f64x2::<0b11_01_11_01>(xz0, xz1)),
             ]
+        }
+    }
+
+    #[inline(always)]
+    fn columns_of_runs([low, high]: [&[[f64; 3]; 4]; 2]) -> [F64x8; 3] {
+        let (low, high) = (low.as_flattened(), high.as_flattened());
+        // SAFETY: as above; each load is of eight or four of twelve numbers.
+        unsafe {
+            let first = _mm512_loadu_pd(low.as_ptr());
+            let middle = _mm512_castpd256_pd512(_mm256_loadu_pd(low.as_ptr().add(8)));
+            let middle = _mm512_insertf64x4::<1>(middle, _mm256_loadu_pd(high.as_ptr()));
+            let last = _mm512_loadu_pd(high.as_ptr().add(4));
+            Self::deinterleaved([Register(first), Register(middle), Register(last)])
         }
     }
 
