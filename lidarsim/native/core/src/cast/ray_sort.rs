@@ -137,7 +137,7 @@ impl RaySort {
             return;
         }
         self.last.start = Some(group.start);
-        self.last.spread = self.spread(directions);
+        self.last.spread = self.spread::<I>(directions);
         self.last.signs.clear();
         for eight in directions[group].as_flattened().as_chunks().0 {
             self.last.signs.push(negative::<I>(eight));
@@ -161,27 +161,31 @@ impl RaySort {
             *place = place.wrapping_add(step);
         }
         self.last.start = Some(group.start);
-        self.spread(directions) <= 1.25 * self.last.spread
+        self.spread::<I>(directions) <= 1.25 * self.last.spread
     }
 
     /// The sum of the squares of the sizes of packets, by some directions of each: the same if the sensor has turned.
-    fn spread(&self, directions: &[Point]) -> f64 {
-        let mut sum = 0.0;
-        for packet in self.order[..NEAR].as_chunks::<LANES>().0 {
-            let first = directions[packet[0] as usize];
-            let (mut low, mut high) = (first, first);
-            for &i in packet.iter().step_by(9) {
-                let direction = directions[i as usize];
+    #[inline(always)]
+    fn spread<I: Isa>(&self, directions: &[Point]) -> f64 {
+        let mut sum = I::F64x8::splat(0.0);
+        // A packet in each lane.
+        for packets in self.order[..NEAR].as_chunks::<{ 8 * LANES }>().0 {
+            let mut ends = None;
+            for i in (0..LANES).step_by(9) {
+                let d = I::columns([0, 1, 2, 3, 4, 5, 6, 7].map(|k| &directions[packets[k * LANES + i] as usize]));
+                let (low, high) = ends.get_or_insert((d, d));
                 for axis in 0..3 {
-                    low[axis] = low[axis].min(direction[axis]);
-                    high[axis] = high[axis].max(direction[axis]);
+                    (low[axis], high[axis]) = (Floats::min(d[axis], low[axis]), Floats::max(d[axis], high[axis]));
                 }
             }
-            for axis in 0..3 {
-                sum += (high[axis] - low[axis]).powi(2);
+            if let Some((low, high)) = ends {
+                for axis in 0..3 {
+                    let size = high[axis].sub(low[axis]);
+                    sum = sum.add(size.mul(size));
+                }
             }
         }
-        sum
+        sum.store().iter().sum()
     }
 
     /// Indices of the rays of the group.
