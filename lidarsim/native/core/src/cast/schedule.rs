@@ -17,7 +17,7 @@ pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
     let (mut pieces, mut start) = (Vec::new(), 0);
     while start < directions.len() {
         let left = (directions.len() - start) * rays;
-        let falling = left.div_ceil(4 * threads).next_multiple_of(NEAR).min(8 * NEAR);
+        let falling = left.div_ceil(2 * threads).next_multiple_of(NEAR).min(8 * NEAR);
         let size = if scattered { even } else { falling };
         let end = directions.len().min(start + (size / rays).max(1));
         memory::push(&mut pieces, start..end);
