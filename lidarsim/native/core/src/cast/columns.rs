@@ -105,6 +105,7 @@ impl HitArrays {
         Hit { t: self.t[i], normal: self.normal(i), object: self.object[i], primitive: self.primitive[i] }
     }
 
+    #[cfg(test)]
     pub fn iter(&self) -> impl Iterator<Item = Hit> {
         (0..self.len()).map(|i| self.at(i))
     }
