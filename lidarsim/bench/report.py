@@ -226,6 +226,15 @@ def to_markdown(results: Results) -> str:
                 for row in results["coincident"]
             ),
         ),
+        "## Threads",
+        "`Scene.cast` by one thread and by more, in turns.",
+        _table(
+            "scene, rays | threads | Mray/s | × one",
+            (
+                [f"{row['scene']}, {row['rays']}", str(row["threads"]), _short(row["mrays"]), _short(row["ratio"])]
+                for row in results["scaling"]
+            ),
+        ),
         "## Lines of sight",
         "In the city: `Scene.occluded`, whether there is a hit, beside `Scene.cast`, which finds the nearest.",
         _table(
@@ -345,6 +354,9 @@ def summary(results: Results) -> str:
     placed = results["instances"][0]
     if placed["ratio"]:
         lines.append(f"50 instances that overlap: {_short(placed['ratio'])} × Open3D on one mesh")
+    most = max(row["threads"] for row in results["scaling"])
+    ratios = [_short(row["ratio"]) for row in results["scaling"] if row["threads"] == most]
+    lines.append(f"{most} threads: {', '.join(ratios)} × one, on the meshes by 128 channels")
     builds = {(row["scene"], row["method"]): row for row in results["builds"]}
     for (scene, method), row in builds.items():
         peer = builds.get((scene, "Open3D"))

@@ -228,6 +228,7 @@ class _Run:
         self.coincident: list[dict[str, Any]] = []
         self.motion: list[dict[str, Any]] = []
         self.sight: list[dict[str, Any]] = []
+        self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
         self.stand_in: str | None = None  # the tessellation that stands for Open3D
 
@@ -238,6 +239,7 @@ class _Run:
             methods = self._built(world, self.plan.builds)
             for rays in self._rays(world):
                 self.speed += self._compare(world, rays, methods, self.plan.threads)
+            self._scale(world, self._rays(world)[0], methods["lidarsim"])
             world = self._world(make, scenes.UTM)
             methods = self._built(world, 0)
             self.speed += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
@@ -253,6 +255,26 @@ class _Run:
             threads, sets = (self.plan.threads[-1:], 1) if world.far else (self.plan.threads, 3)
             for rays in self._rays(world)[:sets]:
                 self.speed += self._compare(world, rays, methods, threads)
+
+    def _scale(self, world: World, rays: Rays, caster: Caster) -> None:
+        """Measure how much faster more threads are, in turns."""
+        self.progress(f"{world.name}: threads")
+        times = interleave(
+            {str(n): partial(caster.cast, caster.prepare(rays), n) for n in self.plan.threads},
+            self.plan.rounds,
+            self.plan.seconds,
+        )
+        alone = times[str(self.plan.threads[0])]
+        self.scaling += [
+            {
+                "scene": world.name,
+                "rays": rays.name,
+                "threads": int(n),
+                "mrays": len(rays) / seconds / 1e6,
+                "ratio": alone / seconds,
+            }
+            for n, seconds in times.items()
+        ]
 
     def sizes(self) -> None:
         """Measure terrains of more and more triangles."""
@@ -430,6 +452,7 @@ class _Run:
             "coincident": self.coincident,
             "motion": self.motion,
             "sight": self.sight,
+            "scaling": self.scaling,
             "scenes": self.scenes,
         }
 

@@ -210,6 +210,14 @@ def test_lines_of_sight_are_where_hits_are(results: dict[str, Any]) -> None:
         assert row["ratio"] == pytest.approx(row["cast"] / row["occluded"])
 
 
+def test_threads_are_compared_with_one(results: dict[str, Any]) -> None:
+    rows = results["scaling"]
+    assert [(row["scene"], row["threads"]) for row in rows] == [(s, n) for s in speed.MESHES for n in (1, 2)]
+    for one, two in zip(rows[::2], rows[1::2], strict=True):
+        assert one["ratio"] == 1.0
+        assert two["ratio"] == pytest.approx(two["mrays"] / one["mrays"])
+
+
 def test_growth_of_a_process_is_of_the_order_of_the_core_count(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LIDARSIM_THREADS", "1")
     world = scenes.terrain(200_000)
