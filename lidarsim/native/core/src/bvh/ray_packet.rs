@@ -343,7 +343,7 @@ fn padded(some: &[u32], filler: u32) -> [u32; 8] {
     eight
 }
 
-/// The coordinates of these points, an axis after the other.
+/// The coordinates of these points, an axis after the other. Rays of a sensor are sorted in runs, whose points lie side by side.
 #[inline(always)]
 fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
     let [low, high] = [0, 1].map(|half| &at.as_chunks().0[half]);

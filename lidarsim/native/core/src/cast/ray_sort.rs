@@ -170,19 +170,16 @@ impl RaySort {
         let mut sum = I::F64x8::splat(0.0);
         // A packet in each lane.
         for packets in self.order[..NEAR].as_chunks::<{ 8 * LANES }>().0 {
-            let mut ends = None;
+            let (mut low, mut high) = ([I::F64x8::splat(f64::INFINITY); 3], [I::F64x8::splat(f64::NEG_INFINITY); 3]);
             for i in (0..LANES).step_by(9) {
                 let d = I::columns([0, 1, 2, 3, 4, 5, 6, 7].map(|k| &directions[packets[k * LANES + i] as usize]));
-                let (low, high) = ends.get_or_insert((d, d));
                 for axis in 0..3 {
                     (low[axis], high[axis]) = (Floats::min(d[axis], low[axis]), Floats::max(d[axis], high[axis]));
                 }
             }
-            if let Some((low, high)) = ends {
-                for axis in 0..3 {
-                    let size = high[axis].sub(low[axis]);
-                    sum = sum.add(size.mul(size));
-                }
+            for axis in 0..3 {
+                let size = high[axis].sub(low[axis]);
+                sum = sum.add(size.mul(size));
             }
         }
         sum.store().iter().sum()

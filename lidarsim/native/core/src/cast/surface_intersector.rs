@@ -373,7 +373,7 @@ impl HitBatch {
         }
         let id = self.root.object as i32;
         for eight in 0..BATCH_SIZE / WIDEST {
-            let certain = part_of_mask::<WIDEST>(Mask::from(refined.known) & slots, eight);
+            let certain = part_of_mask::<WIDEST>(refined.known.into(), eight);
             let primitive = self.primitive.as_chunks().0[eight];
             let eight_hits = EightHits {
                 t: &refined.t.as_chunks().0[eight],

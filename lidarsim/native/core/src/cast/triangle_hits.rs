@@ -67,6 +67,7 @@ impl<'a> TriangleHits<'a> {
             let lanes = part_of_mask::<8>(certain, eight);
             let (object, primitive) = (self.object.as_chunks().0[eight], self.primitive.as_chunks().0[eight]);
             let id = object[0];
+            // Lanes without a hit may hold any number: of one that a hit has, there is an object.
             if lanes == 0 || object != [id; 8] {
                 continue;
             }
