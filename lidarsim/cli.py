@@ -10,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
 from types import FrameType
@@ -26,13 +26,12 @@ from rich.table import Table
 import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._extras import import_extra
-from lidarsim._files import atomic_writer, check_suffix
+from lidarsim._files import check_suffix
 from lidarsim._shown import counted
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output, is_point_cloud
-from lidarsim.scan import moment_and_pose
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
@@ -40,7 +39,7 @@ from lidarsim.viewers._show import check_save
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
-    from lidarsim.config.loader import Run
+    from lidarsim.run import Run, RunFrame
 
 app = typer.Typer(
     help="Exact and fast lidar simulation.", add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None
@@ -145,43 +144,28 @@ def scan(
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     looks["scene"] = run.scene if surfaces else None
-    frame_scans = run.scans()
     totals = np.zeros(len(ls.Status), np.int64)
     rows: list[tuple[object, ...]] = []
     points = 0
-    track: dict[str, list[tuple[float, float, Floats]]] = {}
-    bag = _bag(output, run, layout)
-    with (
-        bag or nullcontext(),
-        Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress,
-    ):
-        for number in progress.track(run.frames, description="scanning"):
-            begin = time.perf_counter()
-            scans = next(frame_scans)
-            clouds = {name: result.point_cloud(**run.cloud) for name, result in scans.items()}
-            seconds = time.perf_counter() - begin
-            if bag:  # as the sensors' drivers publish it, however CONFIG wants its clouds
-                bag.write(scans if isinstance(run.sensor, ls.Rig) else scans[""])
-            for name, cloud in clouds.items():
-                moment, pose = moment_and_pose(scans[name], **run.cloud)
-                in_world = run.cloud["frame"] == "world"
-                if not bag:
-                    cloud.save(_of_frame(output, run, name, f"{number:04}"), pose=None if in_world else pose)
-                    track.setdefault(name, []).append((scans[name].time, moment, pose))
-                if screenshot:
-                    picture = _of_frame(screenshot, run, name, f"{number:04}")
-                    placed = cloud if in_world else cloud.transformed(pose)
-                    ls.show(placed, pose=pose, time=scans[name].time, save=picture, **looks)
-            for result in scans.values():
-                totals += list(result.summary().values())
-            found = sum(map(len, clouds.values()))
-            rows.append((number, sum(map(len, scans.values())), found, 1e3 * seconds, found / seconds))
+
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("scanning", total=len(run.frames))
+
+        def tell(frame: RunFrame) -> None:
+            nonlocal points
+            if screenshot:
+                for name, cloud in frame.in_world().items():
+                    picture = run.path_of(screenshot, name, frame.number)
+                    ls.show(cloud, pose=frame.poses[name], time=frame.scans[name].time, save=picture, **looks)
+            for result in frame.scans.values():
+                totals[:] += list(result.summary().values())
+            found = sum(map(len, frame.clouds.values()))
+            pulses = sum(map(len, frame.scans.values()))
+            rows.append((frame.number, pulses, found, 1e3 * frame.seconds, found / frame.seconds))
             points += found
-    for name, frames_of_it in track.items() if len(run.frames) > 1 else ():
-        starts, moments, poses = zip(*frames_of_it, strict=True)
-        ls.Trajectory(moments, np.array(poses)).save(_named(output, name, "poses").with_suffix(".tum"))
-        with atomic_writer(_named(output, name, "times").with_suffix(".txt")) as file:
-            file.writelines(f"{moment!r}\n".encode("ascii") for moment in starts)
+            progress.advance(task)
+
+        run.write(output, layout=layout, each=tell)
     table = _table("frame", "pulses", "points", "ms", "points/s")
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     for row in shown:
@@ -189,20 +173,11 @@ def scan(
     _print(table)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
     _print(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
-    paths = (output if bag else _of_frame(output, run, "*", "*"), screenshot and _of_frame(screenshot, run, "*", "*"))
+    is_bag = output.suffix.lower() in rosbag.SUFFIXES
+    paths = (output if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
     _print(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
-
-
-def _bag(output: Path, run: Run, layout: str | None) -> rosbag.Writer | None:
-    """Return what writes all frames into one file, if the format is one of those; for a rig with its sensors."""
-    if output.suffix.lower() not in rosbag.SUFFIXES:
-        if layout is not None:
-            raise LidarsimError(f"--layout: expected a bag ({', '.join(rosbag.SUFFIXES)}) as output, got {output}")
-        return None
-    sensors = run.sensor if isinstance(run.sensor, ls.Rig) else None
-    return rosbag.Writer(output, sensors=sensors, trajectory=run.pose, layout=layout)
 
 
 @app.command()
@@ -322,10 +297,9 @@ def view(
 def check(config: Configuration, overrides: Overrides = None) -> None:
     """Check CONFIG: build all of it, scan its first and last frame, and print a summary."""
     run = _load(config, overrides)
-    run.scans()  # of a rig some sensors may have no scan in these two frames, and all are tried here
+    run.check_coverage()
     for frame in sorted({run.frames[0], run.frames[-1]}):
-        for result in next(dataclasses.replace(run, frames=range(frame, frame + 1)).scans()).values():
-            result.point_cloud(**run.cloud)
+        next(dataclasses.replace(run, frames=range(frame, frame + 1)).measured())
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
     columns = ("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate", "moves")
     table = _table(*columns if spans else columns[:-1])
@@ -338,7 +312,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
             table, item.id, type(item.shape).__name__, item.name, label, item.material.reflectivity, *triangles, *moves
         )
     _print(table)
-    for lidar in [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, ls.Rig) else [run.sensor]:
+    for lidar in run.lidars.values():
         _print_sensor(lidar)
     pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
     kinds = {"pose": pose, "objects": [*spans.values()], "all": [*pose, *spans.values()] if pose and spans else []}
@@ -489,15 +463,10 @@ def _check_screenshot(path: Path | None) -> None:
 
 def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
     """Yield the points of each frame in the world, where the sensor was, and when the frame began."""
-    for scans in run.scans():
-        parts, poses = [], []
-        for scan in scans.values():
-            _, pose = moment_and_pose(scan, **run.cloud)
-            cloud = scan.point_cloud(**run.cloud)
-            parts.append(cloud if run.cloud["frame"] == "world" else cloud.transformed(pose))
-            poses.append(pose)
-        if parts:  # of a rig all sensors may have no frame of theirs
-            yield ls.PointCloud.concatenate(parts), poses[0], min(scan.time for scan in scans.values())
+    for frame in run.measured():
+        if frame.scans:  # of a rig all sensors may have no frame of theirs
+            cloud = ls.PointCloud.concatenate(list(frame.in_world().values()))
+            yield cloud, next(iter(frame.poses.values())), min(scan.time for scan in frame.scans.values())
 
 
 def _clouds(path: Path) -> list[Path]:
@@ -522,16 +491,6 @@ def _size(text: str) -> tuple[int, int]:
     if not (cross and width.isdecimal() and height.isdecimal()):
         raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {text!r}")
     return int(width), int(height)
-
-
-def _named(path: Path, *parts: str) -> Path:
-    """Return `path` with those of `parts` that are not empty before its suffix."""
-    return path.with_stem("_".join([path.stem, *filter(None, parts)]))
-
-
-def _of_frame(path: Path, run: Run, name: str, number: str) -> Path:
-    """Return the path of a frame's file: with the sensor's name if there is a rig, and a number if there are frames."""
-    return _named(path, name if isinstance(run.sensor, ls.Rig) else "", number if len(run.frames) > 1 else "")
 
 
 def _table(*columns: str) -> Table:

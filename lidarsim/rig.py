@@ -13,8 +13,8 @@ import numpy as np
 from lidarsim import _validation
 from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, Transform, integer, real
-from lidarsim.scan import sensor_id
-from lidarsim.sensor import Lidar, checked_pose
+from lidarsim.scan import check_coverage, sensor_id
+from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory, mounted
 
 if TYPE_CHECKING:
@@ -147,14 +147,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         """
         count = integer("count", count, at_least=0)
         first = integer("first", first, at_least=0)
-        body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
-        numbers = {name: self._numbers(sensor, first, first + count) for name, sensor in self.items()}
-        poses = {
-            name: checked_pose(
-                sensor.lidar, scene, mounted(body, sensor.mount), numbers[name], offset=sensor.offset, seed=seed
-            )
-            for name, sensor in self.items()
-        }
+        seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
+        poses = self.check_coverage(scene, pose, count, first=first)
 
         def scans(frame: int) -> Iterator[tuple[str, Scan]]:
             for name, (lidar, _, offset) in self.items():
@@ -163,6 +157,47 @@ class Rig(Pickled, Mapping[str, RigSensor]):
                     yield name, lidar.scan(scene, poses[name], time=time, frame=k, seed=seed)
 
         return (dict(scans(frame)) for frame in range(first, first + count))
+
+    def check_coverage(
+        self, scene: Scene, pose: Transform | Trajectory | None, count: int, *, first: int = 0
+    ) -> dict[str, Floats | Trajectory]:
+        """Check that trajectory and motions cover the first and the last frame of each sensor; return their poses.
+
+        Parameters
+        ----------
+        scene : Scene
+            What is scanned.
+        pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
+            Body to world; None is the identity.
+        count : int
+            Number of frames of the rig, >= 0.
+        first : int
+            Number of the first, >= 0.
+
+        Returns
+        -------
+        dict of str to ndarray of float64, shape (4, 4), or Trajectory
+            Pose of each sensor, to world.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument has the wrong type or shape or is out of its range, or a pulse is fired when there is no pose
+            of the body or of an object.
+        """
+        count = integer("count", count, at_least=0)
+        first = integer("first", first, at_least=0)
+        body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
+        return {
+            name: check_coverage(
+                sensor.lidar,
+                scene,
+                mounted(body, sensor.mount),
+                self._numbers(sensor, first, first + count),
+                offset=sensor.offset,
+            )
+            for name, sensor in self.items()
+        }
 
     def span(self, count: int, *, first: int = 0) -> tuple[float, float]:
         """Return the time that `frames` takes.

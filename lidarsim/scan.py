@@ -7,6 +7,7 @@ import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
+from functools import partial
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -25,7 +26,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 
-__all__ = ["Scan", "Status", "Summary", "moment_and_pose", "scan", "sensor_id"]
+__all__ = ["Scan", "Status", "Summary", "check_coverage", "moment_and_pose", "scan", "sensor_id"]
 
 
 class Sensor(Protocol):
@@ -441,6 +442,59 @@ def scan(
     return Scan(
         **arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame, class_names=dict(scene.class_names)
     )
+
+
+def check_coverage(
+    lidar: Sensor,
+    scene: Scene,
+    pose: Transform | Trajectory | None,
+    frames: range,
+    *,
+    offset: float = 0.0,
+) -> Floats | Trajectory:
+    """Check that trajectory and motions cover all pulses of the first and the last frame, and return the pose.
+
+    Parameters
+    ----------
+    lidar, scene, pose
+        As in `scan`.
+    frames : range
+        Numbers of the frames; frame k starts at ``k / rate + offset``.
+    offset : float
+        Time of frame 0, s.
+
+    Returns
+    -------
+    ndarray of float64, shape (4, 4), or Trajectory
+        The pose; a copy of an array, so that it is the same for all frames.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong type, or a pulse is fired when there is no pose of the sensor or of an object.
+    """
+    if not isinstance(scene, Scene):
+        raise TypeError(f"scene: expected a Scene, got {shown(scene)}")
+    where = _where(pose)
+    world, period = scene._snapshot(), 1.0 / lidar.pattern.rate
+    for frame in sorted({frames[0], frames[-1]}) if frames else ():
+        integer("frame", frame, at_least=0, at_most=2**32 - 1)
+        pulses, start = pulses_of(lidar.pattern, frame), real("time", frame / lidar.pattern.rate + offset)
+        if not len(pulses):
+            continue
+        fired = start + pulses.time
+        if isinstance(where, Trajectory):
+            (first, last), until = where.span, _carried_on(where.span[1], pulses, start, period)
+            for i in (int(fired.argmin()), int(fired.argmax())):
+                if not first <= fired[i] <= max(last, until):
+                    raise ValueError(
+                        f"pose: expected a trajectory over all pulses, got one from {first} to {last} s"
+                        f" and pulse {i} at {fired[i]} s"
+                    )
+        if world.movers:
+            carried_on = partial(_carried_on, pulses=pulses, start=start, period=period)
+            world.check_motions(fired.min(), fired.max(), carried_on)
+    return where.copy() if isinstance(where, np.ndarray) else where
 
 
 def moment_and_pose(

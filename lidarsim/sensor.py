@@ -24,12 +24,11 @@ from lidarsim.patterns._pulses import check_pattern, pulses_of
 from lidarsim.patterns.description import field_of_view
 
 if TYPE_CHECKING:
-    from lidarsim._validation import Floats
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
     from lidarsim.trajectory import Trajectory
 
-__all__ = ["Lidar", "checked_pose", "preset_path", "register_lidar_reader"]
+__all__ = ["Lidar", "preset_path", "register_lidar_reader"]
 
 HEAD = 1 << 16
 """Bytes of a file by which its kind is recognised."""
@@ -218,7 +217,8 @@ class Lidar(Pickled):
         count = integer("count", count, at_least=0)
         first = integer("first", first, at_least=0)
         numbers = range(first, first + count)
-        where = checked_pose(self, scene, pose, numbers, seed=seed)
+        seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
+        where = _scan.check_coverage(self, scene, pose, numbers)
         rate = self.pattern.rate
         return (self.scan(scene, where, time=k / rate, frame=k, seed=seed) for k in numbers)
 
@@ -301,45 +301,6 @@ class Lidar(Pickled):
                         raise TypeError(f"{name}: not an option of {kind}; expected {', '.join(known) or 'none'}")
                 return read(path, **options)
         raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
-
-
-def checked_pose(
-    lidar: Lidar,
-    scene: Scene,
-    pose: Transform | Trajectory | None,
-    frames: range,
-    *,
-    offset: float = 0.0,
-    seed: int = 0,
-) -> Floats | Trajectory:
-    """Return the pose for some frames, after checking that the first and the last of them can be scanned.
-
-    Parameters
-    ----------
-    lidar, scene, pose, seed
-        As in `Lidar.scan`.
-    frames : range
-        Numbers of the frames.
-    offset : float
-        Frame k starts so much after ``k / rate``, s.
-
-    Returns
-    -------
-    ndarray of float64, shape (4, 4), or Trajectory
-        The pose; a copy, so that it is the same for all frames.
-
-    Raises
-    ------
-    TypeError, ValueError
-        What a scan of either frame raises: their first and last pulses are fired.
-    """
-    where: Floats | Trajectory = np.eye(4)
-    for frame in sorted({frames.start, max(frames.start, frames.stop - 1)}):
-        fired = pulses_of(lidar.pattern, frame).time
-        ends = [int(fired.argmin()), int(fired.argmax())] if len(fired) and frames else []
-        time = frame / lidar.pattern.rate + offset
-        where = _scan.scan(lidar, scene, pose, time=time, frame=frame, seed=seed, indices=ends).pose
-    return where.copy() if isinstance(where, np.ndarray) else where
 
 
 def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:

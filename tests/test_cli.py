@@ -221,7 +221,9 @@ def test_a_trajectory_that_ends_too_soon_is_told_before_the_work(capsys: pytest.
     before = set(Path().iterdir())
     assert lidarsim("scan", "rig.yaml", "-o", "a.pcd", "--frames", "20") == 2
     error = capsys.readouterr().err
-    assert error.startswith("lidarsim: pose: expected a trajectory over all pulses, got one from 0 to 1 s and pulse ")
+    assert error.startswith(
+        "lidarsim: pose: expected a trajectory over all pulses, got one from 0.0 to 1.0 s and pulse "
+    )
     assert error.count("\n") == 1
     assert set(Path().iterdir()) == before
 
@@ -236,7 +238,7 @@ def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
         "lidarsim: layout: expected one of velodyne, ouster, hesai, autoware, livox"
     )
     assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--layout", "livox") == 2
-    assert capsys.readouterr().err == "lidarsim: --layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
+    assert capsys.readouterr().err == "lidarsim: layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
 
 
 def test_many_frames_give_ten_rows_and_their_totals(capsys: pytest.CaptureFixture[str]) -> None:
@@ -418,7 +420,7 @@ MISTAKES = {
     ),
     # what check builds, and scan refuses
     "check moving.yaml --set frames=3": (
-        "pose: expected a trajectory over all pulses, got one from 0 to 0.2 s and pulse 0 at 0.20000563200000002 s"
+        "pose: expected a trajectory over all pulses, got one from 0.0 to 0.2 s and pulse 0 at 0.20000563200000002 s"
     ),
     "check moving.yaml --set cloud.deskew_s=0.15": (
         "deskew: expected a moment within the trajectory, 0.0 to 0.2 s, got 0.15, at 0.25 s"

@@ -98,7 +98,7 @@ def test_frames_of_an_irregular_pattern() -> None:
         lidar.frames(street(), ls.Trajectory([0.05, 0.28], [np.eye(4)] * 2), 3)
 
 
-SHORT = "pose: expected a trajectory over all pulses, got one from 0 to 3 s and pulse"
+SHORT = "pose: expected a trajectory over all pulses, got one from 0.0 to 3.0 s and pulse"
 BAD: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"scene": None}, TypeError, "scene: expected a Scene, got None"),
     ({"pose": np.eye(3)}, ValueError, "pose: expected shape (4, 4), got (3, 3)"),

@@ -14,7 +14,7 @@ from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.sensor import Lidar, register_lidar_reader
 
 if TYPE_CHECKING:
-    from lidarsim.config.loader import Run
+    from lidarsim.run import Run
 
 __all__ = ["load", "read_lidar"]
 

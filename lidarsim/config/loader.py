@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -16,7 +15,6 @@ from lidarsim._validation import shown
 from lidarsim.config import recognise
 from lidarsim.config.document import Loaded, Node, Place, assigned, entries, merge, plain, read, replace, without
 from lidarsim.config.schema import (
-    CloudArguments,
     Config,
     Model,
     SceneDocument,
@@ -26,17 +24,14 @@ from lidarsim.config.schema import (
     build_rig,
     labelled,
 )
-from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
+from lidarsim.run import Run
 from lidarsim.scene import Scene
 from lidarsim.sensor import HEAD, PRESETS, Lidar, preset_path
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
 
-    from lidarsim._validation import Floats
-    from lidarsim.scan import Scan
-    from lidarsim.trajectory import Trajectory
 
 M = TypeVar("M", bound=Model)
 
@@ -45,114 +40,6 @@ CHOICES = re.compile(r"rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(p
 
 Change = tuple[list[str], Node]
 """Where a value stands in a document, as keys and indices, and what it becomes."""
-
-
-@dataclass(frozen=True)
-class Run:
-    """What a configuration describes, built and ready to scan.
-
-    Attributes
-    ----------
-    scene : Scene
-        What is scanned.
-    sensor : Lidar or Rig
-        What scans it.
-    pose : ndarray of float64, shape (4, 4), or Trajectory
-        Where the sensor, or the body of the rig, is: to world.
-    seed : int
-        Seed of all random numbers.
-    frames : range
-        Numbers of the frames to scan.
-    cloud : dict
-        Arguments of `Scan.point_cloud`: the coordinates of the points.
-    """
-
-    scene: Scene
-    sensor: Lidar | Rig
-    pose: Floats | Trajectory
-    seed: int
-    frames: range
-    cloud: CloudArguments
-
-    @property
-    def lidar(self) -> Lidar:
-        """The sensor of a run that has but one.
-
-        Raises
-        ------
-        ConfigError
-            If the run has a rig.
-        """
-        if isinstance(self.sensor, Rig):
-            raise ConfigError(f"rig: expected a run with one sensor, got {self.sensor}")
-        return self.sensor
-
-    @property
-    def rate(self) -> float:
-        """Frame rate, Hz."""
-        return self.sensor.rate if isinstance(self.sensor, Rig) else self.sensor.pattern.rate
-
-    @property
-    def span(self) -> tuple[float, float]:
-        """When the first frame of any sensor starts, and when the last ends, s."""
-        if isinstance(self.sensor, Rig):
-            return self.sensor.span(len(self.frames), first=self.frames.start)
-        return self.time(self.frames.start), self.time(self.frames.stop)
-
-    def scan(self, frame: int | None = None) -> Scan:
-        """Scan one frame with the one sensor, from the time at which it starts.
-
-        Parameters
-        ----------
-        frame : int, optional
-            Number of the frame. Default: the first of `frames`.
-
-        Returns
-        -------
-        Scan
-            What the sensor measured; ``scan.point_cloud(**run.cloud)`` are its points as the configuration wants them.
-
-        Raises
-        ------
-        ConfigError
-            If the run has a rig.
-        """
-        frame = self.frames.start if frame is None else frame
-        return self.lidar.scan(self.scene, self.pose, time=self.time(frame), frame=frame, seed=self.seed)
-
-    def scans(self) -> Iterator[dict[str, Scan]]:
-        """Scan all frames one after the other, with all sensors.
-
-        Returns
-        -------
-        iterator of dict of str to Scan
-            For each frame its scans by the names of the sensors in the rig, as `Rig.frames` gives them; without a rig
-            there is one, by the name "".
-
-        Raises
-        ------
-        ValueError
-            At once, if the trajectory does not cover the frames.
-        """
-        what, first = (self.scene, self.pose, len(self.frames)), self.frames.start
-        if isinstance(self.sensor, Rig):
-            return self.sensor.frames(*what, first=first, seed=self.seed)
-        return ({"": scan} for scan in self.sensor.frames(*what, first=first, seed=self.seed))
-
-    def time(self, frame: int) -> float:
-        """Return the time at which a frame starts.
-
-        Parameters
-        ----------
-        frame : int
-            Number of the frame.
-
-        Returns
-        -------
-        float
-            Time since frame 0 started, s.
-        """
-        return frame / self.rate
 
 
 def load(path: Path, overrides: Sequence[str]) -> Run:

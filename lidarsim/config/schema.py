@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from operator import or_
 from types import ModuleType
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, create_model, field_validator, model_validator
@@ -29,6 +29,7 @@ from lidarsim.io import mesh_scene
 from lidarsim.materials import Material
 from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
+from lidarsim.run import CloudArguments
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
 
@@ -600,13 +601,6 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
         parts[name] = mounted.sensor.build(there / "sensor"), _rigid(mounted, there), mounted.offset_s
     with place.refusals():
         return Rig(parts)
-
-
-class CloudArguments(TypedDict):
-    """Arguments of `Scan.point_cloud`."""
-
-    frame: Literal["sensor", "world"]
-    deskew: bool | Literal["start", "middle", "end"] | float
 
 
 class Cloud(Model):

@@ -101,10 +101,10 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                     frame = step[0]
                     run = recipe.source.run(sequence, step[0])
                     seed, first = run.seed, run.frames.start
-                    scans = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).scans()
+                    measured = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).measured()
                     for frame in step:
                         points = 0
-                        for sample in samples(run, sequence, frame, next(scans)):
+                        for sample in samples(run, sequence, frame, next(measured)):
                             records.append(dataclasses.replace(sample.record, extra=write(sample)))
                             values, counts = np.unique(sample.cloud.label, return_counts=True)
                             labels.update(dict(zip(values.tolist(), counts.tolist(), strict=True)))

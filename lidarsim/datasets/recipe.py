@@ -29,13 +29,14 @@ from lidarsim.config.document import (
     without,
     written,
 )
-from lidarsim.config.loader import CHOICES, Change, Run, built, checked, whole
+from lidarsim.config.loader import CHOICES, Change, built, checked, whole
 from lidarsim.config.schema import Model, labelled
 from lidarsim.datasets.draws import Draw, Stream
 from lidarsim.datasets.layouts import AnyLayout, Layout, layout_of
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
+from lidarsim.run import Run
 from lidarsim.scene import Scene
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
@@ -341,11 +342,10 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
     run = source.run(0, 0)
     if run.cloud["frame"] == "world":
         raise ConfigError("cloud.frame: expected sensor, since a data set stores the poses separately, got world")
-    run.scans()  # raises an error if the trajectory does not cover the frames
+    run.check_coverage()
     total, shard_frames = settings.sequences * settings.frames, settings.shard_frames
     if shard_frames is None:
-        lidars = [part.lidar for part in run.sensor.values()] if isinstance(run.sensor, Rig) else [run.sensor]
-        pulses = sum(len(lidar.pattern.pulses(run.frames.start).time) for lidar in lidars)
+        pulses = sum(len(lidar.pattern.pulses(run.frames.start).time) for lidar in run.lidars.values())
         least, most = (-(-total // shards) for shards in reversed(SHARDS))
         shard_frames = max(1, least, min(SHARD_PULSES // max(pulses, 1), most))
     return Recipe(

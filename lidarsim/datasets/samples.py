@@ -2,20 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from lidarsim._validation import Floats
-from lidarsim.rig import Rig
-from lidarsim.scan import moment_and_pose
-from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
-    from lidarsim.config.loader import Run
     from lidarsim.pointcloud import PointCloud
+    from lidarsim.run import Run, RunFrame
     from lidarsim.scan import Scan
 
 __all__ = ["Record", "Sample", "samples"]
@@ -76,18 +73,11 @@ class Sample:
     cloud: PointCloud
 
 
-def samples(run: Run, sequence: int, frame: int, scans: Mapping[str, Scan]) -> Iterator[Sample]:
+def samples(run: Run, sequence: int, frame: int, measured: RunFrame) -> Iterator[Sample]:
     """Yield what each sensor measured in frame number `frame` of a sequence."""
-    for name, scan in scans.items():
-        cloud = scan.point_cloud(**run.cloud)
-        moment, pose = moment_and_pose(scan, **run.cloud)
-        if not isinstance(run.sensor, Rig):
-            body = pose
-        elif isinstance(run.pose, Trajectory):
-            body = run.pose.at(moment).as_matrix()
-        else:
-            body = np.asarray(run.pose)
-        record = Record(sequence, frame, name, moment, len(cloud), _rows(pose), _rows(body))
+    for name, scan in measured.scans.items():
+        cloud, moment, pose = measured.clouds[name], measured.moments[name], measured.poses[name]
+        record = Record(sequence, frame, name, moment, len(cloud), _rows(pose), _rows(run.body_pose(moment)))
         yield Sample(record, run, scan, cloud)
 
 

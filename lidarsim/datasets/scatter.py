@@ -19,7 +19,7 @@ from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
-    from lidarsim.config.loader import Run
+    from lidarsim.run import Run
 
 __all__ = ["Placed", "Scatter", "scatter"]
 

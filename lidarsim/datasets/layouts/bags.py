@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal
 from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
 from lidarsim.datasets.samples import Sample
 from lidarsim.io import rosbag
-from lidarsim.rig import Rig
 
 if TYPE_CHECKING:
-    from lidarsim.config.loader import Run
+    from lidarsim.run import Run
 
 
 class Bags(Layout):
@@ -54,7 +53,6 @@ class Bags(Layout):
 def _bag(path: Path, run: Run) -> Iterator[rosbag.Writer]:
     """Yield a bag of a run, which becomes the file `path`, whatever its suffix."""
     written = path.with_name("bag.mcap")
-    sensors = run.sensor if isinstance(run.sensor, Rig) else None
-    with rosbag.Writer(written, sensors=sensors, trajectory=run.pose) as bag:
+    with run.bag(written) as bag:
         yield bag
     written.replace(path)

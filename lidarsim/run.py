@@ -1,0 +1,369 @@
+"""One configured run: frames in, files out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypedDict
+
+import numpy as np
+
+from lidarsim._files import atomic_writer
+from lidarsim.errors import ConfigError, FileFormatError
+from lidarsim.io import rosbag
+from lidarsim.pointcloud import check_output
+from lidarsim.rig import Rig
+from lidarsim.scan import check_coverage, moment_and_pose
+from lidarsim.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from lidarsim._files import PathLike
+    from lidarsim._validation import Floats
+    from lidarsim.pointcloud import PointCloud
+    from lidarsim.scan import Scan
+    from lidarsim.scene import Scene
+    from lidarsim.sensor import Lidar
+
+__all__ = ["CloudArguments", "Run", "RunFrame"]
+
+
+class CloudArguments(TypedDict):
+    """Arguments of `Scan.point_cloud`."""
+
+    frame: Literal["sensor", "world"]
+    deskew: bool | Literal["start", "middle", "end"] | float
+
+
+@dataclass(frozen=True)
+class RunFrame:
+    """What all sensors of a run measured in one frame, by their names in the rig; "" is the sensor of a run without.
+
+    Attributes
+    ----------
+    number : int
+        Number of the frame.
+    scans : dict of str to Scan
+        The scans.
+    clouds : dict of str to PointCloud
+        Their points, in the coordinates that the run asks for.
+    moments : dict of str to float
+        The time to which the points are deskewed, else that at which the scan starts, s.
+    poses : dict of str to ndarray of float64, shape (4, 4)
+        Pose of each sensor at its moment, to world.
+    frame : {"sensor", "world"}
+        The coordinates of the points.
+    seconds : float
+        How long scanning took, s.
+    """
+
+    number: int
+    scans: dict[str, Scan]
+    clouds: dict[str, PointCloud]
+    moments: dict[str, float]
+    poses: dict[str, Floats]
+    frame: Literal["sensor", "world"]
+    seconds: float
+
+    def in_world(self) -> dict[str, PointCloud]:
+        """Return the points of each sensor in world coordinates."""
+        if self.frame == "world":
+            return self.clouds
+        return {name: cloud.transformed(self.poses[name]) for name, cloud in self.clouds.items()}
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a configuration describes, built and ready to scan.
+
+    Attributes
+    ----------
+    scene : Scene
+        What is scanned.
+    sensor : Lidar or Rig
+        What scans it.
+    pose : ndarray of float64, shape (4, 4), or Trajectory
+        Pose of the sensor, or of the body of the rig, to world.
+    seed : int
+        Seed of all random numbers.
+    frames : range
+        Numbers of the frames to scan.
+    cloud : dict
+        Arguments of `Scan.point_cloud`: the coordinates of the points.
+    """
+
+    scene: Scene
+    sensor: Lidar | Rig
+    pose: Floats | Trajectory
+    seed: int
+    frames: range
+    cloud: CloudArguments
+
+    @property
+    def lidar(self) -> Lidar:
+        """The sensor of a run without a rig.
+
+        Raises
+        ------
+        ConfigError
+            If the run has a rig.
+        """
+        if isinstance(self.sensor, Rig):
+            raise ConfigError(f"rig: expected a run with one sensor, got {self.sensor}")
+        return self.sensor
+
+    @property
+    def lidars(self) -> dict[str, Lidar]:
+        """The sensors by their names in the rig; without a rig there is one, named ""."""
+        if isinstance(self.sensor, Rig):
+            return {name: part.lidar for name, part in self.sensor.items()}
+        return {"": self.sensor}
+
+    @property
+    def rate(self) -> float:
+        """RunFrame rate, Hz."""
+        return self.sensor.rate if isinstance(self.sensor, Rig) else self.sensor.pattern.rate
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """When the first frame of any sensor starts, and when the last ends, s."""
+        if isinstance(self.sensor, Rig):
+            return self.sensor.span(len(self.frames), first=self.frames.start)
+        return self.time(self.frames.start), self.time(self.frames.stop)
+
+    def time(self, frame: int) -> float:
+        """Return the time at which a frame starts.
+
+        Parameters
+        ----------
+        frame : int
+            Number of the frame.
+
+        Returns
+        -------
+        float
+            Time since frame 0 started, s.
+        """
+        return frame / self.rate
+
+    def body_pose(self, moment: float) -> Floats:
+        """Return the pose of the body of the rig, or of the sensor of a run without.
+
+        Parameters
+        ----------
+        moment : float
+            A time that the trajectory covers, s.
+
+        Returns
+        -------
+        ndarray of float64, shape (4, 4)
+            Body to world.
+        """
+        pose: Floats = self.pose.at(moment).as_matrix() if isinstance(self.pose, Trajectory) else self.pose
+        return pose
+
+    def check_coverage(self) -> None:
+        """Check that trajectory and motions cover the first and the last frame of each sensor.
+
+        Raises
+        ------
+        ValueError
+            If they do not; the message has the times.
+        """
+        if isinstance(self.sensor, Rig):
+            self.sensor.check_coverage(self.scene, self.pose, len(self.frames), first=self.frames.start)
+        else:
+            check_coverage(self.sensor, self.scene, self.pose, self.frames)
+
+    def scan(self, frame: int | None = None) -> Scan:
+        """Scan one frame with the one sensor, from the time at which it starts.
+
+        Parameters
+        ----------
+        frame : int, optional
+            Number of the frame. Default: the first of `frames`.
+
+        Returns
+        -------
+        Scan
+            What the sensor measured; ``scan.point_cloud(**run.cloud)`` are its points as the configuration wants them.
+
+        Raises
+        ------
+        ConfigError
+            If the run has a rig.
+        """
+        frame = self.frames.start if frame is None else frame
+        return self.lidar.scan(self.scene, self.pose, time=self.time(frame), frame=frame, seed=self.seed)
+
+    def scans(self) -> Iterator[dict[str, Scan]]:
+        """Scan all frames one after the other, with all sensors.
+
+        Returns
+        -------
+        iterator of dict of str to Scan
+            For each frame its scans by the names of the sensors in the rig, as `Rig.frames` gives them; without a rig
+            there is one, named "".
+
+        Raises
+        ------
+        ValueError
+            At once, if the trajectory does not cover the frames.
+        """
+        what, first = (self.scene, self.pose, len(self.frames)), self.frames.start
+        if isinstance(self.sensor, Rig):
+            return self.sensor.frames(*what, first=first, seed=self.seed)
+        return ({"": scan} for scan in self.sensor.frames(*what, first=first, seed=self.seed))
+
+    def measured(self) -> Iterator[RunFrame]:
+        """Scan all frames one after the other, and work out the points in the coordinates that the run asks for.
+
+        Returns
+        -------
+        iterator of RunFrame
+            The frames in their order.
+
+        Raises
+        ------
+        ValueError
+            At once, if the trajectory does not cover the frames.
+        """
+        scans = self.scans()
+        return (self._measured(number, scans) for number in self.frames)
+
+    def _measured(self, number: int, scans: Iterator[dict[str, Scan]]) -> RunFrame:
+        begin = time.perf_counter()
+        found = next(scans)
+        clouds = {name: scan.point_cloud(**self.cloud) for name, scan in found.items()}
+        seconds = time.perf_counter() - begin
+        placed = {name: moment_and_pose(scan, **self.cloud) for name, scan in found.items()}
+        moments = {name: moment for name, (moment, _) in placed.items()}
+        poses = {name: pose for name, (_, pose) in placed.items()}
+        return RunFrame(number, found, clouds, moments, poses, self.cloud["frame"], seconds)
+
+    def bag(self, output: PathLike, *, layout: str | None = None) -> rosbag.Writer:
+        """Return the writer of a ROS 2 bag for scans of this run, with its sensors and its trajectory.
+
+        Parameters
+        ----------
+        output : path-like
+            The file, ``.mcap`` or ``.db3``.
+        layout : str, optional
+            Layout of the points, one of `lidarsim.io.rosbag.LAYOUTS`. Default: that of each sensor's vendor.
+
+        Returns
+        -------
+        rosbag.Writer
+            A context manager.
+
+        Raises
+        ------
+        FileFormatError, MissingExtraError, TypeError, ValueError
+            As of `lidarsim.io.rosbag.Writer`.
+        """
+        sensors = self.sensor if isinstance(self.sensor, Rig) else None
+        return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, layout=layout)
+
+    def write(
+        self, output: PathLike, *, layout: str | None = None, each: Callable[[RunFrame], object] | None = None
+    ) -> list[Path]:
+        """Scan all frames, and write point clouds or a ROS 2 bag.
+
+        A bag holds all frames in one file. Of clouds each frame gets a file of its own, numbered if there are several
+        frames, and with the sensor's name if there is a rig; of several frames the poses of each sensor at its moments
+        are written beside them (OUTPUT_poses.tum), and the times at which its scans start (OUTPUT_times.txt).
+
+        Parameters
+        ----------
+        output : path-like
+            The file; its suffix says the format.
+        layout : str, optional
+            Layout of the points in a bag, as of `bag`.
+        each : callable, optional
+            Called with each `RunFrame` after it was written.
+
+        Returns
+        -------
+        list of Path
+            The files, in the order in which they were written.
+
+        Raises
+        ------
+        FileFormatError
+            If the suffix is unknown, or a cloud cannot be held by the format.
+        OSError
+            If a file cannot be written.
+        ValueError
+            If the trajectory does not cover the frames, or `layout` is given without a bag.
+        """
+        output = Path(output)
+        check_output(output)
+        is_bag = output.suffix.lower() in rosbag.SUFFIXES
+        if layout is not None and not is_bag:
+            raise FileFormatError(f"layout: expected a bag ({', '.join(rosbag.SUFFIXES)}) as output, got {output}")
+        frames = self.measured()
+        written: list[Path] = []
+        tracks: dict[str, list[tuple[float, float, Floats]]] = {}
+        with ExitStack() as stack:
+            bag = stack.enter_context(self.bag(output, layout=layout)) if is_bag else None
+            for frame in frames:
+                if bag:  # as the sensors' drivers publish it, however the run wants its clouds
+                    bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
+                else:
+                    written += self._save(frame, output)
+                    for name, scan in frame.scans.items():
+                        track = scan.time, frame.moments[name], frame.poses[name]
+                        tracks.setdefault(name, []).append(track)
+                if each:
+                    each(frame)
+        if bag:
+            written.append(output)
+        if len(self.frames) > 1:
+            for name, track_of_it in tracks.items():
+                written += _save_track(output, name, track_of_it)
+        return written
+
+    def path_of(self, output: Path, name: str, number: int | str) -> Path:
+        """Return the path of what belongs to one sensor and frame.
+
+        Parameters
+        ----------
+        output : Path
+            The path that the user gave.
+        name : str
+            The sensor's name, which stands in the path if there is a rig.
+        number : int or str
+            Number of the frame, which stands in the path if there are several.
+
+        Returns
+        -------
+        Path
+            ``scan.pcd`` becomes ``scan_top_0003.pcd``.
+        """
+        numbered = f"{number:04}" if isinstance(number, int) else number
+        return _named(output, name if isinstance(self.sensor, Rig) else "", numbered if len(self.frames) > 1 else "")
+
+    def _save(self, frame: RunFrame, output: Path) -> Iterator[Path]:
+        for name, cloud in frame.clouds.items():
+            path = self.path_of(output, name, frame.number)
+            cloud.save(path, pose=None if self.cloud["frame"] == "world" else frame.poses[name])
+            yield path
+
+
+def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]]) -> Iterator[Path]:
+    """Write the poses of a sensor and the times at which its scans start; yield the paths."""
+    starts, moments, poses = zip(*track, strict=True)
+    path = _named(output, name, "poses").with_suffix(".tum")
+    Trajectory(moments, np.array(poses)).save(path)
+    yield path
+    path = _named(output, name, "times").with_suffix(".txt")
+    with atomic_writer(path) as file:
+        file.writelines(f"{start!r}\n".encode("ascii") for start in starts)
+    yield path
+
+
+def _named(path: Path, *parts: str) -> Path:
+    """Return `path` with those of `parts` that are not empty before its suffix."""
+    return path.with_stem("_".join([path.stem, *filter(None, parts)]))

@@ -1,0 +1,75 @@
+"""A configured run in Python: it writes the same files as the command line."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lidarsim as ls
+from lidarsim.cli import main
+from lidarsim.run import RunFrame
+
+RUN = """\
+seed: 3
+frames: 3
+sensor: {pattern: {type: grid, azimuths_deg: [-2, 0, 2], elevations_deg: [-1, 1], rate_hz: 10}}
+pose: {position_m: [0, 0, 1], linear_m_per_s: [5, 0, 0]}
+scene: [{shape: sphere, center_m: [20, 0, 1], radius_m: 5}]
+"""
+RIG = RUN.replace("sensor:", "rig: {top: {sensor:").replace(
+    "}}\npose", "}}}, low: {sensor: {preset: sick-lms111}}}\npose"
+)
+
+
+@pytest.fixture(autouse=True)
+def _folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("run.yaml").write_text(RUN, encoding="utf-8")
+    Path("rig.yaml").write_text(RIG, encoding="utf-8")
+
+
+@pytest.mark.parametrize("config", ["run.yaml", "rig.yaml"])
+@pytest.mark.parametrize("suffix", ["pcd", "npz", "mcap"])
+def test_python_writes_what_the_command_line_writes(config: str, suffix: str) -> None:
+    for folder in ("python", "cli"):
+        Path(folder).mkdir()
+    written = ls.config.load(config).write(f"python/a.{suffix}")
+    with pytest.raises(SystemExit) as end:
+        main(["scan", config, "-o", f"cli/a.{suffix}"])
+    assert end.value.code == 0
+    assert sorted(written) == sorted(Path("python").iterdir())
+    names = [path.name for path in written]
+    assert names == [path.name for path in written if Path("cli", path.name).is_file()]
+    several = {"run.yaml": 5, "rig.yaml": 3 + 2 * 2}  # three clouds, poses and times; of the rig for each sensor
+    least = 1 if suffix == "mcap" else several[config]
+    assert len(names) >= least
+    for path in written:
+        if suffix != "mcap":  # a bag holds the time at which it was written
+            assert path.read_bytes() == Path("cli", path.name).read_bytes()
+
+
+def test_each_frame_is_told_after_it_was_written() -> None:
+    told: list[int] = []
+
+    def tell(frame: RunFrame) -> None:
+        assert Path(f"a_{frame.number:04}.npz").is_file()
+        assert not Path(f"a_{frame.number + 1:04}.npz").exists()
+        np.testing.assert_array_equal(ls.PointCloud.load(f"a_{frame.number:04}.npz").xyz, frame.clouds[""].xyz)
+        told.append(frame.number)
+
+    ls.config.load("run.yaml").write("a.npz", each=tell)
+    assert told == [0, 1, 2]
+
+
+def test_coverage_is_checked_by_name_and_before_work() -> None:
+    short = ls.Trajectory([0.0, 0.1], [np.eye(4)] * 2)
+    run = dataclasses.replace(ls.config.load("run.yaml"), pose=short)
+    with pytest.raises(ValueError, match=r"^pose: expected a trajectory over all pulses, got one from 0\.0 to 0\.1 s"):
+        run.check_coverage()
+    with pytest.raises(ValueError, match=r"^pose: expected a trajectory over all pulses"):
+        run.write("a.npz")
+    assert not list(Path().glob("a*"))
+    ls.config.load("run.yaml").check_coverage()
