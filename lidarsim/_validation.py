@@ -50,7 +50,7 @@ def real(
             return number
     wrong: type[TypeError | ValueError] = TypeError
     got = ""
-    if not isinstance(value, (bool, str, bytes)):
+    if not _is_no_number(value):
         try:
             number = float(value)  # type: ignore[arg-type]
         except OverflowError:
@@ -88,6 +88,14 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
     raise wrong(f"{name}: expected {expected}, got {shown(value)}")
 
 
+def _is_no_number(value: object) -> bool:
+    """Return whether a value is none, although `float` may take it: text, truth values, complex numbers, arrays."""
+    return (
+        isinstance(value, (bool, str, bytes, bytearray, memoryview, complex, np.bool_, np.complexfloating))
+        or (isinstance(value, np.ndarray) and (value.ndim > 0 or value.dtype.kind not in "fiu"))
+    )  # fmt: skip
+
+
 def angle(
     name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf
 ) -> float:
@@ -95,7 +103,10 @@ def angle(
     try:
         return real(name, value, at_least=at_least, above=above, at_most=at_most)
     except ValueError as error:
-        number = float(value)  # type: ignore[arg-type]
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except OverflowError:
+            number = math.inf
         if not at_most < abs(number) < math.inf:
             raise
         raise ValueError(f"{error}{DEGREES}") from None
@@ -161,7 +172,8 @@ def frozen(values: npt.ArrayLike) -> Floats:
 
 def in_order(values: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
     """Return `values` as the core reads them, C-contiguous and aligned; copied only if they are not."""
-    result = np.asarray(values, dtype, order="C")
+    with np.errstate(over="ignore"):  # of a longdouble beyond float64, which becomes infinite
+        result = np.asarray(values, dtype, order="C")
     return result if result.flags.aligned else result.copy()
 
 
