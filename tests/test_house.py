@@ -265,7 +265,7 @@ def test_top_level_holds_the_four_folders_alone() -> None:
 def test_tests_mirror_the_package() -> None:
     tests, package = ROOT / "tests", ROOT / "lidarsim"
     folders = {path.parent.relative_to(tests) for path in tests.rglob("test_*.py")}
-    assert {str(folder) for folder in folders if not (package / folder).is_dir()} <= {"conformance", "hard"}
+    assert {str(folder) for folder in folders if not (package / folder).is_dir()} <= {"conformance", "exact", "hard"}
 
 
 def test_readme_has_two_set_up_commands() -> None:

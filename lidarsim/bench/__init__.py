@@ -1,4 +1,4 @@
-"""Speed and accuracy, measured: the exact oracle, the textbook baseline, the peers, the reports."""
+"""Speed and accuracy, measured: lidarsim beside other ray casters, on the same rays, in the same run."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ __all__ = ["main"]
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run ``lidarsim bench``: the speed of the ray casters, their errors, or the speed beside another build.
+    """Run ``lidarsim bench``: the ray casters' speed and errors, or the speed of this build beside another one.
 
     Parameters
     ----------
@@ -21,10 +21,6 @@ def main(arguments: Sequence[str]) -> int:
     int
         The exit code.
     """
-    if "--accuracy" in arguments:
-        from lidarsim.bench import accuracy
-
-        return accuracy.main([argument for argument in arguments if argument != "--accuracy"])
     if any(argument.partition("=")[0] == "--against" for argument in arguments):
         from lidarsim.bench import against
 
@@ -32,6 +28,5 @@ def main(arguments: Sequence[str]) -> int:
     from lidarsim.bench import speed
 
     if {"-h", "--help"} & set(arguments):
-        sys.stdout.write("For the accuracy of the ray casters see: lidarsim bench --accuracy --help\n")
         sys.stdout.write("For the speed beside another build see: lidarsim bench --against WHEEL --help\n\n")
     return speed.main(arguments)

@@ -25,8 +25,7 @@ import numpy as np
 
 import lidarsim
 from lidarsim.bench import report, scenes
-from lidarsim.bench.cases import Spec
-from lidarsim.bench.scenes import Rays, World
+from lidarsim.bench.scenes import Rays, Spec, World
 
 __all__ = ["Cast", "Comparison", "casts", "compare", "main"]
 

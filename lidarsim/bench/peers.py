@@ -20,9 +20,8 @@ from typing import Any, ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim.bench import scenes
-from lidarsim.bench.cases import Spec
-from lidarsim.bench.scenes import Rays, World
+from lidarsim.bench import scenes, textbook
+from lidarsim.bench.scenes import Rays, Spec, World
 
 __all__ = ["ABSENT", "CASTERS", "FAILING", "Caster", "Found", "installed", "threads_kept"]
 
@@ -331,11 +330,10 @@ class Textbook(Caster):
         nearest, surface = np.full(len(rays), math.inf), np.full(len(rays), -1)
         for index, spec in enumerate(self.specs):
             with np.errstate(all="ignore"):
-                roots = spec.textbook(rays.origins, rays.directions)
-                if roots is not None:
-                    t = np.where(roots >= 0, roots, math.inf).min(axis=1)
-                    closer = t < nearest
-                    nearest[closer], surface[closer] = t[closer], index
+                roots = textbook.FORMULAS[spec.kind](rays.origins, rays.directions, *spec.args)
+                t = np.where(roots >= 0, roots, math.inf).min(axis=1)
+            closer = t < nearest
+            nearest[closer], surface[closer] = t[closer], index
         return nearest, surface
 
     def found(self, answer: Any) -> Found:

@@ -13,27 +13,12 @@ from typing import Any
 
 from lidarsim import _native
 from lidarsim._files import atomic_writer
-from lidarsim.bench import sections
 from lidarsim.bench.peers import ABSENT, FAILING
 
-__all__ = [
-    "around_section",
-    "machine",
-    "plot_distance",
-    "plot_growth",
-    "plot_speed",
-    "readme_section",
-    "summary",
-    "to_markdown",
-    "update_readme",
-    "write",
-]
+__all__ = ["machine", "overview", "plot_distance", "plot_growth", "plot_speed", "summary", "to_markdown", "write"]
 
 Results = dict[str, Any]
 Row = dict[str, Any]
-
-BEGIN, END = "<!-- bench: begin, written by `lidarsim bench --readme` -->", "<!-- bench: end -->"
-PICTURES = Path("../../examples/images")  # from the folder of the README
 
 COLORS = {
     "lidarsim": "#c2410c",
@@ -116,40 +101,11 @@ def write(results: Results, folder: Path) -> None:
     plot_distance(results, folder / "distance.png")
 
 
-def around_section(readme: Path) -> tuple[str, str]:
-    """Return what stands before and after the section on speed of a Markdown file.
-
-    Raises
-    ------
-    ValueError
-        If the file has no such section.
-    """
-    return sections.around(readme, BEGIN, END)
-
-
-def update_readme(results: Results, readme: Path) -> None:
-    """Write the section on speed of a Markdown file, between its two comments, anew, and its plot.
-
-    Raises
-    ------
-    ValueError
-        If the file has no such section.
-    """
-    around_section(readme)
-    folder = (readme.parent / PICTURES).resolve()
-    folder.mkdir(parents=True, exist_ok=True)
-    plot_speed(results, folder / "speed.png")
-    plot_distance(results, folder / "distance.png")
-    sections.write(readme, BEGIN, END, readme_section(results))
-
-
 def to_markdown(results: Results) -> str:
     """Return the full report."""
     parts = [
         "# Speed against error",
-        _machine(results),
-        "![Speed against error](speed.png)",
-        summary(results),
+        overview(results),
         "## Casting",
         CASTING,
         _table(
@@ -199,9 +155,6 @@ def to_markdown(results: Results) -> str:
                 for row in results["growth"]
             ),
         ),
-        "## Far from the origin",
-        "Errors of the range on a terrain of 10,000 triangles, moved along x.",
-        "![Error against the distance from the origin](distance.png)",
         "## A whole scan",
         "In the city, 128 channels, over the bare cast of the same rays.",
         _table(
@@ -282,8 +235,21 @@ def to_markdown(results: Results) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def readme_section(results: Results) -> str:
-    """Return the section on speed of the README."""
+def overview(results: Results, pictures: str = "") -> str:
+    """Return the tables that sum the report up: lidarsim beside Open3D on meshes, every method on the analytic shapes.
+
+    Parameters
+    ----------
+    results : dict
+        The figures.
+    pictures : str
+        What stands before the names of the pictures, such as ``"../images/"``.
+
+    Returns
+    -------
+    str
+        Markdown.
+    """
     cells: dict[tuple[str, str], dict[str, Row]] = {}
     for row in _most_threads(results):
         if not row["scene"].startswith("analytic"):
@@ -309,13 +275,13 @@ def readme_section(results: Results) -> str:
     sample = max(row["error"]["rays"] for row in results["speed"])
     missing = [name for name, state in results["casters"].items() if state.startswith((ABSENT, FAILING))]
     parts = [
-        f"![Speed against error]({PICTURES / 'speed.png'})",
+        f"![Speed against error]({pictures}speed.png)",
         _machine(results) + (f" Not available on that machine: {'; '.join(missing)}." if missing else ""),
         MESHES.format(rays=sample),
         _table("scene | rays | lidarsim | Open3D | ratio | lidarsim: wrong; worst | Open3D: wrong; worst", meshes),
         SHAPES.format(shapes=results["plan"]["shapes"]),
         _table("method | threads | Mray/s | × Open3D | median, mm | p99, mm | max, mm | max, ulp | wrong", shapes),
-        f"![Error against the distance from the origin]({PICTURES / 'distance.png'})",
+        f"![Error against the distance from the origin]({pictures}distance.png)",
         summary(results),
     ]
     return "\n\n".join(parts)

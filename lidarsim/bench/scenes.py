@@ -1,4 +1,4 @@
-"""Scenes to measure speed on, made by rule from a seed; their rays; and the exact hit of each ray.
+"""Scenes to measure speed on, generated from seeds, and their rays.
 
 Three meshes stand for what lidar simulations hold: a city (a few large triangles beside finely meshed round things),
 terrain (a height field), scans (closed surfaces of uneven triangles). The analytic scene holds shapes that are no
@@ -10,21 +10,19 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from scipy.spatial.transform import Rotation
 
-from lidarsim.bench import oracle
-from lidarsim.bench.cases import UTM, Spec, rotations
 from lidarsim.patterns import Spinning
 
 __all__ = [
     "UTM",
     "Rays",
-    "Truth",
+    "Spec",
     "World",
     "analytic",
     "body",
@@ -35,6 +33,7 @@ __all__ = [
     "lidar",
     "merged",
     "random_rays",
+    "rotations",
     "scans",
     "terrain",
 ]
@@ -43,8 +42,39 @@ Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 Triangles = tuple[Floats, Integers]
 
-ROUND = {"Sphere", "Cylinder", "Ellipsoid"}
-GROUP = 256  # triangles that share a bounding box in the search for candidates
+UTM = np.array([448_262.25, 5_411_932.125, 113.7])
+"""Of a place in UTM coordinates, m."""
+
+
+@dataclass(frozen=True)
+class Spec:
+    """A shape by the name of its class or constructor, its arguments and its transform.
+
+    Attributes
+    ----------
+    kind : str
+        Such as ``"Sphere"`` or ``"Plane.from_point"``.
+    args : tuple
+        Arguments of the constructor.
+    transform : ndarray of float64, shape (4, 4), optional
+        Affine map that the shape goes through.
+    """
+
+    kind: str
+    args: tuple[Any, ...]
+    transform: Floats | None = None
+
+    def build(self) -> Any:
+        """Return lidarsim's shape."""
+        import lidarsim
+
+        return attrgetter(self.kind)(lidarsim)(*self.args, transform=self.transform)
+
+
+def rotations(count: int, seed: int) -> Floats:
+    """Return random rotation matrices, (count, 3, 3)."""
+    matrices: Floats = Rotation.random(count, rng=np.random.default_rng(seed)).as_matrix()
+    return matrices
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,18 +91,6 @@ class Rays:
 
     def __getitem__(self, rows: Any) -> Rays:
         return replace(self, origins=self.origins[rows].copy(), directions=self.directions[rows].copy())
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """The exact nearest hit of each ray: its t, None for a miss; the triangle or, among shapes, the object it is on.
-
-    `telling` are the hits whose range tells casters apart: among shapes those on round ones, as triangles are flat too.
-    """
-
-    t: list[oracle.Surd | None]
-    surface: Integers
-    telling: npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,99 +128,6 @@ class World:
         """Return this world in triangles, round shapes by icospheres of this level and prisms with edges as long."""
         vertices, faces, owner = _join(_tessellate(spec, level) for spec in self.shapes)
         return replace(self, shapes=(Spec("TriangleMesh", (vertices, faces)),), owner=owner)
-
-    def truth(self, rays: Rays) -> Truth:
-        """Return the exact hits, by brute force in integers over what float64 bounds cannot rule out."""
-        found = [
-            self._nearest(o, d, ray) for o, d, ray in zip(rays.origins, rays.directions, _exact(rays), strict=True)
-        ]
-        surface = np.array([surface for _, surface in found], dtype=np.int64)
-        telling = surface >= 0
-        if self.mesh is None:
-            telling &= np.array([spec.kind in ROUND for spec in self.shapes])[surface]
-        return Truth([t for t, _ in found], surface, telling)
-
-    def _nearest(self, origin: Floats, direction: Floats, ray: oracle.Ray) -> tuple[oracle.Surd | None, int]:
-        parts = np.flatnonzero(_slabs(*self._bounds, origin, direction))
-        if self.mesh is None:
-            best: tuple[oracle.Surd | None, int] = None, -1
-            for part in parts:
-                crossing = oracle.nearest(self._judges[part], ray)
-                if crossing is not None and (best[0] is None or crossing.t < best[0]):
-                    best = crossing.t, int(part)
-            return best
-        vertices, faces = self.mesh
-        candidates = np.sort(np.concatenate([self._groups[part] for part in parts])) if len(parts) else np.zeros(0, int)
-        corners = vertices[faces[candidates]]
-        kept = _pierced(corners - origin, direction)
-        if not kept.any():
-            return None, -1
-        crossing = oracle.nearest(
-            oracle.TriangleMesh(corners[kept].reshape(-1, 3), np.arange(3 * kept.sum()).reshape(-1, 3)), ray
-        )
-        return (None, -1) if crossing is None else (crossing.t, int(candidates[kept][min(crossing.faces)]))
-
-    @cached_property
-    def _judges(self) -> list[oracle.Shape]:
-        return [spec.judge() for spec in self.shapes]
-
-    @cached_property
-    def _groups(self) -> list[Integers]:
-        """Indices of triangles that lie close together, by the Morton order of their centres."""
-        vertices, faces = self.mesh or (np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64))
-        centers = vertices[faces].mean(axis=1)
-        cells = (1023 * (centers - centers.min(axis=0)) / np.maximum(np.ptp(centers, axis=0), 1e-300)).astype(np.int64)
-        code = sum((cells[:, axis] >> bit & 1) << (3 * bit + axis) for bit in range(10) for axis in range(3))
-        return np.array_split(np.argsort(code, kind="stable"), math.ceil(len(faces) / GROUP))
-
-    @cached_property
-    def _bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper corners of boxes around the groups of triangles or around the shapes."""
-        if self.mesh is None:
-            return np.array([_box(spec)[0] for spec in self.shapes]), np.array([_box(spec)[1] for spec in self.shapes])
-        vertices, faces = self.mesh
-        groups = [vertices[faces[group]].reshape(-1, 3) for group in self._groups]
-        return np.array([g.min(axis=0) for g in groups]), np.array([g.max(axis=0) for g in groups])
-
-
-def _exact(rays: Rays) -> Iterable[oracle.Ray]:
-    return (oracle.Ray.of(o, d) for o, d in zip(rays.origins.tolist(), rays.directions.tolist(), strict=True))
-
-
-def _box(spec: Spec) -> tuple[Floats, Floats]:
-    """Return corners of a box around a shape."""
-    match spec.kind, spec.args:
-        case (("Sphere" | "Ellipsoid"), (center, radius, *_)):
-            reach = np.full(3, np.max(radius))
-            return center - reach, center + reach
-        case "Box", (size, center):
-            return center - size / 2, center + size / 2
-        case "Cylinder", (start, end, radius, *_):
-            return np.minimum(start, end) - radius, np.maximum(start, end) + radius
-    return np.full(3, -np.inf), np.full(3, np.inf)
-
-
-def _slabs(low: Floats, high: Floats, origin: Floats, direction: Floats) -> npt.NDArray[np.bool_]:
-    """Say which boxes the ray may meet: widened by far more than float64 errs here."""
-    slack = 1e-9 * (1 + np.abs(origin).max())
-    with np.errstate(all="ignore"):
-        t = np.stack([low - slack - origin, high + slack - origin]) / direction
-        near, far = np.fmin(t[0], t[1]), np.fmax(t[0], t[1])
-    entry, leave = np.fmax.reduce(near, axis=1), np.fmin.reduce(far, axis=1)
-    met: npt.NDArray[np.bool_] = (entry <= leave) & (leave >= 0)
-    return met
-
-
-def _pierced(corners: Floats, direction: Floats) -> npt.NDArray[np.bool_]:
-    """Say which triangles, corners (n, 3, 3) relative to the origin of the line, the line may pass through.
-
-    A sign d·(b × c) sums six products of three numbers, each with at most eight roundings on its way; |d| is about 1.
-    """
-    a, b, c = np.moveaxis(corners, 1, 0)
-    signs = np.stack([np.cross(b, c) @ direction, np.cross(c, a) @ direction, np.cross(a, b) @ direction])
-    doubt = 6 * 8 * 2.0**-52 * np.abs(corners).max(axis=(1, 2), initial=0.0) ** 2
-    kept: npt.NDArray[np.bool_] = ~((signs > doubt).any(axis=0) & (signs < -doubt).any(axis=0))
-    return kept
 
 
 def lidar(world: World, channels: int, columns: int, field_of_view: float) -> Rays:

@@ -27,9 +27,10 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim.bench import building, motion, report, scenes
+from lidarsim.bench import building, exact, motion, report, scenes
+from lidarsim.bench.exact import Truth
 from lidarsim.bench.peers import CASTERS, Caster, Found, Lidarsim, Open3D, installed, threads_kept
-from lidarsim.bench.scenes import Rays, Truth, World
+from lidarsim.bench.scenes import Rays, World
 
 __all__ = ["FULL", "QUICK", "Build", "Error", "Plan", "Speed", "interleave", "judge", "main", "measure"]
 
@@ -195,11 +196,12 @@ def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: flo
 def judge(truth: Truth, found: Found) -> Error:
     """Compare what a method found with the exact hits of the same rays."""
     t, surface = found
-    exact = np.array([math.inf if s is None else float(s) for s in truth.t])
-    hit, said = np.isfinite(exact), np.isfinite(t)
+    rounded = np.array([math.inf if s is None else float(s) for s in truth.t])
+    hit, said = np.isfinite(rounded), np.isfinite(t)
     both = hit & said
-    ulps = np.array([s.ulps(float(v)) for s, v, b in zip(truth.t, t, both, strict=True) if b and s is not None])
-    mm = (ulps * np.spacing(exact[both]) * 1e3)[truth.telling[both]]
+    pairs = zip(truth.t, t.tolist(), strict=True)
+    ulps = np.array([exact.ulps(s, v) for s, v in pairs if s is not None and math.isfinite(v)])
+    mm = (ulps * np.spacing(rounded[both]) * 1e3)[truth.telling[both]]
     return Error(
         rays=len(t),
         hits=int(hit.sum()),
@@ -503,7 +505,7 @@ class _Run:
         stride = max(caster.stride for caster in methods.values())
         groups = len(rays) // stride
         judged = stride * np.random.default_rng(0).choice(groups, min(self.plan.sample, groups), replace=False)
-        truth = world.truth(rays[judged])
+        truth = exact.first_hits(world, rays[judged])
         ready = {name: caster.prepare(rays[:: caster.stride]) for name, caster in methods.items()}
         rows: list[Speed] = []
         for n in threads:
@@ -644,26 +646,16 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "-o", "--output", type=Path, metavar="DIR", default=Path("out/bench"), help="folder to write to"
     )
     parser.add_argument(
-        "--readme",
-        type=Path,
-        metavar="FILE",
-        help="write the section on speed of this file anew: lidarsim/bench/README.md",
-    )
-    parser.add_argument(
         "--from", dest="known", type=Path, metavar="JSON", help="report an earlier run; measure nothing"
     )
     options = parser.parse_args(arguments)
     import_extra("matplotlib", "bench", "the plot")  # what would fail after minutes of work fails before
     options.output.mkdir(parents=True, exist_ok=True)
-    if options.readme is not None:
-        report.around_section(options.readme)
     if options.known is None:
         results = measure(QUICK if options.quick else FULL, _show if sys.stderr.isatty() else lambda _: None)
     else:
         results = json.loads(options.known.read_text(encoding="utf-8"))
     report.write(results, options.output)
-    if options.readme is not None:
-        report.update_readme(results, options.readme)
     sys.stdout.write(f"{report.summary(results)}\n\nThe tables are in {options.output / 'speed.md'}.\n")
     return 0
 

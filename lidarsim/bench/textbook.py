@@ -1,40 +1,37 @@
-"""The formulas that textbooks and lecture notes give for rays and shapes, in plain float64: the baseline to beat.
+"""The formulas that textbooks and lecture notes give for rays and solids, in plain float64: the baseline to beat.
 
-They are right in exact arithmetic and are written here as they are usually taught, with no care for rounding: the
-general quadratic formula with its cancellation, the triangle's inside test at a rounded point, a plane at its rounded
-distance from the origin. `lidarsim.bench.accuracy` shows what that costs. Three slips that are common in such notes are
-corrected:
+They are right in exact arithmetic and stand here as they are usually taught, with no care for rounding: the general
+quadratic formula, whose difference cancels, and a plane by its rounded distance from the origin. Two slips that are
+common in such notes are corrected:
 
 - The constant term of the sphere's quadratic is (o − c)·(o − c) − r², sometimes written 2(o − c) − r² (a vector minus a
   number, which has no meaning).
 - The equation of a cylinder's side is |p − c|² = r² across the axis, sometimes written = 0 (which is the axis alone).
-- To call a point inside a triangle if its coefficients i, j, k in p = i·a + j·b + k·c lie in [0, 1] fails when the
-  plane of a, b, c passes through the origin: the three are then linearly dependent and the system is singular.
-  (Elsewhere the coefficients of a point of the plane sum to 1 and the test is right.) Barycentric coordinates from
-  areas, taken relative to a vertex, have no such case.
 
-Each function takes origins and directions of shape (n, 3), the directions of any length, and returns every t of the
-line, (n, k), ascending and nan where there is none.
+Each function takes origins and directions of shape (n, 3), the directions of any length, and the arguments of
+lidarsim's constructor. It returns every t at which the line meets the surface, (n, k), ascending and padded with NaN.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["box", "cylinder", "ellipsoid", "plane", "sphere", "triangle", "triangle_mesh"]
+__all__ = ["FORMULAS", "box", "cylinder", "dot", "ellipsoid", "plane", "plane_through", "quadratic", "sphere"]
 
 Floats = npt.NDArray[np.float64]
 
 
-def _dot(a: Floats, b: Floats) -> Floats:
+def dot(a: Floats, b: Floats) -> Floats:
+    """Return the dot products of vectors along the last axis."""
     product: Floats = np.einsum("...i,...i->...", a, b)
     return product
 
 
-def _quadratic(a: Floats, b: Floats, c: Floats) -> Floats:
+def quadratic(a: Floats, b: Floats, c: Floats) -> Floats:
     """Return the roots of a·t² + b·t + c by (−b ± √(b² − 4ac)) / 2a, (n, 2)."""
     with np.errstate(all="ignore"):
         root = np.sqrt(b * b - 4 * a * c)
@@ -49,10 +46,15 @@ def plane(origins: Floats, directions: Floats, normal: Any, distance: float) -> 
         return np.where(slope == 0, np.nan, (distance - origins @ n) / slope)[:, None]
 
 
+def plane_through(origins: Floats, directions: Floats, point: Any, normal: Any) -> Floats:
+    """Return t for the plane n·p = n·point."""
+    return plane(origins, directions, normal, float(np.dot(normal, point)))
+
+
 def sphere(origins: Floats, directions: Floats, center: Any, radius: float) -> Floats:
     """Return the roots of (v·v) t² + 2 v·(o − c) t + (o − c)·(o − c) − r² = 0."""
     f = origins - np.asarray(center, dtype=np.float64)
-    return _quadratic(_dot(directions, directions), 2 * _dot(directions, f), _dot(f, f) - radius * radius)
+    return quadratic(dot(directions, directions), 2 * dot(directions, f), dot(f, f) - radius * radius)
 
 
 def ellipsoid(origins: Floats, directions: Floats, center: Any, radii: Any, rotation: Any = None) -> Floats:
@@ -83,33 +85,24 @@ def cylinder(  # noqa: PLR0917
     f = origins - s
     fz, dz = f @ axis, directions @ axis
     across, along = f - fz[:, None] * axis, directions - dz[:, None] * axis
-    t = _quadratic(_dot(along, along), 2 * _dot(across, along), _dot(across, across) - radius * radius)
+    t = quadratic(dot(along, along), 2 * dot(across, along), dot(across, across) - radius * radius)
     with np.errstate(all="ignore"):
         z = fz[:, None] + t * dz[:, None]
         t = np.where((z >= 0) & (z <= height), t, np.nan)
         if capped:
             caps = (np.array([0.0, height]) - fz[:, None]) / dz[:, None]
             point = across[:, None, :] + caps[:, :, None] * along[:, None, :]
-            caps = np.where(_dot(point, point) <= radius * radius, caps, np.nan)
+            caps = np.where(dot(point, point) <= radius * radius, caps, np.nan)
             t = np.concatenate([t, caps], axis=1)
     return np.sort(t, axis=1)[:, :2]
 
 
-def triangle(origins: Floats, directions: Floats, a: Any, b: Any, c: Any) -> Floats:
-    """Return t of the triangle's plane if the barycentric coordinates of that point are in [0, 1]."""
-    return triangle_mesh(origins, directions, [a, b, c], [[0, 1, 2]])
-
-
-def triangle_mesh(origins: Floats, directions: Floats, vertices: Any, faces: Any) -> Floats:
-    """Return t for every triangle, (n, triangles), nan-padded."""
-    a, b, c = np.moveaxis(np.asarray(vertices, dtype=np.float64)[np.asarray(faces)], 1, 0)
-    n = np.cross(b - a, c - a)
-    with np.errstate(all="ignore"):
-        t = (_dot(n, a) - origins @ n.T) / (directions @ n.T)
-        point = origins[:, None] + t[:, :, None] * directions[:, None]
-        area = _dot(n, n)
-        i = _dot(np.cross(c - b, point - b), n) / area
-        j = _dot(np.cross(a - c, point - c), n) / area
-        k = _dot(np.cross(b - a, point - a), n) / area
-        inside = (np.minimum(np.minimum(i, j), k) >= 0) & np.isfinite(t)
-    return np.sort(np.where(inside, t, np.nan), axis=1)
+#: The formula of each shape, by the name of its class or constructor.
+FORMULAS: dict[str, Callable[..., Floats]] = {
+    "Box": box,
+    "Cylinder": cylinder,
+    "Ellipsoid": ellipsoid,
+    "Plane": plane,
+    "Plane.from_point": plane_through,
+    "Sphere": sphere,
+}

@@ -196,7 +196,7 @@ def test_the_report_does_without_peers(results: dict[str, Any]) -> None:
     for key in ("speed", "growth", "builds"):
         results[key] = [{**r, "ratio": None, "reference": False} for r in results[key] if r["method"] == "lidarsim"]
     assert len(table(report.to_markdown(results), "scene, rays")) == 8
-    assert table(report.readme_section(results), "scene | rays")[0] == [
+    assert table(report.overview(results), "scene | rays")[0] == [
         "city",
         "128 × 1024",
         "40",
@@ -208,17 +208,10 @@ def test_the_report_does_without_peers(results: dict[str, Any]) -> None:
     assert "MuJoCo-LiDAR" not in report.summary(results)
 
 
-def test_the_readme_section_is_replaced(results: dict[str, Any], tmp_path: Path) -> None:
-    readme = tmp_path / "lidarsim/bench/README.md"
-    readme.parent.mkdir(parents=True)
-    readme.write_text(f"# Title\n\nBefore.\n\n{report.BEGIN}\nold figures\n{report.END}\n\nAfter.\n", encoding="utf-8")
-    report.update_readme(results, readme)
-    text = readme.read_text(encoding="utf-8")
-    assert text.startswith(
-        f"# Title\n\nBefore.\n\n{report.BEGIN}\n![Speed against error](../../examples/images/speed.png)\n"
-    )
-    assert text.endswith(f"\n{report.END}\n\nAfter.\n")
-    assert "old figures" not in text
+def test_the_overview_leads_the_report(results: dict[str, Any]) -> None:
+    text = report.overview(results, "../images/")
+    assert text.startswith("![Speed against error](../images/speed.png)\n")
+    assert "![Error against the distance from the origin](../images/distance.png)" in text
     assert table(text, "scene | rays")[0] == [
         "city",
         "128 × 1024",
@@ -235,19 +228,7 @@ def test_the_readme_section_is_replaced(results: dict[str, Any], tmp_path: Path)
         "Open3D, icosphere 5",
     ]
     assert "Not available on that machine: MuJoCo-LiDAR, Taichi." in text
-    assert {path.name for path in (tmp_path / "examples/images").iterdir()} == {"speed.png", "distance.png"}
-    report.update_readme(results, readme)
-    assert readme.read_text(encoding="utf-8") == text
-
-
-def test_a_readme_without_the_section_is_left_alone(results: dict[str, Any], tmp_path: Path) -> None:
-    readme = tmp_path / "README.md"
-    readme.write_text("# Title\n", encoding="utf-8")
-    with pytest.raises(ValueError) as raised:  # noqa: PT011 - the message is compared whole
-        report.update_readme(results, readme)
-    assert str(raised.value) == f"{readme}: expected a section between the lines {report.BEGIN} and {report.END}"
-    assert readme.read_text(encoding="utf-8") == "# Title\n"
-    assert [path.name for path in tmp_path.iterdir()] == ["README.md"]
+    assert report.to_markdown(results).startswith(f"# Speed against error\n\n{report.overview(results)}\n\n")
 
 
 def test_files_are_written(results: dict[str, Any], tmp_path: Path) -> None:

@@ -5,50 +5,16 @@ from collections import Counter
 from collections.abc import Callable
 
 import numpy as np
-import numpy.typing as npt
 import pytest
 
-from lidarsim.bench import oracle, scenes
+from lidarsim.bench import exact, scenes
 from lidarsim.bench.scenes import UTM, Rays, World
 from lidarsim.bench.speed import MESHES
 from lidarsim.scene import Scene
 
-ORIGIN = (0.0, 0.0, 0.0)
-SMALL = {
-    "city": lambda offset: scenes.city(900, offset),
-    "terrain": lambda offset: scenes.terrain(600, offset),
-    "scans": lambda offset: scenes.scans(600, offset),
-    "analytic": lambda offset: scenes.analytic(40, offset),
-    "tessellation": lambda offset: scenes.analytic(12, offset).tessellated(1),
-}
-
 
 def some(rays: Rays, count: int) -> Rays:
     return rays[np.random.default_rng(0).choice(len(rays), count, replace=False)]
-
-
-@pytest.mark.parametrize("offset", [ORIGIN, UTM], ids=["origin", "utm"])
-@pytest.mark.parametrize("name", SMALL)
-def test_truth_is_that_of_brute_force(name: str, offset: npt.ArrayLike) -> None:
-    world = SMALL[name](offset)
-    scene = oracle.Scene()
-    for spec in world.shapes:
-        scene.add(spec.judge())
-    hits = 0
-    for rays in (some(scenes.lidar(world, 16, 64, 1.0), 15), scenes.random_rays(world, 15)):
-        truth = world.truth(rays)
-        for o, d, t, surface in zip(
-            rays.origins.tolist(), rays.directions.tolist(), truth.t, truth.surface, strict=True
-        ):
-            expected = scene.nearest(oracle.Ray.of(o, d))
-            if expected is None or t is None:
-                assert (expected, t, surface) == (None, None, -1)
-            else:
-                index, crossing = expected
-                assert t == crossing.t
-                assert surface == (index if world.mesh is None else min(crossing.faces))
-                hits += 1
-    assert hits >= 10
 
 
 def test_meshes_have_their_sizes() -> None:
@@ -61,21 +27,10 @@ def test_meshes_have_their_sizes() -> None:
 @pytest.mark.parametrize("make", [*MESHES.values(), scenes.analytic], ids=[*MESHES, "analytic"])
 def test_the_lidar_sees_much_of_each_world(make: Callable[..., World]) -> None:
     world = make() if make is scenes.analytic else make(5000)
-    truth = world.truth(some(scenes.lidar(world, 128, 32, math.pi / 4), 100))
+    truth = exact.first_hits(world, some(scenes.lidar(world, 128, 32, math.pi / 4), 100))
     hit = truth.surface >= 0
     assert hit.sum() >= 40
     assert len(set(truth.surface[hit].tolist())) >= 15
-
-
-def test_only_round_shapes_tell_casters_apart() -> None:
-    world = scenes.analytic(40)
-    truth = world.truth(some(scenes.lidar(world, 128, 32, math.pi / 4), 200))
-    kinds = [world.shapes[surface].kind for surface in truth.surface if surface >= 0]
-    assert truth.telling.sum() == sum(kind in {"Sphere", "Cylinder", "Ellipsoid"} for kind in kinds)
-    assert 0 < truth.telling.sum() < len(kinds)
-    mesh = world.tessellated(0)
-    truth = mesh.truth(some(scenes.lidar(mesh, 128, 32, math.pi / 4), 50))
-    assert truth.telling.tolist() == (truth.surface >= 0).tolist()
 
 
 def test_bodies_of_scans_are_closed_and_uneven() -> None:

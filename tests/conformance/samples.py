@@ -1,7 +1,7 @@
 """One sample a shape: what the conformance suite needs to know of it.
 
 A sample says how the shape is made under a `Move`, so that the suite can shift, turn and scale it without rounding. Its
-numbers are multiples of 1/64 within [-1.5, 1.5], and `lidarsim.bench.oracle` has a class of the same name to judge it.
+numbers are multiples of 1/64 within [-1.5, 1.5], and `exact.oracle` has a class of the same name to judge it.
 """
 
 from __future__ import annotations
@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-
-from lidarsim.bench.cases import Spec
+from exact.cases import Spec
 
 
 @dataclass(frozen=True)

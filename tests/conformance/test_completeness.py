@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 from conformance.samples import SAMPLES
+from exact import adversarial, cases, oracle
 from numpydoc.docscrape import NumpyDocString
 
 import lidarsim as ls
 from lidarsim import shapes
-from lidarsim.bench import adversarial, cases, oracle
 
 SHAPES = [
     thing for name in shapes.__all__ if issubclass(thing := getattr(shapes, name), ls.Shape) and thing is not ls.Shape

@@ -11,10 +11,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 from conformance.samples import SAMPLES, Move
+from exact import cases, oracle
+from exact.accuracy import judge_cast, judge_roots
 
 import lidarsim as ls
-from lidarsim.bench import cases, oracle
-from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 every_sample = pytest.mark.parametrize("sample", SAMPLES, ids=lambda sample: sample.name)
 TURNS = [

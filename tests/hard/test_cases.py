@@ -8,10 +8,10 @@ from collections import Counter
 import mpmath
 import numpy as np
 import pytest
+from exact import adversarial, cases, oracle
+from exact.accuracy import judge_cast, judge_roots
 
 import lidarsim as ls
-from lidarsim.bench import adversarial, cases, oracle
-from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 CASES = cases.hard_cases()
 

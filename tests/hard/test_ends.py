@@ -6,12 +6,11 @@ import sys
 
 import numpy as np
 import pytest
+from exact import cases
+from exact.accuracy import judge_cast, judge_roots
 from hard.test_random import area, determinant
 from hypothesis import assume, given
 from hypothesis import strategies as st
-
-from lidarsim.bench import cases
-from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 MOST = sys.float_info.max
 number = st.one_of(

@@ -7,10 +7,10 @@ import re
 
 import numpy as np
 import pytest
+from exact import cases, oracle
+from exact.accuracy import judge_cast, judge_roots
 
 import lidarsim as ls
-from lidarsim.bench import cases, oracle
-from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 MESHES = cases.closed_meshes()
 

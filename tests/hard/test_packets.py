@@ -11,10 +11,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from exact import cases, oracle
+from exact.accuracy import judge_cast
 
 import lidarsim as ls
-from lidarsim.bench import cases, oracle
-from lidarsim.bench.accuracy import judge_cast
 
 
 def terrain(shift=0.0, scale=1.0):

@@ -6,11 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from exact import cases, oracle
+from exact.accuracy import judge_cast, judge_roots
 from hypothesis import assume, given
 from hypothesis import strategies as st
-
-from lidarsim.bench import cases, oracle
-from lidarsim.bench.accuracy import judge_cast, judge_roots
 
 # Small integers make exact tangents, edges and ties likely; the others are of any mantissa, over 24 decades.
 lattice = st.integers(-8, 8).map(float)

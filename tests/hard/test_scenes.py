@@ -12,9 +12,9 @@ import time
 import numpy as np
 import pytest
 from conformance.samples import SAMPLES, Move
+from exact import cases, oracle
 
 import lidarsim as ls
-from lidarsim.bench import cases, oracle
 
 
 def judged(specs, origins, directions, t_min=0.0, t_max=math.inf):

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import math
 from decimal import Decimal
 
 import numpy as np
 import pytest
-
-from lidarsim import bench
-from lidarsim.bench import accuracy, adversarial, cases
-from lidarsim.bench.accuracy import judge_cast, judge_roots
+from exact import accuracy, adversarial, cases
+from exact.accuracy import judge_cast, judge_roots
 
 SPHERE = cases.Spec("Sphere", ((0.0, 0.0, 0.0), 1.0))
 ORIGINS = np.array([(-3.0, 0.0, 0.0), (-3.0, 2.0, 0.0), (-3.0, 1.0, 0.0), (-3.0, 0.5, 0.0)])
@@ -79,16 +76,17 @@ def test_table_of_a_few_cases():
     assert len(few) == 4
     report = accuracy.measure(few)
     report.leaks = accuracy.measure_leaks({"5e6": 5e6})
-    figures = json.loads(report.to_json())
-    assert len(figures["cases"]) == 4
-    for group, row in figures["cases"].items():
-        assert row["lidarsim"]["wrong"] == 0
-        assert row["lidarsim"]["worst_ulp"] <= 0.5
-        assert row["lidarsim"]["rounded"] == row["lidarsim"]["values"] > 0
+    assert len(report.rows) == 4
+    for group, row in report.rows.items():
+        own = row["lidarsim"]
+        assert (own.wrong, own.errs) == (0, False)
+        assert own.worst <= 0.5
+        assert own.rounded == own.values > 0
         assert (row["textbook"] is None) == group.startswith("polygon")
-    assert figures["cases"]["triangle at 5e6 m"]["textbook"]["worst_ulp"] > 1e3
-    assert figures["leaks"]["5e6"]["lidarsim"]["leaks"] == 0
-    assert figures["leaks"]["5e6"]["textbook"]["leaks"] > 0
+    assert report.rows["triangle at 5e6 m"]["textbook"].worst > 1e3
+    assert report.leaks["5e6"]["lidarsim"][0] == 0
+    assert report.leaks["5e6"]["textbook"][0] > 0
+    assert [report.errs(engine) for engine in ("lidarsim", "textbook")] == [False, True]
     table = report.to_markdown()
     assert table.count("\n| ") == 2 + 4 + 1
     assert "| polygon, to vertices and edges |" in table
@@ -126,26 +124,3 @@ def test_random_rays_are_judged():
     for verdict in verdicts.values():
         assert (verdict.rays, verdict.wrong) == (80, 0), verdict.first
         assert verdict.rounded == verdict.values
-
-
-def few(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let the command judge no more than it takes to see that it does."""
-    hard = cases.hard_cases()[:3]
-    monkeypatch.setattr(cases, "hard_cases", lambda: hard)
-    monkeypatch.setattr(cases, "OFFSETS", {"5e6": 5e6})
-
-
-def test_command_writes_the_report(tmp_path, capsys, monkeypatch):
-    few(monkeypatch)
-    assert bench.main(["--accuracy", "--random", "80", "-o", str(tmp_path / "out")]) == 0
-    printed = capsys.readouterr().out
-    assert (tmp_path / "out" / "accuracy.md").read_text(encoding="utf-8") in printed
-    assert "cases" in json.loads((tmp_path / "out" / "accuracy.json").read_text(encoding="utf-8"))
-    assert "TriangleMesh: 10 rays" in printed
-
-
-def test_command_fails_if_lidarsim_errs(capsys, monkeypatch):
-    few(monkeypatch)
-    monkeypatch.setitem(accuracy.ENGINES, "lidarsim", lambda _, origins, __: np.ones(len(origins)))
-    assert bench.main(["--accuracy"]) == 1
-    assert "| plane, grazing" in capsys.readouterr().out

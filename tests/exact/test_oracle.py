@@ -11,9 +11,8 @@ from pathlib import Path
 import mpmath
 import numpy as np
 import pytest
-
-from lidarsim.bench import adversarial, cases, oracle
-from lidarsim.bench.oracle import Ray, Surd
+from exact import adversarial, cases, oracle
+from exact.oracle import Ray, Surd
 
 
 def mp(surd, bits=2000):

@@ -1,40 +1,17 @@
-"""How far each ray caster is from the exact answer, case by case.
-
-``lidarsim bench --accuracy`` prints the table of the hard cases; with ``--random N`` it also casts N random adversarial
-rays, shared by the kinds of shape, and judges lidarsim alone.
-"""
+"""How far each ray caster is from the exact answer, case by case; ``python tests/tables.py`` writes the tables."""
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import sys
-import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from exact import adversarial, cases, oracle
 
-from lidarsim.bench import adversarial, cases, oracle, sections
-
-__all__ = [
-    "ENGINES",
-    "Report",
-    "Verdict",
-    "judge_cast",
-    "judge_roots",
-    "main",
-    "measure",
-    "measure_leaks",
-    "measure_random",
-]
-
-SECTION = "<!-- accuracy: begin, written by `lidarsim bench --accuracy --readme` -->", "<!-- accuracy: end -->"
 Floats = npt.NDArray[np.float64]
 
 #: Returns t of the nearest hit with t ≥ 0 of each ray, inf for a miss; None if the engine has no such shape.
@@ -75,6 +52,11 @@ class Verdict:
     def wrong(self) -> int:
         """Wrong decisions of any sort."""
         return self.missed + self.invented + self.other
+
+    @property
+    def errs(self) -> bool:
+        """Whether there is a wrong decision, or a value that is not correctly rounded."""
+        return self.wrong > 0 or self.rounded < self.values
 
     def add(self, more: Verdict) -> None:
         """Count another verdict in."""
@@ -269,7 +251,6 @@ class Report:
 
     rows: dict[str, dict[str, Verdict | None]] = field(default_factory=dict)
     leaks: dict[str, dict[str, tuple[int, int]]] = field(default_factory=dict)
-    seconds: float = 0.0
 
     def to_markdown(self) -> str:
         """Return the tables as Markdown: wrong decisions and, of those decided rightly, the worst error of t in ulp."""
@@ -298,25 +279,11 @@ class Report:
                 lines.append(f"| {offset} | {rays} | {' | '.join(str(leaked) for leaked, _ in counts.values())} |")
         return "\n".join(lines) + "\n"
 
-    def to_json(self) -> str:
-        """Return all figures as JSON."""
-        rows = {
-            group: {name: None if v is None else _figures(v) for name, v in verdicts.items()}
-            for group, verdicts in self.rows.items()
-        }
-        leaks = {
-            o: {name: {"leaks": n, "rays": rays} for name, (n, rays) in counts.items()}
-            for o, counts in self.leaks.items()
-        }
-        return json.dumps({"cases": rows, "leaks": leaks, "seconds": round(self.seconds, 1)}, indent=2)
-
-
-def _figures(verdict: Verdict) -> dict[str, Any]:
-    figures = {
-        name: getattr(verdict, name)
-        for name in ("rays", "hits", "wrong", "missed", "invented", "other", "values", "rounded")
-    }
-    return {**figures, "worst_ulp": verdict.worst if math.isfinite(verdict.worst) else None}
+    def errs(self, engine: str) -> bool:
+        """Return whether an engine decides or rounds wrongly, leaks, or cannot answer."""
+        leaks = sum(counts[engine][0] for counts in self.leaks.values())
+        verdicts = [row[engine] for row in self.rows.values()]
+        return leaks > 0 or any(verdict is None or verdict.errs for verdict in verdicts)
 
 
 def _ulps(verdict: Verdict) -> str:
@@ -333,7 +300,7 @@ def measure(groups: Iterable[cases.Case] | None = None, engines: dict[str, Engin
     Parameters
     ----------
     groups : iterable of Case, optional
-        The cases; by default `lidarsim.bench.cases.hard_cases`.
+        The cases; by default `exact.cases.hard_cases`.
     engines : dict of str to callable, optional
         The engines; by default those of `ENGINES` that are installed.
 
@@ -342,7 +309,6 @@ def measure(groups: Iterable[cases.Case] | None = None, engines: dict[str, Engin
     Report
         One row per group.
     """
-    began = time.perf_counter()
     engines = _installed() if engines is None else engines
     report = Report()
     for case in cases.hard_cases() if groups is None else groups:
@@ -353,7 +319,6 @@ def measure(groups: Iterable[cases.Case] | None = None, engines: dict[str, Engin
                 verdict = row[name] or Verdict()
                 verdict.add(judge_cast(case.spec, case.origins, case.directions, t))
                 row[name] = verdict
-    report.seconds = time.perf_counter() - began
     return report
 
 
@@ -363,7 +328,7 @@ def measure_leaks(offsets: dict[str, float] | None = None) -> dict[str, dict[str
     Parameters
     ----------
     offsets : dict of str to float, optional
-        Offsets in metres by name; by default `lidarsim.bench.cases.OFFSETS`.
+        Offsets in metres by name; by default `exact.cases.OFFSETS`.
 
     Returns
     -------
@@ -428,33 +393,3 @@ def _random_line(verdict: Verdict) -> str:
     line = f"{verdict.rays} rays, {verdict.hits} hits, {verdict.wrong} wrong, {verdict.values} values of t, "
     line += f"{verdict.values - verdict.rounded} not correctly rounded, worst {verdict.worst:.3g} ulp"
     return f"{line}; first: {verdict.first}" if verdict.first else line
-
-
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print how far each ray caster is from the exact answer; exit code 1 if lidarsim errs, leaks or misrounds a t."""
-    parser = argparse.ArgumentParser(prog="lidarsim bench --accuracy", description=main.__doc__)
-    parser.add_argument("--random", type=int, default=0, metavar="N", help="also cast N random adversarial rays")
-    parser.add_argument("--seed", type=int, default=0, help="seed of the random rays")
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="write accuracy.md and accuracy.json there")
-    parser.add_argument("--readme", type=Path, metavar="FILE", help="write the section on accuracy of this file anew")
-    options = parser.parse_args(arguments)
-    if options.readme is not None:
-        sections.around(options.readme, *SECTION)
-    report = measure()
-    report.leaks = measure_leaks()
-    sys.stdout.write(report.to_markdown())
-    if options.output is not None:
-        options.output.mkdir(parents=True, exist_ok=True)
-        (options.output / "accuracy.md").write_text(report.to_markdown(), encoding="utf-8")
-        (options.output / "accuracy.json").write_text(report.to_json(), encoding="utf-8")
-    if options.readme is not None:
-        sections.write(options.readme, *SECTION, report.to_markdown())
-    verdicts = [row["lidarsim"] for row in report.rows.values()]
-    if options.random:
-        verdicts += measure_random(options.random, options.seed, lambda line: print(line, flush=True)).values()  # noqa: T201
-    leaks = sum(counts["lidarsim"][0] for counts in report.leaks.values())
-    return int(leaks > 0 or any(v is None or v.wrong or v.rounded < v.values for v in verdicts))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

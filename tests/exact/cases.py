@@ -8,13 +8,15 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial.transform import Rotation
+from exact import oracle, textbook
 
-from lidarsim.bench import oracle, textbook
+from lidarsim.bench import scenes
+from lidarsim.bench.scenes import UTM, rotations
 
 __all__ = [
     "OFFSETS",
@@ -33,8 +35,6 @@ __all__ = [
 Floats = npt.NDArray[np.float64]
 
 OFFSETS = {"0": 0.0, "5e5": 5e5, "5e6": 5e6, "6.4e6": 6.4e6, "1e9": 1e9}
-UTM = np.array([448_262.25, 5_411_932.125, 113.7])
-
 GRAZING = (1e-2, 1e-4, 2e-5, 1e-8, 1e-12)
 IMPACTS: dict[str, Callable[[float], float]] = {
     "0": lambda _: 0.0,
@@ -48,54 +48,21 @@ IMPACTS: dict[str, Callable[[float], float]] = {
 SCALES = (1.0, 2.0, 2.0**-50, 2.0**50, 2.0**500, 2.0**-500, 1e150, 1e-150, 1e160, 1e-160, 1e200, 1e-200)
 
 
-@dataclass(frozen=True)
-class Spec:
+class Spec(scenes.Spec):
     """A shape by the name of its class or constructor, its arguments and its transform."""
-
-    kind: str
-    args: tuple[Any, ...]
-    transform: Floats | None = None
 
     def judge(self) -> oracle.Shape:
         """Return the oracle's shape."""
-        shape: oracle.Shape = self._make(oracle, {})
+        shape: oracle.Shape = attrgetter(self.kind)(oracle)(*self.args)
         return shape if self.transform is None else oracle.Transformed(shape, self.transform)
-
-    def build(self) -> Any:
-        """Return lidarsim's shape."""
-        import lidarsim
-
-        return self._make(lidarsim, {} if self.transform is None else {"transform": self.transform})
-
-    def _make(self, module: Any, keywords: dict[str, Any]) -> Any:
-        make = module
-        for name in self.kind.split("."):
-            make = getattr(make, name)
-        return make(*self.args, **keywords)
 
     def textbook(self, origins: Floats, directions: Floats) -> Floats | None:
         """Return the textbook's roots, (n, k), or None where the textbook has no such shape."""
+        formula = textbook.FORMULAS.get(self.kind)
         if self.transform is not None:
             inverse = np.linalg.inv(self.transform)
             origins, directions = origins @ inverse[:3, :3].T + inverse[:3, 3], directions @ inverse[:3, :3].T
-        match self.kind, self.args:
-            case "Plane.from_point", (point, normal):
-                return textbook.plane(origins, directions, normal, float(np.dot(normal, point)))
-            case "Plane.from_points", (a, b, c):
-                normal = np.cross(np.subtract(b, a), np.subtract(c, a))
-                return textbook.plane(origins, directions, normal, float(np.dot(normal, a)))
-            case "Polygon", _:
-                return None
-        formulas: dict[str, Callable[..., Floats]] = {
-            "Plane": textbook.plane,
-            "Sphere": textbook.sphere,
-            "Ellipsoid": textbook.ellipsoid,
-            "Box": textbook.box,
-            "Cylinder": textbook.cylinder,
-            "Triangle": textbook.triangle,
-            "TriangleMesh": textbook.triangle_mesh,
-        }
-        return formulas[self.kind](origins, directions, *self.args)
+        return None if formula is None else formula(origins, directions, *self.args)
 
 
 @dataclass(frozen=True)
@@ -114,12 +81,6 @@ class Case:
 def _rays(pairs: Sequence[tuple[Any, Any]]) -> tuple[Floats, Floats]:
     array = np.array([[np.asarray(o, dtype=np.float64), np.asarray(d, dtype=np.float64)] for o, d in pairs])
     return np.ascontiguousarray(array[:, 0]), np.ascontiguousarray(array[:, 1])
-
-
-def rotations(count: int, seed: int) -> Floats:
-    """Return random rotation matrices, (count, 3, 3)."""
-    matrices: Floats = Rotation.random(count, rng=np.random.default_rng(seed)).as_matrix()
-    return matrices
 
 
 def _affine(linear: Any, translation: Any = (0.0, 0.0, 0.0)) -> Floats:

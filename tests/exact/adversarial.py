@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-
-from lidarsim.bench import cases
+from exact import cases
 
 __all__ = ["KINDS", "random_case"]
 
