@@ -4,7 +4,6 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 """
 
 from lidarsim import config, datasets, errors, io, patterns, viewers  # noqa: F401 (viewers register what they offer)
-from lidarsim._views import register_view
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material
@@ -64,7 +63,6 @@ __all__ = [
     "register_lidar_reader",
     "register_scene_reader",
     "register_trajectory_format",
-    "register_view",
     "show",
 ]
 

@@ -2,12 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TYPE_CHECKING, Any, Unpack
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypedDict, Unpack
 
 if TYPE_CHECKING:
-    from lidarsim.viewers._show import Looks
-    from lidarsim.viewers.html import Page
+    from lidarsim._files import PathLike
+    from lidarsim._validation import Transform
+    from lidarsim.scene import Scene
+
+Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
+"""Where a picture is taken from."""
+
+
+class Looks(TypedDict, total=False):
+    """The keywords of `lidarsim.show`."""
+
+    scene: Scene | None
+    color_by: str | None
+    class_names: Mapping[int, str] | None
+    pose: Transform | Sequence[Transform] | None
+    time: float | Sequence[float] | None
+    save: PathLike | None
+    camera: Camera | Sequence[Sequence[float]]
+    size: tuple[int, int]
+    point_size: float | None
+    viewer: Literal["pyvista", "open3d"]
+
+
+class Page(Protocol):
+    """A page that a notebook displays."""
+
+    @property
+    def text(self) -> str:
+        """The whole page in HTML."""
+
+    @property
+    def height(self) -> int:
+        """Height of its frame in the notebook, pixels."""
+
+    def _repr_html_(self) -> str: ...
+
 
 _VIEWS: dict[tuple[type, str], Callable[..., Any]] = {}
 

@@ -6,18 +6,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import Literal
+from typing import get_args
 
 import numpy as np
 
 from lidarsim import _validation
 from lidarsim._validation import Floats
+from lidarsim._views import Camera
 from lidarsim.pointcloud import PointCloud
 from lidarsim.viewers._colors import SURFACE, Coloring, category_color, round_step
 from lidarsim.viewers._surfaces import Surface
 
-Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
-CAMERAS: tuple[Camera, ...] = ("behind", "birds-eye", "first-person", "orbit")
+CAMERAS: tuple[Camera, ...] = get_args(Camera)
 AXIS = 0.06
 """Length of the axes of the sensor, in radii of what is seen."""
 MARGIN = 1.04

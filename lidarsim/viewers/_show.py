@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypedDict
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
 from lidarsim._validation import Floats, Transform, integer, real
-from lidarsim._views import Plotted, register_view
+from lidarsim._views import Camera, Plotted, register_view
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.scene import Scene
@@ -20,27 +20,11 @@ from lidarsim.trajectory import Trajectory
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._colors import coloring
 from lidarsim.viewers._display import in_notebook
-from lidarsim.viewers._picture import Camera, Frame, Picture, checked_camera
+from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
 
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
 """A frame: a cloud, a scan, or the scans of a rig by the names of its sensors."""
-
-
-class Looks(TypedDict, total=False):
-    """The keywords of `show`."""
-
-    scene: Scene | None
-    color_by: str | None
-    class_names: Mapping[int, str] | None
-    pose: Transform | Sequence[Transform] | None
-    time: float | Sequence[float] | None
-    save: PathLike | None
-    camera: Camera | Sequence[Sequence[float]]
-    size: tuple[int, int]
-    point_size: float | None
-    viewer: Literal["pyvista", "open3d"]
-
 
 SUFFIXES = (".png", ".gif", ".mp4", ".html")
 

@@ -14,8 +14,9 @@ import numpy.typing as npt
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
 from lidarsim._validation import Floats
+from lidarsim._views import Camera
 from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, Coloring, field_of
-from lidarsim.viewers._picture import AXIS, CAMERAS, Camera, Frame, Picture, surface_color
+from lidarsim.viewers._picture import AXIS, CAMERAS, Frame, Picture, surface_color
 from lidarsim.viewers._surfaces import Surface, joined
 
 if TYPE_CHECKING:

@@ -14,10 +14,10 @@ import pytest
 from PIL import Image
 
 import lidarsim as ls
+from lidarsim._views import Looks
 from lidarsim.viewers import _display, html
 from lidarsim.viewers._colors import QUALITATIVE, coloring
 from lidarsim.viewers._picture import Frame, Picture, View
-from lidarsim.viewers._show import Looks
 
 SIZE = (320, 200)
 
