@@ -4,8 +4,8 @@ Run by hand, from anywhere: ``python tests/mutations.py [--only WORDS] [--target
 mutant, and leaves the working tree as it is: the core is copied to a temporary folder, patched there and built without
 optimisation.
 
-A mutant replaces a text of the core's sources, in whichever of them it is; that it is there exactly once is checked for
-all of them first. The unit tests of the core are asked, and for mutants that concern whole casts, where these do not
+A mutant replaces a text of the core's sources, in whichever of them it is; `tests/test_mutations.py` holds that it is
+there exactly once. The unit tests of the core are asked, and for mutants that concern whole casts, where these do not
 notice, tests of the Python package with the patched core. The exit code is 1 if there is a mutant that no test notices
 and that has no reason why none need.
 """
@@ -19,6 +19,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -514,19 +515,15 @@ MUTANTS = [
 ]
 
 
-def sources(core: Path) -> list[Path]:
-    """Return the Rust sources of the core."""
-    return sorted(p for p in core.rglob("*.rs") if "target" not in p.parts)
-
-
-def place(core: Path, mutant: Mutant) -> Path:
-    """Return the source that holds the text of a mutant, exactly once."""
-    found = [path for path in sources(core) for _ in range(path.read_text().count(mutant.text))]
-    if len(found) != 1:
-        sys.exit(
-            f"{mutant.name}: expected {mutant.text!r} once in the sources of the core, found it {len(found)} times"
-        )
-    return found[0]
+def places(core: Path, mutants: Sequence[Mutant] = MUTANTS) -> dict[Mutant, list[Path]]:
+    """Return where the text of each mutant stands: a source for each time that it is there."""
+    sources = {
+        path: path.read_text(encoding="utf-8") for path in sorted(core.rglob("*.rs")) if "target" not in path.parts
+    }
+    return {
+        mutant: [path for path, source in sources.items() for _ in range(source.count(mutant.text))]
+        for mutant in mutants
+    }
 
 
 def module(source: Path) -> str:
@@ -573,14 +570,16 @@ def main() -> int:
         for name in ("lidarsim", "tests"):
             # As new files: cargo takes those older than its last build, which may be of a mutant, for built.
             shutil.copytree(ROOT / name, copy / name, ignore=ignored, copy_function=shutil.copy)
-        places = {mutant: place(copy / CORE, mutant) for mutant in MUTANTS}
+        found = places(copy / CORE)
+        if lost := [mutant.name for mutant, where in found.items() if len(where) != 1]:
+            sys.exit(f"expected each text once in the sources of the core, not so of: {', '.join(lost)}")
         chosen = [mutant for mutant in MUTANTS if options.only in mutant.name]
         if failed := unit_tests(copy / CORE, environment):
             sys.exit(f"tests fail as it is: {', '.join(failed)}")
         unnoticed = 0
         print("| mutant | noticed by |\n|---|---|", flush=True)  # noqa: T201
         for mutant in chosen:
-            source = places[mutant]
+            (source,) = found[mutant]
             before = source.read_text()
             source.write_text(before.replace(mutant.text, mutant.instead))
             # Those beside the text first: the others take longer, and most need not be asked.
