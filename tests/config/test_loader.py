@@ -13,6 +13,7 @@ import trimesh
 import yaml
 
 import lidarsim as ls
+from lidarsim.config import schema
 from lidarsim.errors import ConfigError
 
 CONFIG = """\
@@ -589,10 +590,8 @@ SENSOR_KEYS = (
     "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, description, datasheet_noise, modes, "
     "datasheet, sources"
 )
-SHAPE_NAMES = (
-    "'plane', 'mesh', 'heightfield', 'scene_file', 'box', 'cylinder', 'ellipsoid', 'polygon', 'sphere', 'triangle'"
-)
-PATTERN_NAMES = "'table', 'grid', 'mid360', 'oscillating_mirror', 'palmer', 'polygon_mirror', 'risley', 'spinning'"
+SHAPE_NAMES = ", ".join(map(repr, schema.SHAPES))
+PATTERN_NAMES = ", ".join(map(repr, schema.PATTERNS))
 VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
 
 

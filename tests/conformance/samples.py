@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from exact.cases import Spec
+from exact.spec import Spec
 
 
 @dataclass(frozen=True)

@@ -48,7 +48,12 @@ def test_has_its_rust_file(shape):
         pytest.skip("the tests run without the sources")
     (source,) = [*CORE.glob(f"*/{snake(shape)}.rs"), *CORE.glob(f"*/{snake(shape)}/mod.rs")]
     assert len(source.read_text(encoding="utf-8").splitlines()) > 20
-    assert source.relative_to(CORE).parts[0] in {"shapes", "scene"}
+    layer = source.relative_to(CORE).parts[0]
+    assert layer in {"shapes", "scene"}
+    declared = re.findall(
+        r"^(?:pub(?:\(crate\))? )?mod (?:r#)?(\w+);", (CORE / layer / "mod.rs").read_text("utf-8"), re.MULTILINE
+    )
+    assert snake(shape) in declared
 
 
 @every_shape

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from exact import cases
+from conformance.samples import SAMPLES, Move
+from exact import cases, oracle
 
 __all__ = ["KINDS", "random_case"]
 
 Floats = npt.NDArray[np.float64]
-
-KINDS = ("Plane", "Sphere", "Ellipsoid", "Box", "Cylinder", "Triangle", "Polygon", "TriangleMesh")
 
 
 @dataclass(frozen=True)
@@ -31,13 +31,7 @@ def random_case(rng: np.random.Generator, kind: str, rays: int = 100) -> cases.C
     size = float(2.0 ** rng.integers(-12, 12)) if lattice else float(10 ** rng.uniform(-4, 4))
     offset = np.zeros(3) if rng.random() < 0.4 else rng.normal(size=3) * 10 ** rng.uniform(0, 9) * size
     center = np.rint(rng.uniform(-4, 4, 3)) * size if lattice else offset
-    make = {
-        "Plane": _random_plane,
-        "Triangle": _random_facets,
-        "Polygon": _random_facets,
-        "TriangleMesh": _random_facets,
-    }
-    aim = make.get(kind, _random_solid)(rng, kind, rays, size, center, lattice=lattice)
+    aim = MAKERS.get(kind, _random_sample)(rng, kind, rays, size, center, lattice=lattice)
     if lattice:
         target = np.rint(aim.targets / aim.unit) * aim.unit
         d = np.rint(rng.uniform(-3, 3, (rays, 3))) if rng.random() < 0.7 else np.eye(3)[rng.integers(0, 3, rays)]
@@ -174,3 +168,33 @@ def _random_facets(rng: np.random.Generator, kind: str, n: int, size: float, cen
     across = corners[j] - corners[i] + 10.0 ** rng.uniform(-15, 0, (n, 1)) * _units(rng, n) * extent
     d = np.where(rng.random((n, 1)) < 0.4, across, _units(rng, n) * extent)
     return _Aim(spec, target, d, unit)
+
+
+def _random_sample(rng: np.random.Generator, kind: str, n: int, size: float, center: Floats, *, lattice: bool) -> _Aim:
+    """Aim at a sample of the conformance suite, in part where lines that meet it border on lines that miss it."""
+    samples = [sample for sample in SAMPLES if sample.shape == kind]
+    size = 2.0 ** float(np.rint(np.log2(size)))  # so that a sample is moved exactly
+    center = np.rint(center / size * 64) * size / 64
+    spec = samples[rng.integers(len(samples))].spec(Move(scale=size, shift=center))
+    judge, d = spec.judge(), _units(rng, n) * size
+    near, far = (center + reach * size * rng.uniform(-1, 1, (n, 3)) for reach in (0.5, 3))
+    for i, halvings in enumerate(rng.integers(0, 56, n)):
+        for _ in range(halvings):
+            middle = (near[i] + far[i]) / 2
+            met = judge.crossings(oracle.Ray.of(middle.tolist(), d[i].tolist()))
+            (near if met else far)[i] = middle
+    return _Aim(spec, np.where(rng.random((n, 1)) < 0.7, near, far), d, size / 64 if lattice else size)
+
+
+#: What aims at each kind of shape; `_random_sample` at all others.
+MAKERS: dict[str, Callable[..., _Aim]] = {
+    "Plane": _random_plane,
+    "Sphere": _random_solid,
+    "Ellipsoid": _random_solid,
+    "Box": _random_solid,
+    "Cylinder": _random_solid,
+    "Triangle": _random_facets,
+    "Polygon": _random_facets,
+    "TriangleMesh": _random_facets,
+}
+KINDS = tuple(dict.fromkeys([*MAKERS, *(sample.shape for sample in SAMPLES)]))

@@ -1,21 +1,17 @@
-"""Hard inputs: rays and shapes on which floating point goes wrong, each named.
-
-A `Spec` says how to build a shape, so that one case serves lidarsim, the oracle, the textbook and the peers alike.
-"""
+"""Hard inputs: rays and shapes on which floating point goes wrong, each named."""
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from exact import oracle, textbook
+from conformance.samples import SAMPLES
+from exact.spec import Spec
 
-from lidarsim.bench import scenes
 from lidarsim.bench.scenes import UTM, rotations
 
 __all__ = [
@@ -35,6 +31,7 @@ __all__ = [
 Floats = npt.NDArray[np.float64]
 
 OFFSETS = {"0": 0.0, "5e5": 5e5, "5e6": 5e6, "6.4e6": 6.4e6, "1e9": 1e9}
+
 GRAZING = (1e-2, 1e-4, 2e-5, 1e-8, 1e-12)
 IMPACTS: dict[str, Callable[[float], float]] = {
     "0": lambda _: 0.0,
@@ -46,23 +43,6 @@ IMPACTS: dict[str, Callable[[float], float]] = {
     "1+2^-52": lambda r: float(np.nextafter(r, np.inf)),
 }
 SCALES = (1.0, 2.0, 2.0**-50, 2.0**50, 2.0**500, 2.0**-500, 1e150, 1e-150, 1e160, 1e-160, 1e200, 1e-200)
-
-
-class Spec(scenes.Spec):
-    """A shape by the name of its class or constructor, its arguments and its transform."""
-
-    def judge(self) -> oracle.Shape:
-        """Return the oracle's shape."""
-        shape: oracle.Shape = attrgetter(self.kind)(oracle)(*self.args)
-        return shape if self.transform is None else oracle.Transformed(shape, self.transform)
-
-    def textbook(self, origins: Floats, directions: Floats) -> Floats | None:
-        """Return the textbook's roots, (n, k), or None where the textbook has no such shape."""
-        formula = textbook.FORMULAS.get(self.kind)
-        if self.transform is not None:
-            inverse = np.linalg.inv(self.transform)
-            origins, directions = origins @ inverse[:3, :3].T + inverse[:3, 3], directions @ inverse[:3, :3].T
-        return None if formula is None else formula(origins, directions, *self.args)
 
 
 @dataclass(frozen=True)
@@ -580,10 +560,13 @@ def _polygons() -> Iterator[Case]:
 
 
 def basic_specs() -> dict[str, Spec]:
-    """Return one plain sample of each kind, about a metre in size, near the origin."""
+    """Return one plain sample of each kind, about a metre in size, near the origin.
+
+    Of a shape that is not named here it is the first sample of the conformance suite.
+    """
     turn = rotations(1, 12)[0]
     vertices, faces = fan(5)
-    return {
+    specs = {
         "plane": Spec("Plane", ((1.0, 2.0, 3.0), 0.5)),
         "sphere": Spec("Sphere", ((0.1, 0.2, 0.3), 0.9)),
         "ellipsoid": Spec("Ellipsoid", ((0.1, 0.2, 0.3), (1.2, 0.5, 0.8), turn)),
@@ -594,6 +577,11 @@ def basic_specs() -> dict[str, Spec]:
         "polygon": Spec("Polygon", (star(9, np.random.default_rng(12)) / 1024,)),
         "mesh": Spec("TriangleMesh", (vertices, faces)),
     }
+    known = {spec.kind for spec in specs.values()}
+    for sample in reversed(SAMPLES):
+        if sample.shape not in known:
+            specs[sample.name] = sample.spec()
+    return specs
 
 
 def _scaled() -> Iterator[Case]:

@@ -124,3 +124,15 @@ def test_random_rays_are_judged():
     for verdict in verdicts.values():
         assert (verdict.rays, verdict.wrong) == (80, 0), verdict.first
         assert verdict.rounded == verdict.values
+
+
+@pytest.mark.parametrize("kind", adversarial.KINDS)
+def test_a_sample_serves_where_nothing_aims_at_a_shape(kind, monkeypatch):
+    monkeypatch.delitem(adversarial.MAKERS, kind)
+    rng, verdict = np.random.default_rng(1), accuracy.Verdict()
+    for _ in range(4):
+        case = adversarial.random_case(rng, kind, 40)
+        hits = case.spec.build().cast(case.origins, case.directions)
+        verdict.add(judge_cast(case.spec, case.origins, case.directions, hits.t, primitives=hits.primitive_id))
+    assert 30 <= verdict.hits <= 130
+    assert not verdict.errs, verdict.first

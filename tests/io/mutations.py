@@ -27,7 +27,7 @@ from rosbags.rosbag2 import Reader as BagReader
 from rosbags.rosbag2 import Writer as BagWriter
 from scipy.spatial.transform import Rotation
 
-from lidarsim import Lidar, PointCloud, Trajectory, TriangleMesh, config, io
+from lidarsim import Lidar, PointCloud, Trajectory, TriangleMesh, config, io, pointcloud
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.io.semantickitti import read_labels
@@ -59,7 +59,7 @@ def cloud(points: int = 60) -> PointCloud:
 
 def samples(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
     """Name, file and reader of a sound file of each kind."""
-    for suffix in (".npz", ".pcd", ".ply", ".las", ".laz", ".bin", ".pcd.bin", ".csv", ".xyz", ".mcap", ".db3"):
+    for suffix in sorted(pointcloud._FORMATS.keys() - {".label"}):
         path = folder / f"plain{suffix}"
         cloud().save(path)
         yield suffix, path, PointCloud.load

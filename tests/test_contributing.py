@@ -1,0 +1,323 @@
+"""The checklists of `.github/CONTRIBUTING.md`, followed for toys in a copy of the tree.
+
+A toy is the twin of something that exists, under another name. Its files are those of its checklist and no others, and
+the tests of the copy have to pass with all of them and to fail without any one.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+import lidarsim
+
+ROOT = Path(__file__).parents[1]
+GUIDE = (ROOT / ".github" / "CONTRIBUTING.md").read_text(encoding="utf-8")
+CORE = Path("lidarsim", "native")
+WHOLE = ("tests/test_pages.py", "tests/test_house.py", "-k", "row or named or loaded or docstrings or as_a_whole")
+"""Tests of the package as a whole that may notice a toy."""
+COMMAND = "from lidarsim.cli import main; main()"
+
+Edit = Callable[[Path], None]
+
+
+@dataclass(frozen=True)
+class Toy:
+    """Something new: its name, what is done to each file, and tests of the copy that are to pass and to notice."""
+
+    name: str
+    edits: dict[str, Edit]
+    tests: tuple[str, ...]
+
+    @property
+    def files(self) -> list[str]:
+        """Its files, with NAME for its name."""
+        return sorted(file.replace(self.name, "NAME") for file in self.edits)
+
+
+def checklist(what: str) -> list[str]:
+    """The files that the guide lists for something new."""
+    (line,) = re.findall(rf"^\| {what} \|(.*)\|$", GUIDE, re.MULTILINE)
+    return sorted(re.findall(r"`([^`]+)`", line))
+
+
+def twin(original: str, *names: tuple[str, str]) -> Edit:
+    """Make a file that is the original one but for names."""
+
+    def edit(path: Path) -> None:
+        text = (ROOT / original).read_text(encoding="utf-8")
+        for old, new in names:
+            text = re.sub(rf"\b{re.escape(old)}\b", new, text)
+        path.write_text(text, encoding="utf-8")
+
+    return edit
+
+
+def beside(*names: tuple[str, str], until: str = "#[cfg(test)]") -> Edit:
+    """Name the twin wherever its original is named: in a list of the same line, or in a line of its own."""
+
+    def edit(path: Path) -> None:
+        head, end, tail = path.read_text(encoding="utf-8").partition(until)
+        lines = []
+        for line in head.splitlines():
+            other = line
+            for old, new in names:
+                other = re.sub(rf"\b{re.escape(old)}\b", new, other)
+            old, new = names[-1]
+            if other == line:
+                lines.append(line)
+            elif re.search(rf"[(,] *{old},? ", line):
+                lines.append(re.sub(rf"\b{old}\b", f"{new}, {old}", line))
+            else:
+                lines += [other, line]
+        path.write_text("\n".join(lines) + "\n" + end + tail, encoding="utf-8")
+
+    return edit
+
+
+def after(line: str, text: str) -> Edit:
+    """Put a text below a line, the first that begins so."""
+
+    def edit(path: Path) -> None:
+        before = path.read_text(encoding="utf-8")
+        (start,) = re.findall(rf"^{re.escape(line)}.*\n", before, re.MULTILINE)[:1]
+        path.write_text(before.replace(start, f"{start}{text}\n", 1), encoding="utf-8")
+
+    return edit
+
+
+def at_end(text: str) -> Edit:
+    """Put a text at the end."""
+    return lambda path: path.write_text(f"{path.read_text(encoding='utf-8')}\n\n{text}\n", encoding="utf-8")
+
+
+def in_turn(*edits: Edit) -> Edit:
+    """Make several edits."""
+
+    def edit(path: Path) -> None:
+        for each in edits:
+            each(path)
+
+    return edit
+
+
+def as_new(text: str) -> Edit:
+    """Make a file of its own."""
+    return lambda path: path.write_text(text, encoding="utf-8")
+
+
+SPHERE = ("sphere", "ball"), ("Sphere", "Ball")
+PALMER = ("palmer", "cone"), ("Palmer", "Cone")
+
+SHAPE = Toy(
+    "ball",
+    {
+        f"{CORE}/core/src/shapes/ball.rs": twin(f"{CORE}/core/src/shapes/sphere.rs", *SPHERE),
+        f"{CORE}/core/src/shapes/mod.rs": beside(*SPHERE),
+        "lidarsim/shapes/ball.py": twin("lidarsim/shapes/sphere.py", *SPHERE),
+        "lidarsim/shapes/__init__.py": beside(*SPHERE),
+        "lidarsim/__init__.py": beside(*SPHERE),
+        "tests/exact/oracle.py": at_end("class Ball(Sphere):\n    pass"),
+        "tests/conformance/samples.py": after(
+            "SAMPLES = [",
+            '    Sample("ball", "Ball", lambda m: (m.point((0, 0.25, 0)), m.length(1.25)), (0.5, 0, 0.25)),',
+        ),
+        "configs/README.md": after("| `sphere` |", "| `ball` | `center_m`, `radius_m` |"),
+    },
+    ("tests/test_pages.py", "tests/conformance/test_completeness.py", "-k", "ball or Ball or hidden or loaded"),
+)
+PATTERN = Toy(
+    "cone",
+    {
+        "lidarsim/patterns/cone.py": twin("lidarsim/patterns/palmer.py", *PALMER),
+        "lidarsim/patterns/__init__.py": beside(*PALMER),
+        "tests/patterns/families.py": in_turn(
+            after("    Palmer,", "    Cone,"),
+            after("FAMILIES: ", '    "cone": Cone(half_angle=0.3, scan_rate=70.0, pulse_rate=100e3, rate=10.0),'),
+            after("ORACLES: ", "    Cone: (palmer, lambda p: Fraction(p.pulse_rate)),"),
+        ),
+        "configs/README.md": after(
+            "| `palmer` |", "| `cone` | `half_angle_deg`, `scan_rate_hz`, `pulse_rate_khz`, `rate_hz` |"
+        ),
+    },
+    ("tests/test_pages.py", "tests/patterns/test_families.py", "-k", "cone or forgotten or loaded"),
+)
+FORMAT = Toy(
+    "tsv",
+    {
+        "lidarsim/io/tsv.py": as_new(
+            '"""Tab-separated text."""\n\nfrom functools import partial\n\nfrom lidarsim.io import text\n'
+            "from lidarsim.pointcloud import register_format\n\n"
+            'register_format(".tsv", save=partial(text.save, head="", between="\\t"), load=text.load)\n'
+        ),
+        "lidarsim/io/__init__.py": after("    text,", "    tsv,"),
+        "lidarsim/io/README.md": after(
+            "| `.csv`,", "| `.tsv` | read, write | all | any spreadsheet | 23.8 | 1713, 437 |"
+        ),
+    },
+    ("tests/test_pages.py",),
+)
+PRESET = Toy(
+    "acme-one",
+    {
+        "lidarsim/presets/acme-one.yaml": twin("lidarsim/presets/sick-lms111.yaml", ("sick-lms111", "acme-one")),
+        "tests/presets/test_presets.py": after("SHEETS = {", '    "acme-one": (1, 27_050, 0, 0),'),
+    },
+    ("tests/presets/test_presets.py", "-k", "acme or every_sensor"),
+)
+TOYS = {"shape": SHAPE, "pattern": PATTERN, "format": FORMAT, "preset": PRESET}
+
+
+class Copy:
+    """A copy of the tree in which a toy may be made."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        ignored = shutil.ignore_patterns("target", "*.so", "*.pyd", "__pycache__", ".*_cache", ".hypothesis")
+        folder.mkdir(exist_ok=True)
+        for name in ("lidarsim", "tests", "configs"):
+            shutil.copytree(ROOT / name, folder / name, ignore=ignored)
+        for name in ("pyproject.toml", "README.md"):
+            shutil.copy(ROOT / name, folder)
+        native = Path(lidarsim._native.__file__)
+        (folder / "lidarsim" / native.name).symlink_to(native)
+
+    def make(self, toy: Toy, *, without: str = "") -> None:
+        """Make the edits of a toy but one."""
+        for file, edit in toy.edits.items():
+            if file != without:
+                edit(self.folder / file)
+
+    def compile(self) -> None:
+        """Compile the core of the copy."""
+        target = self.folder / "target"
+        environment = os.environ | {"PYO3_PYTHON": sys.executable, "CARGO_PROFILE_RELEASE_CODEGEN_UNITS": "16"}
+        command = ["cargo", "build", "--lib", "--release", "--locked", "--features", "pyo3/extension-module"]
+        subprocess.run(
+            [*command, "--target-dir", target], cwd=self.folder / CORE / "python", env=environment, check=True
+        )
+        (built,) = [
+            path for path in (target / "release").glob("*_native.*") if path.suffix in {".so", ".dylib", ".dll"}
+        ]
+        native = self.folder / "lidarsim" / Path(lidarsim._native.__file__).name
+        native.unlink()
+        shutil.copy(built, native)
+
+    def run(self, *command: str) -> str:
+        """Run Python there; return what it prints and how it ends."""
+        environment = os.environ | {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"}
+        done = subprocess.run(
+            [sys.executable, *command], cwd=self.folder, env=environment, capture_output=True, text=True, check=False
+        )
+        return f"{done.stdout}{done.stderr}\nexit code {done.returncode}"
+
+    def test(self, *arguments: str) -> tuple[int, int]:
+        """Run tests there; return how many passed, and how many failed or could not run."""
+        said = self.run("-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments)
+        summary = [line for line in said.splitlines() if re.search(r"\d+ \w+.* in \d+", line)]
+        assert summary, said[-3000:]
+        counts = {word: int(n) for n, word in re.findall(r"(\d+) (passed|failed|errors?)\b", summary[-1])}
+        passed = counts.pop("passed", 0)
+        assert not counts or "exit code 0" not in said
+        if counts:
+            sys.stdout.write(said)  # which pytest shows if the test fails
+        return passed, sum(counts.values())
+
+
+pytestmark = pytest.mark.skipif(not (ROOT / CORE).is_dir(), reason="the tests run without the sources")
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Copy:
+    return Copy(tmp_path)
+
+
+def borrowed(path: Path) -> None:
+    """Let the toy shape be the core's sphere, so that the core need not be compiled."""
+    path.write_text(
+        path.read_text(encoding="utf-8").replace('self._set("Ball"', 'self._set("Sphere"'), encoding="utf-8"
+    )
+
+
+@pytest.mark.parametrize("what", TOYS)
+def test_the_guide_lists_the_files_of_a_toy(what: str) -> None:
+    assert TOYS[what].files == checklist(what)
+
+
+@pytest.mark.parametrize("what", ["effect", "column", "layout"])
+def test_the_guide_lists_files_that_exist(what: str) -> None:
+    files = checklist(what)
+    assert len(files) >= 3
+    assert [file for file in files if "NAME" not in file and not (ROOT / file).exists()] == []
+
+
+def test_a_shape_needs_its_checklist_alone(copy: Copy) -> None:
+    copy.make(SHAPE)
+    borrowed(copy.folder / "lidarsim/shapes/ball.py")
+    suites = "tests/conformance", "tests/viewers/test_surfaces.py", "tests/hard/test_cases.py"
+    passed, failed = copy.test(*suites, "-k", "ball or Ball")
+    assert (passed > 100, failed) == (True, 0)
+    assert copy.test(*WHOLE)[1] == 0
+    assert copy.test("lidarsim/shapes/ball.py", "tests/config/test_loader.py", "-k", "ball or bad_value")[1] == 0
+
+
+def test_a_pattern_needs_its_checklist_alone(copy: Copy) -> None:
+    copy.make(PATTERN)
+    passed, failed = copy.test("tests/patterns", "lidarsim/patterns", "-k", "cone or forgotten")
+    assert (passed > 20, failed) == (True, 0)
+    assert copy.test(*WHOLE)[1] == 0
+    assert copy.test("tests/config/test_loader.py", "-k", "bad_value")[1] == 0
+    script = (
+        "import lidarsim as ls; print(ls.patterns.Cone(half_angle=0.3, scan_rate=80, pulse_rate=2e5, rate=10).shape)"
+    )
+    assert "(1, 20000)" in copy.run("-c", script)
+
+
+def test_a_format_needs_its_checklist_alone(copy: Copy) -> None:
+    copy.make(FORMAT)
+    assert copy.test(*WHOLE)[1] == 0
+    assert "exit code 0" in copy.run("-c", COMMAND, "scan", "configs/demo.yaml", "-o", "demo.tsv")
+    script = "import lidarsim as ls; print(ls.PointCloud.load('demo.tsv').fields[:2])"
+    assert "('xyz', 'range')" in copy.run("-c", script)
+    damaged = copy.run("tests/io/mutations.py", "20", "3", ".tsv")
+    assert re.search(r"\.tsv.* 0 faults", damaged), damaged
+
+
+def test_a_preset_needs_its_checklist_alone(copy: Copy) -> None:
+    copy.make(PRESET)
+    passed, failed = copy.test("tests/presets", "-k", "acme or every_sensor")
+    assert (passed > 5, failed) == (True, 0)
+    assert "acme-one" in copy.run("-c", COMMAND, "sensors")
+
+
+@pytest.mark.parametrize("what", TOYS)
+def test_what_is_left_out_is_noticed(what: str, tmp_path: Path, slow: bool) -> None:
+    """Each file in turn if thorough tests are asked for, else the last one alone."""
+    toy = TOYS[what]
+    for number, file in enumerate(toy.edits if slow else list(toy.edits)[-1:]):
+        copy = Copy(tmp_path / str(number))
+        copy.make(toy, without=file)
+        if what == "shape" and file != "lidarsim/shapes/ball.py":
+            borrowed(copy.folder / "lidarsim/shapes/ball.py")
+        said = copy.run("-m", "pytest", "-q", "-x", "-p", "no:cacheprovider", *toy.tests)
+        assert re.search(r"\d+ (failed|error)|Error", said), f"{file}: {said[-2000:]}"
+        assert "exit code 0" not in said, file
+
+
+def test_a_shape_is_compiled(copy: Copy, slow: bool) -> None:
+    """With its own Rust in the core: minutes of compiling, so only if thorough tests are asked for."""
+    copy.make(SHAPE)
+    source = (copy.folder / CORE / "core/src/shapes/mod.rs").read_text(encoding="utf-8")
+    assert len(re.findall(r"\b[bB]all\b", source)) >= 3
+    if slow:
+        copy.compile()
+        passed, failed = copy.test("tests/conformance", "tests/hard/test_cases.py", "-k", "ball or Ball")
+        assert (passed > 100, failed) == (True, 0)
