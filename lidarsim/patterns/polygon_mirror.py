@@ -70,8 +70,8 @@ class PolygonMirror(Value):
 
     Notes
     -----
-    A. Wehr and U. Lohr, Airborne laser scanning: an introduction and overview, ISPRS J. 54 (1999) 68-82, compare
-    rotating polygons, oscillating mirrors and Palmer scanners, and what each leaves on the ground.
+    On scanners of this kind see A. Wehr and U. Lohr, Airborne laser scanning: an introduction and overview, ISPRS
+    Journal of Photogrammetry and Remote Sensing 54, 1999.
 
     Examples
     --------

@@ -98,8 +98,9 @@ class Risley(Value):
 
     Notes
     -----
-    For Snell's law in vector form see G. H. Spencer and M. V. R. K. Murty, General ray-tracing procedure, J. Opt. Soc.
-    Am. 52 (1962) 672. All beams leave from the origin: the glass turns them here, but does not shift them.
+    The beams are refracted by Snell's law in vector form (G. H. Spencer and M. V. R. K. Murty, General ray-tracing
+    procedure, J. Opt. Soc. Am. 52, 1962, pages 672-678). All of them leave from the origin: the prisms turn the beams,
+    and their lateral shift is not modelled.
 
     Examples
     --------

@@ -259,7 +259,7 @@ impl Motion {
     }
 }
 
-/// A rotation vector φ with the three factors that its exponentials need (T. D. Barfoot, State Estimation for Robotics, §7.1):
+/// A rotation vector φ with the three factors that its exponentials need (T. D. Barfoot, State Estimation for Robotics, 2017, ch. 7):
 /// a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|.
 struct Turn {
     vector: Point,

@@ -1,4 +1,4 @@
-//! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, §3.3).
+//! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002).
 //!
 //! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running error μ is; weights, small multiples of u,
 //! depend on the formula alone, so that they are compile-time constants.
