@@ -103,8 +103,8 @@ class Beam(Immutable):
     Notes
     -----
     Over range, the waveform is a sum of Gaussians, one per sub-ray, of standard deviation σ = c/2·`pulse_length`/2.355:
-    the usual model of full-waveform lidar (W. Wagner et al., Gaussian decomposition and calibration of a
-    novel small-footprint full-waveform digitising airborne laser scanner, ISPRS J. 60, 2006). Two surfaces of equal power are
+    the usual model of full-waveform lidar (W. Wagner et al., Gaussian decomposition and calibration of a novel
+    small-footprint full-waveform digitising airborne laser scanner, ISPRS J. 60, 2006). Two surfaces of equal power are
     resolved if they are more than 2σ apart, 0.64 m at 5 ns; a weak one beside a strong one needs a greater distance.
     A sub-ray on a slanted surface has a wider Gaussian, by the spread in range of its part of the footprint. So a
     slanted wall is one echo, and so are stairs whose steps are too short to be resolved. As `rays` grows, the number of

@@ -135,8 +135,8 @@ class Trajectory(Immutable):
         Returns
         -------
         Trajectory
-            pose·exp(t·twist), with the exponential map of SE(3) (T. D. Barfoot, State Estimation for Robotics, 2017, ch. 7):
-            with both velocities a circle or a screw.
+            pose·exp(t·twist), with the exponential map of SE(3) (T. D. Barfoot, State Estimation for Robotics, 2017,
+            ch. 7): with both velocities a circle or a screw.
 
         Raises
         ------
@@ -318,7 +318,8 @@ class Trajectory(Immutable):
         -----
         Derivatives of the formulas of the class. With φ a rotation vector that changes at φ̇, the angular velocity is
         (I − b[φ] + c[φ]²)φ̇, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ| (T. D. Barfoot, State Estimation for
-        Robotics, 2017, ch. 7). A sensor mounted at m on a body with the orientation R moves by R(ω × m) more than the body.
+        Robotics, 2017, ch. 7). A sensor mounted at m on a body with the orientation R moves by R(ω × m) more than the
+        body.
 
         Examples
         --------

@@ -50,7 +50,8 @@ def nearest(
     """Return the first hit of a ray: its exact t and the lowest of the triangles that have it; None if all are missed.
 
     The signs of d·(b×c), d·(c×a), d·(a×b), seen from the origin, say on which side of each edge the line passes
-    (R. J. Segura and F. R. Feito, Algorithms to test ray-triangle intersection: comparative study, WSCG 2001); zero counts as either.
+    (R. J. Segura and F. R. Feito, Algorithms to test ray-triangle intersection: comparative study, WSCG 2001). Zero
+    counts as either.
     """
     (o, w), (d, v) = integers(origin), integers(direction)
     a, b, c = np.moveaxis(corners * w - o * scale, 1, 0)  # in units of 1 / (scale w)

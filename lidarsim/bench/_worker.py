@@ -1,7 +1,7 @@
-"""Casts with the build of lidarsim on the path, on request; run as a script, so that any build can be measured.
+"""Casts on request with the build of lidarsim on the path. It runs as a script, so that any build can be measured.
 
-Its argument is a file of pickled casts, see `lidarsim.bench.against`. Each line of its input is the number of a cast;
-the answer to the first request for one is the hash of the hits, to each further one the time, s.
+Its argument is a file of pickled casts; see `lidarsim.bench.against`. Each line of its input is the number of a cast.
+The answer to the first request for a cast is the hash of its hits; to each further request, the time it took, s.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ import lidarsim as ls
 def _call(objects: list[tuple[str, tuple[Any, ...], Any]], rays: tuple[Any, Any]) -> Callable[[], ls.Hits]:
     scene, shared = ls.Scene(), {}
     for kind, arguments, transform in objects:
-        key = (kind, *map(id, arguments))  # instances of one mesh share it
+        key = (kind, *map(id, arguments))  # instances share one mesh
         if key not in shared:
             make: Any = ls
             for name in kind.split("."):
@@ -32,9 +32,9 @@ def _call(objects: list[tuple[str, tuple[Any, ...], Any]], rays: tuple[Any, Any]
 
 
 def main(path: str) -> None:
-    """Answer requests until there are no more."""
-    casts = pickle.loads(Path(path).read_bytes())  # noqa: S301 - our own parent wrote it
-    current, call = -1, None  # one scene at a time is kept
+    """Answer requests until the end of the input."""
+    casts = pickle.loads(Path(path).read_bytes())  # noqa: S301 - the parent process wrote it
+    current, call = -1, None  # only the current scene is kept
     for line in sys.stdin:
         number = int(line)
         if call is not None and number == current:

@@ -1,8 +1,8 @@
-"""One build of lidarsim against another: the same casts in two processes, in turns.
+"""Two builds of lidarsim compared: the same casts in two processes, in turns.
 
-``lidarsim bench --against WHEEL`` says how many times as fast this build is as that one, with each instruction set
-that the machine has, and whether both find the same bits. The casts are those of ``lidarsim bench``, and some in which
-what every ray costs is most of it. It takes about a minute on two cores.
+``lidarsim bench --against WHEEL`` reports how many times as fast this build is as the other, for each instruction set
+of the machine, and whether both find the same bits. It measures the casts of ``lidarsim bench`` and some that are
+dominated by the fixed cost of a ray. It takes about a minute on two cores.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ LEVELS = ("avx512", "avx2", "scalar")
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """Rays and the shapes that they are cast at, each placed by its transform."""
+    """Rays, and the shapes that they are cast at."""
 
     name: str
     shapes: tuple[Spec, ...]
@@ -52,7 +52,7 @@ class Comparison:
     before, now : float
         Median times a ray of the other build and of this one, ns.
     ratio : float
-        How many times as fast this one is: the median over the turns.
+        Speed of this build relative to the other: the median over the turns.
     same : bool
         Whether both find the same hits to the last bit.
     """
@@ -66,7 +66,7 @@ class Comparison:
 
 
 def casts(*, quick: bool = False) -> Iterator[Cast]:
-    """Yield what is compared, from the cheapest ray to the dearest; `quick`: with a tenth of the triangles."""
+    """Yield the casts to compare, from the cheapest rays to the most expensive; `quick`: a tenth of the triangles."""
     columns, few = 1024, 1800
     box = Spec("Box", (np.array([8.0, 6.0, 3.0]), np.zeros(3)))
     room = World("room", (box,), np.array([0.5, -0.4, 0.3]), np.array([-3.9, -2.9, -1.4]), np.array([3.9, 2.9, 1.4]))
@@ -96,12 +96,12 @@ def casts(*, quick: bool = False) -> Iterator[Cast]:
 
 
 def _from_above(world: World, count: int) -> Iterator[Cast]:
-    """Yield straight rays from an aircraft to ground that a transform has moved, and slanted ones from an orbit."""
+    """Yield vertical rays from an aircraft to ground moved by a transform, and slanted rays from an orbit."""
     draw, (mesh,) = np.random.default_rng(8), world.shapes
     ground, moved = draw.uniform(0.98 * world.low, 0.98 * world.high, (count, 3)), np.eye(4)
     moved[:3, 3] = 0.1, -0.7, 0.3
     down, slanted = np.array([0.0, 0.0, -1.0]), np.array([0.2, 0.1, -1.0])
-    few = count // 100  # there are builds in which each of these meets all of the mesh
+    few = count // 100  # in some builds each of these rays visits the whole mesh
     rays = Rays("", ground[:few] - 900.0 * down, np.tile(down, (few, 1)), one_origin=False)
     yield Cast("moved terrain, downward", (replace(mesh, transform=moved),), rays)
     rays = Rays("", ground - 5e5 * slanted, np.tile(slanted, (count, 1)), one_origin=False)
@@ -109,11 +109,11 @@ def _from_above(world: World, count: int) -> Iterator[Cast]:
 
 
 class _Worker:
-    """A process that casts with the build in a folder."""
+    """A process that casts with the build in a given folder."""
 
     def __init__(self, folder: Path, level: str, file: Path) -> None:
         environment = {**os.environ, "PYTHONPATH": str(folder), "LIDARSIM_ISA": level}
-        # -P: not with the modules beside the script on the path.
+        # -P keeps the modules beside the script off the path.
         command = [sys.executable, "-P", str(Path(__file__).with_name("_worker.py")), str(file)]
         self.process = subprocess.Popen(  # noqa: S603
             command, env=environment, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
@@ -139,16 +139,16 @@ class _Worker:
 
 
 def compare(before: Path, now: Path, these: Sequence[Cast], levels: Sequence[str], rounds: int) -> Iterator[Comparison]:
-    """Yield each of some casts with each instruction set, by two builds in turns.
+    """Compare two builds on each cast with each instruction set, in turns.
 
     Parameters
     ----------
     before, now : Path
         Folders that hold the package `lidarsim`.
     these : sequence of Cast
-        What to measure.
+        Casts to measure.
     levels : sequence of str
-        Instruction sets that the machine has.
+        Instruction sets of the machine.
     rounds : int
         Turns of each build.
     """
@@ -168,7 +168,7 @@ def compare(before: Path, now: Path, these: Sequence[Cast], levels: Sequence[str
                     same = first.ask(number) == second.ask(number)
                     times: list[tuple[float, float]] = []
                     for turn in range(rounds):
-                        # Each goes first in every second turn.
+                        # The builds go first in alternate turns.
                         order = (first, second) if turn % 2 else (second, first)
                         taken = {worker: float(worker.ask(number)) for worker in order}
                         times.append((taken[first], taken[second]))
@@ -179,7 +179,7 @@ def compare(before: Path, now: Path, these: Sequence[Cast], levels: Sequence[str
 
 @contextmanager
 def _unpacked(path: Path) -> Iterator[Path]:
-    """Give a folder that holds the package of a wheel, or of a folder such as a checkout with its module built."""
+    """Yield a folder that contains the package of a wheel, or of a checkout with its module built."""
     with ExitStack() as stack:
         if path.is_file():
             if not zipfile.is_zipfile(path):

@@ -1,4 +1,4 @@
-"""What it costs to build a scene, beside one scan of it: as pipelines do that draw another scene for each frame."""
+"""The cost of building a scene relative to one scan of it, as in pipelines that draw a new scene for each frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lidarsim.bench import scenes
 __all__ = ["rows"]
 
 OBJECTS = 50
-"""Of a scene, beside its ground."""
+"""Number of objects of a scene, without its ground."""
 
 SENSOR = "velodyne-hdl32e"
 
@@ -24,21 +24,21 @@ Drawn = tuple[type[ls.Shape], tuple[Any, ...], int, float, Floats | None]
 
 
 def rows(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Build random scenes and scan each once, which makes its hierarchy, too.
+    """Measure building random scenes and scanning each once; the first scan builds the hierarchy.
 
     Parameters
     ----------
     count : int
-        How many scenes: of spheres, boxes, cylinders and ellipsoids over a plane, all with a label and a material, and
-        every third with a transform.
+        Number of scenes. They hold spheres, boxes, cylinders and ellipsoids over a plane, all with a label and a
+        material and every third with a transform.
     rounds : int
-        Times that all are built and scanned, the median of which counts.
+        Repetitions; the median counts.
 
     Returns
     -------
     list of dict
         For a scan, and for a scan with its point cloud: `what`, `scenes`, `objects`, `rays` of a scan, the mean times
-        `build` and `scan` of a scene, s, and `share`, that of building in their sum.
+        `build` and `scan` of a scene, s, and `share`, the share of building in their sum.
     """
     drawn = [_draw(seed) for seed in range(count)]
     lidar, pose = ls.Lidar.preset(SENSOR), np.eye(4)
@@ -66,7 +66,7 @@ def rows(count: int, rounds: int) -> list[dict[str, Any]]:
 
 
 def _draw(seed: int) -> list[Drawn]:
-    """Return the arguments of a scene's objects, of which its ground is not one."""
+    """Return the arguments of the objects of a scene, without its ground."""
     rng, drawn = np.random.default_rng(seed), []
     for k, spec in enumerate(scenes.analytic(OBJECTS, seed=seed).shapes[1:]):
         transform = None

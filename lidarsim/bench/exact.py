@@ -228,7 +228,7 @@ def _parts(world: World) -> tuple[list[Integers], Floats, Floats]:
 
 
 def _groups(centers: Floats) -> list[Integers]:
-    """Return indices of triangles that lie close together, by the Morton order of their centers."""
+    """Return indices of triangles that lie close together, by the Morton order of their centres."""
     cells = (1023 * (centers - centers.min(axis=0)) / np.maximum(np.ptp(centers, axis=0), 1e-300)).astype(np.int64)
     code = sum((cells[:, axis] >> bit & 1) << (3 * bit + axis) for bit in range(10) for axis in range(3))
     return np.array_split(np.argsort(code, kind="stable"), math.ceil(len(centers) / GROUP))

@@ -1,4 +1,4 @@
-"""What motion and change cost: scans of what moves over scans of the same standing still, in turns."""
+"""The cost of motion and of changes: scans of moving scenes relative to the same scenes at rest, in turns."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ from lidarsim.patterns import Pattern
 __all__ = ["calls", "instances", "over"]
 
 SPEED = 15.0
-"""Of what moves, m/s."""
+"""Speed of moving sensors and objects, m/s."""
 
 OBJECTS = 3200
-"""Of the scene in which one is moved by hand."""
+"""Number of objects of the scene in which one object is moved."""
 
 PERIOD = 0.1
-"""Of a frame, s."""
+"""Period of a frame, s."""
 
 
 def instances(count: int, *, moving: bool) -> ls.Scene:
-    """Return instances of one mesh that stand around the origin, or each drive and turn their own way.
+    """Return instances of one mesh around the origin, at rest or each on its own course.
 
     Parameters
     ----------
     count : int
-        How many.
+        Number of instances.
     moving : bool
-        Whether they move; in the middle of the first frame they are where those are that stand still.
+        Whether they move. In the middle of the first frame they are where the instances at rest are.
 
     Returns
     -------
     Scene
-        The instances, on a plane.
+        The instances and a ground plane.
     """
     import trimesh
 
@@ -57,21 +57,21 @@ def instances(count: int, *, moving: bool) -> ls.Scene:
 
 
 def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[str, Callable[[], Any]]]:
-    """Return what to time, after calling each once.
+    """Return the calls to time, after calling each once.
 
     Parameters
     ----------
     scene : Scene
-        For a sensor to drive through; nothing in it moves.
+        Static scene that the sensor drives through.
     place : ndarray of float64, shape (3,)
-        Where it starts.
+        Start of the sensor, m.
     pattern : Pattern
-        Of the sensor.
+        Pattern of the sensor.
 
     Returns
     -------
     dict of str to (str, callable)
-        For each name that of what it is compared with, and what to time.
+        For each name, the name that it is compared with and the call to time.
     """
     lidar, still = ls.Lidar(pattern), np.eye(4)
     still[:3, 3] = place
@@ -121,7 +121,7 @@ def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[s
 
 
 def over(times: dict[str, float], what: dict[str, tuple[str, Callable[[], Any]]]) -> list[dict[str, Any]]:
-    """Return a row for each of `calls` by their times, with the ratio to what it is compared with."""
+    """Return a row for each of `calls` with its time and its ratio to the call that it is compared with."""
     return [
         {"what": name, "over": base, "seconds": times[name], "ratio": times[name] / times[base]}
         for name, (base, _) in what.items()

@@ -1,7 +1,7 @@
-"""The ray casters that speed is compared with, one class each, as their users reach them from Python.
+"""The ray casters that lidarsim is compared with, one class each, called as Python users call them.
 
-A caster is built from a world and answers rays that were put into the form it wants beforehand, so that only its own
-work is timed. A new one is a subclass of `Caster` and its line in `CASTERS`.
+A caster is built from a world. Rays are converted to its input format beforehand, so only its own work is timed. A new
+caster is a subclass of `Caster` and a line in `CASTERS`.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ __all__ = ["ABSENT", "CASTERS", "FAILING", "Caster", "Found", "installed", "thre
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: t of each ray, inf for a miss, and the triangle or, among shapes, the object that it hit, if the caster tells it.
+#: t of each ray, inf for a miss, and the triangle or, among shapes, the object that it hit, if the caster reports it.
 Found = tuple[Floats, Integers | None]
 
 
@@ -40,7 +40,7 @@ class Caster(ABC):
     world : World
         The scene.
     threads : int
-        Threads to build with; casters of one thread take no notice.
+        Threads to build with; single-threaded casters ignore it.
     """
 
     package: ClassVar[str]
@@ -49,17 +49,17 @@ class Caster(ABC):
     shapes: ClassVar[bool] = False
     any_origin: ClassVar[bool] = True
     one_thread: ClassVar[bool] = False
-    triangles: int = 0  # where there are others than the world's
-    stride: ClassVar[int] = 1  # a slow caster is timed on every stride-th ray: its time per ray is the same
+    triangles: int = 0  # if they differ from those of the world
+    stride: ClassVar[int] = 1  # a slow caster is timed on every stride-th ray
 
     @classmethod
     @abstractmethod
     def load(cls) -> None:
-        """Import what the caster needs; raise `ImportError` if it is not there."""
+        """Import the packages of the caster; raise `ImportError` if one is missing."""
 
     @classmethod
     def serves(cls, world: World) -> bool:
-        """Say whether the caster can hold the world."""
+        """Return whether the caster can represent the world."""
         return cls.shapes if world.mesh is None else cls.meshes
 
     @abstractmethod
@@ -67,15 +67,15 @@ class Caster(ABC):
 
     @abstractmethod
     def prepare(self, rays: Rays) -> Any:
-        """Return the rays in the form that `cast` takes."""
+        """Return the rays in the input format of `cast`."""
 
     @abstractmethod
     def cast(self, rays: Any, threads: int) -> Any:
-        """Find the nearest hit of each ray: what is timed."""
+        """Find the nearest hit of each ray. This call is timed."""
 
     @abstractmethod
     def found(self, answer: Any) -> Found:
-        """Return what `cast` answered in common terms."""
+        """Return the answer of `cast` in the common format."""
 
 
 class Lidarsim(Caster):
@@ -86,7 +86,7 @@ class Lidarsim(Caster):
 
     @classmethod
     def load(cls) -> None:
-        """Nothing to import: it is here."""
+        """Import nothing."""
 
     def __init__(self, world: World, threads: int) -> None:
         from lidarsim.scene import Scene
@@ -111,7 +111,7 @@ class Lidarsim(Caster):
         return answer.t, (answer.primitive_id if self.by_triangle else answer.object_id).astype(np.int64)
 
     def bytes(self) -> int:
-        """Return the memory that the core counts for the shapes and their hierarchies."""
+        """Return the memory of the shapes and their hierarchies as counted by the core."""
         return sum(item.shape._native.bytes() for item in self.scene.objects)
 
 
@@ -123,7 +123,7 @@ class Open3D(Caster):
 
     @classmethod
     def load(cls) -> None:
-        """Import Open3D, with the library that its wheel lacks."""
+        """Import Open3D and the library that its wheel lacks."""
         from lidarsim.viewers.open3d import import_open3d
 
         cls.module = import_open3d()
@@ -193,7 +193,7 @@ class MuJoCo(Caster):
 
     @classmethod
     def load(cls) -> None:
-        """Import MuJoCo, and keep it from writing a log file into the working folder."""
+        """Import MuJoCo without its log file in the working folder."""
         cls.module = importlib.import_module("mujoco")
         cls.module.set_mju_user_warning(lambda _: None)
 
@@ -227,7 +227,7 @@ def _text(values: Any) -> str:
 
 
 def _geom(spec: Spec) -> str:
-    """Return the shape as an element of MJCF, with every digit of its numbers."""
+    """Return the shape as an MJCF element; its numbers keep all their digits."""
     match spec.kind, spec.args:
         case "Sphere", (center, radius):
             form = f'type="sphere" size="{_text(radius)}" pos="{_text(center)}"'
@@ -238,7 +238,7 @@ def _geom(spec: Spec) -> str:
         case "Ellipsoid", (center, radii, rotation):
             axes = _text(rotation[:, :2].T.ravel())
             form = f'type="ellipsoid" size="{_text(radii)}" pos="{_text(center)}" xyaxes="{axes}"'
-        case _, (point, normal):  # a plane; MuJoCo-LiDAR's trees need it to end somewhere
+        case _, (point, normal):  # a plane; MuJoCo-LiDAR's trees need it to be bounded
             form = f'type="plane" size="4000 4000 1" pos="{_text(point)}" zaxis="{_text(normal)}"'
     return f"<geom {form}/>"
 
@@ -271,7 +271,7 @@ class MuJoCoLidar(MuJoCo):
         return self.lidar.trace_rays(self.data, *rays)
 
     def found(self, answer: Any) -> Found:
-        """Return t; it does not say what was hit."""
+        """Return t; the back end does not report what was hit."""
         t = np.array(answer, dtype=np.float64)
         return np.where(t < 0, np.inf, t), None
 
@@ -304,7 +304,7 @@ class MuJoCoLidarTaichi(MuJoCoLidar):
         importlib.import_module("mujoco_lidar.core_ti.mjlidar_ti")
         taichi: Any = importlib.import_module("taichi")
         taichi.init(arch=taichi.cpu, cpu_max_num_threads=os.cpu_count() or 1)
-        taichi._is_initialized = True  # what the wrapper asks before it would start Taichi itself
+        taichi._is_initialized = True  # else the wrapper would start Taichi again
 
 
 class Textbook(Caster):
@@ -312,11 +312,11 @@ class Textbook(Caster):
 
     package = "numpy"
     shapes = one_thread = True
-    stride = 17  # prime to the number of channels, so that all channels take part
+    stride = 17  # coprime to the number of channels, so that all channels take part
 
     @classmethod
     def load(cls) -> None:
-        """Nothing to import: NumPy is here."""
+        """Import nothing."""
 
     def __init__(self, world: World, _threads: int) -> None:
         self.specs = world.shapes
@@ -342,7 +342,7 @@ class Textbook(Caster):
         return nearest, surface
 
 
-ABSENT, FAILING = "not installed", "fails here"  # how the states of casters begin that cannot run
+ABSENT, FAILING = "not installed", "fails here"  # prefixes of the states of casters that cannot run
 
 #: Every caster by its name in the report.
 CASTERS: dict[str, type[Caster]] = {
@@ -358,11 +358,11 @@ CASTERS: dict[str, type[Caster]] = {
 
 
 def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
-    """Return the casters that can run here, and for every caster its version or why it cannot run."""
+    """Return the casters that can run here, and for each caster its version or the reason why it cannot run."""
     casters, states = {}, {}
     for name, caster in CASTERS.items():
         try:
-            # warnings and greetings are of other packages
+            # ignore the warnings and greetings of other packages
             with warnings.catch_warnings(action="ignore"), redirect_stdout(io.StringIO()), threads_kept():
                 caster.load()
                 _try(caster)
@@ -377,7 +377,7 @@ def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
 
 @contextmanager
 def threads_kept() -> Iterator[None]:
-    """Leave ``LIDARSIM_THREADS``, which casting here sets, as it was."""
+    """Restore ``LIDARSIM_THREADS``, which the casters set."""
     before = os.environ.get("LIDARSIM_THREADS")
     try:
         yield
@@ -394,7 +394,7 @@ def _try(caster: type[Caster]) -> None:
 
 
 def version(package: str) -> str:
-    """Return the version of an installed package, or say that it runs from a checkout."""
+    """Return the version of an installed package, or "from a checkout"."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:

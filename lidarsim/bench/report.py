@@ -29,35 +29,35 @@ COLORS = {
     "textbook": "#4b5563",
 }
 NEAREST = 10.0
-"""Where a distance of 0 stands on a logarithmic axis, m."""
+"""Position of a distance of 0 on a logarithmic axis, m."""
 INK, FAINT = "#1f2937", "#e5e7eb"
 
 CASTING = """\
-The median of a cast, all methods in turns, round after round, in one process. The ratio is to Open3D on the same rays
-with as many threads; for the analytic shapes to its coarsest tessellation with a median error of 1 mm or less. Errors
-of the range are against the exact hit, on a sample of the rays; for the analytic shapes those in mm are of hits on
-round ones. Wrong: hits lost + invented + on another triangle or object than the nearest. All methods get the same
-coordinates, also where those of some, in float32, cannot hold them."""
+Median time of a cast; all methods take turns in one process. The ratio is to Open3D on the same rays with as many
+threads; for the analytic shapes, to its coarsest tessellation with a median error of 1 mm or less. Errors of the range
+are relative to the exact hit, on a sample of the rays; for the analytic shapes, errors in mm are of hits on round
+shapes. Wrong: hits lost + invented + on a triangle or object other than the nearest. All methods get the same
+coordinates, including those that float32 cannot represent."""
 
 BUILDING = """\
-From arrays to the first answered ray, with as many threads as there are. Memory is what a fresh process grows by when
-it builds the scene (resident pages, once those not in use were given back); for lidarsim also what its core counts."""
+Time from arrays to the first answered ray, with all threads. Memory is the growth of a fresh process that builds the
+scene (resident pages, after unused ones were released); for lidarsim, also the memory counted by its core."""
 
 MOTION = """\
-128 channels: what moves over the same standing still. One ray: a scene with another pose of one object than at the cast
-before, over the same scene built anew."""
+128 channels: moving scenes relative to the same scenes at rest. One ray: a scene after one object was moved, relative
+to the same scene built anew."""
 
 SCENES = """\
-Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material, that are built and
-scanned once: the mean of a scene, and the share of the time that building takes."""
+Random scenes of spheres, boxes, cylinders and ellipsoids over a plane, each with label and material. Each scene is
+built and scanned once. Mean times of a scene, and the share of building."""
 
 INSTANCES = """\
-50 instances of one mesh that overlap, 128 channels, beside the same merged into one mesh of {triangles:,} triangles.
-Of {rays:,} rays: hits on another triangle than that of the instances, and how far the range is off from theirs."""
+50 overlapping instances of one mesh, 128 channels, and the same merged into one mesh of {triangles:,} triangles. Of
+{rays:,} rays: hits on a triangle other than that of the instances, and the greatest difference of the range."""
 
 COINCIDENT = """\
-Scenes in which one surface lies in another, so that each hit is on both, against the same scenes without the second.
-The hit is on the first of the two; wrong are rays whose hit differs from that without the second."""
+Scenes in which one surface lies in another, so that each hit is on both, relative to the scenes without the second.
+The hit must be on the first of the two; wrong: rays whose hit differs from that without the second."""
 
 MESHES = """\
 Triangle meshes: million rays per second on the same rays, in turns; wrong hits (lost + invented + on another triangle)
@@ -68,7 +68,7 @@ SHAPES = """\
 
 
 def machine() -> dict[str, str]:
-    """Return what the figures were measured on."""
+    """Return a description of this machine."""
     return {
         "cpu": _cpu(),
         "cores": str(os.cpu_count()),
@@ -86,7 +86,7 @@ def _cpu() -> str:
     known = dict(re.findall(r"^(model name|cpu family|model)\s*:\s*(.+)$", text, re.MULTILINE))
     if "model name" not in known:
         return platform.machine()
-    # The name of a virtual machine's processor may hide its generation.
+    # The model name in a virtual machine may hide the generation.
     numbers = [f"{name.split()[-1]} {known[name]}" for name in ("cpu family", "model") if name in known]
     return " ".join([known["model name"], *([f"({', '.join(numbers)})"] if numbers else [])])
 
@@ -295,7 +295,7 @@ def _machine(results: Results) -> str:
 
 
 def summary(results: Results) -> str:
-    """Return what many rows of the tables amount to."""
+    """Return the main figures of the tables as a list."""
     own = [row for row in _most_threads(results) if row["method"] == "lidarsim"]
     lines = []
     for name, first in (("128 channels", "128"), ("16 channels", "16"), ("random rays", "random")):
@@ -358,7 +358,7 @@ def _analytic(results: Results) -> list[Row]:
 
 
 def _once(rows: Iterable[Row]) -> list[Row]:
-    """Return the rows; of a method of one thread only the first of those that differ in the threads of the others."""
+    """Return the rows without repetitions of single-threaded methods for other numbers of threads."""
     seen: dict[tuple[str, ...], Row] = {}
     for row in rows:
         seen.setdefault((row["scene"], row["rays"], row["method"], _threads(row)), row)
@@ -403,12 +403,12 @@ def _count(value: float | None) -> str:
 
 
 def _rounded(value: float) -> str:
-    """Return two digits and zeros."""
+    """Return the number rounded to two significant digits."""
     return f"{float(f'{value:.2g}'):,.0f}"
 
 
 def plot_speed(results: Results, path: Path) -> None:
-    """Draw speed against error among the analytic shapes: each method's median, a line to its maximum."""
+    """Draw speed against error on the analytic shapes: the median of each method, and a line to its maximum."""
     rows = [row for row in _analytic(results) if row["error"]["median_mm"] is not None]
 
     def draw(axes: Any) -> None:
@@ -483,7 +483,7 @@ def plot_distance(results: Results, path: Path) -> None:
     _figure(draw, path)
 
 
-# where a label may stand: offset from its mark, points, and its alignment; the first place that is free is taken
+# Places of a label: its offset from the mark in points, and its alignment. The first free place is taken.
 AROUND = (
     ((0, 9), "center", "bottom"),
     ((-4, 4), "right", "bottom"),
@@ -497,7 +497,7 @@ RIGHT = tuple(((9, 8 * rise), "left", "center") for rise in (0, -1, -2))
 
 
 def _label(axes: Any, labels: Iterable[tuple[str, float, float, str, str]], places: Iterable[Any] = AROUND) -> None:
-    """Put each label (text, x, y, color, weight) beside its mark where it covers no mark and no label before it."""
+    """Put each label (text, x, y, color, weight) beside its mark where it covers no mark and no earlier label."""
     renderer = axes.figure.canvas.get_renderer()
     axes.figure.draw_without_rendering()
     marks = axes.transData.transform([mark for line in axes.lines for mark in line.get_xydata()])
@@ -521,7 +521,7 @@ def _label(axes: Any, labels: Iterable[tuple[str, float, float, str, str]], plac
             if inside and not any(box.contains(*mark) for mark in marks) and not box.count_overlaps(boxes):
                 break
             note.set_visible(False)
-        else:  # no place is free: rather a label over another than none
+        else:  # no place is free: overlap rather than omit
             note.set_visible(True)
         boxes.append(box)
 
@@ -536,7 +536,7 @@ def _color(method: str) -> str:
 
 
 def _figure(draw: Callable[[Any], None], path: Path) -> None:
-    """Draw on axes with a logarithmic x, and write a PNG."""
+    """Draw on axes with a logarithmic x axis, and write a PNG."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -1,8 +1,8 @@
 """Scenes to measure speed on, generated from seeds, and their rays.
 
-Three meshes stand for what lidar simulations hold: a city (a few large triangles beside finely meshed round things),
-terrain (a height field), scans (closed surfaces of uneven triangles). The analytic scene holds shapes that are no
-triangles; its tessellations are what a caster of triangles makes of it.
+Three meshes represent typical lidar simulations: a city (a few large triangles beside finely meshed round objects),
+terrain (a height field), and scans (closed surfaces of uneven triangles). The analytic scene holds curved shapes and
+boxes; casters of triangles get its tessellations.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Integers = npt.NDArray[np.int64]
 Triangles = tuple[Floats, Integers]
 
 UTM = np.array([448_262.25, 5_411_932.125, 113.7])
-"""Of a place in UTM coordinates, m."""
+"""A place in UTM coordinates, m."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def rotations(count: int, seed: int) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Rays:
-    """Rays in the order of firing: origins and unit directions, (n, 3)."""
+    """Rays in firing order: origins and unit directions, (n, 3)."""
 
     name: str
     origins: Floats
@@ -95,10 +95,10 @@ class Rays:
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A scene, where its sensor stands, and the box that random rays start in.
+    """A scene, the position of its sensor, and the box in which random rays start.
 
-    A world of one mesh may be the tessellation of another world: `owner` then says which of its objects each triangle
-    stands for.
+    A world of one mesh may be the tessellation of another world: `owner` is then the object of that world for each
+    triangle.
     """
 
     name: str
@@ -110,13 +110,13 @@ class World:
 
     @property
     def mesh(self) -> Triangles | None:
-        """Vertices and faces of a world that is one mesh."""
+        """Vertices and faces if the world is one mesh, else None."""
         first = self.shapes[0]
         return first.args if first.kind == "TriangleMesh" and first.transform is None else None
 
     @property
     def triangles(self) -> int:
-        """Number of triangles, 0 if the shapes are none."""
+        """Number of triangles, 0 if the world is not a mesh."""
         return 0 if self.mesh is None else len(self.mesh[1])
 
     @property
@@ -125,25 +125,25 @@ class World:
         return self.name.endswith(" at UTM")
 
     def tessellated(self, level: int) -> World:
-        """Return this world in triangles, round shapes by icospheres of this level and prisms with edges as long."""
+        """Return this world in triangles: round shapes as icospheres of this level and prisms of similar edges."""
         vertices, faces, owner = _join(_tessellate(spec, level) for spec in self.shapes)
         return replace(self, shapes=(Spec("TriangleMesh", (vertices, faces)),), owner=owner)
 
 
 def lidar(world: World, channels: int, columns: int, field_of_view: float) -> Rays:
-    """Return one turn of a spinning lidar at rest, column after column."""
+    """Return one turn of a spinning lidar at rest, column by column."""
     pulses = spinning(channels, columns, field_of_view).pulses()
     directions = np.ascontiguousarray(pulses.directions)
     return Rays(f"{channels} × {columns}", np.tile(world.sensor, (len(directions), 1)), directions, one_origin=True)
 
 
 def spinning(channels: int, columns: int, field_of_view: float) -> Spinning:
-    """Return the pattern of `lidar`: channels at equal steps over a vertical field of view, rad, about the horizon."""
+    """Return the pattern of `lidar`: channels in equal steps over a vertical field of view, rad, about the horizon."""
     return Spinning(np.linspace(-field_of_view / 2, field_of_view / 2, channels), columns=columns)
 
 
 def random_rays(world: World, count: int, seed: int = 0) -> Rays:
-    """Return rays of every direction from everywhere in the world's box."""
+    """Return rays of uniform directions from uniform origins in the box of the world."""
     rng = np.random.default_rng((seed, 7))
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -151,7 +151,7 @@ def random_rays(world: World, count: int, seed: int = 0) -> Rays:
 
 
 def downward(count: int, reach: float = 14.0, seed: int = 0) -> Rays:
-    """Return rays from one origin, 40 m up, to points of the disc of radius `reach` about the origin, row after row."""
+    """Return rays from one point 40 m up to points of a disc of radius `reach` about the origin, row by row."""
     rng = np.random.default_rng((seed, 11))
     radius, angle = rng.uniform(0, reach, count), rng.uniform(0, 2 * np.pi, count)
     targets = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)])
@@ -162,7 +162,7 @@ def downward(count: int, reach: float = 14.0, seed: int = 0) -> Rays:
 
 
 def coincident(triangles: int = 130_000) -> dict[str, tuple[list[Spec], list[Spec]]]:
-    """Return scenes under `downward` rays, by name: as they are, and with a second surface that lies in the first."""
+    """Return scenes for `downward` rays, by name: without and with a second surface that lies in the first."""
     turn = np.eye(4)
     turn[:3] = np.column_stack([Rotation.from_rotvec((0.5, -0.7, 1.1)).as_matrix(), (1.0, 2.0, 3.0)])
     lowered = np.eye(4)
@@ -195,7 +195,7 @@ def coincident(triangles: int = 130_000) -> dict[str, tuple[list[Spec], list[Spe
 
 
 def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
-    """Return streets of boxes and poles, with 36 finely meshed spheres that hold nearly all of the triangles."""
+    """Return streets of boxes and poles, and 36 finely meshed spheres with nearly all of the triangles."""
     rng = np.random.default_rng(1)
     level = max(0, round(math.log(triangles / (36 * 20), 4)))
     sphere, faces = _icosphere(level)
@@ -218,8 +218,8 @@ def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> W
 def terrain(triangles: int = 1_000_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
     """Return a fractal height field, 700 m wide, seen from a mast of 20 m.
 
-    It sums random heights on lattices, each twice as fine and 0.55 times as high as the last; a terrain of more
-    triangles is the same with finer lattices added.
+    It is a sum of random heights on lattices, each twice as fine and 0.55 times as high as the previous one. A terrain
+    of more triangles is the same terrain with finer lattices added.
     """
     n = round(math.sqrt(triangles / 2)) + 1
     rng = np.random.default_rng(2)
@@ -239,7 +239,7 @@ def terrain(triangles: int = 1_000_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0))
 
 
 def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
-    """Return ten closed bumpy bodies in a hall, their triangles as uneven as a scanner's: dense in parts, all rough."""
+    """Return ten closed bumpy bodies in a hall, with triangles as uneven as those of real scans."""
     rng = np.random.default_rng(3)
     points, faces = _uneven_ball(triangles // 10, rng)
     hall = Spec("Box", (np.array([40.0, 30.0, 8.0]), np.array([0.0, 0.0, 4.0])))
@@ -257,7 +257,7 @@ def scans(triangles: int = 718_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> 
 
 
 def instances(triangles: int = 64_618) -> World:
-    """Return 50 copies of one closed body, of so many triangles, which overlap as the trees of a wood do."""
+    """Return 50 copies of one closed body, which overlap like the trees of a forest."""
     mesh, draw = body(triangles), np.random.default_rng(6)
     places = np.tile(np.eye(4), (50, 1, 1))
     places[:, :3, :3] = rotations(50, 6)
@@ -267,7 +267,7 @@ def instances(triangles: int = 64_618) -> World:
 
 
 def merged(world: World) -> World:
-    """Return a world of placed meshes as one mesh; a triangle's owner is its object."""
+    """Return a world of placed meshes merged into one mesh; the owner of a triangle is its object."""
     parts = [(*spec.args, np.eye(4) if spec.transform is None else spec.transform) for spec in world.shapes]
     vertices, faces, owner = _join((v @ place[:3, :3].T + place[:3, 3], f) for v, f, place in parts)
     return replace(world, shapes=(Spec("TriangleMesh", (vertices, faces.astype(np.uint32))),), owner=owner)
@@ -281,10 +281,10 @@ def body(triangles: int) -> Triangles:
 
 
 def _uneven_ball(triangles: int, rng: np.random.Generator) -> Triangles:
-    """Return points of the unit sphere, dense in parts, and the faces of their hull, oriented outward."""
+    """Return points on the unit sphere, unevenly dense, and the faces of their convex hull, oriented outward."""
     from scipy.spatial import ConvexHull
 
-    points = rng.normal(size=(triangles // 2, 3))  # a closed mesh has two triangles a vertex
+    points = rng.normal(size=(triangles // 2, 3))  # a closed mesh has about two triangles per vertex
     dense = rng.normal(size=(5, 3))
     points += dense[rng.integers(0, 5, len(points))] * rng.uniform(0, 1.2, (len(points), 1))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
@@ -318,7 +318,7 @@ def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0), seed: i
 
 
 def _mesh_world(name: str, mesh: Triangles, places: Any, offset: npt.ArrayLike) -> World:
-    """Return a world of one mesh, all of it moved; `places`: the sensor, and the corners of the box for random rays."""
+    """Return a world of one mesh, moved by `offset`; `places`: sensor and corners of the box for random rays."""
     shift = np.asarray(offset, dtype=np.float64)
     vertices, faces = mesh
     spec = Spec("TriangleMesh", (vertices + shift, faces.astype(np.uint32)))
@@ -331,7 +331,7 @@ def _place(name: str, shift: Floats) -> str:
 
 
 def _join(parts: Iterable[Triangles]) -> tuple[Floats, Integers, Integers]:
-    """Return meshes as one: vertices, faces, and for each face the part it came from."""
+    """Return meshes merged into one: vertices, faces, and for each face its part."""
     vertices, faces = zip(*parts, strict=True)
     starts = np.cumsum([0, *(len(v) for v in vertices[:-1])])
     owner = np.repeat(np.arange(len(faces)), [len(f) for f in faces])
@@ -366,6 +366,6 @@ def _tessellate(spec: Spec, level: int) -> Triangles:
         case "Cylinder", (start, end, radius):
             prism = trimesh.creation.cylinder(radius, sections=6 * 2**level, segment=[np.zeros(3), end - start])
             return start + prism.vertices, np.array(prism.faces)
-    point, _ = spec.args  # the ground; no ray of a lidar meets it farther off
+    point, _ = spec.args  # the ground, farther than any ray of the lidars reaches
     vertices, faces = _quad(4000.0, 0.0)
     return point + vertices, faces

@@ -1,7 +1,7 @@
 """Speed against error: lidarsim and its peers on the same rays, in one process, in turns.
 
-``lidarsim bench --quick -o DIR`` takes about a minute on two cores. Without ``--quick`` it takes about half an hour,
-and goes up to ten million triangles.
+``lidarsim bench --quick -o DIR`` takes about a minute on two cores. Without ``--quick`` it takes about half an hour and
+goes up to ten million triangles.
 """
 
 from __future__ import annotations
@@ -37,43 +37,43 @@ __all__ = ["FULL", "QUICK", "Build", "Error", "Plan", "Speed", "interleave", "ju
 Progress = Callable[[str], None]
 
 MESHES: dict[str, Callable[..., World]] = {"city": scenes.city, "terrain": scenes.terrain, "scans": scenes.scans}
-FINE = 1.0  # mm: a tessellation whose median error is at most this stands for Open3D among the analytic shapes
+FINE = 1.0  # mm: greatest median error of the tessellation that represents Open3D among the analytic shapes
 
 
 @dataclass(frozen=True)
 class Plan:
-    """How much to measure.
+    """The size of the measurement.
 
     Attributes
     ----------
     triangles : int or None
-        Size of the three meshes; None for the size that each is meant to have.
+        Size of the three meshes; None for the nominal size of each.
     shapes : int
-        Shapes of the analytic scene, its ground not counted.
+        Number of shapes of the analytic scene, without its ground.
     columns : tuple of int
-        Columns of the lidar of 128 channels and of the one of 16.
+        Columns of the lidars of 128 and of 16 channels.
     random : int
-        Random rays.
+        Number of random rays.
     levels : tuple of int
         Icosphere levels of the tessellations.
     sizes : tuple of int
-        Triangles of the terrains that show how the cost grows.
+        Triangles of the terrains that show the growth of the cost.
     distances : tuple of float
         Distances from the origin of coordinates at which errors are measured, m.
     threads : tuple of int
         Threads to cast with.
     rounds : int
-        Turns that each method gets, the median of which counts.
+        Turns of each method; the median counts.
     seconds : float
-        A method that has used up this time in a comparison sits out its further turns.
+        A method that has used up this time in a comparison skips its further turns.
     builds : int
-        Builds of each mesh.
+        Number of builds of each mesh.
     scenes : int
-        Random scenes that are built and scanned.
+        Number of random scenes that are built and scanned.
     memory : tuple of str
-        Meshes that fresh processes build, to see by how much they grow.
+        Meshes whose memory is measured, each in a fresh process.
     sample : int
-        Most rays of a comparison that are judged.
+        Greatest number of judged rays per comparison.
     """
 
     triangles: int | None = None
@@ -107,20 +107,20 @@ QUICK = Plan(
 
 @dataclass(frozen=True)
 class Error:
-    """What a method got wrong on the judged rays.
+    """Errors of a method on the judged rays.
 
     Attributes
     ----------
     rays, hits : int
-        Rays judged, and those that hit, exactly.
+        Judged rays, and those with an exact hit.
     lost, invented : int
-        Hits not found, and hits found that are none.
+        Hits that were not found, and reported hits that do not exist.
     other : int or None
-        Hits found on another triangle or object than the nearest; None if the method does not say what it hit.
+        Hits on a triangle or object other than the nearest; None if the method does not report what it hit.
     median_mm, p99_mm, max_mm : float or None
-        Error of the range, mm, over the telling hits that were found; None if there are none.
+        Error of the range over the telling hits that were found, mm; None if there are none.
     max_ulp : float or None
-        Largest error of the range over all hits that were found, in units in the last place of its float64.
+        Largest error of the range over all hits that were found, in ulp of its float64.
     """
 
     rays: int
@@ -136,7 +136,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Speed:
-    """One method on one set of rays: million rays per second by its median cast, that over Open3D's, and its errors."""
+    """One method on one set of rays: million rays per second (median cast), the ratio to Open3D, and the errors."""
 
     scene: str
     triangles: int
@@ -152,9 +152,9 @@ class Speed:
 
 @dataclass(frozen=True)
 class Build:
-    """One method's time from arrays to the first answered ray, Open3D's over it, and the memory, bytes per triangle.
+    """One method's time from arrays to the first answered ray, Open3D's time over it, and bytes per triangle.
 
-    `resident` is what a fresh process grows by, `counted` what lidarsim's core says.
+    `resident` is the growth of a fresh process, `counted` the memory counted by lidarsim's core.
     """
 
     scene: str
@@ -172,11 +172,11 @@ def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: flo
     Parameters
     ----------
     calls : dict of str to callable
-        What to time.
+        The calls to time.
     rounds : int
-        Turns of each.
+        Turns of each call.
     seconds : float
-        One that has taken this long in all sits out its further turns.
+        A call that has taken this long in total skips its further turns.
 
     Returns
     -------
@@ -194,7 +194,7 @@ def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: flo
 
 
 def judge(truth: Truth, found: Found) -> Error:
-    """Compare what a method found with the exact hits of the same rays."""
+    """Return the errors of a method by the exact hits of the same rays."""
     t, surface = found
     rounded = np.array([math.inf if s is None else float(s) for s in truth.t])
     hit, said = np.isfinite(rounded), np.isfinite(t)
@@ -232,7 +232,7 @@ class _Run:
         self.sight: list[dict[str, Any]] = []
         self.scaling: list[dict[str, Any]] = []
         self.scenes: list[dict[str, Any]] = []
-        self.stand_in: str | None = None  # the tessellation that stands for Open3D
+        self.stand_in: str | None = None  # the tessellation that represents Open3D
 
     def meshes(self) -> None:
         """Measure the three meshes, near the origin of coordinates and far from it."""
@@ -247,7 +247,7 @@ class _Run:
             self.speed += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
 
     def analytic(self) -> None:
-        """Measure shapes that are no triangles, and their tessellations."""
+        """Measure the analytic shapes and their tessellations."""
         for offset in ((0.0, 0.0, 0.0), scenes.UTM):
             world = scenes.analytic(self.plan.shapes, offset)
             methods = self._built(world, int(not world.far))
@@ -259,7 +259,7 @@ class _Run:
                 self.speed += self._compare(world, rays, methods, threads)
 
     def _scale(self, world: World, rays: Rays, caster: Caster) -> None:
-        """Measure how much faster more threads are, in turns."""
+        """Measure the speed-up of more threads, in turns."""
         self.progress(f"{world.name}: threads")
         times = interleave(
             {str(n): partial(caster.cast, caster.prepare(rays), n) for n in self.plan.threads},
@@ -279,14 +279,14 @@ class _Run:
         ]
 
     def sizes(self) -> None:
-        """Measure terrains of more and more triangles."""
+        """Measure terrains of increasing numbers of triangles."""
         for triangles in self.plan.sizes:
             world = scenes.terrain(triangles)
             methods = self._built(world, 0)
             self.growth += self._compare(world, self._rays(world)[0], methods, self.plan.threads[-1:])
 
     def distances(self) -> None:
-        """Measure errors of the range farther and farther from the origin of coordinates."""
+        """Measure errors of the range at increasing distances from the origin of coordinates."""
         for distance in self.plan.distances:
             world = scenes.terrain(10_000, (distance, 0.0, 0.0))
             rows = self._compare(
@@ -295,7 +295,7 @@ class _Run:
             self.distance += [{"distance": distance, "method": row.method, "error": asdict(row.error)} for row in rows]
 
     def whole_scan(self) -> None:
-        """Measure whole scans over the bare cast of the same rays."""
+        """Measure whole scans relative to the bare cast of the same rays."""
         import lidarsim as ls
 
         world = self._world(scenes.city)
@@ -337,7 +337,7 @@ class _Run:
         ]
 
     def overlapping_instances(self) -> None:
-        """Measure instances of one mesh that overlap, beside the same merged into one mesh, as Open3D needs it."""
+        """Measure overlapping instances of one mesh, and the same triangles merged into one mesh, as Open3D needs."""
         import lidarsim as ls
 
         world = scenes.instances(*(() if self.plan.triangles is None else (self.plan.triangles,)))
@@ -375,7 +375,7 @@ class _Run:
             )
 
     def coincident_surfaces(self) -> None:
-        """Measure scenes in which one surface lies in another, over the same without the second."""
+        """Measure scenes in which one surface lies in another, relative to the scenes without the second surface."""
         import lidarsim as ls
 
         rays = scenes.downward(self.plan.columns[0] * 64)
@@ -401,7 +401,7 @@ class _Run:
             )
 
     def lines_of_sight(self) -> None:
-        """Measure whether there is a hit, over what the nearest is."""
+        """Measure occlusion queries relative to casts for the nearest hit."""
         world = self._world(scenes.city)
         threads = self.plan.threads[-1]
         scene = Lidarsim(world, threads).scene
@@ -424,7 +424,7 @@ class _Run:
             )
 
     def moving(self) -> None:
-        """Measure what moves over the same standing still."""
+        """Measure moving scenes relative to the same scenes at rest."""
         world = self._world(scenes.city)
         caster = Lidarsim(world, self.plan.threads[-1])
         self.progress("motion")
@@ -433,14 +433,14 @@ class _Run:
         self.motion += motion.over(times, what)
 
     def random_scenes(self) -> None:
-        """Measure which share of the time it takes to build scenes that are scanned once."""
+        """Measure the share of building in the time of scenes that are scanned once."""
         for threads in self.plan.threads:
             self.progress(f"random scenes, {threads} threads")
             os.environ["LIDARSIM_THREADS"] = str(threads)
             self.scenes += [{"threads": threads, **row} for row in building.rows(self.plan.scenes, self.plan.builds)]
 
     def results(self) -> dict[str, Any]:
-        """Return everything as JSON would hold it."""
+        """Return all figures in types of JSON."""
         return {
             "machine": report.machine(),
             "plan": asdict(self.plan),
@@ -470,10 +470,10 @@ class _Run:
         ]
 
     def _built(self, world: World, rounds: int) -> dict[str, Caster]:
-        """Build every caster that can hold the world, and note the time and the memory if `rounds` is above 0."""
+        """Build every caster that can represent the world; record time and memory if `rounds` is above 0."""
         self.progress(f"{world.name}, {world.triangles or len(world.shapes):,}: building")
         threads, one = self.plan.threads[-1], scenes.lidar(world, 1, 1, 0.0)
-        built: list[tuple[str, Caster]] = []  # all of them, so that no time goes into freeing
+        built: list[tuple[str, Caster]] = []  # kept, so that no build pays for freeing another
 
         def build(name: str) -> None:
             caster = self.casters[name](world, threads)
@@ -499,7 +499,7 @@ class _Run:
         return methods
 
     def _compare(self, world: World, rays: Rays, methods: dict[str, Caster], threads: Sequence[int]) -> list[Speed]:
-        """Cast the rays with every method that can, in turns, and judge what each found."""
+        """Cast the rays with every capable method, in turns, and judge the answers."""
         self.progress(f"{world.name}, {world.triangles or len(world.shapes):,}: {rays.name} rays")
         methods = {name: caster for name, caster in methods.items() if rays.one_origin or caster.any_origin}
         stride = max(caster.stride for caster in methods.values())
@@ -532,7 +532,7 @@ class _Run:
         return rows
 
     def _reference(self, errors: dict[str, Error]) -> str | None:
-        """Return what stands for Open3D: itself or, for shapes, its coarsest fine tessellation, or else the finest."""
+        """Return the method that represents Open3D: for shapes, its coarsest fine or else its finest tessellation."""
         if "Open3D" in errors:
             return "Open3D"
         if self.stand_in is None:
@@ -543,7 +543,7 @@ class _Run:
 
 
 class _Tessellation(Open3D):
-    """Open3D on a world in triangles: says which object of the world a triangle stands for."""
+    """Open3D on the tessellation of a world; it reports the object of each triangle."""
 
     def __init__(self, world: World, threads: int) -> None:
         super().__init__(world, threads)
@@ -564,14 +564,14 @@ def _level(level: int) -> str:
 
 
 def _at(judged: Any, caster: Caster, answer: Any) -> Found:
-    """Return what was found on the judged rays, of which a caster with a stride has every one."""
+    """Return the answers for the judged rays, which are multiples of the stride of every caster."""
     t, surface = caster.found(answer)
     rows = judged // caster.stride
     return t[rows], None if surface is None else surface[rows]
 
 
 def _resident(method: str, world: World) -> float | None:
-    """Return by how many bytes per triangle a fresh process grows when the method builds the world; None off Linux."""
+    """Return the growth of a fresh process that builds the world, bytes per triangle; None where it is not Linux."""
     if not Path("/proc/self/statm").exists():
         return None
     code = f"from lidarsim.bench import speed; speed.print_growth({method!r}, {world.name!r}, {world.triangles})"
@@ -580,7 +580,7 @@ def _resident(method: str, world: World) -> float | None:
 
 
 def print_growth(method: str, name: str, triangles: int) -> None:
-    """Print what `_resident` returns; to be called in a process of its own."""
+    """Print the result of `_resident`. Call it in a process of its own."""
     kind = CASTERS[method]
     kind.load()
 
@@ -589,7 +589,7 @@ def print_growth(method: str, name: str, triangles: int) -> None:
         caster.cast(caster.prepare(scenes.lidar(world, 1, 1, 0.0)), 1)
         return caster
 
-    build(scenes.terrain(100))  # what the libraries set up once is not counted
+    build(scenes.terrain(100))  # so that one-time allocations of the libraries are not counted
     world = MESHES[name](triangles)
     before = _pages()
     caster = build(world)
@@ -599,7 +599,7 @@ def print_growth(method: str, name: str, triangles: int) -> None:
 
 
 def _pages() -> int:
-    """Return the resident memory of this process, bytes, after it gave back what it does not use."""
+    """Return the resident memory of this process, bytes, after it released unused memory."""
     gc.collect()
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)
@@ -612,14 +612,14 @@ def measure(plan: Plan, progress: Progress = lambda _: None) -> dict[str, Any]:
     Parameters
     ----------
     plan : Plan
-        How much; `QUICK` or `FULL`.
+        The size of the measurement, such as `QUICK` or `FULL`.
     progress : callable
-        Called with a line of text now and then.
+        Called with a line of text at each step.
 
     Returns
     -------
     dict
-        The figures, as `lidarsim.bench.report` takes them.
+        The figures, in the format of `lidarsim.bench.report`.
     """
     with threads_kept():
         bench = _Run(plan, progress)
@@ -649,7 +649,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         "--from", dest="known", type=Path, metavar="JSON", help="report an earlier run; measure nothing"
     )
     options = parser.parse_args(arguments)
-    import_extra("matplotlib", "bench", "the plot")  # what would fail after minutes of work fails before
+    import_extra("matplotlib", "bench", "the plot")  # fail before the measurement, not after it
     options.output.mkdir(parents=True, exist_ok=True)
     if options.known is None:
         results = measure(QUICK if options.quick else FULL, _show if sys.stderr.isatty() else lambda _: None)

@@ -4,8 +4,9 @@ The sensor frame is right-handed: x forward, y left, z up. Azimuths are measured
 counter-clockwise seen from above, and elevations upwards from the x-y plane, both in rad. Times are in s since the
 start of the frame.
 
-The patterns here are immutable, and two of one class are equal if their arguments are. The arguments are attributes,
-arrays as read-only copies. A frame depends on them and on its number alone, so frames can be requested in any order.
+Patterns are immutable. Two patterns of one class are equal if their arguments are equal. The arguments are attributes;
+arrays are read-only copies. A frame depends only on the arguments and its number, so frames can be requested in any
+order.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the scan patterns share."""
+"""Helpers of the scan patterns: channels, unit vectors, firing clocks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MOST_PULSES = 1 << 26
 
 
 def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | None = None) -> Floats:
-    """Return `value` as a read-only array with a row for each channel, given as that or as one row for all."""
+    """Return `value`, one row per channel or one row for all, as a read-only array with one row per channel."""
     tail = () if width is None else (width,)
     try:
         one_for_all = np.ndim(value) == len(tail)
@@ -30,7 +30,7 @@ def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | 
 
 
 def rings(name: str, count: int, *, at_least: int = 1) -> int:
-    """Return the number of rings that the argument `name` gives, after checking that each can have its uint16."""
+    """Return the number of rings given by the argument `name`, after checking that their indices fit uint16."""
     if not at_least <= count <= 1 << 16:
         raise ValueError(f"{name}: expected {at_least} to 65536 of them, got {count}")
     return count
@@ -44,7 +44,7 @@ def check_size(pattern: Pattern) -> None:
 
 
 def unit(vectors: Floats) -> Floats:
-    """Return non-zero vectors, of shape (n, 3), divided by their lengths, which may be beyond the range of a square."""
+    """Return non-zero vectors, shape (n, 3), divided by their lengths, without overflow or underflow of squares."""
     largest = np.abs(vectors).max(axis=-1, keepdims=True, initial=0.0)
     return joined(*(vectors / largest).T)
 
@@ -73,16 +73,16 @@ def directions_of(azimuth: Floats, elevation: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Ticks:
-    """The ticks `first` to ``first + count - 1`` of a steady clock, tick m at ``m / rate`` s, that one frame takes.
+    """The ticks of a steady clock in one frame: `first` to ``first + count - 1``, tick m at ``m / rate`` s.
 
-    Frames share out the ticks by whole-number arithmetic: none gets lost or comes twice, however late the frame.
+    The ticks are divided among the frames in exact arithmetic, so each tick belongs to exactly one frame, however late.
     """
 
     rate: Fraction
     first: int
     count: int
     wait: float
-    """Part of a tick from the start of the frame to its first."""
+    """Time from the start of the frame to its first tick, in ticks."""
 
     @classmethod
     def of(cls, frame: int, rate: float | Fraction, frame_rate: float) -> Ticks:
@@ -98,10 +98,10 @@ class Ticks:
         return (np.arange(self.count, dtype=np.float64) + self.wait) / float(self.rate)
 
     def turns(self, rotation_rate: float | Fraction) -> Floats:
-        """Return at each tick how far something has turned that was at 0 at time 0, in turns, less whole turns.
+        """Return the phase at each tick, in turns, of a rotation whose phase is 0 at time 0.
 
-        The first is reduced exactly, so that the error, of less than 2**-52 for each turn within the frame, does not
-        grow from frame to frame.
+        The phase of the first tick is reduced to [0, 1) exactly. The error is therefore below 2**-52 per turn within
+        the frame and does not grow from frame to frame.
         """
         per_tick = Fraction(rotation_rate) / self.rate
         return float(self.first * per_tick % 1) + np.arange(self.count, dtype=np.float64) * float(per_tick)
@@ -131,8 +131,7 @@ def fired_in_cycles(
 ) -> Pulses:
     """Return the pulses of channels, one row each, whose cycles start at `azimuth` and `time`, both of shape (n,).
 
-    Between the start of a cycle and the firing of a channel the azimuth, and the origins with it, moves on at `speed`,
-    rad/s.
+    Between the start of a cycle and the firing of a channel, the azimuth and the origins turn at `speed`, rad/s.
     """
     order = np.argsort(firing_times, kind="stable")
     moved = speed * firing_times[order]
@@ -160,9 +159,9 @@ def firing_times_within(cycle: float, firing_times: npt.ArrayLike, channels: int
 
 
 def used_cycles(cycles: float, part: float, wait: float) -> int:
-    """Return how many of the `cycles` of a turn lie in its used `part`, which the first enters `wait` of a cycle late.
+    """Return how many of the `cycles` of a turn lie in its used `part`; the first starts `wait` of a cycle late.
 
-    The bound is lowered by 4 ulp, the most that a part given as an angle in degrees gains on its way here (two
-    roundings to radians, one each in the division and the product), so that a whole number of cycles stays that number.
+    The bound is lowered by 4 ulp: a part given as an angle in degrees gains at most that (two roundings in the
+    conversion to radians, one in the division and one in the product). A whole number of cycles therefore stays whole.
     """
     return math.ceil(cycles * part * (1.0 if part == 1.0 else 1.0 - 4.0 * 2.0**-52) - wait)

@@ -1,4 +1,4 @@
-"""What a scan pattern gives: the pulses of a frame."""
+"""The pulses of a frame, and the protocol of scan patterns."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from lidarsim._validation import array, in_order, integer, real
 
 
 class _OfOneOrigin(Immutable):
-    """What pulses are besides their arrays."""
+    """Base of `Pulses`, with what is not an array."""
 
     __slots__ = ("_origin",)
 
     _origin: tuple[float, ...] | None
-    """That of all pulses, if it is the same: scans need not read `origins` then."""
+    """Common origin of all pulses, or None. With a common origin, scans do not read `origins`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pulses(_OfOneOrigin):
     """The pulses of one frame, in the sensor frame (x forward, y left, z up) and in firing order.
 
-    Anything that NumPy can turn into such an array is converted. The arrays are read-only, so that a pattern whose
-    frames are all alike can return the same ones for each. Arrays that already have the right type are shared, not
-    copied, but for origins that are all alike; the caller's own remain writable.
+    Arguments are converted to NumPy arrays. The arrays are read-only, so a pattern whose frames are all alike can
+    return the same pulses for each frame. Arrays that already have the right type are shared, not copied; only origins
+    that are all equal are copied. The caller's arrays remain writable.
 
     Parameters
     ----------
@@ -47,8 +47,7 @@ class Pulses(_OfOneOrigin):
     ------
     TypeError, ValueError
         If an argument does not hold numbers or has the wrong shape, a time is not finite, or a ring or column is not
-        an integer in its range. That directions are of unit length and origins finite is checked when the pulses are
-        fired.
+        an integer in its range. Lengths of directions and finiteness of origins are checked when the pulses are fired.
 
     Examples
     --------
@@ -72,7 +71,7 @@ class Pulses(_OfOneOrigin):
         same = count > 0 and bool((origins == origins[0]).all())
         converted = {
             "directions": directions,
-            "origins": origins.copy() if same else origins,  # what is said of them must remain true
+            "origins": origins.copy() if same else origins,  # `_origin` must stay true if the caller changes them
             "time": array("time", self.time, (count,)),
             "ring": _numbered("ring", self.ring, count, np.uint16),
             "column": _numbered("column", self.column, count, np.uint32),
@@ -91,7 +90,7 @@ class Pulses(_OfOneOrigin):
         return len(self.directions)
 
     def __repr__(self) -> str:
-        """Return how many there are, and of what."""
+        """Return the number of pulses, rings and columns, and the time span."""
         rings, columns = (len(np.unique(numbers)) for numbers in (self.ring, self.column))
         return f"Pulses({len(self):,} of {rings:,} rings and {columns:,} columns, time {extent(self.time)} s)"
 
@@ -111,7 +110,7 @@ def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[
 
 @runtime_checkable
 class Pattern(Protocol):
-    """A scan pattern: anything that says which pulses a frame fires.
+    """A scan pattern: any object that returns the pulses of a frame.
 
     Attributes
     ----------
@@ -153,7 +152,7 @@ class Pattern(Protocol):
 
 
 def check_pattern(pattern: object) -> None:
-    """Check that an object is a scan pattern; the pulses of its frames are checked when they are fired.
+    """Check that an object is a scan pattern. The pulses of a frame are checked when they are fired.
 
     Parameters
     ----------

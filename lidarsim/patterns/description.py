@@ -10,13 +10,13 @@ from lidarsim._validation import Floats
 from lidarsim.patterns._pulses import Pattern, Pulses, check_pattern, pulses_of
 
 FRAMES = 10
-"""Frames over which rates are averaged: those of a sensor whose cycles do not fit into its frames differ."""
+"""Number of frames over which rates are averaged: frames differ where a cycle does not divide them evenly."""
 
 FIXED = 1e-12
-"""Most that the elevation of a ring varies by rounding, rad.
+"""Greatest variation of a ring's elevation by rounding, rad.
 
-Directions are right to 2 ulp, so two elevations of a ring lie within 8u/cos(elevation) of each other, which is less
-than this up to 0.06° from the poles.
+Directions are accurate to 2 ulp, so two elevations of a ring differ by at most 8u/cos(elevation). That is below this
+bound except within 0.06° of the poles.
 """
 
 

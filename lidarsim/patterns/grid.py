@@ -20,8 +20,7 @@ from lidarsim.patterns._pulses import Pulses
 class Grid(Value):
     """Beams at each azimuth and elevation of a grid: a flash or solid-state lidar; with one elevation, a 2D one.
 
-    Columns fire one after the other in the order given, `column_period` apart, all rings of a column together. All
-    frames are alike.
+    Columns fire in the given order, `column_period` apart; all rings of a column fire together. All frames are alike.
 
     Parameters
     ----------

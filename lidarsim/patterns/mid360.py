@@ -16,7 +16,7 @@ from lidarsim.patterns._parts import TURN, Ticks, check_size, fired_together, tu
 from lidarsim.patterns._pulses import Pulses
 
 TICK_RATE = 50_000
-"""Times a second, Hz, at which the four beams fire together."""
+"""Rate at which the four beams fire together, Hz."""
 
 FAST = Fraction(2189, 12)
 SLOW = 10
@@ -27,9 +27,9 @@ SLOW = 10
 class Mid360(Value):
     """The four beams of the Livox Mid-360: all around z, from 7 degrees below the horizon to 52 above.
 
-    They fire together every 20 us. With ``psi = 2 pi 2189/12 t``, ``phi = 2 pi 10 t`` and k = -1.5, -0.5, 0.5, 1.5 for
-    the beams, the direction is that of w turned by -psi about z, where w is a sum of ``k**p (C cos(a psi + b phi) + S
-    sin(a psi + b phi))`` over the rows of a table. The table was fitted to all 800 000 directions of the scan table
+    The beams fire together every 20 us. With ``psi = 2 pi 2189/12 t``, ``phi = 2 pi 10 t`` and k = -1.5, -0.5, 0.5, 1.5
+    for the beams, the direction is that of w turned by -psi about z, where w is a sum of ``k**p (C cos(a psi + b phi) +
+    S sin(a psi + b phi))`` over the rows of a table. The table was fitted to all 800 000 directions of the scan table
     that Livox publishes for simulation (Livox-SDK/livox_laser_simulation, scan_mode/mid360.csv, MIT, copyright (c) 2021
     livox), from which it differs by 0.0048 degrees rms and 0.019 degrees at most; the published angles are rounded to
     0.01 degrees.
@@ -100,7 +100,7 @@ class Mid360(Value):
 
 
 def _table() -> dict[tuple[int, int], np.ndarray[tuple[int, int], np.dtype[np.complex128]]]:
-    """Return C - iS, a row for each b from -8, by (p, a): a term is the real part of its product with exp(i ...)."""
+    """Return C - iS by (p, a), one row per b from -8 on; a term is Re((C - iS) exp(i (a psi + b phi)))."""
     table = {(power, multiple): np.zeros((19, 3), complex) for power, multiple in ((0, 0), (1, 1), (2, 2), (2, 0))}
     for power, multiple, harmonic, *values in _ROWS:
         table[power, multiple][harmonic + 8] = (np.array(values[:3]) - 1j * np.array(values[3:])) * 1e-7

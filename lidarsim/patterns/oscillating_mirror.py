@@ -1,4 +1,4 @@
-"""One beam that a mirror swings to and fro."""
+"""One beam deflected by an oscillating mirror."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from lidarsim.patterns._pulses import Pulses
 class OscillatingMirror(Value):
     """A beam that swings to and fro about x in the x-y plane: the zigzag of an airborne scanner that looks along x.
 
-    The azimuth starts at the left end. The beam swings at constant speed; where it turns back, which takes a fraction
-    `turn` of the time, it brakes and speeds up at constant acceleration. Pulse `m` fires at ``m / pulse_rate``, and
-    each frame goes on where the one before stopped.
+    The azimuth starts at the left end. The beam swings at constant speed and reverses at constant acceleration; the
+    reversals take a fraction `turn` of the time. Pulse `m` fires at ``m / pulse_rate``. Each frame continues where the
+    previous one stopped.
 
     Parameters
     ----------
@@ -107,8 +107,9 @@ class OscillatingMirror(Value):
     def _swing(self, turns: Floats) -> Floats:
         """Return the deflection, from 1 to -1 and back, at phases in turns.
 
-        A swing one way takes the time 1: a turn of T/2, the ramp of 1 - T, a turn of T/2. It covers 2, so that its
-        speed is v = 2 / (1 - T/2), and at e before its end a turn still has v/T e**2 to go.
+        A swing one way takes the time 1: half a reversal (T/2), a ramp (1 - T), half a reversal (T/2). It covers the
+        distance 2, so the speed on the ramp is v = 2 / (1 - T/2). At a time e before the end of a swing, the distance
+        left is (v/T) e**2.
         """
         swing = 2.0 * np.abs(turns % 1.0 - 0.5)
         speed = 2.0 / (1.0 - 0.5 * self.turn)

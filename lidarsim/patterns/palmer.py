@@ -1,4 +1,4 @@
-"""One beam that a tilted mirror leads round a cone."""
+"""One beam that a tilted rotating mirror deflects along a cone."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from lidarsim.patterns._pulses import Pulses
 
 @dataclass(frozen=True)
 class Palmer(Value):
-    """A beam that goes round a cone about x, from left to up: the circles of a bathymetric scanner that looks along x.
+    """A beam that moves along a cone about x, from left to up: the circles of a bathymetric scanner looking along x.
 
     Pulse `m` fires at ``m / pulse_rate`` towards ``(cos a, sin a cos h, sin a sin h)`` with ``h = 2 pi scan_rate m /
-    pulse_rate``, and each frame goes on where the one before stopped.
+    pulse_rate``, and each frame continues where the previous one
+    stopped.
 
     Parameters
     ----------

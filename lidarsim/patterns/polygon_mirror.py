@@ -1,4 +1,4 @@
-"""Beams that the facets of a rotating polygon sweep, one line a facet."""
+"""Beams swept by the facets of a rotating polygon, one line per facet."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ MOST_CYCLES = 2.0**53
 class PolygonMirror(Value):
     """Channels that a rotating polygon sweeps about z at constant speed, each facet from the left end to the right.
 
-    A facet of a polygon of N mirrors, which turns by ``2 pi / N``, sweeps twice that angle, but only the field of view
-    is used and the rest of the line is a pause. Line `l` enters the field of view at ``l / line_rate``; firing cycles
-    come at ``m / pulse_rate`` whatever the mirror does, and those outside the field of view are left out. Channel `i`
+    While a polygon of N mirrors turns by ``2 pi / N``, a facet sweeps the beam by twice that angle. Only the field of
+    view is used; the rest of the line is a pause. Line `l` enters the field of view at ``l / line_rate``. Firing cycles
+    start at ``m / pulse_rate``, independently of the mirror; cycles outside the field of view are left out. Channel `i`
     fires at ``time = m / pulse_rate + firing_times[i]`` with::
 
         azimuth   = field_of_view / 2 - sweep (time - l / line_rate) line_rate + azimuth_offsets[i]
@@ -46,12 +46,12 @@ class PolygonMirror(Value):
     Parameters
     ----------
     elevations : float or array_like, shape (channels,)
-        Elevation of each channel, rad. A channel's index here is its ring. Default: one at 0, as airborne scanners have
-        that look along x.
+        Elevation of each channel, rad. A channel's index here is its ring. Default: one
+        channel at 0, for an airborne scanner looking along x.
     sweep : float
         Angle that a facet sweeps, rad: ``4 pi / N``.
     field_of_view : float
-        Part of it that is used, rad.
+        Used part of the sweep, rad.
     line_rate : float
         Facets per second, Hz.
     pulse_rate : float
@@ -178,5 +178,5 @@ class PolygonMirror(Value):
         )
 
     def _used(self, wait: float) -> int:
-        """Return how many cycles of a line lie in the field of view, which the first enters `wait` of a cycle late."""
+        """Return how many cycles of a line lie in the field of view; the first starts `wait` of a cycle late."""
         return used_cycles(self.pulse_rate / self.line_rate, self.field_of_view / self.sweep, wait)

@@ -1,4 +1,4 @@
-"""Where the pulses of a pattern lie in an image."""
+"""Rows and columns of the pulses of a pattern in an image."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from lidarsim.patterns._pulses import Pulses
 Indices = npt.NDArray[np.intp]
 
 FIXED = 2.0**-22
-"""Most that the elevation of a ring varies by rounding, rad: between two directions kept in float32, each off by up to
-2**-24 a component and so by less than 2**-23 in all."""
+"""Greatest variation of a ring's elevation by rounding, rad: between two directions in float32, each of which is off by
+at most 2**-24 in each component and thus by less than 2**-23 in all."""
 
 
 def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, tuple[int, int]]:
@@ -24,9 +24,9 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     Parameters
     ----------
     frame : Pulses
-        All pulses of the frame, which the image is laid out for.
+        All pulses of the frame, which define the layout of the image.
     pulses : Pulses
-        Those whose places are wanted, some or all of them.
+        The pulses to locate: all or some of those of the frame.
 
     Raises
     ------
@@ -58,9 +58,9 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     row_of = np.empty(len(rings), np.intp)
     row_of[downwards] = np.arange(len(rings))
 
-    # Along a ring the azimuth falls by one step per column, from left to right: the slope of a straight line fitted to
-    # it, since columns may fire their channels at alternating times. How far a ring lies to the right of the first
-    # beyond that is rounded to whole columns, the same for all of it: no pixel is hit twice, and none is skipped.
+    # Along a ring the azimuth falls by one step per column, from left to right. The step is the slope of a fitted line,
+    # because columns may fire their channels at alternating times. Each ring is shifted by a whole number of columns
+    # relative to the first, so no pixel is hit twice and none is skipped.
     first, last = column.min(), column.max()
     counts = np.diff(np.append(starts, len(column)))
     centered = column - np.repeat(np.add.reduceat(column, starts) / counts, counts)
@@ -73,11 +73,11 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
     all_around = last - first + 2 > TURN / step
     if all_around:
         aside += (0.5 * TURN - azimuth[starts[0]]) / step - place[0]
-    # Half a column goes one way in all rings: angles kept in float32, up to 2**-23 off, leave no thousandth of a column
-    # in doubt where there are fewer than some 20,000 in a turn.
+    # Shifts of half a column are rounded the same way in all rings: angles in float32, off by up to 2**-23, change a
+    # shift by less than a thousandth of a column where a turn has fewer than some 20,000 columns.
     shift = np.floor(np.round(aside, 3) + 0.5).astype(np.int64)
-    # Times that alternate by a part d of a column change the fitted number n of columns in a turn by at most 3 d/n (the
-    # slope of +-d/2 over n columns): for d of a half, rounding to 0.01 removes that where there are 300 or more.
+    # Times that alternate by d columns change the fitted number n of columns per turn by at most 3 d/n (the slope of
+    # ±d/2 over n columns). For d = 1/2, rounding to 0.01 removes the change where n is 300 or more.
     columns = int(last - first + 1)
     width = max(columns, math.ceil(round(TURN / step, 2))) if all_around else columns + int(np.ptp(shift))
 
@@ -93,9 +93,9 @@ def projection(frame: Pulses, pulses: Pulses, size: tuple[int, int]) -> tuple[In
     Parameters
     ----------
     frame : Pulses
-        All pulses of the frame, between whose outermost angles the image lies.
+        All pulses of the frame. Their outermost angles bound the image.
     pulses : Pulses
-        Those whose places are wanted, some or all of them.
+        The pulses to locate: all or some of those of the frame.
     size : tuple of int
         Rows and columns.
 
@@ -109,13 +109,13 @@ def projection(frame: Pulses, pulses: Pulses, size: tuple[int, int]) -> tuple[In
     rows, columns = (integer("size", count, at_least=1) for count in size)
     azimuths, elevations = _angles(frame.directions)
     azimuth, elevation = _angles(pulses.directions)
-    if len(frame) and np.ptp(azimuths) > math.pi > np.ptp(azimuths % TURN):  # looks back, across the seam
+    if len(frame) and np.ptp(azimuths) > math.pi > np.ptp(azimuths % TURN):  # a field of view across the seam at ±π
         azimuths, azimuth = azimuths % TURN, azimuth % TURN
     return _cell(elevation, elevations, rows), _cell(azimuth, azimuths, columns), (rows, columns)
 
 
 def _cell(angle: Floats, angles: Floats, count: int) -> Indices:
-    """Return in which of `count` equal steps down from the greatest of `angles` to the least each `angle` lies."""
+    """Return the index of each `angle` among `count` equal steps from the greatest of `angles` down to the least."""
     high, low = angles.max(initial=-math.inf), angles.min(initial=math.inf)
     part = (high - angle) / (high - low) if high > low else np.zeros(len(angle))
     return np.minimum(part * count, count - 1).astype(np.intp)

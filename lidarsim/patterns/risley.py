@@ -28,17 +28,17 @@ TRIED = 1 << 16
 class Prism(Value):
     """A wedge of glass that rotates about the x axis.
 
-    Each of its faces is flat (0) or tilted: at time t the normal of a face tilted by `a` is ``(cos a, sin a cos h, sin
-    a sin h)`` with ``h = 2 pi rotation_rate t + phase``.
+    Each face is perpendicular to x or tilted. At time t the normal of a face tilted by `a` is ``(cos a, sin a cos h,
+    sin a sin h)`` with ``h = 2 pi rotation_rate t + phase``.
 
     Parameters
     ----------
     rotation_rate : float
-        Turns per second, Hz; positive is from y towards z.
+        Turns per second, Hz, positive from y towards z.
     phase : float
         Angle at time 0, rad.
     entry_tilt, exit_tilt : float
-        Tilt of the face where the light enters and of the one where it leaves, rad.
+        Tilts of the faces where the light enters and where it leaves, rad.
 
     Raises
     ------
@@ -69,19 +69,19 @@ class Prism(Value):
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Risley(Value):
-    """Beams along x that rotating prisms bend in turn: the rosettes of non-repetitive lidars.
+    """Beams along x that a sequence of rotating prisms refracts: the rosettes of non-repetitive lidars.
 
-    Pulse `m` fires at ``m / pulse_rate``, all beams together; frame `k` takes those from ``k / rate`` to ``(k + 1) /
-    rate``, so the pattern runs on from frame to frame. At each face Snell's law holds in its vector form: a beam d
-    meets the face of normal N, with r the ratio of the refractive indices before and behind it, and leaves along ``r d
-    + (sqrt(1 - r**2 (1 - (d.N)**2)) - r d.N) N``.
+    Pulse `m` fires at ``m / pulse_rate``, all beams together. Frame `k` takes the pulses from ``k / rate`` to ``(k + 1)
+    / rate``, so the pattern continues from frame to frame. Each face refracts a beam d by Snell's law in vector form:
+    with N the normal of the face and r the ratio of the refractive indices before and behind it, the beam leaves along
+    ``r d + (sqrt(1 - r**2 (1 - (d.N)**2)) - r d.N) N``.
 
     Parameters
     ----------
     prisms : sequence of Prism
-        In the order in which the light passes them.
+        The prisms, in the order in which the light passes them.
     refractive_index : float
-        Of the prisms' glass, 1 to 10; that of the air is 1.
+        Refractive index of the prisms, 1 to 10; that of the air is 1.
     pulse_rate : float
         Pulses per second of each beam, Hz.
     rate : float
@@ -98,9 +98,8 @@ class Risley(Value):
 
     Notes
     -----
-    The beams are refracted by Snell's law in vector form (G. H. Spencer and M. V. R. K. Murty, General ray-tracing
-    procedure, J. Opt. Soc. Am. 52, 1962, pages 672-678). All of them leave from the origin: the prisms turn the beams,
-    and their lateral shift is not modelled.
+    For the vector form of Snell's law see G. H. Spencer and M. V. R. K. Murty, General ray-tracing procedure, J. Opt.
+    Soc. Am. 52, 1962, 672-678. All beams leave from the origin: their lateral shift in the prisms is not modelled.
 
     Examples
     --------
@@ -191,7 +190,7 @@ class Risley(Value):
 
 
 def _refracted(direction: Floats, normal: Floats, ratio: float) -> Floats:
-    """Return unit vectors, of shape (n, b, 3), after a face with unit normals of shape (n, 1, 3)."""
+    """Return unit vectors, shape (n, b, 3), refracted at a face with unit normals, shape (n, 1, 3)."""
     x, y, z = (direction[..., axis] * normal[..., axis] for axis in range(3))
     along = x + y + z
     square = 1.0 - ratio**2 * (1.0 - along**2)

@@ -36,8 +36,8 @@ class Spinning(Value):
         azimuth   = start_azimuth -/+ 2 pi rate time + azimuth_offsets[i]        - clockwise, + counter-clockwise
         elevation = elevations[i]
 
-    With a whole number of columns d is 0 and all frames are alike. Otherwise the cycles run on from turn to turn
-    without a break, and the first of frame `k` starts ``d = ceil(k columns) - k columns`` of a cycle late.
+    If `columns` is a whole number, d is 0 and all frames are alike. Otherwise cycles continue across turns, and the
+    first cycle of frame `k` starts ``d = ceil(k columns) - k columns`` of a cycle late.
 
     Parameters
     ----------
@@ -48,7 +48,7 @@ class Spinning(Value):
     columns : float, optional
         Firing cycles per turn, >= 1. Default: 1024, or what follows from `column_period`.
     column_period : float, optional
-        Time from one firing cycle to the next, s, instead of `columns`, which is then ``1 / (rate column_period)``.
+        Time from one firing cycle to the next, s, in place of `columns`: there are ``1 / (rate column_period)``.
     rate : float
         Turns, and so frames, per second, Hz.
     firing_times : float or array_like, shape (channels,)
@@ -151,8 +151,8 @@ class Spinning(Value):
     def columns_per_turn(self) -> float:
         """Firing cycles per turn, from `columns` or `column_period`.
 
-        A whole number where the rounding of `rate` and `column_period` and of their product and quotient, half an ulp
-        each, can have come between.
+        A value within 2 ulp of a whole number is taken as that number: `rate`, `column_period`, their product and the
+        quotient are each rounded by up to half an ulp.
         """
         if self.column_period is None:
             return cast("float", self.columns)
@@ -194,7 +194,7 @@ class Spinning(Value):
         return self._turn(0.0)
 
     def _used(self, wait: float) -> int:
-        """Return how many cycles of a turn lie in the field of view, which the first enters `wait` of a cycle late."""
+        """Return how many cycles of a turn lie in the field of view; the first starts `wait` of a cycle late."""
         return used_cycles(self.columns_per_turn, self.field_of_view / TURN, wait)
 
     def _turn(self, wait: float) -> Pulses:

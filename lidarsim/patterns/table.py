@@ -1,4 +1,4 @@
-"""Pulses listed one by one."""
+"""Pulses from a list."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ MOST_FRAMES = 2.0**53
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Table(Value):
-    """Pulses listed one by one: a measured pattern, a patent's, or one that no other class makes.
+    """Pulses from a list: a measured pattern, or one that no other class describes.
 
-    The list is cut into frames by its times: frame `k` takes the pulses from ``k / rate`` to ``(k + 1) / rate``. After
-    the frame of the last time, the list starts again.
+    The times divide the list into frames: frame `k` takes the pulses from ``k / rate`` to ``(k + 1) / rate``. After the
+    frame of the last time, the list repeats.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ class Table(Value):
     rings : int or array_like, shape (n,)
         Channel of each pulse, 0 to 65,535; kept as uint16.
     columns : array_like, shape (n,), optional
-        Column of each pulse in its frame, kept as uint32. Default: how many pulses of its ring precede it there.
+        Column of each pulse in its frame, kept as uint32. Default: the number of earlier pulses of its ring there.
     origins : array_like, shape (n, 3) or (3,), optional
         Where each beam leaves the sensor, m. Default: the sensor's origin.
     rate : float
@@ -106,7 +106,7 @@ class Table(Value):
         path : path-like
             An NPY file of shape (n, 3), directions, or (n, 2), azimuths and elevations in rad; or a CSV file whose
             first line names its columns: ``x, y, z`` or ``azimuth_deg, elevation_deg`` or ``azimuth_rad,
-            elevation_rad``, and maybe ``time_s``, ``ring`` and ``column``.
+            elevation_rad``, and optionally ``time_s``, ``ring`` and ``column``.
         rate : float
             Frames per second, Hz.
         pulse_rate : float, optional
@@ -213,7 +213,7 @@ class Table(Value):
 
 
 def _ranks(rings: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint32]:
-    """Return how many equal rings precede each."""
+    """Return for each entry the number of earlier entries of the same ring."""
     order = np.argsort(rings, kind="stable")
     ranks = np.empty(len(rings), np.uint32)
     ranks[order] = np.arange(len(rings)) - np.searchsorted(rings[order], rings[order])
@@ -221,7 +221,7 @@ def _ranks(rings: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint32]:
 
 
 def _indices(name: str, value: npt.ArrayLike, count: int, dtype: type[np.unsignedinteger]) -> npt.NDArray[Any]:
-    """Return `value`, one for all or one for each, as a read-only array of `count` whole numbers that fit `dtype`."""
+    """Return `value`, one number or one per pulse, as a read-only array of `count` whole numbers that fit `dtype`."""
     values = per_channel(name, value, count)
     largest = np.iinfo(dtype).max
     wrong = (values != np.floor(values)) | (values < 0) | (values > largest)

@@ -1,4 +1,4 @@
-"""The shapes, one file each. To add one: write its file and name it here."""
+"""The shapes, one file each. A new shape is a new file and its name here."""
 
 from lidarsim.shapes._shape import Hits, Shape
 from lidarsim.shapes.box import Box

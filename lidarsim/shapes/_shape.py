@@ -1,4 +1,4 @@
-"""What all shapes have in common: placing, casting, and the hits that come of it."""
+"""Base of the shapes: transforms, casting, and hits."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from lidarsim.shapes._tessellation import Triangles
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits(Pickled):
-    """Where rays first meet a shape or a scene, one entry per ray.
+    """First hits of rays at a shape or a scene, one entry per ray.
 
     Attributes
     ----------
@@ -29,7 +29,7 @@ class Hits(Pickled):
     object_id : ndarray of int32, shape (n,)
         Object in the scene, -1 for a miss; 0 where a single shape was cast at.
     primitive_id : ndarray of int32, shape (n,)
-        Triangle of a mesh; 0 for all else.
+        Triangle of a mesh; 0 for other shapes.
     normal : ndarray of float64, shape (n, 3)
         Unit normal at the hit, outward as the shape defines it, whichever side was hit; zero for a miss.
     """
@@ -48,33 +48,33 @@ class Hits(Pickled):
         return len(self.t)
 
     def __repr__(self) -> str:
-        """Return how many rays hit, and where."""
+        """Return the numbers of rays and hits, and the span of t."""
         return f"Hits({len(self):,} rays, {int(self.hit.sum()):,} hit, t {extent(self.t)})"
 
 
 class Shape(Value):
-    """A surface that rays can be cast at. Immutable; use one of the subclasses.
+    """A surface that rays can be cast at. Shapes are immutable; use one of the subclasses.
 
-    Arguments of the constructor are attributes of the same names, arrays as read-only copies.
+    The arguments of a constructor are attributes of the same names; arrays are read-only copies.
 
     Parameters
     ----------
     native : lidarsim._native.Shape
         The shape in the core.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the shape goes through; its entries are taken as exact.
+        Affine map applied to the shape; its entries are taken as exact.
     """
 
     __slots__ = ("_native",)
 
     __match_args__: ClassVar[tuple[str, ...]] = ()
-    """Attributes that say all of the shape but its transform: arguments of the constructor."""
+    """Arguments of the constructor, which define the shape up to its transform."""
 
     configuration: ClassVar[Mapping[str, object]] = {}
-    """Keys of configurations: arguments of the constructor with their units, and types of their values."""
+    """Keys of configurations: arguments of the constructor with their units, and the types of the values."""
 
     bounded: ClassVar[bool] = True
-    """Whether the surface ends somewhere."""
+    """Whether the surface is bounded."""
 
     _native: core.Shape
 
@@ -86,7 +86,7 @@ class Shape(Value):
     def _set(
         self, name: str, vectors: dict[str, npt.ArrayLike], numbers: dict[str, float], transform: Transform | None
     ) -> None:
-        """Be the shape of this name in the core, of arguments of the constructor: vectors, and numbers."""
+        """Create the native shape of this name from the constructor's arguments: vectors and numbers."""
         native = core.Shape.plain(name, vectors, numbers)
         if native is None:
             checked = [x for argument, value in vectors.items() for x in vector(argument, value)]
@@ -100,38 +100,38 @@ class Shape(Value):
 
     @property
     def transform(self) -> Floats | None:
-        """Affine map that the shape goes through: read-only ndarray of float64, shape (4, 4), or None."""
+        """Affine map applied to the shape: read-only ndarray of float64, shape (4, 4), or None."""
         return self._native.transform()
 
     @property
     def _numbers(self) -> tuple[float, ...]:
-        """The parameters by which the core knows the shape, if it is not a mesh."""
+        """Parameters of the native shape, unless it is a mesh."""
         return self._native.numbers()
 
     def _image(self, transform: Transform) -> core.Shape:
-        """Return the shape under one more transform, in the core."""
+        """Return the native shape under one more transform."""
         return self._native.transformed(placement(transform))
 
     def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
-        """Return triangles that stand for the surface where it is looked at, before any transform.
+        """Return triangles that represent the surface in views, before any transform.
 
         Parameters
         ----------
         chord_error : float, optional
             Greatest distance of a triangle from the surface; by default a fixed share of the shape's radius.
         box : ndarray, shape (8, 3)
-            Corners of the part of space that is looked at, in the order of `numpy.ndindex(2, 2, 2)`. The surface ends
-            there if it is not bounded.
+            Corners of the visible part of space, in the order of `numpy.ndindex(2, 2, 2)`. An unbounded surface is cut
+            off there.
 
         Returns
         -------
         Triangles
-            Their vertices are on the surface.
+            Vertices on the surface, and faces.
         """
         raise NotImplementedError
 
     def roots(self, origins: npt.ArrayLike, directions: npt.ArrayLike) -> npt.NDArray[np.float64]:
-        """Find every place where lines meet the surface.
+        """Find all intersections of lines with the surface.
 
         Parameters
         ----------
@@ -141,9 +141,9 @@ class Shape(Value):
         Returns
         -------
         ndarray of float64, shape (n, k)
-            Every t, of either sign, at which the line meets the surface, correctly rounded: ascending, distinct but for
-            rounding, padded with NaN. A line that touches the surface in one point has one t there. k is the most that
-            the shape can have, or that the lines given do have for a mesh.
+            Every t, of either sign, at which the line meets the surface, correctly rounded: ascending, distinct up to
+            rounding, padded with NaN. A line that touches the surface at a point has one t there. k is the greatest
+            number of roots that the shape can have; for a mesh, the greatest number that these lines have.
 
         Raises
         ------
@@ -178,10 +178,10 @@ class Shape(Value):
 
     @property
     def bounds(self) -> Floats:
-        """Low and high corner of a box around the surface, m: ndarray of float64, shape (2, 3).
+        """Low and high corner of a bounding box, m: ndarray of float64, shape (2, 3).
 
-        The surface is within, and a shape without a transform of its own reaches every side. Infinite if the surface
-        is, nan if it is a mesh without triangles.
+        The box is tight for a shape without a transform of its own. It is infinite for an unbounded surface and NaN for
+        a mesh without triangles.
         """
         return self._native.bounds()
 

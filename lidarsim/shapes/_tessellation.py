@@ -1,4 +1,4 @@
-"""Triangles that stand for curved surfaces where they are looked at; nothing is cast at them."""
+"""Triangles that represent curved surfaces in views. Rays are never cast at them."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ _MOST = 2048  # segments of a circle: a sphere of them has four million triangle
 
 
 def segments(radius: float, chord_error: float | None) -> int:
-    """Return into how many segments a circle is cut so that its chords keep within an error of it.
+    """Return the number of segments of a circle whose chords keep within an error of it.
 
-    A chord over the angle 2π/n is r (1 − cos(π/n)) away from its arc at most.
+    A chord over the angle 2π/n is at most r (1 − cos(π/n)) away from its arc.
 
     Parameters
     ----------
     radius : float
-        Of the circle.
+        Radius of the circle.
     chord_error : float, optional
         Greatest distance of a chord from its arc; by default a 200th of the radius.
 
@@ -50,7 +50,7 @@ def segments(radius: float, chord_error: float | None) -> int:
 
 
 def unit_sphere(chord_error: float | None) -> Triangles:
-    """Return triangles whose vertices are on the unit sphere and whose points keep within an error of it.
+    """Return a triangulation of the unit sphere that keeps within an error of it; its vertices are on the sphere.
 
     The plane through four neighbours on a grid of steps 2α in longitude and latitude is at least cos²α away from the
     centre, so its error is sin²α <= 2 (1 − cos α): that of a circle of the same steps with half the error.
@@ -63,7 +63,7 @@ def unit_sphere(chord_error: float | None) -> Triangles:
     Returns
     -------
     Triangles
-        In rings from the south pole to the north pole.
+        Vertices in rings from the south pole to the north pole, and faces.
     """
     count = segments(1.0, (_DEFAULT if chord_error is None else chord_error) / 2)
     longitude = np.arange(count) * (2 * np.pi / count)

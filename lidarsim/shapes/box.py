@@ -30,9 +30,9 @@ class Box(Shape):
     size : array_like, shape (3,)
         Lengths of the edges, m, each > 0.
     center : array_like, shape (3,)
-        m.
+        Centre, m.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the box goes through; a rotation turns it.
+        Affine map applied to the box; a rotation turns it.
 
     Raises
     ------
@@ -41,9 +41,9 @@ class Box(Shape):
 
     Notes
     -----
-    The line's part inside is what three slabs leave of it: it begins at the latest entry and ends at the earliest
-    exit, compared exactly. Where both are the same point, at an edge or a corner, the box is touched, and hit there.
-    A line within a face meets the surface where it enters and leaves that face.
+    The line is inside the box between the latest entry into the three slabs and the earliest exit from them, compared
+    exactly. If both are the same point, at an edge or a corner, the line touches the box and hits it there. A line
+    within a face meets the surface where it enters and leaves that face.
 
     Examples
     --------

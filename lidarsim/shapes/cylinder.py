@@ -20,11 +20,11 @@ class Cylinder(Shape):
     start, end : array_like, shape (3,)
         Ends of the axis, m; two different points.
     radius : float
-        m, > 0.
+        Radius, m, > 0.
     capped : bool
         Whether the ends are closed by discs; if not, the cylinder is a hollow tube.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the cylinder goes through.
+        Affine map applied to the cylinder.
 
     Raises
     ------
@@ -33,11 +33,11 @@ class Cylinder(Shape):
 
     Notes
     -----
-    With A = end − start, f = o − start, n = d × A and m = f × A, the side is ``|m + t n|² = r² |A|²``, cut by 0 <=
-    A·(f + t d) <= |A|². The discriminant is taken as ``|A|² (r² |n|² − (f·n)²)``. Nothing is moved to a canonical
-    place and nothing is normalised, so that nothing is rounded. One of the texts this follows prints the equation of
-    the side as = 0; it is = r². A line along the axis meets the caps only. A line that touches the rim of a capped
-    cylinder meets it once.
+    With A = end − start, f = o − start, n = d × A and m = f × A, the side is ``|m + t n|² = r² |A|²``, bounded by 0 <=
+    A·(f + t d) <= |A|². The discriminant is evaluated as ``|A|² (r² |n|² − (f·n)²)``. The cylinder is not moved to a
+    canonical position and the axis is not normalised, so nothing is rounded. (Some texts print the equation of the side
+    with 0 on the right instead of r².) A line along the axis meets only the caps. A line that touches the rim of a
+    capped cylinder meets it once.
 
     Examples
     --------

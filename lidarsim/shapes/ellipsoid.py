@@ -23,13 +23,13 @@ class Ellipsoid(Shape):
     Parameters
     ----------
     center : array_like, shape (3,)
-        m.
+        Centre, m.
     radii : array_like, shape (3,)
         Half axes, m, each > 0.
     rotation : Rotation or array_like, shape (3, 3), optional
         R, whose columns are the directions of the axes; the entries are taken as exact. None: along x, y, z.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the ellipsoid goes through.
+        Affine map applied to the ellipsoid.
 
     Raises
     ------
@@ -38,7 +38,7 @@ class Ellipsoid(Shape):
 
     Notes
     -----
-    The ray is taken into the space where the ellipsoid is the unit sphere. The map is affine, so t stays as it is.
+    The ray is transformed to the space where the ellipsoid is the unit sphere. The map is affine, so t is unchanged.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class Ellipsoid(Shape):
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         axes = self.rotation * self.radii
-        # A point of the unit sphere and one near it are taken at most this many times farther apart.
+        # The map lengthens no distance by more than this factor.
         longest = float(np.linalg.norm(axes, ord=2))
         vertices, faces = unit_sphere(None if chord_error is None else chord_error / longest)
         mirrored = np.linalg.det(axes) < 0

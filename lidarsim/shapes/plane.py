@@ -17,17 +17,16 @@ from lidarsim.shapes._tessellation import Triangles
 class Plane(Shape):
     """The plane of all points p with ``normal · p = distance``.
 
-    The normal is kept as it is given: so `distance` is a distance from the origin of coordinates if the normal is of
-    unit length, and |normal| times that if not.
+    The normal is kept as given, so `distance` is the distance from the origin times the length of the normal.
 
     Parameters
     ----------
     normal : array_like, shape (3,)
-        Normal of any length but zero; it points outward.
+        Outward normal, of any length but zero.
     distance : float
         m, times the length of the normal.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the plane goes through.
+        Affine map applied to the plane.
 
     Raises
     ------
@@ -36,9 +35,9 @@ class Plane(Shape):
 
     Notes
     -----
-    ``t = (distance − normal · origin) / (normal · direction)``; a ray with ``normal · direction = 0``, exactly, is a
-    miss, also within the plane. Far from the origin of coordinates prefer :meth:`from_point`, which keeps the plane's
-    point: t = n·(p − o)/(n·d).
+    ``t = (distance − normal · origin) / (normal · direction)``; a ray with exactly ``normal · direction = 0``
+    misses, even within the plane. Far from the origin of coordinates prefer :meth:`from_point`, which keeps the point
+    of the plane: t = n·(p − o)/(n·d).
 
     Examples
     --------
@@ -64,12 +63,12 @@ class Plane(Shape):
         point, normal : array_like, shape (3,)
             A point of the plane, m, and a normal of any length but zero.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map that the plane goes through.
+            Affine map applied to the plane.
 
         Returns
         -------
         Plane
-            It keeps both as they are given.
+            The plane; it keeps both arguments as given.
 
         Raises
         ------
@@ -91,12 +90,12 @@ class Plane(Shape):
         a, b, c : array_like, shape (3,)
             Points that are not on one line, m.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map that the plane goes through.
+            Affine map applied to the plane.
 
         Returns
         -------
         Plane
-            It keeps the points; its normal is never rounded.
+            The plane; it keeps the points, and its normal is never rounded.
 
         Raises
         ------
@@ -111,7 +110,7 @@ class Plane(Shape):
     def point(self) -> Floats:
         """A point of the plane before any transform, m: ndarray of float64, shape (3,).
 
-        The first that the plane was made from, or else the one nearest to the origin of coordinates, rounded.
+        The first point that the plane was made from, or else the point nearest to the origin, rounded.
         """
         if len(self._numbers) > 4:
             return np.array(self._numbers[:3])
@@ -123,7 +122,7 @@ class Plane(Shape):
     def normal(self) -> Floats:
         """The normal before any transform, of any length: ndarray of float64, shape (3,).
 
-        As it was given; rounded if the plane was made from three points.
+        The normal as given; rounded if the plane was made from three points.
         """
         numbers = np.array(self._numbers)
         if len(numbers) == 9:

@@ -12,9 +12,9 @@ from lidarsim._validation import Floats, Transform, Vector, array
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
-# Vertices of a plane outline that went through one rigid map in float64 are each off by at most 4 roundings a
-# coordinate, of numbers up to three times the largest coordinate M: 12·u·M, or 12·√3·u·M in all directions. The plane
-# they are held against, through their mean, is off by as much: 2·12·√3 < 48.
+# One rigid map in float64 moves each coordinate of a vertex by at most 4 roundings of numbers up to three times the
+# largest coordinate M: 12·u·M, or 12·√3·u·M in all directions. The reference plane, through the mean of the vertices,
+# is off by as much: 2·12·√3 < 48.
 _ROUNDINGS = 48
 
 
@@ -24,10 +24,10 @@ class Polygon(Shape):
     Parameters
     ----------
     vertices : array_like, shape (n, 3)
-        Outline in order, without repeating the first, m, n >= 3. The normal is on the side from which the outline
-        turns left.
+        Outline in order, without repeating the first vertex, m, n >= 3. The normal points to the side from which the
+        outline is counter-clockwise.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the polygon goes through.
+        Affine map applied to the polygon.
 
     Raises
     ------
@@ -37,8 +37,8 @@ class Polygon(Shape):
 
     Notes
     -----
-    The polygon is triangulated, and each triangle is met as :class:`Triangle` is: the triangles share their edges
-    exactly, so the whole has no gaps. ``primitive_id`` is 0 for all of them.
+    The polygon is triangulated, and rays meet each triangle as they meet a :class:`Triangle`. The triangles share their
+    edges exactly, so there are no gaps. ``primitive_id`` is 0 for all of them.
 
     Examples
     --------
@@ -70,7 +70,7 @@ class Polygon(Shape):
 
 
 def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
-    """Check the outline and cut it into triangles of the same orientation."""
+    """Check the outline and triangulate it with the same orientation."""
     import mapbox_earcut
 
     following = np.roll(points, -1, axis=0)
@@ -81,7 +81,7 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
             f"vertices: expected neighbours to differ, got {tuple(points[i].tolist())}"
             f" for vertices {i} and {(i + 1) % len(points)}"
         )
-    # A power of two as the unit of length, so that no product overflows or underflows.
+    # The unit of length is a power of two, so that no product overflows or underflows.
     exponent = int(np.frexp(np.abs(points).max())[1])
     points = np.ldexp(points, -exponent)
     local = points - points.mean(axis=0)
@@ -97,7 +97,7 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
             f"vertices: expected points of one plane to within rounding ({np.ldexp(allowed, exponent):.3g} m),"
             f" got a deviation of {np.ldexp(deviation, exponent):.3g} m"
         )
-    # Seen along the axis nearest to the normal, from the side that keeps left turns left.
+    # Project along the axis nearest to the normal, keeping the orientation.
     drop = int(np.argmax(np.abs(normal)))
     axes = [(drop + 1) % 3, (drop + 2) % 3]
     if normal[drop] < 0:

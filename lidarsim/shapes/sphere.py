@@ -17,11 +17,11 @@ class Sphere(Shape):
     Parameters
     ----------
     center : array_like, shape (3,)
-        m.
+        Centre, m.
     radius : float
-        m, > 0.
+        Radius, m, > 0.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the sphere goes through.
+        Affine map applied to the sphere.
 
     Raises
     ------
@@ -31,9 +31,9 @@ class Sphere(Shape):
     Notes
     -----
     With f = o − c, the roots of ``|d|² t² + 2 (f·d) t + (|f|² − r²) = 0``. The discriminant (f·d)² − |d|² (|f|² − r²)
-    is taken as ``r² |d|² − |f × d|²``, which is the same number (Lagrange's identity) without the cancellation; a
-    sphere that is touched in exactly one point is hit. One of the texts this follows prints the constant term as 2(w
-    − S) − r²; it is (w − S)·(w − S) − r².
+    is evaluated as ``r² |d|² − |f × d|²``, which is the same number (Lagrange's identity) without the cancellation. A
+    line that touches the sphere at exactly one point hits it. (Some texts print the constant term as 2(w − S) − r²; it
+    is (w − S)·(w − S) − r².)
 
     Examples
     --------

@@ -20,7 +20,7 @@ class Triangle(Shape):
     a, b, c : array_like, shape (3,)
         Vertices, m, not on one line. The normal is along (b − a) × (c − a).
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the triangle goes through.
+        Affine map applied to the triangle.
 
     Raises
     ------
@@ -29,10 +29,10 @@ class Triangle(Shape):
 
     Notes
     -----
-    A line meets the triangle if the volumes d·(c × b), d·(a × c), d·(b × a), with vertices seen from its origin, have
-    no two different signs; the signs are exact. Then t = n·(a − o)/(n·d). A line within the plane of the triangle is
-    a miss. Some texts solve for the point as a combination of the three vertices, which breaks down where the
-    triangle's plane passes through the origin of coordinates.
+    A line meets the triangle if the volumes d·(c × b), d·(a × c), d·(b × a), with vertices relative to its origin, have
+    no two opposite signs; the signs are exact. Then t = n·(a − o)/(n·d). A line within the plane of the triangle misses
+    it. (Some texts solve for the point as a combination of the three vertices; that fails where the plane of the
+    triangle passes through the origin of coordinates.)
 
     Examples
     --------

@@ -29,11 +29,11 @@ class TriangleMesh(Shape):
     Parameters
     ----------
     vertices : array_like, shape (n, 3)
-        m.
+        Vertices, m.
     faces : array_like of int, shape (m, 3)
-        Vertices of each triangle; its normal is that of :class:`Triangle`.
+        Indices of the vertices of each triangle, whose normal is as for :class:`Triangle`.
     transform : array_like, shape (4, 4), or RigidTransform, optional
-        Affine map that the mesh goes through.
+        Affine map applied to the mesh.
 
     Raises
     ------
@@ -44,10 +44,10 @@ class TriangleMesh(Shape):
 
     Notes
     -----
-    Each triangle is met as :class:`Triangle` is, with exact signs: so no ray passes between two triangles that share
-    an edge or a vertex, anywhere in space. Triangles whose edges merely lie on each other (a T-junction) share
-    nothing once their vertices are rounded, and a ray may pass there. Degenerate triangles are legal; nothing hits
-    them.
+    Rays meet each triangle as they meet a :class:`Triangle`, with exact signs. Therefore no ray passes between two
+    triangles that share an edge or a vertex, anywhere in space. Triangles whose edges only lie on each other (a
+    T-junction) share nothing once their vertices are rounded, and a ray may pass there. Degenerate triangles are legal;
+    nothing hits them.
 
     Examples
     --------
@@ -67,14 +67,14 @@ class TriangleMesh(Shape):
 
     @classmethod
     def from_file(cls, path: str | PathLike[str], *, transform: Transform | None = None) -> Self:
-        """Read a mesh file: PLY, STL, OBJ, OFF, GLB and what else trimesh reads.
+        """Read a mesh file: PLY, STL, OBJ, OFF, GLB or another format that trimesh reads.
 
         Parameters
         ----------
         path : str or path-like
             The file; its units are taken as metres. A file of several meshes is read as one.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map that the mesh goes through.
+            Affine map applied to the mesh.
 
         Returns
         -------
@@ -89,7 +89,7 @@ class TriangleMesh(Shape):
         FileFormatError
             If it cannot be read as a mesh.
         ValueError
-            If its numbers are not those of a mesh.
+            If its vertices or faces are not those of a valid mesh.
         """
         import trimesh
 
@@ -98,7 +98,7 @@ class TriangleMesh(Shape):
             raise FileNotFoundError(f"{path}: no such mesh file")
         try:
             loaded = trimesh.load_mesh(**mesh_source(path), process=False)
-        except Exception as error:  # trimesh's readers raise whatever their parsers do
+        except Exception as error:  # trimesh's readers raise errors of many types
             raise FileFormatError(f"{path}: cannot be read as a mesh: {told(error)}") from error
         if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
             raise FileFormatError(f"{path}: cannot be read as a mesh: it holds no triangles")
@@ -114,14 +114,14 @@ class TriangleMesh(Shape):
 
     @classmethod
     def from_trimesh(cls, mesh: trimesh.Trimesh, *, transform: Transform | None = None) -> Self:
-        """Take over a ``trimesh.Trimesh``.
+        """Make a mesh from a ``trimesh.Trimesh``.
 
         Parameters
         ----------
         mesh : trimesh.Trimesh
             Its vertices and faces are copied.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map that the mesh goes through.
+            Affine map applied to the mesh.
 
         Returns
         -------
@@ -131,7 +131,7 @@ class TriangleMesh(Shape):
         Raises
         ------
         ValueError
-            If its numbers are not those of a mesh.
+            If its vertices or faces are not those of a valid mesh.
         """
         return cls(np.asarray(mesh.vertices), np.asarray(mesh.faces), transform=transform)
 
@@ -139,14 +139,14 @@ class TriangleMesh(Shape):
     def from_open3d(
         cls, mesh: open3d.geometry.TriangleMesh | open3d.t.geometry.TriangleMesh, *, transform: Transform | None = None
     ) -> Self:
-        """Take over an Open3D triangle mesh.
+        """Make a mesh from an Open3D triangle mesh.
 
         Parameters
         ----------
         mesh : open3d.geometry.TriangleMesh or open3d.t.geometry.TriangleMesh
             Its vertices and triangles are copied.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map that the mesh goes through.
+            Affine map applied to the mesh.
 
         Returns
         -------
@@ -156,7 +156,7 @@ class TriangleMesh(Shape):
         Raises
         ------
         ValueError
-            If its numbers are not those of a mesh.
+            If its vertices or faces are not those of a valid mesh.
         """
         if hasattr(mesh, "vertex") and hasattr(mesh, "triangle"):  # the tensor mesh
             return cls(mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy(), transform=transform)
@@ -164,14 +164,14 @@ class TriangleMesh(Shape):
 
     @classmethod
     def from_pyvista(cls, mesh: pyvista.DataSet, *, transform: Transform | None = None) -> Self:
-        """Take over the surface of a PyVista data set.
+        """Make a mesh from the surface of a PyVista data set.
 
         Parameters
         ----------
         mesh : pyvista.DataSet
             Its surface; faces of more than three vertices are triangulated by PyVista.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map that the mesh goes through.
+            Affine map applied to the mesh.
 
         Returns
         -------
@@ -181,7 +181,7 @@ class TriangleMesh(Shape):
         Raises
         ------
         ValueError
-            If its numbers are not those of a mesh.
+            If its vertices or faces are not those of a valid mesh.
         """
         surface = mesh
         if not hasattr(mesh, "regular_faces"):
@@ -214,7 +214,7 @@ class TriangleMesh(Shape):
         origin : array_like, shape (2,)
             Position x, y of ``z[0, 0]``, m.
         transform : array_like, shape (4, 4), or RigidTransform, optional
-            Affine map that the mesh goes through.
+            Affine map applied to the mesh.
 
         Returns
         -------
@@ -260,7 +260,7 @@ class TriangleMesh(Shape):
         return self._native.primitives()
 
     def __repr__(self) -> str:
-        """Return how much there is of it."""
+        """Return the numbers of vertices and faces."""
         placed = "" if self.transform is None else ", transform=…"
         return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{placed})"
 

@@ -1,7 +1,7 @@
-"""One sample a shape: what the conformance suite needs to know of it.
+"""Samples of the shapes, from which the conformance suite and the hard cases are generated.
 
-A sample says how the shape is made under a `Move`, so that the suite can shift, turn and scale it without rounding. Its
-numbers are multiples of 1/64 within [-1.5, 1.5], and `exact.oracle` has a class of the same name to judge it.
+A sample constructs its shape under a `Move`, so that the suite can shift, turn and scale it without rounding. Its
+numbers are multiples of 1/64 within [-1.5, 1.5]. `exact.oracle` has a class of the same name to judge it.
 """
 
 from __future__ import annotations

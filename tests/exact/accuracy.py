@@ -20,22 +20,22 @@ Engine = Callable[[cases.Spec, Floats, Floats], Floats | None]
 
 @dataclass
 class Verdict:
-    """What an engine got wrong.
+    """Errors of an engine.
 
     Attributes
     ----------
     rays, hits : int
         Rays judged, and those that hit.
     missed, invented, other : int
-        Hits lost, hits that are none, and hits of another root or primitive than the nearest.
+        Hits that were lost, that do not exist, and that are on another root or primitive than the nearest.
     worst : float
-        Largest error of t, in ulp of the exact t, over rays that the engine decided rightly.
+        Largest error of t, in ulp of the exact t, over rays that the engine decided correctly.
     rounded : int
         Values of t that are the exact value correctly rounded.
     values : int
         Values of t judged.
     first : str
-        The first wrong decision, or the first t more than an ulp off, in words.
+        Description of the first wrong decision, or of the first t that is more than an ulp off.
     """
 
     rays: int = 0
@@ -84,7 +84,7 @@ def _where(spec: cases.Spec, origin: Sequence[float], direction: Sequence[float]
 def judge_cast(
     spec: cases.Spec, origins: Floats, directions: Floats, t: Floats, *, primitives: npt.NDArray[np.int32] | None = None
 ) -> Verdict:
-    """Judge nearest hits: t of each ray, inf for a miss, and its primitive if the engine tells it."""
+    """Judge nearest hits: t of each ray, inf for a miss, and its primitive if the engine reports it."""
     shape = spec.judge()
     verdict = Verdict(rays=len(t))
     for i, (o, d, got) in enumerate(zip(origins.tolist(), directions.tolist(), t.tolist(), strict=True)):

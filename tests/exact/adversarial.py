@@ -1,4 +1,4 @@
-"""An endless supply of hard rays: random shapes, and rays that are aimed at where their decisions are close."""
+"""Random shapes, and rays aimed at where the decisions about them are close."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Floats = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class _Aim:
-    """Points to aim at and ways to go through them, before an origin is chosen; `unit` is the lattice's step."""
+    """Targets and directions through them, before an origin is chosen; `unit` is the step of the lattice."""
 
     spec: cases.Spec
     targets: Floats
