@@ -9,7 +9,7 @@ import math
 import operator
 import reprlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
 Floats = npt.NDArray[np.float64]
+Text = TypeVar("Text", bound=str)
 
 Vector = tuple[float, float, float]
 """A point or vector, where the type of a value in a configuration is declared."""
@@ -123,12 +124,25 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
     return values
 
 
+def as_array(name: str, value: object, expected: str = "numbers") -> npt.NDArray[Any]:
+    """Return `value` as NumPy makes an array of it."""
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected {expected}, got a ragged sequence") from None
+
+
+def one_of(name: str, value: object, options: Sequence[Text]) -> Text:
+    """Return `value` after checking that it is one of some texts."""
+    if isinstance(value, str) and value in options:
+        return options[options.index(value)]
+    *others, last = map(repr, options)
+    raise ValueError(f"{name}: expected {', '.join(others)} or {last}, got {shown(value)}")
+
+
 def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
     """Return `value` as a C-contiguous float64 array of `shape`, where a letter stands for any length."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected numbers of {_shape(shape)}, got a ragged sequence") from None
+    given = as_array(name, value, f"numbers of {_shape(shape)}")
     if given.dtype.kind not in "fiu" and given.size:
         got = f"dtype {given.dtype}" if given.ndim else shown(value)
         raise TypeError(f"{name}: expected real numbers of {_shape(shape)}, got {got}")
@@ -216,12 +230,13 @@ def pose(name: str, value: Transform) -> Floats:
     """
     matrix = affine(name, value)
     rotation = matrix[:3, :3]
-    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if error > 1e-6 or np.linalg.det(rotation) < 0:
-        kind = f"one {error:.3g} away from it" if error > 1e-6 else "a reflection"
+    with np.errstate(all="ignore"):  # of entries whose squares are beyond float64
+        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        determinant = float(np.linalg.det(rotation))
+    if not error <= 1e-6 or determinant < 0:
+        kind = f"one {error:.3g} away from it" if not error <= 1e-6 else "a reflection"
         raise ValueError(
-            f"{name}: expected a rigid transform (orthonormal rotation), got {kind},"
-            f" determinant {np.linalg.det(rotation):.6g}"
+            f"{name}: expected a rigid transform (orthonormal rotation), got {kind}, determinant {determinant:.6g}"
         )
     return matrix
 

@@ -15,7 +15,18 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._files import PathLike
 from lidarsim._pickling import Immutable, Pickled
-from lidarsim._validation import UINT32, Floats, Transform, array, integer, named_labels, placement, rays, t_range
+from lidarsim._validation import (
+    UINT32,
+    Floats,
+    Transform,
+    array,
+    as_array,
+    integer,
+    named_labels,
+    placement,
+    rays,
+    t_range,
+)
 from lidarsim._views import Plotted, view
 from lidarsim.errors import FileFormatError
 from lidarsim.materials import Material
@@ -139,7 +150,7 @@ class _Snapshot:
 
     def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
         """Return the time of each of some rays, checked; None if nothing moves."""
-        when = array("time", time, ("n",) if np.ndim(time) else ())
+        when = array("time", time, ("n",) if as_array("time", time).ndim else ())
         if when.ndim and len(when) != count:
             raise ValueError(f"time: expected one number or one for each of {count} rays, got {len(when)}")
         if not self.movers:

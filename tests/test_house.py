@@ -39,6 +39,7 @@ NATIVE = ROOT / "lidarsim" / "native"
 LAYERS = [
     "testing",
     "memory",
+    "stack",
     "stop",
     "once",
     "parallel",

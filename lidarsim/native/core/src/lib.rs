@@ -1,6 +1,6 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 //!
-//! Its layers, of which each uses those above it alone: `memory`, `stop`, `once` and `parallel`, arithmetic, geometry and shapes, the bounding volume hierarchy,
+//! Its layers, of which each uses those above it alone: `memory`, `stack`, `stop`, `once` and `parallel`, arithmetic, geometry and shapes, the bounding volume hierarchy,
 //! scenes, casts, measurement.
 
 mod arith;
@@ -13,6 +13,7 @@ mod once;
 mod parallel;
 mod scene;
 pub mod shapes;
+mod stack;
 pub mod stop;
 #[cfg(test)]
 mod testing;
@@ -22,5 +23,5 @@ pub use cast::{Arrays, Columns, Occlusion};
 pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
-pub use parallel::{threads, use_threads};
+pub use parallel::{threads, use_threads, with_room};
 pub use scene::{Geometry, Object, Scene, TriangleMesh, World, span};
