@@ -113,7 +113,7 @@ def test_threads_with_small_stacks_find_the_same(isa: str, instruction_sets: lis
         pytest.skip(f"this machine has no {isa}")
     code = """
         scene = ls.Scene()
-        for shape in (field(30), ls.Sphere((0, 0, 2), 1.0), ls.Ellipsoid((3, 0, 1), (1, 2, 1)), ls.Box((1, 1, 1))):
+        for shape in (field(30), ls.Sphere((0, 0, 2), 1.0), ls.Ellipsoid((3, 0, 1), (1, 2, 1)), ls.Box((1, 9, 9), (9, 0, 0))):
             scene.add(shape)
         turning = ls.Trajectory.from_twist(np.eye(4), angular=(0, 0, 1))
         scene.add(ls.Cylinder((3, 3, 0), (4, 4, 3), 0.5), transform=np.diag([1.0, 2.0, 1.0, 1.0]), motion=turning)
@@ -131,7 +131,7 @@ def test_threads_with_small_stacks_find_the_same(isa: str, instruction_sets: lis
         thread.start()
         thread.join()
         expected = work()
-        assert len(expected[3]) > 1000 and np.isfinite(expected[0]).sum() > 100
+        assert len(expected[3]) > 500 and np.isfinite(expected[0]).sum() > 500
         print(len(found) == len(expected) and all(map(np.array_equal, found, expected, [True] * len(found))))
     """
     assert output(code, environment={"LIDARSIM_ISA": isa}) == "True"
