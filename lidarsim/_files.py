@@ -5,11 +5,12 @@ from __future__ import annotations
 import errno
 import math
 import os
+import re
 import shutil
 import signal
 import stat
 import threading
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from pathlib import Path
@@ -20,12 +21,19 @@ from typing import IO, Any, BinaryIO, NoReturn
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
 
 PathLike = str | os.PathLike[str]
 
 TEMPORARY = ".lidarsim-", ".tmp"
 """Beginning and end of the names of folders in which files are written, before they are moved to their places."""
+
+NAME_LENGTH = 64
+"""Characters of a name that becomes part of a path: with what stands around it, it fits all file systems and USTAR."""
+
+_NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{NAME_LENGTH}}}")
+_DEVICE = re.compile(r"CON|PRN|AUX|NUL|(?:COM|LPT)[0-9]", re.IGNORECASE)
 
 LONGEST = 1000
 """Characters of what an error says: what a file holds may be quoted in it."""
@@ -41,6 +49,32 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
         *others, last = sorted(known)
         raise FileFormatError(f"{path}: {what}, expected {', '.join(others)}{' or ' if others else ''}{last}")
     return max(fitting, key=len)
+
+
+def check_name(argument: str, name: str) -> str:
+    """Return a name that may become part of a path on any file system.
+
+    Raises
+    ------
+    ValueError
+        If it has other characters than ASCII letters, digits, _ and -, more than `NAME_LENGTH` of them, or is the name
+        of a device on Windows.
+    """
+    if not _NAME.fullmatch(name):
+        expected = f"a name of letters, digits, _ and -, at most {NAME_LENGTH} of them"
+        raise ValueError(f"{argument}: expected {expected}, got {short(ascii(name))}")
+    if _DEVICE.fullmatch(name):
+        raise ValueError(f"{argument}: expected a name that can be that of a file, got the Windows device {name!r}")
+    return name
+
+
+def check_names(argument: str, names: Iterable[str]) -> None:
+    """Raise `ValueError` unless each of the names passes `check_name`, and no two are equal ignoring case."""
+    seen: dict[str, str] = {}
+    for name in names:
+        other = seen.setdefault(check_name(argument, name).lower(), name)
+        if other != name:
+            raise ValueError(f"{argument}: expected names that differ in more than case, got {other!r} and {name!r}")
 
 
 def check_regular(path: PathLike) -> None:
@@ -91,19 +125,24 @@ def replacing(path: PathLike) -> Iterator[Path]:
     """
     check_folder(path)
     special, target = _special(path), Path(os.path.realpath(path))
+    with writing(path), temporary_folder(Path(gettempdir()) if special else target.parent) as folder:
+        temporary = folder / "written"
+        yield temporary
+        if special:
+            with temporary.open("rb") as written, target.open("wb") as file:
+                shutil.copyfileobj(written, file)
+            return
+        sync(temporary)
+        if target.exists():
+            shutil.copymode(target, temporary)
+        temporary.replace(target)
+
+
+@contextmanager
+def writing(path: PathLike) -> Iterator[None]:
+    """Let an `OSError` of the block say that the file `path` cannot be written, and why."""
     try:
-        with _unwinding_at_sigterm(), _folder(Path(gettempdir()) if special else target.parent) as folder:
-            temporary = folder / "written"
-            yield temporary
-            if special:
-                with temporary.open("rb") as written, target.open("wb") as file:
-                    shutil.copyfileobj(written, file)
-                return
-            with temporary.open("r+b") as written:
-                os.fsync(written.fileno())  # the content is on disk before the name is
-            if target.exists():
-                shutil.copymode(target, temporary)
-            temporary.replace(target)
+        yield
     except OSError as error:
         reason = error.strerror or str(error)
         failure = OSError(f"{path}: cannot be written: {reason}")
@@ -111,22 +150,29 @@ def replacing(path: PathLike) -> Iterator[Path]:
         raise failure from error
 
 
+def sync(path: Path) -> None:
+    """Have the content of a file on disk before it gets its name."""
+    with path.open("r+b") as file:
+        os.fsync(file.fileno())
+
+
 @contextmanager
-def _folder(parent: Path) -> Iterator[Path]:
-    """Make a folder for the block, and remove it even if Ctrl-C comes while it is made or removed.
+def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Iterator[Path]:
+    """Make a folder for the block, and remove it even if SIGTERM or Ctrl-C comes while it is made or removed.
 
     `tempfile.TemporaryDirectory` leaves it then. Here its name is known before it is made, and what one Ctrl-C keeps
     the first attempt from removing, the second removes.
     """
-    folder = parent / token_hex(8).join(TEMPORARY)
-    try:
-        folder.mkdir(mode=0o700)
-        yield folder
-    finally:
+    folder = parent / token_hex(8).join(naming)
+    with _unwinding_at_sigterm():
         try:
-            shutil.rmtree(folder, ignore_errors=True)
+            folder.mkdir(mode=0o700)
+            yield folder
         finally:
-            shutil.rmtree(folder, ignore_errors=True)
+            try:
+                shutil.rmtree(folder, ignore_errors=True)
+            finally:
+                shutil.rmtree(folder, ignore_errors=True)
 
 
 def _special(path: PathLike) -> bool:

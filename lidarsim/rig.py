@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, Transform, integer, real
+from lidarsim._validation import Floats, Transform, integer, real, short
 from lidarsim.scan import check_coverage, sensor_id
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory, mounted
@@ -64,8 +64,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
     Raises
     ------
     TypeError, ValueError
-        If there are no sensors, a name is empty, two names have the same CRC-32 and so the same noise, or a sensor,
-        mount or offset is not one.
+        If there are no sensors, a name is empty or cannot be encoded in UTF-8, two names have the same CRC-32 and so
+        the same noise, or a sensor, mount or offset is not one.
 
     Examples
     --------
@@ -261,6 +261,8 @@ def _sensor(name: str, parts: Part) -> RigSensor:
         raise TypeError(f"sensors: expected strings as names, got {name!r}")
     if not name:
         raise ValueError("sensors: expected names, got an empty one")
+    if not name.isascii() and any("\ud800" <= character <= "\udfff" for character in name):
+        raise ValueError(f"sensors: expected names that UTF-8 can hold, got {short(ascii(name))}")
     what = f"sensors[{name!r}]"
     if not isinstance(parts, tuple) or len(parts) not in (2, 3):
         raise TypeError(f"{what}: expected (lidar, mount) or (lidar, mount, offset), got {_what(parts)}")

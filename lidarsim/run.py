@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal, TypedDict
 import numpy as np
 
 from lidarsim._files import atomic_writer
+from lidarsim._validation import affine
 from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.pointcloud import check_output
@@ -161,8 +162,7 @@ class Run:
         ndarray of float64, shape (4, 4)
             Body to world.
         """
-        pose: Floats = self.pose.at(moment).as_matrix() if isinstance(self.pose, Trajectory) else self.pose
-        return pose
+        return affine("pose", self.pose.at(moment) if isinstance(self.pose, Trajectory) else self.pose)
 
     def check_coverage(self) -> None:
         """Check that trajectory and motions cover the first and the last frame of each sensor.

@@ -23,7 +23,7 @@ from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
 from lidarsim import _validation, patterns, shapes
-from lidarsim._files import load_array
+from lidarsim._files import check_name, check_names, load_array
 from lidarsim._validation import pose as rigid
 from lidarsim.io import mesh_scene
 from lidarsim.materials import Material
@@ -595,11 +595,12 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
     """Return the rig."""
     parts = {}
     for name, mounted in sensors.items():
-        if re.fullmatch(r"[\w-]+", name, re.ASCII) is None:  # since files are named by it
-            raise (place / name).error("expected a name of letters, digits, _ and -")
         there = place / name
+        with there.refusals():
+            check_name("rig", name)  # since files are named by it
         parts[name] = mounted.sensor.build(there / "sensor"), _rigid(mounted, there), mounted.offset_s
     with place.refusals():
+        check_names("rig", parts)
         return Rig(parts)
 
 

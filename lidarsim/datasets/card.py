@@ -54,7 +54,7 @@ def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures
 `lidarsim generate --verify -o FOLDER` checks them.
 
 Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}.
-
+{recipe.layout.reading}
 ## Classes
 
 {_table("label | name", classes, points)}

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import errno
-import json
 import logging
 import os
 import signal
@@ -23,19 +22,17 @@ from lidarsim._extras import import_extra
 from lidarsim._validation import integer
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
-from lidarsim.datasets.samples import Record, samples
+from lidarsim.datasets.samples import RANGES, Record, samples
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
     from distributed import Client
 
+    from lidarsim.datasets.manifest import Head
     from lidarsim.datasets.recipe import Recipe
     from lidarsim.datasets.store import Store
 
 __all__ = ["RANGES", "Made", "Plan", "cluster", "make"]
-
-RANGES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, np.inf)
-"""Edges of the histogram of ranges, m."""
 
 TRIES = 3
 WAVE = 1000
@@ -58,11 +55,16 @@ FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 @dataclass(frozen=True)
 class Plan:
-    """All that a worker needs: what is made, where it goes, and the versions that make it."""
+    """All that a worker needs: what is made, where it goes, and what it is made from by which versions."""
 
     recipe: Recipe
     store: Store
-    versions: dict[str, str]
+    head: Head
+
+    @property
+    def versions(self) -> dict[str, str]:
+        """Versions of the packages that the bits depend on."""
+        return self.head.versions
 
 
 @dataclass(frozen=True)
@@ -100,6 +102,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                 for step in [range(k, k + 1) for k in frames] if recipe.source.by_frame else [frames]:
                     frame = step[0]
                     run = recipe.source.run(sequence, step[0])
+                    recipe.layout.check(run)
                     seed, first = run.seed, run.frames.start
                     measured = dataclasses.replace(run, frames=range(first + step.start, first + step.stop)).measured()
                     for frame in step:
@@ -112,14 +115,15 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                             points += sample.record.points
                         tell(1, points)
                         made.append(points)
-        part = {
-            "shard": shard,
-            "files": files.entries,
-            "records": [dataclasses.asdict(record) for record in records],
-            "labels": {str(label): count for label, count in sorted(labels.items())},
-            "ranges": ranges.tolist(),
-        }
-        plan.store.write(manifest.part_name(shard), json.dumps(part).encode())
+        part = manifest.Part(
+            recipe=plan.head.recipe,
+            shard=shard,
+            files=files.entries,
+            records=records,
+            labels={str(label): count for label, count in sorted(labels.items())},
+            ranges=ranges.tolist(),
+        )
+        manifest.write_part(plan.store, part)
     except Exception as error:  # noqa: BLE001 - whatever goes wrong is reported with the number of the frame
         return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))

@@ -1,7 +1,14 @@
-"""What is done: one part per shard while a data set is made, and ``manifest.jsonl`` of all its files in the end.
+"""Notes of a data set: what it is made from, one part per shard that is done, and ``manifest.jsonl`` of all its files.
 
-The first line of the manifest says what the data set was made from and with which versions; each further line names a
-file, its SHA-256 and size, and what is in it: points, the time of the frame in its sequence, the seed of its noise.
+``manifest/start.json`` says what the data set is made from and with which versions. It is the claim on the place: it is
+created if there is none, so of two data sets that begin at once one is refused. ``manifest/000000.json`` says that a
+shard is done. ``manifest.jsonl`` is written last. Its first line is the claim with the number and the SHA-256 of the
+lines after it; each of those names a file, its SHA-256 and size, and what is in it: points, the time of the frame in
+its sequence, the seed of its noise. The data set is complete when it is there, and whoever sees that removes the other
+notes.
+
+A kill at any moment leaves a state that the same call resumes. Parts depend only on the recipe, so writers of the same
+one replace files by equal ones, and need not wait for each other.
 """
 
 from __future__ import annotations
@@ -9,19 +16,102 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+import re
+import time
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated, Any
 
-from lidarsim.datasets.samples import Record
+import numpy as np
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+
+from lidarsim._shown import counted
+from lidarsim._validation import short
+from lidarsim.datasets.samples import RANGES, Record
+from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError, LidarsimError
 
 if TYPE_CHECKING:
+    from typing import BinaryIO
+
+    from lidarsim.datasets.engine import Plan
     from lidarsim.datasets.store import Store
 
-__all__ = ["MANIFEST", "PARTS", "done", "part_name", "parts", "records", "start", "verify", "versions"]
+__all__ = [
+    "MANIFEST", "PARTS", "Head", "Part", "complete", "done", "finish", "is_complete", "missing",
+    "part_name", "parts", "records", "start", "tidy", "verify", "versions", "write_part",
+]  # fmt: skip
 
-MANIFEST, PARTS, RECIPE = "manifest.jsonl", "manifest", "recipe.yaml"
-_HEAD = f"{PARTS}/start.json"
+MANIFEST, PARTS, RECIPE, CARD, PICTURES = "manifest.jsonl", "manifest", "recipe.yaml", "README.md", "pictures"
+_START = f"{PARTS}/start.json"
+
+NOTE, LINE = 1 << 30, 1 << 24
+"""Most bytes of a note, and of a line of the manifest, that are read."""
+
+CLAIMS = 5
+"""How often a claim is tried, where it is neither made nor seen."""
+
+Count = Annotated[int, Field(ge=0, lt=2**63)]
+Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
+
+
+class _Note(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+class Head(_Note):
+    """What a data set is made from.
+
+    Attributes
+    ----------
+    recipe : str
+        SHA-256 of ``recipe.yaml``.
+    seed : int
+        That of the recipe.
+    versions : dict of str to str
+        Those of the packages that the bits depend on.
+    sources : dict of str to str
+        SHA-256 of each file that the recipe names.
+    files : int, optional
+        How many lines follow in the manifest. Manifests of lidarsim 0.1 do not say it.
+    lines : str, optional
+        Their SHA-256.
+    """
+
+    recipe: Digest
+    seed: Annotated[int, Field(ge=0, lt=2**64)]
+    versions: dict[str, str]
+    sources: dict[str, str]
+    files: Count | None = None
+    lines: Digest | None = None
+
+    def line(self) -> bytes:
+        """Return it as JSON."""
+        return json.dumps(self.model_dump(exclude_none=True)).encode()
+
+
+class Entry(_Note):
+    """A file of a data set, and what its layout says of it."""
+
+    model_config = ConfigDict(extra="allow")
+
+    file: Annotated[str, AfterValidator(check_path)]
+    sha256: Digest
+    bytes: Count
+
+
+class Part(_Note):
+    """What is noted of a shard: its files, the records of its samples, and how many points have each label and range.
+
+    `recipe` is the SHA-256 of ``recipe.yaml``.
+    """
+
+    recipe: Digest
+    shard: Count
+    files: list[Entry]
+    records: list[Record]
+    labels: dict[Annotated[str, Field(pattern="^[0-9]{1,10}$")], Count]
+    ranges: Annotated[list[Count], Field(min_length=len(RANGES) - 1, max_length=len(RANGES) - 1)]
 
 
 def versions() -> dict[str, str]:
@@ -34,78 +124,299 @@ def part_name(shard: int) -> str:
     return f"{PARTS}/{shard:06}.json"
 
 
-def start(store: Store, recipe: bytes, head: dict[str, Any]) -> bool:
-    """Note what the data set is made from, and return whether it is complete already.
+def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
+    """Claim the place for a data set, and return whether it is complete already.
 
-    Raises
-    ------
-    LidarsimError
-        If there is a data set of another recipe, of other files, or of other versions.
-    """
-    present = _read(store, RECIPE)
-    if present is not None and present != recipe:
-        raise LidarsimError(f"{store}: expected an empty place or one with the same recipe, got another {RECIPE} there")
-    whole = _read(store, MANIFEST)
-    begun = _read(store, _HEAD) if whole is None else whole.partition(b"\n")[0]
-    if begun is not None and (found := json.loads(begun)) != head:
-        key = next(key for key in {**head, **found} if head.get(key) != found.get(key))
-        raise LidarsimError(
-            f"{store}: expected an empty place or one with the same {key} ({head.get(key)}), got {found.get(key)} there"
-        )
-    if whole is None:
-        store.write(RECIPE, recipe)
-        store.write(_HEAD, json.dumps(head).encode())
-    return whole is not None
-
-
-def _read(store: Store, name: str) -> bytes | None:
-    try:
-        with store.open(name) as file:
-            return file.read()
-    except FileNotFoundError:
-        return None
-
-
-def done(store: Store) -> set[int]:
-    """Return the shards that are done."""
-    names = (name.removesuffix(".json") for name in store.names(PARTS))
-    return {int(name) for name in names if name.isdecimal()}
-
-
-def parts(store: Store, count: int) -> Iterator[dict[str, Any]]:
-    """Yield the parts of all shards in their order."""
-    for shard in range(count):
-        with store.open(part_name(shard)) as file:
-            yield json.load(file)
-
-
-def records(store: Store, count: int) -> Iterator[Record]:
-    """Yield the records of all samples in their order."""
-    for part in parts(store, count):
-        yield from map(Record.of, part["records"])
-
-
-def verify(store: Store) -> Iterator[str]:
-    """Check each file of a data set; yield the name of each, with what is wrong with it, or nothing, after it.
+    Parameters
+    ----------
+    plan : Plan
+        The data set, and its place.
+    recipe : bytes
+        Content of ``recipe.yaml``.
+    names : collection of str
+        What its layout writes at the top.
 
     Raises
     ------
     FileFormatError
-        If there is no manifest.
+        If the notes of the data set that is there are damaged.
+    LidarsimError
+        If there is a data set of another recipe, of other files, or of other versions, or what no data set wrote.
+    """
+    store, head = plan.store, plan.head
+    for attempt in range(CLAIMS):
+        time.sleep(0.1 * attempt)
+        # In this order: without a claim and then without a manifest, there was no data set when the files were listed.
+        there = store.taken({MANIFEST, PARTS, RECIPE, CARD, PICTURES, *names})
+        written = _read(store, RECIPE)
+        others = [name for name in there if name != RECIPE or written != recipe]
+        begun, damaged = None, None
+        try:
+            begun = _head(store, _START)
+        except FileFormatError as error:
+            damaged = error
+        whole = complete(store)
+        if damaged and not whole:
+            if not {*others} <= {PARTS} or done(store):
+                hint = "remove the data set there to make it anew, or choose another place"
+                raise FileFormatError(f"{damaged}; {hint}")
+            store.write(_START, head.line())  # a kill has cut it, before anything else was made
+            continue
+        found = whole or begun
+        if found is None:
+            if others:
+                raise LidarsimError(
+                    f"{store}: expected an empty place or one with the same recipe, got "
+                    f"{short(', '.join(map(ascii, others)))}, which no data set noted as its own"
+                )
+            if not store.create(_START, head.line()):
+                continue  # another came first
+        elif found.recipe != head.recipe:
+            raise LidarsimError(
+                f"{store}: expected an empty place or one with the same recipe, got another {RECIPE} there"
+            )
+        elif found != head:
+            key = next(key for key in Head.model_fields if getattr(found, key) != getattr(head, key))
+            raise LidarsimError(
+                f"{store}: expected an empty place or one with the same {key} ({getattr(head, key)}), got "
+                f"{short(ascii(getattr(found, key)))} there"
+            )
+        if whole is None and written is None:
+            store.write(RECIPE, recipe)
+        elif whole is None and written != recipe:
+            raise LidarsimError(f"{store}/{RECIPE}: expected the recipe of the data set, got another file: remove it")
+        return whole is not None
+    raise LidarsimError(f"{store}/{_START}: expected to write it or to read that of another, got neither")
+
+
+def _read(store: Store, name: str) -> bytes | None:
+    """Return the content of a note, or None if there is none."""
+    try:
+        with store.open(name) as file:
+            data = file.read(NOTE + 1)
+    except FileNotFoundError:
+        return None
+    if len(data) > NOTE:
+        raise FileFormatError(f"{store}/{name}: expected at most {NOTE:,} bytes, got more")
+    return data
+
+
+@contextmanager
+def _parsing(place: str) -> Iterator[None]:
+    """Let what is not as it should be in a note say where it is, in one line."""
+    try:
+        yield
+    except ValidationError as invalid:
+        error = invalid.errors(include_url=False, include_context=False, include_input=False)[0]
+        where = ".".join(map(str, error["loc"]))
+        problem = f"{where}: {error['msg']}" if where else error["msg"]
+        raise FileFormatError(f"{place}: damaged: {short(ascii(problem)[1:-1])}") from None
+
+
+def _head(store: Store, name: str) -> Head | None:
+    data = _read(store, name)
+    if data is None:
+        return None
+    with _parsing(f"{store}/{name}"):
+        return Head.model_validate_json(data)
+
+
+def done(store: Store) -> set[int]:
+    """Return the shards that have a part, whatever is in it."""
+    numbers = (re.fullmatch(r"([0-9]{6,18})\.json", name) for name in store.names(PARTS))
+    return {int(found[1]) for found in numbers if found and part_name(int(found[1])) == f"{PARTS}/{found[0]}"}
+
+
+def write_part(store: Store, part: Part) -> None:
+    """Note that a shard is done."""
+    data = json.dumps(part.model_dump()).encode()
+    if len(data) > NOTE:
+        raise LidarsimError(f"shard_frames: expected shards of less than {NOTE:,} bytes of notes, got {len(data):,}")
+    store.write(part_name(part.shard), data)
+
+
+def _part(plan: Plan, shard: int) -> Part:
+    """Return the part of a shard.
+
+    Raises
+    ------
+    FileFormatError
+        If it is damaged, or that of another shard or recipe.
+    FileNotFoundError
+        If there is none.
+    """
+    store, recipe, name = plan.store, plan.recipe, part_name(shard)
+    data = _read(store, name)
+    if data is None:
+        raise FileNotFoundError(f"{store}/{name}: no such file")
+    with _parsing(f"{store}/{name}"):
+        part = Part.model_validate_json(data)
+        for record in part.records:
+            recipe.layout.noted.model_validate(record.extra)
+    frames = [(sequence, frame) for sequence, frames in recipe.shard(shard) for frame in frames]
+    recorded = dict.fromkeys((record.sequence, record.frame) for record in part.records)
+    if part.recipe != plan.head.recipe or part.shard != shard or [*recorded] != frames:
+        raise FileFormatError(f"{store}/{name}: expected the part of shard {shard}, got that of another or its like")
+    if any(int(label) > recipe.layout.greatest_label for label in part.labels):
+        raise FileFormatError(f"{store}/{name}: expected labels up to {recipe.layout.greatest_label}")
+    turns = np.array([(record.pose, record.body) for record in part.records]).reshape(-1, 3, 4)[:, :, :3]
+    # `_validation.pose` accepts rotations that are orthonormal to 1e-6 in each entry. The product of two of them, of
+    # body and mount, is so to 1e-6 + 3 * 1e-6 * (1 + 3e-6), where 3e-6 bounds the norm of a matrix of such entries.
+    with np.errstate(over="ignore", invalid="ignore"):
+        rigid = (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) <= 5e-6).all() and (np.linalg.det(turns) > 0).all()
+    if not rigid:
+        raise FileFormatError(f"{store}/{name}: expected rigid poses")
+    return part
+
+
+def missing(plan: Plan, shards: Iterable[int]) -> list[int]:
+    """Return those of the shards that have no part, or a damaged one: they are to be made."""
+    present = done(plan.store)
+
+    def is_made(shard: int) -> bool:
+        try:
+            return shard in present and _part(plan, shard) is not None
+        except (FileFormatError, FileNotFoundError):
+            return False
+
+    return [shard for shard in shards if not is_made(shard)]
+
+
+def parts(plan: Plan) -> Iterator[Part]:
+    """Yield the parts of all shards in their order."""
+    return (_part(plan, shard) for shard in range(plan.recipe.shards))
+
+
+def records(plan: Plan) -> Iterator[Record]:
+    """Yield the records of all samples in their order."""
+    return (record for part in parts(plan) for record in part.records)
+
+
+def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
+    """Write the manifest of the files of all shards and of the tables; the data set is complete.
+
+    Raises
+    ------
+    LidarsimError
+        If another data set has been begun in its place, which a store without conditional puts lets happen.
+    """
+    store, head = plan.store, plan.head
+    if _head(store, _START) not in (None, head) and not complete(store):
+        raise LidarsimError(f"{store}: another data set was begun here at the same time: choose another place")
+
+    def lines() -> Iterator[bytes]:
+        for part in parts(plan):
+            yield from (json.dumps(entry.model_dump()).encode() + b"\n" for entry in part.files)
+        yield from (json.dumps(entry).encode() + b"\n" for entry in tables)
+
+    count, digest = 0, hashlib.sha256()
+    for line in lines():
+        count += 1
+        digest.update(line)
+    whole = head.model_copy(update={"files": count, "lines": digest.hexdigest()})
+    with store.writing(MANIFEST) as path, path.open("wb") as file:
+        file.write(whole.line() + b"\n")
+        file.writelines(lines())
+
+
+def tidy(plan: Plan) -> None:
+    """Remove the notes that a complete data set does not need, and what killed writers have left behind."""
+    made = done(plan.store).intersection(range(plan.recipe.shards))
+    names = *map(part_name, sorted(made)), _START
+    plan.store.remove(PARTS, [name.removeprefix(f"{PARTS}/") for name in names])
+    plan.store.tidy()
+
+
+def is_complete(store: Store) -> bool:
+    """Return whether there is a manifest, without reading it."""
+    try:
+        store.open(MANIFEST).close()
+    except FileNotFoundError:
+        return False
+    return True
+
+
+def complete(store: Store) -> Head | None:
+    """Return what the data set is made from if it is complete: its manifest is there, whole.
+
+    Raises
+    ------
+    FileFormatError
+        If the manifest is damaged.
     """
     try:
-        with store.open(MANIFEST) as file:
-            lines = file.read().splitlines()
+        file = store.open(MANIFEST)
+    except FileNotFoundError:
+        return None
+    with file:
+        head = _whole(store, file)
+    return head.model_copy(update={"files": None, "lines": None})
+
+
+def _whole(store: Store, file: BinaryIO) -> Head:
+    """Read a manifest to its end, and return its head after checking the lines."""
+    place = f"{store}/{MANIFEST}"
+    with _parsing(f"{place}: line 1"):
+        head = Head.model_validate_json(_line(place, file))
+    count, digest = 0, hashlib.sha256()
+    while line := _line(place, file):
+        count += 1
+        digest.update(line)
+        with _parsing(f"{place}: line {count + 1}"):
+            Entry.model_validate_json(line)
+    expected = count if head.files is None else head.files
+    if count != expected or not count:
+        raise FileFormatError(f"{place}: expected {counted(max(expected, 1), 'file')}, got {count}: it was cut")
+    if head.lines not in {None, digest.hexdigest()}:
+        raise FileFormatError(
+            f"{place}: expected lines of SHA-256 {head.lines}, got {digest.hexdigest()}: they changed"
+        )
+    return head
+
+
+def _line(place: str, file: BinaryIO) -> bytes:
+    line = file.readline(LINE + 1)
+    if len(line) > LINE:
+        raise FileFormatError(f"{place}: expected lines of at most {LINE:,} bytes, got a longer one")
+    return line
+
+
+def verify(store: Store) -> Iterator[str]:
+    """Check each file of a data set; yield for each what is wrong with it, or nothing.
+
+    Raises
+    ------
+    FileFormatError
+        If there is no manifest, or it is damaged.
+    """
+    try:
+        file = store.open(MANIFEST)
     except FileNotFoundError:
         raise FileFormatError(f"{store}: no {MANIFEST}: the data set is incomplete") from None
-    for line in lines[1:]:
-        entry = json.loads(line)
-        try:
-            with store.open(entry["file"]) as file:
-                digest = hashlib.sha256()
-                while block := file.read(1 << 20):
-                    digest.update(block)
-            found = digest.hexdigest()
-        except FileNotFoundError:
-            found = "no file"
-        yield "" if found == entry["sha256"] else f"{entry['file']}: expected SHA-256 {entry['sha256']}, got {found}"
+    with file:
+        head = _whole(store, file)
+        yield _difference(store, RECIPE, head.recipe, None)
+        file.seek(0)
+        next(file)
+        for line in file:
+            entry = Entry.model_validate_json(line)
+            yield _difference(store, entry.file, entry.sha256, entry.bytes)
+
+
+def _difference(store: Store, name: str, expected: str, size: int | None) -> str:
+    """Return how a file differs from what the manifest says, in one line."""
+    digest, count = hashlib.sha256(), 0
+    try:
+        with store.open(name) as file:
+            while (size is None or count <= size) and (block := file.read(1 << 20)):
+                digest.update(block)
+                count += len(block)
+        found = digest.hexdigest()
+    except FileNotFoundError:
+        found = "no file"
+    except (LidarsimError, OSError) as error:
+        found = f"a file that cannot be read: {short(ascii(str(error))[1:-1])}"
+    shown = short(ascii(name)[1:-1])
+    if found != expected:
+        return f"{shown}: expected SHA-256 {expected}, got {found}"
+    return f"{shown}: expected {size:,} bytes, got {count:,}" if size not in {None, count} else ""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import json
+import itertools
 from collections import Counter
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import yaml
@@ -16,6 +16,7 @@ from lidarsim.datasets.engine import RANGES, Made, Plan, make
 from lidarsim.datasets.layouts import Files, Summary
 from lidarsim.datasets.progress import Progress
 from lidarsim.datasets.store import open_store
+from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -33,49 +34,60 @@ def run(
     count = integer("part", part[1], at_least=1)
     mine = integer("part", part[0], at_least=0, at_most=count - 1)
     pictures = integer("pictures", pictures, at_least=0)
-    plan = Plan(recipe, open_store(output), manifest.versions())
+    first = recipe.source.run(0, 0)
+    recipe.layout.check(first)
+    recipe.layout.check_labels(recipe.class_names, first.scene)
     resolved = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True).encode()
-    head = {
-        "recipe": hashlib.sha256(resolved).hexdigest(), "seed": recipe.seed, "versions": plan.versions,
-        "sources": recipe.source.files(),
-    }  # fmt: skip
-    if manifest.start(plan.store, resolved, head):
-        _tidy(plan)
+    head = manifest.Head(
+        recipe=hashlib.sha256(resolved).hexdigest(),
+        seed=recipe.seed,
+        versions=manifest.versions(),
+        sources=recipe.source.files(),
+    )
+    plan = Plan(recipe, open_store(output), head)
+    if manifest.start(plan, resolved, recipe.layout.names(first, recipe.sequences)):
+        manifest.tidy(plan)
         return Generated(0, 0, 0.0, 0), []
-    present = manifest.done(plan.store)
+    shards = range(recipe.shards)
+    present = manifest.done(plan.store).intersection(shards)
     there = sum(len(frames) for shard in present for _, frames in recipe.shard(shard))
-    pending = [shard for shard in range(mine, recipe.shards, count) if shard not in present]
     with Progress(recipe.sequences * recipe.frames, there) as progress:
-        failed = [made for made in make(plan, pending, client, progress.add) if made.problem]
+        failed = _make(plan, manifest.missing(plan, shards[mine::count]), client, progress)
+        if not failed and manifest.done(plan.store).issuperset(shards):  # other parts may have left damaged notes
+            failed = _make(plan, manifest.missing(plan, shards), client, progress)
         seconds = progress.seconds
-    left = recipe.shards - len(manifest.done(plan.store))
-    if not left:
-        _finish(plan, head, pictures)
+    left = 0
+    try:
+        if not manifest.is_complete(plan.store):
+            left = len(set(shards) - manifest.done(plan.store)) or len(failed)
+            if not left:
+                _finish(plan, pictures)
+    except (LidarsimError, OSError):
+        if not manifest.is_complete(plan.store):
+            raise
+    if manifest.is_complete(plan.store):  # by this call or by another, which may have taken away what this one needed
+        failed, left = [], 0
+        manifest.tidy(plan)
     return Generated(progress.new, progress.points, seconds, left), failed
 
 
-def _finish(plan: Plan, head: dict[str, Any], pictures: int) -> None:
+def _make(plan: Plan, shards: list[int], client: Client | None, progress: Progress) -> list[Made]:
+    """Make shards until another call has completed the data set, and return those that failed."""
+    pending = itertools.takewhile(lambda _: not manifest.is_complete(plan.store), shards)
+    return [made for made in make(plan, pending, client, progress.add) if made.problem]
+
+
+def _finish(plan: Plan, pictures: int) -> None:
     """Write tables, card and manifest: all shards are there."""
-    store, recipe = plan.store, plan.recipe
+    recipe = plan.recipe
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
-    for part in manifest.parts(store, recipe.shards):
-        labels.update({int(label): count for label, count in part["labels"].items()})
-        ranges += part["ranges"]
+    for part in manifest.parts(plan):
+        labels.update({int(label): count for label, count in part.labels.items()})
+        ranges += part.ranges
     names = {label: f"class_{label}" for label in sorted(labels) if label} | recipe.class_names
-    tables = Files(store)
-    summary = Summary(lambda: manifest.records(store, recipe.shards), dict(labels), names, head["recipe"])
+    tables = Files(plan.store)
+    summary = Summary(lambda: manifest.records(plan), dict(labels), names, plan.head.recipe)
     recipe.layout.finish(tables, summary)
     card.write(plan, labels, ranges.tolist(), pictures)
-    whole = Files(store)
-    with whole.local(manifest.MANIFEST) as path, path.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(json.dumps(head) + "\n")
-        for part in manifest.parts(store, recipe.shards):
-            file.writelines(json.dumps(entry) + "\n" for entry in part["files"])
-        file.writelines(json.dumps(entry) + "\n" for entry in tables.entries)
-    _tidy(plan)
-
-
-def _tidy(plan: Plan) -> None:
-    plan.store.remove(manifest.PARTS)
-    plan.store.tidy()
+    manifest.finish(plan, tables.entries)

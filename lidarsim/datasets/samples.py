@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from pydantic import AfterValidator, Field
 
+from lidarsim._files import check_name
 from lidarsim._validation import Floats
 
 if TYPE_CHECKING:
@@ -15,7 +17,19 @@ if TYPE_CHECKING:
     from lidarsim.run import Run, RunFrame
     from lidarsim.scan import Scan
 
-__all__ = ["Record", "Sample", "samples"]
+__all__ = ["RANGES", "Record", "Sample", "samples"]
+
+RANGES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 2000.0, 5000.0, np.inf)
+"""Edges of the histogram of ranges, m."""
+
+Number = Annotated[int, Field(ge=0, lt=2**63)]
+Seconds = Annotated[float, Field(gt=-1e12, lt=1e12)]
+"""A time of which tables can hold the microseconds: 30,000 years."""
+
+Rows = Annotated[tuple[Annotated[float, Field(gt=-1e100, lt=1e100)], ...], Field(min_length=12, max_length=12)]
+"""The upper three rows of a pose; products of two of them stay finite."""
+
+SensorName = Annotated[str, AfterValidator(lambda name: name and check_name("sensor", name))]
 
 
 @dataclass(frozen=True)
@@ -38,19 +52,14 @@ class Record:
         What the layout noted of it for its tables.
     """
 
-    sequence: int
-    frame: int
-    sensor: str
-    seconds: float
-    points: int
-    pose: tuple[float, ...]
-    body: tuple[float, ...]
+    sequence: Number
+    frame: Number
+    sensor: SensorName
+    seconds: Seconds
+    points: Number
+    pose: Rows
+    body: Rows
     extra: dict[str, Any] = field(default_factory=dict)
-
-    @classmethod
-    def of(cls, values: dict[str, Any]) -> Self:
-        """Return a record from what `dataclasses.asdict` made of it and JSON kept."""
-        return cls(**{**values, "pose": tuple(values["pose"]), "body": tuple(values["body"])})
 
     @property
     def matrix(self) -> Floats:

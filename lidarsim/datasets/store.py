@@ -1,84 +1,239 @@
-"""Where a data set goes: a folder, or an object store. A file is there complete, or not at all."""
+"""Where a data set goes: a folder, or an object store. A file is there complete, or not at all.
+
+Files have relative names, with ``/`` between folders. None leads outside: neither by its name nor by a link.
+"""
 
 from __future__ import annotations
 
+import errno
+import io
+import os
+import re
 import shutil
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+import stat
+import sys
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, BinaryIO, Protocol
 
+from lidarsim import _files
 from lidarsim._extras import import_extra
-from lidarsim._files import TEMPORARY, PathLike, atomic_writer, replacing
+from lidarsim._files import PathLike, told
+from lidarsim._validation import short
+from lidarsim.errors import FileFormatError, LidarsimError
 
-__all__ = ["Store", "open_store"]
+if sys.platform == "win32":
+    fcntl = None
+else:
+    import fcntl
+
+__all__ = ["Store", "check_path", "open_store"]
+
+TEMPORARY = ".lidarsim-set-", ".tmp"
+"""Beginning and end of the names of the folders in which files are written, at the top of a data set."""
+
+LOCK = "lock"
+"""File in such a folder, locked by its writer: the system releases the lock when the writer ends, however it ends."""
+
+_TEMPORARY = re.compile(r"\.lidarsim-set-[0-9a-f]{16}\.tmp")
+_SCHEME = re.compile(r"(?:[A-Za-z0-9+.-]+::)*([A-Za-z][A-Za-z0-9+.-]+):/")
+_UNSAFE = re.compile(r"[\x00-\x1f\x7f-\x9f\\:\ud800-\udfff]")
+LONGEST_PATH, LONGEST_PART = 1000, 255
 
 
 class Store(Protocol):
-    """Files by their names, with ``/`` between folders. It can be pickled."""
+    """Files by their names. It can be pickled."""
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file; folders are made."""
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Write a file unless there is one, and return whether it was written; of several at once one succeeds."""
 
     def writing(self, name: str) -> AbstractContextManager[Path]:
         """Give the path of a local file to write, which becomes the file `name` when the block ends well."""
 
     def open(self, name: str) -> BinaryIO:
-        """Open a file to read; `FileNotFoundError` if there is none."""
+        """Open a regular file to read; `FileNotFoundError` if there is none."""
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder; none if there is no folder."""
 
-    def remove(self, folder: str) -> None:
-        """Remove a folder and all in it, if it is there."""
+    def taken(self, names: Collection[str]) -> list[str]:
+        """Return what is at the top under one of the `names`, whatever its case, but for empty folders."""
+
+    def remove(self, folder: str, names: Iterable[str]) -> None:
+        """Remove these files of a folder, those that are there, and then the folder if it is empty."""
 
     def tidy(self) -> None:
         """Remove what killed writers have left behind."""
 
 
+def check_path(name: str) -> str:
+    """Return the name of a file of a data set.
+
+    Raises
+    ------
+    ValueError
+        If it is no relative path, leads outside, or has characters that do not belong in one.
+    """
+    parts = name.split("/")
+    if (
+        _UNSAFE.search(name)
+        or not {"", ".", ".."}.isdisjoint(parts)
+        or len(name.encode()) > LONGEST_PATH
+        or max(len(part.encode()) for part in parts) > LONGEST_PART
+    ):
+        raise ValueError(f"expected the relative path of a file of the data set, got {short(ascii(name))}")
+    return name
+
+
 @dataclass(frozen=True)
 class Folder:
-    """A folder of this machine."""
+    """A folder of this machine.
+
+    Files are written in a folder of their own at the top, and moved to their places.
+    """
 
     root: Path
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file; folders are made."""
-        with atomic_writer(self._path(name)) as file:
-            file.write(data)
+        with self.writing(name) as path:
+            path.write_bytes(data)
 
-    def writing(self, name: str) -> AbstractContextManager[Path]:
+    @contextmanager
+    def writing(self, name: str) -> Iterator[Path]:
         """Give the path of a local file to write."""
-        return replacing(self._path(name))
+        with self._written(name) as (path, target):
+            yield path
+            _files.sync(path)
+            path.replace(target)
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Write a file unless there is one.
+
+        A link to a finished file is made at once or not at all, over NFS, too. Where there are no links, a writer that
+        is killed may leave a part of the file.
+        """
+        with self._written(name) as (path, target):
+            path.write_bytes(data)
+            _files.sync(path)
+            try:
+                os.link(path, target)
+            except FileExistsError:
+                return False
+            except OSError as error:
+                if error.errno not in {errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.ENOSYS, errno.EMLINK}:
+                    raise
+                try:
+                    with target.open("xb") as file:
+                        file.write(data)
+                except FileExistsError:
+                    return False
+            return True
+
+    @contextmanager
+    def _written(self, name: str) -> Iterator[tuple[Path, Path]]:
+        """Give the paths of a temporary file and of the file `name`, whose folder is made."""
+        target = self._path(name)
+        with _files.writing(target):
+            self.root.mkdir(parents=True, exist_ok=True)
+            with _files.temporary_folder(self.root, TEMPORARY) as folder, _locked(folder / LOCK, "xb"):
+                target.parent.mkdir(parents=True, exist_ok=True)
+                yield folder / "written", target
 
     def _path(self, name: str) -> Path:
-        path = self.root / name
-        path.parent.mkdir(parents=True, exist_ok=True)
+        """Return the path of a file, in a folder that is inside."""
+        path = self.root / check_path(name)
+        self._inside(path.parent)
         return path
 
+    def _inside(self, path: Path) -> Path:
+        """Return a path without links, after checking that it is in the data set."""
+        real = Path(os.path.realpath(path))
+        if not real.is_relative_to(os.path.realpath(self.root)):
+            raise LidarsimError(f"{path}: expected it inside of the data set, got a link to {short(ascii(str(real)))}")
+        return real
+
     def open(self, name: str) -> BinaryIO:
-        """Open a file to read."""
-        return (self.root / name).open("rb")
+        """Open a regular file to read."""
+        path = self.root / check_path(name)
+        # Without waiting for whoever may write into a pipe.
+        flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        try:
+            descriptor = os.open(self._inside(path), flags)
+        except NotADirectoryError as error:
+            raise FileNotFoundError(error.errno, error.strerror, error.filename) from error
+        if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+            os.close(descriptor)
+            raise FileFormatError(f"{path}: expected a regular file, got a folder, pipe or device")
+        return os.fdopen(descriptor, "rb")
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
-        path = self.root / folder
-        return {entry.name for entry in path.iterdir() if entry.is_file()} if path.is_dir() else set()
+        path = self.root / check_path(folder)
+        try:
+            return {entry.name for entry in self._inside(path).iterdir() if entry.is_file()}
+        except (FileNotFoundError, NotADirectoryError):
+            return set()
 
-    def remove(self, folder: str) -> None:
-        """Remove a folder and all in it."""
-        if (self.root / folder).is_dir():
-            shutil.rmtree(self.root / folder)
+    def taken(self, names: Collection[str]) -> list[str]:
+        """Return what is at the top under one of the `names`."""
+        lower = {name.lower() for name in names}
+        try:
+            there = sorted(self.root.iterdir())
+        except FileNotFoundError:
+            return []
+        return [path.name for path in there if path.name.lower() in lower and not _is_empty_folder(path)]
+
+    def remove(self, folder: str, names: Iterable[str]) -> None:
+        """Remove these files of a folder, and then the folder if it is empty."""
+        path = self.root / check_path(folder)
+        if not path.is_symlink():
+            for name in names:
+                with suppress(FileNotFoundError):
+                    (path / name).unlink()
+            with suppress(OSError):  # others have something in it, or have removed it
+                path.rmdir()
 
     def tidy(self) -> None:
-        """Remove the folders that `replacing` makes."""
-        for path in self.root.rglob(f"{TEMPORARY[0]}*{TEMPORARY[1]}"):
-            shutil.rmtree(path, ignore_errors=True)
+        """Remove the temporary folders whose writers have ended."""
+        for path in self.root.iterdir():
+            if _TEMPORARY.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
+                with suppress(OSError):  # if its writer is at work, or it is not ours
+                    if not any(path.iterdir()):
+                        path.rmdir()
+                    elif stat.S_ISREG((path / LOCK).lstat().st_mode):
+                        with _locked(path / LOCK, "r+b"):
+                            shutil.rmtree(path, ignore_errors=True)
 
     def __str__(self) -> str:
         return str(self.root)
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not path.is_symlink() and next(path.iterdir(), None) is None
+
+
+@contextmanager
+def _locked(path: Path, mode: str) -> Iterator[None]:
+    """Hold the lock of a temporary folder; `OSError` if another has it.
+
+    Where files cannot be locked, its folder is taken for one whose writer has ended. That is safe: folders are tidied
+    when the data set is complete, and a writer that is late has nothing to add.
+    """
+    with path.open(mode) as file:
+        if fcntl:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError as error:
+                if error.errno in {errno.EWOULDBLOCK, errno.EACCES}:
+                    raise
+        yield
 
 
 @dataclass(frozen=True)
@@ -90,44 +245,97 @@ class Remote:
     @property
     def _place(self) -> tuple[Any, str]:
         fsspec = import_extra("fsspec", "cluster", f"writing to {self.url}")
-        filesystem, root = fsspec.core.url_to_fs(self.url)
+        with self._problems():
+            filesystem, root = fsspec.core.url_to_fs(self.url)
         return filesystem, root.rstrip("/")
+
+    @contextmanager
+    def _problems(self) -> Iterator[None]:
+        """Let what libraries raise say where it was, in one line, as an `OSError`."""
+        try:
+            yield
+        except ImportError as error:
+            raise LidarsimError(f"{self.url}: {told(error)}") from error
+        except (FileNotFoundError, FileExistsError, LidarsimError):
+            raise
+        except Exception as error:
+            raise OSError(f"{self.url}: {told(error)}") from error
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file."""
         filesystem, root = self._place
-        filesystem.pipe_file(f"{root}/{name}", data)
+        with self._problems():
+            filesystem.pipe_file(f"{root}/{check_path(name)}", data)
+
+    def create(self, name: str, data: bytes) -> bool:
+        """Write a file unless there is one, by a put that has this condition.
+
+        Where the store has no such puts, two that look at the same moment may both find none.
+        """
+        filesystem, root = self._place
+        path = f"{root}/{check_path(name)}"
+        with self._problems():
+            filesystem.invalidate_cache()
+            if filesystem.exists(path):
+                return False
+            try:
+                filesystem.pipe_file(path, data, mode="create")
+            except FileExistsError:
+                return False
+            except Exception as error:  # each library has its own
+                if _is_unmet(error):
+                    return False
+                if not _is_unknown(error):
+                    raise
+                filesystem.pipe_file(path, data)
+        with self.open(name) as file:
+            return file.read(len(data) + 1) == data
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """Give the path of a local file to write."""
         with TemporaryDirectory(prefix="lidarsim-") as folder:
-            path = Path(folder, Path(name).name)
+            path = Path(folder, Path(check_path(name)).name)
             yield path
             filesystem, root = self._place
-            filesystem.put_file(str(path), f"{root}/{name}")
+            with self._problems():
+                filesystem.put_file(str(path), f"{root}/{name}")
 
     def open(self, name: str) -> BinaryIO:
         """Open a file to read."""
         filesystem, root = self._place
-        file: BinaryIO = filesystem.open(f"{root}/{name}", "rb")
-        return file
+        with self._problems():
+            file: Any = filesystem.open(f"{root}/{check_path(name)}", "rb")
+        return io.BufferedReader(file)
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
-        filesystem, root = self._place
-        filesystem.invalidate_cache()
-        try:
-            found = filesystem.ls(f"{root}/{folder}", detail=True)
-        except FileNotFoundError:
-            return set()
-        return {entry["name"].rpartition("/")[2] for entry in found if entry["type"] == "file"}
+        return {
+            entry["name"].rpartition("/")[2] for entry in self._listed(check_path(folder)) if entry["type"] == "file"
+        }
 
-    def remove(self, folder: str) -> None:
-        """Remove a folder and all in it."""
+    def _listed(self, folder: str) -> list[dict[str, Any]]:
         filesystem, root = self._place
-        if self.names(folder):
-            filesystem.rm(f"{root}/{folder}", recursive=True)
+        with self._problems():
+            filesystem.invalidate_cache()
+            try:
+                found: list[dict[str, Any]] = filesystem.ls(f"{root}/{folder}".rstrip("/"), detail=True)
+            except FileNotFoundError:
+                return []
+        return found
+
+    def taken(self, names: Collection[str]) -> list[str]:
+        """Return what is at the top under one of the `names`."""
+        lower = {name.lower() for name in names}
+        there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._listed("")}
+        return sorted(name for name in there if name.lower() in lower)
+
+    def remove(self, folder: str, names: Iterable[str]) -> None:
+        """Remove these files of a folder."""
+        filesystem, root = self._place
+        if there := self.names(folder) & set(names):
+            with self._problems(), suppress(FileNotFoundError):
+                filesystem.rm([f"{root}/{folder}/{name}" for name in sorted(there)])
 
     def tidy(self) -> None:
         """Do nothing: an interrupted put leaves nothing behind."""
@@ -136,9 +344,53 @@ class Remote:
         return self.url
 
 
+def _is_unmet(error: BaseException | None) -> bool:
+    """Return whether a store says that the condition of a put is not met, as S3's clients do."""
+    while error is not None:
+        response = getattr(error, "response", None)
+        code = response.get("Error", {}).get("Code") if isinstance(response, dict) else None
+        if code in {"PreconditionFailed", "ConditionalRequestConflict"} or getattr(error, "errno", 0) == errno.EEXIST:
+            return True
+        error = error.__cause__
+    return False
+
+
+def _is_unknown(error: BaseException | None) -> bool:
+    """Return whether a store says that it does not know conditional puts."""
+    while error is not None:
+        if isinstance(error, NotImplementedError | TypeError):
+            return True
+        response = getattr(error, "response", None)
+        if isinstance(response, dict) and response.get("Error", {}).get("Code") == "NotImplemented":
+            return True
+        error = error.__cause__
+    return False
+
+
 def open_store(output: PathLike) -> Store:
-    """Return the place that a path or a URL names."""
-    text = str(output)
-    if "://" in text and not text.startswith("file://"):
+    """Return the place that a path or a URL names.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is neither text nor a path, or a URL that is not given as text.
+    """
+    text = os.fspath(output) if isinstance(output, str | os.PathLike) else None
+    if not isinstance(text, str):
+        raise TypeError(f"output: expected a folder or a URL as text, or a path, got {short(ascii(output))}")
+    if not text or "\0" in text:
+        raise ValueError(f"output: expected a folder or a URL, got {short(ascii(text))}")
+    scheme = _SCHEME.match(text)
+    if scheme and (not text.startswith("://", scheme.end(1)) or not isinstance(output, str)):
+        raise ValueError(
+            f"output: expected a folder, or a URL as text with two slashes, such as 's3://bucket/folder', got "
+            f"{short(ascii(output))}"
+        )
+    if scheme and scheme[1].lower() != "file":
         return Remote(text)
-    return Folder(Path(text.removeprefix("file://")).absolute())
+    if not scheme:
+        return Folder(Path(text).absolute())
+    path = Path(text[len("file://") :])
+    if not path.is_absolute():
+        raise ValueError(f"output: expected an absolute path after file://, got {short(ascii(text))}")
+    return Folder(path)

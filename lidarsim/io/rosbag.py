@@ -50,7 +50,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_suffix, parsing, replacing
+from lidarsim._files import PathLike, check_name, check_suffix, parsing, replacing
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
@@ -161,6 +161,8 @@ class Writer:
         self._start = round(_validation.real("start", start, at_least=0.0) * 1e9)
         self._rate = _validation.real("rate", rate, above=0.0)
         self._world, self._body = _name("world", world), _name("body", body)
+        for name in self._mounts.keys() & {self._world, self._body}:
+            raise ValueError(f"sensors: expected names of frames other than those of world and body, got {name!r}")
         self._ros = _typestore()
         self._stack = ExitStack()
         self._bag: Any = None
@@ -551,8 +553,8 @@ def _quality(*, latched: bool) -> Qos:
 
 def _name(argument: str, name: str) -> str:
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
-        raise ValueError(f"{argument}: expected a name of letters, digits and _, got {name!r}")
-    return name
+        raise ValueError(f"{argument}: expected a name of letters, digits and _, got {_validation.short(ascii(name))}")
+    return check_name(argument, name)
 
 
 def _layouts(layout: str | Mapping[str, str] | None, names: Mapping[str, object]) -> dict[str, str]:

@@ -51,6 +51,12 @@ def clouds(recipe: Path, sequence: int, frame: int, *overrides: str) -> dict[str
     return {name: (scan, scan.point_cloud()) for name, scan in scans.items()}
 
 
+def run_of(recipe: Path, sequence: int, frame: int, *overrides: str) -> Any:
+    """The scans of a frame of a sequence, counted as the run counts them."""
+    run = load(recipe, overrides).source.run(sequence, 0)
+    return dataclasses.replace(run, frames=range(frame, frame + 1)).scans()
+
+
 def rows(path: Path) -> np.ndarray:
     """Poses of a file: 4×4 matrices."""
     return np.array([np.vstack([row.reshape(3, 4), [0, 0, 0, 1]]) for row in np.loadtxt(path, ndmin=2)])
@@ -89,12 +95,33 @@ def test_semantickitti(recipe: Path, tmp_path: Path) -> None:
 
 
 def test_semantickitti_of_a_rig(recipe: Path, tmp_path: Path) -> None:
-    make(recipe, tmp_path / "out", "semantickitti", *RIG)
-    for name, (_, cloud) in clouds(recipe, 1, 2, *RIG).items():
-        file = tmp_path / f"out/{name}/sequences/01/velodyne/000002.bin"
-        np.testing.assert_array_equal(np.fromfile(file, np.float32).reshape(-1, 4)[:, :3], cloud.xyz.astype(np.float32))
-    assert len(rows(tmp_path / "out/top/sequences/01/poses.txt")) == 4
-    assert len(rows(tmp_path / "out/side/sequences/01/poses.txt")) == 2  # at half the rate
+    """File k of a sensor belongs to line k of its poses and times; the second sensor has half the rate of the first."""
+    first = ("run.first_frame=1", "shard_frames=1")  # where the slower sensor has no frame, so that its first comes later
+    make(recipe, tmp_path / "out", "semantickitti", *RIG, *first)
+    own: dict[str, list[tuple[ls.Scan, ls.PointCloud]]] = {"top": [], "side": []}
+    for frame in range(4):
+        (scans,) = run_of(recipe, 1, frame + 1, *RIG, *first)
+        for name, scan in scans.items():
+            own[name].append((scan, scan.point_cloud()))
+    assert [len(frames) for frames in own.values()] == [4, 2]
+    for name, frames in own.items():
+        folder = tmp_path / f"out/{name}/sequences/01"
+        for kind, suffix in (("velodyne", "bin"), ("labels", "label")):
+            assert sorted(file.name for file in (folder / kind).iterdir()) == [
+                f"{number:06}.{suffix}" for number in range(len(frames))
+            ]
+        poses, times = rows(folder / "poses.txt"), np.loadtxt(folder / "times.txt")
+        assert len(poses) == len(times) == len(frames)
+        to_camera = np.array([[0, -1, 0, 0], [0, 0, -1, 0], [1, 0, 0, 0], [0, 0, 0, 1.0]])
+        start = frames[0][0].pose.at(frames[0][0].time).as_matrix()
+        for number, (scan, cloud) in enumerate(frames):
+            points = np.fromfile(folder / f"velodyne/{number:06}.bin", np.float32).reshape(-1, 4)
+            np.testing.assert_array_equal(points[:, :3], cloud.xyz.astype(np.float32))
+            assert times[number] == pytest.approx(scan.time - frames[0][0].time, abs=5e-10)  # nine decimals
+            pose = np.linalg.inv(to_camera) @ poses[number] @ to_camera
+            moved = np.linalg.inv(start) @ scan.pose.at(scan.time).as_matrix()
+            # Coordinates of 5e6 m have steps of 2**-30 m, and the difference of two a few of them.
+            np.testing.assert_allclose(pose, moved, rtol=0, atol=8 * 2.0**-30)
 
 
 def test_nuscenes_tables_fit_together(recipe: Path, tmp_path: Path) -> None:

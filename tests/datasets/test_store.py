@@ -65,5 +65,5 @@ def test_a_failed_put_leaves_nothing(bucket: str) -> None:
     assert store.names("a") == set()
     store.write("a/b.bin", b"1")
     assert store.names("a") == {"b.bin"}
-    store.remove("a")
+    store.remove("a", ["b.bin", "none.bin"])
     assert store.names("a") == set()

@@ -9,11 +9,21 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
+import numpy as np
+from pydantic import ConfigDict
+
+from lidarsim._files import check_names
+from lidarsim._validation import UINT32
 from lidarsim.config.schema import Model
 from lidarsim.datasets.samples import Record, Sample
 from lidarsim.datasets.store import Store
+from lidarsim.rig import Rig
+
+if TYPE_CHECKING:
+    from lidarsim.run import Run
+    from lidarsim.scene import Scene
 
 Extra = dict[str, Any]
 """What a layout notes of a sample for its tables, as JSON can hold it."""
@@ -81,10 +91,49 @@ class Summary:
     digest: str
 
 
+class Noted(Model):
+    """Schema of what a layout notes of a sample; nothing here."""
+
+    model_config = ConfigDict(allow_inf_nan=False)
+
+
 class Layout(Model):
-    """Base of the layouts, which are also the keys of their options."""
+    """Base of the layouts, which are also the keys of their options.
+
+    Attributes
+    ----------
+    noted : type of Noted
+        Schema of what `writer` notes of a sample.
+    greatest_label : int
+        The greatest that its files can hold.
+    reading : str
+        Lines of the data card on how to read it, if that is not obvious.
+    """
+
+    noted: ClassVar[type[Noted]] = Noted
+    greatest_label: ClassVar[int] = UINT32
+    reading: ClassVar[str] = ""
 
     type: str
+
+    def check(self, run: Run) -> None:
+        """Raise `ValueError` if the names of the sensors cannot be those of files, or topics, of this layout."""
+        if isinstance(run.sensor, Rig):
+            check_names("sensors", run.sensor)
+
+    def check_labels(self, class_names: Mapping[int, str], scene: Scene) -> None:
+        """Raise `ValueError` if a label is greater than the files of this layout can hold."""
+        most = self.greatest_label
+        labels = {"class_names": iter(class_names)}
+        labels["scene"] = (int(np.max(item.label, initial=0)) for item in scene.objects)
+        for argument, given in labels.items():
+            for label in given:
+                if label > most:
+                    raise ValueError(f"{argument}: expected labels from 0 to {most} in {self.type}, got {label}")
+
+    @abstractmethod
+    def names(self, run: Run, sequences: int) -> set[str]:
+        """Return the names of the files and folders that it writes at the top of a data set."""
 
     @abstractmethod
     def writer(self, files: Files, shard: int) -> AbstractContextManager[Write]:

@@ -20,6 +20,16 @@ class Bags(Layout):
 
     type: Literal["bags"]
 
+    def check(self, run: Run) -> None:
+        """Raise an error if the sensors cannot be those of a bag."""
+        super().check(run)
+        run.bag("bag.mcap")
+
+    def names(self, run: Run, sequences: int) -> set[str]:
+        """Return a folder per sequence."""
+        del run
+        return {_folder(sequence) for sequence in range(sequences)}
+
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
         """Yield what writes samples into the bag of their sequence."""
@@ -32,9 +42,7 @@ class Bags(Layout):
                 if record.sequence not in bags:
                     stack.close()  # the bag of the sequence before
                     about: dict[str, Any] = {"samples": 0, "points": 0, "seed": run.seed}
-                    path = stack.enter_context(
-                        files.local(f"sequence_{record.sequence:04}/{record.frame:06}.mcap", about)
-                    )
+                    path = stack.enter_context(files.local(f"{_folder(record.sequence)}/{record.frame:06}.mcap", about))
                     bag = stack.enter_context(_bag(path, run))
                     bags[record.sequence] = bag, about
                 bag, about = bags[record.sequence]
@@ -47,6 +55,10 @@ class Bags(Layout):
 
     def finish(self, files: Files, summary: Summary) -> None:
         """Do nothing: all is in the bags."""
+
+
+def _folder(sequence: int) -> str:
+    return f"sequence_{sequence:04}"
 
 
 @contextmanager

@@ -3,7 +3,9 @@
 ``v1.0-lidarsim/`` holds the tables, ``samples/LIDAR_TOP/`` the points, ``lidarseg/v1.0-lidarsim/`` a uint8 class for
 each. A sequence is a scene and each frame a sample. The sensor of a run is LIDAR_TOP; those of a rig are LIDAR_ and
 their names. Points keep lidarsim's axes, x forward, and ``calibrated_sensor`` says so. The map is empty. The kit knows
-the colours of its own class names alone; give it those of others: ``NuScenes(…, colormap=…)``.
+the colours of nuScenes' own classes alone and refuses others without theirs, which are in ``colormap.json``::
+
+    NuScenes("v1.0-lidarsim", folder, colormap=json.load(open(f"{folder}/colormap.json")))
 
 An instance with points in a frame has an upright box in it, where it is at the time of the sample, with the heading of
 the x axis of its first object. Unbounded objects have none, nor have those with a label per face, nor instance 0.
@@ -18,24 +20,31 @@ Format: https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nusc
 from __future__ import annotations
 
 import hashlib
+import json
 import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from itertools import groupby
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
 from lidarsim._validation import Floats
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
-from lidarsim.datasets.samples import Record, Sample
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
+from lidarsim.datasets.samples import Number, Record, Sample
 from lidarsim.io import nuscenes
 from lidarsim.io._units import fitting
 from lidarsim.scene import SceneObject
+from lidarsim.viewers._colors import QUALITATIVE
 
-VERSION = "v1.0-lidarsim"
+if TYPE_CHECKING:
+    from lidarsim.run import Run
+
+VERSION, COLORS, LABELS = "v1.0-lidarsim", "colormap.json", "lidarseg"
+POINTS, MAPS = "samples", "maps"
 START, APART = 1_577_836_800_000_000, 3_600_000_000
 """Time 0 of the first sequence, the start of 2020, and how far the next ones are from it, µs: the kit sorts scenes
 by their time, and cannot if two have the same."""
@@ -44,11 +53,51 @@ VISIBILITY = {"1": (0, 40), "2": (40, 60), "3": (60, 80), "4": (80, 100)}
 """Levels of visibility by token, as nuScenes has them, %."""
 
 
+Three = Annotated[list[float], Field(min_length=3, max_length=3)]
+Four = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
+class NotedBox(Noted):
+    """An instance with points in a frame."""
+
+    instance: Number
+    label: Annotated[int, Field(ge=0, le=255)]
+    points: Number
+    moving: bool
+    translation: Three
+    rotation: Four
+    size: Three
+
+
+class NotedBoxes(Noted):
+    """The boxes of a sample."""
+
+    boxes: list[NotedBox]
+
+
 class NuScenes(Layout):
     """Tables of nuScenes with lidarseg and boxes."""
 
+    noted: ClassVar[type[Noted]] = NotedBoxes
+    greatest_label: ClassVar[int] = 255
+    reading: ClassVar[str] = f"""
+nuScenes' development kit knows the colours of its own classes alone; those of this data set are in `{COLORS}`:
+
+```python
+import json
+from nuscenes import NuScenes
+
+data = NuScenes("{VERSION}", FOLDER, colormap=json.load(open(f"{{FOLDER}}/{COLORS}")))
+```
+"""
+
     type: Literal["nuscenes"]
     boxes: list[int] | None = None
+
+    def names(self, run: Run, sequences: int) -> set[str]:
+        """Return the folders of tables, points, labels and maps, and the colours."""
+        del run, sequences
+        return {VERSION, POINTS, LABELS, MAPS, COLORS}
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
@@ -80,7 +129,13 @@ class NuScenes(Layout):
             *("sample_annotation", "sample_data", "scene", "sensor", "visibility"),
         ):
             files.write_json(f"{VERSION}/{name}.json", getattr(tables, name)())
-        files.write("maps/empty.png", _black_pixel())
+        files.write(f"{MAPS}/empty.png", _black_pixel())
+        colors = {row["name"]: _color(row["index"]) for row in tables.category()}
+        files.write(COLORS, json.dumps(colors).encode() + b"\n")
+
+
+def _color(label: int) -> list[int]:
+    return list(bytes.fromhex(QUALITATIVE[label % len(QUALITATIVE)][1:])) if label else [0, 0, 0]
 
 
 def _boxes(sample: Sample, time: float, labels: list[int] | None) -> Iterator[dict[str, Any]]:
@@ -126,12 +181,12 @@ def _channel(sensor: str) -> str:
 
 def _points(record: Record) -> str:
     channel = _channel(record.sensor)
-    return f"samples/{channel}/scene-{record.sequence:04}__{channel}__{record.frame:06}.pcd.bin"
+    return f"{POINTS}/{channel}/scene-{record.sequence:04}__{channel}__{record.frame:06}.pcd.bin"
 
 
 def _labels(record: Record) -> str:
     name = f"scene-{record.sequence:04}__{_channel(record.sensor)}__{record.frame:06}"
-    return f"lidarseg/{VERSION}/{name}_lidarseg.bin"
+    return f"{LABELS}/{VERSION}/{name}_lidarseg.bin"
 
 
 def _stamp(record: Record) -> int:
@@ -235,12 +290,12 @@ class _Tables:
     def map(self) -> Iterator[dict[str, Any]]:
         yield {
             "token": self.token("map"), "log_tokens": [self.token("log")], "category": "semantic_prior",
-            "filename": "maps/empty.png",
+            "filename": f"{MAPS}/empty.png",
         }  # fmt: skip
 
     def sensor(self) -> Iterator[dict[str, Any]]:
-        for name in sorted({record.sensor for record in self.summary.records()}):
-            yield {"token": self.token("sensor", name), "channel": _channel(name), "modality": "lidar"}
+        for channel in sorted({_channel(record.sensor) for record in self.summary.records()}):
+            yield {"token": self.token("sensor", channel), "channel": channel, "modality": "lidar"}
 
     def calibrated_sensor(self) -> Iterator[dict[str, Any]]:
         for records in self.sequences():
@@ -248,7 +303,7 @@ class _Tables:
             for name, record in sorted(firsts.items()):
                 yield {
                     "token": self.token("calibrated_sensor", record.sequence, name),
-                    "sensor_token": self.token("sensor", name),
+                    "sensor_token": self.token("sensor", _channel(name)),
                     **_placed(np.linalg.inv(record.body_matrix) @ record.matrix),
                     "camera_intrinsic": [],
                 }

@@ -2,8 +2,10 @@
 
 ``sequences/00/velodyne/000000.bin`` holds the points, ``labels/000000.label`` their classes and instances,
 ``poses.txt`` the poses in the frame of a camera, relative to the first, ``calib.txt`` the rotation from sensor to
-camera, ``times.txt`` the times in s, and ``semantic-kitti.yaml`` the classes. With a rig, each sensor has all of these
-in a folder of its name.
+camera, ``times.txt`` the times in s from the first, and ``semantic-kitti.yaml`` the classes. With a rig, each sensor
+has all of these in a folder of its name. File k, counting from 0, belongs to line k of ``poses.txt`` and ``times.txt``,
+as readers of KITTI expect: a sensor that is slower than the rig counts its own frames. ``seconds`` in
+``manifest.jsonl`` is the time that all sensors share.
 
 Format: https://github.com/PRBonn/semantic-kitti-api, https://www.cvlibs.net/datasets/kitti/eval_odometry.php.
 """
@@ -14,26 +16,47 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from itertools import groupby
-from typing import Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 import yaml
 
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
-from lidarsim.datasets.samples import Record, Sample
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
+from lidarsim.datasets.samples import Number, Record, Sample
+from lidarsim.errors import LidarsimError
 from lidarsim.io import kitti, semantickitti
 from lidarsim.io.trajectories.kitti import write as write_poses
+from lidarsim.rig import Rig
 from lidarsim.viewers._colors import QUALITATIVE
+
+if TYPE_CHECKING:
+    from lidarsim.run import Run
+
+CLASSES = "semantic-kitti.yaml"
 
 # KITTI's camera looks along z, with x to the right and y down; ours sits at the sensor. There are no images, but
 # readers expect the projections P0 to P3 of four cameras: identities.
 CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
+class Numbered(Noted):
+    """The number of a sample among those of its sensor in the sequence."""
+
+    number: Number
+
+
 class SemanticKitti(Layout):
     """Scans, labels and poses as the development kit of SemanticKITTI reads them."""
 
+    noted: ClassVar[type[Noted]] = Numbered
+    greatest_label: ClassVar[int] = 2**16 - 1
+
     type: Literal["semantickitti"]
+
+    def names(self, run: Run, sequences: int) -> set[str]:
+        """Return a folder per sensor of a rig, or what a sensor alone has."""
+        del sequences
+        return set(run.sensor) if isinstance(run.sensor, Rig) else {"sequences", CLASSES}
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
@@ -41,13 +64,14 @@ class SemanticKitti(Layout):
         del shard
 
         def write(sample: Sample) -> Extra:
+            number = _number(sample)
             record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
             about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
             for folder, suffix, save in (("velodyne", "bin", kitti.save), ("labels", "label", semantickitti.save)):
                 buffer = BytesIO()
                 save(fields, buffer)
-                files.write(f"{_folder(record)}/{folder}/{record.frame:06}.{suffix}", buffer.getbuffer(), **about)
-            return {}
+                files.write(f"{_folder(record)}/{folder}/{number:06}.{suffix}", buffer.getbuffer(), **about)
+            return {"number": number}
 
         yield write
 
@@ -63,7 +87,16 @@ class SemanticKitti(Layout):
                 _finish(files, [record for record in records if record.sensor == sensor])
         text = yaml.safe_dump(_classes(summary.class_names, sequences), sort_keys=False).encode()
         for sensor in sorted(sensors):
-            files.write(f"{_root(sensor)}semantic-kitti.yaml", text)
+            files.write(f"{_root(sensor)}{CLASSES}", text)
+
+
+def _number(sample: Sample) -> int:
+    """Return the number of a frame among those of its sensor in the sequence."""
+    run, name = sample.run, sample.record.sensor
+    if not isinstance(run.sensor, Rig):
+        return sample.record.frame
+    first = run.frames.start
+    return sample.scan.frame - run.sensor._numbers(run.sensor[name], first, first).start
 
 
 def _root(sensor: str) -> str:
@@ -77,6 +110,9 @@ def _folder(record: Record) -> str:
 def _finish(files: Files, records: list[Record]) -> None:
     """Write the tables of a sensor in a sequence."""
     folder = _folder(records[0])
+    numbers = [record.extra["number"] for record in records]
+    if numbers != [*range(len(records))]:  # where the rate itself varies from frame to frame
+        raise LidarsimError(f"{folder}: expected frames numbered from 0 to {len(records) - 1}, got {numbers[:20]} …")
     first = np.linalg.inv(records[0].matrix)
     to_sensor = CAMERA.T  # a rotation: its inverse
     poses = BytesIO()

@@ -16,31 +16,51 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from io import BytesIO
 from itertools import islice
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
 from lidarsim._extras import import_extra
-from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Summary, Write
-from lidarsim.datasets.samples import Record, Sample
+from lidarsim.datasets.layouts._layout import Extra, Files, Layout, Noted, Summary, Write
+from lidarsim.datasets.samples import Number, Record, Sample
+from lidarsim.datasets.store import check_path
 from lidarsim.errors import FileFormatError
 from lidarsim.io import npz
 
+if TYPE_CHECKING:
+    from lidarsim.run import Run
+
 FIELDS = ("intensity", "time", "ring", "label", "object_id")
 ROWS = 1 << 16
+FOLDER, INDEX = "shards", "index.parquet"
+
+
+class Located(Noted):
+    """Where the archive of a sample is."""
+
+    shard: Annotated[str, AfterValidator(check_path)]
+    offset: Number
+    size: Number
 
 
 class Shards(Layout):
     """Tar files of NumPy archives, and an index in Parquet. `xyz` is float32; `fields` lists the others."""
 
+    noted: ClassVar[type[Noted]] = Located
+
     type: Literal["shards"]
     fields: list[str] = Field(default=list(FIELDS))
+
+    def names(self, run: Run, sequences: int) -> set[str]:
+        """Return the folder of shards, and their index."""
+        del run, sequences
+        return {FOLDER, INDEX}
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
         """Yield what adds samples to the tar of the shard."""
-        name = f"shards/{shard:06}.tar"
+        name = f"{FOLDER}/{shard:06}.tar"
         about: dict[str, Any] = {"samples": 0, "points": 0}
 
         def add(member: str, data: bytes) -> int:
@@ -85,7 +105,7 @@ class Shards(Layout):
         numbers |= {"offset": arrow.int64(), "size": arrow.int64()}
         texts = dict.fromkeys(("shard", "key", "sensor"), arrow.string())
         schema = arrow.schema({**texts, **numbers, "pose": arrow.list_(arrow.float64(), 12)})
-        with files.local("index.parquet") as path, parquet.ParquetWriter(path, schema) as writer:
+        with files.local(INDEX) as path, parquet.ParquetWriter(path, schema) as writer:
             samples = summary.records()
             while records := list(islice(samples, ROWS)):
                 rows = [{**_said(record), **record.extra, "key": _key(record)} for record in records]
