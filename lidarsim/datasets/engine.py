@@ -115,15 +115,15 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
                             points += sample.record.points
                         tell(1, points)
                         made.append(points)
-        part = manifest.Part(
-            recipe=plan.head.recipe,
-            shard=shard,
-            files=files.entries,
-            records=records,
-            labels={str(label): count for label, count in sorted(labels.items())},
-            ranges=ranges.tolist(),
-        )
-        manifest.write_part(plan.store, part)
+        part = {
+            "recipe": plan.head.recipe,
+            "shard": shard,
+            "files": files.entries,
+            "records": records,
+            "labels": {str(label): count for label, count in sorted(labels.items())},
+            "ranges": ranges.tolist(),
+        }
+        manifest.write_part(plan.store, manifest.Part.model_validate(part))
     except Exception as error:  # noqa: BLE001 - whatever goes wrong is reported with the number of the frame
         return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))

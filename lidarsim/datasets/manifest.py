@@ -150,17 +150,17 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
         there = store.taken({MANIFEST, PARTS, RECIPE, CARD, PICTURES, *names})
         written = _read(store, RECIPE)
         others = [name for name in there if name != RECIPE or written != recipe]
-        begun, damaged = None, None
+        cut = False
         try:
             begun = _head(store, _START)
-        except FileFormatError as error:
-            damaged = error
+        except FileFormatError:
+            cut = _is_cut(store) and {*others} <= {PARTS} and not done(store)
+            if not (cut or is_complete(store)):
+                raise
+            begun = None
         whole = complete(store)
-        if damaged and not whole:
-            if not {*others} <= {PARTS} or done(store):
-                hint = "remove the data set there to make it anew, or choose another place"
-                raise FileFormatError(f"{damaged}; {hint}")
-            store.write(_START, head.line())  # a kill has cut it, before anything else was made
+        if cut and not whole:
+            store.write(_START, head.line())  # a kill came before anything else was made
             continue
         found = whole or begun
         if found is None:
@@ -189,6 +189,12 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
     raise LidarsimError(f"{store}/{_START}: expected to write it or to read that of another, got neither")
 
 
+def _is_cut(store: Store) -> bool:
+    """Return whether the claim is the beginning of one, as a kill can leave it where there are no links."""
+    begun, beginning = _read(store, _START) or b"", b'{"recipe":'
+    return begun.startswith(beginning[: len(begun)])
+
+
 def _read(store: Store, name: str) -> bytes | None:
     """Return the content of a note, or None if there is none."""
     try:
@@ -208,9 +214,9 @@ def _parsing(place: str) -> Iterator[None]:
         yield
     except ValidationError as invalid:
         error = invalid.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(map(str, error["loc"]))
-        problem = f"{where}: {error['msg']}" if where else error["msg"]
-        raise FileFormatError(f"{place}: damaged: {short(ascii(problem)[1:-1])}") from None
+        keys, problem = ".".join(map(str, error["loc"])), error["msg"].removeprefix("Value error, ")
+        where = f"{short(ascii(keys)[1:-1])}: " if keys else ""
+        raise FileFormatError(f"{place}: damaged: {where}{short(problem)}") from None
 
 
 def _head(store: Store, name: str) -> Head | None:

@@ -16,7 +16,7 @@ from lidarsim.datasets.engine import RANGES, Made, Plan, make
 from lidarsim.datasets.layouts import Files, Summary
 from lidarsim.datasets.progress import Progress
 from lidarsim.datasets.store import open_store
-from lidarsim.errors import LidarsimError
+from lidarsim.errors import FileFormatError, LidarsimError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -45,7 +45,13 @@ def run(
         sources=recipe.source.files(),
     )
     plan = Plan(recipe, open_store(output), head)
-    if manifest.start(plan, resolved, recipe.layout.names(first, recipe.sequences)):
+    try:
+        complete = manifest.start(plan, resolved, recipe.layout.names(first, recipe.sequences))
+    except FileFormatError as damaged:
+        raise FileFormatError(
+            f"{damaged}; remove the data set there to make it anew, or choose another place"
+        ) from None
+    if complete:
         manifest.tidy(plan)
         return Generated(0, 0, 0.0, 0), []
     shards = range(recipe.shards)

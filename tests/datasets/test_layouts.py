@@ -7,7 +7,6 @@ import functools
 import io
 import json
 import tarfile
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +19,7 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 import lidarsim as ls
 from lidarsim.datasets.recipe import load
+from lidarsim.viewers._colors import QUALITATIVE
 
 POSE = "{position_m: [500000, 5000000, 1.5], linear_m_per_s: [3, 0, 0], angular_deg_per_s: [0, 0, 20]}"
 TURN = f"run.pose={POSE}"
@@ -96,7 +96,10 @@ def test_semantickitti(recipe: Path, tmp_path: Path) -> None:
 
 def test_semantickitti_of_a_rig(recipe: Path, tmp_path: Path) -> None:
     """File k of a sensor belongs to line k of its poses and times; the second sensor has half the rate of the first."""
-    first = ("run.first_frame=1", "shard_frames=1")  # where the slower sensor has no frame, so that its first comes later
+    first = (
+        "run.first_frame=1",
+        "shard_frames=1",
+    )  # where the slower sensor has no frame, so that its first comes later
     make(recipe, tmp_path / "out", "semantickitti", *RIG, *first)
     own: dict[str, list[tuple[ls.Scan, ls.PointCloud]]] = {"top": [], "side": []}
     for frame in range(4):
@@ -221,7 +224,23 @@ def test_nuscenes_in_its_own_kit(recipe: Path, tmp_path: Path, capsys: pytest.Ca
     """Its own kit has to be installed by hand, ``pip install --no-deps nuscenes-devkit``: it wants a NumPy before 2."""
     kit = pytest.importorskip("nuscenes.nuscenes", exc_type=ImportError)
     make(recipe, tmp_path / "out", "nuscenes")
-    data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=defaultdict(lambda: (1, 2, 3)))
+    with pytest.raises(KeyError, match="class_1"):  # it knows no other classes than its own
+        kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"))
+    _, code, _ = (tmp_path / "out/README.md").read_text().split("```")
+    told: dict[str, Any] = {"FOLDER": str(tmp_path / "out")}
+    exec(code.removeprefix("python"), told)  # noqa: S102 - what the data card says
+    data = told["data"]
+    assert list(data.colormap)[40] == "road"
+    assert list(data.colormap["road"]) == list(bytes.fromhex(QUALITATIVE[40 % len(QUALITATIVE)][1:]))
+    picture = tmp_path / "lidarseg.png"
+    data.explorer.render_sample_data(
+        data.sample[0]["data"]["LIDAR_TOP"],
+        show_lidarseg=True,
+        underlay_map=False,
+        out_path=str(picture),
+        verbose=False,
+    )
+    assert picture.stat().st_size > 0
     sample = data.get("sample", data.scene[1]["first_sample_token"])
     cloud = clouds(recipe, 1, 0)[""][1]
     data.list_scenes()
@@ -243,7 +262,8 @@ def test_nuscenes_boxes_in_its_own_kit(recipe: Path, tmp_path: Path) -> None:
     from nuscenes.utils.geometry_utils import points_in_box
 
     make(recipe, tmp_path / "out", "nuscenes", *BOXES, "run.cloud={deskew: start}")
-    data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=defaultdict(lambda: (1, 2, 3)))
+    colors = json.loads((tmp_path / "out/colormap.json").read_text())
+    data = kit.NuScenes("v1.0-lidarsim", str(tmp_path / "out"), colormap=colors)
     levels = [data.get("visibility", token)["level"] for token in ("1", "2", "3", "4")]
     assert levels == ["v0-40", "v40-60", "v60-80", "v80-100"]
     assert {row["visibility_token"] for row in data.sample_annotation} == {""}  # the schema's "not annotated"
