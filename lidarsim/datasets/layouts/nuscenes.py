@@ -5,7 +5,7 @@ each. A sequence is a scene and each frame a sample. The sensor of a run is LIDA
 their names. Points keep lidarsim's axes, x forward, and ``calibrated_sensor`` says so. The map is empty. The kit knows
 the colours of nuScenes' own classes alone and refuses others without theirs, which are in ``colormap.json``::
 
-    NuScenes("v1.0-lidarsim", folder, colormap=json.load(open(f"{folder}/colormap.json")))
+    NuScenes("v1.0-lidarsim", folder, colormap=json.loads(Path(folder, "colormap.json").read_text()))
 
 An instance with points in a frame has an upright box in it, where it is at the time of the sample, with the heading of
 the x axis of its first object. Unbounded objects have none, nor have those with a label per face, nor instance 0.
@@ -85,9 +85,12 @@ nuScenes' development kit knows the colours of its own classes alone; those of t
 
 ```python
 import json
+from pathlib import Path
+
 from nuscenes import NuScenes
 
-data = NuScenes("{VERSION}", FOLDER, colormap=json.load(open(f"{{FOLDER}}/{COLORS}")))
+colors = json.loads(Path(FOLDER, "{COLORS}").read_text())
+data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 ```
 """
 
