@@ -14,6 +14,7 @@ from concurrent.futures import CancelledError
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import islice
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -200,7 +201,7 @@ def _submitted(plan: Plan, shards: Iterable[int], client: Client, tell: Callable
         shard_of[future.key] = shard
         futures.add(future)
 
-    for shard, _ in zip(waiting, range(WAVE), strict=False):
+    for shard in islice(waiting, WAVE):
         submit(shard)
     for future in futures:
         shard = shard_of.pop(future.key)

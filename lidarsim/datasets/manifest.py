@@ -48,8 +48,8 @@ _START = f"{PARTS}/start.json"
 NOTE, LINE = 1 << 30, 1 << 24
 """Most bytes of a note, and of a line of the manifest, that are read."""
 
-CLAIMS = 5
-"""How often a claim is tried, where it is neither made nor seen."""
+CLAIMS = 10
+"""How often a claim is tried where one is there and not to be read: file systems of networks show it late."""
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -145,7 +145,7 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
     """
     store, head = plan.store, plan.head
     for attempt in range(CLAIMS):
-        time.sleep(0.1 * attempt)
+        time.sleep(0.05 * 2**attempt if attempt else 0.0)
         # In this order: without a claim and then without a manifest, there was no data set when the files were listed.
         there = store.taken({MANIFEST, PARTS, RECIPE, CARD, PICTURES, *names})
         written = _read(store, RECIPE)
@@ -282,7 +282,7 @@ def missing(plan: Plan, shards: Iterable[int]) -> list[int]:
     def is_made(shard: int) -> bool:
         try:
             return shard in present and _part(plan, shard) is not None
-        except (FileFormatError, FileNotFoundError):
+        except (LidarsimError, FileNotFoundError):
             return False
 
     return [shard for shard in shards if not is_made(shard)]

@@ -48,9 +48,7 @@ def run(
     try:
         complete = manifest.start(plan, resolved, recipe.layout.names(first, recipe.sequences))
     except FileFormatError as damaged:
-        raise FileFormatError(
-            f"{damaged}; remove the data set there to make it anew, or choose another place"
-        ) from None
+        raise FileFormatError(f"{damaged}; choose another place, or remove the damaged data set") from None
     if complete:
         manifest.tidy(plan)
         return Generated(0, 0, 0.0, 0), []
