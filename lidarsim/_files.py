@@ -32,7 +32,7 @@ TEMPORARY = ".lidarsim-", ".tmp"
 NAME_LENGTH = 64
 """Characters of a name that becomes part of a path: with what stands around it, it fits all file systems and USTAR."""
 
-_NAME = re.compile(rf"[A-Za-z0-9_-]{{1,{NAME_LENGTH}}}")
+_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _DEVICE = re.compile(r"CON|PRN|AUX|NUL|(?:COM|LPT)[0-9]", re.IGNORECASE)
 
 LONGEST = 1000
@@ -51,20 +51,19 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
     return max(fitting, key=len)
 
 
-def check_name(argument: str, name: str) -> str:
-    """Return a name that may become part of a path on any file system.
-
-    Raises
-    ------
-    ValueError
-        If it has other characters than ASCII letters, digits, _ and -, more than `NAME_LENGTH` of them, or is the name
-        of a device on Windows.
-    """
+def name_problem(name: str) -> str:
+    """Return why a name cannot be part of a path on every file system; "" if it can."""
     if not _NAME.fullmatch(name):
-        expected = f"a name of letters, digits, _ and -, at most {NAME_LENGTH} of them"
-        raise ValueError(f"{argument}: expected {expected}, got {short(ascii(name))}")
-    if _DEVICE.fullmatch(name):
-        raise ValueError(f"{argument}: expected a name that can be that of a file, got the Windows device {name!r}")
+        return "expected a name of letters, digits, _ and -"
+    if len(name) > NAME_LENGTH:
+        return f"expected a name of at most {NAME_LENGTH} characters"
+    return "expected another name than that of a Windows device" if _DEVICE.fullmatch(name) else ""
+
+
+def check_name(argument: str, name: str) -> str:
+    """Return a name that can be part of a path; raise `ValueError` if it cannot."""
+    if problem := name_problem(name):
+        raise ValueError(f"{argument}: {problem}, got {short(ascii(name))}")
     return name
 
 

@@ -23,7 +23,7 @@ from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation
 
 from lidarsim import _validation, patterns, shapes
-from lidarsim._files import check_name, check_names, load_array
+from lidarsim._files import check_names, load_array, name_problem
 from lidarsim._validation import pose as rigid
 from lidarsim.io import mesh_scene
 from lidarsim.materials import Material
@@ -596,11 +596,11 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
     parts = {}
     for name, mounted in sensors.items():
         there = place / name
-        with there.refusals():
-            check_name("rig", name)  # since files are named by it
+        if problem := name_problem(name):  # since files are named by it
+            raise there.error(problem)
         parts[name] = mounted.sensor.build(there / "sensor"), _rigid(mounted, there), mounted.offset_s
     with place.refusals():
-        check_names("rig", parts)
+        check_names("sensors", parts)
         return Rig(parts)
 
 

@@ -249,6 +249,12 @@ class Remote:
             filesystem, root = fsspec.core.url_to_fs(self.url)
         return filesystem, root.rstrip("/")
 
+    def _file(self, name: str) -> tuple[Any, str]:
+        """Return the file system, and its path of a file or folder."""
+        check_path(name)
+        filesystem, root = self._place
+        return filesystem, f"{root}/{name}"
+
     @contextmanager
     def _problems(self) -> Iterator[None]:
         """Let what libraries raise say where it was, in one line, as an `OSError`."""
@@ -263,17 +269,16 @@ class Remote:
 
     def write(self, name: str, data: bytes) -> None:
         """Write a file."""
-        filesystem, root = self._place
+        filesystem, path = self._file(name)
         with self._problems():
-            filesystem.pipe_file(f"{root}/{check_path(name)}", data)
+            filesystem.pipe_file(path, data)
 
     def create(self, name: str, data: bytes) -> bool:
         """Write a file unless there is one, by a put that has this condition.
 
         Where the store has no such puts, two that look at the same moment may both find none.
         """
-        filesystem, root = self._place
-        path = f"{root}/{check_path(name)}"
+        filesystem, path = self._file(name)
         with self._problems():
             filesystem.invalidate_cache()
             if filesystem.exists(path):
@@ -294,32 +299,30 @@ class Remote:
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
         """Give the path of a local file to write."""
+        filesystem, path = self._file(name)
         with TemporaryDirectory(prefix="lidarsim-") as folder:
-            path = Path(folder, Path(check_path(name)).name)
-            yield path
-            filesystem, root = self._place
+            local = Path(folder, Path(name).name)
+            yield local
             with self._problems():
-                filesystem.put_file(str(path), f"{root}/{name}")
+                filesystem.put_file(str(local), path)
 
     def open(self, name: str) -> BinaryIO:
         """Open a file to read."""
-        filesystem, root = self._place
+        filesystem, path = self._file(name)
         with self._problems():
-            file: Any = filesystem.open(f"{root}/{check_path(name)}", "rb")
+            file: Any = filesystem.open(path, "rb")
         return io.BufferedReader(file)
 
     def names(self, folder: str) -> set[str]:
         """Return the names of the files in a folder."""
-        return {
-            entry["name"].rpartition("/")[2] for entry in self._listed(check_path(folder)) if entry["type"] == "file"
-        }
+        listed = self._listed(*self._file(folder))
+        return {entry["name"].rpartition("/")[2] for entry in listed if entry["type"] == "file"}
 
-    def _listed(self, folder: str) -> list[dict[str, Any]]:
-        filesystem, root = self._place
+    def _listed(self, filesystem: Any, path: str) -> list[dict[str, Any]]:
         with self._problems():
             filesystem.invalidate_cache()
             try:
-                found: list[dict[str, Any]] = filesystem.ls(f"{root}/{folder}".rstrip("/"), detail=True)
+                found: list[dict[str, Any]] = filesystem.ls(path, detail=True)
             except FileNotFoundError:
                 return []
         return found
@@ -327,15 +330,15 @@ class Remote:
     def taken(self, names: Collection[str]) -> list[str]:
         """Return what is at the top under one of the `names`."""
         lower = {name.lower() for name in names}
-        there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._listed("")}
+        there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._listed(*self._place)}
         return sorted(name for name in there if name.lower() in lower)
 
     def remove(self, folder: str, names: Iterable[str]) -> None:
         """Remove these files of a folder."""
-        filesystem, root = self._place
-        if there := self.names(folder) & set(names):
+        filesystem, path = self._file(folder)
+        if there := self.names(folder).intersection(names):
             with self._problems(), suppress(FileNotFoundError):
-                filesystem.rm([f"{root}/{folder}/{name}" for name in sorted(there)])
+                filesystem.rm([f"{path}/{name}" for name in sorted(there)])
 
     def tidy(self) -> None:
         """Do nothing: an interrupted put leaves nothing behind."""

@@ -260,6 +260,19 @@ def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, driv
     assert tree(out) == drive
 
 
+def test_more_shards_than_a_scheduler_is_given_at_once(
+    recipe: Path, tmp_path: Path, tree: Tree, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    ls.generate(recipe, tmp_path / "one", shard_frames=1, pictures=0)
+    monkeypatch.setattr(engine, "WAVE", 3)
+    settings = {"n_workers": 1, "threads_per_worker": 1, "processes": False, "dashboard_address": None}
+    with distributed.LocalCluster(**settings) as cluster, distributed.Client(cluster) as client:
+        made = ls.generate(recipe, tmp_path / "two", shard_frames=1, pictures=0, client=client)
+    assert (made.frames, made.shards_left) == (12, 0)
+    assert tree(tmp_path / "two") == tree(tmp_path / "one")
+
+
 def test_ctrl_c_ends_the_workers(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
     """On a terminal it goes to all processes of the group."""
     out = tmp_path / "out"

@@ -374,3 +374,107 @@ def placed(transform: Any) -> RigidTransform:
     return RigidTransform.from_components(
         [position.x, position.y, position.z], Rotation.from_quat([turn.x, turn.y, turn.z, turn.w])
     )
+
+
+LAYOUTS = ("semantickitti", "nuscenes", "shards", "bags")
+GRID = ls.Lidar(ls.patterns.Grid([0.0, 0.1], [0.0, 0.1], rate=10.0))
+
+
+def of_sensors(*names: str, pose: Any = None) -> Any:
+    """A recipe of a rig that has sensors of these names."""
+
+    def scenes(*_: object) -> tuple[ls.Scene, ls.Rig, Any]:
+        scene = ls.Scene()
+        scene.add(ls.Sphere((5, 0, 0), 1.0), label=1)
+        return scene, ls.Rig(dict.fromkeys(names, (GRID, None))), pose
+
+    return scenes
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize(
+    "names",
+    [("../x",), ("/x/y",), ("a/b",), ("a\0b",), ("a\nb",), ("e" * 65,), ("é",), (" ",), (".",), ("..",), ("a.b",),
+     ("a\\b",), ("C:",), ("~",), ("con",), ("LPT1",), ("top", "TOP"), ("a", "b", "B")],
+)  # fmt: skip
+def test_names_of_sensors_that_files_cannot_have(tmp_path: Path, layout: str, names: tuple[str, ...]) -> None:
+    with pytest.raises(ValueError, match=r"^sensors: expected ") as caught:
+        ls.generate(of_sensors(*names), tmp_path / "data/out", layout=layout, pictures=0)
+    assert str(caught.value).isprintable()
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_a_later_rig_with_such_a_name(tmp_path: Path, layout: str) -> None:
+    def scenes(rng: np.random.Generator, sequence: int) -> Any:
+        return of_sensors("../x" if sequence else "top")(rng, sequence)
+
+    with pytest.raises(ls.errors.LidarsimError, match=r"1 shard failed; sequence 1, .*sensors: expected a name"):
+        ls.generate(scenes, tmp_path / "out", sequences=2, shard_frames=1, layout=layout, pictures=0)
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert not list((tmp_path / "out").rglob("x*"))
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_names_of_sensors_that_notes_have(tmp_path: Path, layout: str) -> None:
+    """No name is reserved: notes are told from files of sensors by their exact names."""
+    names = ["manifest", "pictures", "sequences", "samples", "shards", "start", "x" * 64]
+    for _ in range(2):
+        made = ls.generate(of_sensors(*names), tmp_path / "out", frames=2, layout=layout, pictures=1)
+        assert made.shards_left == 0
+        assert ls.datasets.verify(tmp_path / "out") == []
+
+
+@pytest.mark.parametrize(
+    ("names", "message"), [(("a-b",), "letters, digits and _"), (("map", "a"), "other than those")]
+)
+def test_names_that_topics_cannot_have(tmp_path: Path, names: tuple[str, ...], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^sensors: expected .*{message}"):
+        ls.generate(of_sensors(*names), tmp_path / "out", layout="bags", pictures=0)
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("kind", ["transform", "matrix", "list"])
+def test_a_rig_that_stands_still(tmp_path: Path, layout: str, kind: str) -> None:
+    pose = RigidTransform.from_translation([1.0, 2.0, 3.0])
+    given = {"transform": pose, "matrix": pose.as_matrix(), "list": pose.as_matrix().tolist()}[kind]
+    ls.generate(of_sensors("top", pose=given), tmp_path / "out", layout=layout, frames=2, pictures=0)
+    assert ls.datasets.verify(tmp_path / "out") == []
+    if layout == "nuscenes":
+        (first, second) = json.loads((tmp_path / "out/v1.0-lidarsim/ego_pose.json").read_text())
+        assert first["translation"] == second["translation"] == [1.0, 2.0, 3.0]
+        assert first["rotation"] == [1.0, 0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("layout", "most"), [("nuscenes", 255), ("semantickitti", 65_535)])
+def test_labels_that_a_layout_cannot_hold(tmp_path: Path, layout: str, most: int) -> None:
+    def scenes(label: Any) -> Any:
+        def make_scene(*_: object) -> Any:
+            scene = ls.Scene()
+            scene.add(ls.Sphere((5, 0, 0), 1.0), label=label)
+            return scene, GRID, None
+
+        return make_scene
+
+    for beyond in (most + 1, 2**32 - 1):
+        with pytest.raises(
+            ValueError, match=f"^class_names: expected labels from 0 to {most} in {layout}, got {beyond}"
+        ):
+            ls.generate(scenes(1), tmp_path / "out", layout=layout, class_names={beyond: "sky"}, pictures=0)
+        with pytest.raises(ValueError, match=f"^scene: expected labels from 0 to {most} in {layout}, got {beyond}"):
+            ls.generate(scenes(beyond), tmp_path / "out", layout=layout, pictures=0)
+    assert not any(tmp_path.iterdir())
+    ls.generate(scenes(most), tmp_path / "out", layout=layout, class_names={most: "sky"}, pictures=0)
+    if layout == "nuscenes":
+        assert len(json.loads((tmp_path / "out/v1.0-lidarsim/category.json").read_text())) == 256
+
+
+def test_colours_of_classes(recipe: Path, tmp_path: Path) -> None:
+    """Each category has its colour, in the order of their indices, as the kit wants it."""
+    make(recipe, tmp_path / "out", "nuscenes")
+    colors = json.loads((tmp_path / "out/colormap.json").read_text())
+    categories = json.loads((tmp_path / "out/v1.0-lidarsim/category.json").read_text())
+    assert list(colors) == [row["name"] for row in sorted(categories, key=lambda row: row["index"])]
+    assert all(len(color) == 3 and set(color) <= set(range(256)) for color in colors.values())
+    assert "colormap=colors" in (tmp_path / "out/README.md").read_text()

@@ -1,16 +1,19 @@
-"""A data set in an object store is the same as in a folder; the store is moto's, a server of its own."""
+"""Places of data sets: one in an object store is the same as in a folder; the store is moto's, a server of its own."""
 
 from __future__ import annotations
 
 import hashlib
+import os
 from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import lidarsim as ls
-from lidarsim.datasets.store import open_store
+from lidarsim.datasets.store import Folder, Store, open_store
+from lidarsim.errors import LidarsimError
 
 
 @pytest.fixture
@@ -67,3 +70,128 @@ def test_a_failed_put_leaves_nothing(bucket: str) -> None:
     assert store.names("a") == {"b.bin"}
     store.remove("a", ["b.bin", "none.bin"])
     assert store.names("a") == set()
+
+
+def test_one_of_many_creates_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = open_store(tmp_path)
+    assert store.create("a/b", b"1")
+    assert not open_store(tmp_path).create("a/b", b"2")
+    assert (tmp_path / "a/b").read_bytes() == b"1"
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")  # as file systems without links do
+
+    monkeypatch.setattr(os, "link", refuse)
+    assert store.create("a/c", b"1")
+    assert not store.create("a/c", b"2")
+    assert (tmp_path / "a/c").read_bytes() == b"1"
+    assert {path.name for path in tmp_path.rglob("*")} == {"a", "b", "c"}
+
+
+def test_one_of_many_creates_an_object(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    s3fs = pytest.importorskip("s3fs")
+    store = open_store(f"{bucket}/x")
+    assert store.create("a/b", b"1")
+    assert not store.create("a/b", b"2")
+    monkeypatch.setattr(s3fs.S3FileSystem, "exists", lambda *_: False)  # both have looked before
+    assert not store.create("a/b", b"2")
+    real = s3fs.S3FileSystem.pipe_file
+
+    def unconditional(self: Any, path: str, data: bytes, mode: str = "overwrite") -> None:
+        if mode == "create":
+            raise NotImplementedError("conditional puts")
+        real(self, path, data)
+
+    monkeypatch.setattr(s3fs.S3FileSystem, "pipe_file", unconditional)
+    assert store.create("a/c", b"1")
+    with store.open("a/b") as file:
+        assert file.read() == b"1"
+
+
+def test_two_recipes_in_one_bucket(recipe: Path, bucket: str) -> None:
+    url = f"{bucket}/x"
+    ls.generate(recipe, url, part=(0, 3), pictures=0)
+    with pytest.raises(LidarsimError, match=r"another recipe\.yaml"):
+        ls.generate(recipe, url, seed=8, pictures=0)
+    other = f"{bucket}/y"
+    open_store(other).write("README.md", b"mine")
+    with pytest.raises(LidarsimError, match=r"expected an empty place .* got 'README\.md'"):
+        ls.generate(recipe, other, pictures=0)
+    assert open_store(other).names("manifest") == set()
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["../x", "/x", "a/../../x", "a/./b", "a//b", "", ".", "..", "a\0b", "a\nb", "C:x", "a\\b", "\ud800", "x" * 300,
+     "x/" * 600 + "x"],
+)  # fmt: skip
+def test_no_file_is_outside(tmp_path: Path, name: str) -> None:
+    for store in (open_store(tmp_path / "out"), open_store("memory://x")):
+        calls: tuple[Callable[[Store], object], ...] = (
+            lambda store: store.write(name, b""),
+            lambda store: store.create(name, b""),
+            lambda store: store.writing(name).__enter__(),
+            lambda store: store.open(name),
+            lambda store: store.names(name),
+        )
+        for call in calls:
+            with pytest.raises(ValueError, match="expected the relative path of a file of the data set"):
+                call(store)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_link_leads_nowhere_else(tmp_path: Path) -> None:
+    store, outside = open_store(tmp_path / "out"), tmp_path / "outside"
+    outside.mkdir()
+    (outside / "x").write_bytes(b"mine")
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/a").symlink_to(outside)
+    (tmp_path / "out/x").symlink_to(outside / "x")
+    calls: tuple[Callable[[], object], ...] = (
+        lambda: store.write("a/x", b""),
+        lambda: store.create("a/y", b""),
+        lambda: store.open("a/x"),
+        lambda: store.open("x"),
+        lambda: store.names("a"),
+    )
+    for call in calls:
+        with pytest.raises(LidarsimError, match="expected it inside of the data set, got a link to"):
+            call()
+    store.remove("a", ["x"])
+    store.write("x", b"1")
+    assert (tmp_path / "out/x").read_bytes() == b"1"
+    assert [path.read_bytes() for path in outside.iterdir()] == [b"mine"]
+
+
+def test_a_place_may_be_a_link_itself(recipe: Path, tmp_path: Path) -> None:
+    (tmp_path / "disk").mkdir()
+    (tmp_path / "out").symlink_to(tmp_path / "disk")
+    ls.generate(recipe, tmp_path / "out", pictures=0)
+    assert ls.datasets.verify(tmp_path / "disk") == []
+
+
+@pytest.mark.parametrize(
+    ("output", "error"),
+    [(None, TypeError), (b"x", TypeError), (5, TypeError), (["x"], TypeError), ("", ValueError), ("a\0b", ValueError),
+     (Path("s3://bucket/x"), ValueError), ("s3:/bucket/x", ValueError), (Path("file:///x"), ValueError),
+     ("file://", ValueError), ("file://x", ValueError)],
+)  # fmt: skip
+def test_outputs_that_are_none(
+    recipe: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, output: Any, error: type[Exception]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    for call in (partial(ls.generate, recipe, pictures=0), ls.datasets.verify):
+        with pytest.raises(error, match=r"^output: expected "):
+            call(output)  # type: ignore[operator]
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_a_url_that_nobody_knows(recipe: Path) -> None:
+    pytest.importorskip("fsspec")
+    with pytest.raises((OSError, LidarsimError), match=r"^nowhere://x: "):
+        ls.generate(recipe, "nowhere://x", pictures=0)
+
+
+def test_urls_of_folders(tmp_path: Path) -> None:
+    assert open_store(f"file://{tmp_path}/x") == open_store(f"{tmp_path}/x") == Folder(tmp_path / "x")
