@@ -72,14 +72,16 @@ def generate(
     """Make a data set, or resume one that is not complete.
 
     Existing files of the same data set are kept: after a crash, the same call continues where the last one stopped.
+    Several calls may make the same data set at once. Nothing is written outside of the output, and nothing is replaced
+    or removed there that no data set of the same recipe wrote.
 
     Parameters
     ----------
     recipe : path-like or callable
         A YAML file (``configs/README.md`` has its keys), or a function that takes a `numpy.random.Generator` and the
         number of a sequence, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None.
-    output : path-like
-        A folder, or a URL such as ``s3://bucket/folder``.
+    output : str or path-like
+        A folder, or as text a URL such as ``s3://bucket/folder``.
     client : dask.distributed.Client, optional
         Client of the cluster whose workers make the data set; they see the files that the recipe names, and a folder as
         output, under the same paths. Default: this process.
@@ -111,11 +113,13 @@ def generate(
     ConfigError
         If the recipe cannot be used.
     LidarsimError
-        If the output holds another data set, the scheduler is lost, or shards failed three times; all others are made.
+        If the output holds another data set, other files under the names that the data set writes, or damaged notes of
+        it (`FileFormatError`), the scheduler is lost, or shards failed three times; all others are made.
     OSError
         If the disk is full. What is done stays, and the same call resumes.
     TypeError, ValueError
-        If an argument is of the wrong type or out of its range.
+        If an argument is of the wrong type or out of its range, a sensor has a name that a file, or in bags a topic,
+        cannot have, or a class or object of the scene a label that the layout cannot hold.
 
     Examples
     --------
@@ -158,12 +162,12 @@ def generate(
 
 
 def verify(output: PathLike) -> list[str]:
-    """Check the SHA-256 of each file of a data set.
+    """Check the SHA-256 of each file of a data set, and of its recipe.
 
     Parameters
     ----------
-    output : path-like
-        A folder, or a URL such as ``s3://bucket/folder``.
+    output : str or path-like
+        A folder, or as text a URL such as ``s3://bucket/folder``.
 
     Returns
     -------
@@ -173,7 +177,9 @@ def verify(output: PathLike) -> list[str]:
     Raises
     ------
     FileFormatError
-        If there is no data set, or an incomplete one.
+        If there is no data set, or an incomplete one, or its manifest is damaged.
+    TypeError, ValueError
+        If `output` is no such thing.
     """
     from lidarsim.datasets import manifest
     from lidarsim.datasets.store import open_store
