@@ -405,7 +405,8 @@ def verify(store: Store) -> Iterator[str]:
         file.seek(0)
         next(file)
         for line in file:
-            entry = Entry.model_validate_json(line)
+            with _parsing(f"{store}/{MANIFEST}"):
+                entry = Entry.model_validate_json(line)
             yield _difference(store, entry.file, entry.sha256, entry.bytes)
 
 

@@ -69,7 +69,9 @@ def run(
     except (LidarsimError, OSError):
         if not manifest.is_complete(plan.store):
             raise
-    if manifest.is_complete(plan.store):  # by this call or by another, which may have taken away what this one needed
+    if whole := manifest.complete(plan.store):  # by this call or by another, which may have taken what this one needed
+        if whole != head:
+            raise LidarsimError(f"{plan.store}: another data set was made here at the same time: choose another place")
         failed, left = [], 0
         manifest.tidy(plan)
     return Generated(progress.new, progress.points, seconds, left), failed

@@ -16,6 +16,7 @@ import pytest
 
 import lidarsim as ls
 from lidarsim.datasets.store import open_store
+from lidarsim.errors import LidarsimError
 
 LAYOUTS = ("semantickitti", "nuscenes", "shards", "bags")
 
@@ -178,6 +179,29 @@ def test_late_writers(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPa
                 made = ls.generate(shared, out, shard_frames=6, pictures=0)
             assert (made.shards_left, left) == (0, []), (name, moment)
             assert files(out) == whole, (name, moment)
+
+
+def test_a_foreign_manifest_that_comes_meanwhile(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from lidarsim.datasets import manifest
+
+    out = tmp_path / "out"
+    ls.generate(shared, tmp_path / "other", seed=8, pictures=0)
+    real = manifest.write_part
+    for content in (b"mine", (tmp_path / "other/manifest.jsonl").read_bytes()):
+
+        def late(*arguments: Any, content: bytes = content) -> None:
+            real(*arguments)
+            (out / "manifest.jsonl").write_bytes(content)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(manifest, "write_part", late)
+            with pytest.raises(LidarsimError, match=r"manifest\.jsonl: |another data set was made here"):
+                ls.generate(shared, out, pictures=0)
+        assert (out / "manifest.jsonl").read_bytes() == content
+        (out / "manifest.jsonl").unlink()
+        assert (out / "manifest/start.json").exists()
+    assert ls.generate(shared, out, pictures=0).shards_left == 0
+    assert ls.datasets.verify(out) == []
 
 
 def test_tidying_leaves_writers_at_work_and_what_is_foreign(tmp_path: Path) -> None:
