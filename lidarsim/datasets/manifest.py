@@ -16,6 +16,7 @@ from __future__ import annotations
 import hashlib
 import importlib.metadata
 import json
+import os
 import re
 import time
 from collections.abc import Collection, Iterable, Iterator
@@ -199,12 +200,13 @@ def _read(store: Store, name: str) -> bytes | None:
     """Return the content of a note, or None if there is none."""
     try:
         with store.open(name) as file:
-            data = file.read(NOTE + 1)
+            size = file.seek(0, os.SEEK_END)
+            if size > NOTE:
+                raise FileFormatError(f"{store}/{name}: expected at most {NOTE:,} bytes, got {size:,}")
+            file.seek(0)
+            return file.read(size)
     except FileNotFoundError:
         return None
-    if len(data) > NOTE:
-        raise FileFormatError(f"{store}/{name}: expected at most {NOTE:,} bytes, got more")
-    return data
 
 
 @contextmanager
@@ -413,9 +415,10 @@ def verify(store: Store) -> Iterator[str]:
 def _difference(store: Store, name: str, expected: str, size: int | None) -> str:
     """Return how a file differs from what the manifest says, in one line."""
     digest, count = hashlib.sha256(), 0
+    most = NOTE if size is None else size
     try:
         with store.open(name) as file:
-            while (size is None or count <= size) and (block := file.read(1 << 20)):
+            while count <= most and (block := file.read(1 << 20)):
                 digest.update(block)
                 count += len(block)
         found = digest.hexdigest()

@@ -61,7 +61,10 @@ def test_a_cut_manifest_is_noticed(out: Path) -> None:
     head, *lines = lines_of(out)
     for kept in (lines[:-1], lines[1:], lines[:1], lines * 2, [*lines[1:], lines[0]], [*lines[:-1], lines[-1] + " "]):
         write(out, [head, *kept])
-        with pytest.raises(FileFormatError, match=r"manifest\.jsonl: expected .*(it was cut|they changed)"):
+        what = (
+            "they changed" if len(kept) == len(lines) else f"expected {len(lines)} files, got {len(kept)}: it was cut"
+        )
+        with pytest.raises(FileFormatError, match=rf"manifest\.jsonl: .*{what}"):
             ls.datasets.verify(out)
     whole = "".join(f"{line}\n" for line in [head, *lines])
     for size in (0, 1, len(head) - 1, len(head), len(head) + 1, len(head) + 20, len(whole) // 2, len(whole) - 1):
@@ -165,8 +168,17 @@ def test_what_is_no_regular_file_is_not_read(out: Path, tmp_path: Path) -> None:
 def test_a_file_that_grows_without_end_is_not_read_to_it(out: Path) -> None:
     file = out / "sequences/00/velodyne/000000.bin"
     os.truncate(file, 1 << 42)  # a hole that takes no place
-    (problem,) = ls.datasets.verify(out)
-    assert problem.startswith("sequences/00/velodyne/000000.bin: expected")
+    os.truncate(out / "recipe.yaml", 1 << 42)
+    for name, problem in zip(("recipe.yaml", "sequences/00/velodyne/000000.bin"), ls.datasets.verify(out), strict=True):
+        assert problem.startswith(f"{name}: expected")
+
+
+def test_notes_that_grow_without_end_are_not_read(half: Path, shared: Path) -> None:
+    os.truncate(half / "manifest/000000.json", 1 << 42)
+    assert make(shared, half).frames == 12
+    os.truncate(half / "manifest.jsonl", 1 << 42)
+    with pytest.raises(FileFormatError, match="expected lines of at most"):
+        ls.datasets.verify(half)
 
 
 @pytest.mark.parametrize("name", ["start.json", "000000.json"])
