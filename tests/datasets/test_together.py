@@ -151,6 +151,24 @@ def test_one_recipe_at_once(
         assert files(out) == whole
 
 
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_one_of_two_is_killed(shared: Path, tmp_path: Path, slow: bool, layout: str) -> None:
+    """The other is not held up by it, and removes what it left."""
+    moments = random.Random(layout)
+    ls.generate(shared, tmp_path / "whole", layout=layout, shard_frames=1, pictures=0)
+    whole = files(tmp_path / "whole")
+    for number in range(20 if slow else 1):
+        out = tmp_path / f"out{number}"
+        killed, other = Worker(), Worker()
+        for worker in (killed, other):
+            worker.tell(shared, out, layout=layout, shard_frames=1)
+        wait_for(out, moments.randint(0, len(whole) // 2))
+        killed.kill()
+        assert other.answer() == ["made", 0]
+        other.kill()
+        assert files(out) == whole
+
+
 def test_late_writers(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Another call completes the data set and tidies up between any two steps of this one."""
     from lidarsim.datasets import engine, manifest, run
