@@ -12,17 +12,17 @@ import stat
 import threading
 from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
-from io import BytesIO
 from pathlib import Path
 from secrets import token_hex
 from tempfile import gettempdir
 from typing import IO, Any, BinaryIO, NoReturn
+from urllib.parse import unquote
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import short
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import FileFormatError, LidarsimError
 
 PathLike = str | os.PathLike[str]
 
@@ -207,6 +207,26 @@ def told(error: BaseException) -> str:
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
 
 
+def unquoted(error: BaseException) -> str:
+    """Return what an error of another library says, without what it quotes: that may be of any file.
+
+    Whoever lets us read a file by a name from somebody else need not want its lines shown.
+    """
+    return told(error) if isinstance(error, LidarsimError) else _QUOTED.sub("…", told(error))
+
+
+_QUOTED = re.compile(r"""(?<!\w)b?(['"`])(?:\\.|(?!\1).)*(\1|$)""")
+
+
+@contextmanager
+def reading_as(path: PathLike, what: str) -> Iterator[None]:
+    """Raise a `FileFormatError` of one line that names the file, whatever its readers raise."""
+    try:
+        yield
+    except Exception as error:
+        raise FileFormatError(f"{path}: cannot be read as {what}: {unquoted(error)}") from error
+
+
 @contextmanager
 def parsing(path: PathLike, kind: str) -> Iterator[None]:
     """Let parsers of a file fail as they will, and raise a `FileFormatError` of one line that names the file.
@@ -219,7 +239,7 @@ def parsing(path: PathLike, kind: str) -> Iterator[None]:
     except Exception as error:
         if isinstance(error, ImportError) or (isinstance(error, OSError) and error.errno not in {None, errno.EINVAL}):
             raise
-        raise FileFormatError(f"{path}: not a readable {kind}: {told(error)}") from error
+        raise FileFormatError(f"{path}: not a readable {kind}: {unquoted(error)}") from error
 
 
 def read_array(file: IO[bytes], size: int) -> npt.NDArray[Any]:
@@ -258,11 +278,25 @@ def load_array(path: PathLike) -> npt.NDArray[Any]:
         return read_array(file, os.fstat(file.fileno()).st_size)
 
 
-def mesh_source(path: Path) -> dict[str, Any]:
-    """Return the arguments by which trimesh reads a file: a GLB from memory.
+def beside(path: Path, name: str) -> bytes:
+    """Return what is in a file that the file `path` names, by a relative path or URI: one beside or below it.
 
-    trimesh reads as many bytes as a GLB claims to have, for which a file allocates the memory and a `BytesIO` does not.
+    Raises
+    ------
+    FileFormatError
+        If the name is an absolute path or that of another place, or leads, links followed, out of the folder of `path`,
+        or to a pipe or device.
+    OSError
+        If there is no such file, or it cannot be read.
     """
-    if path.suffix.lower() != ".glb":
-        return {"file_obj": path}
-    return {"file_obj": BytesIO(path.read_bytes()), "file_type": "glb"}
+    place = unquote(name)
+    if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|[/\\]", place) or "\\" in place or "\0" in place:
+        raise FileFormatError("it names a file by other than a relative path; only files beside or below it are read")
+    folders = [path.parent.resolve(), path.resolve().parent]  # of its own name, and of what that may be a link to
+    for folder in folders:
+        file = (folder / place).resolve()
+        if file.is_file() and any(file.is_relative_to(folder) for folder in folders):
+            return file.read_bytes()
+    if any((folder / place).exists() for folder in folders):
+        raise FileFormatError("it names something that is no regular file beside or below it")
+    raise FileNotFoundError("it names a file that is not there")

@@ -4,6 +4,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     kitti,
     las,
     mesh_scene,
+    meshes,
     npz,
     nuscenes,
     pcd,

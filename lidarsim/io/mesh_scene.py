@@ -1,17 +1,52 @@
-"""Scene files of meshes with instances (``.glb``, ``.gltf``, ``.3mf``, ``.dae``, …), read by trimesh."""
+"""Scene files of meshes with instances (``.glb``, ``.gltf``, ``.3mf``, ``.dae``, …), read by trimesh.
+
+Of the files that a file names, only those beside or below it are read, and nothing from a network. A file of a single
+mesh (``.obj``, ``.off``, ``.ply``, ``.stl``) is a scene of its parts.
+"""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, NamedTuple
 
-from lidarsim._files import mesh_source, told
+import numpy as np
+
+from lidarsim._files import beside, check_regular, reading_as
+from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
+from lidarsim.io import _gltf
+from lidarsim.io.meshes import SUFFIXES
 from lidarsim.scene import Scene, register_scene_reader
 from lidarsim.shapes import TriangleMesh
+from lidarsim.shapes._polygons import Indices, triangulated
+from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh, register_mesh_reader
 
 
-def recognise(path: Path, _head: bytes) -> bool:
-    """Tell by its suffix whether trimesh reads a file; some of its formats have no signature."""
+class Instance(NamedTuple):
+    """A mesh where a node puts it."""
+
+    name: str
+    """That of the node."""
+    mesh: str
+    transform: Floats
+    """Mesh to scene, shape (4, 4)."""
+
+
+class Beside:
+    """The files beside a file, as trimesh asks for them."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def get(self, name: str) -> bytes:
+        """Return the bytes of the file that `name` names; see `lidarsim._files.beside`."""
+        return beside(self._path, name)
+
+    __getitem__ = get
+
+
+def recognise(path: Path, _head: bytes = b"") -> bool:
+    """Tell by its suffix whether a file is read here; some of the formats have no signature."""
     import trimesh
 
     return path.suffix.lower().removeprefix(".") in trimesh.available_formats()
@@ -19,25 +54,98 @@ def recognise(path: Path, _head: bytes) -> bool:
 
 def read(path: Path) -> Scene:
     """Read as `lidarsim.Scene.from_file` documents."""
-    import trimesh
-
-    try:
-        loaded = trimesh.load_scene(**mesh_source(path))
-    except Exception as error:  # trimesh's readers raise whatever their parsers do
-        raise FileFormatError(f"{path}: cannot be read as a scene: {told(error)}") from error
-    meshes = {
-        name: TriangleMesh.from_trimesh(mesh)
-        for name, mesh in loaded.geometry.items()
-        if isinstance(mesh, trimesh.Trimesh)
-    }
+    if path.suffix.lower() in SUFFIXES:
+        meshes, instances = _parts(path)
+    else:
+        check_regular(path)
+        with reading_as(path, "a scene"):
+            meshes, instances = _loaded(path)
     scene = Scene()
-    for node in loaded.graph.nodes_geometry:
-        transform, name = loaded.graph[node]
-        if name in meshes:
-            scene.add(meshes[name], name=node, transform=transform)
-    if not len(scene):
-        raise FileFormatError(f"{path}: cannot be read as a scene: it holds no triangles")
+    try:
+        shapes = {name: TriangleMesh(*mesh) for name, mesh in meshes.items()}
+        for instance in instances:
+            scene.add(shapes[instance.mesh], name=instance.name, transform=instance.transform)
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {error}") from error
     return scene
 
 
+def read_mesh_of_scene(path: Path) -> MeshFile:
+    """Read all meshes of a file as one, in the order of its nodes."""
+    meshes, instances = _loaded(path)
+    vertices, corners = [np.empty((0, 3))], [np.empty(0, np.int64)]
+    count = 0
+    for instance in instances:
+        points, faces = meshes[instance.mesh]
+        turn, shift = instance.transform[:3, :3], instance.transform[:3, 3]
+        if np.linalg.det(turn) < 0:  # a reflection, which would turn the surface inside out
+            faces = faces[:, ::-1]
+        vertices.append(points if np.array_equal(instance.transform, np.eye(4)) else points @ turn.T + shift)
+        corners.append(faces.ravel() + count)
+        count += len(points)
+    joined = np.concatenate(corners)
+    return MeshFile(np.concatenate(vertices), joined, np.full(len(joined) // 3, 3))
+
+
+Meshes = dict[str, tuple[Floats, Indices]]
+"""Vertices, (n, 3), and triangles, (m, 3), by name."""
+
+
+def _parts(path: Path) -> tuple[Meshes, list[Instance]]:
+    """Return the parts of a file of a single mesh, each with the vertices that it has."""
+    file = read_mesh(path)
+    try:
+        faces, of = triangulated(file.vertices, file.corners, file.sizes)
+    except ValueError as error:
+        raise FileFormatError(f"{path}: {error}") from error
+    if file.parts is None or len(file.names) < 2:
+        name = next(filter(None, file.names), path.name)
+        return {name: (file.vertices, faces)}, [Instance(name, name, np.eye(4))]
+    meshes: Meshes = {}
+    instances = []
+    for part, name in enumerate(file.names):
+        used, corners = np.unique(faces[file.parts[of] == part], return_inverse=True)
+        meshes[str(part)] = file.vertices[used], corners.reshape(-1, 3)
+        instances.append(Instance(name or path.name, str(part), np.eye(4)))
+    return meshes, instances
+
+
+def _loaded(path: Path) -> tuple[Meshes, list[Instance]]:
+    """Return what trimesh reads of a file, and the instances in the order of the file.
+
+    Raises
+    ------
+    Exception
+        Of any kind, as its readers raise what their parsers do.
+    """
+    import trimesh
+
+    names: list[str] | None = None
+    suffix = path.suffix.lower()
+    with path.open("rb") as opened:
+        file: Any = opened
+        if suffix in {".glb", ".gltf"}:
+            file, names = _gltf.prepared(path)
+        options = {"skip_materials": True} if names is not None else {}
+        kind = "".join(path.suffixes[-2:]).lower() if suffix in {".gz", ".bz2"} else suffix
+        loaded = trimesh.load_scene(
+            file, file_type=kind.removeprefix("."), resolver=Beside(path), process=False, **options
+        )
+    meshes = {
+        name: (np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
+        for name, mesh in loaded.geometry.items()
+        if isinstance(mesh, trimesh.Trimesh)
+    }
+    instances = []
+    for node in loaded.graph.nodes_geometry:
+        transform, mesh = loaded.graph[node]
+        if mesh in meshes:
+            name = node if names is None else names[int(node.partition("_")[0])]
+            instances.append(Instance(name, mesh, np.asarray(transform)))
+    if not any(len(meshes[instance.mesh][1]) for instance in instances):
+        raise FileFormatError("it holds no triangles")
+    return meshes, instances
+
+
+register_mesh_reader(recognise, read_mesh_of_scene)
 register_scene_reader("a scene of meshes, by its suffix", recognise, read)

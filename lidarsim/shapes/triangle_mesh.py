@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
-from lidarsim._files import mesh_source, told
+from lidarsim._files import check_regular, reading_as
 from lidarsim._validation import Floats, Transform, array, in_order, positive
 from lidarsim.errors import FileFormatError
+from lidarsim.shapes._polygons import Indices, triangulated
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -21,6 +23,30 @@ if TYPE_CHECKING:
     import open3d
     import pyvista
     import trimesh
+
+
+class MeshFile(NamedTuple):
+    """What a mesh file holds, in its order.
+
+    Parameters
+    ----------
+    vertices : ndarray of float64, shape (n, 3)
+        m.
+    corners : ndarray of int64, shape (k,)
+        Vertices of the faces, one face after the other.
+    sizes : ndarray of int64, shape (m,)
+        How many corners each face has.
+    names : sequence of str
+        Names of the parts that the file divides the mesh into; empty if it does not.
+    parts : ndarray of int64, shape (m,), optional
+        To which part each face belongs.
+    """
+
+    vertices: Floats
+    corners: Indices
+    sizes: Indices
+    names: Sequence[str] = ()
+    parts: Indices | None = None
 
 
 class TriangleMesh(Shape):
@@ -67,12 +93,15 @@ class TriangleMesh(Shape):
 
     @classmethod
     def from_file(cls, path: str | PathLike[str], *, transform: Transform | None = None) -> Self:
-        """Read a mesh file: PLY, STL, OBJ, OFF, GLB or another format that trimesh reads.
+        """Read a mesh file: PLY, STL, OBJ and OFF, and GLB and what else trimesh reads.
+
+        Faces of more than three corners are cut into triangles, be they convex or not.
 
         Parameters
         ----------
         path : str or path-like
-            The file; its units are taken as metres. A file of several meshes is read as one.
+            The file; its units are taken as metres. A file of several meshes is read as one. Of the files that it
+            names, only those beside or below it are read.
         transform : array_like, shape (4, 4), or RigidTransform, optional
             Affine map applied to the mesh.
 
@@ -91,19 +120,13 @@ class TriangleMesh(Shape):
         ValueError
             If its vertices or faces are not those of a valid mesh.
         """
-        import trimesh
-
         path = Path(fspath(path))
         if not path.is_file():
             raise FileNotFoundError(f"{path}: no such mesh file")
+        file = read_mesh(path)
         try:
-            loaded = trimesh.load_mesh(**mesh_source(path), process=False)
-        except Exception as error:  # trimesh's readers raise errors of many types
-            raise FileFormatError(f"{path}: cannot be read as a mesh: {told(error)}") from error
-        if not isinstance(loaded, trimesh.Trimesh) or len(loaded.faces) == 0:
-            raise FileFormatError(f"{path}: cannot be read as a mesh: it holds no triangles")
-        try:
-            mesh = cls.from_trimesh(loaded, transform=transform)
+            faces, _ = triangulated(file.vertices, file.corners, file.sizes)
+            mesh = cls(file.vertices, faces, transform=transform)
         except ValueError as error:
             raise FileFormatError(f"{path}: {error}") from error
         if mesh.degenerate_count:
@@ -279,3 +302,38 @@ def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:
         hint = "; counted from 1?" if given.min() == 1 and given.max() == vertices else ""
         raise ValueError(f"faces: expected indices from 0 to {vertices - 1}, got faces[{i}][{j}] = {given[i, j]}{hint}")
     return in_order(given, np.uint32)
+
+
+def register_mesh_reader(recognise: Callable[[Path], bool], read: Callable[[Path], MeshFile]) -> None:
+    """Let `TriangleMesh.from_file` read one more kind of file.
+
+    Parameters
+    ----------
+    recognise : callable
+        ``recognise(path)`` says by its name whether a file is of this kind.
+    read : callable
+        ``read(path)`` returns the `MeshFile` of a regular file, or raises an error of any kind.
+    """
+    _readers.append((recognise, read))
+
+
+_readers: list[tuple[Callable[[Path], bool], Callable[[Path], MeshFile]]] = []
+
+
+def read_mesh(path: Path) -> MeshFile:
+    """Read a mesh file of any kind.
+
+    Raises
+    ------
+    FileFormatError
+        If it cannot be read as a mesh, or holds no face of three corners.
+    """
+    check_regular(path)
+    with reading_as(path, "a mesh"):
+        read = next((read for recognise, read in _readers if recognise(path)), None)
+        if read is None:
+            raise FileFormatError(f"unknown extension {path.suffix!r}")
+        file = read(path)
+        if not (file.sizes > 2).any():
+            raise FileFormatError("it holds no triangles")
+        return file

@@ -1,0 +1,267 @@
+"""PLY files (``.ply``) in any encoding: vertices, faces and triangle strips; other elements and properties are skipped.
+
+Format: Greg Turk, The PLY Polygon File Format (http://paulbourke.net/dataformats/ply).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from lidarsim._validation import Floats
+from lidarsim.errors import FileFormatError
+from lidarsim.io.meshes._lines import Line, floats, integers, lines_of, table
+from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
+
+_CODES = {
+    "i1": ("char", "int8"),
+    "u1": ("uchar", "uint8"),
+    "i2": ("short", "int16"),
+    "u2": ("ushort", "uint16"),
+    "i4": ("int", "int32"),
+    "u4": ("uint", "uint32"),
+    "i8": ("int64",),
+    "u8": ("uint64",),
+    "f4": ("float", "float32"),
+    "f8": ("double", "float64"),
+}
+_TYPES = {name: np.dtype(code) for code, names in _CODES.items() for name in names}
+_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+_INDICES = ("vertex_indices", "vertex_index")
+
+Indices = npt.NDArray[np.int64]
+
+
+@dataclass
+class _Property:
+    name: str
+    dtype: np.dtype[Any]
+    count: np.dtype[Any] | None = None
+    """Type of the length, of a list."""
+
+
+class _Values(NamedTuple):
+    """What an element has, by the places of its properties."""
+
+    scalars: dict[int, npt.NDArray[Any]]
+    lists: dict[int, tuple[Indices, Indices]]
+    """Of each list all values, one after the other and truncated to integers, and how many of them each row has."""
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    properties: list[_Property] = field(default_factory=list)
+
+    def place(self, *names: str) -> int:
+        """Return which property has one of the names."""
+        places = [k for k, prop in enumerate(self.properties) if prop.name in names]
+        if len(places) != 1:
+            raise FileFormatError(f"its element {self.name} has {len(places)} properties {' or '.join(names)}")
+        return places[0]
+
+
+def read(path: Path) -> MeshFile:
+    """Read a file."""
+    data = path.read_bytes()
+    order, elements, start, line = _header(data)
+    values = _text(data[start:], line, elements) if not order else _binary(memoryview(data)[start:], order, elements)
+    vertices = np.empty((0, 3))
+    corners, sizes = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
+    for element, (scalars, lists) in zip(elements, values, strict=True):
+        if element.name == "vertex":
+            vertices = np.stack([_scalar(element, scalars, axis) for axis in "xyz"], axis=1)
+        elif element.name in {"face", "tristrips"} and element.count:
+            place = element.place(*_INDICES)
+            if place not in lists or element.properties[place].dtype.kind == "f":
+                raise FileFormatError(f"its element {element.name} has vertex indices that are no list of integers")
+            found = lists[place] if element.name == "face" else _strips(*lists[place])
+            corners.append(found[0])
+            sizes.append(found[1])
+    return MeshFile(vertices, np.concatenate(corners), np.concatenate(sizes))
+
+
+def _header(data: bytes) -> tuple[str, list[_Element], int, int]:
+    """Return the byte order, "" of text, the elements, and the first byte and line after the header."""
+    mark = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
+    if mark is None:
+        raise FileFormatError("it does not begin with the line 'ply'")
+    ending = mark[1]
+    order: str | None = None
+    elements: list[_Element] = []
+    start, number = mark.end(), 1
+    while True:
+        stop = data.find(ending, start)
+        if stop < 0:
+            raise FileFormatError("its header has no end")
+        words = data[start:stop].decode("latin-1").split()
+        start, number = stop + len(ending), number + 1
+        match words:
+            case ["end_header"]:
+                if order is None:
+                    raise FileFormatError("its header has no format")
+                return order, elements, start, number + 1
+            case [] | ["comment" | "obj_info", *_]:
+                pass
+            case ["format", name, "1.0"] if name in _ORDERS:
+                order = _ORDERS[name]
+            case ["element", name, count] if count.isascii() and count.isdigit() and len(count) < 19:
+                elements.append(_Element(name, int(count)))
+            case ["property", "list", count, kind, name] if elements and {count, kind} <= _TYPES.keys():
+                elements[-1].properties.append(_Property(name, _TYPES[kind], _TYPES[count]))
+            case ["property", kind, name] if elements and kind in _TYPES:
+                elements[-1].properties.append(_Property(name, _TYPES[kind]))
+            case _:
+                raise FileFormatError(f"line {number}: expected a format, element, property or comment of PLY 1.0")
+
+
+def _scalar(element: _Element, scalars: dict[int, npt.NDArray[Any]], name: str) -> Floats:
+    place = element.place(name)
+    if place not in scalars:
+        raise FileFormatError(f"its element {element.name} has a list {name}, expected a number")
+    return scalars[place].astype(np.float64)
+
+
+def _strips(corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:
+    """Return the triangles of strips; a strip ends at an index of −1 and at the end of a list."""
+    triangles = []
+    ends = np.cumsum(sizes)
+    for row in np.split(corners, ends[:-1]):
+        for part in np.split(row, np.flatnonzero(row == -1)):
+            strip = part[part != -1]
+            odd = np.arange(len(strip) - 2) % 2  # every other one is wound the other way
+            steps = np.arange(max(len(strip) - 2, 0))
+            triangles.append(np.stack([strip[steps], strip[steps + 1 + odd], strip[steps + 2 - odd]], axis=1))
+    faces = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int64)
+    return faces.ravel(), np.full(len(faces), 3, np.int64)
+
+
+def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:
+    """Read the elements after a header of text: a row in each line, empty lines aside."""
+    lines = list(lines_of(data, first=line))
+    values = []
+    start = 0
+    for element in elements:
+        rows = lines[start : start + element.count]
+        start += len(rows)
+        if len(rows) < element.count:
+            raise FileFormatError(f"it is truncated: {len(rows):,} of {element.count:,} of the element {element.name}")
+        if any(prop.count for prop in element.properties):
+            values.append(_text_lists(rows, element))
+        else:
+            width = len(element.properties)
+            wrong = next((row.number for row in rows if len(row.words) != width), None)
+            if wrong is not None:
+                raise FileFormatError(f"line {wrong}: expected {width} numbers, one for each property")
+            values.append(_Values(dict(enumerate(table(rows, range(width)).T)), {}))
+    if start < len(lines):
+        raise FileFormatError(f"line {lines[start].number}: expected the end, after all that the header claims")
+    return values
+
+
+def _text_lists(rows: list[Line], element: _Element) -> _Values:
+    scalars: dict[int, list[float]] = {k: [] for k, prop in enumerate(element.properties) if not prop.count}
+    lists: dict[int, list[float]] = {k: [] for k, prop in enumerate(element.properties) if prop.count}
+    sizes: dict[int, list[int]] = {k: [] for k in lists}
+    for number, words in rows:
+        place = 0
+        for k, prop in enumerate(element.properties):
+            size = 1
+            if prop.count:
+                size = max(integers(number, words[place : place + 1]), default=-1)
+                sizes[k].append(size)
+                place += 1
+            if size < 0 or place + size > len(words):
+                raise FileFormatError(f"line {number}: expected as many numbers as its lists claim, got fewer")
+            read = floats if prop.dtype.kind == "f" else integers
+            (lists if prop.count else scalars)[k] += read(number, words[place : place + size])
+            place += size
+        if place < len(words):
+            raise FileFormatError(f"line {number}: expected as many numbers as its lists claim, got more")
+    return _Values(
+        {k: np.array(column) for k, column in scalars.items()},
+        {k: (np.array(column).astype(np.int64), np.array(sizes[k], np.int64)) for k, column in lists.items()},
+    )
+
+
+def _binary(data: memoryview, order: str, elements: list[_Element]) -> list[_Values]:
+    """Read the elements after a header that says in which order bytes are."""
+    values = []
+    for element in elements:
+        for prop in element.properties:
+            prop.dtype = prop.dtype.newbyteorder(order)
+            prop.count = prop.count and prop.count.newbyteorder(order)
+        found, size = _binary_rows(data, element) or _binary_lists(data, element)
+        values.append(found)
+        data = data[size:]
+    if bytes(data[:4096]).strip(b"\0 \t\r\n"):  # some pad the end
+        raise FileFormatError("expected the end, after all that the header claims")
+    return values
+
+
+def _binary_rows(data: memoryview, element: _Element) -> tuple[_Values, int] | None:
+    """Read rows of one length, and return their bytes too; None if lists have different lengths, or too few bytes."""
+    parts: list[tuple[str, Any]] = []
+    place = 0
+    for k, prop in enumerate(element.properties):
+        size = 1
+        if prop.count:
+            size = _size(data, place, prop.count) if element.count else 0
+            parts.append((f"size{k}", prop.count))
+            place += prop.count.itemsize
+            if size < 0 or place + size * prop.dtype.itemsize > len(data):
+                return None
+        parts.append((f"{k}", (prop.dtype, (size,)) if prop.count else prop.dtype))
+        place += size * prop.dtype.itemsize
+    if place * element.count > len(data):
+        return None
+    rows = np.frombuffer(data, np.dtype(parts), element.count) if place else np.empty(0, np.dtype(parts))
+    scalars, lists = {}, {}
+    for k, prop in enumerate(element.properties):
+        if not prop.count:
+            scalars[k] = rows[f"{k}"]
+            continue
+        sizes = rows[f"size{k}"].astype(np.int64)
+        if len(sizes) and (sizes != sizes[0]).any():
+            return None
+        lists[k] = rows[f"{k}"].astype(np.int64).ravel(), sizes
+    return _Values(scalars, lists), place * element.count
+
+
+def _binary_lists(data: memoryview, element: _Element) -> tuple[_Values, int]:
+    """Read rows of any lengths, one by one, and return their bytes too."""
+    parts: dict[int, list[npt.NDArray[Any]]] = {k: [] for k in range(len(element.properties))}
+    place = 0
+    for row in range(element.count):
+        for k, prop in enumerate(element.properties):
+            size = 1
+            if prop.count:
+                size = _size(data, place, prop.count)
+                place += prop.count.itemsize
+            end = place + size * prop.dtype.itemsize
+            if size < 0 or end > len(data):
+                raise FileFormatError(f"it is truncated: {row:,} of {element.count:,} of the element {element.name}")
+            parts[k].append(np.frombuffer(data, prop.dtype, size, place))
+            place = end
+    scalars, lists = {}, {}
+    for k, prop in enumerate(element.properties):
+        joined = np.concatenate([np.empty(0, prop.dtype), *parts[k]])
+        if prop.count:
+            lists[k] = joined.astype(np.int64), np.array([len(part) for part in parts[k]], np.int64)
+        else:
+            scalars[k] = joined
+    return _Values(scalars, lists), place
+
+
+def _size(data: memoryview, place: int, dtype: np.dtype[Any]) -> int:
+    """Return the length of a list, or −1 if there are too few bytes for it."""
+    return int(np.frombuffer(data, dtype, 1, place)[0]) if place + dtype.itemsize <= len(data) else -1
+
+
+register_mesh_reader(lambda path: path.suffix.lower() == ".ply", read)
