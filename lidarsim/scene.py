@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native as core
-from lidarsim._files import PathLike
+from lidarsim._files import PathLike, check_regular
 from lidarsim._pickling import Immutable, Pickled
 from lidarsim._validation import (
     UINT32,
@@ -380,9 +380,11 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         path : path-like
-            A scene in YAML, as in configurations, or a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE.
-            The latter's units are taken as metres; each instance of a mesh becomes an object named after its node, and
-            all instances share the mesh.
+            A scene in YAML, as in configurations, or a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE, or
+            a mesh file: OBJ, OFF, PLY or STL. Their units are taken as metres; each instance of a mesh becomes an
+            object named after its node, and all instances share the mesh. In an OBJ file each object (or group) of one
+            material becomes one, in an STL file each solid. Of the files that it names, only those beside or below it
+            are read.
 
         Returns
         -------
@@ -397,6 +399,7 @@ class Scene(Pickled, Plotted):
             If the file cannot be opened.
         """
         path = Path(path)
+        check_regular(path)
         with path.open("rb") as file:
             head = file.read(HEAD)
         for recognise, read in _readers.values():

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import os
-import reprlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -16,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native, _validation
-from lidarsim._files import PathLike, atomic_writer, check_suffix
+from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._pickling import Immutable
 from lidarsim._validation import Floats, Transform, array, as_array, one_of
 from lidarsim.errors import FileFormatError
@@ -200,7 +199,7 @@ class Trajectory(Immutable):
             form = next((form for form in _FORMATS if form.recognise(first)), None)
             if form is None:
                 kinds = "; ".join(f"{form.name}: {form.looks}" for form in _FORMATS)
-                raise ValueError(f"expected poses ({kinds}), got {reprlib.repr(first)}")
+                raise ValueError(f"expected poses ({kinds}), got {'something else' if first else 'nothing'}")
             own, poses = form.read(chain([first], lines))
         if own is not None:
             if times is not None:
@@ -533,7 +532,7 @@ def numbers(texts: Sequence[str], count: int) -> list[float]:
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or "_" in text:
-            raise ValueError(f"expected finite numbers, got {reprlib.repr(text)}")
+            raise ValueError("expected finite numbers, got something else")  # not shown: it may be of any file
         values.append(value)
     return values
 
@@ -549,6 +548,7 @@ class _LineReader:
         self._lines = self._read()
 
     def _read(self) -> Iterator[str]:
+        check_regular(self.path)
         with self.path.open("rb") as file:
             while line := file.readline(LONGEST_LINE + 1):
                 self._number += 1
@@ -567,6 +567,8 @@ class _LineReader:
         """Turn an error from within the block into one that names the file and the line taken last."""
         try:
             yield
+        except FileFormatError:
+            raise
         except OSError as error:
             raise FileFormatError(f"{self.path}: cannot read the file: {error.strerror}") from None
         except ValueError as error:

@@ -93,11 +93,14 @@ def read(path: Path) -> Node:
         If the file cannot be read, and as `parse` does.
     """
     try:
+        check_regular(path)
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
         if len(content) > MOST_BYTES:
             raise ConfigError(f"{path}: expected at most {MOST_BYTES:,} bytes of YAML, got more")
         node = parse(content.decode("utf-8-sig"), str(path))
+    except FileFormatError as error:
+        raise ConfigError(str(error)) from None
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError as error:

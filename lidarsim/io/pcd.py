@@ -110,7 +110,7 @@ def _header(file: BinaryIO) -> dict[str, list[str]]:
             continue
         key, *values = line.decode("ascii", "replace").split() or [""]
         if key not in KEYS:
-            raise FileFormatError(f"expected the header of a PCD file, got {line[:20]!r}")
+            raise FileFormatError("expected the header of a PCD file, got something else")
         header[key] = values
     for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT", "DATA"):
         if not header.get(key):

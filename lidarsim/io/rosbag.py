@@ -50,7 +50,7 @@ import numpy.typing as npt
 
 from lidarsim import _validation
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, check_name, check_suffix, parsing, replacing
+from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing, replacing
 from lidarsim.errors import FileFormatError
 from lidarsim.io import _mcap
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
@@ -398,6 +398,7 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     OSError
         If it cannot be read.
     """
+    check_regular(path)
     messages = _read(Path(path), topic)
     while True:
         with parsing(path, "ROS 2 bag"):

@@ -145,10 +145,11 @@ class Table(Value):
         names = next((names for names in _DIRECTIONS if columns.keys() >= set(names)), None)
         if names is None:
             wanted = " or ".join(", ".join(names) for names in _DIRECTIONS)
-            raise ValueError(f"expected columns {wanted}, got {', '.join(columns)}")
-        unknown = columns.keys() - {*names, "time_s", "ring", "column"}
-        if unknown:
-            raise ValueError(f"unknown columns {', '.join(sorted(unknown))}")
+            raise ValueError(f"expected columns {wanted}, got others")
+        known = [*names, "time_s", "ring", "column"]
+        for number, name in enumerate(columns, 1):
+            if name not in known:
+                raise ValueError(f"column {number}: expected one of {', '.join(known)}, got another")
         if "time_s" in columns and pulse_rate is not None:
             raise ValueError(f"pulse_rate: expected none with the column time_s, got {pulse_rate!r}")
         if "elevation_rad" in names:
@@ -239,15 +240,47 @@ def columns_of(lines: Sequence[str]) -> dict[str, Floats]:
     Raises
     ------
     ValueError
-        If the lines are not such a table.
+        If the lines are not such a table. The message shows nothing of them, which may be those of any file.
     """
     names = [name.strip().lower() for name in lines[0].split(",")] if lines else []
     if len(lines) < 2:
         raise ValueError("expected a line of names and lines of numbers, got no numbers")
-    values = np.loadtxt(lines[1:], delimiter=",", ndmin=2, comments=None)
+    values = number_rows(lines[1:], first=2)
     if len(names) != values.shape[1] or len(set(names)) < len(names):
-        raise ValueError(f"expected {values.shape[1]} different names in the first line, got {', '.join(names)}")
+        raise ValueError(f"expected {values.shape[1]} different names in the first line, got {len(set(names))}")
     return dict(zip(names, values.T, strict=True))
+
+
+def number_rows(lines: Sequence[str], *, first: int = 1) -> Floats:
+    """Return the numbers in lines that commas divide, shape (lines, columns); `first` is the number of the first line.
+
+    Raises
+    ------
+    ValueError
+        If a line holds something else, or has fewer or more numbers than the first one.
+    """
+    if not any(map(str.strip, lines)):
+        raise ValueError("expected lines of numbers, got none")
+    try:
+        return np.loadtxt(lines, delimiter=",", ndmin=2, comments=None)
+    except ValueError:
+        width = 0
+        for number, line in enumerate(lines, first):
+            cells = line.split(",") if line.strip() else []
+            width = width or len(cells)
+            if cells and len(cells) != width:
+                raise ValueError(f"line {number}: expected {width} numbers, got {len(cells)}") from None
+            if not all(map(_is_number, cells)):
+                raise ValueError(f"line {number}: expected numbers, got something else") from None
+        raise ValueError("expected lines of numbers, got something else") from None
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
 
 
 def _npy_columns(path: Path) -> dict[str, Floats]:

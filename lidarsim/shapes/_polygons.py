@@ -67,6 +67,22 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
     return faces, of
 
 
+def of_strips(corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:
+    """Return the triangles of strips as faces, and their sizes; within a strip, an index of −1 begins a new one.
+
+    Every other triangle of a strip is wound the other way, so that all are on the same side.
+    """
+    triangles = [np.empty((0, 3), np.int64)]
+    for row in np.split(corners, np.cumsum(sizes)[:-1]):
+        for part in np.split(row, np.flatnonzero(row == -1)):
+            strip = part[part != -1]
+            steps = np.arange(max(len(strip) - 2, 0))
+            odd = steps % 2
+            triangles.append(np.stack([strip[steps], strip[steps + 1 + odd], strip[steps + 2 - odd]], axis=1))
+    faces = np.concatenate(triangles)
+    return faces.ravel(), np.full(len(faces), 3, np.int64)
+
+
 def _normals(points: Floats) -> tuple[Floats, Floats]:
     """Return twice the vector area of outlines, shape (m, size, 3), and the cross products of edges at their corners.
 

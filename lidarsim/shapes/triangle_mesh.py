@@ -6,7 +6,7 @@ import logging
 from collections.abc import Callable, Sequence
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +15,7 @@ from lidarsim import _native
 from lidarsim._files import check_regular, reading_as
 from lidarsim._validation import Floats, Transform, array, in_order, positive
 from lidarsim.errors import FileFormatError
-from lidarsim.shapes._polygons import Indices, triangulated
+from lidarsim.shapes._polygons import Indices, of_strips, triangulated
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -192,29 +192,41 @@ class TriangleMesh(Shape):
         Parameters
         ----------
         mesh : pyvista.DataSet
-            Its surface; faces of more than three vertices are triangulated by PyVista.
+            Its surface. Faces of more than three corners are cut into triangles, be they convex or not, and so are
+            triangle strips, which come last; points and lines are left out, which is reported to the logger
+            ``lidarsim``.
         transform : array_like, shape (4, 4), or RigidTransform, optional
             Affine map applied to the mesh.
 
         Returns
         -------
         TriangleMesh
-            The triangles of the surface.
+            The triangles of the surface, in the order of its faces.
 
         Raises
         ------
+        TypeError
+            If it is no data set, but several blocks of them, for one.
         ValueError
             If its vertices or faces are not those of a valid mesh.
         """
-        surface = mesh
-        if not hasattr(mesh, "regular_faces"):
+        if not hasattr(mesh, "extract_surface"):
+            raise TypeError(f"mesh: expected a pyvista.DataSet, got {type(mesh).__name__}")
+        surface: Any = mesh
+        if not hasattr(mesh, "GetPolys"):
             try:
                 surface = mesh.extract_surface(algorithm=None)
             except TypeError:  # before PyVista 0.47 there was only this algorithm, and no argument
                 surface = mesh.extract_surface()
-        if not surface.is_all_triangles:
-            surface = surface.triangulate()
-        return cls(np.asarray(surface.points), surface.regular_faces, transform=transform)
+        points = np.asarray(surface.points, np.float64)
+        faces, strips = _cells(surface.GetPolys()), of_strips(*_cells(surface.GetStrips()))
+        triangles, _ = triangulated(points, *map(np.concatenate, zip(faces, strips, strict=True)))
+        left_out = surface.n_verts + surface.n_lines
+        if left_out and not len(triangles):
+            raise ValueError(f"mesh: expected faces, got {left_out} points and lines alone")
+        if left_out:
+            logging.getLogger("lidarsim").warning("mesh: %d points and lines left out, which nothing hits", left_out)
+        return cls(points, triangles, transform=transform)
 
     @classmethod
     def from_heightfield(
@@ -286,6 +298,16 @@ class TriangleMesh(Shape):
         """Return the numbers of vertices and faces."""
         placed = "" if self.transform is None else ", transform=…"
         return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{placed})"
+
+
+def _cells(array: Any) -> tuple[Indices, Indices]:
+    """Return the vertices of a ``vtkCellArray``, one cell after the other, and how many each has."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    if not array.GetNumberOfCells():
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    corners, ends = vtk_to_numpy(array.GetConnectivityArray()), vtk_to_numpy(array.GetOffsetsArray())
+    return corners.astype(np.int64), np.diff(ends).astype(np.int64)
 
 
 def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:

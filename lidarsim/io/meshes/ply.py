@@ -16,6 +16,7 @@ import numpy.typing as npt
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes._lines import Line, floats, integers, lines_of, table
+from lidarsim.shapes._polygons import of_strips
 from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 _CODES = {
@@ -81,7 +82,7 @@ def read(path: Path) -> MeshFile:
             place = element.place(*_INDICES)
             if place not in lists or element.properties[place].dtype.kind == "f":
                 raise FileFormatError(f"its element {element.name} has vertex indices that are no list of integers")
-            found = lists[place] if element.name == "face" else _strips(*lists[place])
+            found = lists[place] if element.name == "face" else of_strips(*lists[place])
             corners.append(found[0])
             sizes.append(found[1])
     return MeshFile(vertices, np.concatenate(corners), np.concatenate(sizes))
@@ -126,20 +127,6 @@ def _scalar(element: _Element, scalars: dict[int, npt.NDArray[Any]], name: str) 
     if place not in scalars:
         raise FileFormatError(f"its element {element.name} has a list {name}, expected a number")
     return scalars[place].astype(np.float64)
-
-
-def _strips(corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:
-    """Return the triangles of strips; a strip ends at an index of −1 and at the end of a list."""
-    triangles = []
-    ends = np.cumsum(sizes)
-    for row in np.split(corners, ends[:-1]):
-        for part in np.split(row, np.flatnonzero(row == -1)):
-            strip = part[part != -1]
-            odd = np.arange(len(strip) - 2) % 2  # every other one is wound the other way
-            steps = np.arange(max(len(strip) - 2, 0))
-            triangles.append(np.stack([strip[steps], strip[steps + 1 + odd], strip[steps + 2 - odd]], axis=1))
-    faces = np.concatenate(triangles) if triangles else np.empty((0, 3), np.int64)
-    return faces.ravel(), np.full(len(faces), 3, np.int64)
 
 
 def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:

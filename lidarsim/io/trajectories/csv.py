@@ -22,7 +22,7 @@ def read(lines: Iterator[str]) -> tuple[Floats, Floats]:
     header = next(lines)
     names = [name.strip() for name in header.split(",")]
     if any(names.count(name) != 1 for name in COLUMNS):
-        raise ValueError(f"expected each of the columns {','.join(COLUMNS)} once, got {header[:200]}")
+        raise ValueError(f"expected each of the columns {','.join(COLUMNS)} once, got others")
     places = [names.index(name) for name in COLUMNS]
 
     def row(line: str) -> list[float]:

@@ -29,6 +29,7 @@ import hashlib
 import math
 import re
 import struct
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -364,14 +365,14 @@ def _states(cells: list[list[str]]) -> Firings:
         raise ValueError(f"expected rows of {len(modes)} cells, and some of them in operation mode 2")
     channel = _channels([row[0] for row in rows])
     return [
-        (channel, array("fire times", [float(row[column]) for row in rows], (len(rows),)) * unit)
+        (channel, array("fire times", _numbers(row[column] for row in rows), (len(rows),)) * unit)
         for column in columns.values()
     ]
 
 
 def _loops(cells: list[list[str]]) -> Firings:
     """Return the firings of loops, two columns each: a channel, or 0 in unused rows, and its time, us."""
-    rows = array("rows", [[float(cell) for cell in row] for row in cells[3:]], ("n", len(cells[2])))
+    rows = array("rows", [_numbers(row) for row in cells[3:]], ("n", len(cells[2])))
     loops = np.split(rows, rows.shape[1] // 2, axis=1)
     numbers = rows[:, ::2]
     if not np.array_equal(numbers, np.clip(np.floor(numbers), 0, 65_535)):
@@ -382,10 +383,18 @@ def _loops(cells: list[list[str]]) -> Firings:
 
 def _channels(numbers: list[str]) -> npt.NDArray[np.intp]:
     """Return the indices of channels that are numbered from 1."""
-    channel = np.array([int(number) for number in numbers], dtype=np.intp)
+    channel = np.array(_numbers(numbers))
     if not np.array_equal(np.sort(channel), np.arange(1, len(channel) + 1)):
         raise ValueError(f"expected each of the channels 1 to {len(channel)} once")
-    return channel - 1
+    return channel.astype(np.intp) - 1
+
+
+def _numbers(cells: Iterable[str]) -> list[float]:
+    """Return the numbers in cells; what else they hold is not shown, for it may be of any file."""
+    try:
+        return [float(cell) for cell in cells]
+    except ValueError:
+        raise ValueError("expected numbers, got something else") from None
 
 
 def _by_channel(path: Path, *names: str) -> list[Floats]:

@@ -19,6 +19,7 @@ import numpy as np
 from lidarsim._validation import array
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.patterns import Spinning
+from lidarsim.patterns.table import number_rows
 from lidarsim.sensor import Lidar, register_lidar_reader
 
 KIND = "RoboSense angle CSV"
@@ -74,7 +75,7 @@ def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> 
         If the file cannot be read.
     """
     with refusals(path, KIND):
-        rows = np.loadtxt(path, delimiter=",", ndmin=2, encoding="utf-8-sig")
+        rows = number_rows(path.read_text(encoding="utf-8-sig").splitlines())
         angles = array("angles", rows, ("n", "of each"))
         if angles.shape not in MODELS:
             raise ValueError(f"expected 16 lines of an angle or 32 of two, got shape {angles.shape}")

@@ -25,8 +25,8 @@ from typing import Any, NamedTuple, cast
 
 import numpy as np
 
-from lidarsim._files import told
-from lidarsim._validation import Floats, array, short, shown
+from lidarsim._files import unquoted
+from lidarsim._validation import Floats, array, shown
 from lidarsim.errors import FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.patterns import Spinning
@@ -116,10 +116,10 @@ def _yaml(path: Path) -> Any:
         return yaml.load(text, loader)  # noqa: S506 - a safe one
     except yaml.MarkedYAMLError as error:
         where = f" at line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        problem = short(error.problem or error.context)
+        problem = unquoted(Exception(error.problem or error.context))
         raise FileFormatError(f"{path}: {KIND}: not valid YAML{where}: {problem}") from None
     except yaml.YAMLError as error:
-        raise FileFormatError(f"{path}: {KIND}: not valid YAML: {told(error)}") from None
+        raise FileFormatError(f"{path}: {KIND}: not valid YAML: {unquoted(error)}") from None
 
 
 def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any]]:
