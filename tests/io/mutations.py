@@ -146,6 +146,10 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
         path = folder / f"mesh{suffix}"
         mesh.export(path)
         yield f"mesh {suffix}", path, TriangleMesh.from_file
+    for suffix, options in ((".ply", {"encoding": "ascii"}), (".stl", {"file_type": "stl_ascii"})):
+        path = folder / f"mesh_text{suffix}"
+        mesh.export(path, **options)
+        yield f"mesh text {suffix}", path, TriangleMesh.from_file
     for shape, file in (("scene_file", "mesh.glb"), ("heightfield", "table.npy")):
         scene = folder / f"{shape}.yaml"
         more = ", spacing_m: 1" if shape == "heightfield" else ""
