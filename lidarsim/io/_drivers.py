@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim.io._records import to_fields
+from lidarsim.io._times import NAMES, since_stamp
 from lidarsim.io._units import fitting, reflectivity, vendor_range
 from lidarsim.pointcloud import Fields, PointCloud
 
@@ -135,14 +136,16 @@ def to_layout(cloud: PointCloud, layout: str, lidar: Sensor | None, stamp: int) 
     return records, int(max(points.nanoseconds.max(initial=0), 0))
 
 
-def to_cloud(columns: Fields, stamp: int) -> PointCloud:
-    """Return the points of a message: what lidarsim has a name for gets it, all else keeps its own."""
+def to_cloud(columns: Fields, stamp: int, recorded: int) -> PointCloud:
+    """Return the points of a message: what lidarsim has a name for gets it, all else keeps its own.
+
+    `stamp` is the message's time and `recorded` that at which it was recorded, ns.
+    """
     columns = dict(columns)
-    for name in ("t", "time_stamp", "offset_time", "timestamp"):
-        if name in columns and "time" not in columns:
-            values = columns.pop(name)
-            absolute = values.dtype.kind == "f"
-            columns["time"] = values - np.float64(stamp // 10**9) - stamp % 10**9 / 1e9 if absolute else values / 1e9
+    for name in NAMES:
+        if name in columns:
+            columns["time"] = since_stamp(name, columns.pop(name), stamp, recorded)
+            break
     for name in ("channel", "line"):
         if name in columns and "ring" not in columns:
             columns["ring"] = columns.pop(name)

@@ -50,8 +50,8 @@ def storage() -> Any:
     return Storage
 
 
-def messages(path: Path) -> Iterator[tuple[str, str, memoryview]]:
-    """Yield topic, type and data of each message."""
+def messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
+    """Yield topic, type, time of recording, ns, and data of each message."""
     types: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     with path.open("rb") as file:
@@ -64,7 +64,7 @@ def messages(path: Path) -> Iterator[tuple[str, str, memoryview]]:
                 channels[_number(body, 2)] = _text(body, 4), types.get(_number(body[2:], 2), "(no type)")
             elif code == MESSAGE:
                 topic, kind = channels[_number(body, 2)]
-                yield topic, kind, body[22:]
+                yield topic, kind, _number(body[6:], 8), body[22:]
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, memoryview]]:

@@ -23,7 +23,9 @@ counts from the vendor's zero. Photon counts and ambient light are not modelled:
 and ambient is 0. Fields that a layout does not have are lost; fields that the cloud does not have are 0.
 
 When a bag is read, `time` is in s since the stamp, `ring` is what a layout calls ring, channel or line, and a `range`
-in mm becomes m; everything else is as the message has it, intensity in the vendor's units too.
+in mm becomes m; everything else is as the message has it, intensity in the vendor's units too. Drivers disagree on the
+unit and the zero of a point's time: lidarsim tells them by the type and size of the numbers and by the message's stamp,
+and refuses a cloud whose times fit none; see `lidarsim.io._times`.
 
 Layouts: https://github.com/ros-drivers/velodyne, https://github.com/ouster-lidar/ouster-ros,
 https://github.com/HesaiTechnology/HesaiLidar_ROS_2.0, https://github.com/autowarefoundation/autoware_core
@@ -40,6 +42,7 @@ import struct
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from functools import cache, partial
+from importlib import metadata
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import TracebackType
@@ -51,7 +54,7 @@ import numpy.typing as npt
 from lidarsim import _validation
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing, replacing
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import FileFormatError, MissingExtraError
 from lidarsim.io import _mcap
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
 from lidarsim.pointcloud import Fields, PointCloud, register_format
@@ -70,6 +73,8 @@ if TYPE_CHECKING:
 __all__ = ["LAYOUTS", "SUFFIXES", "Message", "Writer", "read"]
 
 SUFFIXES = (".mcap", ".db3")
+OLDEST = 0, 11
+"""Version of rosbags."""
 
 _START = 1_577_836_800.0  # 2020-01-01T00:00:00Z: to ROS a stamp of 0 is none
 _CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # of sensor_msgs/msg/PointField
@@ -431,50 +436,67 @@ def _read(path: Path, topic: str | None) -> Iterator[Message]:
     ros = _typestore()
     parsers = {_CLOUD: _parsed_cloud, _CUSTOM: _parsed_custom}
     topics: dict[str, str] = {}
-    for name, kind, data in _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path):
+    for name, kind, recorded, data in _mcap.messages(path) if path.suffix.lower() == ".mcap" else _rows(path):
         topics[name] = kind
         if kind in parsers and topic in {None, name}:
-            yield Message(name, *parsers[kind](ros, data))
+            yield Message(name, *parsers[kind](ros, data, recorded))
     if not any(kind in parsers and topic in {None, name} for name, kind in topics.items()):
         there = ", ".join(f"{name} ({kind})" for name, kind in topics.items()) or "none"
         raise FileFormatError(f"it has no point clouds{f' under {topic}' if topic else ''}; its topics are {there}")
 
 
-def _rows(path: Path) -> Iterator[tuple[str, str, memoryview]]:
-    """Yield topic, type and data of each message of a bag in SQLite's storage."""
+def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
+    """Yield topic, type, time of recording, ns, and data of each message of a bag in SQLite's storage."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
     with rosbag2.Reader(path) as bag:
-        for connection, _, data in bag.messages(bag.connections):
-            yield connection.topic, connection.msgtype, memoryview(data)
+        for connection, recorded, data in bag.messages(bag.connections):
+            yield connection.topic, connection.msgtype, recorded, memoryview(data)
 
 
-def _parsed_cloud(ros: Typestore, data: memoryview) -> tuple[str, int, PointCloud]:
+def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
     message: Any = ros.deserialize_cdr(data, _CLOUD)
     stamp = message.header.stamp.sec * 10**9 + message.header.stamp.nanosec
-    points = message.width * message.height
-    if message.row_step != message.width * message.point_step or points * message.point_step != len(message.data):
-        raise FileFormatError(
-            f"{message.width} × {message.height} points of {message.point_step} bytes have {len(message.data)} together"
-        )
+    step = _row_step(message)
     types = {code: f"{'><'[not message.is_bigendian]}{name}" for name, code in _CODES.items()}
     layout: dict[str, list[Any]] = {"names": [], "formats": [], "offsets": []}
     for field in message.fields:
         if field.datatype not in types:
             raise FileFormatError(f"its field {field.name} has the unknown type {field.datatype}")
-        size = np.dtype(types[field.datatype]).itemsize * field.count
-        if field.offset + size > message.point_step or not field.count:
+        count = field.count or 1  # as PCL takes it
+        if field.offset + np.dtype(types[field.datatype]).itemsize * count > message.point_step:
             raise FileFormatError(f"its field {field.name} ends outside a point of {message.point_step} bytes")
         if field.name in layout["names"]:
             raise FileFormatError(f"it has two fields named {field.name!r}")
         layout["names"].append(field.name)
-        layout["formats"].append((types[field.datatype], (field.count,)) if field.count > 1 else types[field.datatype])
+        layout["formats"].append((types[field.datatype], (count,)) if count > 1 else types[field.datatype])
         layout["offsets"].append(field.offset)
     dtype = np.dtype({**layout, "itemsize": message.point_step})  # type: ignore[call-overload]
-    records = np.frombuffer(message.data, dtype) if points else np.empty(0, dtype)
-    return message.header.frame_id, stamp, to_cloud({name: records[name] for name in layout["names"]}, stamp)
+    shape = message.height, message.width
+    strides = step, message.point_step
+    records = np.ndarray(shape, dtype, message.data, strides=strides).ravel() if 0 not in shape else np.empty(0, dtype)
+    columns = {name: records[name] for name in layout["names"]}
+    return message.header.frame_id, stamp, to_cloud(columns, stamp, recorded)
 
 
-def _parsed_custom(_: Typestore, data: memoryview) -> tuple[str, int, PointCloud]:
+def _row_step(message: Any) -> int:
+    """Return the bytes from one row of a PointCloud2 to the next, after checking that its data hold all rows.
+
+    Rows may be padded, the last of them too; where the data are just as long as all points, they are not, and the step
+    that the message claims is of no importance.
+    """
+    packed: int = message.width * message.point_step
+    step: int = message.row_step
+    size = len(message.data)
+    if size == message.height * packed:
+        return packed
+    if step < packed or not (message.height - 1) * step + packed <= size <= message.height * step:
+        raise FileFormatError(
+            f"{message.width} × {message.height} points of {message.point_step} bytes have {size} together"
+        )
+    return step
+
+
+def _parsed_custom(_: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
     """Read what `Writer._custom` writes; rosbags would make an object of each point."""
     if bytes(data[:2]) != b"\x00\x01":
         raise FileFormatError("its CustomMsg is not in little-endian CDR")
@@ -490,7 +512,7 @@ def _parsed_custom(_: Typestore, data: memoryview) -> tuple[str, int, PointCloud
         for name, place in (point.fields or {}).items()
     }
     frame = bytes(body[12 : 11 + length]).decode()
-    cloud = to_cloud(columns, base)
+    cloud = to_cloud(columns, base, recorded)
     return frame, seconds * 10**9 + nanoseconds, cloud
 
 
@@ -528,6 +550,13 @@ def _lost_writes() -> Iterator[None]:
 @cache
 def _typestore() -> Typestore:
     typesys = import_extra("rosbags.typesys", "formats", "ROS bags")
+    there = metadata.version("rosbags")
+    if tuple(map(int, re.findall(r"\d+", there)[:2])) < OLDEST:
+        oldest = ".".join(map(str, OLDEST))
+        raise MissingExtraError(
+            f'ROS bags need rosbags {oldest} or newer, got {there}: pip install "rosbags>={oldest}"; if another package'
+            " needs the older one, install lidarsim in an environment of its own"
+        )
     store: Typestore = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     for name, definition in _CUSTOM_DEFINITIONS.items():
         store.register(typesys.get_types_from_msg(definition, name))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 import tracemalloc
 from collections.abc import Callable
@@ -760,3 +761,168 @@ def test_without_the_extra(cloud: PointCloud, tmp_path: Path, monkeypatch: pytes
         cloud.save(tmp_path / "a.mcap")
     assert str(caught.value) == 'ROS bags needs rosbags.typesys: pip install "lidarsim[formats]"'
     assert not list(tmp_path.iterdir())
+
+
+STAMP = 1_700_000_000_123_456_789
+XYZ = [("x", "<f4"), ("y", "<f4"), ("z", "<f4")]
+
+
+def stamped(ros: Any, records: np.ndarray, stamp: int = STAMP, **changes: Any) -> Any:
+    header = ros.types["std_msgs/msg/Header"](ros.types["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), "map")
+    return point_cloud(ros, records, header=header, **changes)
+
+
+def read_back(path: Path, ros: Any, message: Any) -> PointCloud:
+    (read,) = rosbag.read(write_bag(path / "a.mcap", ros, ("/points", CLOUD, message)))
+    return read.cloud
+
+
+SECONDS = STAMP / 1e9
+
+
+@pytest.mark.parametrize(
+    ("field", "values"),
+    [
+        # as FORMATS of drivers have them, see lidarsim.io._times
+        (("time", "<f4"), [0.0, 0.05]),
+        (("t", "<u4"), [0, 50_000_000]),
+        (("timestamp", "<f8"), [SECONDS, SECONDS + 0.05]),
+        (("timestamp", "<f8"), [float(STAMP), float(STAMP + 50_000_000)]),
+        (("offset_time", "<u4"), [0, 50_000_000]),
+        (("time_stamp", "<u4"), [0, 50_000_000]),
+        # others
+        (("time", ">f4"), [0.0, 0.05]),
+        (("time", "<f8"), [0.0, 0.05]),
+        (("time", "<f8"), [SECONDS, SECONDS + 0.05]),
+        (("time", "<u4"), [0, 50_000_000]),
+        (("time", "<f4"), [0.0, 50.0]),
+        (("time", "<f4"), [0.0, 5e4]),
+        (("time", "<f4"), [0.0, 5e7]),
+        (("t", "<f4"), [0.0, 0.05]),
+        (("t", "<f8"), [0.0, 5e7]),
+        (("timestamp", "<f4"), [0.0, 0.05]),
+        (("timestamp", "<f8"), [0.0, 0.05]),
+        (("timestamp", "<f8"), [SECONDS * 1e3, SECONDS * 1e3 + 50]),
+        (("timestamp", "<f8"), [SECONDS * 1e6, SECONDS * 1e6 + 5e4]),
+        (("timeStamp", "<f8"), [SECONDS, SECONDS + 0.05]),
+        (("offset_time", "<f4"), [0.0, 5e7]),
+        (("time_offset", "<u4"), [0, 50_000_000]),
+    ],
+)
+def test_times_of_points_in_any_unit(field: tuple[str, str], values: list[float], ros: Any, tmp_path: Path) -> None:
+    big = field[1].startswith(">")
+    types = [(name, code.replace("<", ">") if big else code) for name, code in [*XYZ, field]]
+    records = np.array([(1, 2, 3, value) for value in values], types)
+    cloud = read_back(tmp_path, ros, stamped(ros, records, is_bigendian=big))
+    assert cloud.fields == ("xyz", "time")
+    # float64 has steps of 0.24 µs at 1.7e9 s, and of 0.26 µs at 1.7e18 ns
+    assert np.abs(cloud.time - [0.0, 0.05]).max() < 1e-6
+
+
+def test_times_before_the_stamp_and_of_points_without_one(ros: Any, tmp_path: Path) -> None:
+    late = np.array([(1, 2, 3, -0.1), (1, 2, 3, 0.0)], [*XYZ, ("time", "<f4")])
+    assert read_back(tmp_path, ros, stamped(ros, late)).time.tolist() == [float(np.float32(-0.1)), 0.0]
+    zeros = np.array([(0, 0, 0, 0.0), (1, 2, 3, SECONDS + 0.05)], [*XYZ, ("timestamp", "<f8")])
+    (tmp_path / "zeros").mkdir()
+    first, second = read_back(tmp_path / "zeros", ros, stamped(ros, zeros)).time
+    assert np.isnan(first)
+    assert abs(second - 0.05) < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("field", "values", "stamp", "expected"),
+    [
+        (("timestamp", "<f8"), [100.5, 100.55], 100_500_000_000, [0.0, 0.05]),  # a clock that began with the sensor
+        (("timestamp", "<f8"), [0.0, 0.05], 100_500_000_000, [0.0, 0.05]),
+        (("time", "<f4"), [0.0, 0.05], 10_000_000, [0.0, 0.05]),
+        (("time", "<f8"), [0.0, 0.05], 10_000_000, [0.0, 0.05]),
+        (("timestamp", "<f8"), [SECONDS + 3600, SECONDS + 3600.05], STAMP, [3600.0, 3600.05]),
+    ],
+)
+def test_times_of_points_by_other_clocks(
+    field: tuple[str, str], values: list[float], stamp: int, expected: list[float], ros: Any, tmp_path: Path
+) -> None:
+    records = np.array([(1, 2, 3, value) for value in values], [*XYZ, field])
+    assert np.abs(read_back(tmp_path, ros, stamped(ros, records, stamp)).time - expected).max() < 1e-6
+
+
+@pytest.mark.parametrize(
+    ("field", "values", "message"),
+    [
+        (("time", "<f4"), [0.0, 5e3], "its field time has times from 5000 to 5000, in no unit that fits the stamp"),
+        (("t", "<f4"), [SECONDS, SECONDS], "its field t has times from 1700000000 to 1700000000, in no unit that fits"),
+        (("timestamp", "<f8"), [1e8, 4e9], "its field timestamp has times from 100000000 to 4000000000, in no unit"),
+        (("time", "<u2"), [0, 5], "its field time has the type uint16, expected one number of 32 or 64 bits"),
+        (("time", "<u4", 2), [[0, 1], [5, 6]], "its field time has the type uint32, expected one number of 32 or"),
+        (("timestamp", "<u4"), [1_700_000_000] * 2, "its field timestamp has whole seconds since 1970"),
+    ],
+)
+def test_times_of_points_in_no_unit(
+    field: tuple[Any, ...], values: list[Any], message: str, ros: Any, tmp_path: Path
+) -> None:
+    records = np.array([(1, 2, 3, value) for value in values], [*XYZ, field])
+    with pytest.raises(FileFormatError, match=re.escape(message)):
+        read_back(tmp_path, ros, stamped(ros, records))
+
+
+def test_long_frames_keep_their_seconds(tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=np.ones((2, 3)), time=np.array([0.0, 250.0]))
+    for suffix in rosbag.SUFFIXES:
+        cloud.save(tmp_path / f"a{suffix}")
+        assert PointCloud.load(tmp_path / f"a{suffix}").time.tolist() == [0.0, 250.0]
+
+
+@pytest.mark.parametrize("padding", [0, 5])
+@pytest.mark.parametrize("claimed", [True, False])
+@pytest.mark.parametrize("last", [True, False])
+@pytest.mark.parametrize("height", [1, 3])
+def test_rows_of_clouds(padding: int, claimed: bool, last: bool, height: int, ros: Any, tmp_path: Path) -> None:
+    records = np.zeros((height, 4), XYZ)
+    records["x"] = np.arange(height * 4).reshape(height, 4)
+    records["z"][0, 1] = np.nan
+    data = b"".join(row.tobytes() + bytes(padding) for row in records)
+    if padding and not last:
+        data = data[:-padding]
+    step = (4 * 12 + padding) if claimed or padding else 0
+    message = stamped(
+        ros,
+        records.reshape(-1),
+        width=4,
+        height=height,
+        row_step=step,
+        data=np.frombuffer(data, np.uint8),
+        is_dense=False,
+    )
+    cloud = read_back(tmp_path, ros, message)
+    assert cloud.xyz[:, 0].tolist() == list(range(4 * height))
+    assert np.isnan(cloud.xyz[1, 2])
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_types_of_fields(order: str, ros: Any, tmp_path: Path) -> None:
+    types = [(axis, f"{order}f8") for axis in "xyz"]
+    types += [("intensity", f"{order}u2"), ("ring", "u1"), ("range", f"{order}f4"), ("tag", f"{order}i2")]
+    records = np.array([(5e6, 1 / 3, 2.0, 300, 7, 2.5, -3), (0, 0, 1, 0, 1, 0.5, 0)], types)
+    cloud = read_back(tmp_path, ros, stamped(ros, records, is_bigendian=order == ">"))
+    assert cloud.xyz.tolist() == [[5e6, 1 / 3, 2.0], [0, 0, 1]]
+    assert (cloud.intensity.dtype, cloud.intensity.tolist()) == (np.float32, [300, 0])
+    assert (cloud.ring.dtype, cloud.ring.tolist()) == (np.uint16, [7, 1])
+    assert cloud.range.tolist() == [2.5, 0.5]
+    assert cloud.tag.tolist() == [-3, 0]
+
+
+def test_clouds_of_no_points(ros: Any, tmp_path: Path) -> None:
+    records = np.zeros(0, [*XYZ, ("intensity", "u1"), ("timestamp", "<f8")])
+    cloud = read_back(tmp_path, ros, stamped(ros, records))
+    assert (len(cloud), cloud.fields) == (0, ("xyz", "intensity", "time"))
+
+
+def test_an_older_rosbags_is_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    PointCloud(xyz=np.ones((1, 3))).save(path)
+    monkeypatch.setattr(rosbag.metadata, "version", lambda _: "0.9.23")
+    rosbag._typestore.cache_clear()
+    message = r"ROS bags need rosbags 0\.11 or newer, got 0\.9\.23"
+    for call in (lambda: list(rosbag.read(path)), lambda: rosbag.Writer(path), lambda: PointCloud.load(path)):
+        with pytest.raises(MissingExtraError, match=message):
+            call()
