@@ -138,7 +138,7 @@ def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:
         rows = lines[start : start + element.count]
         start += len(rows)
         if len(rows) < element.count:
-            raise FileFormatError(f"it is truncated: {len(rows):,} of {element.count:,} of the element {element.name}")
+            raise _truncated(len(rows), element)
         if any(prop.count for prop in element.properties):
             values.append(_text_lists(rows, element))
         else:
@@ -177,6 +177,10 @@ def _text_lists(rows: list[Line], element: _Element) -> _Values:
     )
 
 
+def _truncated(rows: int, element: _Element) -> FileFormatError:
+    return FileFormatError(f"it is truncated: {rows:,} of {element.count:,} of the element {element.name}")
+
+
 def _binary(data: memoryview, order: str, elements: list[_Element]) -> list[_Values]:
     """Read the elements after a header that says in which order bytes are."""
     values = []
@@ -207,7 +211,9 @@ def _binary_rows(data: memoryview, element: _Element) -> tuple[_Values, int] | N
         parts.append((f"{k}", (prop.dtype, (size,)) if prop.count else prop.dtype))
         place += size * prop.dtype.itemsize
     if place * element.count > len(data):
-        return None
+        if any(prop.count for prop in element.properties):
+            return None
+        raise _truncated(len(data) // place, element)
     rows = np.frombuffer(data, np.dtype(parts), element.count) if place else np.empty(0, np.dtype(parts))
     scalars, lists = {}, {}
     for k, prop in enumerate(element.properties):
@@ -233,7 +239,7 @@ def _binary_lists(data: memoryview, element: _Element) -> tuple[_Values, int]:
                 place += prop.count.itemsize
             end = place + size * prop.dtype.itemsize
             if size < 0 or end > len(data):
-                raise FileFormatError(f"it is truncated: {row:,} of {element.count:,} of the element {element.name}")
+                raise _truncated(row, element)
             parts[k].append(np.frombuffer(data, prop.dtype, size, place))
             place = end
     scalars, lists = {}, {}
