@@ -302,11 +302,12 @@ class TriangleMesh(Shape):
 
 def _cells(array: Any) -> tuple[Indices, Indices]:
     """Return the vertices of a ``vtkCellArray``, one cell after the other, and how many each has."""
-    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.util import numpy_support
 
+    convert: Any = numpy_support.vtk_to_numpy
     if not array.GetNumberOfCells():
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    corners, ends = vtk_to_numpy(array.GetConnectivityArray()), vtk_to_numpy(array.GetOffsetsArray())
+    corners, ends = convert(array.GetConnectivityArray()), convert(array.GetOffsetsArray())
     return corners.astype(np.int64), np.diff(ends).astype(np.int64)
 
 

@@ -271,6 +271,71 @@ def test_from_pyvista():
         assert box.cast(np.tile(center, (50, 1)), directions).hit.all()
 
 
+def volume(vertices, faces):
+    a, b, c = (np.asarray(vertices, float)[faces[:, k]] for k in range(3))
+    return np.einsum("ij,ij->", a, np.cross(b, c)) / 6
+
+
+def pyvista_meshes():
+    import pyvista as pv
+
+    ball = pv.Sphere()
+    return {
+        "cube": pv.Cube(),
+        "cylinder": pv.Cylinder(),  # quadrilaterals and two caps of a hundred corners
+        "cone": pv.Cone(),
+        "arrow": pv.Arrow(),
+        "capsule": pv.Capsule(),
+        "dodecahedron": pv.Dodecahedron(),
+        "clipped": ball.clip("z", value=0.1),
+        "triangle and quadrilateral": pv.PolyData(
+            np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1.0]]), faces=[3, 0, 1, 4, 4, 0, 1, 2, 3]
+        ),
+        "strips": ball.strip(),
+        "strips and polygons": ball.strip() + pv.Cylinder(center=(3, 0, 0)),
+        "with lines and points": pv.Cylinder() + pv.Line() + pv.PolyData(np.eye(3)),
+        "cells": pv.Cylinder().cast_to_unstructured_grid(),
+        "volume": pv.ImageData(dimensions=(3, 4, 5)),
+        "curved grid": pv.StructuredGrid(*np.meshgrid(np.arange(3.0), np.arange(4.0), [0.0, 2.0])),
+    }
+
+
+@pytest.mark.parametrize("name", pyvista_meshes())
+def test_from_pyvista_of_any_faces(name, caplog):
+    """The area and the enclosed volume are those of VTK's own triangles."""
+    given = pyvista_meshes()[name]
+    mesh = ls.TriangleMesh.from_pyvista(given)
+    surface = given if hasattr(given, "strips") else given.extract_surface(algorithm=None)
+    triangles = surface.triangulate()
+    ours = np.linalg.norm(np.cross(*np.diff(mesh.vertices[mesh.faces], axis=1).transpose(1, 0, 2)), axis=1).sum() / 2
+    assert ours == pytest.approx(triangles.area, rel=1e-6)  # VTK adds float32
+    assert volume(mesh.vertices, mesh.faces) == pytest.approx(
+        volume(triangles.points, triangles.regular_faces), rel=1e-6, abs=1e-12
+    )
+    left_out = ["mesh: 4 points and lines left out, which nothing hits"] if name == "with lines and points" else []
+    assert [record.getMessage() for record in caplog.records] == left_out
+
+
+def test_from_pyvista_of_a_concave_face():
+    pyvista = pytest.importorskip("pyvista")
+    angles = np.arange(10) * np.pi / 5
+    radii = np.array([2.0, 0.7] * 5)
+    star = np.stack([radii * np.cos(angles), radii * np.sin(angles), 0 * angles], axis=1)
+    mesh = ls.TriangleMesh.from_pyvista(pyvista.PolyData(star, faces=[10, *range(10)]))
+    above = np.stack([np.cos(angles), np.sin(angles), 1 + 0 * angles], axis=1)  # over the points, and over the notches
+    assert mesh.cast(above, np.broadcast_to([0.0, 0.0, -1.0], above.shape)).hit.tolist() == [True, False] * 5
+
+
+def test_from_pyvista_refuses_what_has_no_surface():
+    pyvista = pytest.importorskip("pyvista")
+    with pytest.raises(ValueError, match=r"^mesh: expected faces, got 3 points and lines alone$"):
+        ls.TriangleMesh.from_pyvista(pyvista.PolyData(np.eye(3)))
+    with pytest.raises(ValueError, match=r"^mesh: expected faces, got 1 points and lines alone$"):
+        ls.TriangleMesh.from_pyvista(pyvista.Line())
+    with pytest.raises(TypeError, match=r"^mesh: expected a pyvista\.DataSet, got dict$"):
+        ls.TriangleMesh.from_pyvista({})
+
+
 BAD_MESHES = [
     (([(0, 0, 0)], [(0, 0, 1)]), ValueError, "faces: expected indices from 0 to 0, got faces[0][2] = 1"),
     (([(0, 0, 0)], [(0, -1, 0)]), ValueError, "faces: expected indices from 0 to 0, got faces[0][1] = -1"),
