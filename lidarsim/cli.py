@@ -145,6 +145,7 @@ def scan(
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
     looks["scene"] = run.scene if surfaces else None
     totals = np.zeros(len(ls.Status), np.int64)
+    notes: dict[str, None] = {}
     rows: list[tuple[object, ...]] = []
     points = 0
 
@@ -158,7 +159,9 @@ def scan(
                     picture = run.path_of(screenshot, name, frame.number)
                     ls.show(cloud, pose=frame.poses[name], time=frame.scans[name].time, save=picture, **looks)
             for result in frame.scans.values():
-                totals[:] += list(result.summary().values())
+                summary = result.summary()
+                totals[:] += list(summary.values())
+                notes.setdefault(summary.note)
             found = sum(map(len, frame.clouds.values()))
             pulses = sum(map(len, frame.scans.values()))
             rows.append((frame.number, pulses, found, 1e3 * frame.seconds, found / frame.seconds))
@@ -173,6 +176,8 @@ def scan(
     _print(table)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
     _print(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
+    for note in filter(None, notes):
+        _print(note)
     is_bag = output.suffix.lower() in rosbag.SUFFIXES
     paths = (output if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)

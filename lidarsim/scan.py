@@ -66,11 +66,14 @@ class Status(enum.IntEnum):
 class Summary(dict[str, int]):
     """Number of pulses for each `Status`, by its name; prints as a table."""
 
+    note: str = ""
+    """What to look at, if all pulses that hit anything hit one object nearer than the sensor's least range."""
+
     def __str__(self) -> str:
         """Return one line for each status, with its share of all pulses."""
         total = sum(self.values())
         lines = [f"{name:16} {count:10,} {count / max(total, 1):7.1%}" for name, count in self.items()]
-        return "\n".join([*lines, f"{'pulses':16} {total:10,}"])
+        return "\n".join([*lines, f"{'pulses':16} {total:10,}", *filter(None, [self.note])])
 
     __repr__ = __str__
 
@@ -173,8 +176,9 @@ class Scan(Pickled, Plotted):
         return html_table(*self._facts())
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
-        counts = {name: count for name, count in self.summary().items() if count}
-        rows = [(name, f"{count:,} ({count / len(self):.1%})") for name, count in counts.items()]
+        summary = self.summary()
+        rows = [(name, f"{count:,} ({count / len(self):.1%})") for name, count in summary.items() if count]
+        rows += [("note", summary.note)] if summary.note else []
         rows += [("range", f"{found} m") for found in [extent(self.range)] if found]
         name = getattr(self.lidar, "name", "") or type(self.lidar.pattern).__name__
         return f"Scan of {name}, frame {self.frame} at {self.time:g} s: {len(self):,} pulses", rows
@@ -356,10 +360,18 @@ class Scan(Pickled, Plotted):
         Returns
         -------
         Summary
-            A mapping from the name of each `Status` to a number.
+            A mapping from the name of each `Status` to a number. Its `note` says so if the sensor may be inside of an
+            object, for all that it sees is one object, nearer than its least range.
         """
         counts = np.bincount(self.status, minlength=len(Status))
-        return Summary({status.name: int(counts[status]) for status in Status})
+        summary = Summary({status.name: int(counts[status]) for status in Status})
+        if summary["below_min_range"] and not summary["hit"]:
+            seen = self.object_id[:, 0] >= 0
+            objects = np.unique(self.object_id[seen, 0])
+            if len(objects) == 1 and (self.true_range[seen, 0] < self.lidar.min_range).all():
+                which = f"object {objects[0]}"
+                summary.note = f"all hits are on {which}, nearer than min_range: the sensor may be inside of it"
+        return summary
 
 
 def scan(

@@ -70,6 +70,16 @@ def test_scan_writes_what_python_scans(capsys: pytest.CaptureFixture[str]) -> No
     assert printed.err == ""  # no progress bar in a pipe
 
 
+def test_a_sensor_inside_of_an_object_is_noted_once(capsys: pytest.CaptureFixture[str]) -> None:
+    pod = "{shape: sphere, center_m: [0, 0, 2], radius_m: 0.1, name: pod}"
+    Path("pod.yaml").write_text(CONFIG.replace("scene:\n", f"scene:\n  - {pod}\n"), encoding="utf-8")
+    note = "all hits are on object 0, nearer than min_range: the sensor may be inside of it\n"
+    assert lidarsim("scan", "pod.yaml", "-o", "scan.npz", "--frames", "2") == 0
+    assert capsys.readouterr().out.count(note) == 1
+    assert lidarsim("scan", "run.yaml", "-o", "scan.npz") == 0
+    assert "inside" not in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("suffix", ["pcd", "ply", "npz"])
 def test_every_format(suffix: str) -> None:
     assert lidarsim("scan", "run.yaml", "--output", f"scan.{suffix}") == 0

@@ -6,6 +6,7 @@ import concurrent.futures
 import dataclasses
 import math
 import os
+import pickle
 import re
 import sys
 import threading
@@ -163,6 +164,25 @@ def test_summary_counts_and_prints() -> None:
         "dropped                   0    0.0%",
         "pulses                  160",
     ]
+
+
+def test_a_sensor_inside_of_an_object_is_noted() -> None:
+    body, far = ls.Sphere((0, 0, 0), 0.4), ls.Box((1, 9, 9), center=(20, 0, 0))
+    shell, inside = ls.Scene(), dataclasses.replace(lidar(columns=10), min_range=0.5)
+    shell.add(far)
+    shell.add(body)
+    note = "all hits are on object 1, nearer than min_range: the sensor may be inside of it"
+    summary = inside.scan(shell).summary()
+    assert summary.note == note
+    assert str(summary).splitlines()[-2:] == ["pulses                  160", note]
+    assert note in repr(inside.scan(shell))
+    assert pickle.loads(pickle.dumps(summary)).note == note  # noqa: S301 - our own
+    # not so if anything else is seen, or what is near is the smaller part, or two things
+    assert not dataclasses.replace(inside, min_range=0.3).scan(shell).summary().note
+    assert not inside.scan(shell, [[1, 0, 0, 19.3], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]).summary().note
+    assert not inside.scan(ls.Scene()).summary().note
+    shell.add(ls.Box((0.2, 0.2, 0.2), center=(0.2, 0, 0)))
+    assert not inside.scan(shell).summary().note
 
 
 def test_an_empty_scene_is_all_misses() -> None:
