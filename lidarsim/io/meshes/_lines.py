@@ -1,9 +1,12 @@
-"""What the formats of text share. Errors name the line and what was expected, never what the file holds there."""
+"""What the formats of text share. Errors name the line and what was expected, never what the file holds there.
+
+NumPy reads the lines at once; only where it fails are they read one by one, for the number of the first that is wrong.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -11,63 +14,98 @@ import numpy.typing as npt
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 
-
-class Line(NamedTuple):
-    """The words of a line, and its number from 1 on."""
-
-    number: int
-    words: list[str]
+Indices = npt.NDArray[np.int64]
 
 
-def lines_of(data: bytes, *, first: int = 1) -> Iterator[Line]:
-    """Yield the lines that are not empty, whatever ends them; `first` is the number of the first."""
+class Lines:
+    """Lines of a file, and their numbers from 1 on: two lists, for a million tuples would take long to make."""
+
+    def __init__(self, numbers: list[int] | None = None, texts: list[str] | None = None) -> None:
+        self.numbers = numbers if numbers is not None else []
+        self.texts = texts if texts is not None else []
+
+    def append(self, number: int, text: str) -> None:
+        """Put a line at the end."""
+        self.numbers.append(number)
+        self.texts.append(text)
+
+    def __len__(self) -> int:
+        return len(self.texts)
+
+    def __iter__(self) -> Iterator[tuple[int, str]]:
+        return zip(self.numbers, self.texts, strict=True)
+
+    def __getitem__(self, part: slice) -> Lines:
+        return Lines(self.numbers[part], self.texts[part])
+
+    def only(self, places: Indices) -> Lines:
+        """Return those at some places."""
+        if len(places) == len(self):
+            return self
+        return Lines([self.numbers[k] for k in places], [self.texts[k] for k in places])
+
+
+def lines_of(data: bytes, *, first: int = 1) -> Lines:
+    """Return the lines that are not empty, whatever ends them; `first` is the number of the first."""
     text = data.removeprefix(b"\xef\xbb\xbf").decode("utf-8", errors="replace")
-    for number, line in enumerate(text.replace("\r\n", "\n").replace("\r", "\n").split("\n"), first):
-        if words := line.split():
-            yield Line(number, words)
+    stripped = list(map(str.strip, text.replace("\r\n", "\n").replace("\r", "\n").split("\n")))
+    return Lines([number for number, line in enumerate(stripped, first) if line], list(filter(None, stripped)))
 
 
-def floats(line: int, words: Sequence[str]) -> list[float]:
-    """Return the numbers that some words of a line are."""
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        values = []
-    if len(values) < len(words) or any("_" in word for word in words):
-        raise FileFormatError(f"line {line}: expected numbers, got something else")
+def floats(lines: Lines, width: int, *, more: bool = False) -> Floats:
+    """Return the `width` numbers of each line, shape (lines, width); with `more`, others may follow them."""
+    return _table(lines, width, np.dtype(np.float64), more)
+
+
+def integers(lines: Lines, width: int, *, more: bool = False) -> Indices:
+    """Return the `width` integers of at most 64 bits of each line, shape (lines, width)."""
+    return _table(lines, width, np.dtype(np.int64), more)
+
+
+def polygons(lines: Lines, *, more: bool = False) -> tuple[Indices, Indices]:
+    """Return the faces in lines of a count and as many integers, one after the other, and their sizes."""
+    sizes = integers(lines, 1, more=True)[:, 0]
+    wrong = np.flatnonzero((sizes < 0) | (sizes > max(map(len, lines.texts), default=0)))
+    if len(wrong):
+        raise FileFormatError(f"line {lines.numbers[wrong[0]]}: expected {sizes[wrong[0]]} indices after their count")
+    return joined(lines, sizes, 1, more=more), sizes
+
+
+def joined(lines: Lines, sizes: Indices, skipped: int, *, more: bool = False) -> Indices:
+    """Return the integers in lines of different lengths, but for the first `skipped` of each, one after the other."""
+    starts = np.cumsum(sizes) - sizes
+    values = np.empty(int(sizes.sum()), np.int64)
+    for size in np.unique(sizes).tolist():
+        which = np.flatnonzero(sizes == size)
+        rows = integers(lines.only(which), skipped + size, more=more)
+        values[starts[which, None] + np.arange(size)] = rows[:, skipped:]
     return values
 
 
-def integers(line: int, words: Sequence[str]) -> list[int]:
-    """Return the integers of at most 64 bits that some words of a line are."""
+def _table(lines: Lines, width: int, dtype: np.dtype[Any], more: bool) -> npt.NDArray[Any]:
+    if not lines:
+        return np.empty((0, width), dtype)
+    columns = range(width) if more else None
     try:
-        values = [int(word) for word in words]
+        rows = np.loadtxt(lines.texts, dtype, ndmin=2, usecols=columns, comments=None)
+    except (ValueError, OverflowError):
+        rows = None
+    if rows is not None and rows.shape == (len(lines), width):
+        return rows
+    what, parse = ("integers", int) if dtype.kind == "i" else ("numbers", float)
+    for number, text in lines:
+        words = text.split()
+        if len(words) < width or (len(words) > width and not more):
+            wanted = f"{'at least ' * more}{width} {what if width > 1 else what[:-1]}"
+            raise FileFormatError(f"line {number}: expected {wanted}, got {len(words)}")
+        if not all(_parses(word, parse) for word in words[:width]):
+            raise FileFormatError(f"line {number}: expected {what}, got something else")
+    raise FileFormatError(f"expected {what}, got something else")
+
+
+def _parses(word: str, parse: type[int | float]) -> bool:
+    try:
+        number = parse(word)
     except ValueError:
-        values = []
-    if len(values) < len(words) or any(abs(value) >= 1 << 63 for value in values):
-        raise FileFormatError(f"line {line}: expected integers, got something else")
-    return values
-
-
-def table(lines: Sequence[Line], columns: Sequence[int]) -> Floats:
-    """Return some columns of the lines as numbers, shape (lines, columns)."""
-    try:
-        rows = [[line.words[column] for column in columns] for line in lines]
-    except IndexError:
-        short = next(line.number for line in lines if len(line.words) <= max(columns))
-        raise FileFormatError(f"line {short}: expected at least {max(columns) + 1} numbers, got fewer") from None
-    values = [floats(line.number, row) for line, row in zip(lines, rows, strict=True)]
-    return np.array(values, np.float64).reshape(len(lines), len(columns))
-
-
-def polygons(lines: Sequence[Line]) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
-    """Return the faces in lines of a count and as many indices, one after the other, and their sizes."""
-    corners: list[int] = []
-    sizes: list[int] = []
-    for line in lines:
-        (size,) = integers(line.number, line.words[:1])
-        if not 0 <= size < len(line.words):
-            raise FileFormatError(f"line {line.number}: expected {size} indices after their count, got fewer")
-        corners += integers(line.number, line.words[1 : size + 1])
-        sizes.append(size)
-    return np.array(corners, np.int64), np.array(sizes, np.int64)
+        return False
+    return "_" not in word and (parse is float or abs(number) < 2**63)

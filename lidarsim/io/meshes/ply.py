@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
-from lidarsim.io.meshes._lines import Line, floats, integers, lines_of, table
+from lidarsim.io.meshes._lines import Indices, Lines, floats, lines_of, polygons
 from lidarsim.shapes._polygons import of_strips
 from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
@@ -34,8 +34,6 @@ _CODES = {
 _TYPES = {name: np.dtype(code) for code, names in _CODES.items() for name in names}
 _ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
-
-Indices = npt.NDArray[np.int64]
 
 
 @dataclass
@@ -131,7 +129,7 @@ def _scalar(element: _Element, scalars: dict[int, npt.NDArray[Any]], name: str) 
 
 def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:
     """Read the elements after a header of text: a row in each line, empty lines aside."""
-    lines = list(lines_of(data, first=line))
+    lines = lines_of(data, first=line)
     values = []
     start = 0
     for element in elements:
@@ -139,42 +137,50 @@ def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:
         start += len(rows)
         if len(rows) < element.count:
             raise _truncated(len(rows), element)
-        if any(prop.count for prop in element.properties):
-            values.append(_text_lists(rows, element))
+        properties = element.properties
+        if not any(prop.count for prop in properties):
+            values.append(_Values(dict(enumerate(floats(rows, len(properties)).T)), {}))
+        elif len(properties) == 1 and properties[0].dtype.kind in "iu":  # as most faces are
+            values.append(_Values({}, {0: polygons(rows)}))
         else:
-            width = len(element.properties)
-            wrong = next((row.number for row in rows if len(row.words) != width), None)
-            if wrong is not None:
-                raise FileFormatError(f"line {wrong}: expected {width} numbers, one for each property")
-            values.append(_Values(dict(enumerate(table(rows, range(width)).T)), {}))
+            values.append(_text_lists(rows, element))
     if start < len(lines):
-        raise FileFormatError(f"line {lines[start].number}: expected the end, after all that the header claims")
+        raise FileFormatError(f"line {lines.numbers[start]}: expected the end, after all that the header claims")
     return values
 
 
-def _text_lists(rows: list[Line], element: _Element) -> _Values:
-    scalars: dict[int, list[float]] = {k: [] for k, prop in enumerate(element.properties) if not prop.count}
-    lists: dict[int, list[float]] = {k: [] for k, prop in enumerate(element.properties) if prop.count}
-    sizes: dict[int, list[int]] = {k: [] for k in lists}
-    for number, words in rows:
+def _text_lists(rows: Lines, element: _Element) -> _Values:
+    columns: list[list[float]] = [[] for _ in element.properties]
+    sizes: list[list[int]] = [[] for _ in element.properties]
+    for number, text in rows:
+        try:
+            row = list(map(float, text.replace("_", "?").split()))  # to float, 1_0 is a number
+        except ValueError:
+            raise FileFormatError(f"line {number}: expected numbers, got something else") from None
         place = 0
-        for k, prop in enumerate(element.properties):
+        for prop, column, lengths in zip(element.properties, columns, sizes, strict=True):
             size = 1
             if prop.count:
-                size = max(integers(number, words[place : place + 1]), default=-1)
-                sizes[k].append(size)
+                size = int(row[place]) if place < len(row) and row[place].is_integer() else -1
+                lengths.append(size)
                 place += 1
-            if size < 0 or place + size > len(words):
+            part = row[place : place + max(size, 0)]
+            if len(part) != size:
                 raise FileFormatError(f"line {number}: expected as many numbers as its lists claim, got fewer")
-            read = floats if prop.dtype.kind == "f" else integers
-            (lists if prop.count else scalars)[k] += read(number, words[place : place + size])
+            if prop.dtype.kind != "f" and not all(map(float.is_integer, part)):
+                raise FileFormatError(f"line {number}: expected integers, got something else")
+            column.extend(part)
             place += size
-        if place < len(words):
+        if place < len(row):
             raise FileFormatError(f"line {number}: expected as many numbers as its lists claim, got more")
-    return _Values(
-        {k: np.array(column) for k, column in scalars.items()},
-        {k: (np.array(column).astype(np.int64), np.array(sizes[k], np.int64)) for k, column in lists.items()},
-    )
+    found = _Values({}, {})
+    for k, prop in enumerate(element.properties):
+        if prop.count:
+            whole = np.clip(np.nan_to_num(columns[k]), -(2**62), 2**62)  # whatever is not there, is out of range then
+            found.lists[k] = whole.astype(np.int64), np.array(sizes[k], np.int64)
+        else:
+            found.scalars[k] = np.array(columns[k])
+    return found
 
 
 def _truncated(rows: int, element: _Element) -> FileFormatError:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
-from lidarsim.io.meshes._lines import floats, lines_of
+from lidarsim.io.meshes._lines import Lines, floats, lines_of
 from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 HEAD = 84
@@ -39,24 +39,23 @@ def read(path: Path) -> MeshFile:
 
 def _text(data: bytes) -> MeshFile:
     """Read text: one part for each solid."""
-    coordinates: list[list[float]] = []
+    vertices = Lines()
     names: list[str] = []
     parts: list[int] = []
     inside = False  # a solid
     corners = 3  # of the facet so far
-    for number, words in lines_of(data):
-        word = words[0].lower()
+    for number, line in lines_of(data):
+        first, _, rest = line.replace("\t", " ", 1).partition(" ")
+        word = first.lower()
         if word == "vertex":
-            if len(words) != 4:
-                raise FileFormatError(f"line {number}: expected three coordinates")
-            coordinates.append(floats(number, words[1:]))
+            vertices.append(number, rest)
             corners += 1
         elif word == "facet" and inside and corners == 3:
             corners = 0
             parts.append(len(names) - 1)
         elif word == "solid" and not inside:
             inside = True
-            names.append(" ".join(words[1:]))
+            names.append(" ".join(rest.split()))
         elif word == "endsolid" and inside and corners == 3:
             inside = False
         elif not (word in {"outer", "endloop", "endfacet"} and inside):
@@ -65,7 +64,7 @@ def _text(data: bytes) -> MeshFile:
             raise FileFormatError(f"line {number}: expected three vertices of a facet, got more")
     if inside:
         raise FileFormatError("it is truncated: its last solid does not end")
-    return _mesh(np.array(coordinates).reshape(-1, 3), names, np.array(parts, np.int64))
+    return _mesh(floats(vertices, 3), names, np.array(parts, np.int64))
 
 
 def _mesh(vertices: Floats, names: Sequence[str] = (), parts: npt.NDArray[np.int64] | None = None) -> MeshFile:

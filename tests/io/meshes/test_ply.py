@@ -23,6 +23,8 @@ BODY = "0 0 0\n2 0 0\n2 2 0\n0 2 0\n3 0 1 2\n4 0 1 2 3\n"
 TEXT = HEADER + BODY
 VERTICES = [[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]]
 FACES = [[0, 1, 2], [0, 1, 2], [0, 2, 3]]
+FLAGGED = TEXT.replace("vertex_indices\n", "vertex_indices\nproperty float area\n")
+FLAGGED = FLAGGED.replace("3 0 1 2\n4 0 1 2 3", "3 0 1 2 0.5\n4 0 1 2 3 0.5")
 STRIPS = TEXT.replace("face 2", "tristrips 1").replace("3 0 1 2\n4 0 1 2 3", "8 0 1 3 2 -1 0 1 2")
 
 
@@ -48,6 +50,7 @@ def binary(order: str = "<", header: str = HEADER, ending: str = "\n", count: st
         TEXT.replace("ply\n", "ply \n"),
         TEXT.replace(" ", "\t").replace("ply\n", "ply\t\n"),
         TEXT.replace("\n", " \n"),
+        FLAGGED,
         HEADER + BODY.replace("\n", "\n\n"),
         TEXT.rstrip(),
         TEXT.replace("comment made by hand", "comment caf\u00e9"),
@@ -145,17 +148,28 @@ def test_as_vtk_writes_and_reads_it(text: bool, tmp_path: Path) -> None:
         (TEXT.replace("float y", "float x"), "its element vertex has 2 properties x"),
         (TEXT.replace("vertex_indices", "corners"), "its element face has 0 properties vertex_indices or vertex_index"),
         (TEXT.replace("list uchar int", "list uchar float"), "its element face has vertex indices that are no list of"),
-        (TEXT.replace("list uchar int", "int"), "line 15: expected 1 numbers, one for each property"),
+        (TEXT.replace("list uchar int", "int"), "line 15: expected 1 number, got 4"),
         (TEXT.replace("face 2", "face 3"), "it is truncated: 2 of 3 of the element face"),
         (TEXT.replace("face 2", f"face {10**17}"), f"it is truncated: 2 of {10**17:,} of the element face"),
         (TEXT.replace("vertex 4", "vertex 7"), "it is truncated: 6 of 7 of the element vertex"),
         (TEXT.replace("face 2", "face 1"), "line 16: expected the end, after all that the header claims"),
-        (TEXT.replace("2 2 0\n", "2 2\n"), "line 13: expected 3 numbers, one for each property"),
+        (TEXT.replace("2 2 0\n", "2 2\n"), "line 13: expected 3 numbers, got 2"),
         (TEXT.replace("2 2 0\n", "2 2 z\n"), "line 13: expected numbers, got something else"),
-        (TEXT.replace("4 0 1 2 3", "5 0 1 2 3"), "line 16: expected as many numbers as its lists claim, got fewer"),
-        (TEXT.replace("4 0 1 2 3", "-4 0 1 2 3"), "line 16: expected as many numbers as its lists claim, got fewer"),
-        (TEXT.replace("4 0 1 2 3", "3 0 1 2 3"), "line 16: expected as many numbers as its lists claim, got more"),
+        (TEXT.replace("4 0 1 2 3", "5 0 1 2 3"), "line 16: expected 6 integers, got 5"),
+        (TEXT.replace("4 0 1 2 3", "-4 0 1 2 3"), "line 16: expected -4 indices after their count"),
+        (TEXT.replace("4 0 1 2 3", "3 0 1 2 3"), "line 16: expected 4 integers, got 5"),
         (TEXT.replace("4 0 1 2 3", "4 0 1 2 x"), "line 16: expected integers, got something else"),
+        *(
+            (FLAGGED.replace("4 0 1 2 3 0.5", wrong), f"line 17: {message}")
+            for wrong, message in (
+                ("5 0 1 2 3 0.5", "expected integers, got something else"),
+                ("4 0 1 2 3", "expected as many numbers as its lists claim, got fewer"),
+                ("-4 0 1 2 3 0.5", "expected as many numbers as its lists claim, got fewer"),
+                ("nan 0 1 2 3 0.5", "expected as many numbers as its lists claim, got fewer"),
+                ("3 0 1 2 3 0.5", "expected as many numbers as its lists claim, got more"),
+                ("4 0 1 2 x 0.5", "expected numbers, got something else"),
+            )
+        ),
         (binary()[:-1], "it is truncated: 1 of 2 of the element face"),
         (binary()[:-30], "it is truncated: 0 of 2 of the element face"),
         (binary(header=HEADER.replace("face 2", f"face {10**17}")), f"it is truncated: 2 of {10**17:,} of the element"),

@@ -85,7 +85,7 @@ def test_solids_are_parts_of_a_scene(tmp_path: Path) -> None:
             TEXT.replace("vertex 0 1 0", "vertex 0 1 0\nvertex 0 1 0"),
             "line 7: expected three vertices of a facet, got more",
         ),
-        (TEXT.replace("vertex 0 1 0", "vertex 0 1"), "line 6: expected three coordinates"),
+        (TEXT.replace("vertex 0 1 0", "vertex 0 1"), "line 6: expected 3 numbers, got 2"),
         (TEXT.replace("vertex 0 1 0", "vertex 0 1 x"), "line 6: expected numbers, got something else"),
         (TEXT.replace("endsolid thing", "secret"), "line 16: expected facets of three vertices, got something else"),
         ("solid\nendsolid\n", "it holds no triangles"),
