@@ -208,14 +208,26 @@ def told(error: BaseException) -> str:
 
 
 def unquoted(error: BaseException) -> str:
-    """Return what an error of another library says, without what it quotes: that may be of any file.
+    """Return what an error says, without what Python or another library quotes in it: that may be of any file.
 
     Whoever lets us read a file by a name from somebody else need not want its lines shown.
     """
-    return told(error) if isinstance(error, LidarsimError) else _QUOTED.sub("…", told(error))
+    return told(error) if _worded_here(error) else _QUOTED.sub("…", told(error))
 
 
 _QUOTED = re.compile(r"""(?<!\w)b?(['"`])(?:\\.|(?!\1).)*(\1|$)""")
+_CONVERSION = re.compile("could not convert|invalid literal")
+"""What float and int raise, with the text, from within whoever calls them."""
+
+
+def _worded_here(error: BaseException) -> bool:
+    """Return whether lidarsim's own code raised an error, or one that quotes nothing of a file."""
+    place = error.__traceback__
+    while place is not None and place.tb_next is not None:
+        place = place.tb_next
+    ours = place is not None and str(place.tb_frame.f_globals.get("__name__")).startswith("lidarsim.")
+    own = ours and isinstance(error, TypeError | ValueError) and not _CONVERSION.match(str(error))
+    return own or isinstance(error, LidarsimError | UnicodeError)
 
 
 @contextmanager

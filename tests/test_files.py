@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 import lidarsim as ls
-from lidarsim._files import atomic_writer
+from lidarsim._files import atomic_writer, unquoted
+from lidarsim.errors import FileFormatError
 from lidarsim.pointcloud import PointCloud
 
 
@@ -218,3 +219,28 @@ def test_the_handler_of_a_user_stays(target: Path) -> None:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
     with ThreadPoolExecutor() as pool:
         pool.submit(write, target.with_suffix(".npz")).result()  # only the main thread may set a handler
+
+
+@pytest.mark.parametrize(
+    ("error", "text"),
+    [
+        (ValueError("could not convert string to float: 'root:x'"), "could not convert string to float: …"),
+        (ValueError('invalid literal for int() with base 10: "it\'s"'), "invalid literal for int() with base 10: …"),
+        (ValueError("expected b'\\x93NUMPY', got b'root:x'"), "expected …, got …"),
+        (ValueError("an open 'quote"), "an open …"),
+        (ValueError(r"an escaped 'quo\'te' ends"), "an escaped … ends"),
+        (ValueError("it can't be `this`"), "it can't be …"),
+        (KeyError("root"), "…"),
+        (FileFormatError("expected 'ply'"), "expected 'ply'"),
+        (UnicodeDecodeError("utf-8", b"\xff", 0, 1, "why"), "'utf-8' codec can't decode byte 0xff in position 0: why"),
+    ],
+)
+def test_what_others_quote_is_left_out(error: Exception, text: str) -> None:
+    assert unquoted(error) == text
+
+
+def test_what_lidarsim_says_is_kept() -> None:
+    with pytest.raises(ValueError, match="unknown sensor") as caught:
+        ls.Lidar.preset("nobody's")
+    assert '"nobody\'s"' in str(caught.value)
+    assert unquoted(caught.value) == str(caught.value)

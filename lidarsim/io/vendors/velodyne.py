@@ -116,7 +116,7 @@ def _yaml(path: Path) -> Any:
         return yaml.load(text, loader)  # noqa: S506 - a safe one
     except yaml.MarkedYAMLError as error:
         where = f" at line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        problem = unquoted(Exception(error.problem or error.context))
+        problem = unquoted(ValueError(error.problem or error.context))
         raise FileFormatError(f"{path}: {KIND}: not valid YAML{where}: {problem}") from None
     except yaml.YAMLError as error:
         raise FileFormatError(f"{path}: {KIND}: not valid YAML: {unquoted(error)}") from None
