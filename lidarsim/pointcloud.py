@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -185,7 +186,7 @@ class PointCloud(Pickled, Plotted):
         if name == "class_names":
             object.__setattr__(self, name, values)
             return
-        if not (name.isascii() and name.isidentifier()) or name in {"_", "x", "y", "z"} or hasattr(PointCloud, name):
+        if not _is_name(name):
             raise ValueError(f"PointCloud: {name!r} cannot be the name of a field")
         array = _field(name, values)
         if "xyz" in self.__dict__ and len(array) != len(self):
@@ -433,7 +434,7 @@ class PointCloud(Pickled, Plotted):
             save(arrays, file, **options)
 
     @classmethod
-    def load(cls, path: PathLike) -> PointCloud:
+    def load(cls, path: PathLike, *, columns: Sequence[str] | None = None) -> PointCloud:
         """Read a file that `save` or another program wrote.
 
         The format is determined by the first bytes of the file if they are a signature, else by the suffix.
@@ -442,12 +443,19 @@ class PointCloud(Pickled, Plotted):
         ----------
         path : path-like
             The file.
+        columns : sequence of str, optional
+            Names of the columns of a file that does not name them itself: KITTI's ``.bin``, nuScenes' ``.pcd.bin``, and
+            text without a line of names. x, y and z must be among them; columns named "_" are skipped. Default: the
+            columns of the format.
 
         Returns
         -------
         PointCloud
             With all fields of the file. Those with lidarsim's names get lidarsim's dtypes (float32 coordinates become
-            float64; units stay those of the file); the others keep theirs.
+            float64; units stay those of the file); the others keep theirs. Where lidarsim's dtype cannot hold a value,
+            such as -1 or NaN in `label`, the field is 0, and the values of the file are in a field ``<name>_raw``. A
+            name that a field cannot have is changed, and a number is appended to one that another column has:
+            ``a b``, ``a-b`` and ``save`` become ``a_b``, ``a_b_2`` and ``save_``.
 
         Raises
         ------
@@ -457,17 +465,23 @@ class PointCloud(Pickled, Plotted):
             If the format needs a package that is not installed.
         OSError
             If the file cannot be read.
+        TypeError, ValueError
+            If `columns` are not names of columns, or the format names its own.
         """
         path = Path(path)
+        options = {} if columns is None else {"columns": _columns(columns)}
         if path.is_dir():
             raise IsADirectoryError(f"{path}: expected a file, got a folder")
         try:
             check_regular(path)
             with path.open("rb") as file:
                 suffix = _recognised(file.read(_HEAD), path)
+                load = _FORMATS[suffix].load
+                if not options.keys() <= inspect.signature(load).parameters.keys():
+                    raise ValueError(f"columns: expected none for {path}, since {suffix} files name their columns")
                 file.seek(0)
                 with parsing(path, f"{suffix} point cloud"):
-                    return cls(_FORMATS[suffix].load(file))
+                    return cls(adopted(load(file, **options)))
         except FileNotFoundError:
             raise FileNotFoundError(f"{path}: no such file") from None
         except OSError as error:
@@ -529,13 +543,14 @@ class PointCloud(Pickled, Plotted):
         -------
         PointCloud
             A copy. Fields of lidarsim's names have lidarsim's dtypes again; others have those that Open3D left them.
+            Names and values that do not fit are kept as `load` keeps them.
 
         Raises
         ------
         TypeError, ValueError
             If it is no point cloud, or an attribute cannot be a field.
         """
-        return cls(view(PointCloud, "from_open3d")(points))
+        return cls(adopted(view(PointCloud, "from_open3d")(points)))
 
     @classmethod
     def from_pyvista(cls, mesh: pyvista.DataSet) -> PointCloud:
@@ -550,14 +565,15 @@ class PointCloud(Pickled, Plotted):
         Returns
         -------
         PointCloud
-            Arrays that already have the right dtype are shared.
+            Arrays that already have the right dtype are shared. Names and values that do not fit are kept as `load` keeps
+            them.
 
         Raises
         ------
         TypeError, ValueError
             If it is no data set, or an array cannot be a field.
         """
-        return cls(view(PointCloud, "from_pyvista")(mesh))
+        return cls(adopted(view(PointCloud, "from_pyvista")(mesh)))
 
 
 def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
@@ -604,13 +620,115 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
         return np.ascontiguousarray(given)
     if given.dtype.kind not in "fiu":
         raise TypeError(f"{name}: expected real numbers, got dtype {given.dtype}")
-    if issubclass(dtype, np.integer) and given.dtype != dtype:
-        low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
-        wrong = ~((given >= low) & (given <= high) & (given == np.floor(given)))
-        if wrong.any():
-            i = int(np.argmax(wrong))
-            raise ValueError(f"{name}: expected integers from {low} to {high}, got {name}[{i}] = {given[i]}")
+    wrong = _misfits(given, dtype)
+    if wrong.any():
+        index = np.argwhere(wrong)[0]
+        where = "".join(f"[{i}]" for i in index)
+        if issubclass(dtype, np.integer):
+            kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
+        else:
+            kind = f"numbers that {np.dtype(dtype)} can hold"
+        raise ValueError(f"{name}: expected {kind}, got {name}{where} = {given[tuple(index)]}")
     return np.ascontiguousarray(given, dtype)
+
+
+def _misfits(given: npt.NDArray[Any], dtype: type[np.number[Any]]) -> npt.NDArray[np.bool_]:
+    """Return where `dtype` cannot hold real numbers: a float may round one, but not make it infinite."""
+    if np.can_cast(given.dtype, dtype):
+        return np.broadcast_to(np.False_, given.shape)
+    if issubclass(dtype, np.integer):
+        low, high = np.iinfo(dtype).min, np.iinfo(dtype).max
+        fits: npt.NDArray[np.bool_] = (given >= low) & (given <= high) & (given == np.floor(given))
+        return ~fits
+    with np.errstate(over="ignore"):
+        beyond: npt.NDArray[np.bool_] = np.isinf(given.astype(dtype)) & np.isfinite(given)
+    return beyond
+
+
+def _is_name(name: str) -> bool:
+    """Return whether a field can have this name."""
+    return (
+        name.isascii() and name.isidentifier() and name not in {"_", "x", "y", "z"} and not hasattr(PointCloud, name)
+    )
+
+
+def field_names(names: Sequence[str]) -> list[str]:
+    """Return for each name of a file's columns that of its field, each another.
+
+    A name that can be a field's stays. Else letters, digits and underscores stay, and all other characters become
+    underscores. A name that is taken then gets a number: ``a_b_2``.
+    """
+    taken = set(filter(_is_name, names))
+    own, numbers = set(taken), dict[str, int]()
+    fields = []
+    for name in names:
+        if name in own:
+            own.discard(name)  # the first of several
+            fields.append(name)
+            continue
+        base = re.sub(r"\W|^(?=\d)", "_", name, flags=re.ASCII) or "unnamed"
+        field = base = base if _is_name(base) else f"{base}_"
+        while field in taken:
+            numbers[base] = numbers.get(base, 1) + 1
+            field = f"{base}_{numbers[base]}"
+        taken.add(field)
+        fields.append(field)
+    return fields
+
+
+def adopted(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a file or another library holds as fields that a cloud can have, without losing any of it.
+
+    Parameters
+    ----------
+    fields : mapping of str to ndarray
+        By any names, of any values; names of labels are a mapping ``"class_names"``.
+
+    Returns
+    -------
+    dict of str to ndarray
+        By the names of `field_names`. Where the dtype of lidarsim's field of a name cannot hold a value, the field is
+        0, and the given array is there as ``<name>_raw``; an array of another shape than that field's is only there.
+    """
+    classes = {name: value for name, value in fields.items() if name == "class_names" and isinstance(value, Mapping)}
+    given = {name: value for name, value in fields.items() if name not in classes}
+    fitting: dict[str, Any] = {}
+    raw: dict[str, Any] = {}
+    for name, values in zip(field_names(list(given)), given.values(), strict=True):
+        shape, dtype = CANONICAL.get(name, ((), None))
+        array = np.asarray(values)
+        if dtype is None or name == "xyz" or array.dtype.kind not in "biuf" or array.ndim not in {1, 2}:
+            fitting[name] = values
+        elif array.shape[1:] != shape:
+            raw[name] = array
+        else:
+            kept = array.astype(np.uint8) if array.dtype == np.bool_ else array
+            wrong = _misfits(kept, dtype)
+            if wrong.any():
+                kept = np.where(wrong, kept.dtype.type(0), kept)
+            fitting[name] = kept
+            if array.dtype == np.bool_ or wrong.any() or _rounds(array, dtype):
+                raw[name] = array
+    names = field_names([*fitting, *(f"{name}_raw" for name in raw)])
+    return dict(zip(names, [*fitting.values(), *raw.values()], strict=True)) | classes
+
+
+def _rounds(array: npt.NDArray[Any], dtype: type[np.number[Any]]) -> bool:
+    """Return whether there is an integer that a float of `dtype` need not hold exactly."""
+    if array.dtype.kind not in "iu" or not issubclass(dtype, np.floating) or not array.size:
+        return False
+    exact = 2 ** (np.finfo(dtype).nmant + 1)
+    return bool(array.min() < -exact or array.max() > exact)
+
+
+def _columns(names: Sequence[str]) -> list[str]:
+    """Return names of columns after checking that they tell where the coordinates are."""
+    if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
+        raise TypeError(f"columns: expected a sequence of names, got {_validation.shown(names)}")
+    for name in (*"xyz", *names):
+        if name != "_" and list(names).count(name) != 1:
+            raise ValueError(f"columns: expected {name!r} once, got {_validation.shown(list(names))}")
+    return list(names)
 
 
 def _extent(array: npt.NDArray[Any]) -> str:
@@ -661,8 +779,9 @@ def register_format(
         a place for the pose that `PointCloud.save` is given takes it as the keyword `pose`: a 4×4 array, or None; one
         that has a place for the names of labels takes them as the keyword `class_names`.
     load : callable
-        Returns the fields that an open binary file holds, and the names of labels, if there are any, as
-        ``"class_names"``; the message of any exception says why it cannot.
+        Returns the fields that an open binary file holds, by any names, and the names of labels, if there are any, as
+        ``"class_names"``; the message of any exception says why it cannot. A format whose files need not name their
+        columns takes the names that `PointCloud.load` is given as the keyword `columns`: a list, or None.
     signature : bytes
         First bytes of every file of the format, by which it is known whatever its name; none, if it has none.
     """
@@ -721,6 +840,8 @@ def check_output(path: PathLike) -> None:
         If the folder does not exist or cannot be written in.
     """
     _format(path)
+    if Path(path).name.lower().endswith(".copc.laz"):
+        raise FileFormatError(f"{path}: COPC, which is LAZ sorted into an octree, cannot be written; name it .laz")
     check_folder(path)
 
 

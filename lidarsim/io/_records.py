@@ -2,6 +2,9 @@
 
 Records hold scalars alone, so a vector field is split into columns: by convention `xyz` into ``x y z`` and `normal`
 into the format's own names; any other field ``f`` of shape (n, m) into ``f.0`` to ``f.<m-1>``, names that no field has.
+
+A file whose coordinates are named X, Y and Z is of a program that capitalises names: there, lidarsim's names count
+whatever their case.
 """
 
 from __future__ import annotations
@@ -10,16 +13,16 @@ import json
 import os
 import re
 from collections import defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, BinaryIO
 
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import UINT32
+from lidarsim._validation import UINT32, short
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import Fields
+from lidarsim.pointcloud import CANONICAL, Fields, field_names
 
 BLOCK = 1 << 14
 """Points that are converted at a time."""
@@ -27,9 +30,25 @@ BLOCK = 1 << 14
 SMALL, EXPANSION = 1 << 26, 100
 """Bytes that any compressed file may expand to, and how many times its own size beyond them."""
 
+LINE = 1 << 24
+"""Bytes of a line of a header, at most."""
+
+FAR = 1e20
+"""The greatest coordinate of a file that says nothing of itself, m; pulses along an endless plane reach some 1e16."""
+
+UINT16 = 2**16 - 1
+
+OTHERS = "; are its columns others? PointCloud.load(…, columns=…) names them"
+
+SAMPLE = 2048
+"""Points by which their number of columns is judged."""
+
 
 def to_columns(fields: Fields, normal: Collection[str], codes: Collection[str]) -> Fields:
-    """Return the columns that the fields are split into, as views; `codes` are the dtypes that the format can hold."""
+    """Return the columns that the fields are split into, as views, after checking that `to_fields` would join them.
+
+    `codes` are the dtypes that the format can hold.
+    """
     columns: Fields = {}
     for name, array in fields.items():
         if array.dtype.str[1:] not in codes:
@@ -39,6 +58,10 @@ def to_columns(fields: Fields, normal: Collection[str], codes: Collection[str]) 
         else:
             parts = {"xyz": "xyz", "normal": normal}.get(name) or [f"{name}.{i}" for i in range(array.shape[1])]
             columns |= zip(parts, array.T, strict=True)
+    lost = fields.keys() - to_fields({name: column[:0] for name, column in columns.items()}, normal).keys()
+    if lost:
+        parts = f"{', '.join(normal)} are the components of 'normal'"
+        raise FileFormatError(f"{min(lost)}: this format cannot hold a field of this name, since {parts}; rename it")
     return columns
 
 
@@ -66,13 +89,98 @@ def from_records(file: BinaryIO, dtype: np.dtype[np.void], points: int | None = 
         if over:
             names = ", ".join(dtype.names or ())
             raise FileFormatError(
-                f"its {rest} bytes are not a multiple of {dtype.itemsize}, those of a point ({names})"
+                f"its {rest} bytes are not a multiple of {dtype.itemsize}, those of a point ({names}){OTHERS}"
             )
     if points * dtype.itemsize > rest:
         raise FileFormatError(f"it is truncated: {rest // dtype.itemsize} of {points} points")
     for start in range(0, max(points, 1), BLOCK):
         records = np.frombuffer(file.read(min(BLOCK, points - start) * dtype.itemsize), dtype)
-        yield {name: records[name] for name in dtype.names or ()}
+        yield columns_of(records)
+
+
+def headerless(file: BinaryIO, given: list[str] | None, own: Sequence[str], most: float) -> Fields:
+    """Return the fields of a file of float32 records that says nothing of itself.
+
+    Parameters
+    ----------
+    file : binary file
+        At its start.
+    given : list of str, optional
+        Names of the columns; "_": not read. By default `own`, if the numbers can be such.
+    own : sequence of str
+        Names of the format's columns, among them x, y, z and intensity.
+    most : float
+        The greatest intensity of the format, or of anything in its form.
+    """
+    names = given or own
+    return joined(_headerless(file, names, None if given else most))
+
+
+def _headerless(file: BinaryIO, names: Sequence[str], most: float | None) -> Iterator[Fields]:
+    """Yield the fields block by block, after checking, if there is a greatest intensity, that they can be such."""
+    dtype = np.dtype([(f"_ {i}" if name == "_" else name, "<f4") for i, name in enumerate(names)])
+    for number, block in enumerate(from_records(file, dtype)):
+        if most is not None:
+            if not number:
+                _check_number(np.stack(list(block.values()), 1), os.fstat(file.fileno()).st_size // 4)
+            check_plausible(block, most, number * BLOCK, OTHERS)
+        yield to_fields({name: column for name, column in block.items() if name in names}, (), xyz=np.float32)
+
+
+def check_plausible(block: Fields, most: float, first: int, hint: str = "") -> None:
+    """Raise an error unless numbers can be coordinates in m and intensities up to `most`.
+
+    Coordinates may be NaN or infinite. No finite one is beyond `FAR`, nor below the normal numbers of float32: such
+    are the bits of an integer.
+    """
+    tiny = np.finfo(np.float32).tiny
+    for name, values in block.items():
+        if name == "intensity":
+            wrong = ~((values >= 0) & (values <= most))
+            expected = f"numbers from 0 to {most:g}"
+        elif name == "ring":
+            wrong = ~((values >= 0) & (values <= UINT16) & (values == np.floor(values)))
+            expected = f"integers from 0 to {UINT16}"
+        else:
+            size = np.abs(values)
+            wrong = ((size > FAR) & (size < np.inf)) | ((size < tiny) & (size > 0))
+            expected = f"0, or {tiny:.1e} to {FAR:.0e} m"
+        if wrong.any():
+            i = int(np.argmax(wrong))
+            raise FileFormatError(f"{name}: expected {expected}, got {name}[{first + i}] = {values[i]}{hint}")
+
+
+def _check_number(records: npt.NDArray[np.float32], size: int) -> None:
+    """Raise an error if the numbers of a file, of which these are the first, look like records of another length.
+
+    If the records have p numbers, each column has one distribution. Read as records of another length, each column is
+    a mixture of those, of which the mean logarithm of the variances is greater: a mixture has at least the mean of the
+    variances, and the logarithm is concave. So a length that makes it less than the given one does contradicts that
+    one. Ranks stand for the numbers, so that a few great ones do not decide. Among n points the mean of the logarithms
+    is off by some (2 / n / p)^0.5; from 64 on, a difference of 0.5 is above five of that. Multiples of the given length
+    are left out: these are no less likely for points that come in turns.
+    """
+    numbers = records[:SAMPLE].ravel()
+    own = records.shape[1]
+    if len(records) < 64:
+        return
+    ranks = np.unique(numbers, return_inverse=True)[1] / len(numbers)
+    spread: dict[int, float] = {}
+    for length in range(3, 11):
+        if length == own or (length % own and size % length == 0):
+            columns = ranks[: len(ranks) // length * length].reshape(-1, length)
+            spread[length] = float(np.log(columns.var(axis=0) + len(numbers) ** -2.0).mean())
+    likely = min(spread, key=lambda length: (round(spread[length], 1), length))
+    if spread[likely] < spread[own] - 0.5:
+        raise FileFormatError(
+            f"its numbers look like {likely} columns, expected {own}: "
+            f'PointCloud.load(…, columns=("x", "y", "z", …)) names them'
+        )
+
+
+def columns_of(records: npt.NDArray[np.void]) -> Fields:
+    """Return the columns of records, as views."""
+    return {name: records[name] for name in records.dtype.names or ()}
 
 
 def blocks(columns: Fields, size: int = BLOCK) -> Iterator[Fields]:
@@ -93,22 +201,41 @@ def joined(parts: Iterable[Fields]) -> Fields:
 
 def to_fields(columns: Fields, normal: Collection[str], *, xyz: npt.DTypeLike = np.float64) -> Fields:
     """Return the fields that the columns of a file make up, where a column may have several entries a point."""
+    columns = _in_lower_case(columns, normal)
     for name in "xyz":
         if name not in columns:
-            raise FileFormatError(f"it has no {name} among its fields {', '.join(columns) or '(none)'}")
-    columns = dict(columns)
+            raise FileFormatError(f"it has no {name} among its fields {short(', '.join(columns)) or '(none)'}")
+        if columns[name].ndim != 1:
+            raise FileFormatError(f"its field {name} has {columns[name].shape[1]} numbers per point, expected 1")
     vectors = {"xyz": list("xyz")}
-    if normal and columns.keys() >= set(normal):
+    if normal and all(name in columns and columns[name].ndim == 1 for name in normal):
         vectors["normal"] = list(normal)
-    for name in columns:
+    whole = {"", *vectors, *columns}  # what is not split
+    for name, column in columns.items():
         base, _, index = name.rpartition(".")
-        if base and index == str(len(vectors.get(base, ()))):
+        if base in whole or column.ndim != 1:
+            continue
+        parts = vectors.get(base, [])
+        if index == str(len(parts)) and (not parts or column.dtype == columns[parts[0]].dtype):
             vectors.setdefault(base, []).append(name)
-    fields: Fields = {}
-    for name, parts in vectors.items():
-        dtype = xyz if name == "xyz" else None
-        fields[_identifier(name)] = np.stack([columns.pop(part) for part in parts], 1, dtype=dtype)
-    return fields | {_identifier(name): column for name, column in columns.items()}
+    arrays = [
+        np.stack([columns.pop(part) for part in parts], 1, dtype=xyz if name == "xyz" else None)
+        for name, parts in vectors.items()
+    ]
+    return dict(zip(field_names([*vectors, *columns]), [*arrays, *columns.values()], strict=True))
+
+
+def _in_lower_case(columns: Fields, normal: Collection[str]) -> Fields:
+    """Return the columns of a file, with lidarsim's names in lower case if those of the coordinates are capitals."""
+    if columns.keys() & set("xyz") or not columns.keys() >= set("XYZ"):
+        return dict(columns)
+    known = {*"xyz", *CANONICAL, *normal} - columns.keys()
+    renamed = {}
+    for name, column in columns.items():
+        lower = name.lower()
+        renamed[lower if lower in known else name] = column
+        known.discard(lower)
+    return renamed
 
 
 def class_comments(names: Mapping[int, str]) -> list[str]:
@@ -134,7 +261,3 @@ def check_expansion(size: int, compressed: int) -> None:
             f"its {compressed:,} bytes claim to hold {size:,}, more than {EXPANSION} times as many: refused as a"
             " decompression bomb"
         )
-
-
-def _identifier(name: str) -> str:
-    return re.sub(r"\W|^(?=\d)", "_", name, flags=re.ASCII)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,14 @@ from lidarsim.pointcloud import Fields
 
 if TYPE_CHECKING:
     from lidarsim.scan import Sensor
+
+
+def saturated(intensity: npt.NDArray[np.float32], most: float, where: str) -> npt.NDArray[np.float32]:
+    """Return the intensity as a sensor that saturates gives it, at most `most`, and warn if that changes anything."""
+    if (intensity > most).any():
+        message = f"intensity: {where} ends at {most:g}; what is brighter is written as {most:g}"
+        warnings.warn(message, stacklevel=2)
+    return np.minimum(intensity, np.float32(most))
 
 
 def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.NDArray[np.uint8]:

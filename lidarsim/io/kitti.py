@@ -1,8 +1,13 @@
 """KITTI's scans (``.bin``), also SemanticKITTI's and KITTI-360's: float32 x, y, z and remission per point, no header.
 
-Remission is `intensity` unchanged, or 0 without one; KITTI's own ends at 1, which a retro-reflector exceeds.
-All other fields are lost, and float32 keeps 0.1 mm up to 1 km only: save the cloud in the sensor's frame, as KITTI
-does. The labels are another file: `lidarsim.io.semantickitti`.
+Remission is `intensity`, or 0 without one, and ends at 1: what is brighter, as a retro-reflector is, is written as 1,
+and a warning says so. All other fields are lost, and float32 keeps 0.1 mm up to 1 km only: save the cloud in the
+sensor's frame, as KITTI does. The labels are another file: `lidarsim.io.semantickitti`.
+
+Other programs write other columns under the same suffix, which no header tells:
+``PointCloud.load("a.bin", columns=("x", "y", "z", "intensity", "ring", "time"))`` reads six. Without `columns`, numbers
+that cannot be these four are refused: their distribution is that of other columns, a coordinate is the bits of an
+integer, or an intensity is not within 0 to 65,535. Eight columns can pass for twice as many points of four.
 
 Format: the KITTI raw data development kit, readme.txt; https://github.com/PRBonn/semantic-kitti-api.
 """
@@ -13,21 +18,29 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarsim.io._records import from_records, joined, to_columns, to_fields, to_records
+from lidarsim.io._records import BLOCK, check_plausible, columns_of, headerless, to_columns, to_records
+from lidarsim.io._units import saturated
 from lidarsim.pointcloud import Fields, register_format
 
-RECORD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity")])
+NAMES = ("x", "y", "z", "intensity")
+RECORD = np.dtype([(name, "<f4") for name in NAMES])
+MOST = 65_535
+"""The greatest intensity of other programs, an uint16; KITTI's is 1."""
 
 
 def save(fields: Fields, file: BinaryIO) -> None:
     """Write the points one after the other."""
-    kept = {name: array for name, array in fields.items() if name in {"xyz", "intensity"}}
-    file.writelines(records.data for records in to_records(to_columns(kept, (), {"f4", "f8"}), RECORD))
+    kept = {"xyz": fields["xyz"]}
+    if "intensity" in fields:
+        kept["intensity"] = saturated(fields["intensity"], 1.0, "KITTI's remission")
+    for number, records in enumerate(to_records(to_columns(kept, (), {"f4", "f8"}), RECORD)):
+        check_plausible(columns_of(records), MOST, number * BLOCK)
+        file.write(records.data)
 
 
-def load(file: BinaryIO) -> Fields:
+def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
     """Read all points."""
-    return joined(to_fields(block, (), xyz=np.float32) for block in from_records(file, RECORD))
+    return headerless(file, columns, NAMES, MOST)
 
 
 register_format(".bin", save=save, load=load)

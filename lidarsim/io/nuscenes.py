@@ -1,9 +1,11 @@
 """Scans of nuScenes (``.pcd.bin``): float32 x, y, z, intensity and ring per point, no header.
 
 Intensity is Velodyne's byte, 0 to 100 for the reflectivity of a diffuse target in percent, up to 255 for
-retro-reflectors, and is not converted back when the file is read. `intensity` and `ring` are 0 where the cloud has
-none; all other fields are lost. The axes are lidarsim's, x forward: nuScenes' own sensor has y forward, as its
-``calibrated_sensor`` says.
+retro-reflectors; what is brighter is written as 255, and a warning says so. It is not converted back when the file is
+read. `intensity` and `ring` are 0 where the cloud has none; all other fields are lost. The axes are lidarsim's, x
+forward: nuScenes' own sensor has y forward, as its ``calibrated_sensor`` says.
+
+Files of other columns are read with `columns`, and refused without, as in `lidarsim.io.kitti`; intensities end at 255.
 
 Format: https://github.com/nutonomy/nuscenes-devkit, `LidarPointCloud.from_file`.
 """
@@ -14,26 +16,29 @@ from typing import BinaryIO
 
 import numpy as np
 
-from lidarsim.io._records import blocks, from_records, joined, to_columns, to_fields, to_records
-from lidarsim.io._units import reflectivity
+from lidarsim.io._records import BLOCK, check_plausible, columns_of, headerless, to_columns, to_records
+from lidarsim.io._units import reflectivity, saturated
 from lidarsim.pointcloud import Fields, register_format
 
-RECORD = np.dtype([(name, "<f4") for name in ("x", "y", "z", "intensity", "ring")])
+NAMES = ("x", "y", "z", "intensity", "ring")
+RECORD = np.dtype([(name, "<f4") for name in NAMES])
+MOST = 255
+"""The greatest intensity."""
 
 
 def save(fields: Fields, file: BinaryIO) -> None:
     """Write the points one after the other."""
     kept = {name: array for name, array in fields.items() if name in {"xyz", "intensity", "ring"}}
-    for block in blocks(kept):
-        if "intensity" in block:
-            block["intensity"] = reflectivity(block["intensity"])
-        columns = to_columns(block, (), {"f4", "f8", "u1", "u2"})
-        file.writelines(records.data for records in to_records(columns, RECORD))
+    if "intensity" in kept:
+        kept["intensity"] = reflectivity(saturated(kept["intensity"], 2.55, "what nuScenes' byte holds"))
+    for number, records in enumerate(to_records(to_columns(kept, (), {"f4", "f8", "u1", "u2"}), RECORD)):
+        check_plausible(columns_of(records), MOST, number * BLOCK)
+        file.write(records.data)
 
 
-def load(file: BinaryIO) -> Fields:
+def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
     """Read all points."""
-    return joined(to_fields(block, (), xyz=np.float32) for block in from_records(file, RECORD))
+    return headerless(file, columns, NAMES, MOST)
 
 
 register_format(".pcd.bin", save=save, load=load)
