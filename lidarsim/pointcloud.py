@@ -21,6 +21,7 @@ from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
 from lidarsim._validation import Transform, named_labels
 from lidarsim._views import Plotted, view
+from lidarsim.errors import FileFormatError
 
 if TYPE_CHECKING:
     import open3d
@@ -565,8 +566,8 @@ class PointCloud(Pickled, Plotted):
         Returns
         -------
         PointCloud
-            Arrays that already have the right dtype are shared. Names and values that do not fit are kept as `load` keeps
-            them.
+            Arrays that already have the right dtype are shared. Names and values that do not fit are kept as `load`
+            keeps them.
 
         Raises
         ------
@@ -647,9 +648,7 @@ def _misfits(given: npt.NDArray[Any], dtype: type[np.number[Any]]) -> npt.NDArra
 
 def _is_name(name: str) -> bool:
     """Return whether a field can have this name."""
-    return (
-        name.isascii() and name.isidentifier() and name not in {"_", "x", "y", "z"} and not hasattr(PointCloud, name)
-    )
+    return name.isascii() and name.isidentifier() and name not in {"_", "x", "y", "z"} and not hasattr(PointCloud, name)
 
 
 def field_names(names: Sequence[str]) -> list[str]:
@@ -691,34 +690,36 @@ def adopted(fields: Mapping[str, Any]) -> dict[str, Any]:
         0, and the given array is there as ``<name>_raw``; an array of another shape than that field's is only there.
     """
     classes = {name: value for name, value in fields.items() if name == "class_names" and isinstance(value, Mapping)}
-    given = {name: value for name, value in fields.items() if name not in classes}
-    fitting: dict[str, Any] = {}
-    raw: dict[str, Any] = {}
-    for name, values in zip(field_names(list(given)), given.values(), strict=True):
+    given = {name: np.asarray(value) for name, value in fields.items() if name not in classes}
+    kept: Fields = {}
+    raw: Fields = {}
+    for name, array in zip(field_names(list(given)), given.values(), strict=True):
         shape, dtype = CANONICAL.get(name, ((), None))
-        array = np.asarray(values)
         if dtype is None or name == "xyz" or array.dtype.kind not in "biuf" or array.ndim not in {1, 2}:
-            fitting[name] = values
+            kept[name] = array
         elif array.shape[1:] != shape:
             raw[name] = array
         else:
-            kept = array.astype(np.uint8) if array.dtype == np.bool_ else array
-            wrong = _misfits(kept, dtype)
-            if wrong.any():
-                kept = np.where(wrong, kept.dtype.type(0), kept)
-            fitting[name] = kept
-            if array.dtype == np.bool_ or wrong.any() or _rounds(array, dtype):
+            kept[name], exact = held(array, dtype)
+            if not exact:
                 raw[name] = array
-    names = field_names([*fitting, *(f"{name}_raw" for name in raw)])
-    return dict(zip(names, [*fitting.values(), *raw.values()], strict=True)) | classes
+    names = field_names([*kept, *(f"{name}_raw" for name in raw)])
+    return dict(zip(names, [*kept.values(), *raw.values()], strict=True)) | classes
 
 
-def _rounds(array: npt.NDArray[Any], dtype: type[np.number[Any]]) -> bool:
-    """Return whether there is an integer that a float of `dtype` need not hold exactly."""
-    if array.dtype.kind not in "iu" or not issubclass(dtype, np.floating) or not array.size:
-        return False
-    exact = 2 ** (np.finfo(dtype).nmant + 1)
-    return bool(array.min() < -exact or array.max() > exact)
+def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any], bool]:
+    """Return numbers of which `dtype` holds each, 0 in place of the others, and whether they tell all of `array`.
+
+    A float may round another, but not an integer.
+    """
+    kind = np.dtype(dtype).type
+    numbers = array.view(np.uint8) if array.dtype == np.bool_ else array
+    wrong = _misfits(numbers, kind)
+    exact = array.dtype != np.bool_ and not wrong.any()
+    if exact and issubclass(kind, np.floating) and array.dtype.kind in "iu" and array.size:
+        most = 2 ** (np.finfo(kind).nmant + 1)
+        exact = bool(array.min() >= -most and array.max() <= most)
+    return (np.where(wrong, numbers.dtype.type(0), numbers) if wrong.any() else numbers), exact
 
 
 def _columns(names: Sequence[str]) -> list[str]:

@@ -9,9 +9,12 @@ whatever their case.
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import os
 import re
+import sys
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -178,6 +181,63 @@ def _check_number(records: npt.NDArray[np.float32], size: int) -> None:
         )
 
 
+def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int) -> Iterator[Fields]:
+    """Yield the columns of lines of text, one point each, at least `points` of them; what follows is not read.
+
+    A column of integers is of float64 in a block where a number is none of `dtype`.
+    """
+    lines = itertools.islice((line for line in lines if line and not line.isspace()), min(points, sys.maxsize))
+    read = 0
+    yield columns_of(np.empty(0, dtype))
+    while part := list(itertools.islice(lines, BLOCK)):
+        try:
+            yield columns_of(np.loadtxt(part, dtype, comments=None, ndmin=1))
+        except (ValueError, OverflowError):
+            yield _parsed_one_by_one(part, dtype, read)
+        read += len(part)
+    if read < points:
+        raise FileFormatError(f"it is truncated: {read} of {points} points")
+
+
+def _parsed_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
+    """Return the columns of lines, of which some are not as NumPy would have them."""
+    names = dtype.names or ()
+    sizes = [math.prod(dtype[name].shape) for name in names]
+    columns: dict[str, list[list[float]]] = {name: [] for name in names}
+    for i, line in enumerate(lines, first):
+        words = iter(line.split())
+        for name, size in zip(names, sizes, strict=True):
+            numbers = [number(word, f"{name}[{i}]") for word in itertools.islice(words, size)]
+            if len(numbers) < size:
+                raise FileFormatError(f"{name}[{i}]: expected a number, got the end of the line")
+            columns[name].append(numbers)
+        if (word := next(words, None)) is not None:
+            raise FileFormatError(f"point {i}: expected {sum(sizes)} numbers, got more: {short(repr(word))}")
+    return {name: _column(columns[name], dtype[name]) for name in names}
+
+
+def _column(rows: list[list[float]], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
+    """Return numbers as a column of `dtype`, or of float64 if its integers cannot hold them."""
+    if dtype.base.kind in "iu":
+        low, high = np.iinfo(dtype.base).min, np.iinfo(dtype.base).max
+        if not all(low <= value <= high and value == int(value) for row in rows for value in row):
+            return np.array(rows, np.float64).reshape(-1, *dtype.shape)
+        rows = [[int(value) for value in row] for row in rows]
+    return np.array(rows, dtype.base).reshape(-1, *dtype.shape)
+
+
+def number(word: str, what: str) -> float:
+    """Return the number that a word of a text is: an int if it is one, NaN and infinity also as Windows prints them."""
+    if re.fullmatch(r"[+-]?\d{1,20}", word):
+        return int(word)
+    with suppress(ValueError):
+        return float(word)
+    if found := re.fullmatch(r"([+-]?)(?:1\.#(inf|ind|[qs]nan)|nan\(\w*\))\d*", word.lower()):
+        return float(f"{found[1]}inf") if found[2] == "inf" else math.nan
+    comma = " with a point, not a comma" if re.fullmatch(r"[+-]?\d+,\d+", word) else ""
+    raise FileFormatError(f"{what}: expected a number{comma}, got {short(repr(word))}")
+
+
 def columns_of(records: npt.NDArray[np.void]) -> Fields:
     """Return the columns of records, as views."""
     return {name: records[name] for name in records.dtype.names or ()}
@@ -252,6 +312,17 @@ def commented_classes(comments: Iterable[str]) -> dict[int, str]:
             with suppress(ValueError):
                 names[int(found[1])] = json.loads(found[2])
     return names
+
+
+def header_lines(lines: Iterable[str]) -> bytes:
+    """Return the lines of a header, in ASCII, after checking that a reader takes each for a line."""
+    whole = [line.encode("ascii") for line in lines]
+    longest = max(whole, key=len)
+    if len(longest) >= LINE:
+        raise FileFormatError(
+            f"expected lines of less than {LINE:,} bytes in a header, got {len(longest):,}: {longest[:50].decode()}…"
+        )
+    return b"\n".join([*whole, b""])
 
 
 def check_expansion(size: int, compressed: int) -> None:

@@ -1,41 +1,51 @@
 """PCD files of the Point Cloud Library (``.pcd``): written binary; read binary, compressed or ASCII.
 
 All fields are kept, vectors other than `xyz` and `normal` as one field per component; bool cannot be stored.
+
+Files of old versions are read as the Point Cloud Library reads them: FIELDS may be called COLUMNS, SIZE and TYPE are
+float32 if they are missing, VERSION, COUNT, VIEWPOINT and HEIGHT may be missing, and POINTS may stand for WIDTH. Where
+a text has a number that the TYPE of its field cannot hold, such as NaN in a field of integers, the field is 0 and a
+field ``<name>_raw`` has the numbers of the file. The rows of an organised cloud come one after the other.
+
 Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html.
 """
 
 from __future__ import annotations
 
-import itertools
+import math
 import os
 import struct
-import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, BinaryIO
 
 import numpy as np
-import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim._validation import Floats
+from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
-    BLOCK,
+    LINE,
     blocks,
     check_expansion,
     class_comments,
+    columns_of,
     commented_classes,
     from_records,
+    header_lines,
     joined,
+    parsed,
     record_of,
     to_columns,
     to_fields,
     to_records,
 )
-from lidarsim.pointcloud import Fields, register_format
+from lidarsim.pointcloud import Fields, held, register_format
 
 NORMAL = ("normal_x", "normal_y", "normal_z")
 CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
+DEFAULTS = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
+"""What describes a field, and what it is where an old file does not have it."""
+
 KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 
 
@@ -53,21 +63,21 @@ def save(
     record = record_of(columns)
     parts = [record[name] for name in columns]
     points = len(fields["xyz"])
-    comments = "".join(f"# {comment}\n" for comment in class_comments(class_names or {}))
-    header = f"""\
-# .PCD v0.7 - Point Cloud Data file format
-{comments}VERSION 0.7
-FIELDS {" ".join(columns)}
-SIZE {" ".join(str(part.itemsize) for part in parts)}
-TYPE {" ".join(part.kind.upper() for part in parts)}
-COUNT {" ".join("1" for _ in parts)}
-WIDTH {points}
-HEIGHT 1
-VIEWPOINT {_viewpoint(pose)}
-POINTS {points}
-DATA binary
-"""
-    file.write(header.encode("ascii"))
+    header = [
+        "# .PCD v0.7 - Point Cloud Data file format",
+        *(f"# {comment}" for comment in class_comments(class_names or {})),
+        "VERSION 0.7",
+        f"FIELDS {' '.join(columns)}",
+        f"SIZE {' '.join(str(part.itemsize) for part in parts)}",
+        f"TYPE {' '.join(part.kind.upper() for part in parts)}",
+        f"COUNT {' '.join('1' for _ in parts)}",
+        f"WIDTH {points}",
+        "HEIGHT 1",
+        f"VIEWPOINT {_viewpoint(pose)}",
+        f"POINTS {points}",
+        "DATA binary",
+    ]
+    file.write(header_lines(header))
     file.writelines(records.data for records in to_records(columns, record))
 
 
@@ -83,75 +93,87 @@ def _viewpoint(pose: Floats | None) -> str:
 def load(file: BinaryIO) -> dict[str, Any]:
     """Read the points in the file's own coordinates: like other readers, this one leaves VIEWPOINT unapplied."""
     header = _header(file)
-    points, dtype = _layout(header)
-    encoding = header["DATA"][0]
+    points, dtype = _points(header), _layout(header)
+    encoding = header["DATA"][0].lower()
     if encoding == "ascii":
-        parts = _parsed(file, points, dtype)
+        numbers = sum(math.prod(dtype[i].shape) for i in range(len(dtype)))
+        if points and 2 * numbers > os.fstat(file.fileno()).st_size - file.tell() + 1:  # a digit and a space each
+            raise FileFormatError(f"it is truncated: 0 of {points} points")
+        parts = parsed((line.decode("ascii", "replace") for line in file), dtype, points)
     elif encoding == "binary":
         parts = from_records(file, dtype, points)
     elif encoding == "binary_compressed":
-        parts = blocks(_decompressed(file, points, dtype) if points else _columns(np.empty(0, dtype)))
+        parts = blocks(_decompressed(file, points, dtype) if points else columns_of(np.empty(0, dtype)))
     else:
         raise FileFormatError(f"its DATA is {encoding!r}, expected ascii, binary or binary_compressed")
-    columns = joined(parts)
-    fields = to_fields({name: column for name, column in columns.items() if not name.startswith("_ ")}, NORMAL)
-    return fields | {"class_names": commented_classes(header.get("#", ()))}
+    columns = {name: column for name, column in joined(parts).items() if not name.startswith("_ ")}
+    for name, column in list(columns.items()):
+        if column.dtype != dtype[name].base and dtype[name].base.kind in "iu":  # a text has other numbers
+            numbers, exact = held(column, dtype[name].base)
+            columns[name] = numbers.astype(dtype[name].base)
+            if not exact:
+                raw = f"{name}_raw"
+                while raw in columns:
+                    raw += "_raw"
+                columns[raw] = column
+    return to_fields(columns, NORMAL) | {"class_names": commented_classes(header.get("#", ()))}
 
 
 def _header(file: BinaryIO) -> dict[str, list[str]]:
     """Return the values of each key, and the comments as those of "#"."""
     header: dict[str, list[str]] = {}
     while "DATA" not in header:
-        line = file.readline(1 << 16)
+        line = file.readline(LINE)
         if line.startswith(b"#"):
             header.setdefault("#", []).append(line[1:].decode("ascii", "replace"))
             continue
         if line.isspace():
             continue
-        key, *values = line.decode("ascii", "replace").split() or [""]
+        key, *values = line.decode("utf-8", "replace").split() or [""]
+        key = "FIELDS" if key == "COLUMNS" else key
         if key not in KEYS:
             raise FileFormatError("expected the header of a PCD file, got something else")
         header[key] = values
-    for key in ("FIELDS", "SIZE", "TYPE", "WIDTH", "HEIGHT", "DATA"):
+    for key in ("FIELDS", "DATA"):
         if not header.get(key):
             raise FileFormatError(f"its header has no {key}")
-    for key in ("WIDTH", "HEIGHT"):
-        if not header[key][0].isdecimal():
-            raise FileFormatError(f"its {key} is {header[key][0]}, expected a count")
     return header
 
 
-def _layout(header: dict[str, list[str]]) -> tuple[int, np.dtype[np.void]]:
-    """Return the number of points and the dtype of one."""
+def _points(header: dict[str, list[str]]) -> int:
+    """Return the number of points."""
+    sizes = {key: header[key][0] for key in ("WIDTH", "HEIGHT", "POINTS") if header.get(key)}
+    for key, size in sizes.items():
+        if not size.isdecimal():
+            raise FileFormatError(f"its {key} is {size}, expected a count")
+    if not sizes.keys() & {"WIDTH", "POINTS"}:
+        raise FileFormatError("its header has no WIDTH")
+    height = int(sizes.get("HEIGHT", 1))
+    points = int(sizes["POINTS"]) if "POINTS" in sizes else height * int(sizes["WIDTH"])
+    width = int(sizes["WIDTH"]) if "WIDTH" in sizes else points // max(height, 1)
+    if width * height != points:
+        raise FileFormatError(f"its WIDTH of {width} times its HEIGHT of {height} is not its POINTS, {points}")
+    return points
+
+
+def _layout(header: dict[str, list[str]]) -> np.dtype[np.void]:
+    """Return the dtype of a point."""
     fields = header["FIELDS"]
-    counts = header.get("COUNT", ["1"] * len(fields))  # optional before version 0.7
-    for key, values in (("SIZE", header["SIZE"]), ("TYPE", header["TYPE"]), ("COUNT", counts)):
-        if len(values) != len(fields):
-            raise FileFormatError(f"its header has {len(fields)} FIELDS, but {len(values)} {key}")
-    parts = []
-    for i, (name, size, kind, count) in enumerate(zip(fields, header["SIZE"], header["TYPE"], counts, strict=True)):
-        if f"{kind.lower()}{size}" not in CODES or not count.isdecimal():
-            raise FileFormatError(f"its field {name} has the unknown layout TYPE {kind}, SIZE {size}, COUNT {count}")
+    values = [header.get(key) or [default] * len(fields) for key, default in DEFAULTS.items()]
+    for key, given in zip(DEFAULTS, values, strict=True):
+        if len(given) != len(fields):
+            raise FileFormatError(f"its header has {len(fields)} FIELDS, but {len(given)} {key}")
+    parts: dict[str, tuple[str, tuple[int, ...]]] = {}
+    for i, (name, size, kind, count) in enumerate(zip(fields, *values, strict=True)):
+        if f"{kind.lower()}{size}" not in CODES or not count.isdecimal() or not int(count):
+            raise FileFormatError(
+                f"its field {short(name)} has the unknown layout TYPE {kind}, SIZE {size}, COUNT {count}"
+            )
+        if name in parts:
+            raise FileFormatError(f"it has two fields named {short(repr(name))}")
         shape = () if count == "1" else (int(count),)
-        parts.append((f"_ {i}" if name == "_" else name, f"<{kind.lower()}{size}", shape))  # "_" is padding
-    return int(header["WIDTH"][0]) * int(header["HEIGHT"][0]), np.dtype(parts)
-
-
-def _parsed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Iterator[Fields]:
-    """Yield the columns of ``DATA ascii``, one point per line."""
-    lines = itertools.islice((line for line in file if not line.isspace()), min(points, sys.maxsize))
-    read = 0
-    yield _columns(np.empty(0, dtype))
-    while part := list(itertools.islice(lines, BLOCK)):
-        records = np.loadtxt(part, dtype, comments=None, ndmin=1)
-        read += len(records)
-        yield _columns(records)
-    if read < points:
-        raise FileFormatError(f"it is truncated: {read} of {points} points")
-
-
-def _columns(records: npt.NDArray[np.void]) -> Fields:
-    return {name: records[name] for name in records.dtype.names or ()}
+        parts[f"_ {i}" if name == "_" else name] = f"<{kind.lower()}{size}", shape  # "_" is padding
+    return np.dtype([(name, *part) for name, part in parts.items()])
 
 
 def _decompressed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Fields:

@@ -1,24 +1,57 @@
-"""PLY files (``.ply``): written binary little-endian; read in any encoding.
+"""PLY files (``.ply``): written binary little-endian; read in any encoding, with any line ends.
 
 All fields are kept, vectors other than `xyz` and `normal` as one property per component; bool, int64 and uint64 cannot
-be stored.
+be stored. Properties of the element ``vertex`` that are lists, and the other elements, are not read.
 """
 
 from __future__ import annotations
 
+import io
+import itertools
 import os
-from collections.abc import Mapping
-from io import BytesIO
-from typing import Any, BinaryIO
+import re
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any, BinaryIO, TextIO
+
+import numpy as np
 
 from lidarsim._extras import import_extra
+from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import class_comments, commented_classes, record_of, to_columns, to_fields, to_records
+from lidarsim.io._records import (
+    LINE,
+    class_comments,
+    commented_classes,
+    from_records,
+    header_lines,
+    joined,
+    parsed,
+    record_of,
+    to_columns,
+    to_fields,
+    to_records,
+)
 from lidarsim.pointcloud import Fields, narrowed, register_format
 
 NORMAL = ("nx", "ny", "nz")
 CODES = {"f4", "f8", "i4", "u1", "u2"}
 WIDENED = {"i1", "i2", "u4"}
+ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
+"""Byte order of each encoding."""
+
+SPELLINGS = {
+    "i1": ("int8", "char"),
+    "i2": ("int16", "short"),
+    "i4": ("int32", "int"),
+    "u1": ("uint8", "uchar"),
+    "u2": ("uint16", "ushort"),
+    "u4": ("uint32", "uint"),
+    "f4": ("float32", "float"),
+    "f8": ("float64", "double"),
+}
+TYPES = {name: kind for kind, names in SPELLINGS.items() for name in names}
 
 
 def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | None = None) -> None:
@@ -37,56 +70,168 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
         *(f"comment {comment}" for comment in class_comments(class_names or {})),
         f"element vertex {len(fields['xyz'])}",
         *(f"property {record[name].name} {name}" for name in columns),
-        "end_header\n",
+        "end_header",
     ]
-    file.write("\n".join(header).encode("ascii"))
+    file.write(header_lines(header))
     file.writelines(records.data for records in to_records(columns, record))
+
+
+@dataclass
+class _Element:
+    name: str
+    count: int
+    types: dict[str, str] = field(default_factory=dict)
+    """Type of each property, as NumPy writes it; of a list, ``"list"`` and what plyfile calls its two types."""
+
+    @property
+    def has_lists(self) -> bool:
+        return any(kind.startswith("list") for kind in self.types.values())
+
+
+@dataclass
+class _Header:
+    encoding: str
+    comments: list[str]
+    elements: dict[str, _Element]
+    size: int  # bytes
 
 
 def load(file: BinaryIO) -> dict[str, Any]:
     """Read the element ``vertex``, except lists; faces and other elements are skipped."""
-    plyfile = import_extra("plyfile", "formats", "reading PLY files")
-    text = _check_counts(file)
-    # A binary file is mapped into memory, which is fast; a text file would be left open.
-    ply = plyfile.PlyData.read(BytesIO(file.read()) if text else file)
-    if "vertex" not in ply:
-        elements = ", ".join(element.name for element in ply) or "(none)"
-        raise FileFormatError(f"it has no element 'vertex' among its elements {elements}")
-    vertices = ply["vertex"]
-    scalars = [prop.name for prop in vertices.properties if not isinstance(prop, plyfile.PlyListProperty)]
-    fields: dict[str, Any] = to_fields({name: vertices[name] for name in scalars}, NORMAL)
-    for comment in ply.comments:
+    header = _header(file)
+    _check_counts(header, os.fstat(file.fileno()).st_size - header.size)
+    if "vertex" not in header.elements:
+        elements = ", ".join(header.elements) or "(none)"
+        raise FileFormatError(f"it has no element 'vertex' among its elements {short(elements)}")
+    vertices = header.elements["vertex"]
+    before = list(itertools.takewhile(lambda element: element is not vertices, header.elements.values()))
+    file.seek(header.size)
+    binary = header.encoding != "ascii"
+    if vertices.has_lists or (binary and any(element.has_lists for element in before)):
+        columns = _with_lists(file, header)
+    elif binary:
+        dtypes = [_dtype(element, ORDERS[header.encoding]) for element in (*before, vertices)]
+        skipped = sum(element.count * dtype.itemsize for element, dtype in zip(before, dtypes, strict=False))
+        file.seek(skipped, os.SEEK_CUR)
+        columns = joined(from_records(file, dtypes[-1], vertices.count))
+    else:
+        with _text(file) as text:
+            lines = itertools.islice(
+                (line for line in text if not line.isspace()), sum(element.count for element in before), None
+            )
+            columns = joined(parsed(lines, _dtype(vertices, "="), vertices.count))
+    fields: dict[str, Any] = to_fields(columns, NORMAL)
+    for comment in header.comments:
         match comment.split():
             case ["type", name, "int8" | "int16" | "uint32" as was] if name in fields:
-                fields[name] = fields[name].astype(was)
-    return fields | {"class_names": commented_classes(ply.comments)}
+                narrow = fields[name].astype(was)
+                if np.array_equal(narrow, fields[name]):
+                    fields[name] = narrow
+    return fields | {"class_names": commented_classes(header.comments)}
 
 
-def _check_counts(file: BinaryIO) -> bool:
-    """Return whether the file is text, after checking that it has the bytes for the elements that its header claims.
+def _dtype(element: _Element, order: str) -> np.dtype[np.void]:
+    return np.dtype([(name, order + kind) for name, kind in element.types.items()])
+
+
+def _header(file: BinaryIO) -> _Header:
+    """Return what a header says."""
+    (first, *lines), size = _header_lines(file)
+    if first.strip() != b"ply":
+        raise FileFormatError(f"it does not begin with 'ply' alone, but with {short(repr(first))}")
+    header = _Header("", [], {}, size)
+    for number, line in enumerate(lines, 2):
+        _understand(header, line, number)
+    if not header.encoding:
+        raise FileFormatError("its header has no format")
+    return header
+
+
+def _header_lines(file: BinaryIO) -> tuple[list[bytes], int]:
+    """Return the lines of a header but the last, and how many bytes it has; its lines end as its first one does."""
+    head, end = file.read(3), None
+    if head != b"ply":
+        raise FileFormatError("it does not begin with 'ply'")
+    while not end:
+        more = file.read(max(1 << 16, len(head)))
+        head += more
+        newline = re.search(rb"\r\n|\r(?=.)|\n|$", head, re.DOTALL)
+        last = b"\r" if newline and newline[0] == b"\r" else b"\n"
+        end = re.search(rb"[\r\n][ \t]*end_header[ \t\r]*?(?:%s%s)" % (last, b"" if more else rb"|\Z"), head)
+        if not end and (not more or len(head) > LINE):
+            raise FileFormatError("its header has no end")
+    return re.split(rb"\r?\n|\r", head[: end.start()]), end.end()
+
+
+def _understand(header: _Header, line: bytes, number: int) -> None:
+    """Take a line into the header."""
+    words = line.decode("utf-8", "replace").split()
+    element = next(reversed(header.elements.values()), None)
+    match words:
+        case []:
+            pass
+        case ["comment" | "obj_info" as key, *_]:
+            header.comments.append(line.decode("ascii", "replace").strip().removeprefix(key).strip())
+        case ["format", kind, *_] if kind in ORDERS:
+            header.encoding = kind
+        case ["element", name, count] if count.isdecimal() and name not in header.elements:
+            header.elements[name] = _Element(name, int(count))
+        case ["property", "list", length, kind, *name] if element and name and {length, kind} <= TYPES.keys():
+            _add(element, " ".join(name), f"list {length} {kind}")
+        case ["property", kind, *name] if element and name and kind in TYPES:
+            _add(element, " ".join(name), TYPES[kind])
+        case _:
+            raise FileFormatError(f"line {number} of its header is not understood: {short(repr(' '.join(words)))}")
+
+
+def _add(element: _Element, name: str, kind: str) -> None:
+    if name in element.types:
+        raise FileFormatError(f"its element {element.name!r} has two properties named {short(repr(name))}")
+    element.types[name] = kind
+
+
+def _check_counts(header: _Header, rest: int) -> None:
+    """Check that a file has the bytes for the elements that its header claims, of `rest` bytes after it.
 
     A property of an element takes at least a byte, in text two with the space or line end after it.
     """
-    if file.read(3) != b"ply":
-        raise FileFormatError("it does not begin with 'ply'")
-    elements: list[tuple[str, int, int]] = []
-    text = False
-    while (line := file.readline(1 << 16)).strip() != b"end_header":
-        if not line:
-            raise FileFormatError("its header has no end")
-        words = line.decode("ascii", "replace").split()
-        if words[:1] == ["element"] and len(words) == 3 and words[2].isdecimal():
-            elements.append((words[1], int(words[2]), 0))
-        elif words[:1] == ["property"] and elements:
-            name, count, properties = elements[-1]
-            elements[-1] = name, count, properties + 1
-        text |= words[:2] == ["format", "ascii"]
-    rest = os.fstat(file.fileno()).st_size - file.tell() + 1  # the last line of a text need not end
-    for name, count, properties in elements:
-        if count * max(properties, 1) * (1 + text) > rest:
-            raise FileFormatError(f"it is truncated: its header claims {count} of the element {name!r}")
-    file.seek(0)
-    return text
+    text = header.encoding == "ascii"
+    for element in header.elements.values():
+        if element.count * max(len(element.types), 1) * (1 + text) > rest + text:  # the last line need not end
+            raise FileFormatError(
+                f"it is truncated: its header claims {element.count} of the element {short(element.name)!r}"
+            )
+
+
+@contextmanager
+def _text(file: BinaryIO) -> Iterator[TextIO]:
+    text = io.TextIOWrapper(file, "ascii", "replace")  # any line ends
+    try:
+        yield text
+    finally:
+        text.detach()
+
+
+def _with_lists(file: BinaryIO, header: _Header) -> Fields:
+    """Return the properties of the vertices that are no lists, from a file that plyfile reads: without odd names."""
+    plyfile = import_extra("plyfile", "formats", "reading PLY files that have lists")
+    lines = ["ply", f"format {header.encoding} 1.0"]
+    for i, element in enumerate(header.elements.values()):
+        lines.append(f"element e{i} {element.count}")
+        lines += [
+            f"property {SPELLINGS[kind][0] if kind in SPELLINGS else kind} p{j}"
+            for j, kind in enumerate(element.types.values())
+        ]
+    if header.encoding == "ascii":
+        with _text(file) as text:
+            rest = "".join(line for line in text if not line.isspace()).encode("ascii", "replace")
+    else:
+        rest = file.read()
+    ply = plyfile.PlyData.read(io.BytesIO(header_lines([*lines, "end_header"]) + rest))
+    number = list(header.elements).index("vertex")
+    vertices = ply[f"e{number}"]
+    kinds = header.elements["vertex"].types
+    return {name: vertices[f"p{j}"] for j, (name, kind) in enumerate(kinds.items()) if not kind.startswith("list")}
 
 
 register_format(".ply", save=save, load=load, signature=b"ply")

@@ -219,6 +219,10 @@ GOOD = header("x y z", "4 4 4", "F F F", "1 1 1", width=2, data="binary")
 ASCII = GOOD.replace("binary", "ascii")
 
 
+def many(text: str, points: int) -> str:
+    return text.replace("WIDTH 2", f"WIDTH {points}").replace("POINTS 2", f"POINTS {points}")
+
+
 @pytest.mark.parametrize(
     ("content", "reason"),
     [
@@ -233,13 +237,22 @@ ASCII = GOOD.replace("binary", "ascii")
         (GOOD.replace("WIDTH 2", "WIDTH -2"), "its WIDTH is -2, expected a count"),
         (GOOD.replace("x y z", "x y q") + "0" * 24, "it has no z among its fields x, y, q"),
         (GOOD.replace("binary", "zipped"), "its DATA is 'zipped', expected ascii, binary or binary_compressed"),
-        (GOOD.replace("COUNT 1 1 1", "COUNT 0 0 0"), "its points have no bytes"),
-        (ASCII.replace("WIDTH 2", f"WIDTH {10**30}") + "1 2 3\n", f"it is truncated: 1 of {10**30} points"),
+        (GOOD.replace("COUNT 1 1 1", "COUNT 0 0 0"), "its field x has the unknown layout TYPE F, SIZE 4, COUNT 0"),
+        (many(ASCII, 10**30) + "1 2 3\n", f"it is truncated: 1 of {10**30} points"),
         (GOOD + "0" * 23, "it is truncated: 1 of 2 points"),
-        (GOOD.replace("WIDTH 2", "WIDTH 9999999999999") + "0" * 24, "it is truncated: 2 of 9999999999999 points"),
+        (many(GOOD, 9999999999999) + "0" * 24, "it is truncated: 2 of 9999999999999 points"),
+        (GOOD.replace("WIDTH 2", "WIDTH 0"), "its WIDTH of 0 times its HEIGHT of 1 is not its POINTS, 2"),
+        (GOOD.replace("POINTS 2", "POINTS 3") + "0" * 36, "its WIDTH of 2 times its HEIGHT of 1 is not its POINTS, 3"),
+        (GOOD.replace("WIDTH 2\n", "").replace("POINTS 2\n", ""), "its header has no WIDTH"),
+        (GOOD.replace("COUNT 1 1 1", "COUNT 1 1 2") + "0" * 32, "its field z has 2 numbers per point, expected 1"),
+        (GOOD.replace("x y z", "x y x"), "it has two fields named 'x'"),
+        (ASCII.replace("COUNT 1", f"COUNT {10**8}") + "1 2 3\n" * 2, "it is truncated: 0 of 2 points"),
         (ASCII + "1 2 3\n", "it is truncated: 1 of 2 points"),
         (ASCII, "it is truncated: 0 of 2 points"),
-        (ASCII + "1 2 3\n1 2 a\n", "could not convert string … to float32 at row 1, column 3."),
+        (ASCII + "1 2 3\n1 2\n", "z[1]: expected a number, got the end of the line"),
+        (ASCII + "1 2 3\n1 2 3 4\n", "point 1: expected 3 numbers, got more: '4'"),
+        (ASCII + "1 2 3\n1 2 3,5\n", "z[1]: expected a number with a point, not a comma, got '3,5'"),
+        (ASCII + "1 2 3\n1 2 a\n", "z[1]: expected a number, got 'a'"),
     ],
 )
 def test_bad_files(content: str, reason: str, tmp_path: Path) -> None:

@@ -158,7 +158,7 @@ HEAD = "ply\nformat ascii 1.0\n"
             "ply\nformat binary_little_endian 1.0\nelement vertex 1000000000000\nproperty float x\nend_header\n",
             "it is truncated: its header claims 1000000000000 of the element 'vertex'",
         ),
-        (HEAD + "element vertex two\nend_header\n", "line 3: expected integer count"),
+        (HEAD + "element vertex two\nend_header\n", "line 3 of its header is not understood: 'element vertex two'"),
         (HEAD + "element vertex 2\n", "its header has no end"),
     ],
 )
@@ -174,6 +174,11 @@ def test_without_its_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     path = tmp_path / "cloud.ply"
     monkeypatch.setitem(sys.modules, "plyfile", None)
     PointCloud(xyz=np.zeros((1, 3))).save(path)  # needs none
+    assert len(PointCloud.load(path)) == 1
+    path.write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "property list uchar int near\nend_header\n1 2 3 0\n"
+    )
     with pytest.raises(MissingExtraError) as caught:
         PointCloud.load(path)
-    assert str(caught.value) == 'reading PLY files needs plyfile: pip install "lidarsim[formats]"'
+    assert str(caught.value) == 'reading PLY files that have lists needs plyfile: pip install "lidarsim[formats]"'
