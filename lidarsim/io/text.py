@@ -2,26 +2,55 @@
 
 All fields are kept, vectors other than `xyz` and `normal` as one column per component, each number with the fewest
 digits that restore it. Text has no types: fields that lidarsim knows get their own again, all others come back as
-float64, which holds integers up to 2⁵³. A file of three columns without names is read as x, y, z.
+float64, or, if one of their numbers is an integer beyond 2⁵³, as int64 or uint64.
+
+Files of others may have commas, semicolons, tabs or blanks between the numbers, comments that begin with # or //, empty
+lines and empty cells, which are NaN. The line of names is the first one that is no comment or, if that has numbers, the
+last comment that names x, y and z. Numbers need a decimal point: a decimal comma is refused. Columns without names are
+those of `columns` in `PointCloud.load`, or else:
+
+=======  ==============================================================================================================
+columns  fields
+=======  ==============================================================================================================
+3        x y z
+4        x y z intensity
+6        x y z and, if the other three are unit vectors, the normal, or else, if they are integers from 0 to 255, red
+         green blue
+7        x y z, and intensity and red green blue in the order in which only the colours are integers from 0 to 255
+=======  ==============================================================================================================
+
+All others are x y z ``column_4`` ``column_5`` and so on. A first line of one number is the number of points, as in PTS
+files; there, six columns are x y z red green blue, and seven x y z intensity red green blue.
 """
 
 from __future__ import annotations
 
+import csv
 import io
 import itertools
+import re
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from functools import partial
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, NamedTuple, TextIO
 
 import numpy as np
 import numpy.typing as npt
 
+from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import blocks, joined, to_columns, to_fields
-from lidarsim.pointcloud import CANONICAL, Fields, register_format
+from lidarsim.io._records import blocks, number, to_columns, to_fields
+from lidarsim.pointcloud import CANONICAL, Fields, held, register_format
 
 NORMAL = ("nx", "ny", "nz")
 CODES = {"b1", "f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
+COLOURS = ("red", "green", "blue")
+COMMENTS = ("#", "//")
+DECIMAL = r"[+-]?\d+,\d+"
+"""A number with a decimal comma."""
+
+NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(?i:nan|inf|infinity|1\.#\w+|nan\(\w*\))"
+
 LINES = 1 << 12
 """Lines in memory at a time: text takes several times the memory of its numbers."""
 
@@ -35,47 +64,189 @@ def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
         file.writelines(f"{between.join(row)}\n".encode("ascii") for row in rows)
 
 
-def load(file: BinaryIO) -> Fields:
-    """Read a line of names, if there is one, and the numbers below it."""
-    text = io.TextIOWrapper(file, "utf-8-sig")
+def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
+    """Read the numbers, by the names of a line above them, of `columns` or of the layout."""
+    text = io.TextIOWrapper(file, "utf-8-sig", "replace")
     try:
-        first = text.readline()
-        between = next((sign for sign in ",;" if sign in first), None)
-        names = [name.strip().strip('"') for name in first.strip().lstrip("#/").split(between)]
-        if _numeric(names):
-            if len(names) != 3:
-                raise FileFormatError(f"its first line has no column names, and there are {len(names)} columns")
-            lines: Iterable[str] = itertools.chain([first], text)
-            names = list("xyz")
-        else:
-            lines = text
-        names = [name.lower() if name in {"X", "Y", "Z"} else name for name in names]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise FileFormatError(f"it has two columns named {twice!r}")
-        return to_fields(joined(_parsed(lines, names, between)), NORMAL)
+        head = _head(text)
+        if head.names is not None:
+            twice = next((name for name, count in Counter(head.names).items() if count > 1), None)
+            if twice is not None:
+                raise FileFormatError(f"it has two columns named {short(repr(twice))}")
+        if head.names is not None and columns is not None:
+            raise FileFormatError(f"columns: expected none, since a line names them: {short(', '.join(head.names))}")
+        names = head.names or columns or [f"column {i + 1}" for i in range(head.columns)]
+        if head.names is None and columns is None and 0 < head.columns < 3:
+            raise FileFormatError(f"its first line has no column names, and there are {head.columns} columns")
+        lines = itertools.chain(head.first, _lines(text, head.first[0][0] if head.first else 0))
+        read = _joined(_parsed(lines, names, head.between))
     finally:
         text.detach()
+    found = len(read[0]) if read else 0
+    if head.points not in {None, found}:
+        raise FileFormatError(f"its first line says {head.points} points, but there are {found}")
+    if head.names is None and columns is None:
+        names = _layout(read, scanner=head.points is not None)
+    return to_fields({name: column for name, column in zip(names, read, strict=True) if name != "_"}, NORMAL)
 
 
-def _parsed(lines: Iterable[str], names: list[str], between: str | None) -> Iterator[Fields]:
-    yield {name: _narrow(name, np.empty(0)) for name in names}
-    rest = (line for line in lines if not line.isspace())
-    while part := list(itertools.islice(rest, LINES)):
-        numbers = np.loadtxt(part, delimiter=between, comments=None, ndmin=2)
-        if numbers.shape[1] != len(names):
-            raise FileFormatError(f"it has {len(names)} column names, but {numbers.shape[1]} numbers per line")
-        yield {name: _narrow(name, column) for name, column in zip(names, numbers.T, strict=True)}
+class _Head(NamedTuple):
+    names: list[str] | None  # of the columns, if a line has them
+    points: int | None  # if a line says how many there are
+    columns: int  # 0: there is no line of numbers
+    between: str | None  # what separates numbers; None: blanks
+    first: list[tuple[int, str]]  # line of numbers, with its number in the file
+
+
+def _head(text: TextIO) -> _Head:
+    """Read up to the first line of numbers."""
+    points, comments, above = None, list[str](), ""
+    first, cells, between = list[tuple[int, str]](), list[str](), None
+    for at, line in enumerate(text, 1):
+        words = line.strip()
+        if words.startswith(COMMENTS):
+            comments.append(words.lstrip("#/"))
+        elif words:
+            between = _separator(words)
+            cells = words.split(between)
+            if not above and points is None and len(cells) == 1 and words.isdecimal():
+                points = int(words)
+            elif not above and points is None and not _numeric(cells):
+                above = words
+            else:
+                first = [(at, line)]
+                break
+    columns = len(cells) if first else None
+    names = _names(above, columns) if above else None
+    if names is None:
+        candidates = (_names(comment, columns) for comment in reversed(comments))
+        names = next((found for found in candidates if {name.lower() for name in found} >= set("xyz")), None)
+    return _Head(names, points, columns or 0, between, first)
+
+
+def _lines(text: TextIO, last: int) -> Iterator[tuple[int, str]]:
+    """Yield the lines after number `last` that are neither blank nor comments, with their numbers."""
+    for at, line in enumerate(text, last + 1):
+        if (words := line.lstrip()) and not words.startswith(COMMENTS):
+            yield at, line
+
+
+def _separator(line: str) -> str | None:
+    """Return what is between the words of a line: a comma only if it is not in numbers between something else."""
+    if all(re.fullmatch(DECIMAL, word) for word in line.split()[:4]) and len(line.split()) > 1:
+        return None
+    return next((sign for sign in ";,\t" if sign in line and (sign != "\t" or " " not in line)), None)
+
+
+def _names(line: str, columns: int | None = None) -> list[str]:
+    """Return the names in a line, if possible as many as there are columns."""
+    between = next((sign for sign in ";,\t" if sign in line), None)
+    names = [] if between is None else next(csv.reader([line], delimiter=between, skipinitialspace=True))
+    if between is None or (columns not in {None, len(names)} and len(line.split()) == columns):
+        names = line.split()
+    return [_bare(name) or f"unnamed {i}" for i, name in enumerate(names, 1)]
+
+
+def _layout(columns: list[npt.NDArray[Any]], *, scanner: bool) -> list[str]:
+    """Return names for columns without names, as the module has them."""
+    count = len(columns)
+    names = [*"xyz", *(f"column_{i + 1}" for i in range(3, count))][:count]
+    if count == 4:
+        names[3:] = ["intensity"]
+    elif count == 6 and _are_normals(columns[3:]):
+        names[3:] = NORMAL
+    elif count == 6 and (scanner or _are_colours(columns[3:])):
+        names[3:] = COLOURS
+    elif count == 7 and (scanner or (_are_colours(columns[4:]) and not _are_colours(columns[3:6]))):
+        names[3:] = ["intensity", *COLOURS]
+    elif count == 7 and _are_colours(columns[3:6]) and not _are_colours(columns[4:]):
+        names[3:] = [*COLOURS, "intensity"]
+    return names
+
+
+def _are_colours(columns: list[npt.NDArray[Any]]) -> bool:
+    return all(((column >= 0) & (column <= 255) & (column == np.floor(column))).all() for column in columns)
+
+
+def _are_normals(columns: list[npt.NDArray[Any]]) -> bool:
+    """Return whether each row has length 1, but for the rounding to three decimals: 3**0.5 / 2 of the last of them."""
+    length = np.sqrt(sum(column.astype(np.float64) ** 2 for column in columns))
+    return bool(len(length)) and bool((np.abs(length - 1) <= 1e-3).all())
+
+
+def _parsed(
+    lines: Iterable[tuple[int, str]], names: list[str], between: str | None
+) -> Iterator[list[npt.NDArray[Any]]]:
+    """Yield the columns, block by block, one at least."""
+    yield [_narrow(name, np.empty(0)) for name in names]
+    iterator = iter(lines)
+    while part := list(itertools.islice(iterator, LINES)):
+        try:
+            numbers = np.loadtxt([line for _, line in part], delimiter=between, comments=None, ndmin=2)
+        except ValueError:
+            numbers = np.empty((0, 0))
+        if numbers.shape != (len(part), len(names)):
+            numbers = np.array([_numbers(line, at, names, between) for at, line in part], np.float64)
+        great = (np.abs(numbers) > 2**53).any(axis=0)
+        columns = [_narrow(name, column) for name, column in zip(names, numbers.T, strict=True)]
+        for i in np.flatnonzero(great):
+            columns[i] = _exact([_cells(line, between)[i] for _, line in part], columns[i])
+        yield columns
+
+
+def _cells(line: str, between: str | None) -> list[str]:
+    return list(map(_bare, line.strip(None if between is None else " \r\n").split(between)))
+
+
+def _bare(cell: str) -> str:
+    """Return a cell without blanks and quotes around it."""
+    return cell.strip().strip('"').strip()
+
+
+def _numbers(line: str, at: int, names: list[str], between: str | None) -> list[float]:
+    """Return the numbers of a line, number `at` of the file, that has other than NumPy reads: empty cells are NaN."""
+    cells = list(itertools.takewhile(lambda cell: not cell.startswith(COMMENTS), _cells(line, between)))
+    if len(cells) == len(names) + 1 and not cells[-1]:
+        cells.pop()  # a comma at the end
+    if len(cells) != len(names):
+        raise FileFormatError(f"line {at}: expected {len(names)} numbers ({short(', '.join(names))}), got {len(cells)}")
+    return [
+        number(cell, f"line {at}, {short(name)}") if cell else np.nan for name, cell in zip(names, cells, strict=True)
+    ]
+
+
+def _exact(cells: list[str], column: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """Return a column that has numbers beyond 2⁵³ as integers of 64 bits, if it is of such."""
+    numbers = [number(cell, "") if cell else np.nan for cell in cells]
+    if not all(isinstance(value, int) for value in numbers):
+        return column
+    low, high = min(numbers), max(numbers)
+    if low >= -(2**63) and high < 2**63:
+        return np.array(numbers, np.int64)
+    return np.array(numbers, np.uint64) if low >= 0 and high < 2**64 else column
+
+
+def _joined(parts: Iterable[list[npt.NDArray[Any]]]) -> list[npt.NDArray[Any]]:
+    """Return the blocks as one; at most one column is there twice at a time."""
+    columns = [list(blocks) for blocks in zip(*parts, strict=True)][::-1]
+    return [_whole(columns.pop()) for _ in range(len(columns))]
+
+
+def _whole(parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    """Return the parts of a column as one, of integers if each of the parts can be."""
+    dtypes = {part.dtype for part in parts}
+    if len(dtypes) > 1 and any(dtype.kind in "iu" for dtype in dtypes):
+        wide = np.uint64 if np.dtype(np.uint64) in dtypes else np.int64
+        if all(held(part, wide)[1] for part in parts):
+            return np.concatenate(parts, dtype=wide, casting="unsafe")
+    return np.concatenate(parts)
 
 
 def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
-    """Return the column in the dtype of lidarsim's field of that name, if it fits; a misfit is reported later."""
+    """Return a copy of the column in the dtype of lidarsim's field of that name, if it tells all of it."""
     _, dtype = CANONICAL.get(name, ((), np.float64))
-    if issubclass(dtype, np.floating):
-        return column.astype(dtype)
-    with np.errstate(invalid="ignore"):
-        narrow = column.astype(dtype)
-    return narrow if np.array_equal(narrow, column) else column
+    exact = dtype is np.float64 or held(column, dtype)[1]
+    return np.array(column, dtype if exact else np.float64)
 
 
 def _texts(column: npt.NDArray[Any]) -> Iterable[str]:
@@ -85,10 +256,9 @@ def _texts(column: npt.NDArray[Any]) -> Iterable[str]:
 
 
 def _numeric(words: list[str]) -> bool:
-    try:
-        return bool([float(word) for word in words])
-    except ValueError:
-        return False
+    """Return whether words are numbers, even with decimal commas, or empty; one number at least."""
+    words = list(map(_bare, words))
+    return any(words) and all(not word or re.fullmatch(NUMBER, word) for word in words)
 
 
 register_format(".csv", save=partial(save, head="", between=","), load=load)
