@@ -44,7 +44,7 @@ def fitting(
     `what` says where, and `first` is the number of the first point of a block.
     """
     low, high = np.iinfo(dtype).min, np.iinfo(dtype).max if at_most is None else at_most
-    wrong = ~((values >= low) & (values <= high))
+    wrong = ~((values >= low) & (values <= high) & (values == np.floor(values)))
     if wrong.any():
         i = int(np.argmax(wrong))
         raise FileFormatError(f"{name}: expected {low} to {high} for {what}, got {name}[{first + i}] = {values[i]}")

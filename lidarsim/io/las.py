@@ -6,7 +6,7 @@ lidarsim           LAS
 xyz                X, Y, Z: whole multiples of 0.1 mm from an offset in whole metres near the first points, so that
                    UTM coordinates keep 0.05 mm; they reach 214 km from there. NaN cannot be held.
 intensity          intensity, 10 000 for a white diffuser at normal incidence, 65 535 for all that return more than
-                   6.5535 times that
+                   6.5535 times that, of which a warning tells
 time               gps_time, in seconds since the start of the scan
 return_number,     return number, number of returns: 0 to 15
 return_count
@@ -15,11 +15,15 @@ scan_angle         scan angle, in steps of 0.006°. lidarsim gives no such field
                    line of flight are. Set it, in rad, to have it written.
 normal             extra dimensions NormalX, NormalY, NormalZ
 all others         extra dimensions of the same name and type; those of shape (n, m) one per component. Names of other
-                   dimensions of LAS (user_data, point_source_id, red, …) go there. bool cannot be held.
+                   dimensions of LAS (user_data, point_source_id, red, …) go there, also gps_time, classification and
+                   number_of_returns, which come back by lidarsim's names. bool cannot be held.
 =================  ==============================================================================================
 
 All come back bit for bit but `xyz`, `intensity` and `scan_angle`, which are rounded. A file has the first six in any
-case, 0 where the cloud had no such field; of LAS's other dimensions those that are 0 throughout are not loaded.
+case, 0 where the cloud had no such field; of LAS's other dimensions those that are 0 throughout are not loaded. A
+dimension that another program added under the name of one of these, such as ``label``, becomes ``label_2``.
+
+COPC files are read as the LAZ files that they are, and cannot be written.
 
 Format: https://github.com/ASPRSorg/LAS, revision R15.
 """
@@ -27,11 +31,15 @@ Format: https://github.com/ASPRSorg/LAS, revision R15.
 from __future__ import annotations
 
 import os
+import re
 import struct
+import threading
+from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from functools import partial
 from pathlib import Path
+from tempfile import TemporaryFile
 from types import ModuleType, TracebackType
 from typing import Any, BinaryIO, Self
 
@@ -39,11 +47,12 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
-from lidarsim._files import PathLike, atomic_writer, check_suffix, parsing
+from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix, parsing
+from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
-from lidarsim.io._units import fitting
-from lidarsim.pointcloud import Fields, PointCloud, register_format
+from lidarsim.io._units import fitting, saturated
+from lidarsim.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, register_format
 
 __all__ = ["Writer", "read"]
 
@@ -51,6 +60,9 @@ NORMAL = ("NormalX", "NormalY", "NormalZ")
 CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 NAMES = {"time": "gps_time", "label": "classification", "return_count": "number_of_returns"}
 AXES = ("x", "y", "z")
+OWN = {"X", "Y", "Z", "bit_fields", "classification_flags", "scales", "offsets"}
+"""What laspy calls other parts of a record."""
+
 UNUSED = {
     *("synthetic", "key_point", "withheld", "overlap", "scanner_channel", "scan_direction_flag"),
     *("edge_of_flight_line", "user_data", "scan_angle", "point_source_id"),
@@ -93,6 +105,7 @@ class Writer:
     def __init__(self, path: PathLike) -> None:
         self._path = path
         self._compress = check_suffix(path, (".las", ".laz")) == ".laz"
+        check_output(path)
         self._stack = ExitStack()
         self._points: _Points | None = None
         _import(self._compress)
@@ -150,15 +163,35 @@ def read(path: PathLike) -> Iterator[PointCloud]:
     OSError
         If it cannot be read.
     """
+    check_regular(path)
     with Path(path).open("rb") as file:
-        pieces = _read(file)
+        with parsing(path, "LAS file"):
+            names = _field_names(file)
+            pieces = _pieces(file, _open(file))
         while True:
             with parsing(path, "LAS file"):
                 if (piece := next(pieces, None)) is None:
                     return
-                cloud = PointCloud(to_fields(piece, NORMAL))
+                whole = to_fields(piece, NORMAL)
+                fields = adopted(whole)
+                fields |= {name: whole[name.removesuffix("_raw")] for name in names - fields.keys()}
+                cloud = PointCloud(fields)
             if len(cloud):
                 yield cloud
+
+
+def _field_names(file: BinaryIO) -> set[str]:
+    """Return the fields that some piece of a file has: one more where a value of another does not fit.
+
+    The file is read for that only if there are such types.
+    """
+    pieces = _pieces(file, _open(file))
+    first = to_fields(next(pieces), NORMAL)
+    names = set(adopted(first))
+    types = {name: CANONICAL[name][1] for name in first.keys() & CANONICAL.keys()}
+    if not all(np.can_cast(first[name].dtype, dtype) for name, dtype in types.items()):
+        names.update(*(adopted(to_fields(piece, NORMAL)) for piece in pieces))
+    return names
 
 
 def save(fields: Fields, file: BinaryIO, *, compress: bool) -> None:
@@ -169,8 +202,10 @@ def save(fields: Fields, file: BinaryIO, *, compress: bool) -> None:
 
 def load(file: BinaryIO) -> Fields:
     """Read all points."""
-    columns = joined(_read(file))
-    return to_fields({name: column for name, column in columns.items() if name not in UNUSED or column.any()}, NORMAL)
+    reader = _open(file)
+    columns = joined(_pieces(file, reader))
+    unused = UNUSED - set(reader.header.point_format.extra_dimension_names)
+    return to_fields({name: column for name, column in columns.items() if name not in unused or column.any()}, NORMAL)
 
 
 @contextmanager
@@ -247,9 +282,12 @@ class _Points:
 def _targets(columns: Fields) -> dict[str, str]:
     """Return the dimension of each column, after checking that LAS can have them beside each other."""
     targets = {name: NAMES.get(name, name) for name in columns}
+    counts = Counter(targets.values())
     for name, target in targets.items():
-        if name in {"X", "Y", "Z"} or list(targets.values()).count(target) > 1 or len(target) > 32:
-            raise FileFormatError(f"{name}: LAS cannot hold a field of this name beside the others; save without it")
+        if name in OWN or counts[target] > 1 or len(target) > 32:
+            raise FileFormatError(
+                f"{short(name)}: LAS cannot hold a field of this name beside the others; save without it"
+            )
     return targets
 
 
@@ -261,15 +299,18 @@ def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: i
         steps = (column - offset) / SCALE
         record[target.upper()] = _rounded(name, column, steps, near, first, low=-(2**31), high=2**31 - 1)
     elif target == "intensity":
-        steps = np.minimum(column, np.float32(65_535 / WHITE)) * WHITE
+        steps = saturated(column, 65_535 / WHITE, "LAS's intensity") * WHITE
         record[target] = _rounded(name, column, steps, "numbers >= 0", first, low=0, high=65_535)
     elif target == "scan_angle":
         steps = column / ANGLE
         record[target] = _rounded(name, column, steps, "angles from -π to π", first, low=-30_000, high=30_000)
     else:
-        dimension = record.point_format.dimension_by_name(target)
-        if dimension.is_standard and target != "gps_time":
-            most = 2**dimension.num_bits - 1
+        standard = {dimension.name: dimension for dimension in record.point_format.standard_dimensions}
+        if target not in standard:
+            record.array[target] = column  # by the record, names such as scales and offsets are something else
+            return
+        if target != "gps_time":
+            most = 2 ** standard[target].num_bits - 1
             column = fitting(name, column, np.uint16, f"LAS's {target}", at_most=most, first=first)
         record[target] = column
 
@@ -286,33 +327,38 @@ def _rounded(
     return rounded
 
 
-def _read(file: BinaryIO) -> Iterator[Fields]:
-    """Yield the dimensions of the points piece by piece, at least once."""
+def _open(file: BinaryIO) -> Any:
+    """Return laspy's reader of a file, after checking what it would take the file's word for."""
     laspy = _import(compress=False)
     size = os.fstat(file.fileno()).st_size
+    file.seek(0)
     _check_head(file.read(104), size)
     file.seek(0)
-    with _panics():
-        reader = laspy.LasReader(file, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
+    reader = laspy.LasReader(file, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
     header = reader.header
-    each = header.point_format.size
     if header.are_points_compressed and header.point_count:
         _import(compress=True)
         with _panics():
             _check_chunks(file, size, header)
-    elif header.point_count * each > size - header.offset_to_point_data:
-        raise FileFormatError(
-            f"it is truncated: {(size - header.offset_to_point_data) // each} of {header.point_count} points"
-        )
+    elif header.point_count * header.point_format.size > size - header.offset_to_point_data:
+        points = (size - header.offset_to_point_data) // header.point_format.size
+        raise FileFormatError(f"it is truncated: {points} of {header.point_count} points")
+    return reader
+
+
+def _pieces(file: BinaryIO, reader: Any) -> Iterator[Fields]:
+    """Yield the dimensions of the points piece by piece, at least once."""
+    laspy = _import(compress=False)
+    header, size = reader.header, os.fstat(file.fileno()).st_size
     yield _dimensions(laspy.ScaleAwarePointRecord.zeros(0, header=header))
     read = 0
     while read < header.point_count:
-        with _panics():
+        with _panics() if header.are_points_compressed else nullcontext():
             points = reader.read_points(BLOCK)
         if not points:
             raise FileFormatError(f"it is truncated: {read} of {header.point_count} points")
         read += len(points)
-        check_expansion(read * each, size)
+        check_expansion(read * header.point_format.size, size)
         yield _dimensions(points)
 
 
@@ -340,6 +386,8 @@ def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
     if not records or lazrs.LazVlr(records[0].record_data).item_size() != each:
         raise FileFormatError("its description of the compression does not fit its points")
     if records[0].record_data[:2] == b"\x01\0":  # of before 2011: one stream, without chunks
+        data = records[0].record_data  # lazrs begins a chunk after each 0 points, or as many as it says here
+        records[0].record_data = data[:12] + b"\xfe\xff\xff\xff" + data[16:]
         return
     file.seek(start)
     table = int.from_bytes(file.read(8), "little", signed=True)
@@ -368,10 +416,10 @@ def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
 
 
 def _dimensions(points: Any) -> Fields:
-    """Return the dimensions of a piece by lidarsim's names, in its units."""
+    """Return the dimensions of a piece by lidarsim's names, in its units; those that others added come last."""
     ours = {theirs: name for name, theirs in NAMES.items()}
     columns: Fields = {axis: np.array(points[axis], np.float64) for axis in "xyz"}
-    for dimension in points.point_format.dimensions:
+    for dimension in points.point_format.standard_dimensions:
         name, values = dimension.name, np.array(points[dimension.name])
         if name == "intensity":
             values = (values / WHITE).astype(np.float32)
@@ -379,12 +427,17 @@ def _dimensions(points: Any) -> Fields:
             values = values * ANGLE
         elif name == "scan_angle_rank":
             name, values = "scan_angle", np.radians(values.astype(np.float64))
-        elif name in {"X", "Y", "Z"}:
-            continue
+        if name not in {"X", "Y", "Z"}:
+            columns[ours.get(name, name)] = values
+    for dimension in points.point_format.extra_dimensions:
+        name = dimension.name
+        values = np.array(points[name] if dimension.is_scaled else points.array[name])
+        while name in columns or f"{name}.0" in columns:
+            name += " 2"
         if values.ndim == 2:
             columns |= {f"{name}.{i}": values[:, i] for i in range(values.shape[1])}
         else:
-            columns[ours.get(name, name)] = values
+            columns[name] = values
     return columns
 
 
@@ -394,15 +447,44 @@ def _import(compress: bool) -> ModuleType:
     return import_extra("laspy", "formats", "LAS files")
 
 
+_REPORTING = threading.Lock()
+"""Held while standard error is turned away, also from processes that are forked meanwhile."""
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(
+        before=_REPORTING.acquire, after_in_parent=_REPORTING.release, after_in_child=_REPORTING.release
+    )
+
+
 @contextmanager
 def _panics() -> Iterator[None]:
-    """Turn a panic of lazrs, which is no `Exception`, into an error."""
-    try:
-        yield
-    except BaseException as error:
-        if type(error).__name__ != "PanicException":
-            raise
-        raise FileFormatError(f"its compressed data is damaged: {error}") from None
+    """Turn a panic of lazrs, which is no `Exception`, into an error.
+
+    Rust writes a report of a panic to standard error, which nothing but turning that away prevents. What other threads
+    write there meanwhile is handed on.
+    """
+    with _REPORTING, ExitStack() as stack:
+        with suppress(OSError):  # there may be no standard error
+            stack.enter_context(_without_reports())
+        try:
+            yield
+        except BaseException as error:
+            if type(error).__name__ != "PanicException":
+                raise
+            raise FileFormatError(f"its compressed data is damaged: {error}") from None
+
+
+@contextmanager
+def _without_reports() -> Iterator[None]:
+    """Write what the block writes to standard error only afterwards, without reports of panics."""
+    with TemporaryFile() as written, os.fdopen(os.dup(2), "wb") as stderr:
+        os.dup2(written.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(stderr.fileno(), 2)
+            written.seek(0)
+            if said := written.read():
+                stderr.write(re.sub(rb"\n*thread '[^\n]*' (\(\d+\) )?panicked at .*", b"", said, flags=re.DOTALL))
 
 
 for suffix in (".las", ".laz"):

@@ -10,9 +10,13 @@ from zipfile import ZipFile
 import numpy as np
 
 from lidarsim._files import read_array
+from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import check_expansion
 from lidarsim.pointcloud import Fields, register_format
+
+LONGEST = (1 << 16) - 1 - len(".npy")
+"""Characters of a name in a ZIP archive, at most."""
 
 
 def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | None = None) -> None:
@@ -20,7 +24,13 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
 
     The names of labels, if there are any, are records of ``label`` and ``name`` in one more array, ``class_names``.
     """
+    for name in fields:
+        if len(name) > LONGEST:
+            raise FileFormatError(f"{short(name)}: this format holds names of at most {LONGEST:,} characters")
     if class_names:
+        for label, text in class_names.items():
+            if text.endswith("\0"):
+                raise FileFormatError(f"class_names[{label}]: this format cannot hold a name that ends with a null")
         longest = max(1, *map(len, class_names.values()))
         records = np.array(list(class_names.items()), np.dtype([("label", "<u4"), ("name", f"<U{longest}")]))
         fields = fields | {"class_names": records}
@@ -40,13 +50,16 @@ def load(file: BinaryIO) -> dict[str, Any]:
         check_expansion(sum(entry.file_size for entry in archive.infolist()), size)
         for entry in archive.infolist():
             name = entry.filename.removesuffix(".npy")
+            if name in fields:
+                raise FileFormatError(f"it has two arrays named {short(repr(name))}")
             with archive.open(entry) as stream:
                 try:
                     fields[name] = read_array(stream, entry.file_size)
                 except FileFormatError as error:
                     raise FileFormatError(f"{name}: {error}") from None
-    if "class_names" in fields:
-        fields["class_names"] = {int(label): str(name) for label, name in fields["class_names"].tolist()}
+    names = fields.get("class_names")
+    if names is not None and names.dtype.names == ("label", "name"):
+        fields["class_names"] = {int(label): str(name) for label, name in names.tolist()}
     return fields
 
 
