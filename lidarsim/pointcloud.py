@@ -603,6 +603,8 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
     """Return `values` as a C-contiguous array of the field's shape and dtype."""
     shape, dtype = CANONICAL.get(name, (None, None))
     expected = "shape (n,) or (n, m)" if shape is None else "shape (n, 3)" if shape else "shape (n,)"
+    if np.ma.is_masked(values):
+        raise ValueError(f"{name}: expected a number for each point, got a masked array; fill it")
     try:
         given = np.asarray(values)
     except (TypeError, ValueError):
@@ -712,7 +714,7 @@ def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any
 
     A float may round another, but not an integer.
     """
-    kind = np.dtype(dtype).type
+    kind: Any = np.dtype(dtype).type
     numbers = array.view(np.uint8) if array.dtype == np.bool_ else array
     wrong = _misfits(numbers, kind)
     exact = array.dtype != np.bool_ and not wrong.any()

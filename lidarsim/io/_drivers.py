@@ -11,7 +11,7 @@ import numpy.typing as npt
 from lidarsim.io._records import to_fields
 from lidarsim.io._times import NAMES, since_stamp
 from lidarsim.io._units import fitting, reflectivity, vendor_range
-from lidarsim.pointcloud import Fields, PointCloud
+from lidarsim.pointcloud import Fields, PointCloud, adopted
 
 if TYPE_CHECKING:
     from lidarsim.scan import Sensor
@@ -151,4 +151,4 @@ def to_cloud(columns: Fields, stamp: int, recorded: int) -> PointCloud:
             columns["ring"] = columns.pop(name)
     if "range" in columns and columns["range"].dtype.kind == "u":
         columns["range"] = columns["range"] / 1e3
-    return PointCloud(to_fields(columns, ("normal_x", "normal_y", "normal_z")))
+    return PointCloud(adopted(to_fields(columns, ("normal_x", "normal_y", "normal_z"))))

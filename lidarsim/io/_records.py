@@ -33,8 +33,8 @@ BLOCK = 1 << 14
 SMALL, EXPANSION = 1 << 26, 100
 """Bytes that any compressed file may expand to, and how many times its own size beyond them."""
 
-LINE = 1 << 24
-"""Bytes of a line of a header, at most."""
+HEADER = 1 << 24
+"""Bytes of a header of text, at most."""
 
 FAR = 1e20
 """The greatest coordinate of a file that says nothing of itself, m; pulses along an endless plane reach some 1e16."""
@@ -315,14 +315,13 @@ def commented_classes(comments: Iterable[str]) -> dict[int, str]:
 
 
 def header_lines(lines: Iterable[str]) -> bytes:
-    """Return the lines of a header, in ASCII, after checking that a reader takes each for a line."""
-    whole = [line.encode("ascii") for line in lines]
-    longest = max(whole, key=len)
-    if len(longest) >= LINE:
+    """Return the lines of a header, in ASCII, after checking that it is no longer than what is read."""
+    header = "".join(f"{line}\n" for line in lines).encode("ascii")
+    if len(header) > HEADER:
         raise FileFormatError(
-            f"expected lines of less than {LINE:,} bytes in a header, got {len(longest):,}: {longest[:50].decode()}…"
+            f"this format cannot hold names of {len(header):,} bytes, expected {HEADER:,} at most; save as .npz"
         )
-    return b"\n".join([*whole, b""])
+    return header
 
 
 def check_expansion(size: int, compressed: int) -> None:

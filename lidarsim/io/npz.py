@@ -12,7 +12,7 @@ import numpy as np
 from lidarsim._files import read_array
 from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
-from lidarsim.io._records import check_expansion
+from lidarsim.io._records import SMALL, check_expansion
 from lidarsim.pointcloud import Fields, register_format
 
 LONGEST = (1 << 16) - 1 - len(".npy")
@@ -32,6 +32,10 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
             if text.endswith("\0"):
                 raise FileFormatError(f"class_names[{label}]: this format cannot hold a name that ends with a null")
         longest = max(1, *map(len, class_names.values()))
+        if longest * 4 * len(class_names) > SMALL:
+            raise FileFormatError(
+                f"class_names: this format cannot hold {len(class_names)} names as long as {longest:,}"
+            )
         records = np.array(list(class_names.items()), np.dtype([("label", "<u4"), ("name", f"<U{longest}")]))
         fields = fields | {"class_names": records}
     with ZipFile(file, "w") as archive:

@@ -30,7 +30,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
     """Write the points one after the other."""
     kept = {name: array for name, array in fields.items() if name in {"xyz", "intensity", "ring"}}
     if "intensity" in kept:
-        kept["intensity"] = reflectivity(saturated(kept["intensity"], 2.55, "what nuScenes' byte holds"))
+        kept["intensity"] = reflectivity(saturated(kept["intensity"], 2.55, "nuScenes' byte"))
     for number, records in enumerate(to_records(to_columns(kept, (), {"f4", "f8", "u1", "u2"}), RECORD)):
         check_plausible(columns_of(records), MOST, number * BLOCK)
         file.write(records.data)

@@ -24,7 +24,7 @@ from lidarsim._extras import import_extra
 from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
-    LINE,
+    HEADER,
     blocks,
     check_expansion,
     class_comments,
@@ -96,8 +96,8 @@ def load(file: BinaryIO) -> dict[str, Any]:
     points, dtype = _points(header), _layout(header)
     encoding = header["DATA"][0].lower()
     if encoding == "ascii":
-        numbers = sum(math.prod(dtype[i].shape) for i in range(len(dtype)))
-        if points and 2 * numbers > os.fstat(file.fileno()).st_size - file.tell() + 1:  # a digit and a space each
+        each = sum(math.prod(dtype[name].shape) for name in dtype.names or ())
+        if points and 2 * each > os.fstat(file.fileno()).st_size - file.tell() + 1:  # a digit and a space each
             raise FileFormatError(f"it is truncated: 0 of {points} points")
         parts = parsed((line.decode("ascii", "replace") for line in file), dtype, points)
     elif encoding == "binary":
@@ -123,7 +123,7 @@ def _header(file: BinaryIO) -> dict[str, list[str]]:
     """Return the values of each key, and the comments as those of "#"."""
     header: dict[str, list[str]] = {}
     while "DATA" not in header:
-        line = file.readline(LINE)
+        line = file.readline(HEADER)
         if line.startswith(b"#"):
             header.setdefault("#", []).append(line[1:].decode("ascii", "replace"))
             continue

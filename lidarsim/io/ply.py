@@ -21,7 +21,7 @@ from lidarsim._extras import import_extra
 from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
-    LINE,
+    HEADER,
     class_comments,
     commented_classes,
     from_records,
@@ -158,7 +158,7 @@ def _header_lines(file: BinaryIO) -> tuple[list[bytes], int]:
         newline = re.search(rb"\r\n|\r(?=.)|\n|$", head, re.DOTALL)
         last = b"\r" if newline and newline[0] == b"\r" else b"\n"
         end = re.search(rb"[\r\n][ \t]*end_header[ \t\r]*?(?:%s%s)" % (last, b"" if more else rb"|\Z"), head)
-        if not end and (not more or len(head) > LINE):
+        if not end and (not more or len(head) > HEADER):
             raise FileFormatError("its header has no end")
     return re.split(rb"\r?\n|\r", head[: end.start()]), end.end()
 

@@ -1,7 +1,7 @@
 """Points as text: ``.csv`` with commas, ``.xyz`` with spaces, each with a first line that names the columns.
 
 All fields are kept, vectors other than `xyz` and `normal` as one column per component, each number with the fewest
-digits that restore it. Text has no types: fields that lidarsim knows get their own again, all others come back as
+digits that restore it in the type in which it comes back. Text has no types: fields that lidarsim knows get their own again, all others come back as
 float64, or, if one of their numbers is an integer beyond 2⁵³, as int64 or uint64.
 
 Files of others may have commas, semicolons, tabs or blanks between the numbers, comments that begin with # or //, empty
@@ -29,7 +29,7 @@ import csv
 import io
 import itertools
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from functools import partial
 from typing import Any, BinaryIO, NamedTuple, TextIO
@@ -60,7 +60,7 @@ def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
     columns = to_columns(fields, NORMAL, CODES)
     file.write(f"{head}{between.join(columns)}\n".encode("ascii"))
     for block in blocks(columns, LINES):
-        rows = zip(*(_texts(column) for column in block.values()), strict=True)
+        rows = zip(*(_texts(column, name) for name, column in block.items()), strict=True)
         file.writelines(f"{between.join(row)}\n".encode("ascii") for row in rows)
 
 
@@ -87,6 +87,13 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
         raise FileFormatError(f"its first line says {head.points} points, but there are {found}")
     if head.names is None and columns is None:
         names = _layout(read, scanner=head.points is not None)
+    vectors: defaultdict[str, list[int]] = defaultdict(list)
+    for i, name in enumerate(names):
+        vectors[name.rpartition(".")[0]].append(i)
+    for base, places in vectors.items():
+        if base:
+            for i, column in zip(places, _alike([read[i] for i in places]), strict=True):
+                read[i] = column
     return to_fields({name: column for name, column in zip(names, read, strict=True) if name != "_"}, NORMAL)
 
 
@@ -234,12 +241,16 @@ def _joined(parts: Iterable[list[npt.NDArray[Any]]]) -> list[npt.NDArray[Any]]:
 
 def _whole(parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
     """Return the parts of a column as one, of integers if each of the parts can be."""
+    return np.concatenate(_alike(parts))
+
+
+def _alike(parts: list[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
+    """Return arrays of which some are of integers as ones of the same integers, if all can be."""
     dtypes = {part.dtype for part in parts}
-    if len(dtypes) > 1 and any(dtype.kind in "iu" for dtype in dtypes):
-        wide = np.uint64 if np.dtype(np.uint64) in dtypes else np.int64
-        if all(held(part, wide)[1] for part in parts):
-            return np.concatenate(parts, dtype=wide, casting="unsafe")
-    return np.concatenate(parts)
+    wide = np.uint64 if np.dtype(np.uint64) in dtypes else np.int64
+    if len(dtypes) == 1 or not any(dtype.kind in "iu" for dtype in dtypes):
+        return parts
+    return [part.astype(wide) for part in parts] if all(held(part, wide)[1] for part in parts) else parts
 
 
 def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
@@ -249,8 +260,8 @@ def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
     return np.array(column, dtype if exact else np.float64)
 
 
-def _texts(column: npt.NDArray[Any]) -> Iterable[str]:
-    if column.dtype == np.float32:
+def _texts(column: npt.NDArray[Any], name: str) -> Iterable[str]:
+    if column.dtype == np.float32 and (name in CANONICAL or name in NORMAL):
         return map(str, column)  # a float32 is printed with fewer digits than the float64 of its value
     return map(repr, column.tolist() if column.dtype != np.bool_ else column.view(np.uint8).tolist())
 

@@ -93,18 +93,19 @@ def from_open3d(points: Any) -> dict[str, Any]:
         raise TypeError(f"points: expected an Open3D point cloud, got {type(points).__name__}")
     if "positions" not in points.point:
         raise ValueError("points: expected a point cloud with positions, got an empty one")
-    names = {"positions": "xyz", "normals": "normal"}
+    own = sorted(points.point, key=lambda name: (name != "positions", len(name), name))  # columns in their order
     fields: dict[str, Any] = {}
     vectors: dict[str, list[Any]] = {}
-    for name in sorted(points.point, key=lambda name: (len(name), name)):  # columns of a vector in their order
+    for name in own:
         array = points.point[name].cpu().numpy()
         if array.ndim == 2 and array.shape[1] == 1:
             array = array[:, 0]
         base, _, index = name.rpartition(".")
-        if base and index == str(len(vectors.get(base, ()))):
+        if base and base not in {*own, "xyz", "normal"} and index == str(len(vectors.get(base, ()))):
             vectors.setdefault(base, []).append(array)
         else:
-            fields[names.get(name, name)] = array.copy()
+            field = {"positions": "xyz", "normals": "normal"}.get(name, name)
+            fields[f"{field} 2" if field in fields else field] = array.copy()
     return fields | {name: np.stack(columns, axis=1) for name, columns in vectors.items()}
 
 

@@ -70,7 +70,8 @@ def from_pyvista(mesh: pyvista.DataSet) -> dict[str, Any]:
     fields: dict[str, Any] = {"xyz": np.asarray(mesh.points)}
     for name, array in mesh.point_data.items():
         if array.dtype.kind in "biuf":
-            fields["normal" if name == "Normals" else name] = np.asarray(array)
+            field = "normal" if name == "Normals" else name
+            fields[f"{field} 2" if field in fields else field] = np.asarray(array)
     if {"class_label", "class_name"} <= set(mesh.field_data.keys()):
         labels, names = mesh.field_data["class_label"], mesh.field_data["class_name"]
         fields["class_names"] = {int(label): str(name) for label, name in zip(labels, names, strict=True)}

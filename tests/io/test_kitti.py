@@ -41,4 +41,72 @@ def test_a_part_of_a_point(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError) as caught:
         PointCloud.load(path)
     reason = "its 20 bytes are not a multiple of 16, those of a point (x, y, z, intensity)"
+    reason += "; are its columns others? PointCloud.load(…, columns=…) names them"
     assert str(caught.value) == f"{path}: not a readable .bin point cloud: {reason}"
+
+
+NUMBERS = {
+    "x": lambda rng, n: rng.uniform(0, 50, n),
+    "y": lambda rng, n: rng.uniform(0, 50, n),
+    "z": lambda rng, n: rng.uniform(0, 5, n),
+    "intensity": lambda rng, n: rng.random(n),
+    "ring": lambda rng, n: rng.integers(0, 64, n),
+    "time": lambda rng, n: rng.random(n) / 10,
+    "label": lambda rng, n: rng.integers(0, 20, n),
+}
+"""Columns in which nothing is out of its range whatever it is taken for."""
+
+
+@pytest.mark.parametrize("columns", [3, 5, 6, 7])
+@pytest.mark.parametrize(("suffix", "own"), [(".bin", 4), (".pcd.bin", 5)])
+def test_another_number_of_columns_is_recognised_and_read_by_name(
+    suffix: str, own: int, columns: int, tmp_path: Path
+) -> None:
+    path, rng = tmp_path / f"a{suffix}", np.random.default_rng(columns)
+    names = list(NUMBERS)[:columns]
+    points = np.stack([NUMBERS[name](rng, 840) for name in names], 1).astype(np.float32)
+    points.tofile(path)
+    if columns == own:
+        assert PointCloud.load(path).ring.tolist() == points[:, 4].tolist()
+    else:
+        with pytest.raises(
+            FileFormatError, match=rf"its numbers look like {columns} columns, expected {own}: .*columns="
+        ):
+            PointCloud.load(path)
+    cloud = PointCloud.load(path, columns=names)
+    assert set(cloud.fields) == {"xyz", *names[3:]}
+    np.testing.assert_array_equal(cloud.xyz, points[:, :3])
+    for name, column in zip(names[3:], points.T[3:], strict=True):
+        np.testing.assert_array_equal(getattr(cloud, name), column)
+    some = PointCloud.load(path, columns=[*names[:3], *"_" * (columns - 3)])
+    assert (some.fields, len(some)) == (("xyz",), 840)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "reason"),
+    [
+        ([0, 0, 0, -0.5], "intensity: expected numbers from 0 to 65535, got intensity[0] = -0.5"),
+        ([0, 0, 0, np.nan], "intensity: expected numbers from 0 to 65535, got intensity[0] = nan"),
+        ([0, 1e-40, 0, 0], "y: expected 0, or 1.2e-38 to 1e+20 m, got y[0] = "),
+        ([0, 0, -1e21, 0], "z: expected 0, or 1.2e-38 to 1e+20 m, got z[0] = "),
+    ],
+)
+def test_numbers_that_are_of_other_columns(numbers: list[float], reason: str, tmp_path: Path) -> None:
+    path = tmp_path / "a.bin"
+    np.array(numbers, np.float32).tofile(path)
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud.load(path)
+    assert str(caught.value).startswith(f"{path}: not a readable .bin point cloud: {reason}")
+    assert str(caught.value).endswith("; are its columns others? PointCloud.load(…, columns=…) names them")
+    cloud = PointCloud.load(path, columns=["x", "y", "z", "other"])
+    with pytest.raises(FileFormatError) as caught:
+        PointCloud(xyz=cloud.xyz, intensity=cloud.other).save(path)
+    assert str(caught.value).startswith(reason.partition(",")[0])
+
+
+def test_what_is_brighter_than_the_greatest_remission_is_told(tmp_path: Path) -> None:
+    cloud = PointCloud(xyz=np.zeros((3, 3)), intensity=[0.5, 49.99, np.inf])
+    with pytest.warns(UserWarning, match="^intensity: KITTI's remission ends at 1; what is brighter is written as 1$"):
+        cloud.save(tmp_path / "a.bin")
+    assert np.fromfile(tmp_path / "a.bin", np.float32)[3::4].tolist() == [0.5, 1, 1]
+    assert cloud.intensity[1] == np.float32(49.99)

@@ -94,10 +94,19 @@ def test_what_is_no_cloud_of_open3d() -> None:
         PointCloud.from_open3d(np.zeros((3, 3)))  # type: ignore[arg-type]
     with pytest.raises(ValueError, match="points: expected a point cloud with positions, got an empty one"):
         PointCloud.from_open3d(o3d.t.geometry.PointCloud())
+
+
+def test_attributes_that_are_no_fields_as_they_are_lose_nothing() -> None:
+    o3d = view.import_open3d()
     odd = o3d.t.geometry.PointCloud(o3d.core.Tensor(np.zeros((2, 3))))
-    odd.point["ring"] = o3d.core.Tensor(np.array([[0.5], [1.0]]))
-    with pytest.raises(ValueError, match=r"ring: expected integers from 0 to 65535, got ring\[0\] = 0\.5"):
-        PointCloud.from_open3d(odd)
+    values = {"ring": [0.5, 1.0], "xyz": [2, 3], "a b": [4, 5], "a-b": [6, 7], "f": [8, 9], "f.0": [10, 11]}
+    for name, numbers in values.items():
+        odd.point[name] = o3d.core.Tensor(np.array(numbers)[:, np.newaxis])
+    cloud = PointCloud.from_open3d(odd)
+    assert {name: getattr(cloud, name).tolist() for name in cloud.fields} == {
+        "xyz": [[0, 0, 0]] * 2, "ring": [0, 1], "ring_raw": [0.5, 1.0], "xyz_2": [2, 3],
+        "a_b": [4, 5], "a_b_2": [6, 7], "f": [8, 9], "f_0": [10, 11],
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("suffix", ["pcd", "ply"])

@@ -108,9 +108,13 @@ def test_data_sets_of_pyvista_are_taken_over(tmp_path: Path) -> None:
     assert len(PointCloud.from_pyvista(grid)) == 8
     with pytest.raises(TypeError, match="mesh: expected a PyVista data set, got ndarray"):
         PointCloud.from_pyvista(np.zeros((3, 3)))  # type: ignore[arg-type]
-    sphere.point_data["ring"] = np.full(sphere.n_points, 0.5)
-    with pytest.raises(ValueError, match=r"ring: expected integers from 0 to 65535, got ring\[0\] = 0\.5"):
-        PointCloud.from_pyvista(sphere)
+    sphere.point_data["ring"] = np.full(sphere.n_points, -1)
+    sphere.point_data["xyz"] = sphere.point_data["a b"] = np.arange(sphere.n_points)
+    cloud = PointCloud.from_pyvista(sphere)
+    assert cloud.fields == ("xyz", "ring", "normal", "a_b", "ring_raw", "xyz_2")
+    np.testing.assert_array_equal(cloud.xyz, sphere.points)
+    assert (set(cloud.ring), set(cloud.ring_raw)) == ({0}, {-1})
+    assert cloud.xyz_2.tolist() == cloud.a_b.tolist() == list(range(sphere.n_points))
 
 
 def test_points_are_drawn_in_their_colours_where_they_are(wall: PointCloud, tmp_path: Path) -> None:
