@@ -11,12 +11,14 @@ from scipy.spatial.transform import RigidTransform, Rotation
 
 from lidarsim import io
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import CANONICAL, PointCloud, check_output
+from lidarsim.pointcloud import CANONICAL, PointCloud, check_output, field_names
 
 assert io, "the formats register themselves on import"
 
 XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
 HALF = np.zeros(2, np.float16)
+MASKED = np.ma.array([1, 2], mask=[0, 1])
+ANY = "label: expected integers from 0 to 4294967295, got label = "
 
 
 @pytest.fixture
@@ -215,6 +217,16 @@ def test_repr_of_odd_clouds() -> None:
         ({"xyz": XYZ, "ring": [-1, 0]}, ValueError, "ring: expected integers from 0 to 65535, got ring[0] = -1"),
         ({"xyz": XYZ, "ring": [0, 2.5]}, ValueError, "ring: expected integers from 0 to 65535, got ring[1] = 2.5"),
         ({"xyz": XYZ, "ring": [np.nan, 0]}, ValueError, "ring: expected integers from 0 to 65535, got ring[0] = nan"),
+        ({"xyz": XYZ, "label": -1}, ValueError, f"{ANY}-1"),
+        ({"xyz": XYZ, "label": 1.5}, ValueError, f"{ANY}1.5"),
+        ({"xyz": XYZ, "label": 2**40}, ValueError, f"{ANY}{2**40}"),
+        ({"xyz": XYZ, "label": 10**400}, TypeError, "label: expected real numbers, got dtype object"),
+        ({"xyz": XYZ, "label": np.nan}, ValueError, f"{ANY}nan"),
+        ({"xyz": XYZ, "label": 1j}, TypeError, "label: expected real numbers, got dtype complex128"),
+        ({"xyz": XYZ, "label": 7}, ValueError, "label: expected one entry for each of the 2 points, got 1"),
+        ({"xyz": XYZ[:0], "label": -1}, ValueError, f"{ANY}-1"),
+        ({"xyz": XYZ[:0], "ring": [1]}, ValueError, "ring: expected one entry for each of the 0 points, got 1"),
+        ({"xyz": XYZ, "time": MASKED}, ValueError, "time: expected a number for each point, got a masked array; fill it"),
         ({"xyz": XYZ, "ring": [True, False]}, TypeError, "ring: expected real numbers, got dtype bool"),
         ({"xyz": XYZ, "tag": ["a", "b"]}, TypeError, "tag: expected bool, integers, float32 or float64, got dtype <U1"),
         ({"xyz": XYZ, "q": HALF}, TypeError, "q: expected bool, integers, float32 or float64, got dtype float16"),
@@ -235,6 +247,39 @@ def test_whole_floats_are_integers_and_integers_of_any_width() -> None:
     cloud = PointCloud(xyz=XYZ, ring=np.array([0.0, 65535.0]), label=np.array([0, 2**32 - 1], np.uint64))
     assert cloud.ring.tolist() == [0, 65535]
     assert cloud.label.tolist() == [0, 2**32 - 1]
+
+
+def test_a_float32_does_not_become_infinite() -> None:
+    for name, values, where in (("intensity", [1, 1e39], "[1]"), ("normal", [[0, 0, 1], [0, 1e39, 0]], "[1][1]")):
+        with pytest.raises(ValueError, match="expected numbers that float32 can hold") as caught:
+            PointCloud({"xyz": XYZ, name: values})
+        assert str(caught.value) == f"{name}: expected numbers that float32 can hold, got {name}{where} = 1e+39"
+
+
+def test_names_of_columns_become_names_of_fields_each_another() -> None:
+    names = [
+        "a b",
+        "a_b",
+        "a-b",
+        "a_b_2",
+        "",
+        "2d",
+        "_",
+        "x",
+        "save",
+        "class",
+        "Größe",
+        "__dict__",
+        "ring",
+        "ring",
+        "a b",
+    ]
+    assert field_names(names) == [
+        "a_b_3", "a_b", "a_b_4", "a_b_2", "unnamed", "_2d", "__", "x_", "save_", "class", "Gr__e", "__dict___", "ring",
+        "ring_2", "a_b_5",
+    ]  # fmt: skip
+    many = field_names(["a b"] * 100_000)  # with the square of their number it would not end
+    assert (len(set(many)), many[-1]) == (100_000, "a_b_100000")
 
 
 @pytest.mark.parametrize("suffix", [".pcd", ".ply", ".npz", ".PCD"])

@@ -336,6 +336,9 @@ def _open(file: BinaryIO) -> Any:
     file.seek(0)
     reader = laspy.LasReader(file, closefd=False, laz_backend=laspy.LazBackend.Lazrs, read_evlrs=False)
     header = reader.header
+    unreadable = {"scales", "offsets"} & set(header.point_format.extra_dimension_names)
+    if unreadable:  # laspy puts its own numbers there
+        raise FileFormatError(f"it has a dimension named {min(unreadable)!r}, which laspy cannot read")
     if header.are_points_compressed and header.point_count:
         _import(compress=True)
         with _panics():
@@ -484,7 +487,7 @@ def _without_reports() -> Iterator[None]:
             os.dup2(stderr.fileno(), 2)
             written.seek(0)
             if said := written.read():
-                stderr.write(re.sub(rb"\n*thread '[^\n]*' (\(\d+\) )?panicked at .*", b"", said, flags=re.DOTALL))
+                stderr.write(re.sub(rb"\n?thread '[^\n]*' (\(\d+\) )?panicked at .*", b"", said, flags=re.DOTALL))
 
 
 for suffix in (".las", ".laz"):

@@ -1,7 +1,7 @@
 """Points as text: ``.csv`` with commas, ``.xyz`` with spaces, each with a first line that names the columns.
 
 All fields are kept, vectors other than `xyz` and `normal` as one column per component, each number with the fewest
-digits that restore it in the type in which it comes back. Text has no types: fields that lidarsim knows get their own again, all others come back as
+digits that restore it. Text has no types: fields that lidarsim knows get their own again, all others come back as
 float64, or, if one of their numbers is an integer beyond 2⁵³, as int64 or uint64.
 
 Files of others may have commas, semicolons, tabs or blanks between the numbers, comments that begin with # or //, empty
@@ -59,8 +59,9 @@ def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
     """Write a line of names, then one line per point."""
     columns = to_columns(fields, NORMAL, CODES)
     file.write(f"{head}{between.join(columns)}\n".encode("ascii"))
+    known = {*CANONICAL, *(NORMAL if "normal" in fields else ())}
     for block in blocks(columns, LINES):
-        rows = zip(*(_texts(column, name) for name, column in block.items()), strict=True)
+        rows = zip(*(_texts(column, name in known) for name, column in block.items()), strict=True)
         file.writelines(f"{between.join(row)}\n".encode("ascii") for row in rows)
 
 
@@ -260,9 +261,9 @@ def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
     return np.array(column, dtype if exact else np.float64)
 
 
-def _texts(column: npt.NDArray[Any], name: str) -> Iterable[str]:
-    if column.dtype == np.float32 and (name in CANONICAL or name in NORMAL):
-        return map(str, column)  # a float32 is printed with fewer digits than the float64 of its value
+def _texts(column: npt.NDArray[Any], known: bool) -> Iterable[str]:
+    if column.dtype == np.float32 and known:
+        return map(str, column)  # read as a float32, it needs fewer digits than the float64 of its value
     return map(repr, column.tolist() if column.dtype != np.bool_ else column.view(np.uint8).tolist())
 
 

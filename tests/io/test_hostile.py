@@ -261,7 +261,7 @@ def test_a_file_that_is_no_configuration_is_not_quoted(content: str, tmp_path: P
 
 @pytest.mark.skipif(not Path("/dev/zero").is_char_device(), reason="there is no such device here")
 def test_only_regular_files_are_read(tmp_path: Path) -> None:
-    for suffix in (".bin", ".csv", ".npy", ".mcap", ".label", ".json", ".ply", ".glb", ".tum"):
+    for suffix in (".bin", ".csv", ".npy", ".mcap", ".label", ".json", ".ply", ".glb", ".tum", ".laz"):
         (tmp_path / f"zero{suffix}").symlink_to("/dev/zero")
     expected = "expected a regular file, got a pipe or device"
     angles = DATA / "hesai" / "Pandar40P_Angle_Correction_File.csv"
@@ -269,6 +269,7 @@ def test_only_regular_files_are_read(tmp_path: Path) -> None:
         lambda: ls.PointCloud.load(tmp_path / "zero.bin"),
         lambda: ls.PointCloud.load(tmp_path / "zero.mcap"),
         lambda: ls.io.semantickitti.read_labels(tmp_path / "zero.label"),
+        lambda: list(ls.io.las.read(tmp_path / "zero.laz")),
         lambda: Table.from_file(tmp_path / "zero.csv", rate=10.0),
         lambda: Table.from_file(tmp_path / "zero.npy", rate=10.0),
         lambda: ls.Lidar.from_file(tmp_path / "zero.json"),
@@ -289,6 +290,32 @@ def test_only_regular_files_are_read(tmp_path: Path) -> None:
     (tmp_path / "zero.yaml").symlink_to("/dev/zero")
     with pytest.raises(ConfigError, match=expected):
         config.load(tmp_path / "zero.yaml")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no named pipes here")
+def test_clouds_are_not_read_from_pipes(tmp_path: Path) -> None:
+    for suffix in (
+        ".npz",
+        ".pcd",
+        ".ply",
+        ".las",
+        ".laz",
+        ".csv",
+        ".xyz",
+        ".bin",
+        ".pcd.bin",
+        ".label",
+        ".mcap",
+        ".db3",
+    ):
+        path = tmp_path / f"pipe{suffix}"
+        os.mkfifo(path)
+        readers = [ls.PointCloud.load]
+        readers += [lambda path: list(ls.io.las.read(path))] if suffix in {".las", ".laz"} else []
+        readers += [ls.io.semantickitti.read_labels] if suffix == ".label" else []
+        for read in readers:
+            text = refusal(lambda: read(path), FileFormatError)  # noqa: B023
+            assert text == f"{path}: expected a regular file, got a pipe or device"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="links take permission there")

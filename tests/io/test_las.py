@@ -1,15 +1,19 @@
 """LAS and LAZ beside laspy."""
 
+import os
+import struct
 import sys
+from io import BytesIO
 from pathlib import Path
 
 import laspy
+import lazrs
 import numpy as np
 import pytest
 
 from lidarsim import io
 from lidarsim.errors import FileFormatError, MissingExtraError
-from lidarsim.io import _records
+from lidarsim.io import _records, las
 from lidarsim.io.las import Writer, read
 from lidarsim.pointcloud import PointCloud
 
@@ -143,6 +147,145 @@ def test_we_read_what_laspy_writes(tmp_path: Path) -> None:
     np.testing.assert_array_equal(loaded.scan_angle, np.radians([-15, 30]))
 
 
+def added(path: Path, dimensions: dict[str, tuple[str, list[float]]], point_format: int = 6) -> None:
+    """Write a file of three points to which a program has added dimensions, also by names that laspy cannot write."""
+    dimensions = {{"x": "q", "scales": "scalez"}.get(name, name): part for name, part in dimensions.items()}
+    header = laspy.LasHeader(version="1.4", point_format=point_format)
+    header.add_extra_dims([laspy.ExtraBytesParams(name, kind) for name, (kind, _) in dimensions.items()])
+    las = laspy.LasData(header)
+    las.xyz, las.classification, las.gps_time = np.arange(9.0).reshape(3, 3), [2, 6, 9], [0.5, 0.25, 0]
+    las.number_of_returns = [1, 2, 3]
+    for name, (_, values) in dimensions.items():
+        las.points.array[name] = values
+    las.write(path)
+    content = path.read_bytes()
+    for name, other in ((b"q", b"x"), (b"scalez", b"scales")):
+        content = content.replace(name.ljust(32, b"\0"), other.ljust(32, b"\0"))
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("suffix", [".las", ".laz"])
+@pytest.mark.parametrize("point_format", [3, 6])
+def test_added_dimensions_lose_nothing_and_replace_nothing(point_format: int, suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"cloud{suffix}"
+    added(
+        path,
+        {
+            "label": ("i4", [-1, 7, 8]),
+            "label 2": ("u1", [1, 2, 3]),
+            "time": ("f8", [5, 6, 7]),
+            "return_count": ("u1", [0, 0, 0]),
+            "x": ("f4", [7, 8, 9]),
+            "ring": ("f4", [np.nan, 1, 2]),
+            "Amplitude [dB]": ("f4", [4, 5, 6]),
+            "Amplitude (dB)": ("f4", [6, 5, 4]),
+            "user_data_": ("u2", [0, 0, 0]),
+        },
+        point_format,
+    )
+    cloud = PointCloud.load(path)
+    assert cloud.xyz.tolist() == np.arange(9.0).reshape(3, 3).tolist()
+    expected = {
+        "label": [2, 6, 9], "time": [0.5, 0.25, 0], "return_count": [1, 2, 3], "label_2": [-1, 7, 8],
+        "label_2_2": [1, 2, 3], "time_2": [5, 6, 7], "return_count_2": [0, 0, 0], "x_2": [7, 8, 9],
+        "Amplitude__dB_": [4, 5, 6], "Amplitude__dB__2": [6, 5, 4], "user_data_": [0, 0, 0],
+        "ring": [0, 1, 2],
+    }  # fmt: skip
+    assert {name: getattr(cloud, name).tolist() for name in expected} == expected
+    np.testing.assert_array_equal(cloud.ring_raw, [np.nan, 1, 2])
+    colours = {"red", "green", "blue"} if point_format == 3 else set()
+    assert set(cloud.fields) == {*expected, *colours, "xyz", "intensity", "return_number", "ring_raw"}
+    added(path, {"scales": ("u2", [1, 2, 3])})
+    with pytest.raises(FileFormatError, match="it has a dimension named 'scales', which laspy cannot read"):
+        PointCloud.load(path)
+
+
+def test_pieces_have_the_same_fields_wherever_a_value_does_not_fit(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.las"
+    header = laspy.LasHeader(version="1.4", point_format=6)
+    header.add_extra_dims([laspy.ExtraBytesParams("ring", "i4"), laspy.ExtraBytesParams("object_id", "i8")])
+    las = laspy.LasData(header)
+    las.xyz = np.zeros((COUNT, 3))
+    las.ring, las.object_id = np.r_[np.full(COUNT - 1, 7), -1], np.arange(COUNT)
+    las.write(path)
+    pieces = list(read(path))
+    assert len(pieces) == 2
+    assert pieces[0].fields == pieces[1].fields
+    assert "object_id_raw" not in pieces[0].fields
+    whole = PointCloud.concatenate(pieces)
+    assert whole.ring_raw.tolist() == las.ring.tolist()
+    assert whole.ring.tolist() == [*las.ring[:-1].tolist(), 0]
+
+
+def test_laz_of_one_stream_as_the_first_laszip_wrote_it(tmp_path: Path) -> None:
+    """A chunk of lazrs without its table is what LASzip 1.2 wrote: the points in one stream, by version 1 of each item.
+
+    Its description, of 34 bytes and 6 for each item: the compressor and coder, the version, options, the size of
+    chunks, two numbers that are not used, and the number of items.
+    """
+    path = tmp_path / "cloud.laz"
+    header = laspy.LasHeader(version="1.2", point_format=3)
+    las = laspy.LasData(header)
+    rng = np.random.default_rng(0)
+    las.xyz = rng.uniform(-100, 100, (COUNT, 3))
+    las.intensity, las.gps_time = rng.integers(0, 65536, COUNT), np.sort(rng.random(COUNT))
+    items = [(6, 20, 2), (7, 8, 2), (8, 6, 2)]
+    vlr = struct.pack("<HHBBHIIqqH", 2, 0, 2, 2, 0, 0, 50_000, -1, -1, 3) + b"".join(
+        struct.pack("<HHH", *i) for i in items
+    )
+    stream = BytesIO()
+    compressor = lazrs.LasZipCompressor(stream, lazrs.LazVlr(vlr))
+    compressor.compress_many(las.points.array.tobytes())
+    compressor.done()
+    data = stream.getvalue()
+    chunk = data[8 : int.from_bytes(data[:8], "little")]
+    old = struct.pack("<HHBBHIIqqH", 1, 0, 1, 2, 0, 0, 0, -1, -1, 3) + b"".join(struct.pack("<HHH", *i) for i in items)
+    las.write(tmp_path / "plain.las")
+    content = bytearray((tmp_path / "plain.las").read_bytes())
+    start = int.from_bytes(content[96:100], "little")
+    record = struct.pack("<H16sHH32s", 0, b"laszip encoded", 22204, len(old), b"") + old
+    content[96:104] = struct.pack("<II", start + len(record), 1)
+    content[104] |= 0x80  # compressed
+    content = content[:start] + record
+    path.write_bytes(content + chunk)
+    cloud = PointCloud.load(path)
+    np.testing.assert_array_equal(cloud.xyz, las.xyz)
+    np.testing.assert_array_equal(cloud.time, las.gps_time)
+    path.write_bytes(content + chunk[: len(chunk) // 2])
+    with pytest.raises(FileFormatError):
+        PointCloud.load(path)
+
+
+def test_a_panic_of_the_decoder_is_an_error_without_a_report(capfd: pytest.CaptureFixture[str]) -> None:
+    """What else is written to standard error in the meantime stays."""
+    item = struct.pack("<HHBBHIIqqH", 1, 0, 1, 2, 0, 0, 0, -1, -1, 1) + struct.pack("<HHH", 6, 20, 1)
+    decompressor = lazrs.LasZipDecompressor(BytesIO(bytes(1000)), item)
+
+    def decompress() -> None:
+        with las._panics():
+            os.write(2, b"of another thread\n")
+            decompressor.decompress_many(bytearray(200))
+
+    with pytest.raises(BaseException, match="Variable-size chunks") as caught:
+        decompressor.decompress_many(bytearray(200))
+    assert type(caught.value).__name__ == "PanicException"
+    assert "panicked" in capfd.readouterr().err, "lazrs still reports it there"
+    with pytest.raises(FileFormatError, match="its compressed data is damaged: "):
+        decompress()
+    assert capfd.readouterr().err == "of another thread\n"
+
+
+def test_copc_is_read_and_not_written(tmp_path: Path) -> None:
+    cloud, path = make(10), tmp_path / "cloud.copc.laz"
+    for write in (cloud.save, Writer):
+        with pytest.raises(FileFormatError, match=r"cloud\.copc\.laz: COPC, which is LAZ sorted into an octree"):
+            write(path)
+    assert not list(tmp_path.iterdir())
+    cloud.save(tmp_path / "cloud.laz")
+    (tmp_path / "cloud.laz").rename(path)
+    assert len(PointCloud.load(path)) == len(next(read(path))) == 10
+
+
 @pytest.mark.parametrize(
     ("fields", "message"),
     [
@@ -155,6 +298,7 @@ def test_we_read_what_laspy_writes(tmp_path: Path) -> None:
         ({"intensity": [np.nan, 0]}, "intensity: expected numbers >= 0, got intensity[0] = nan"),
         ({"scan_angle": [0, 180.0]}, "scan_angle: expected angles from -π to π, got scan_angle[1] = 180"),
         ({"user_data": [1, -1]}, "user_data: expected 0 to 255 for LAS's user_data, got user_data[1] = -1"),
+        ({"user_data": [0, 1.5]}, "user_data: expected 0 to 255 for LAS's user_data, got user_data[1] = 1.5"),
         ({"X": [0, 0]}, "X: LAS cannot hold a field of this name beside the others; save without it"),
         ({"a" * 33: [0, 0]}, f"{'a' * 33}: LAS cannot hold a field of this name beside the others; save without it"),
         (

@@ -49,6 +49,27 @@ def test_not_a_point_cloud(arrays: dict[str, np.ndarray], reason: str, tmp_path:
     assert str(caught.value) == f"{path}: not a readable .npz point cloud: {reason}"
 
 
+def test_arrays_of_any_name_and_value(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.npz"
+    arrays = {"a b": [1, 2], "a-b": [3, 4], "save": [5, 6], "": [7, 8], "label": [-1, 7], "class_names": [9, 9]}
+    with ZipFile(path, "w") as file:
+        for name, values in {"xyz": np.zeros((2, 3)), **arrays, "ring": [True, False], "range": [[1.0], [2.0]]}.items():
+            with file.open(f"{name}.npy", "w") as entry:
+                np.save(entry, values)
+    cloud = PointCloud.load(path)
+    assert {name: getattr(cloud, name).tolist() for name in cloud.fields} == {
+        "xyz": [[0, 0, 0]] * 2, "a_b": [1, 2], "a_b_2": [3, 4], "save_": [5, 6], "unnamed": [7, 8], "label": [0, 7],
+        "label_raw": [-1, 7], "class_names_": [9, 9], "ring": [1, 0], "ring_raw": [True, False],
+        "range_raw": [[1], [2]],
+    }  # fmt: skip
+    with ZipFile(path, "w") as file:
+        for name in ("xyz.npy", "a.npy", "a"):
+            with file.open(name, "w") as entry:
+                np.save(entry, np.zeros((2, 3)))
+    with pytest.raises(FileFormatError, match="it has two arrays named 'a'"):
+        PointCloud.load(path)
+
+
 def test_a_bare_array(tmp_path: Path) -> None:
     path = tmp_path / "cloud.npz"
     np.save(tmp_path / "array.npy", np.ones((2, 3)))

@@ -215,6 +215,93 @@ def test_names_that_are_no_identifiers(tmp_path: Path) -> None:
     assert cloud.v_5.tolist() == [9]
 
 
+def read_by_open3d(path: Path, *names: str) -> dict[str, list[float]]:
+    points = import_open3d().t.io.read_point_cloud(str(path)).point
+    return {name: points[name].numpy().ravel().tolist() for name in names}
+
+
+OLD = "# .PCD v.7\nVERSION .7\nFIELDS x y z ring\nSIZE 4 4 4 1\nTYPE F F F U\nCOUNT 1 1 1 1\n"
+TWO = f"{OLD}WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\nDATA ascii\n1 2 3 4\n4 5 6 5\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        TWO.replace("FIELDS", "COLUMNS"),
+        TWO.replace("HEIGHT 1\n", ""),
+        TWO.replace("WIDTH 2\n", "").replace("HEIGHT 1\n", ""),
+        TWO.replace("POINTS 2\n", ""),
+        TWO.replace("VERSION .7\n", "").replace("COUNT 1 1 1 1\n", "").replace("VIEWPOINT 0 0 0 1 0 0 0\n", ""),
+        TWO.replace("WIDTH 2\nHEIGHT 1", "WIDTH 1\nHEIGHT 2"),
+        TWO.replace("# .PCD v.7\n", "# Größe\n\n \n"),
+        TWO.replace("DATA ascii", "DATA ASCII"),
+        TWO.replace("\n", "\r\n"),
+        TWO.replace(" 4\n", "\t4.0 \n").replace(" 5\n", "  5e0"),
+        TWO.replace("x y z", "X Y Z").replace("ring", "Ring"),
+    ],
+)
+def test_headers_of_other_versions(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    path.write_text(text, encoding="utf-8", newline="")
+    cloud = PointCloud.load(path)
+    assert (cloud.fields, cloud.ring.dtype) == (("xyz", "ring"), np.uint16)
+    assert cloud.xyz.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert cloud.ring.tolist() == [4, 5]
+
+
+def test_the_oldest_header(tmp_path: Path) -> None:
+    """As ROS wrote it before there were types."""
+    path = tmp_path / "cloud.pcd"
+    path.write_text("COLUMNS x y z i sid\nPOINTS 2\nDATA ascii\n1 2 3 4 5\n6 7 8 9 0.5\n")
+    cloud = PointCloud.load(path)
+    assert (cloud.fields, cloud.sid.dtype, cloud.sid.tolist()) == (("xyz", "i", "sid"), np.float32, [5, 0.5])
+
+
+def test_numbers_of_a_text_that_its_type_cannot_hold(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    fields = header("x y z ring k n", "4 4 4 1 2 8", "F F F U I U", None, width=3, data="ascii")
+    path.write_text(f"{fields}1 2 3 5.0 -7 18446744073709551615\n1 2 3 nan 0.5 5.0\n1 2 -1.#IND 300 4 6\n")
+    cloud = PointCloud.load(path)
+    assert cloud.ring.tolist() == [5, 0, 0]
+    assert (cloud.k.tolist(), cloud.k.dtype) == ([-7, 0, 4], np.int16)
+    np.testing.assert_array_equal(cloud.ring_raw, [5, np.nan, 300])
+    assert cloud.k_raw.tolist() == [-7, 0.5, 4]
+    assert (cloud.n.tolist(), cloud.n.dtype) == ([2**64 - 1, 5, 6], np.uint64)
+    assert np.isnan(cloud.xyz[2, 2])
+    assert set(cloud.fields) == {"xyz", "ring", "ring_raw", "k", "k_raw", "n"}
+    path.write_text(TWO.replace(" 5\n", " nan\n").replace(" 4\n", " 5.0\n"))
+    assert PointCloud.load(path).ring.tolist() == [5, 0] == read_by_open3d(path, "ring")["ring"]
+
+
+@pytest.mark.parametrize("data", ["ascii", "binary"])
+def test_values_that_a_field_of_lidarsim_cannot_have(data: str, tmp_path: Path) -> None:
+    dtype = np.dtype([("x", "f4"), ("y", "f4"), ("z", "f4"), ("label", "i4"), ("ring", "f4"), ("intensity", "f4", 2)])
+    records = np.array([(1, 2, 3, -1, np.nan, [4, 5]), (6, 7, 8, 40, 12, [9, 10])], dtype)
+    path = tmp_path / "cloud.pcd"
+    text = header("x y z label ring intensity", "4 4 4 4 4 4", "F F F I F F", "1 1 1 1 1 2", width=2, data=data)
+    rows = b"1 2 3 -1 nan 4 5\n6 7 8 40 12 9 10\n"
+    path.write_bytes(text.encode() + (records.tobytes() if data == "binary" else rows))
+    cloud = PointCloud.load(path)
+    assert (cloud.label.tolist(), cloud.label_raw.tolist(), cloud.label_raw.dtype) == ([0, 40], [-1, 40], np.int32)
+    np.testing.assert_array_equal(cloud.ring_raw, np.float32([np.nan, 12]))
+    assert cloud.ring.tolist() == [0, 12]
+    assert cloud.intensity_raw.tolist() == [[4, 5], [9, 10]]
+    assert not hasattr(cloud, "intensity")
+    cloud.save(path)
+    again = PointCloud.load(path)
+    assert again.fields == cloud.fields
+    for name in cloud.fields:
+        np.testing.assert_array_equal(getattr(again, name), getattr(cloud, name))
+
+
+def test_times_in_nanoseconds_keep_their_digits(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.pcd"
+    text = header("x y z time", "4 4 4 8", "F F F U", None, width=1, data="binary")
+    path.write_bytes(text.encode() + np.float32([1, 2, 3]).tobytes() + np.uint64([1764115200123456789]).tobytes())
+    cloud = PointCloud.load(path)
+    assert (cloud.time_raw.tolist(), cloud.time.tolist()) == ([1764115200123456789], [1764115200123456789.0])
+
+
 GOOD = header("x y z", "4 4 4", "F F F", "1 1 1", width=2, data="binary")
 ASCII = GOOD.replace("binary", "ascii")
 

@@ -137,6 +137,105 @@ def test_lists_are_left_out(tmp_path: Path) -> None:
     assert read.ring.tolist() == [4, 5, 6]
 
 
+VERTEX = [("x", "float"), ("y", "double"), ("z", "float32"), ("ring", "ushort"), ("k", "int8"), ("n", "uint")]
+TYPES = {"float": "f4", "double": "f8", "float32": "f4", "ushort": "u2", "int8": "i1", "uint": "u4"}
+
+
+def sample(
+    encoding: str, *, before: str = "", head: str = "ply", comment: str = "comment", newline: str = "\n"
+) -> bytes:
+    """A file of two points in an encoding, its header with the odd parts of other programs."""
+    order = ">" if "big" in encoding else "<"
+    records = np.array(
+        [(1, 2, 3, 4, -5, 6), (10, 13, 10, 500, 13, 2**32 - 1)], [(n, order + TYPES[t]) for n, t in VERTEX]
+    )
+    rows = newline.join(" ".join(map(str, row)) for row in records.tolist()) + newline
+    lines = [head, f"format {encoding} 1.0", comment, *([before] if before else []), "element vertex 2"]
+    lines += [f"property {kind} {name}" for name, kind in VERTEX] + ["end_header"]
+    text = (newline.join(lines) + newline).encode()
+    skipped = {"": b"", "element camera 1": b"\x0a\x0d"}.get(before.partition(newline)[0], b"")
+    if encoding == "ascii":
+        return text + (f"10 13{newline}" if skipped else "").encode() + rows.encode()
+    return text + skipped + records.tobytes()
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian", "binary_big_endian"])
+@pytest.mark.parametrize("newline", ["\n", "\r\n", "\r"], ids=["LF", "CRLF", "CR"])
+@pytest.mark.parametrize(
+    "odd",
+    [
+        {},
+        {"head": "ply "},
+        {"comment": "comment Straße Zürich\tx"},
+        {"comment": "obj_info\tnum_cols 1"},
+        {"comment": "comment"},
+        {"comment": "  comment indented, with end_header\t"},
+        {"comment": ""},
+        {"before": "element face 0\rproperty list uchar int vertex_indices"},
+        {"before": "element camera 1\rproperty uchar a\rproperty uchar b"},
+    ],
+    ids=str,
+)
+def test_headers_of_other_programs(encoding: str, newline: str, odd: dict[str, str], tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    odd = {key: value.replace("\r", newline) for key, value in odd.items()}
+    path.write_bytes(sample(encoding, newline=newline, **odd))
+    cloud = PointCloud.load(path)
+    assert cloud.xyz.tolist() == [[1, 2, 3], [10, 13, 10]]
+    assert (cloud.ring.tolist(), cloud.k.tolist(), cloud.n.tolist()) == ([4, 500], [-5, 13], [6, 2**32 - 1])
+    assert (cloud.k.dtype, cloud.n.dtype) == (np.int8, np.uint32)
+    if all(part.isascii() and part not in {"ply ", ""} for part in odd.values()):
+        vertex = plyfile.PlyData.read(path)["vertex"]
+        assert vertex["n"].tolist() == [6, 2**32 - 1]
+
+
+def test_a_comment_that_is_not_ascii_beside_open3d(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    path.write_text(
+        "ply\nformat ascii 1.0\ncomment Straße\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
+        "end_header\n1 2 3\n",
+        encoding="utf-8",
+    )
+    read = import_open3d().t.io.read_point_cloud(str(path))
+    np.testing.assert_array_equal(PointCloud.load(path).xyz, read.point.positions.numpy())
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary_little_endian"])
+def test_names_and_lists_of_other_programs(encoding: str, tmp_path: Path) -> None:
+    """Beside lists, for which plyfile reads the file, names stay as they are."""
+    path = tmp_path / "cloud.ply"
+    names = {"a b": 4.0, "a-b": 5.0, "größe": 6.0, "Intensity": 7.0, "label": -1.0}
+    lines = [
+        "ply",
+        f"format {encoding} 1.0",
+        "element vertex 1",
+        *(f"property double {name}" for name in [*"xyz", *names]),
+    ]
+    numbers = np.array([1, 2, 3, *names.values()])
+    for lists in ([], ["property list uchar double near by"]):
+        head = "\n".join([*lines, *lists, "end_header\n"]).encode()
+        if encoding == "ascii":
+            rest = " ".join(map(str, numbers)).encode() + b" 2 8 9" * bool(lists)
+        else:
+            rest = numbers.tobytes() + (b"\x02" + np.array([8.0, 9.0]).tobytes()) * bool(lists)
+        path.write_bytes(head + rest)
+        cloud = PointCloud.load(path)
+        assert {name: getattr(cloud, name).tolist() for name in cloud.fields} == {
+            "xyz": [[1, 2, 3]], "label": [0], "label_raw": [-1],
+            "a_b": [4], "a_b_2": [5], "gr__e": [6], "Intensity": [7],
+        }  # fmt: skip
+
+
+def test_the_end_of_a_header_at_the_end_of_a_block(tmp_path: Path) -> None:
+    """Headers are read in pieces of 65,536 bytes."""
+    path = tmp_path / "cloud.ply"
+    whole = sample("binary_little_endian")
+    for size in range(65_530, 65_542):
+        fill = size - whole.index(b"end_header\n") - len("end_header\n")
+        path.write_bytes(sample("binary_little_endian", comment="comment " + "a" * fill))
+        assert PointCloud.load(path).ring.tolist() == [4, 500]
+
+
 HEAD = "ply\nformat ascii 1.0\n"
 
 
@@ -160,6 +259,18 @@ HEAD = "ply\nformat ascii 1.0\n"
         ),
         (HEAD + "element vertex two\nend_header\n", "line 3 of its header is not understood: 'element vertex two'"),
         (HEAD + "element vertex 2\n", "its header has no end"),
+        ("ply\nelement vertex 0\nend_header\n", "its header has no format"),
+        ("ply\nformat text 1.0\nend_header\n", "line 2 of its header is not understood: 'format text 1.0'"),
+        ("plywood\nend_header\n", "it does not begin with 'ply' alone, but with b'plywood'"),
+        (HEAD + "property float x\nend_header\n", "line 3 of its header is not understood: 'property float x'"),
+        (
+            HEAD + "element vertex 0\nproperty float x\nproperty int x\nend_header\n",
+            "its element 'vertex' has two properties named 'x'",
+        ),
+        (
+            HEAD + "element vertex 1\nproperty float x\nproperty float y\nproperty float z\nend_header\n1 2 a\n",
+            "z[0]: expected a number, got 'a'",
+        ),
     ],
 )
 def test_bad_files(content: str, reason: str, tmp_path: Path) -> None:

@@ -129,7 +129,7 @@ def test_names_that_must_be_refused(tmp_path: Path) -> None:
     for suffix, names in refused.items():
         for name in NASTY:
             cloud, path = (
-                PointCloud({"xyz": np.ones((1, 3)), "normal": [[0, 0, 1]], name: [7]}),
+                PointCloud({"xyz": np.ones((1, 3)), "normal": [[0, 0, 1]], name: [7.0]}),
                 tmp_path / f"a{suffix}",
             )
             if name in names:
