@@ -18,6 +18,7 @@ assert io, "the formats register themselves on import"
 XYZ = np.array([[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]])
 HALF = np.zeros(2, np.float16)
 MASKED = np.ma.array([1, 2], mask=[0, 1])
+UNMASKED = "expected a number for each point, got a masked array; fill it"
 ANY = "label: expected integers from 0 to 4294967295, got label = "
 
 
@@ -226,7 +227,7 @@ def test_repr_of_odd_clouds() -> None:
         ({"xyz": XYZ, "label": 7}, ValueError, "label: expected one entry for each of the 2 points, got 1"),
         ({"xyz": XYZ[:0], "label": -1}, ValueError, f"{ANY}-1"),
         ({"xyz": XYZ[:0], "ring": [1]}, ValueError, "ring: expected one entry for each of the 0 points, got 1"),
-        ({"xyz": XYZ, "time": MASKED}, ValueError, "time: expected a number for each point, got a masked array; fill it"),
+        ({"xyz": XYZ, "time": MASKED}, ValueError, f"time: {UNMASKED}"),
         ({"xyz": XYZ, "ring": [True, False]}, TypeError, "ring: expected real numbers, got dtype bool"),
         ({"xyz": XYZ, "tag": ["a", "b"]}, TypeError, "tag: expected bool, integers, float32 or float64, got dtype <U1"),
         ({"xyz": XYZ, "q": HALF}, TypeError, "q: expected bool, integers, float32 or float64, got dtype float16"),

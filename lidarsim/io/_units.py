@@ -15,12 +15,11 @@ if TYPE_CHECKING:
     from lidarsim.scan import Sensor
 
 
-def saturated(intensity: npt.NDArray[np.float32], most: float, where: str) -> npt.NDArray[np.float32]:
-    """Return the intensity as a sensor that saturates gives it, at most `most`, and warn if that changes anything."""
-    if (intensity > most).any():
+def warn_above(most: float, intensity: npt.NDArray[np.float32] | None, where: str) -> None:
+    """Warn if a cloud has an intensity beyond the greatest of a format, for which that is written instead."""
+    if intensity is not None and (intensity > np.float32(most)).any():
         message = f"intensity: {where} ends at {most:g}; what is brighter is written as {most:g}"
-        warnings.warn(message, stacklevel=2)
-    return np.minimum(intensity, np.float32(most))
+        warnings.warn(message, stacklevel=4)  # at the call of PointCloud.save
 
 
 def reflectivity(intensity: npt.NDArray[np.float32], diffuse: int = 100) -> npt.NDArray[np.uint8]:

@@ -1,8 +1,8 @@
 """KITTI's scans (``.bin``), also SemanticKITTI's and KITTI-360's: float32 x, y, z and remission per point, no header.
 
 Remission is `intensity`, or 0 without one, and ends at 1: what is brighter, as a retro-reflector is, is written as 1,
-and a warning says so. All other fields are lost, and float32 keeps 0.1 mm up to 1 km only: save the cloud in the
-sensor's frame, as KITTI does. The labels are another file: `lidarsim.io.semantickitti`.
+and `PointCloud.save` warns of it. All other fields are lost, and float32 keeps 0.1 mm up to 1 km only: save the cloud
+in the sensor's frame, as KITTI does. The labels are another file: `lidarsim.io.semantickitti`.
 
 Other programs write other columns under the same suffix, which no header tells:
 ``PointCloud.load("a.bin", columns=("x", "y", "z", "intensity", "ring", "time"))`` reads six. Without `columns`, numbers
@@ -19,7 +19,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lidarsim.io._records import BLOCK, check_plausible, columns_of, headerless, to_columns, to_records
-from lidarsim.io._units import saturated
+from lidarsim.io._units import warn_above
 from lidarsim.pointcloud import Fields, register_format
 
 NAMES = ("x", "y", "z", "intensity")
@@ -32,10 +32,15 @@ def save(fields: Fields, file: BinaryIO) -> None:
     """Write the points one after the other."""
     kept = {"xyz": fields["xyz"]}
     if "intensity" in fields:
-        kept["intensity"] = saturated(fields["intensity"], 1.0, "KITTI's remission")
+        kept["intensity"] = np.minimum(fields["intensity"], np.float32(1))
     for number, records in enumerate(to_records(to_columns(kept, (), {"f4", "f8"}), RECORD)):
         check_plausible(columns_of(records), MOST, number * BLOCK)
         file.write(records.data)
+
+
+def _save(fields: Fields, file: BinaryIO) -> None:
+    warn_above(1.0, fields.get("intensity"), "KITTI's remission")
+    save(fields, file)
 
 
 def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
@@ -43,4 +48,4 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
     return headerless(file, columns, NAMES, MOST)
 
 
-register_format(".bin", save=save, load=load)
+register_format(".bin", save=_save, load=load)

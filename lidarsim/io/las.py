@@ -51,7 +51,7 @@ from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
-from lidarsim.io._units import fitting, saturated
+from lidarsim.io._units import fitting, warn_above
 from lidarsim.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, register_format
 
 __all__ = ["Writer", "read"]
@@ -299,7 +299,8 @@ def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: i
         steps = (column - offset) / SCALE
         record[target.upper()] = _rounded(name, column, steps, near, first, low=-(2**31), high=2**31 - 1)
     elif target == "intensity":
-        steps = saturated(column, 65_535 / WHITE, "LAS's intensity") * WHITE
+        warn_above(65_535 / WHITE, column, "LAS's intensity")
+        steps = np.minimum(column, np.float32(65_535 / WHITE)) * WHITE
         record[target] = _rounded(name, column, steps, "numbers >= 0", first, low=0, high=65_535)
     elif target == "scan_angle":
         steps = column / ANGLE

@@ -1,9 +1,9 @@
 """Scans of nuScenes (``.pcd.bin``): float32 x, y, z, intensity and ring per point, no header.
 
 Intensity is Velodyne's byte, 0 to 100 for the reflectivity of a diffuse target in percent, up to 255 for
-retro-reflectors; what is brighter is written as 255, and a warning says so. It is not converted back when the file is
-read. `intensity` and `ring` are 0 where the cloud has none; all other fields are lost. The axes are lidarsim's, x
-forward: nuScenes' own sensor has y forward, as its ``calibrated_sensor`` says.
+retro-reflectors; what is brighter is written as 255, and `PointCloud.save` warns of it. It is not converted back when
+the file is read. `intensity` and `ring` are 0 where the cloud has none; all other fields are lost. The axes are
+lidarsim's, x forward: nuScenes' own sensor has y forward, as its ``calibrated_sensor`` says.
 
 Files of other columns are read with `columns`, and refused without, as in `lidarsim.io.kitti`; intensities end at 255.
 
@@ -17,7 +17,7 @@ from typing import BinaryIO
 import numpy as np
 
 from lidarsim.io._records import BLOCK, check_plausible, columns_of, headerless, to_columns, to_records
-from lidarsim.io._units import reflectivity, saturated
+from lidarsim.io._units import reflectivity, warn_above
 from lidarsim.pointcloud import Fields, register_format
 
 NAMES = ("x", "y", "z", "intensity", "ring")
@@ -30,10 +30,16 @@ def save(fields: Fields, file: BinaryIO) -> None:
     """Write the points one after the other."""
     kept = {name: array for name, array in fields.items() if name in {"xyz", "intensity", "ring"}}
     if "intensity" in kept:
-        kept["intensity"] = reflectivity(saturated(kept["intensity"], 2.55, "nuScenes' byte"))
+        check_plausible({"intensity": kept["intensity"]}, np.inf, 0)
+        kept["intensity"] = reflectivity(kept["intensity"])
     for number, records in enumerate(to_records(to_columns(kept, (), {"f4", "f8", "u1", "u2"}), RECORD)):
         check_plausible(columns_of(records), MOST, number * BLOCK)
         file.write(records.data)
+
+
+def _save(fields: Fields, file: BinaryIO) -> None:
+    warn_above(2.55, fields.get("intensity"), "nuScenes' byte")
+    save(fields, file)
 
 
 def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
@@ -41,4 +47,4 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
     return headerless(file, columns, NAMES, MOST)
 
 
-register_format(".pcd.bin", save=save, load=load)
+register_format(".pcd.bin", save=_save, load=load)

@@ -64,3 +64,12 @@ def test_an_intensity_beyond_the_byte(tmp_path: Path) -> None:
     np.array([0, 0, 0, 256, 2], np.float32).tofile(tmp_path / "a.pcd.bin")
     with pytest.raises(FileFormatError, match=r"intensity: expected numbers from 0 to 255, got intensity\[0\] = 256"):
         PointCloud.load(tmp_path / "a.pcd.bin")
+
+
+@pytest.mark.parametrize("wrong", [-0.1, np.nan])
+def test_an_intensity_that_the_byte_cannot_hold_is_refused(wrong: float, tmp_path: Path) -> None:
+    with pytest.raises(
+        FileFormatError, match=rf"^intensity: expected numbers from 0 to inf, got intensity\[1\] = {wrong}"
+    ):
+        PointCloud(xyz=np.zeros((2, 3)), intensity=[0, wrong]).save(tmp_path / "a.pcd.bin")
+    assert not list(tmp_path.iterdir())

@@ -192,8 +192,8 @@ def test_headers_of_other_programs(encoding: str, newline: str, odd: dict[str, s
 def test_a_comment_that_is_not_ascii_beside_open3d(tmp_path: Path) -> None:
     path = tmp_path / "cloud.ply"
     path.write_text(
-        "ply\nformat ascii 1.0\ncomment Straße\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n"
-        "end_header\n1 2 3\n",
+        "ply\nformat ascii 1.0\ncomment Straße\nelement vertex 1\n"
+        "property float x\nproperty float y\nproperty float z\nend_header\n1 2 3\n",
         encoding="utf-8",
     )
     read = import_open3d().t.io.read_point_cloud(str(path))
