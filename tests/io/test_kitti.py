@@ -82,6 +82,16 @@ def test_another_number_of_columns_is_recognised_and_read_by_name(
     assert (some.fields, len(some)) == (("xyz",), 840)
 
 
+@pytest.mark.parametrize("turns", range(1, 7))
+def test_points_that_come_in_turns_are_not_taken_for_other_columns(turns: int, tmp_path: Path) -> None:
+    rng = np.random.default_rng(turns)
+    xyz = np.tile(rng.normal(size=(turns, 3)), (900 // turns, 1))
+    cloud = PointCloud(xyz=xyz, intensity=rng.random(len(xyz)), ring=np.arange(len(xyz)) % turns)
+    for suffix in (".bin", ".pcd.bin"):
+        cloud.save(tmp_path / f"a{suffix}")
+        np.testing.assert_array_equal(PointCloud.load(tmp_path / f"a{suffix}").xyz, xyz.astype(np.float32))
+
+
 @pytest.mark.parametrize(
     ("numbers", "reason"),
     [
