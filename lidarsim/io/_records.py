@@ -25,7 +25,7 @@ import numpy.typing as npt
 
 from lidarsim._validation import UINT32, short
 from lidarsim.errors import FileFormatError
-from lidarsim.pointcloud import CANONICAL, Fields, field_names
+from lidarsim.pointcloud import CANONICAL, Fields, field_names, held
 
 BLOCK = 1 << 14
 """Points that are converted at a time."""
@@ -201,6 +201,23 @@ def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int) -> Itera
         read += len(part)
     if read < points:
         raise FileFormatError(f"it is truncated: {read} of {points} points")
+
+
+def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
+    """Return the columns of a text in the types that it declares.
+
+    Where one of its numbers is none of an integer type, the column is 0, and one more, ``<name>_raw``, has the numbers.
+    """
+    typed, raw = {}, {}
+    for name, column in columns.items():
+        numbers, exact = held(column, dtype[name].base)
+        typed[name] = numbers.astype(dtype[name].base, copy=False)
+        if not exact and dtype[name].base.kind in "iu":
+            key = f"{name}_raw"
+            while key in columns:
+                key += "_raw"
+            raw[key] = column
+    return typed | raw
 
 
 def _parsed_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:

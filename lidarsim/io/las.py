@@ -33,10 +33,11 @@ from __future__ import annotations
 import os
 import re
 import struct
+import sys
 import threading
 from collections import Counter
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryFile
@@ -466,9 +467,10 @@ def _panics() -> Iterator[None]:
     Rust writes a report of a panic to standard error, which nothing but turning that away prevents. What other threads
     write there meanwhile is handed on.
     """
-    with _REPORTING, ExitStack() as stack:
-        with suppress(OSError):  # there may be no standard error
-            stack.enter_context(_without_reports())
+    with (
+        _REPORTING,
+        _without_reports() if sys.__stderr__ else nullcontext(),
+    ):  # without one, its number is another file's
         try:
             yield
         except BaseException as error:
@@ -480,7 +482,7 @@ def _panics() -> Iterator[None]:
 @contextmanager
 def _without_reports() -> Iterator[None]:
     """Write what the block writes to standard error only afterwards, without reports of panics."""
-    with TemporaryFile() as written, os.fdopen(os.dup(2), "wb") as stderr:
+    with os.fdopen(os.dup(2), "wb") as stderr, TemporaryFile() as written:
         os.dup2(written.fileno(), 2)
         try:
             yield

@@ -25,6 +25,7 @@ from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
     HEADER,
+    as_declared,
     blocks,
     check_expansion,
     class_comments,
@@ -39,7 +40,7 @@ from lidarsim.io._records import (
     to_fields,
     to_records,
 )
-from lidarsim.pointcloud import Fields, held, register_format
+from lidarsim.pointcloud import Fields, register_format
 
 NORMAL = ("normal_x", "normal_y", "normal_z")
 CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
@@ -107,16 +108,7 @@ def load(file: BinaryIO) -> dict[str, Any]:
     else:
         raise FileFormatError(f"its DATA is {encoding!r}, expected ascii, binary or binary_compressed")
     columns = {name: column for name, column in joined(parts).items() if not name.startswith("_ ")}
-    for name, column in list(columns.items()):
-        if column.dtype != dtype[name].base and dtype[name].base.kind in "iu":  # a text has other numbers
-            numbers, exact = held(column, dtype[name].base)
-            columns[name] = numbers.astype(dtype[name].base)
-            if not exact:
-                raw = f"{name}_raw"
-                while raw in columns:
-                    raw += "_raw"
-                columns[raw] = column
-    return to_fields(columns, NORMAL) | {"class_names": commented_classes(header.get("#", ()))}
+    return to_fields(as_declared(columns, dtype), NORMAL) | {"class_names": commented_classes(header.get("#", ()))}
 
 
 def _header(file: BinaryIO) -> dict[str, list[str]]:

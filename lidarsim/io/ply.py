@@ -1,7 +1,9 @@
 """PLY files (``.ply``): written binary little-endian; read in any encoding, with any line ends.
 
 All fields are kept, vectors other than `xyz` and `normal` as one property per component; bool, int64 and uint64 cannot
-be stored. Properties of the element ``vertex`` that are lists, and the other elements, are not read.
+be stored. Where a text has a number that the type of its property cannot hold, the field is 0 and a field
+``<name>_raw`` has the numbers of the file. Properties of the element ``vertex`` that are lists, and the other elements,
+are not read.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from lidarsim._validation import short
 from lidarsim.errors import FileFormatError
 from lidarsim.io._records import (
     HEADER,
+    as_declared,
     class_comments,
     commented_classes,
     from_records,
@@ -119,7 +122,8 @@ def load(file: BinaryIO) -> dict[str, Any]:
             lines = itertools.islice(
                 (line for line in text if not line.isspace()), sum(element.count for element in before), None
             )
-            columns = joined(parsed(lines, _dtype(vertices, "="), vertices.count))
+            dtype = _dtype(vertices, "=")
+            columns = as_declared(joined(parsed(lines, dtype, vertices.count)), dtype)
     fields: dict[str, Any] = to_fields(columns, NORMAL)
     for comment in header.comments:
         match comment.split():

@@ -14,13 +14,13 @@ columns  fields
 =======  ==============================================================================================================
 3        x y z
 4        x y z intensity
-6        x y z and, if the other three are unit vectors, the normal, or else, if they are integers from 0 to 255, red
-         green blue
-7        x y z, and intensity and red green blue in the order in which only the colours are integers from 0 to 255
+6        x y z and, if the other three are unit vectors, the normal, or else, if they are colours, red green blue
+7        x y z, and intensity and red green blue, in the order in which the three can be colours, if only one can be
 =======  ==============================================================================================================
 
-All others are x y z ``column_4`` ``column_5`` and so on. A first line of one number is the number of points, as in PTS
-files; there, six columns are x y z red green blue, and seven x y z intensity red green blue.
+All others are x y z ``column_4`` ``column_5`` and so on. Colours are integers from 0 to 255, of each channel some
+beyond 15, up to which LAS counts returns: so counts are not taken for colours. A first line of one number is the number
+of points, as in PTS files; there, six columns are x y z red green blue, and seven x y z intensity red green blue.
 """
 
 from __future__ import annotations
@@ -173,7 +173,11 @@ def _layout(columns: list[npt.NDArray[Any]], *, scanner: bool) -> list[str]:
 
 
 def _are_colours(columns: list[npt.NDArray[Any]]) -> bool:
-    return all(((column >= 0) & (column <= 255) & (column == np.floor(column))).all() for column in columns)
+    """Return whether columns are bytes, each with one beyond 15, up to which LAS counts returns."""
+    return all(
+        ((column >= 0) & (column <= 255) & (column == np.floor(column))).all() and column.max(initial=0) > 15
+        for column in columns
+    )
 
 
 def _are_normals(columns: list[npt.NDArray[Any]]) -> bool:

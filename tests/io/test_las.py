@@ -2,6 +2,7 @@
 
 import os
 import struct
+import subprocess
 import sys
 from io import BytesIO
 from pathlib import Path
@@ -273,6 +274,16 @@ def test_a_panic_of_the_decoder_is_an_error_without_a_report(capfd: pytest.Captu
     with pytest.raises(FileFormatError, match="its compressed data is damaged: "):
         decompress()
     assert capfd.readouterr().err == "of another thread\n"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there, a process has no such descriptors")
+def test_laz_without_standard_error(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.laz"
+    make(10).save(path)
+    code = f"import lidarsim as ls; print(len(ls.PointCloud.load({str(path)!r})))"
+    command = ["sh", "-c", 'exec "$0" -c "$1" 2>&-', sys.executable, code]
+    result = subprocess.run(command, stdout=subprocess.PIPE, check=True)
+    assert result.stdout == b"10\n"
 
 
 def test_copc_is_read_and_not_written(tmp_path: Path) -> None:

@@ -226,6 +226,17 @@ def test_names_and_lists_of_other_programs(encoding: str, tmp_path: Path) -> Non
         }  # fmt: skip
 
 
+def test_numbers_of_a_text_that_its_type_cannot_hold(tmp_path: Path) -> None:
+    path = tmp_path / "cloud.ply"
+    kinds = ["float x", "float y", "float z", "uchar alpha", "int label"]
+    lines = ["ply", "format ascii 1.0", "element vertex 2", *(f"property {kind}" for kind in kinds), "end_header"]
+    path.write_text("\n".join([*lines, "1 2 3 300 -1", "1 2 3 nan 5.0"]))
+    cloud = PointCloud.load(path)
+    assert (cloud.alpha.tolist(), cloud.alpha.dtype, cloud.label.tolist()) == ([0, 0], np.uint8, [0, 5])
+    np.testing.assert_array_equal(cloud.alpha_raw, [300, np.nan])
+    assert (cloud.label_raw.tolist(), cloud.label_raw.dtype) == ([-1, 5], np.int32)
+
+
 def test_the_end_of_a_header_at_the_end_of_a_block(tmp_path: Path) -> None:
     """Headers are read in pieces of 65,536 bytes."""
     path = tmp_path / "cloud.ply"
