@@ -3,10 +3,13 @@
 Documents stay YAML nodes until they are whole: a preset and the differences from it are merged, and ``--set`` is
 applied, as nodes, so an error always names the place where the offending value was written. Scalars are read by the
 core schema of YAML 1.2: ``1e-3`` is a number, ``no`` is text. Keys are words, each at most once in a mapping.
+
+`parse` checks all of a document, so the functions after it meet only values that `plain` can return.
 """
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -24,24 +27,44 @@ Node = yaml.Node
 T = TypeVar("T")
 
 MOST_BYTES, MOST_VALUES, MOST_DEPTH = 1 << 24, 1_000_000, 100
-"""Limits of a document; values count each time that an alias repeats them."""
+"""Limits of a document; values, and the characters of texts, count each time that an alias repeats them."""
+
+MOST_DIGITS = 400
+"""Characters of an integer that may be within float64's range, which ends at 309 decimal digits."""
 
 Loaded = dict[tuple[Path, Callable[[Path], object]], Any]
 """Objects read from files, by path and reader."""
 
 _OVERRIDE = "--set "
 _TAG = "tag:yaml.org,2002:"
+
+
+def _integer(text: str) -> int:
+    if len(text) > MOST_DIGITS:  # Python takes quadratic time, and refuses thousands of digits
+        raise OverflowError
+    number = int(text, 0)
+    float(number)
+    return number
+
+
+def _float(text: str) -> float:
+    number = float(re.sub(r"\.(inf|nan)$", r"\1", text.lower()))
+    if math.isinf(number) and not text.lower().endswith("inf"):
+        raise OverflowError
+    return number
+
+
 _SCALARS: dict[str, Callable[[str], object]] = {
     f"{_TAG}null": lambda _: None,
     f"{_TAG}bool": lambda text: {"true": True, "false": False}[text.lower()],
-    f"{_TAG}int": lambda text: int(text, 0),
-    f"{_TAG}float": lambda text: float(re.sub(r"\.(inf|nan)$", r"\1", text.lower())),
+    f"{_TAG}int": _integer,
+    f"{_TAG}float": _float,
     f"{_TAG}str": str,
 }
 
 
-class _Loader(yaml.SafeLoader):
-    yaml_implicit_resolvers = {}  # noqa: RUF012 - as the parent has it
+class _Core(yaml.resolver.BaseResolver):
+    """The kinds of plain scalars in YAML 1.2."""
 
 
 for _name, _pattern, _first in (
@@ -54,7 +77,47 @@ for _name, _pattern, _first in (
         list("-+.0123456789"),
     ),
 ):
-    _Loader.add_implicit_resolver(f"{_TAG}{_name}", re.compile(f"^(?:{_pattern})$"), _first)
+    _Core.add_implicit_resolver(f"{_TAG}{_name}", re.compile(f"^(?:{_pattern})$"), _first)
+
+
+class _Loader(yaml.SafeLoader):
+    yaml_implicit_resolvers = _Core.yaml_implicit_resolvers
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self.depth = 0
+
+    def compose_node(self, parent: Node | None, index: object) -> Node | None:
+        self.depth += 1
+        if self.depth > MOST_DEPTH + 1:
+            raise yaml.composer.ComposerError(None, None, "nested too deeply", self.peek_event().start_mark)
+        node = super().compose_node(parent, index)
+        self.depth -= 1
+        return node
+
+
+class _Dumper(yaml.SafeDumper):
+    def resolve(self, kind: type[Node], value: Any, implicit: Any) -> str:
+        # Text is quoted if either version of YAML would read it as something else.
+        tag = super().resolve(kind, value, implicit)
+        if kind is yaml.ScalarNode and tag == f"{_TAG}str":
+            tag = _CORE.resolve(kind, value, implicit)
+        return tag
+
+
+_CORE = _Core()
+
+
+def dump(value: Any) -> str:
+    """Return YAML from which `parse` and `plain` make an equal value, and other readers of YAML, too.
+
+    Parameters
+    ----------
+    value : dict, list, str, int, float, bool or None
+        What to write; the keys of mappings are text.
+    """
+    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
+    return text
 
 
 def parse(text: str, name: str) -> Node:
@@ -63,24 +126,26 @@ def parse(text: str, name: str) -> Node:
     Raises
     ------
     ConfigError
-        If the text is not one YAML document, or has a key twice.
+        If the text is not one YAML document, has a key twice, or holds a value that is no text, number, boolean or
+        null.
     """
+    loader: _Loader | None = None
     try:
         loader = _Loader(text)
         loader.name = name
         node = loader.get_single_node()
-        if node is None:
-            raise ConfigError(f"{name}: expected YAML, got nothing")
-        _extent(node, {})
     except yaml.MarkedYAMLError as error:
         where = _written(error.problem_mark) if error.problem_mark else name
-        raise ConfigError(f"{where}: not valid YAML: {short(error.problem or error.context)}") from None
+        raise ConfigError(f"{where}: not valid YAML: {short(_one_line(error.problem or error.context))}") from None
     except yaml.reader.ReaderError as error:
-        raise ConfigError(
-            f"{name}: not valid YAML: character {error.character!r} at position {error.position}"
-        ) from None
-    except RecursionError:
-        raise ConfigError(f"{name}: not valid YAML: nested too deeply") from None
+        where = _place(name, text.count("\n", 0, error.position))
+        raise ConfigError(f"{where}: not valid YAML: character U+{ord(text[error.position]):04X}") from None
+    except (OverflowError, ValueError):  # PyYAML's from chr and int
+        where = _written(loader.get_mark()) if loader else name
+        raise ConfigError(f"{where}: not valid YAML: an escape or a version is out of range") from None
+    if node is None:
+        raise ConfigError(f"{name}: expected YAML, got nothing")
+    _check(node, (), {})
     return node
 
 
@@ -104,7 +169,8 @@ def read(path: Path) -> Node:
     except OSError as error:
         raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: not valid YAML: byte {error.start} is not UTF-8") from None
+        where = _place(str(path), content.count(b"\n", 0, error.start))
+        raise ConfigError(f"{where}: not valid YAML: byte {error.start} is not UTF-8") from None
     if isinstance(node, yaml.ScalarNode):  # its text is not shown: it may be any file
         raise ConfigError(f"{path}: expected a mapping or a list in YAML, got plain text")
     return node
@@ -112,17 +178,11 @@ def read(path: Path) -> Node:
 
 def plain(node: Node) -> Any:
     """Return the Python value of `node`: dicts, lists, text, numbers, booleans, None."""
-    if isinstance(node, yaml.MappingNode) and node.tag == f"{_TAG}map":
+    if isinstance(node, yaml.MappingNode):
         return {key: plain(value) for key, (_, value) in entries(node).items()}
-    if isinstance(node, yaml.SequenceNode) and node.tag == f"{_TAG}seq":
+    if isinstance(node, yaml.SequenceNode):
         return [plain(value) for value in node.value]
-    try:
-        return _SCALARS[node.tag](node.value)
-    except (KeyError, TypeError, ValueError):
-        kind = node.tag.removeprefix(_TAG)
-        raise ConfigError(
-            f"{_written(node.start_mark)}: not valid YAML: {short(kind)} is unknown or does not fit the value"
-        ) from None
+    return _SCALARS[node.tag](node.value)
 
 
 def entries(node: Node | None) -> dict[str, tuple[Node, Node]]:
@@ -171,27 +231,42 @@ def assigned(assignment: str) -> tuple[list[str], Node]:
     """
     name = f"{_OVERRIDE}{assignment}"
     path, equals, text = assignment.partition("=")
-    keys = path.split(".")
-    if not equals or not all(keys) or len(keys) > MOST_DEPTH:
-        raise ConfigError(f"{name}: expected KEY=VALUE, such as scene.0.radius_m=2")
+    keys = path_of(path)
+    if not equals or not keys:
+        raise ConfigError(f"{_short(name)}: expected KEY=VALUE, such as scene.0.radius_m=2")
     return keys, parse(text or "null", name)
 
 
+def path_of(text: str) -> list[str]:
+    """Return the keys and indices in ``scene.0.radius_m``; none if that is no path."""
+    keys = text.split(".", MOST_DEPTH)
+    return keys if all(keys) and "." not in keys[-1] else []
+
+
 def written(value: object, place: Node) -> Node:
-    """Return the node of a number, of text or of a list of them, as if it stood where `place` stands.
+    """Return the node of a plain value, as if it stood where `place` stands.
 
     Raises
     ------
     TypeError
         If it is something else.
     """
-    if isinstance(value, list):
-        items = [written(item, place) for item in value]
-        return yaml.SequenceNode(f"{_TAG}seq", items, place.start_mark, place.end_mark)
-    kinds = {float: "float", int: "int", str: "str"}
+    marks = place.start_mark, place.end_mark
+    if isinstance(value, dict):
+        items = [(written(str(key), place), written(item, place)) for key, item in value.items()]
+        return yaml.MappingNode(f"{_TAG}map", items, *marks)
+    if isinstance(value, list | tuple):
+        return yaml.SequenceNode(f"{_TAG}seq", [written(item, place) for item in value], *marks)
+    kinds = {float: "float", int: "int", str: "str", bool: "bool", type(None): "null"}
     if type(value) not in kinds:
-        raise TypeError(f"value: expected numbers or text, got {shown(value)}")
-    return yaml.ScalarNode(f"{_TAG}{kinds[type(value)]}", str(value), place.start_mark, place.end_mark)
+        raise TypeError(f"value: expected numbers, text, or lists or mappings of them, got {shown(value)}")
+    return yaml.ScalarNode(f"{_TAG}{kinds[type(value)]}", str(value), *marks)
+
+
+def argument(name: str, value: object) -> Node:
+    """Return the node of a plain value that is given from Python, in place of that of a key."""
+    mark = yaml.Mark(f"{_OVERRIDE}{name}={shown(value)}", 0, 0, 0, None, None)
+    return written(value, yaml.ScalarNode("", "", mark, mark))
 
 
 def replace(node: Node | None, path: list[str], value: Node) -> Node:
@@ -200,13 +275,15 @@ def replace(node: Node | None, path: list[str], value: Node) -> Node:
         return value
     head, *rest = path
     if isinstance(node, yaml.SequenceNode):
-        if not head.isdecimal() or int(head) >= len(node.value):
-            raise ConfigError(f"{_written(value.start_mark)}: expected an index below {len(node.value)}, got {head!r}")
+        index = int(head) if re.fullmatch(r"[0-9]{1,9}", head) else len(node.value)
+        if index >= len(node.value):
+            got = shown(head)
+            raise ConfigError(f"{_written(value.start_mark)}: expected an index below {len(node.value)}, got {got}")
         changed = list(node.value)
-        changed[int(head)] = replace(changed[int(head)], rest, value)
+        changed[index] = replace(changed[index], rest, value)
         return yaml.SequenceNode(node.tag, changed, node.start_mark, node.end_mark)
     if isinstance(node, yaml.ScalarNode) and node.tag != f"{_TAG}null":
-        raise ConfigError(f"{_written(value.start_mark)}: {shown(node.value)} has no key {head!r} to set")
+        raise ConfigError(f"{_written(value.start_mark)}: {shown(node.value)} has no key {shown(head)} to set")
     found = entries(node)
     key, old = found.get(head, (None, None))
     if key is None or not rest:  # keys on the way to the value stay where they were written
@@ -226,10 +303,15 @@ class Place:
     root: Node
     keys: tuple[int | str, ...] = ()
     _loaded: Loaded = field(default_factory=dict, repr=False, compare=False)
+    _entries: dict[Node, dict[str, tuple[Node, Node]]] = field(default_factory=dict, repr=False, compare=False)
 
     def __truediv__(self, key: int | str) -> Place:
         """Return the place of `key` in the value here."""
-        return Place(self.root, (*self.keys, key), self._loaded)
+        return self.at((key,))
+
+    def at(self, keys: tuple[int | str, ...]) -> Place:
+        """Return the place that these keys lead to from here."""
+        return Place(self.root, (*self.keys, *keys), self._loaded, self._entries)
 
     def _walk(self) -> tuple[yaml.Mark, list[str]]:
         # Keys that are not in the document are passed over: a missing one, or pydantic's tag of a union's member.
@@ -238,13 +320,19 @@ class Place:
             if isinstance(node, yaml.SequenceNode) and isinstance(key, int):
                 node = node.value[key]
                 mark = node.start_mark
-            elif key in (found := entries(node)):
+            elif isinstance(node, yaml.MappingNode) and key in (found := self._found(node)):
                 key_node, node = found[str(key)]
                 mark = key_node.start_mark
             else:
                 continue
             keys.append(str(key))
         return mark, keys
+
+    def _found(self, node: Node) -> dict[str, tuple[Node, Node]]:
+        """Return the entries of a mapping, which many errors may ask for."""
+        if node not in self._entries:
+            self._entries[node] = entries(node)
+        return self._entries[node]
 
     @property
     def order(self) -> tuple[str, int]:
@@ -257,7 +345,7 @@ class Place:
         mark, keys = self._walk()
         key = ".".join(keys)
         told = not key or mark.name.startswith(f"{_OVERRIDE}{key}=")
-        return ConfigError(": ".join([_written(mark), *([] if told else [short(key)]), str(problem)]))
+        return ConfigError(": ".join([_written(mark), *([] if told else [_short(key)]), _one_line(problem)]))
 
     @contextmanager
     def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
@@ -285,7 +373,7 @@ class Place:
             If the file cannot be read.
         """
         mark, _ = self._walk()
-        path = (Path() if mark.name.startswith(_OVERRIDE) else Path(mark.name).parent) / name
+        path = folder_of(mark) / name
         try:
             check_regular(path)
             path.open("rb").close()
@@ -311,45 +399,109 @@ class Place:
         return loaded
 
 
+def folder_of(mark: yaml.Mark) -> Path:
+    """Return the folder to which paths that are written at `mark` are relative."""
+    return Path() if mark.name.startswith(_OVERRIDE) else Path(mark.name).parent
+
+
 def _written(mark: yaml.Mark) -> str:
-    return str(mark.name) if mark.name.startswith(_OVERRIDE) else f"{mark.name}:{mark.line + 1}"
+    return _short(mark.name) if mark.name.startswith(_OVERRIDE) else _place(mark.name, mark.line)
 
 
-def _extent(node: Node, known: dict[Node, tuple[int, int] | None]) -> tuple[int, int]:
-    """Return how many values `node` holds, itself included, and how deep they are, after checking that it may be used.
+def _place(name: str, line: int) -> str:
+    return _one_line(name if name.startswith(_OVERRIDE) else f"{name}:{line + 1}")
+
+
+def _one_line(text: object) -> str:
+    """Return `text` without characters that would break a line or rule a terminal."""
+    whole = str(text)
+    return whole if whole.isprintable() else repr(whole)[1:-1]
+
+
+def _short(text: str) -> str:
+    return short(_one_line(text))
+
+
+@dataclass(frozen=True)
+class _Extent:
+    """How many values and characters of text a value holds, itself included, and how deep they are."""
+
+    values: int
+    characters: int
+    depth: int
+
+
+def _check(node: Node, keys: tuple[str, ...], known: dict[Node, _Extent | None]) -> _Extent:
+    """Return the extent of `node`, which `keys` lead to, after checking that it may be used.
 
     `known` has the extents of the nodes seen so far, each of which is looked at once, and None while it is looked at.
     """
     if isinstance(node, yaml.ScalarNode):
-        return 1, 0
+        _check_scalar(node, keys)
+        return _Extent(1, len(node.value), 0)
     if node not in known:
         known[node] = None
-        children = [value for _, value in node.value] if _has_keys(node) else node.value
-        extents = [_extent(child, known) for child in children]
-        values, depth = 1 + sum(values for values, _ in extents), 1 + max((depth for _, depth in extents), default=0)
-        if values > MOST_VALUES:
-            where = _written(node.start_mark)
-            raise ConfigError(f"{where}: expected at most {MOST_VALUES:,} values, counting aliases, got {values:,}")
-        if depth > MOST_DEPTH:
-            raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: nested too deeply")
-        known[node] = values, depth
-    extent = known[node]
-    if extent is None:
+        children = _children(node)
+        extents = [_check(child, (*keys, key), known) for key, child in children]
+        extent = _Extent(
+            1 + sum(part.values for part in extents),
+            sum(part.characters for part in extents),
+            1 + max((part.depth for part in extents), default=0),
+        )
+        where = _written(node.start_mark)
+        if extent.values > MOST_VALUES:
+            raise ConfigError(
+                f"{where}: expected at most {MOST_VALUES:,} values, counting aliases, got {extent.values:,}"
+            )
+        if extent.characters > MOST_BYTES:
+            raise ConfigError(
+                f"{where}: expected at most {MOST_BYTES:,} characters, counting aliases, got {extent.characters:,}"
+            )
+        if extent.depth > MOST_DEPTH:  # by aliases
+            raise ConfigError(f"{where}: not valid YAML: nested too deeply")
+        known[node] = extent
+    found = known[node]
+    if found is None:
         raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: this value contains itself")
-    return extent
+    return found
 
 
-def _has_keys(node: Node) -> bool:
-    """Return whether `node` is a mapping, after checking that its keys are words and differ."""
-    if not isinstance(node, yaml.MappingNode):
-        return False
+def _check_scalar(node: Node, keys: tuple[str, ...]) -> None:
+    """Check that a scalar is one of the kinds of `_SCALARS`, and in its range."""
+    where = _written(node.start_mark)
+    try:
+        _SCALARS[node.tag](node.value)
+    except OverflowError:
+        key = [] if where.startswith(_OVERRIDE) or not keys else [_short(".".join(keys))]
+        problem = f"expected a number from -1.8e308 to 1.8e308, got {shown(node.value)[1:-1]}"
+        raise ConfigError(": ".join([where, *key, problem])) from None
+    except (KeyError, ValueError):
+        kind = _short(node.tag.removeprefix(_TAG))
+        raise ConfigError(f"{where}: not valid YAML: {kind} is unknown or does not fit the value") from None
+    _check_text(node)
+
+
+def _check_text(node: Node) -> None:
+    if re.search("[\ud800-\udfff]", node.value):
+        raise ConfigError(f"{_written(node.start_mark)}: expected text, got half a character in {shown(node.value)}")
+
+
+def _children(node: Node) -> list[tuple[str, Node]]:
+    """Return the values in `node` by key or index, after checking that its keys are words and differ."""
+    kind = "map" if isinstance(node, yaml.MappingNode) else "seq"
+    if node.tag != f"{_TAG}{kind}":
+        tag = _short(node.tag.removeprefix(_TAG))
+        raise ConfigError(f"{_written(node.start_mark)}: not valid YAML: {tag} is unknown or does not fit the value")
+    if kind == "seq":
+        return [(str(index), value) for index, value in enumerate(node.value)]
     lines: dict[str, int] = {}
     for key, _ in node.value:
         if not isinstance(key, yaml.ScalarNode):
             raise ConfigError(f"{_written(key.start_mark)}: expected a word as a key")
+        _check_text(key)
         if key.value in lines:
             raise ConfigError(
-                f"{_written(key.start_mark)}: {short(key.value)}: this key is already on line {lines[key.value]}"
+                f"{_written(key.start_mark)}: {_short(key.value)}: this key is already on line {lines[key.value]}"
             )
         lines[key.value] = key.start_mark.line + 1
-    return True
+    return [(key.value, value) for key, value in node.value]

@@ -64,6 +64,8 @@ def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
 def built(root: Node, loaded: Loaded | None = None) -> Run:
     """Return the run that a whole document describes; what it loads from files is kept in `loaded`, and found there."""
     config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
+    if config.first_frame + config.frames > 2**32:
+        raise (place / "frames").error(f"expected at most 4294967296 with first_frame, got {config.frames}")
     return Run(
         scene=_scene(config, place),
         sensor=_sensor_or_rig(config, place),
@@ -201,7 +203,8 @@ def checked(model: type[M], root: Node) -> M:
     try:
         return model.model_validate(plain(root))
     except pydantic.ValidationError as invalid:
-        problems = [_problem(Place(root, tuple(error["loc"])), error) for error in invalid.errors()]
+        start = Place(root)
+        problems = [_problem(start.at(tuple(error["loc"])), error) for error in invalid.errors()]
         place, problem = min(problems, key=lambda item: item[0].order)
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise place.error(problem + more) from None
@@ -216,6 +219,7 @@ _EXPECTED = {
     "int_from_float": "an integer",
     "int_type": "an integer",
     "less_than": "a value < {lt}",
+    "less_than_equal": "a value <= {le}",
     "list_type": "a list",
     "literal_error": "{expected}",
     "model_attributes_type": "a mapping",

@@ -82,7 +82,8 @@ class Model(BaseModel):
 
 
 def _in_si(value: float | list[float] | list[list[float]], unit: str) -> float | Floats:
-    converted = UNITS[unit][1](np.asarray(value, dtype=np.float64))
+    with np.errstate(over="ignore"):  # the constructor refuses what is not finite
+        converted = UNITS[unit][1](np.asarray(value, dtype=np.float64))
     return converted if isinstance(value, list) else float(converted)
 
 
@@ -165,7 +166,7 @@ def model_of(constructor: Any, base: type[Part] = Part, **more: Any) -> Any:
                 fields[key] = (kind, ...)
             else:
                 fields[key] = (kind | None if default is None else kind, None)
-    model = create_model(constructor.__name__, __base__=base, __doc__=constructor.__doc__.partition("\n")[0], **fields)
+    model = create_model(constructor.__name__, __base__=base, **fields)
     model.constructor = constructor
     model.alternatives = tuple(
         tuple(keys)
@@ -212,6 +213,7 @@ def _is_table(value: object) -> bool:
     return isinstance(value, list) and any(isinstance(row, list) for row in value)
 
 
+Finite = Annotated[float, Field(allow_inf_nan=False)]
 Vector = Annotated[list[float], Field(min_length=3, max_length=3)]
 Pair = Annotated[list[float], Field(min_length=2, max_length=2)]
 Row = Annotated[list[float], Field(min_length=4, max_length=4)]
@@ -220,13 +222,13 @@ Matrix = Annotated[list[Row], Field(min_length=4, max_length=4)]
 if TYPE_CHECKING:
     Numbers = float | list[float]
     Vectors = Vector | list[Vector]
-    Scale = float | Vector
+    Scale = float | list[float]
     SigmaTable = float | list[Pair]
     Returns = str | int
 else:
     Numbers = either(float, list[float], _is_list)
     Vectors = either(Vector, list[Vector], _is_table)
-    Scale = either(float, Vector, _is_list)
+    Scale = either(Finite, Annotated[list[Finite], Field(min_length=3, max_length=3)], _is_list)
     SigmaTable = either(float, list[Pair], _is_list)
     Returns = either(int, str, lambda value: isinstance(value, str))
 
@@ -251,9 +253,9 @@ _KINDS: dict[Any, Any] = {
 class Turn(Model):
     """Turns about the fixed axes, x first: R = Rz(yaw) Ry(pitch) Rx(roll)."""
 
-    roll: float = 0.0
-    pitch: float = 0.0
-    yaw: float = 0.0
+    roll: Finite = 0.0
+    pitch: Finite = 0.0
+    yaw: Finite = 0.0
 
 
 class Placement(Model):
@@ -588,7 +590,7 @@ class Mounted(Placement):
     """A sensor of a rig: its placement on the body, and how much later than the others its frames start."""
 
     sensor: AnySensor
-    offset_s: Annotated[float, Field(allow_inf_nan=False)] = 0.0
+    offset_s: Finite = 0.0
 
 
 def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
@@ -609,7 +611,7 @@ class Cloud(Model):
 
     frame: Literal["sensor", "world"] = "sensor"
     deskew: bool | Literal["start", "middle", "end"] = False
-    deskew_s: float | None = None
+    deskew_s: Finite | None = None
 
     @field_validator("deskew", mode="before")
     @classmethod
@@ -631,7 +633,7 @@ class Cloud(Model):
 def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
     """Return names of classes by their labels, as numbers."""
     for label in names:
-        if not (label.isdecimal() and int(label) < 2**32):
+        if re.fullmatch(r"0|[1-9][0-9]{0,9}", label) is None or int(label) > _validation.UINT32:
             raise (place / label).error("expected a label, 0 to 4294967295")
     return {int(label): name for label, name in names.items()}
 
@@ -652,6 +654,6 @@ class Config(Model):
     rig: dict[str, Mounted] | None = None
     pose: PoseOverTime = Pose()
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
-    first_frame: Annotated[int, Field(ge=0)] = 0
-    frames: Annotated[int, Field(ge=1)] = 1
+    first_frame: Annotated[int, Field(ge=0, lt=2**32)] = 0
+    frames: Annotated[int, Field(ge=1, le=2**32)] = 1
     cloud: Cloud = Cloud()

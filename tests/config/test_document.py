@@ -63,8 +63,8 @@ def test_an_alias_stands_for_its_anchor() -> None:
         ("a: *x", "f.yaml:1: not valid YAML: found undefined alias 'x'"),
         ("a: &x [*x]", "f.yaml:1: not valid YAML: this value contains itself"),
         ("? [a]\n: 1", "f.yaml:1: expected a word as a key"),
-        ("a: \0", "f.yaml: not valid YAML: character 0 at position 3"),
-        ("[" * 2_000, "f.yaml: not valid YAML: nested too deeply"),
+        ("a: \0", "f.yaml:1: not valid YAML: character U+0000"),
+        ("[" * 2_000, "f.yaml:1: not valid YAML: nested too deeply"),
         ("a: !!int x", "f.yaml:1: not valid YAML: int is unknown or does not fit the value"),
         (
             "a: !!python/name:os.system",
@@ -96,7 +96,7 @@ def test_file_that_is_not_text(tmp_path: Path) -> None:
     path.write_bytes(b"a: \x89PNG")
     with pytest.raises(ConfigError) as caught:
         read(path)
-    assert str(caught.value) == f"{path}: not valid YAML: byte 3 is not UTF-8"
+    assert str(caught.value) == f"{path}:1: not valid YAML: byte 3 is not UTF-8"
 
 
 def test_differences_are_merged_mapping_by_mapping() -> None:
