@@ -87,10 +87,10 @@ class _Loader(yaml.SafeLoader):
         super().__init__(text)
         self.depth = 0
 
-    def compose_node(self, parent: Node | None, index: object) -> Node | None:
+    def compose_node(self, parent: Node | None, index: int) -> Node | None:
         self.depth += 1
         if self.depth > MOST_DEPTH + 1:
-            raise yaml.composer.ComposerError(None, None, "nested too deeply", self.peek_event().start_mark)
+            raise yaml.composer.ComposerError(None, None, "nested too deeply", self.get_mark())
         node = super().compose_node(parent, index)
         self.depth -= 1
         return node
@@ -99,9 +99,9 @@ class _Loader(yaml.SafeLoader):
 class _Dumper(yaml.SafeDumper):
     def resolve(self, kind: type[Node], value: Any, implicit: Any) -> str:
         # Text is quoted if either version of YAML would read it as something else.
-        tag = super().resolve(kind, value, implicit)
+        tag = str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
         if kind is yaml.ScalarNode and tag == f"{_TAG}str":
-            tag = _CORE.resolve(kind, value, implicit)
+            tag = str(_CORE.resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
         return tag
 
 
@@ -265,7 +265,7 @@ def written(value: object, place: Node) -> Node:
 
 def argument(name: str, value: object) -> Node:
     """Return the node of a plain value that is given from Python, in place of that of a key."""
-    mark = yaml.Mark(f"{_OVERRIDE}{name}={shown(value)}", 0, 0, 0, None, None)
+    mark = yaml.Mark(f"{_OVERRIDE}{name}={shown(value)}", 0, 0, 0, None, 0)
     return written(value, yaml.ScalarNode("", "", mark, mark))
 
 

@@ -6,13 +6,15 @@ any order and by any number of workers, and what is there already need not be ma
 
 from __future__ import annotations
 
-import json
+import os
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lidarsim._shown import counted
+from lidarsim._validation import integer, named_labels, shown
 from lidarsim.errors import LidarsimError
 
 if TYPE_CHECKING:
@@ -79,7 +81,12 @@ def generate(
     ----------
     recipe : path-like or callable
         A YAML file (``configs/README.md`` has its keys), or a function that takes a `numpy.random.Generator` and the
-        number of a sequence, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None.
+        number of a sequence, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None. A data
+        set is resumed only by the same function: of the same code, with the same values of the defaults, the variables
+        of functions around it and the globals that it reads, and of those of the functions and classes that it calls;
+        of installed packages, names alone count. So these values must be such that they can be pickled, and must not
+        change from call to call. Files that the function reads, and modules that it imports in its body, are not
+        compared.
     output : str or path-like
         A folder, or as text a URL such as ``s3://bucket/folder``.
     client : dask.distributed.Client, optional
@@ -99,7 +106,7 @@ def generate(
     shard_frames : int, optional
         Number of frames made at a time. Default: as many as fire 40 million pulses, but at most a 32nd of all.
     class_names : dict of int to str, optional
-        Class names by label.
+        Class names by label, in place of the recipe's own, and over those of the scene.
     pictures : int
         Number of frames that the data card shows; without PyVista it shows none.
 
@@ -135,30 +142,57 @@ def generate(
     (2, ['000000.bin', '000000.bin'])
     """
     from lidarsim.datasets import recipe as recipes
+    from lidarsim.datasets.layouts import layout_of
     from lidarsim.datasets.run import run
 
-    given: dict[str, Any] = {
-        "sequences": sequences,
-        "frames": frames,
-        "seed": seed,
-        "layout": layout,
-        "shard_frames": shard_frames,
-    }
+    if not callable(recipe) and not isinstance(recipe, str | os.PathLike):
+        raise TypeError(f"recipe: expected a path or a function, got {shown(recipe)}")
+    part = _part(part)
+    pictures = integer("pictures", pictures, at_least=0)
+    _check_client(client)
+    if isinstance(overrides, str | bytes) or not all(isinstance(text, str) for text in overrides):
+        raise TypeError(f"overrides: expected a sequence of strings, got {shown(overrides)}")
+    most = {"sequences": recipes.MOST, "frames": recipes.MOST, "seed": 2**64 - 1, "shard_frames": recipes.MOST**2}
+    given: dict[str, Any] = {"sequences": sequences, "frames": frames, "seed": seed, "shard_frames": shard_frames}
+    for name, value in given.items():
+        if value is not None:
+            given[name] = integer(name, value, at_least=int(name != "seed"), at_most=most[name])
+    names = named_labels("class_names", class_names)
+    chosen = None if layout is None else layout_of(layout)
     if callable(recipe):
         if overrides:
             raise ValueError("overrides: expected none with a function")
-        defaults = {"sequences": 1, "frames": 1, "seed": 0, "layout": "shards"}
-        chosen = {key: defaults.get(key) if value is None else value for key, value in given.items()}
-        made = recipes.from_function(recipe, class_names or {}, **chosen)
+        defaults = {"sequences": 1, "frames": 1, "seed": 0}
+        settings = {key: defaults.get(key) if value is None else value for key, value in given.items()}
+        made = recipes.from_function(recipe, names, layout=chosen or layout_of("shards"), **settings)
     else:
-        given["class_names"] = class_names and {str(label): name for label, name in class_names.items()}
-        texts = [f"{key}={json.dumps(value)}" for key, value in given.items() if value is not None]
-        made = recipes.load(Path(recipe), [*overrides, *texts])
+        if chosen is not None:
+            given["layout"] = chosen.model_dump()
+        if class_names is not None:
+            given["class_names"] = {str(label): name for label, name in names.items()}
+        values = {name: value for name, value in given.items() if value is not None}
+        made = recipes.load(Path(recipe), overrides, values)
     result, failed = run(made, output, client, part, pictures)
     if failed:
         more = f" (and {len(failed) - TOLD} more)" if len(failed) > TOLD else ""
         raise LidarsimError(f"{counted(len(failed), 'shard')} failed; " + "; ".join(map(str, failed[:TOLD])) + more)
     return result
+
+
+def _part(part: object) -> tuple[int, int]:
+    """Return the number of a part, and of all parts."""
+    if not isinstance(part, tuple | list) or len(part) != 2:
+        wrong = ValueError if isinstance(part, tuple | list) else TypeError
+        raise wrong(f"part: expected (i, n), part i of n, got {shown(part)}")
+    count = integer("part[1]", part[1], at_least=1)
+    return integer("part[0]", part[0], at_least=0, at_most=count - 1), count
+
+
+def _check_client(client: object) -> None:
+    """Raise an error unless `client` is one of Dask: whoever has one has imported its package."""
+    distributed = sys.modules.get("distributed")
+    if client is not None and (distributed is None or not isinstance(client, distributed.Client)):
+        raise TypeError(f"client: expected a dask.distributed.Client, got {shown(client)}")
 
 
 def verify(output: PathLike) -> list[str]:

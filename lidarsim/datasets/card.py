@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
 from lidarsim._shown import counted
+from lidarsim._validation import short
 from lidarsim.datasets.engine import RANGES
 from lidarsim.errors import MissingExtraError
 from lidarsim.patterns import describe
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["write"]
 
 BAR = 40
+SPECIAL = re.compile(r"[\\`*\[\]<>&!|~$^{}]|(?<![^\W_])_|_(?![^\W_])|(?<=www)\.|:(?=//)|@", re.IGNORECASE)
+"""What Markdown, HTML and tables take for more than text: an underscore does so at the edge of a word."""
 
 
 def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures: int) -> None:
@@ -41,16 +45,18 @@ def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures
     """
     recipe = plan.recipe
     points = sum(ranges)
-    classes = [(f"{label} | {recipe.class_names.get(label, '')}", count) for label, count in sorted(labels.items())]
+    names = recipe.class_names
+    classes = [(f"{label} | {escaped(names.get(label, ''))}", count) for label, count in sorted(labels.items())]
     spans = [f"{low:g} – {high:g} m" for low, high in itertools.pairwise(RANGES)]
     used = [index for index, count in enumerate(ranges) if count] or [0]
     run = recipe.source.run(0, 0)
     rig = run.sensor if isinstance(run.sensor, Rig) else None
-    sensors = [f"{name}: {_sensor(part.lidar)}" for name, part in rig.items()] if rig else [_sensor(run.lidar)]
+    parts = rig.items() if rig else ()
+    sensors = [f"{escaped(name)}: {_sensor(part.lidar)}" for name, part in parts] or [_sensor(run.lidar)]
     text = f"""# {counted(recipe.sequences, "sequence")} of {counted(recipe.frames, "frame")}
 
 {points:,} points, made by lidarsim {plan.versions["lidarsim"]} from `recipe.yaml` with the seed {recipe.seed}.
-{(type(recipe.layout).__doc__ or "").partition(".")[0]}. `manifest.jsonl` has the SHA-256 of each file, and
+Layout: `{recipe.layout.type}`. `manifest.jsonl` has the SHA-256 of each file, and
 `lidarsim generate --verify -o FOLDER` checks them.
 
 Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}.
@@ -66,10 +72,17 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}.
     plan.store.write("README.md", text.encode())
 
 
+def escaped(text: str) -> str:
+    """Return Markdown that shows `text` as it is, on one line, and nothing else."""
+    shown = short("".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text))
+    return SPECIAL.sub(r"\\\g<0>", shown)
+
+
 def _sensor(lidar: Lidar) -> str:
     facts = describe(lidar.pattern)
-    pattern = f"{type(lidar.pattern).__name__}, {counted(facts.rings, 'ring')}, {lidar.pattern.rate:g} Hz"
-    return f"{lidar.model} ({pattern})" if lidar.model else pattern
+    name, rings = escaped(type(lidar.pattern).__name__), counted(facts.rings, "ring")
+    pattern = f"{name}, {rings}, {lidar.pattern.rate:g} Hz"
+    return f"{escaped(lidar.model)} ({pattern})" if lidar.model else pattern
 
 
 def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:

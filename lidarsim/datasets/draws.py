@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+import sys
 from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -12,12 +13,19 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from lidarsim import _native
+from lidarsim._validation import shown
 from lidarsim.config.schema import Model, Pair, either
 
 if TYPE_CHECKING:
     from lidarsim.config.document import Place
 
 __all__ = ["Draw", "DrawOr", "Stream", "drawn"]
+
+MOST_INTEGER = 2**63
+"""Greatest end of a drawn integer in size, so that the words of a stream are enough for all of them."""
+
+MOST_SIGMAS = 8.3
+"""No normal number is further from its mean: -Φ⁻¹(2⁻⁵³), of the least number of `Stream.unit`, is 8.21."""
 
 KINDS = ("uniform", "log_uniform", "normal", "integer", "choice")
 
@@ -95,23 +103,54 @@ class Draw(Model):
 
     def check(self, place: Place, *, numbers: bool = False) -> None:
         """Raise an error if no such draw is possible or, with `numbers`, if it may give anything but a number."""
-        if numbers and not all(isinstance(value, int | float) for value in self.choice or ()):
-            raise (place / "choice").error(f"expected numbers, got {self.choice}")
+        if numbers:
+            self._check_numbers(place)
         for kind in ("uniform", "log_uniform", "integer"):
             low, high = getattr(self, kind) or (1, 1)
             if not (math.isfinite(low) and math.isfinite(high) and low <= high):
                 raise (place / kind).error(f"expected [least, greatest], got [{low}, {high}]")
-            if kind == "log_uniform" and low <= 0:
-                raise (place / kind).error(f"expected positive numbers, got [{low}, {high}]")
+        low, high = self.uniform or (0.0, 0.0)
+        if not math.isfinite(high - low):
+            raise (place / "uniform").error(f"expected a difference within float64's range, got [{low}, {high}]")
+        low, high = self.log_uniform or (1.0, 1.0)
+        if low <= 0:
+            raise (place / "log_uniform").error(f"expected positive numbers, got [{low}, {high}]")
+        if low * sys.float_info.max < high:
+            raise (place / "log_uniform").error(f"expected a ratio within float64's range, got [{low}, {high}]")
+        for end in self.integer or ():
+            if not -MOST_INTEGER <= end <= MOST_INTEGER:
+                raise (place / "integer").error(f"expected integers of 63 bits, got {shown(end)}")
         mean, sigma = self.normal or (0.0, 0.0)
         if not (math.isfinite(mean) and math.isfinite(sigma) and sigma >= 0):
             raise (place / "normal").error(f"expected [mean, sigma] with sigma >= 0, got [{mean}, {sigma}]")
-        if self.weights is not None:
-            if self.choice is None or len(self.weights) != len(self.choice):
-                expected = "none without choice" if self.choice is None else f"{len(self.choice)}, one per choice"
-                raise (place / "weights").error(f"expected {expected}, got {len(self.weights)}")
-            if not all(0 < weight < math.inf for weight in self.weights):
-                raise (place / "weights").error(f"expected positive numbers, got {self.weights}")
+        if not math.isfinite(abs(mean) + MOST_SIGMAS * sigma):
+            raise (place / "normal").error(f"expected draws within float64's range, got [{mean}, {sigma}]")
+        self._check_weights(place / "weights")
+
+    def _check_numbers(self, place: Place) -> None:
+        for index, value in enumerate(self.choice or ()):
+            if type(value) not in {int, float} or not math.isfinite(value):
+                raise (place / "choice" / index).error(f"expected numbers, each finite, got {shown(value)}")
+        if self.per == "frame":
+            raise (place / "per").error("expected sequence, since objects are placed once in each, got frame")
+
+    def _check_weights(self, place: Place) -> None:
+        if self.weights is None:
+            return
+        if self.choice is None or len(self.weights) != len(self.choice):
+            expected = "none without choice" if self.choice is None else f"{len(self.choice)}, one per choice"
+            raise place.error(f"expected {expected}, got {len(self.weights)}")
+        for index, weight in enumerate(self.weights):
+            if not 0 < weight < math.inf:
+                raise (place / index).error(f"expected positive numbers, got {weight}")
+        if sum(self.weights) == math.inf:
+            raise place.error("expected a sum within float64's range")
+
+    @property
+    def ends(self) -> tuple[float, float] | None:
+        """The least and the greatest number that it may give; None of a normal distribution, which ends nowhere."""
+        values = self.uniform or self.log_uniform or self.integer or self.choice
+        return (min(values), max(values)) if values else None
 
     def draw(self, stream: Stream) -> Any:
         """Return the drawn value, or the index of a choice."""

@@ -3,26 +3,28 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import inspect
-import os
-from collections.abc import Callable, Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 import numpy as np
-import yaml
 from pydantic import Field
 
-from lidarsim._validation import integer
+from lidarsim._files import told
+from lidarsim._validation import shown
 from lidarsim.config.document import (
     Loaded,
     Node,
     Place,
+    argument,
     assigned,
+    dump,
     entries,
     merge,
+    path_of,
     plain,
     read,
     replace,
@@ -32,8 +34,10 @@ from lidarsim.config.document import (
 from lidarsim.config.loader import CHOICES, Change, built, checked, whole
 from lidarsim.config.schema import Model, labelled
 from lidarsim.datasets.draws import Draw, Stream
-from lidarsim.datasets.layouts import AnyLayout, Layout, layout_of
+from lidarsim.datasets.fingerprint import fingerprint, name_of
+from lidarsim.datasets.layouts import AnyLayout, Layout
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
+from lidarsim.datasets.sources import hashes, located, paths
 from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
 from lidarsim.run import Run
@@ -52,15 +56,18 @@ SHARD_PULSES = 40_000_000
 SHARDS = 32, 100_000
 """Fewest and most shards: enough for a few workers to end at about the same time, not too many for a scheduler."""
 
-FILES = {"file", "times", "firing_times"}
-"""Keys whose values are paths, relative to the folder of the file that they are written in."""
+MOST_SHARDS = 1_000_000
+"""Most shards that `shard_frames` may make: each has a file of notes, and all of them are listed."""
+
+MOST = 2**32
+"""Most sequences, and most frames of one: frames are numbered by 32 bits."""
 
 
 class Settings(Model):
     """The keys of a recipe beside its run."""
 
-    sequences: Annotated[int, Field(ge=1)] = 1
-    frames: Annotated[int, Field(ge=1)] = 1
+    sequences: Annotated[int, Field(ge=1, le=MOST)] = 1
+    frames: Annotated[int, Field(ge=1, le=MOST)] = 1
     seed: Annotated[int, Field(ge=0, lt=2**64)] = 0
     shard_frames: Annotated[int, Field(ge=1)] | None = None
     layout: AnyLayout
@@ -83,7 +90,7 @@ class Source(Protocol):
         """Return what the runs are made from, as plain values."""
 
     def files(self) -> dict[str, str]:
-        """Return the SHA-256 of each file that the runs are made from, by its name in `resolved`."""
+        """Return the SHA-256 of each file, or part of a function, that the runs are made from, by its name."""
 
 
 @dataclass(frozen=True)
@@ -138,6 +145,10 @@ class Recipe:
             **self.source.resolved(),
         }
 
+    def text(self) -> str:
+        """Return the recipe in YAML, of which `load` makes the same if it is of a document."""
+        return dump(self.resolved())
+
 
 def noise_seed(seed: int, sequence: int) -> int:
     """Return the seed of the noise in a sequence."""
@@ -184,9 +195,10 @@ class Document:
         choices: list[Change] = []
         others: list[Change] = []
         chosen = []
+        draws = entries(entries(self.root)["vary"][1]) if settings.vary else {}
         for key, draw in settings.vary.items():
             stream = Stream(settings.seed, f"vary.{key}", sequence, frame if draw.per == "frame" else None)
-            there = entries(entries(entries(self.root)["vary"][1])[key][1])
+            there = entries(draws[key][1])
             number = draw.draw(stream)
             value: Node
             if draw.choice is not None:
@@ -212,42 +224,24 @@ class Document:
         chooses = any(CHOICES.fullmatch(key) for key in self.settings.vary)
         nodes = {"run": self.node if chooses else whole(self.node)}
         nodes |= {key: value for key, (_, value) in entries(self.root).items() if key in {"vary", "scatter"}}
-        return {key: plain(self._located(node)) for key, node in nodes.items()}
+        return {key: plain(located(node, self.folder)) for key, node in nodes.items()}
 
     def files(self) -> dict[str, str]:
-        """Return the SHA-256 of each file that the recipe names, by its path from the folder of the recipe."""
-        hashes: dict[str, str] = {}
-        nodes = [self._located(whole(self.node)), self._located(without(self.root, "run"))]
-        while nodes:
-            node = nodes.pop()
-            for key, (_, value) in entries(node).items():
-                if key in FILES and isinstance(value, yaml.ScalarNode):
-                    path = Path(self.folder) / value.value
-                    hashes[value.value] = hashlib.sha256(path.read_bytes()).hexdigest()
-                nodes.append(value)
-            if isinstance(node, yaml.SequenceNode):
-                nodes.extend(node.value)
-        return dict(sorted(hashes.items()))
-
-    def _located(self, node: Node) -> Node:
-        """Return a document whose paths are relative to the folder of the recipe, wherever they are written."""
-        if isinstance(node, yaml.SequenceNode):
-            return yaml.SequenceNode(node.tag, [self._located(item) for item in node.value], node.start_mark)
-        if not isinstance(node, yaml.MappingNode):
-            return node
-        items: list[tuple[Node, Node]] = []
-        for key, value in node.value:
-            if key.value in FILES and isinstance(value, yaml.ScalarNode):
-                path = Path(value.start_mark.name).parent / value.value
-                path = Path(os.path.relpath(path, self.folder))
-                items.append((key, yaml.ScalarNode(value.tag, path.as_posix(), value.start_mark, value.end_mark)))
-            else:
-                items.append((key, self._located(value)))
-        return yaml.MappingNode(node.tag, items, node.start_mark, node.end_mark)
+        """Return the SHA-256 of each file that the recipe names or that a draw may choose, and of those within them."""
+        return hashes([self.root, self.node, whole(self.node)], self.folder)
 
 
-def load(path: Path, overrides: Sequence[str] = ()) -> Recipe:
+def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] | None = None) -> Recipe:
     """Return the recipe in a YAML file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    overrides : sequence of str
+        Values to replace or add.
+    given : mapping of str to object, optional
+        Values of the recipe's own keys, over all others.
 
     Raises
     ------
@@ -258,16 +252,27 @@ def load(path: Path, overrides: Sequence[str] = ()) -> Recipe:
     root = read(path)
     for assignment in overrides:
         root = replace(root, *assigned(assignment))
-    place = Place(root)
+    for name, value in (given or {}).items():
+        root = replace(root, [name], argument(name, value))
+    loaded: Loaded = {}
+    place = Place(root, (), loaded)
     if "run" not in entries(root):
         raise place.error("missing key 'run': a recipe has the configuration that it varies there")
     settings = checked(Settings, without(root, "run"))
     for key, draw in settings.vary.items():
+        if not path_of(key):
+            raise (place / "vary" / key).error("expected a key of the run, such as scene.0.radius_m")
         draw.check(place / "vary" / key)
     for key, group in settings.scatter.items():
         group.check(place / "scatter" / key)
-    source = Document(str(path.parent), _run(place / "run", root), settings, root)
-    return _recipe(source, settings, labelled(settings.class_names, place / "class_names"))
+    for key in ("vary", "scatter"):  # what is drawn late is missed early
+        for keys, node in paths(entries(root)[key][1], (key,)) if key in entries(root) else ():
+            place.at(keys).file(node.value)
+    source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
+    made = _recipe(source, settings, labelled(settings.class_names, place / "class_names"))
+    if made.shards > MOST_SHARDS:
+        raise (place / "shard_frames").error(f"expected at most {MOST_SHARDS:,} shards, got {made.shards:,}")
+    return made
 
 
 def _run(place: Place, root: Node) -> Node:
@@ -287,11 +292,12 @@ MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Traj
 
 @dataclass(frozen=True)
 class Function:
-    """Runs of a function."""
+    """Runs of a function; `made_of` has the hashes of what it is made of."""
 
     function: MakeRun
     frames: int
     seed: int
+    made_of: dict[str, str]
     by_frame: bool = False
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
@@ -310,31 +316,40 @@ class Function:
 
     def resolved(self) -> dict[str, Any]:
         """Return the name of the function."""
-        return {"function": f"{self.function.__module__}.{self.function.__qualname__}"}
+        return {"function": name_of(self.function)}
 
     def files(self) -> dict[str, str]:
-        """Return the SHA-256 of the function's source, if it can be read."""
-        try:
-            text = inspect.getsource(self.function)
-        except OSError:
-            return {}
-        return {self.function.__qualname__: hashlib.sha256(text.encode()).hexdigest()}
+        """Return the hashes of the function's code and of the values that it takes from outside."""
+        return dict(self.made_of)
 
 
 def from_function(function: MakeRun, class_names: dict[int, str], **settings: Any) -> Recipe:
-    """Return the recipe that a function is, with these settings.
+    """Return the recipe that a function is, with these settings, which were checked before.
 
     Raises
     ------
-    TypeError, ValueError
-        If a setting is of the wrong type or out of its range.
+    TypeError
+        If it does not take a generator and a number, or is made of what cannot be hashed.
+    ValueError
+        If there are too many shards.
     """
-    for name, least in {"sequences": 1, "frames": 1, "seed": 0, "shard_frames": 1}.items():
-        if settings[name] is not None:
-            settings[name] = integer(name, settings[name], at_least=least, at_most=2**64 - 1)
-    settings["layout"] = layout_of(settings["layout"])
+    if isinstance(function, type) or inspect.iscoroutinefunction(function):
+        kind = "class" if isinstance(function, type) else "coroutine function"
+        raise TypeError(f"recipe: expected a path or a function, got the {kind} {shown(function)}")
+    try:
+        inspect.signature(function).bind(None, 0)
+    except ValueError:  # one of C, without a signature
+        pass
+    except TypeError as error:
+        raise TypeError(
+            f"recipe: expected a function of a generator and a number, got one with {told(error)}"
+        ) from None
     known = Settings.model_construct(**settings)
-    return _recipe(Function(function, known.frames, known.seed), known, class_names)
+    made_of = fingerprint(function)  # before it is called, which may change what it holds
+    made = _recipe(Function(function, known.frames, known.seed, made_of), known, class_names)
+    if made.shards > MOST_SHARDS:
+        raise ValueError(f"shard_frames: expected at most {MOST_SHARDS:,} shards, got {made.shards:,}")
+    return made
 
 
 def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> Recipe:
@@ -348,6 +363,10 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
         pulses = sum(len(lidar.pattern.pulses(run.frames.start).time) for lidar in run.lidars.values())
         least, most = (-(-total // shards) for shards in reversed(SHARDS))
         shard_frames = max(1, least, min(SHARD_PULSES // max(pulses, 1), most))
+    names = dict(run.scene.class_names) | class_names
+    for label, name in names.items():
+        if re.search("[\ud800-\udfff]", name):
+            raise ValueError(f"class_names[{label}]: expected text, got half a character in {shown(name)}")
     return Recipe(
         source=source,
         sequences=settings.sequences,
@@ -355,5 +374,5 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
         seed=settings.seed,
         shard_frames=min(shard_frames, total),
         layout=settings.layout,
-        class_names=dict(run.scene.class_names) | class_names,
+        class_names=names,
     )

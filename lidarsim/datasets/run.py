@@ -8,7 +8,6 @@ from collections import Counter
 from typing import TYPE_CHECKING
 
 import numpy as np
-import yaml
 
 from lidarsim._validation import integer
 from lidarsim.datasets import Generated, card, manifest
@@ -37,7 +36,7 @@ def run(
     first = recipe.source.run(0, 0)
     recipe.layout.check(first)
     recipe.layout.check_labels(recipe.class_names, first.scene)
-    resolved = yaml.safe_dump(recipe.resolved(), sort_keys=False, allow_unicode=True).encode()
+    resolved = recipe.text().encode()
     head = manifest.Head(
         recipe=hashlib.sha256(resolved).hexdigest(),
         seed=recipe.seed,

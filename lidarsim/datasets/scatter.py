@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from pydantic import Field
 
 from lidarsim._validation import Floats
-from lidarsim.config.schema import AnyObject, Model, Pair, SceneFile
+from lidarsim.config.schema import AnyObject, Model, SceneFile
 from lidarsim.datasets.draws import Draw, DrawOr, Stream, drawn
 from lidarsim.rig import Rig
 from lidarsim.scene import Scene, SceneObject
@@ -29,8 +30,29 @@ TRIES = 200
 STEP = 0.1
 """Time between the moments at which objects are checked for overlap, s."""
 
+FAR = 1e9
+"""Greatest coordinate, length, angle (degrees) and speed, so that no sum or product leaves float64's range."""
+
+MOST_OBJECTS = 10_000
+"""Most objects of a group: each is compared with all others, and `TRIES` times."""
+
+MOST_STEPS = 1_000_000
+"""Most moments of a sequence in which anything moves."""
+
+RANGES = {
+    "count": (0.0, MOST_OBJECTS),
+    "offset_m": (-FAR, FAR),
+    "yaw_deg": (-FAR, FAR),
+    "scale": (1 / FAR, FAR),
+    "speed_m_per_s": (-FAR, FAR),
+}
+"""Least and greatest value of each number that may be drawn."""
+
 TOP = 1e5
 """A height above all ground, m, from which rays look for it."""
+
+
+Point = Annotated[list[Annotated[float, Field(ge=-FAR, le=FAR)]], Field(min_length=2, max_length=2)]
 
 
 class Scatter(Model):
@@ -39,28 +61,66 @@ class Scatter(Model):
     objects: Annotated[list[AnyObject], Field(min_length=1)]
     on: Annotated[list[str], Field(min_length=1)]
     count: DrawOr
-    area_m: Annotated[list[Pair], Field(min_length=2, max_length=2)] | None = None
-    along_m: Annotated[list[Pair], Field(min_length=2)] | None = None
+    area_m: Annotated[list[Point], Field(min_length=2, max_length=2)] | None = None
+    along_m: Annotated[list[Point], Field(min_length=2)] | None = None
     offset_m: DrawOr = 0.0
     yaw_deg: DrawOr = 0.0
     scale: DrawOr = 1.0
     speed_m_per_s: DrawOr = 0.0
-    gap_m: Annotated[float, Field(ge=0)] = 0.0
-    clear_m: Annotated[float, Field(ge=0)] = 0.0
+    gap_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
+    clear_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
 
     def check(self, place: Place) -> None:
-        """Raise an error if the keys do not fit together."""
+        """Raise an error if the keys do not fit together, or if an object cannot be built and placed."""
         if (self.area_m is None) == (self.along_m is None):
             raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
-        for key in ("count", "offset_m", "yaw_deg", "scale", "speed_m_per_s"):
-            value = getattr(self, key)
-            if isinstance(value, Draw):
-                value.check(place / key, numbers=True)
+        for index, (point, after) in enumerate(pairwise(self.along_m or ())):
+            if point == after:
+                raise (place / "along_m" / (index + 1)).error("expected points that differ from one to the next")
+        for key in RANGES:
+            self._check_number(key, place / key)
         for index, item in enumerate(self.objects):
-            given = item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion"}
-            if given or isinstance(item, SceneFile):
-                what = f"no {min(given)}, since the place is drawn" if given else "one object, got a scene_file"
-                raise (place / "objects" / index).error(f"expected {what}")
+            self._check_object(item, place / "objects" / index)
+
+    def _check_number(self, key: str, place: Place) -> None:
+        value = getattr(self, key)
+        if not isinstance(value, Draw):
+            _expect(key, value, place)
+            if key == "count" and value != int(value):
+                raise place.error(f"expected an integer, got {value}")
+            return
+        value.check(place, numbers=True)
+        for end in value.ends or (value.normal or ())[:1]:
+            _expect(key, end, place)
+
+    @staticmethod
+    def _check_object(item: AnyObject, place: Place) -> None:
+        given = item.model_fields_set & {"position_m", "rotation_deg", "matrix", "motion"}
+        if given or isinstance(item, SceneFile):
+            what = f"no {min(given)}, since the place is drawn" if given else "one object, got a scene_file"
+            raise place.error(f"expected {what}")
+        scene = Scene()
+        item.add_at(np.eye(4), 1.0, scene, place)
+        (built,) = scene.objects
+        if not built.shape.bounded:
+            raise place.error("expected a bounded object, got an unbounded one")
+        size = np.abs(built.bounds).max()
+        if not size <= FAR:
+            raise place.error(f"expected an object within {FAR:g} m of its origin, got one of {size:g} m")
+
+    def drawn(self, key: str, stream: Stream, place: Place) -> float:
+        """Return a number that may be drawn, after checking that it is in its range."""
+        value = drawn(getattr(self, key), stream)
+        if key == "count":  # normal numbers may be negative
+            value = max(value, 0.0)
+        _expect(key, value, place / key)
+        return value
+
+
+def _expect(key: str, value: float, place: Place) -> None:
+    least, greatest = RANGES[key]
+    if not least <= value <= greatest:
+        raise place.error(f"expected a number from {least:g} to {greatest:g}, got {value:g}")
 
 
 @dataclass(frozen=True)
@@ -103,9 +163,11 @@ class _Outline:
         steps = max(len(self.corners), len(other.corners))
         both = [np.broadcast_to(corners, (steps, *corners.shape[1:])) for corners in (self.corners, other.corners)]
         axes = np.concatenate([np.diff(corners[:, :3], axis=1) for corners in both], axis=1)
-        axes = axes / np.linalg.norm(axes, axis=2, keepdims=True)
+        lengths = np.linalg.norm(axes, axis=2, keepdims=True)
+        axes = axes / np.where(lengths > 0, lengths, 1.0)
         mine, its = (np.einsum("kai,kci->kac", axes, corners) for corners in both)
-        free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2)).max(1)
+        free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2))
+        free = np.where(lengths[:, :, 0] > 0, free, -np.inf).max(1)  # far off, corners may fall together
         return bool((free >= gap + self.bulge + other.bulge).all())
 
 
@@ -157,25 +219,24 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
     Raises
     ------
     ConfigError
-        If an object to stand on does not exist, or a path is too short for the speed.
+        If an object to stand on does not exist, a path is too short for the speed, a drawn number is out of its range,
+        or a sequence is too long.
     """
     start, stop = run.time(run.frames.start), run.time(run.frames.stop + 1)
     stop += max((part.offset for part in run.sensor.values()), default=0.0) if isinstance(run.sensor, Rig) else 0.0
-    times = np.append(np.arange(start, stop, STEP), stop)
+    times = _moments(start, stop, run, groups.values(), place)
     placed: list[Placed] = []
     others = _Obstacles([])
     for name, group in groups.items():
         there = place / name
         ground, obstacles = _divided(run.scene, group.on, there)
         sensor = _sensor(run, times, group.clear_m)
-        for number in range(int(drawn(group.count, Stream(seed, f"scatter.{name}", sequence)))):
+        for number in range(int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))):
             stream = Stream(seed, f"scatter.{name}.{number}", sequence)
             index = stream.integer(0, len(group.objects) - 1)
             item = group.objects[index]
             shape = item.build(there / "objects" / index)
-            if not shape.bounded:
-                raise (there / "objects" / index).error("expected a bounded object, got an unbounded one")
-            scale = drawn(group.scale, stream)
+            scale = group.drawn("scale", stream, there)
             size = np.diag([*np.ones(3) * scale * np.asarray(item.scale), 1.0])
             bounds = shape._image(size).bounds()
             way = _Way(group, stream, times, there)
@@ -191,20 +252,29 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
     return placed
 
 
+def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], place: Place) -> Floats:
+    """Return the moments at which objects are checked for overlap; the first and last alone if nothing moves."""
+    moving = isinstance(run.pose, Trajectory) and any(group.clear_m for group in groups)
+    if not moving and not any(group.speed_m_per_s != 0 for group in groups):
+        return np.array([start, stop])
+    if not (stop - start) / STEP <= MOST_STEPS:
+        most = MOST_STEPS * STEP
+        raise place.error(f"expected sequences of at most {most:,.0f} s if anything moves, got {stop - start:,.4g} s")
+    return np.append(np.arange(start, stop, STEP), stop)
+
+
 class _Way:
     """Where an object may start, and how it moves on from there."""
 
     def __init__(self, group: Scatter, stream: Stream, times: Floats, place: Place) -> None:
         self.group = group
-        self.yaw = np.radians(drawn(group.yaw_deg, stream))
-        self.speed = drawn(group.speed_m_per_s, stream)
-        self.offset = drawn(group.offset_m, stream)
+        self.yaw = np.radians(group.drawn("yaw_deg", stream, place))
+        self.speed = group.drawn("speed_m_per_s", stream, place)
+        self.offset = group.drawn("offset_m", stream, place)
         self.run = (times if self.speed else times[:1]) - times[0]
         if group.along_m is not None:
             self.path = np.asarray(group.along_m)
             self.lengths = np.linalg.norm(np.diff(self.path, axis=0), axis=1)
-            if not (self.lengths > 0).all():
-                raise (place / "along_m").error("expected points that differ from one to the next")
             self.room = float(self.lengths.sum() - abs(self.speed) * self.run[-1])
             if self.room < 0:
                 raise (place / "along_m").error(

@@ -1,0 +1,130 @@
+"""Files that a data set is made from: those that its recipe names, and those that such files name in turn."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any, BinaryIO
+from urllib.parse import unquote
+
+import yaml
+
+from lidarsim.config.document import Node, entries, folder_of, read
+from lidarsim.errors import ConfigError
+
+__all__ = ["hashes", "located", "paths"]
+
+FILES = {"file", "times", "firing_times"}
+"""Keys whose values are paths, relative to the folder of the file that they are written in."""
+
+FREE = {"datasheet", "sources"}
+"""Keys of a sensor whose values are for people."""
+
+YAML = {".yaml", ".yml"}
+
+GLB = 20
+"""Bytes before the JSON of a binary glTF: 12 of the file's header, and 8 of the chunk's that begin with its length."""
+
+
+def paths(node: Node, keys: tuple[int | str, ...] = ()) -> Iterator[tuple[tuple[int | str, ...], Node]]:
+    """Yield the nodes that are paths, each with the keys that lead to it; all that a draw chooses from are among them.
+
+    Parameters
+    ----------
+    node : Node
+        A document, or a part of one.
+    keys : tuple of int and str
+        The keys that lead to it.
+    """
+    yield from _paths(node, keys, is_path=False)
+
+
+def _paths(node: Node, keys: tuple[int | str, ...], *, is_path: bool) -> Iterator[tuple[tuple[int | str, ...], Node]]:
+    if isinstance(node, yaml.SequenceNode):
+        for index, item in enumerate(node.value):
+            yield from _paths(item, (*keys, index), is_path=is_path)
+    elif isinstance(node, yaml.MappingNode):
+        for key, (_, value) in entries(node).items():
+            if key not in FREE:
+                yield from _paths(value, (*keys, key), is_path=_is_path(key, is_path))
+    elif is_path and node.tag.endswith(":str"):
+        yield keys, node
+
+
+def _is_path(key: str, above: bool) -> bool:
+    """Return whether the value of a key is a path: of ``file``, of ``scene.1.file``, and of the ``choice`` in them."""
+    return key.rpartition(".")[2] in FILES or (above and key == "choice")
+
+
+def located(node: Node, folder: str, *, is_path: bool = False) -> Node:
+    """Return a document whose paths are relative to `folder`, wherever they are written."""
+    if isinstance(node, yaml.SequenceNode):
+        items = [located(item, folder, is_path=is_path) for item in node.value]
+        return yaml.SequenceNode(node.tag, items, node.start_mark, node.end_mark)
+    if isinstance(node, yaml.MappingNode):
+        pairs = [
+            (key, value if key.value in FREE else located(value, folder, is_path=_is_path(key.value, is_path)))
+            for key, value in node.value
+        ]
+        return yaml.MappingNode(node.tag, pairs, node.start_mark, node.end_mark)
+    if is_path and node.tag.endswith(":str"):
+        return yaml.ScalarNode(node.tag, _from(folder, _path(node)), node.start_mark, node.end_mark)
+    return node
+
+
+def _path(node: Node) -> Path:
+    return folder_of(node.start_mark) / str(node.value)
+
+
+def _from(folder: str, path: Path) -> str:
+    return Path(os.path.relpath(path, folder)).as_posix()
+
+
+def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
+    """Return the SHA-256 of each file that documents name, by its path from `folder`.
+
+    Files that these name in turn are among them: those in YAML, the buffers and images of glTF, the materials of OBJ.
+    """
+    found: dict[str, str] = {}
+    documents = list(nodes)
+    while documents:
+        for _, node in paths(documents.pop()):
+            path = _path(node)
+            if not path.is_file() or _from(folder, path) in found:
+                continue
+            for file in [path, *_named_in(path)]:
+                with file.open("rb") as content:
+                    found[_from(folder, file)] = hashlib.file_digest(content, "sha256").hexdigest()
+            if path.suffix.lower() in YAML:
+                with suppress(ConfigError):  # a vendor's file
+                    documents.append(read(path))
+    return dict(sorted(found.items()))
+
+
+def _named_in(path: Path) -> list[Path]:
+    """Return the files in the folder of a mesh file that it names; none of a damaged one, which its reader refuses."""
+    names: list[str] = []
+    suffix = path.suffix.lower()
+    with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError), path.open("rb") as file:
+        if suffix in {".gltf", ".glb"}:
+            content = _gltf(file, binary=suffix == ".glb")
+            items = [item for kind in ("buffers", "images") for item in content.get(kind, ())]
+            names = [unquote(item["uri"]) for item in items if "uri" in item and not item["uri"].startswith("data:")]
+        elif suffix == ".obj":
+            lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"mtllib"))
+            names = [words[1].decode().strip() for words in lines if len(words) == 2]
+    folder = path.parent.resolve()
+    files = [folder / name for name in names if "\0" not in name]
+    return [path.parent / file.relative_to(folder) for file in files if _within(file, folder)]
+
+
+def _gltf(file: BinaryIO, *, binary: bool) -> Any:
+    return json.loads(file.read(int.from_bytes(file.read(GLB)[12:16], "little") if binary else -1))
+
+
+def _within(file: Path, folder: Path) -> bool:
+    return file.is_file() and file.resolve().is_relative_to(folder) and file.is_relative_to(folder)
