@@ -188,7 +188,7 @@ def _of_builtin(function: types.BuiltinFunctionType) -> Iterator[object]:
     yield None if isinstance(function.__self__, types.ModuleType) else function.__self__
 
 
-def _of_class(value: type) -> Iterator[object]:
+def _of_class(value: Any) -> Iterator[object]:
     yield from (value.__module__ if _installed(value.__module__) else None, value.__qualname__)
     if _installed(value.__module__):
         return

@@ -142,7 +142,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         paper_bgcolor=BACKGROUND,
         font={"color": "#e8eaed"},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
-        legend={"title": picture.colors.title, "itemsizing": "constant", "x": 1.0, "xanchor": "left"},
+        legend={"title": _text(picture.colors.title), "itemsizing": "constant", "x": 1.0, "xanchor": "left"},
         scene={
             **axes,
             "aspectmode": "manual",
@@ -191,6 +191,11 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     return figure
 
 
+def _text(name: str) -> str:
+    """Return a name as Plotly shows it, which takes some HTML in texts for markup."""
+    return html.escape(name, quote=False)
+
+
 def _xyz(points: Floats) -> dict[str, npt.NDArray[np.float32]]:
     return {name: np.ascontiguousarray(points[:, i], np.float32) for i, name in enumerate("xyz")}
 
@@ -216,7 +221,7 @@ def _moving(
                 "cmax": high,
                 "colorscale": [[i / (len(colors.table) - 1), color] for i, color in enumerate(colors.table)],
                 "colorbar": {
-                    "title": colors.title + (f"<br>{colors.clipped}" if colors.clipped else ""),
+                    "title": _text(colors.title) + (f"<br>{_text(colors.clipped)}" if colors.clipped else ""),
                     "tickvals": list(ticks),
                     "ticktext": list(ticks.values()),
                     "len": 0.7,
@@ -230,7 +235,7 @@ def _moving(
                 **_xyz(part.xyz - shift),
                 mode="markers",
                 marker=marker,
-                name=name,
+                name=_text(name),
                 showlegend=category is not None,
                 customdata=np.stack(columns, axis=-1) if columns else None,
                 hovertemplate="<br>".join(["x %{x:.2f}, y %{y:.2f}, z %{z:.2f}", *lines]),
