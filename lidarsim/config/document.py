@@ -161,18 +161,20 @@ def read(path: Path) -> Node:
         check_regular(path)
         with path.open("rb") as file:
             content = file.read(MOST_BYTES + 1)
-        if len(content) > MOST_BYTES:
-            raise ConfigError(f"{path}: expected at most {MOST_BYTES:,} bytes of YAML, got more")
-        node = parse(content.decode("utf-8-sig"), str(path))
     except FileFormatError as error:
         raise ConfigError(str(error)) from None
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot read the file: {error.strerror}") from None
+    except (OSError, ValueError) as error:  # a name with a null character
+        reason = getattr(error, "strerror", None) or error
+        raise ConfigError(f"{_one_line(path)}: cannot read the file: {reason}") from None
+    try:
+        if len(content) > MOST_BYTES:
+            raise ConfigError(f"{_one_line(path)}: expected at most {MOST_BYTES:,} bytes of YAML, got more")
+        node = parse(content.decode("utf-8-sig"), str(path))
     except UnicodeDecodeError as error:
         where = _place(str(path), content.count(b"\n", 0, error.start))
         raise ConfigError(f"{where}: not valid YAML: byte {error.start} is not UTF-8") from None
     if isinstance(node, yaml.ScalarNode):  # its text is not shown: it may be any file
-        raise ConfigError(f"{path}: expected a mapping or a list in YAML, got plain text")
+        raise ConfigError(f"{_one_line(path)}: expected a mapping or a list in YAML, got plain text")
     return node
 
 

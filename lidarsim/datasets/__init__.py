@@ -150,7 +150,8 @@ def generate(
     part = _part(part)
     pictures = integer("pictures", pictures, at_least=0)
     _check_client(client)
-    if isinstance(overrides, str | bytes) or not all(isinstance(text, str) for text in overrides):
+    texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
+    if not texts or not all(isinstance(text, str) for text in overrides):
         raise TypeError(f"overrides: expected a sequence of strings, got {shown(overrides)}")
     most = {"sequences": recipes.MOST, "frames": recipes.MOST, "seed": 2**64 - 1, "shard_frames": recipes.MOST**2}
     given: dict[str, Any] = {"sequences": sequences, "frames": frames, "seed": seed, "shard_frames": shard_frames}

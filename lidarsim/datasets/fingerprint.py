@@ -16,7 +16,6 @@ import itertools
 import sys
 import types
 from collections.abc import Callable, Collection, Iterable, Iterator
-from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -193,11 +192,11 @@ def _of_class(value: Any) -> Iterator[object]:
     if _installed(value.__module__):
         return
     yield value.__bases__
-    members = dict(vars(value))
+    members: dict[str, Any] = dict(vars(value))
     if isinstance(value, enum.EnumMeta):
-        yield [(name, item.value) for name, item in value.__members__.items()]
+        yield [(name, member.value) for name, member in dict[str, Any](value.__members__).items()]
         members = {name: item for name, item in members.items() if isinstance(item, _METHODS)}
-    for name, item in sorted(members.items(), key=itemgetter(0)):
+    for name, item in sorted(members.items()):
         special = name.startswith("__") and name.endswith("__")
         if isinstance(item, _METHODS) or not (special or name == "_abc_impl" or isinstance(item, _NAMED)):
             yield from (name, item)

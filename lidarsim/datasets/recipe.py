@@ -333,9 +333,14 @@ def from_function(function: MakeRun, class_names: dict[int, str], **settings: An
     ValueError
         If there are too many shards.
     """
-    if isinstance(function, type) or inspect.iscoroutinefunction(function):
-        kind = "class" if isinstance(function, type) else "coroutine function"
-        raise TypeError(f"recipe: expected a path or a function, got the {kind} {shown(function)}")
+    kinds: dict[str, Callable[[object], bool]] = {
+        "class": inspect.isclass,
+        "built-in function": inspect.isbuiltin,
+        "coroutine function": inspect.iscoroutinefunction,
+    }
+    for kind, holds in kinds.items():
+        if holds(function):
+            raise TypeError(f"recipe: expected a path or a function, got the {kind} {name_of(function)}")
     try:
         inspect.signature(function).bind(None, 0)
     except ValueError:  # one of C, without a signature

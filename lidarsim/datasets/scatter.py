@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -26,6 +27,9 @@ __all__ = ["Placed", "Scatter", "scatter"]
 
 TRIES = 200
 """How many places are tried for an object."""
+
+FULL = 50
+"""After how many objects in a row that find no room there is taken to be none for the rest of their group."""
 
 STEP = 0.1
 """Time between the moments at which objects are checked for overlap, s."""
@@ -75,8 +79,9 @@ class Scatter(Model):
         if (self.area_m is None) == (self.along_m is None):
             raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
         for index, (point, after) in enumerate(pairwise(self.along_m or ())):
-            if point == after:
-                raise (place / "along_m" / (index + 1)).error("expected points that differ from one to the next")
+            if not math.dist(point, after) >= 1 / FAR:
+                error = "expected points that differ from one to the next"
+                raise (place / "along_m" / (index + 1)).error(f"{error}, by {1 / FAR:g} m at least")
         for key in RANGES:
             self._check_number(key, place / key)
         for index, item in enumerate(self.objects):
@@ -231,6 +236,7 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
         there = place / name
         ground, obstacles = _divided(run.scene, group.on, there)
         sensor = _sensor(run, times, group.clear_m)
+        missed = 0
         for number in range(int(group.drawn("count", Stream(seed, f"scatter.{name}", sequence), there))):
             stream = Stream(seed, f"scatter.{name}.{number}", sequence)
             index = stream.integer(0, len(group.objects) - 1)
@@ -248,6 +254,11 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
                 if sensor.apart(outline, 0) and obstacles.apart(outline, 0) and others.apart(outline, group.gap_m):
                     placed.append(Placed(name, index, scale, Trajectory(times, poses) if way.speed else poses[0]))
                     others.add(outline)
+                    missed = 0
+                    break
+            else:
+                missed += 1
+                if missed == FULL:
                     break
     return placed
 
