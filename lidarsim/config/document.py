@@ -105,6 +105,12 @@ class _Dumper(yaml.SafeDumper):
         return tag
 
 
+def _represent_text(dumper: _Dumper, text: str) -> Node:
+    # PyYAML's other styles lose some line breaks.
+    return dumper.represent_scalar(f"{_TAG}str", text, None if text.isprintable() else '"')
+
+
+_Dumper.add_representer(str, _represent_text)
 _CORE = _Core()
 
 
