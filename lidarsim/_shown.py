@@ -33,6 +33,18 @@ def extent(array: npt.NDArray[Any]) -> str:
     return f"{finite.min():.6g} … {finite.max():.6g}" if finite.size else ""
 
 
+def plain(text: object, *, most: int | None = None) -> str:
+    r"""Return a text with escapes such as ``\x1b`` for what cannot be printed, so that no name controls a terminal.
+
+    Printable is what `str.isprintable` says: no control or format characters, which reorder or hide text, no line
+    separators, no surrogates. Of a result longer than `most` characters, the beginning and an ellipsis are left.
+    """
+    whole = str(text)
+    if not whole.isprintable():
+        whole = "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in whole)
+    return whole if most is None or len(whole) <= most else f"{whole[: most - 1]}…"
+
+
 def counted(count: int, noun: str) -> str:
     """Return a number of things, as text: "1 frame", "2,000 frames"."""
     return f"{count:,} {noun}{'s' * (count != 1)}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
 import re
 import signal
 import sys
@@ -12,22 +13,24 @@ import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
+from itertools import islice
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import numpy as np
 import typer
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
+from typer.main import get_command
 
 import lidarsim as ls
 from lidarsim import _native as core
 from lidarsim._extras import import_extra
-from lidarsim._files import check_suffix
-from lidarsim._shown import counted
+from lidarsim._files import check_folder, check_suffix
+from lidarsim._shown import counted, plain
+from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
+from lidarsim._validation import shown
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
@@ -35,7 +38,7 @@ from lidarsim.pointcloud import check_output, is_point_cloud
 from lidarsim.sensor import preset_path
 from lidarsim.viewers import pattern, pyvista
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._show import check_save
+from lidarsim.viewers._show import check_save, checked_size
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
@@ -50,6 +53,8 @@ Item = TypeVar("Item")
 
 ROWS = 10
 """Most rows of the table that a scan of many frames prints."""
+NAME = 60
+"""Most characters of a name in a table."""
 _DRAWN = {
     ".png": ("pyvista", "pyvista"),
     ".html": ("plotly", "html"),
@@ -75,18 +80,28 @@ class Camera(StrEnum):
     ORBIT = "orbit"
 
 
-def _option(names: str, metavar: str, text: str) -> Any:
-    return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False)
+def _path(text: str) -> Path:
+    if not text:  # which would be the current folder
+        raise typer.BadParameter("expected a path, got an empty one")
+    return Path(text)
 
 
-Configuration = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML configuration.")]
+def _option(names: str, metavar: str, text: str, **more: Any) -> Any:
+    return typer.Option(*names.split(), metavar=metavar, help=text, show_default=False, **more)
+
+
+def _file(names: str, metavar: str, text: str) -> Any:
+    return _option(names, metavar, text, parser=_path)
+
+
+Configuration = Annotated[Path, typer.Argument(metavar="CONFIG", help="YAML configuration.", parser=_path)]
 Overrides = Annotated[
     list[str] | None, _option("--set", "KEY=VALUE", "Override a value in CONFIG, e.g. scene.0.radius_m=2.")
 ]
 Seed = Annotated[int | None, _option("--seed", "N", "Noise seed; overrides CONFIG.")]
 Frame = Annotated[int | None, _option("--frame", "N", "Number of the first frame; overrides CONFIG.")]
 Frames = Annotated[int | None, _option("--frames", "N", "Number of frames; overrides CONFIG.")]
-Screenshot = Annotated[Path | None, _option("--screenshot", "PNG", "Write a picture; needs no display.")]
+Screenshot = Annotated[Path | None, _file("--screenshot", "PNG", "Write a picture; needs no display.")]
 ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Colour the points by this field, or by height.")]
 Surfaces = Annotated[
     bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene with the points.")
@@ -97,7 +112,7 @@ Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Size of windows and pic
 
 def _version(asked: bool) -> None:
     if asked:
-        _print(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
+        print_line(f"lidarsim {ls.__version__}, core with {core.isa()} and {core.threads()} threads")
         raise typer.Exit
 
 
@@ -115,7 +130,7 @@ def scan(
     config: Configuration,
     *,
     output: Annotated[
-        Path, _option("--output -o", "OUT", "Point cloud file, or ROS 2 bag (.mcap, .db3) with all frames.")
+        Path, _file("--output -o", "OUT", "Point cloud file, or ROS 2 bag (.mcap, .db3) with all frames.")
     ],
     overrides: Overrides = None,
     seed: Seed = None,
@@ -143,6 +158,7 @@ def scan(
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
     run = _load(config, overrides, seed=seed, first_frame=frame, frames=frames)
+    _check_outputs(run, config, output, screenshot)
     looks["scene"] = run.scene if surfaces else None
     totals = np.zeros(len(ls.Status), np.int64)
     notes: dict[str, None] = {}
@@ -169,25 +185,22 @@ def scan(
             progress.advance(task)
 
         run.write(output, layout=layout, each=tell)
-    table = _table("frame", "pulses", "points", "ms", "points/s")
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
-    for row in shown:
-        _row(table, *row)
-    _print(table)
+    table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
-    _print(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
+    print_line(f"{totals.sum():,} pulses: " + ", ".join(f"{count:,} {name}" for name, count in fates.items() if count))
     for note in filter(None, notes):
-        _print(note)
+        print_line(note)
     is_bag = output.suffix.lower() in rosbag.SUFFIXES
     paths = (output if is_bag else run.path_of(output, "*", "*"), screenshot and run.path_of(screenshot, "*", "*"))
     files = ", ".join(str(path) for path in paths if path)
     count = f"{len(rows):,} frames, " * (len(rows) > 1)
-    _print(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
+    print_line(f"{count}{points:,} points in {time.perf_counter() - start:.2f} s: {files}")
 
 
 @app.command()
 def generate(
-    recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="YAML recipe.")] = None,
+    recipe: Annotated[Path | None, typer.Argument(metavar="RECIPE", help="YAML recipe.", parser=_path)] = None,
     *,
     output: Annotated[str, _option("--output -o", "FOLDER|URL", "Output folder, or a URL such as s3://bucket/folder.")],
     workers: Annotated[int | None, _option("--workers", "N", "Run N single-threaded processes.")] = None,
@@ -206,13 +219,16 @@ def generate(
     """Make the data set described by RECIPE, or resume it.
 
     Existing files are kept: after a crash, a full disk or Ctrl-C, run the same command again to continue. The files are
-    byte-identical for any number of workers.
+    byte-identical for any number of workers. Dask's dashboard of --workers is reachable from this machine only; from
+    another, forward its port: ssh -L PORT:127.0.0.1:PORT.
     """
+    if not output:
+        raise LidarsimError("--output: expected a folder or URL, got an empty one")
     if verify:
         problems = ls.datasets.verify(output)
         if problems:
             raise LidarsimError(f"{output}: {counted(len(problems), 'file')} not as in the manifest: {problems[0]}")
-        _print(f"{output}: all files match the manifest")
+        print_line(f"{output}: all files match the manifest")
         return
     if recipe is None:
         raise LidarsimError("RECIPE: expected a recipe, or --verify, got neither")
@@ -220,21 +236,21 @@ def generate(
 
     with cluster(workers, scheduler) as client:
         if client is not None and client.dashboard_link:
-            _print(f"dashboard: {client.dashboard_link}")
+            print_line(f"dashboard: {client.dashboard_link}")
         made = ls.generate(
             recipe, output, client=client, part=_part(shard), overrides=overrides or (), pictures=pictures
         )
-    _print(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
+    print_line(f"{counted(made.frames, 'frame')}, {made.points:,} points in {made.seconds:.1f} s: {output}")
     if made.shards_left:
-        _print(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
+        print_line(f"still missing: {counted(made.shards_left, 'shard')} of other parts")
 
 
 def _part(text: str | None) -> tuple[int, int]:
     if text is None:
         return 0, 1
-    found = re.fullmatch(r"(\d+)/(\d+)", text)
+    found = re.fullmatch(r"([0-9]{1,18})/([0-9]{1,18})", text)
     if found is None or not int(found[1]) < int(found[2]):
-        raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {text!r}")
+        raise LidarsimError(f"--shard: expected I/N with I from 0 to N - 1, got {shown(text)}")
     return int(found[1]), int(found[2])
 
 
@@ -242,16 +258,18 @@ def _part(text: str | None) -> tuple[int, int]:
 def view(
     path: Annotated[
         Path,
-        typer.Argument(metavar="PATH", help="Point cloud, folder of point clouds, configuration or recipe."),
+        typer.Argument(
+            metavar="PATH", help="Point cloud, folder of point clouds, configuration or recipe.", parser=_path
+        ),
     ],
     *,
     viewer: Annotated[Viewer, _option("--with", "pyvista|open3d", "Viewer to open.")] = Viewer.PYVISTA,
     screenshot: Screenshot = None,
-    html: Annotated[Path | None, _option("--html", "HTML", "Write a self-contained web page.")] = None,
+    html: Annotated[Path | None, _file("--html", "HTML", "Write a self-contained web page.")] = None,
     gif: Annotated[
-        Path | None, _option("--gif", "GIF", "Write an animation: all frames, or once around a single one.")
+        Path | None, _file("--gif", "GIF", "Write an animation: all frames, or once around a single one.")
     ] = None,
-    mp4: Annotated[Path | None, _option("--mp4", "MP4", "Same as --gif, as a video.")] = None,
+    mp4: Annotated[Path | None, _file("--mp4", "MP4", "Same as --gif, as a video.")] = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
     camera: View = Camera.BEHIND,
@@ -280,22 +298,31 @@ def view(
     if not saves:
         require_display()
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size), "viewer": viewer.value}
+    wanted = 1 if saves == [screenshot] else None
+    places: dict[str, Any]
     if path.suffix.lower() in (".yaml", ".yml"):
         run, names = _described(path, overrides, seed=seed, first_frame=frame, frames=frames)
-        if saves == [screenshot]:
-            run = dataclasses.replace(run, frames=run.frames[:1])
-        clouds, poses, times = zip(*_progress(_seen(run), len(run.frames)), strict=True)
-        looks |= {"pose": poses, "time": times, "scene": run.scene if surfaces else None, "class_names": names}
+        count, places = len(run.frames), {}
+        found = list(_progress(islice(_seen(run), wanted), min(count, wanted or count)))
+        if not found:
+            raise LidarsimError(f"{path}: expected a frame with scans, got none in {counted(count, 'frame')}")
+        clouds, places["pose"], places["time"] = zip(*found, strict=True)
+        looks |= {"scene": run.scene if surfaces else None, "class_names": names}
     else:
         given = {"--set": overrides, "--seed": seed, "--frame": frame, "--frames": frames}
         unused = [name for name, value in given.items() if value is not None]
         if unused:
             raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
-        clouds = tuple(_progress(map(ls.PointCloud.load, files), len(files))) if (files := _clouds(path)) else ()
+        files = _clouds(path)
+        count, places = len(files), {}
+        clouds = tuple(_progress(map(ls.PointCloud.load, files[:wanted]), len(files[:wanted])))
     if not saves:
-        ls.show(clouds, **looks)
+        ls.show(clouds, **places, **looks)
     for save in saves:
-        ls.show(clouds, save=save, **looks)
+        seen = slice(1 if save is screenshot else None)
+        ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
+        if count > 1 and save is screenshot:
+            print_line(f"{save}: the first of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
 
 
 @app.command()
@@ -307,16 +334,24 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
         next(dataclasses.replace(run, frames=range(frame, frame + 1)).measured())
     spans = {item.id: item.motion.span for item in run.scene if item.motion}
     columns = ("object", "shape", "name", "label", "reflectivity", "triangles", "degenerate", "moves")
-    table = _table(*columns if spans else columns[:-1])
+    rows = []
     for item in run.scene:
         mesh = item.shape if isinstance(item.shape, ls.TriangleMesh) else None
         triangles = (None, None) if mesh is None else (len(mesh), mesh.degenerate_count)
         label = "by face" if isinstance(item.label, np.ndarray) else item.label
         moves = (_times(spans[item.id]) if item.id in spans else None,) if spans else ()
-        _row(
-            table, item.id, type(item.shape).__name__, item.name, label, item.material.reflectivity, *triangles, *moves
+        rows.append(
+            (
+                item.id,
+                type(item.shape).__name__,
+                plain(item.name, most=NAME),
+                label,
+                item.material.reflectivity,
+                *triangles,
+                *moves,
+            )
         )
-    _print(table)
+    table(columns if spans else columns[:-1], rows, left=("shape", "name"))
     for lidar in run.lidars.values():
         _print_sensor(lidar)
     pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
@@ -324,8 +359,10 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
     defined = {name: (max(of)[0], min(end for _, end in of)) for name, of in kinds.items() if of}
     if defined:
         defined["frames"] = run.span
-        _print("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
-    _print(f"{config}: ok, {counted(len(run.scene), 'object')}, {counted(len(run.frames), 'frame')}, seed {run.seed}")
+        print_line("defined: " + ", ".join(f"{name} {_times(span)}" for name, span in defined.items()))
+    print_line(
+        f"{config}: ok, {counted(len(run.scene), 'object')}, {counted(len(run.frames), 'frame')}, seed {run.seed}"
+    )
 
 
 @app.command()
@@ -338,33 +375,32 @@ def sensors(
     if name is None:
         if yaml or screenshot:
             raise LidarsimError("--yaml, --screenshot: expected the NAME of a sensor with them, got none")
-        table = _table("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
+        columns = ("sensor", "rings", "pulses/s", "Hz", "azimuth °", "elevation °", "range m")
+        rows: list[tuple[object, ...]] = []
         for preset in ls.Lidar.presets():
             lidar = ls.Lidar.preset(preset)
-            facts = describe(lidar.pattern)
-            ends = (*np.degrees([facts.azimuth, facts.elevation]), (lidar.min_range, lidar.max_range))
+            does = describe(lidar.pattern)
+            ends = (*np.degrees([does.azimuth, does.elevation]), (lidar.min_range, lidar.max_range))
             spans = (_span(span, digits=3).replace(" ", "") for span in ends)
-            _row(table, preset, facts.rings, round(facts.pulses_per_second), lidar.pattern.rate, *spans)
-        _print(table)
+            rows.append((preset, does.rings, round(does.pulses_per_second), lidar.pattern.rate, *spans))
+        table(columns, rows, left=("sensor",), whole=("sensor",))
         return
     path = preset_path(name)
     if screenshot:
         pattern.draw(ls.Lidar.preset(name), screenshot)
     if yaml:
-        _print(path.read_text(encoding="utf-8").rstrip())
+        for line in path.read_text(encoding="utf-8").splitlines():
+            print_line(line)
     else:
         from lidarsim.config.document import plain, read
 
         preset = plain(read(path))
-        _print(preset.get("description", ""))
+        paragraph(preset.get("description", ""))
         _print_sensor(ls.Lidar.preset(name))
         for key in ("modes", "datasheet_noise"):
             if key in preset:
-                _print(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
-        sources = Table("value", "source", box=SIMPLE_HEAD)
-        for key, source in preset.get("sources", {}).items():
-            sources.add_row(key, source)
-        _print(sources)
+                print_line(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
+        table(("value", "source"), list(preset.get("sources", {}).items()), left=("value", "source"))
 
 
 @app.command(context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []})
@@ -376,31 +412,42 @@ def bench(context: typer.Context) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; exit with 0, with 2 and one line on stderr for bad input, or with 130 after Ctrl-C.
+    """Run the command line and exit: with 0, or with 2 and one line on stderr if something is wrong.
+
+    Ctrl-C gives 130, and a pipe that nobody reads any more 141, as shells report what a signal ended. Python's
+    development mode (``python -X dev -m lidarsim``) shows where an error comes from.
 
     Parameters
     ----------
     arguments : sequence of str, optional
         Default: those of the process.
     """
-    arguments = list(sys.argv[1:] if arguments is None else arguments)
-    command = typer.main.get_command(app)
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    code: object = 0
+    with standard_streams():
+        try:
+            with _insistent_interrupts():
+                _run(given or ["--help"])
+        except (typer.Exit, SystemExit) as end:
+            code = end.exit_code if isinstance(end, typer.Exit) else end.code
+        except KeyboardInterrupt:
+            code = 130
+        except BrokenPipeError:  # of stdout: what fails to write a file says which
+            code = 141
+        except BaseException as error:  # a panic of the core is no Exception
+            if sys.flags.dev_mode:
+                raise
+            say(_reason(error))
+            code = 2
+    sys.exit(code)  # type: ignore[arg-type]
+
+
+def _run(arguments: list[str]) -> None:
     try:
-        with _insistent_interrupts():
-            code = command.main(arguments or ["--help"], prog_name="lidarsim", standalone_mode=False)
-    except KeyboardInterrupt:
-        code = 130
-    except OSError as error:  # ours have a text alone, the system's a number and a file besides
-        code = _complain(f"{error.filename}: {error.strerror}" if error.filename else error)
-    except (LidarsimError, ValueError) as error:
-        code = _complain(error)
-    except Exception as error:
-        if not hasattr(
-            error, "format_message"
-        ):  # as typer's complaints about arguments have, wherever they are defined
-            raise
-        code = _complain(error.format_message())
-    sys.exit(code or 0)
+        with get_command(app).make_context("lidarsim", arguments) as context:
+            context.command.invoke(context)
+    finally:
+        sys.stdout.flush()  # what libraries printed: else the interpreter would fail to, after all
 
 
 @contextmanager
@@ -436,9 +483,18 @@ def _insistent_interrupts() -> Iterator[None]:
             timer.cancel()
 
 
-def _complain(problem: object) -> int:
-    sys.stderr.write(f"lidarsim: {' '.join(str(problem).split())}\n")
-    return 2
+def _reason(error: BaseException) -> str:
+    """Return what is wrong, in words for whoever gave the command."""
+    if isinstance(error, OSError) and error.strerror:  # of the system; ours have a text alone
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    if hasattr(error, "format_message"):  # as typer's complaints about arguments have, wherever they are defined
+        return str(error.format_message())
+    text = str(error) or type(error).__name__
+    if isinstance(error, MemoryError):
+        return text if "memory" in text else f"out of memory: {text}"
+    if isinstance(error, LidarsimError | OSError | ValueError | TypeError):
+        return text
+    return f"internal error, please report it: {type(error).__name__}: {text}"
 
 
 def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> Run:
@@ -464,6 +520,23 @@ def _check_screenshot(path: Path | None) -> None:
     if path:
         pyvista.check_screenshot(path)
         import_extra("pyvista", "pyvista", "--screenshot")
+
+
+def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None) -> None:
+    """Raise an error, before any work, unless each file of a scan can be written under a name of its own.
+
+    Names that differ in case alone are one on some systems. The numbers of frames make no names equal that are not: one
+    frame stands for all.
+    """
+    written = run.files_of_a_frame(output)
+    if screenshot:
+        written += [run.path_of(screenshot, name, run.frames.start) for name in run.lidars]
+    taken = {os.path.realpath(config).casefold(): config}
+    for path in written:
+        check_folder(path)
+        other = taken.setdefault(os.path.realpath(path).casefold(), path)
+        if other is not path:
+            raise LidarsimError(f"{path}: expected a file of its own, got the place of {other}")
 
 
 def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
@@ -492,32 +565,10 @@ def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
 
 def _size(text: str) -> tuple[int, int]:
     """Return the width and the height that a text such as 1600x1000 gives."""
-    width, cross, height = text.partition("x")
-    if not (cross and width.isdecimal() and height.isdecimal()):
-        raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {text!r}")
-    return int(width), int(height)
-
-
-def _table(*columns: str) -> Table:
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
-    for column in columns:
-        left = column in ("shape", "name", "sensor")
-        table.add_column(column, justify="left" if left else "right", no_wrap=column == "sensor")
-    return table
-
-
-def _row(table: Table, *cells: object) -> None:
-    texts = []
-    for cell in cells:
-        if cell is None:
-            texts.append("")
-        elif isinstance(cell, int | np.integer):
-            texts.append(f"{cell:,}")
-        elif isinstance(cell, float):
-            texts.append(f"{cell:,.0f}" if abs(cell) >= 100 else f"{cell:.3g}")
-        else:
-            texts.append(str(cell))
-    table.add_row(*texts)
+    found = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", text)
+    if found is None:
+        raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {shown(text)}")
+    return checked_size((int(found[1]), int(found[2])))
 
 
 def _span(ends: Iterable[float], *, digits: int = 4) -> str:
@@ -531,31 +582,22 @@ def _times(span: tuple[float, float]) -> str:
 
 def _print_sensor(lidar: ls.Lidar) -> None:
     """Print what a sensor does, one fact per line."""
-    facts = describe(lidar.pattern)
-    seconds = facts.time[1] - facts.time[0]
+    does = describe(lidar.pattern)
+    seconds = does.time[1] - does.time[0]
     exact = ls.Measurement()
     effects = {field.name: getattr(lidar.measurement, field.name) for field in dataclasses.fields(exact)}
     effects = {name: value for name, value in effects.items() if value != getattr(exact, name)}
     lines = {
-        "sensor": lidar.name or "(no name)",
-        "pattern": f"{type(lidar.pattern).__name__}, {'the same' if facts.repeats else 'another'} in each frame",
-        "rings, columns": f"{facts.rings:,}, {facts.columns:,}",
-        "rate": f"{facts.pulses_per_second:,.0f} pulses/s at {lidar.pattern.rate:g} Hz",
-        "azimuth": f"{_span(np.degrees(facts.azimuth))} °",
-        "elevation": f"{_span(np.degrees(facts.elevation))} °",
-        "ring to ring": f"{_span(np.degrees(facts.elevation_gap))} °",
-        "pulse to pulse": f"{_span(np.degrees(facts.pulse_gap))} °",
-        "time": f"{1e3 * seconds:.4g} ms from first to last pulse, longest pause {1e3 * facts.pause:.4g} ms",
+        "pattern": f"{type(lidar.pattern).__name__}, {'the same' if does.repeats else 'another'} in each frame",
+        "rings, columns": f"{does.rings:,}, {does.columns:,}",
+        "rate": f"{does.pulses_per_second:,.0f} pulses/s at {lidar.pattern.rate:g} Hz",
+        "azimuth": f"{_span(np.degrees(does.azimuth))} °",
+        "elevation": f"{_span(np.degrees(does.elevation))} °",
+        "ring to ring": f"{_span(np.degrees(does.elevation_gap))} °",
+        "pulse to pulse": f"{_span(np.degrees(does.pulse_gap))} °",
+        "time": f"{1e3 * seconds:.4g} ms from first to last pulse, longest pause {1e3 * does.pause:.4g} ms",
         "range": f"{_span((lidar.min_range, lidar.max_range))} m",
         "measurement": ", ".join(f"{name} {value}" for name, value in effects.items()) or "exact",
     }
-    table = Table(box=None, show_header=False)
-    for name, value in lines.items():
-        if "nan" not in value:
-            table.add_row(name, value)
-    _print(table)
-
-
-def _print(what: object) -> None:
-    """Print to stdout: as wide as the terminal, or as wide as it takes if there is none."""
-    Console(width=None if sys.stdout.isatty() else 200, highlight=False, markup=False).print(what)
+    known = {name: value for name, value in lines.items() if "nan" not in value}
+    facts({"sensor": lidar.name or "(no name)", **known})

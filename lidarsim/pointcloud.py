@@ -127,9 +127,11 @@ class PointCloud(Pickled, Plotted):
     array([[0., 3., 1.]])
     """
 
-    __slots__ = ("__dict__", "__weakref__", "_class_names")  # the dictionary holds the fields
+    __slots__ = ("__dict__", "__weakref__", "_class_names", "_in_sensor_frame")  # the dictionary holds the fields
 
     _class_names: dict[int, str]
+    _in_sensor_frame: bool
+    """Whether these are points of a scan in its sensor's frame, which is not that of the world."""
 
     xyz: npt.NDArray[np.float64]
     range: npt.NDArray[np.float64]
@@ -160,18 +162,26 @@ class PointCloud(Pickled, Plotted):
             fields = {"xyz": _positions(fields)}
         given = {**(fields or {}), **more}
         self.class_names = given.pop("class_names", class_names)  # type: ignore[assignment]
+        self._place(in_sensor_frame=False)
         if "xyz" not in given:
             raise TypeError(f"PointCloud: expected a field 'xyz', got {', '.join(given) or 'no fields'}")
         for name in sorted(given, key=lambda name: name != "xyz"):  # first xyz, which sets the length
             setattr(self, name, given[name])
 
     @classmethod
-    def _of(cls, arrays: dict[str, npt.NDArray[Any]], class_names: Mapping[int, str]) -> PointCloud:
+    def _of(
+        cls, arrays: dict[str, npt.NDArray[Any]], class_names: Mapping[int, str], *, in_sensor_frame: bool
+    ) -> PointCloud:
         """Return the cloud of fields of equal length that are as `_field` makes them."""
         cloud = cls.__new__(cls)
         cloud.class_names = class_names
         cloud.__dict__.update(arrays)
-        return cloud
+        return cloud._place(in_sensor_frame=in_sensor_frame)
+
+    def _place(self, *, in_sensor_frame: bool) -> Self:
+        """Note whether the points are in the frame of a sensor, and return the cloud."""
+        object.__setattr__(self, "_in_sensor_frame", in_sensor_frame)
+        return self
 
     @property
     def class_names(self) -> Mapping[int, str]:
@@ -228,7 +238,8 @@ class PointCloud(Pickled, Plotted):
         if isinstance(chosen, np.ndarray) and chosen.dtype == np.bool_ and chosen.shape != (len(self),):
             raise IndexError(f"index: expected a mask of shape ({len(self)},), one entry per point, got {chosen.shape}")
         arrays = {name: array[chosen] for name, array in self._arrays().items()}  # type: ignore[index]
-        return PointCloud(arrays, class_names=self._class_names)
+        cloud = PointCloud(arrays, class_names=self._class_names)
+        return cloud._place(in_sensor_frame=self._in_sensor_frame)
 
     def __repr__(self) -> str:
         """Return one line per field: dtype, least and greatest finite value."""
@@ -253,11 +264,16 @@ class PointCloud(Pickled, Plotted):
         ]
 
     def _contents(self) -> dict[str, Any]:
-        return {**self._arrays(), "class_names": self._class_names}
+        return {
+            "fields": self._arrays(),
+            "class_names": self._class_names,
+            "in_sensor_frame": self._in_sensor_frame,
+        }
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
-        return cls(contents)
+        cloud = cls(contents["fields"], class_names=contents["class_names"])
+        return cloud._place(in_sensor_frame=contents["in_sensor_frame"])
 
     def copy(self) -> PointCloud:
         """Return a cloud with arrays of its own.
@@ -267,7 +283,8 @@ class PointCloud(Pickled, Plotted):
         PointCloud
             Equal in all fields and class names.
         """
-        return PointCloud({name: array.copy() for name, array in self._arrays().items()}, class_names=self._class_names)
+        arrays = {name: array.copy() for name, array in self._arrays().items()}
+        return PointCloud(arrays, class_names=self._class_names)._place(in_sensor_frame=self._in_sensor_frame)
 
     def transformed(self, transform: Transform) -> PointCloud:
         """Return the cloud under an affine map.
@@ -357,7 +374,7 @@ class PointCloud(Pickled, Plotted):
                         f"clouds: expected one name for each label, got {names[label]!r} and {name!r} for {label}"
                     )
         arrays = {name: np.concatenate([getattr(cloud, name) for cloud in given]) for name in given[0].fields}
-        return cls(arrays, class_names=names)
+        return cls(arrays, class_names=names)._place(in_sensor_frame=any(cloud._in_sensor_frame for cloud in given))
 
     def to_structured(self) -> npt.NDArray[np.void]:
         """Return the points as records.

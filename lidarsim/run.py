@@ -325,6 +325,25 @@ class Run:
                 written += _save_track(output, name, track_of_it)
         return written
 
+    def files_of_a_frame(self, output: Path) -> list[Path]:
+        """Return the files that `write` makes for the first frame, and those for all frames together.
+
+        Parameters
+        ----------
+        output : Path
+            As of `write`.
+
+        Returns
+        -------
+        list of Path
+            The files. Those of other frames have the same names with other numbers.
+        """
+        if output.suffix.lower() in rosbag.SUFFIXES:
+            return [output]
+        files = [self.path_of(output, name, self.frames.start) for name in self.lidars]
+        tracks = [path for name in self.lidars for path in _track_paths(output, name)]
+        return files + (tracks if len(self.frames) > 1 else [])
+
     def path_of(self, output: Path, name: str, number: int | str) -> Path:
         """Return the path of what belongs to one sensor and frame.
 
@@ -354,14 +373,18 @@ class Run:
 
 def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]]) -> Iterator[Path]:
     """Write the poses of a sensor and the times at which its scans start; yield the paths."""
-    starts, moments, poses = zip(*track, strict=True)
-    path = _named(output, name, "poses").with_suffix(".tum")
-    Trajectory(moments, np.array(poses)).save(path)
-    yield path
-    path = _named(output, name, "times").with_suffix(".txt")
-    with atomic_writer(path) as file:
+    starts, moments, matrices = zip(*track, strict=True)
+    poses, times = _track_paths(output, name)
+    Trajectory(moments, np.array(matrices)).save(poses)
+    yield poses
+    with atomic_writer(times) as file:
         file.writelines(f"{start!r}\n".encode("ascii") for start in starts)
-    yield path
+    yield times
+
+
+def _track_paths(output: Path, name: str) -> tuple[Path, Path]:
+    """Return the paths of the poses and of the times of a sensor."""
+    return _named(output, name, "poses").with_suffix(".tum"), _named(output, name, "times").with_suffix(".txt")
 
 
 def _named(path: Path, *parts: str) -> Path:

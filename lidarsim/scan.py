@@ -236,7 +236,9 @@ class Scan(Pickled, Plotted):
         return self._cloud(self.pose._native, frame, moment)
 
     def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
-        return PointCloud._of(_native.points_of(self, path, frame, moment), self.class_names)
+        elsewhere = isinstance(self.pose, Trajectory) or not np.array_equal(self.pose, np.eye(4))
+        arrays = _native.points_of(self, path, frame, moment)
+        return PointCloud._of(arrays, self.class_names, in_sensor_frame=frame == "sensor" and elsewhere)
 
     def _moment(self, deskew: object) -> float | None:
         """Return the moment that `deskew` names, s after the start of the scan; None for raw points."""

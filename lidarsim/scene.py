@@ -15,6 +15,7 @@ import numpy.typing as npt
 from lidarsim import _native as core
 from lidarsim._files import PathLike, check_regular
 from lidarsim._pickling import Immutable, Pickled
+from lidarsim._shown import plain
 from lidarsim._validation import (
     UINT32,
     Floats,
@@ -629,7 +630,7 @@ class Scene(Pickled, Plotted):
         kinds: dict[str, int] = {}
         for item in self:
             label = item.label if isinstance(item.label, int) else None
-            named = "labels by face" if label is None else self._class_names.get(label, f"label {label}")
+            named = "labels by face" if label is None else plain(self._class_names.get(label, f"label {label}"))
             what = f"{type(item.shape).__name__}, {named}"
             kinds[what] = kinds.get(what, 0) + 1
         shown = sorted(kinds.items(), key=lambda kind: -kind[1])[:MOST_LINES]

@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from rich.cells import cell_len
 
 import lidarsim as ls
+from lidarsim._shown import plain
 from lidarsim.cli import main
 
 ROOT = Path(__file__).parents[1]
@@ -540,3 +542,265 @@ def test_a_pipe_that_closes_early_gets_no_complaint() -> None:
         assert printing.stderr
         printing.stdout.close()
         assert printing.stderr.read() == ""
+
+
+# terminals, streams and names of every kind
+
+HOSTILE = (
+    "\x1b]0;owned\a\x1b[2J", "\x9b31m", "[red]x[/]", "[/]", "[bold", ":car:", "a\nb\r\tc", "\u202eevil\u2066",
+    "道路", "e\u0301" * 9, "scan nan", "x" * 10_000,
+)  # fmt: skip
+
+
+def python(*arguments: str, script: str | None = None, **environment: str) -> subprocess.CompletedProcess[str]:
+    """Run ``python -m lidarsim``, or a line of a shell in which it is $lidarsim; never with a traceback."""
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    command = [sys.executable, "-m", "lidarsim", *arguments]
+    if script:
+        command = ["bash", "-c", script.replace("$lidarsim", f"{sys.executable} -m lidarsim")]
+    streams: Any = {"capture_output": True, "encoding": "utf-8", "errors": "backslashreplace"}
+    buffered = {**os.environ, "PYTHONPATH": path, "PYTHONUNBUFFERED": "", **environment}
+    done = subprocess.run(command, env=buffered, **streams, check=False)
+    assert "Traceback" not in done.stderr
+    assert "Exception ignored" not in done.stderr
+    return done
+
+
+def test_python_runs_the_package() -> None:
+    done = python("--version")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"lidarsim {ls.__version__}, core with ")
+
+
+def quoted(text: str) -> str:
+    return '"' + "".join(f"\\U{ord(c):08x}" for c in text) + '"'
+
+
+def test_no_name_controls_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+    objects = "".join(
+        f"  - {{shape: sphere, center_m: [5, 0, {3 * i}], radius_m: 1, label: {i}, name: {quoted(name)}}}\n"
+        for i, name in enumerate(HOSTILE)
+    )
+    for sensor in HOSTILE:
+        Path("odd.yaml").write_text(
+            f"sensor: {{preset: velodyne-vlp16, name: {quoted(sensor)}}}\nscene:\n{objects}", encoding="utf-8"
+        )
+        assert lidarsim("check", "odd.yaml") == 0
+        printed = capsys.readouterr().out
+        assert printed.replace("\n", "").isprintable()
+        (told,) = (line for line in printed.splitlines() if line.startswith(" sensor "))
+        assert plain(sensor)[:50] in told
+    rows = [line for line in printed.splitlines() if " Sphere " in line]
+    assert len(rows) == len(HOSTILE)
+    assert len(set(map(cell_len, rows))) == 1
+    for name, row in zip(HOSTILE, rows, strict=True):
+        assert plain(name)[:50] in row
+    assert lidarsim("scan", "odd.yaml", "-o", "a.pcd") == 0
+    assert capsys.readouterr().out.replace("\n", "").isprintable()
+
+
+ESCAPE = r'"\e]0;owned\a\e[31m"'
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{ESCAPE}: 1\n",
+        f"frames: {ESCAPE}\n",
+        f"scene: [{{shape: {ESCAPE}}}]\n",
+        f"sensor: {{preset: {ESCAPE}}}\nscene: []\n",
+        f"sensor: {{preset: velodyne-vlp16, mode: {ESCAPE}}}\nscene: []\n",
+        f"scene: {{file: {ESCAPE}}}\nsensor: {{preset: velodyne-vlp16}}\n",
+        f"scene: []\nrig: {{{ESCAPE}: {{sensor: {{preset: velodyne-vlp16}}}}}}\n",
+        "seed: !<tag:x%1B[31m> 1\n",
+        "seed: \x1b[31m\n",
+    ],
+)
+def test_no_error_controls_the_terminal(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    name = "odd\x1b[31m\u202e.yaml"
+    Path(name).write_text(text, encoding="utf-8")
+    assert lidarsim("check", name) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith(r"lidarsim: odd\x1b[31m\u202e.yaml:")
+    assert printed.err.count("\n") == 1
+    assert printed.err[:-1].isprintable()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no shell of this kind")
+@pytest.mark.parametrize("command", ["--help", "check run.yaml", "check gone.yaml"])
+@pytest.mark.parametrize("closed", [">&-", "2>&-", ">&- 2>&- <&-"])
+def test_closed_streams(command: str, closed: str) -> None:
+    done = python(script=f"$lidarsim {command} {closed}")
+    assert done.returncode == (2 if "gone" in command else 0)
+    heard = "gone" in command and "2>" not in closed
+    assert done.stderr == ("lidarsim: gone.yaml: cannot read the file: No such file or directory\n" if heard else "")
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
+@pytest.mark.parametrize("command", ["--help", "check run.yaml", "bench --help"])
+def test_a_full_disk_behind_stdout(command: str) -> None:
+    done = python(script=f"$lidarsim {command} >/dev/full")
+    assert done.returncode == 2
+    assert done.stderr.startswith("lidarsim: ")
+    assert done.stderr.endswith("No space left on device\n")
+    assert done.stderr.count("\n") == 1
+    assert python(script="$lidarsim check gone.yaml 2>/dev/full").returncode == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no shell of this kind")
+@pytest.mark.parametrize("command", ["--help", "sensors"])
+def test_a_pipe_that_nobody_reads(command: str) -> None:
+    done = python(script=f"set -o pipefail; $lidarsim {command} | true")
+    assert (done.returncode, done.stderr) == (141, "")
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "latin-1"])
+def test_terminals_without_unicode(encoding: str) -> None:
+    Path("ö.yaml").write_text(CONFIG.replace("label: 7", "label: 7, name: 道路ö"), encoding="utf-8")
+    for arguments in (["sensors", "ouster-os1-64"], ["check", "ö.yaml"], ["check", "道.yaml"]):
+        done = python(*arguments, PYTHONIOENCODING=encoding)
+        assert done.returncode == (2 if arguments[-1] == "道.yaml" else 0)
+        if encoding == "ascii":
+            assert (done.stdout + done.stderr).isascii()
+    assert done.stderr.startswith(r"lidarsim: \u9053.yaml: ")
+
+
+def test_no_home_and_no_terminal_to_speak_of() -> None:
+    environment = {name: os.environ[name] for name in ("SYSTEMROOT",) if name in os.environ}
+    path = os.pathsep.join([str(ROOT), *filter(None, [os.environ.get("PYTHONPATH")])])
+    done = subprocess.run(
+        [sys.executable, "-m", "lidarsim", "check", "run.yaml"],
+        env={**environment, "PYTHONPATH": path, "TERM": "dumb", "COLUMNS": "1"},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stderr == ""
+    assert done.stdout.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
+
+
+def test_optimised_python_has_the_same_commands() -> None:
+    for flag in ("-O", "-OO"):
+        done = subprocess.run(
+            [sys.executable, flag, "-m", "lidarsim", "--help"],
+            env={**os.environ, "PYTHONPATH": str(ROOT)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        assert all(f"\n  {command}" in done.stdout for command in ("scan", "view", "check", "sensors", "bench"))
+
+
+@pytest.mark.parametrize(
+    ("error", "line"),
+    [
+        (MemoryError(), "out of memory: MemoryError"),
+        (MemoryError("out of memory: 9 bytes"), "out of memory: 9 bytes"),
+        (RecursionError("too deep"), "internal error, please report it: RecursionError: too deep"),
+        (KeyError("x\x1b"), "internal error, please report it: KeyError: 'x\\x1b'"),
+        (TypeError("label: expected\n an integer"), "label: expected an integer"),
+        (ValueError(), "ValueError"),
+        (OSError(13, "Permission denied", "a\x1b"), "a\\x1b: Permission denied"),
+        (BaseException("panicked"), "internal error, please report it: BaseException: panicked"),
+    ],
+)
+def test_whatever_goes_wrong_is_one_line(
+    error: BaseException, line: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise error
+
+    monkeypatch.setattr(ls.config, "load", fail)
+    assert lidarsim("check", "run.yaml") == 2
+    assert capsys.readouterr() == ("", f"lidarsim: {line}\n")
+    monkeypatch.setattr(ls.config, "load", lambda *_: (_ for _ in ()).throw(KeyboardInterrupt))
+    assert lidarsim("check", "run.yaml") == 130
+    assert capsys.readouterr() == ("", "")
+
+
+DIGITS = "1" + "0" * 5000
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        *(["check", "run.yaml", "--set", f"seed={number}"] for number in ("1e401", "1.0e401", "9" * 401, DIGITS)),
+        *(["check", "run.yaml", "--set", f"{key}={DIGITS[:402]}"] for key in ("frames", "first_frame")),
+        ["check", "run.yaml", "--set", f"scene.{DIGITS}.radius_m=1"],
+        ["check", "run.yaml", "--set", f"scene.1.radius_m={DIGITS}"],
+        ["check", "run.yaml", "--set", f"seed={'[' * 20_000}"],
+        *(["scan", "run.yaml", "-o", "a.pcd", option, DIGITS] for option in ("--seed", "--frame", "--frames")),
+        *(["scan", "run.yaml", "-o", "a.pcd", option, DIGITS[:402]] for option in ("--seed", "--frame", "--frames")),
+        ["view", "run.yaml", "--screenshot", "a.png", "--size", f"{DIGITS}x10"],
+        ["view", "run.yaml", "--screenshot", "a.png", "--size", "0x10"],
+        ["generate", "run.yaml", "-o", "out", "--shard", f"{DIGITS}/{DIGITS}"],
+        ["generate", "run.yaml", "-o", "out", "--workers", DIGITS],
+        ["generate", "run.yaml", "-o", "out", "--workers", "1", "--scheduler", ""],
+        ["check", ""],
+        ["check", "\udcff.yaml"],
+        ["check", "a\0b.yaml"],
+        ["scan", "run.yaml", "-o", ""],
+        ["scan", "run.yaml", "-o", "a\0b.pcd"],
+        ["scan", "", "-o", "a.pcd"],
+        ["view", "", "--screenshot", "a.png"],
+        ["view", "a\0b.pcd", "--screenshot", "a.png"],
+        ["view", "run.yaml", "--screenshot", ""],
+        ["view", "run.yaml", "--screenshot", "a.png", "--color-by", "\udcff"],
+        ["generate", "", "-o", "out"],
+        ["generate", "run.yaml", "-o", ""],
+        ["generate", "--verify", "-o", ""],
+        ["sensors", ""],
+        ["sensors", "\udcff"],
+        ["sensors", "a\0b"],
+        ["check", "run.yaml", "--set", ""],
+        ["check", "run.yaml", "--set", "scene.0.name=\udcff"],
+        ["\x1b[31m"],
+        ["check", "run.yaml", "--\x1b[31m"],
+    ],
+    ids=lambda arguments: ascii(" ".join(arguments))[:60],
+)
+def test_odd_arguments_get_one_line(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    before = set(Path().iterdir())
+    assert lidarsim(*arguments) == 2
+    printed = capsys.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("lidarsim: ")
+    assert printed.err.count("\n") == 1
+    assert printed.err[:-1].isprintable()
+    assert len(printed.err) < 2100
+    assert "internal error" not in printed.err
+    assert set(Path().iterdir()) == before
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems have no such names")
+def test_file_names_that_are_not_unicode(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("scan", "run.yaml", "-o", "a\udcff.pcd") == 0
+    assert capsys.readouterr().out.endswith(" s: a\\udcff.pcd\n")
+    assert len(ls.PointCloud.load("a\udcff.pcd")) > 10_000
+
+
+def test_no_output_takes_the_place_of_another(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("rig.yaml").write_text(RIG.replace("left:", "Top:").replace("pose: {file: drive.csv}\n", ""), encoding="utf-8")
+    Path("run.pcd").write_text(CONFIG, encoding="utf-8")
+    Path("b_poses.tum").mkdir()
+    Path("link.png").symlink_to("a.pcd")
+    before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
+    for arguments, message in (
+        ("rig.yaml -o a.pcd", "a_Top_0000.pcd: expected a file of its own, got the place of a_top_0000.pcd"),
+        ("run.pcd -o run.pcd", "run.pcd: expected a file of its own, got the place of run.pcd"),
+        ("run.yaml -o a.pcd --screenshot link.png", "link.png: expected a file of its own, got the place of a.pcd"),
+        ("run.yaml -o b.pcd --frames 2", "b_poses.tum: expected a file to write, got a folder"),
+    ):
+        assert lidarsim("scan", *arguments.split()) == 2
+        assert capsys.readouterr().err == f"lidarsim: {message}\n"
+    assert {path: path.read_bytes() for path in Path().iterdir() if path.is_file()} == before
+
+
+def test_a_screenshot_of_frames_says_that_it_is_of_the_first(capsys: pytest.CaptureFixture[str]) -> None:
+    Path("moving.yaml").write_text(MOVING, encoding="utf-8")
+    assert lidarsim("view", "moving.yaml", "--screenshot", "a.png", *SMALL) == 0
+    assert capsys.readouterr().out == "a.png: the first of 2 frames; --html, --gif and --mp4 show all\n"
+    assert lidarsim("view", "moving.yaml", "--screenshot", "b.png", "--frames", "1", *SMALL) == 0
+    assert capsys.readouterr().out == ""
+    assert Path("a.png").read_bytes() == Path("b.png").read_bytes()

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lidarsim._extras import import_extra
-from lidarsim._validation import integer
+from lidarsim._validation import integer, shown
 from lidarsim.datasets import manifest
 from lidarsim.datasets.layouts import Files
 from lidarsim.datasets.samples import RANGES, Record, samples
@@ -242,7 +242,8 @@ def _plan(pickled: bytes) -> Plan:
 def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
     """Yield a Dask client: of `workers` processes of one thread each on this machine, or of a scheduler elsewhere.
 
-    Neither gives None, for this process alone.
+    Neither gives None, for this process alone. The processes on this machine, their scheduler and its dashboard listen
+    on the loopback interface.
 
     Raises
     ------
@@ -265,7 +266,7 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
         try:
             client = distributed.Client(scheduler)
         except (OSError, TimeoutError, ValueError) as error:
-            raise LidarsimError(f"--scheduler: cannot reach {scheduler}: {error}") from None
+            raise LidarsimError(f"--scheduler: cannot reach {shown(scheduler)}: {error}") from None
         with client:
             yield client
         return
@@ -279,7 +280,9 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
             env=environment,
             preload=IGNORE_INTERRUPTS,
             silence_logs="CRITICAL",
-            dashboard_address=":0",
+            # Whoever reaches a scheduler or its dashboard runs code and reads logs: both listen on this machine alone.
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",
         )
         client = stack.enter_context(distributed.Client(stack.enter_context(local)))
         try:

@@ -12,6 +12,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
 from rich.progress import Progress as Bar
 
+from lidarsim._terminal import say
+
 __all__ = ["Progress"]
 
 MINUTE = 60.0
@@ -60,5 +62,4 @@ class Progress:
             made = self.done + self.new
             left = (self.total - made) * self.seconds / max(self.new, 1)
             text = f"{made:,} of {self.total:,} frames, {rate:,.0f} points/s, {left / MINUTE:,.0f} min remaining"
-            sys.stderr.write(f"lidarsim: {text}\n")
-            sys.stderr.flush()
+            say(text)

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats
+from lidarsim._shown import plain
+from lidarsim._validation import Floats, shown
 from lidarsim.pointcloud import PointCloud
 
 BACKGROUND = "#14181d"
@@ -30,7 +31,9 @@ SEQUENTIAL = (
 # From blue through grey to red, for values that are good or bad on either side of 0.
 DIVERGING = ("#1e8fff", "#79b8ff", "#c9ced4", "#ff9473", "#ff4a26")
 MISSING = "#6b727a"
-"""Colour of a point whose value is not a number."""
+"""Colour of a point whose value is not finite."""
+NAME = 40
+"""Most characters of the name of a category."""
 # The colour of each category from 0 to 259; from 260 on they repeat. The first eight can be told apart by people with
 # any kind of colour vision (M. Okabe and K. Ito, Color universal design, 2008, without black). Each later one is the
 # colour farthest in OKLab (B. Ottosson, 2020) from all chosen before, among the 4096 colours of three hexadecimal
@@ -82,6 +85,10 @@ class Coloring:
         Colours from one limit to the other, or of the categories.
     names : dict of int to str
         Those of the categories, in the order of the table; empty for a field of another kind.
+    scaled : bool
+        Whether there are values from one limit to the other, which a legend then shows.
+    missing : bool
+        Whether there are values that are not finite, drawn in `MISSING`.
     """
 
     field: str
@@ -89,6 +96,8 @@ class Coloring:
     extent: tuple[float, float]
     table: list[str]
     names: dict[int, str]
+    scaled: bool = False
+    missing: bool = False
 
     @property
     def title(self) -> str:
@@ -100,17 +109,32 @@ class Coloring:
         """What the limits leave out, in words; empty if that is nothing."""
         return "" if self.extent == self.limits else "all: {} to {}".format(*map(_readable, self.extent))
 
+    @property
+    def notes(self) -> list[str]:
+        """What a legend says below the colours, a line each."""
+        return [*filter(None, [self.clipped]), *["grey: not finite"] * self.missing]
+
     def rgb(self, cloud: PointCloud) -> npt.NDArray[np.uint8]:
         """Return the colour of each point, shape (n, 3)."""
-        values = field_of(cloud, self.field)
+        return self.rgb_of(field_of(cloud, self.field))
+
+    def rgb_of(self, values: npt.NDArray[Any]) -> npt.NDArray[np.uint8]:
+        """Return the colour of each value of the field, shape (n, 3)."""
         if self.names:
-            index = np.searchsorted(list(self.names), values)
-        else:
-            low, high = self.limits
-            index = np.nan_to_num((values - low) / (high - low) * len(self.table)).clip(0, len(self.table) - 1)
-        colors: npt.NDArray[np.uint8] = _channels(self.table)[index.astype(int)]
-        colors[np.isnan(values)] = _channels([MISSING])
+            categories: npt.NDArray[np.uint8] = _channels(self.table)[np.searchsorted(list(self.names), values)]
+            return categories
+        finite, last = np.isfinite(values), len(self.table) - 1
+        index = np.where(finite, self.places(values) * len(self.table), 0).clip(0, last).astype(int)
+        colors: npt.NDArray[np.uint8] = _channels(self.table)[index]
+        colors[~finite] = _channels([MISSING])
         return colors
+
+    def places(self, values: npt.ArrayLike) -> Floats:
+        """Return where numbers are between the limits: 0 at the first, 1 at the last."""
+        low, high = self.limits
+        unit = max(abs(low), abs(high))  # without which the difference of two great numbers is infinite
+        places: Floats = (np.asarray(values, np.float64) / unit - low / unit) / (high / unit - low / unit)
+        return places
 
     def ticks(self) -> dict[float, str]:
         """Return round values between the limits and how they are written, five or so."""
@@ -124,8 +148,8 @@ class Coloring:
 
 
 def field_of(cloud: PointCloud, name: str) -> npt.NDArray[Any]:
-    """Return a scalar field of a cloud, or its z as ``"height"``."""
-    values: npt.NDArray[Any] = cloud.xyz[:, 2] if name == "height" else getattr(cloud, name)
+    """Return a scalar field of a cloud, or its z as ``"height"``; a cloud without points need not have the field."""
+    values: npt.NDArray[Any] = cloud.xyz[:, 2] if name == "height" or not len(cloud) else getattr(cloud, name)
     return values
 
 
@@ -134,6 +158,7 @@ def coloring(
     color_by: str | None,
     names: Mapping[str, Mapping[int, str]] | None = None,
     others: Mapping[str, Iterable[int]] | None = None,
+    heights: Floats | None = None,
 ) -> Coloring:
     """Return the colours of clouds by a scalar field, or ``"height"``; by default by intensity if they have that.
 
@@ -150,32 +175,45 @@ def coloring(
         Names of categories, by field.
     others : mapping of str to iterable of int, optional
         Categories that surfaces have, by field.
+    heights : ndarray of float64, shape (2,), optional
+        Least and greatest height of the surfaces, m: the ends of the colours where there are no points.
 
     Raises
     ------
-    ValueError
-        If a cloud has no such scalar field.
+    TypeError, ValueError
+        If `color_by` is no name of a scalar field that all clouds with points have.
     """
+    if not isinstance(color_by, str | None):
+        raise TypeError(f"color_by: expected the name of a field, got {shown(color_by)}")
+    clouds = [cloud for cloud in clouds if len(cloud)] or clouds  # a rig may have nothing to say in a frame
     fields = [["height", *(name for name in cloud.fields if getattr(cloud, name).ndim == 1)] for cloud in clouds]
     scalars = [name for name in fields[0] if all(name in others for others in fields)]
     if color_by is None:
         color_by = "intensity" if "intensity" in scalars else "height"
     if color_by not in scalars:
-        raise ValueError(f"color_by: expected one of {', '.join(scalars)}, got {color_by!r}")
+        raise ValueError(f"color_by: expected one of {', '.join(scalars)}, got {shown(color_by)}")
     values = np.concatenate([field_of(cloud, color_by) for cloud in clouds])
-    categories = {*map(int, np.unique(values)), *(others or {}).get(color_by, ())} if color_by in CATEGORIES else set()
+    if color_by == "height" and not len(values) and heights is not None:
+        values = heights
+    known = (names or {}).get(color_by, {})
+    categories: set[int] = set()
+    if color_by in CATEGORIES:
+        categories = {*map(int, np.unique(values)), *(others or {}).get(color_by, ())}
+    elif values.dtype == np.bool_ and len(values):
+        categories, known = {0, 1}, {0: "false", 1: "true"}
     if categories:
-        known = (names or {}).get(color_by, {})
-        found = {value: known.get(value) or str(value) for value in sorted(categories)}
+        found = {value: plain(known.get(value, "").strip() or value, most=NAME) for value in sorted(categories)}
         span = (float(min(found)), float(max(found)))
         return Coloring(color_by, span, span, [category_color(value) for value in found], found)
-    limits, extent = _limits(values[np.isfinite(values)].astype(np.float64))
+    finite = values[np.isfinite(values)].astype(np.float64)
+    limits, extent = _limits(finite)
     diverges = "error" in color_by or "velocity" in color_by
     if diverges:
         most = max(map(abs, limits))
         extent = extent if extent != limits else (-most, most)
         limits = -most, most
-    return Coloring(color_by, limits, extent, _blend(DIVERGING if diverges else SEQUENTIAL), {})
+    table = _blend(DIVERGING if diverges else SEQUENTIAL)
+    return Coloring(color_by, limits, extent, table, {}, len(finite) > 0, len(finite) < len(values))
 
 
 def category_color(value: int) -> str:
@@ -189,9 +227,10 @@ def _limits(finite: Floats) -> tuple[tuple[float, float], tuple[float, float]]:
     if low == high:
         half = max(0.5, math.ulp(low))  # where float64 has no fractions, its next numbers
         return (low - half, high + half), (low - half, high + half)
-    first, last = np.percentile(finite, (1, 99))
+    with np.errstate(over="ignore"):  # between numbers of 1e308; what is infinite then is no outlier
+        first, last = map(float, np.percentile(finite, (1, 99)))
     outliers = high - low > 2.0 * (last - first) > 0.0
-    return ((float(first), float(last)) if outliers else (low, high)), (low, high)
+    return ((first, last) if outliers else (low, high)), (low, high)
 
 
 def round_step(least: Fraction) -> Fraction:

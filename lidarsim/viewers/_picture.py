@@ -204,12 +204,13 @@ def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
     return spacing, float(np.percentile(seen[:, 2], 1)), x, y
 
 
-def surface_color(surface: Surface, colors: Coloring) -> str:
-    """Return the colour of a surface: that of its points where they have one by object or label, else grey.
+def colored(surface: Surface, colors: Coloring) -> list[tuple[str, Surface]]:
+    """Return a surface in parts of one colour each: that of its points by label, object or instance, else grey.
 
-    Of a mesh with labels by face it is that of the most frequent.
+    Where points are coloured by height, surfaces are as well, which is for each viewer to draw.
     """
-    if colors.field == "label":
-        labels, counts = np.unique(surface.item.label, return_counts=True)
-        return category_color(int(labels[counts.argmax()])) if len(labels) else SURFACE
-    return category_color(surface.object_id) if colors.field == "object_id" else SURFACE
+    item = surface.item
+    if colors.field == "label" and isinstance(item.label, np.ndarray):
+        return [(category_color(label), part) for label, part in surface.parts(item.label)]
+    category = {"label": item.label, "object_id": surface.object_id, "instance": item.instance}.get(colors.field)
+    return [(SURFACE if category is None else category_color(int(category)), surface)]

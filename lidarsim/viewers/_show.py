@@ -51,21 +51,24 @@ def show(
         What to show. Scans are shown in world coordinates; a mapping, as `Rig.frames` yields it, is one frame. With
         several frames, a window has a slider to choose one, and GIF, MP4 and HTML play all of them.
     scene : Scene, optional
-        Surfaces to show with the points: translucent, and coloured by label or object if the points are. Moving
-        objects are shown where they are at the start of each frame.
+        Surfaces to show with the points, which must be in world coordinates: translucent, and coloured by label,
+        object, instance or height if the points are, else grey. Moving objects are shown where they are at the start of
+        each frame.
     color_by : str, optional
-        Scalar field to colour the points by, or ``"height"``. Default: the intensity, if there is one.
+        Scalar field to colour the points by, or ``"height"``. Default: the intensity, if there is one; of a scene
+        alone the label. Points whose value is not finite are grey, and the legend says so.
     class_names : mapping of int to str, optional
         Class names by label, for the legend. Default: those of the scene and the clouds.
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
-        Pose of the sensor when the cloud was taken, or one per cloud, in the coordinates of the points. It is shown as
-        axes (x red, y green, z blue). Default: the identity, or the pose of the scan.
+        Pose of the sensor when the cloud was taken, or one per cloud, in world coordinates. It is shown as axes (x red,
+        y green, z blue). A cloud in the sensor frame, as `Scan.point_cloud` gives it, is transformed by it. Default:
+        the identity, or the pose of the scan.
     time : float or sequence of float, optional
         When the cloud was taken, or one time per cloud, s. Default: the start of the scan; 0 for a single cloud. For
         several clouds there is no default: without times, moving objects are not shown.
     save : path-like, optional
-        File to write instead of opening a window: PNG (the first frame), GIF or MP4 (all frames, or once around a
-        single one), or HTML (a self-contained page). None of these needs a display.
+        File to write instead of opening a window: PNG (a single frame), GIF or MP4 (all frames, or once around a
+        single one), or HTML (a self-contained page of all frames). None of these needs a display.
     camera : {"behind", "birds-eye", "first-person", "orbit"} or array_like of shape (3, 3)
         From behind and above the sensor, straight from above, from the sensor looking ahead, or circling the scene from
         above; or position, target and up vector. "behind" and "first-person" move with the sensor.
@@ -92,14 +95,15 @@ def show(
     OSError
         If the file cannot be written.
     TypeError, ValueError
-        If there is nothing to show, a cloud has no scalar field `color_by`, or an argument is not one of the values
-        above.
+        If there is nothing to show, a cloud has no scalar field `color_by`, a PNG is asked for of several frames,
+        points in the sensor frame are to be shown in the world and there is no `pose` to transform them by, or an
+        argument is not one of the values above.
     """
     if viewer not in {"pyvista", "open3d"}:
         raise ValueError(f"viewer: expected 'pyvista' or 'open3d', got {viewer!r}")
     if save is not None:
         check_save(save)
-    width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(size))
+    width, height = checked_size(size)
     if isinstance(what, Scene):
         starts = _starts(time, [_nothing()])
         picture = _picture(
@@ -110,6 +114,7 @@ def show(
         if not given:
             raise ValueError("what: expected at least one frame, got none")
         poses = _poses(pose, len(given))
+        _check_places(given, poses, scene)
         frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
         starts, rate = _starts(time, given), _rate(given[0])
         picture = _picture(frames, scene, color_by, class_names, camera=camera, rate=rate, starts=starts)
@@ -138,17 +143,49 @@ def check_save(path: PathLike) -> None:
     check_folder(path)
 
 
+def checked_size(size: tuple[int, int]) -> tuple[int, int]:
+    """Return a width and a height in pixels after checking that they are whole numbers that can be drawn.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If they are not.
+    """
+    width, height = (integer(f"size[{i}]", pixels, at_least=16, at_most=16384) for i, pixels in enumerate(size))
+    return width, height
+
+
 def _nothing() -> PointCloud:
-    return PointCloud(xyz=np.empty((0, 3)), label=np.empty(0, np.uint32), object_id=np.empty(0, np.int32))
+    """Return a cloud without points, with the fields by which surfaces are coloured."""
+    none = np.empty(0, np.uint32)
+    return PointCloud(xyz=np.empty((0, 3)), label=none, object_id=none, instance=none)
 
 
 def _frame(cloud: PointCloud, pose: Floats) -> Frame:
     return Frame(cloud[np.isfinite(cloud.xyz).all(axis=1)], pose)
 
 
+def _check_places(given: Sequence[Shown], poses: Sequence[Floats | None], scene: Scene | None) -> None:
+    """Raise an error if points in the frame of a sensor would be shown among what is in the world."""
+    lost = [
+        isinstance(what, PointCloud) and what._in_sensor_frame and pose is None
+        for what, pose in zip(given, poses, strict=True)
+    ]
+    others = (
+        "scene" if scene is not None else "scans" if not all(isinstance(what, PointCloud) for what in given) else ""
+    )
+    if any(lost) and others:
+        raise ValueError(
+            f"what{f'[{lost.index(True)}]' if len(given) > 1 else ''}: expected points in world coordinates beside the"
+            f" {others}, got points in the sensor frame; give pose=, or show the scan or its point_cloud('world')"
+        )
+
+
 def _shown(what: Shown, pose: Floats | None) -> Frame:
     if isinstance(what, PointCloud):
-        return _frame(what, np.eye(4) if pose is None else pose)
+        if pose is None:
+            return _frame(what, np.eye(4))
+        return _frame(what.transformed(pose) if what._in_sensor_frame else what, pose)
     scans = list(what.values()) if isinstance(what, Mapping) else [what]
     for scan in scans:
         if not isinstance(scan, Scan):
@@ -215,6 +252,7 @@ def _picture(
     if scene is not None:
         others = {
             "object_id": {item.id for item in scene},
+            "instance": {item.instance for item in scene},
             "label": {label for item in scene for label in np.unique(item.label).tolist()},
         }
         names["object_id"] = {item.id: item.name for item in scene}
@@ -226,6 +264,8 @@ def _picture(
     found: list[Surface] = []
     if scene is not None:
         found = surfaces(scene, bounds=bounds if any(map(len, points)) else None, time=starts[0] if starts else 0.0)
+    surface_heights = [surface.points()[:, 2] for surface in found if len(surface.vertices)]
+    heights = np.array([end(end(z) for z in surface_heights) for end in (min, max)]) if surface_heights else None
     if starts:
         movers = [surface for surface in found if surface.item.motion is not None]
         frames = [
@@ -236,7 +276,7 @@ def _picture(
         frames,
         [surface for surface in found if surface.item.motion is None],
         places if np.ptp(places, axis=0).any() else np.empty((0, 3)),
-        coloring([frame.cloud for frame in frames], color_by, names, others),
+        coloring([frame.cloud for frame in frames], color_by, names, others, heights),
         checked_camera(camera),
         rate,
     )

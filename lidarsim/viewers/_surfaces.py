@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -52,6 +53,27 @@ class Surface:
     def outward(self) -> npt.NDArray[np.uint32]:
         """Return the faces, counter-clockwise from outside in the world: ndarray of uint32, shape (m, 3)."""
         return self.faces[:, ::-1] if np.linalg.det(self.matrix[:3, :3]) < 0 else self.faces
+
+    def parts(self, categories: npt.NDArray[np.integer[Any]]) -> Iterator[tuple[int, Surface]]:
+        """Yield each of the categories of the faces, shape (m,), and the surface of its faces alone."""
+        order = np.argsort(categories, kind="stable")
+        values, starts = np.unique(categories[order], return_index=True)
+        for value, chosen in zip(values.tolist(), np.split(order, starts[1:]), strict=True):
+            kept, faces = np.unique(self.faces[chosen], return_inverse=True)
+            yield (
+                value,
+                replace(self, vertices=self.vertices[kept], faces=faces.reshape(-1, 3).astype(np.uint32)),
+            )
+
+    def refined(self, step: float) -> Surface:
+        """Return the same surface in the world, with triangles no higher than `step`, m, or of a 64th of its height."""
+        import trimesh
+
+        points, faces = self.points(), self.outward()
+        step = max(step, float(np.ptp(points[:, 2])) / 64 if len(points) else step)
+        while (tall := np.flatnonzero(np.ptp(points[faces, 2], axis=1) > step)).size:
+            points, faces = trimesh.remesh.subdivide(points, faces, face_index=tall)  # type: ignore[no-untyped-call]
+        return replace(self, vertices=points, faces=faces.astype(np.uint32), matrix=np.eye(4))
 
 
 def surfaces(

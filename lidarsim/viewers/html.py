@@ -13,10 +13,11 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
+from lidarsim._shown import plain
 from lidarsim._validation import Floats
 from lidarsim._views import Camera
-from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, Coloring, field_of
-from lidarsim.viewers._picture import AXIS, CAMERAS, Frame, Picture, surface_color
+from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, MISSING, PATH, Coloring, field_of
+from lidarsim.viewers._picture import AXIS, CAMERAS, MARGIN, Frame, Picture, colored
 from lidarsim.viewers._surfaces import Surface, joined
 
 if TYPE_CHECKING:
@@ -29,6 +30,11 @@ MOST = 400_000
 """Most points of a page, evenly chosen from all frames: more slow browsers down."""
 ANGLE = np.radians(45.0)
 """Plotly's vertical angle of view, rad."""
+STAGE = 0.82
+"""Width of the picture, in that of the page; the rest is for the legend."""
+RIGHT = {"x": STAGE + 0.01, "xanchor": "left"}
+LONGEST = 24
+"""Characters of a name for which the legend has room."""
 TOLD = ("range", "intensity", "range_error", "ring", "object_id")
 """Fields that a page shows for the point under the pointer."""
 
@@ -81,7 +87,7 @@ def write(picture: Picture, path: PathLike, *, size: tuple[int, int], point_size
 
 def page(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> Page:
     """Return a picture as a page that a notebook displays; the parameters are those of `write`."""
-    figure = _figure(picture, size[0] / size[1], point_size)
+    figure = _figure(picture, STAGE * size[0] / size[1], point_size)
     text = figure.to_html(
         include_plotlyjs=True,
         div_id="lidarsim",
@@ -95,27 +101,28 @@ def page(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
 
 def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Figure:
     go = import_extra("plotly.graph_objects", "html", "a page")
+    seen = picture.seen()
     every = np.concatenate(
-        [frame.cloud.xyz for frame in picture.frames]
+        [seen]
+        + [frame.cloud.xyz for frame in picture.frames]
         + [surface.points() for surface in picture.every_surface]
         + [frame.pose[None, :3, 3] for frame in picture.frames]
     )
     low, high = every.min(axis=0), every.max(axis=0)
     # Map coordinates are too long for float32, and for ticks.
     shift = np.round((low + high) / 2000) * 1000 if np.abs(every).max() > 1e4 else np.zeros(3)
-    seen = picture.seen()
     reach = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
     step = max(1, -(-sum(len(frame.cloud) for frame in picture.frames) // MOST))
     most = max(len(frame.cloud) for frame in picture.frames) // step
     dot = point_size or float(np.clip(1.2 * (100_000 / max(most, 1)) ** 0.25, 1, 4))
     moving = [
         _moving(go, picture, frame, shift=shift, reach=reach, step=step, dot=dot)
-        + _meshes(go, frame.movers, picture.colors, shift)
+        + _meshes(go, picture, frame.movers, shift)
         for frame in picture.frames
     ]
-    still = [*_meshes(go, picture.surfaces, picture.colors, shift, legend=True), *_path(go, picture, shift)]
+    still = [*_meshes(go, picture, picture.surfaces, shift, legend=True), *_path(go, picture, shift)]
     figure = go.Figure(data=[*moving[0], *still])
-    half = np.maximum((high - low) / 2, 1e-3 * reach)
+    half = MARGIN * np.maximum((high - low) / 2, 1e-3 * reach)  # else Plotly cuts off what float32 rounds outwards
     whole = float(half.max())
     centre = (low + high) / 2
 
@@ -142,9 +149,10 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         paper_bgcolor=BACKGROUND,
         font={"color": "#e8eaed"},
         margin={"l": 0, "r": 0, "t": 40, "b": 0},
-        legend={"title": _text(picture.colors.title), "itemsizing": "constant", "x": 1.0, "xanchor": "left"},
+        legend={"title": picture.colors.title, "itemsizing": "constant", **RIGHT},
         scene={
             **axes,
+            "domain": {"x": [0.0, STAGE]},
             "aspectmode": "manual",
             "aspectratio": {name: float(half[i] / whole) for i, name in enumerate("xyz")},
             "camera": camera(picture.camera),
@@ -191,11 +199,6 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     return figure
 
 
-def _text(name: str) -> str:
-    """Return a name as Plotly shows it, which takes some HTML in texts for markup."""
-    return html.escape(name, quote=False)
-
-
 def _xyz(points: Floats) -> dict[str, npt.NDArray[np.float32]]:
     return {name: np.ascontiguousarray(points[:, i], np.float32) for i, name in enumerate("xyz")}
 
@@ -208,39 +211,32 @@ def _moving(
     values = field_of(cloud, colors.field)
     told = [name for name in TOLD if name in cloud.fields]
     lines = [f"{name} %{{customdata[{i}]:.4~f}}" for i, name in enumerate(told)]
-    traces = []
-    for number, (category, name) in enumerate(colors.names.items() or [(None, colors.title)]):
-        part = cloud if category is None else cloud[values == category]
-        marker: dict[str, Any] = {"size": dot}
-        if category is None:
-            low, high = colors.limits
-            ticks = colors.ticks()
-            marker |= {
-                "color": np.asarray(values, np.float32),
-                "cmin": low,
-                "cmax": high,
-                "colorscale": [[i / (len(colors.table) - 1), color] for i, color in enumerate(colors.table)],
-                "colorbar": {
-                    "title": _text(colors.title) + (f"<br>{_text(colors.clipped)}" if colors.clipped else ""),
-                    "tickvals": list(ticks),
-                    "ticktext": list(ticks.values()),
-                    "len": 0.7,
-                },
-            }
-        else:
-            marker["color"] = colors.table[number]
+
+    def points(chosen: npt.NDArray[np.bool_], name: str, marker: dict[str, Any], *, legend: bool) -> BaseTraceType:
+        part = cloud[chosen]
         columns = [np.asarray(getattr(part, field), np.float32) for field in told]
-        traces.append(
-            go.Scatter3d(
-                **_xyz(part.xyz - shift),
-                mode="markers",
-                marker=marker,
-                name=_text(name),
-                showlegend=category is not None,
-                customdata=np.stack(columns, axis=-1) if columns else None,
-                hovertemplate="<br>".join(["x %{x:.2f}, y %{y:.2f}, z %{z:.2f}", *lines]),
-            )
+        return go.Scatter3d(
+            # A trace without points has no place in the legend, where the colours of surfaces are as well.
+            **_xyz(part.xyz - shift if len(part) else np.full((1, 3), np.nan)),
+            mode="markers",
+            marker={"size": dot, **marker},
+            name=html.escape(plain(name, most=LONGEST), quote=False),  # Plotly reads tags and a few entities
+            showlegend=legend,
+            customdata=np.stack(columns, axis=-1) if columns else None,
+            hovertemplate="<br>".join(["x %{x:.2f}, y %{y:.2f}, z %{z:.2f}", *lines]),
         )
+
+    traces = []
+    if colors.names:
+        for color, (category, name) in zip(colors.table, colors.names.items(), strict=True):
+            traces.append(points(values == category, name, {"color": color}, legend=True))
+    else:
+        known = np.isfinite(values)
+        numbers = colors.places(values[known]) if known.any() else [0.0]
+        scaled = {"color": numbers, **_scale(colors, bar=colors.scaled)}
+        traces.append(points(known, colors.title, scaled, legend=False))
+        if colors.missing:
+            traces.append(points(~known, "not finite", {"color": MISSING}, legend=True))
     start = frame.pose[:3, 3] - shift
     for axis, color in enumerate(AXES):
         ends = np.stack([start, start + AXIS * reach * frame.pose[:3, axis]])
@@ -252,23 +248,47 @@ def _moving(
     return traces
 
 
+def _scale(colors: Coloring, *, bar: bool) -> dict[str, Any]:
+    """Return what makes colours of numbers, and whether a bar beside the picture shows it."""
+    ticks = colors.ticks()
+    return {
+        "cmin": 0.0,
+        "cmax": 1.0,
+        "colorscale": [[i / (len(colors.table) - 1), color] for i, color in enumerate(colors.table)],
+        "showscale": bar,
+        "colorbar": {
+            "title": "<br>".join([colors.title, *filter(None, [colors.clipped])]),
+            "tickvals": colors.places(list(ticks)).tolist(),
+            "ticktext": list(ticks.values()),
+            "len": 0.7,
+            **RIGHT,
+        },
+    }
+
+
 def _meshes(
-    go: ModuleType, surfaces: Sequence[Surface], colors: Coloring, shift: Floats, *, legend: bool = False
+    go: ModuleType, picture: Picture, surfaces: Sequence[Surface], shift: Floats, *, legend: bool = False
 ) -> list[BaseTraceType]:
     """Return surfaces, those of one colour as one mesh; the legend may have an entry for all."""
+    colors = picture.colors
+    by_height = colors.field == "height"
     by_color: dict[str, list[Surface]] = {}
     for surface in surfaces:
-        by_color.setdefault(surface_color(surface, colors), []).append(surface)
+        for color, part in colored(surface, colors):
+            by_color.setdefault(color, []).append(part)
     traces: list[BaseTraceType] = []
     for color, group in by_color.items():
         points, faces = joined(group, shift)
         corners = {name: np.ascontiguousarray(faces[:, i], np.int32) for i, name in enumerate("ijk")}
+        look: dict[str, Any] = {"color": color}
+        if by_height:
+            look = {"intensity": colors.places(points[:, 2] + shift[2]), **_scale(colors, bar=False)}
         traces.append(
             go.Mesh3d(
                 **_xyz(points),
                 **corners,
-                color=color,
-                opacity=0.2,
+                **look,
+                opacity=0.2 if picture.has_points else 1.0,
                 flatshading=True,
                 hoverinfo="skip",
                 name="surfaces",

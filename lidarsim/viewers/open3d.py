@@ -11,14 +11,15 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._extras import import_extra
+from lidarsim._shown import plain
 from lidarsim._validation import Floats
 from lidarsim._views import register_view
 from lidarsim.errors import LidarsimError
 from lidarsim.pointcloud import Fields, PointCloud, narrowed
 from lidarsim.scene import Scene
-from lidarsim.viewers._colors import BACKGROUND
+from lidarsim.viewers._colors import BACKGROUND, NAME
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._picture import Picture, surface_color
+from lidarsim.viewers._picture import Picture, colored
 from lidarsim.viewers._surfaces import Surface, surfaces
 
 if TYPE_CHECKING:
@@ -118,16 +119,26 @@ def _mesh(o3d: ModuleType, surface: Surface) -> open3d.t.geometry.TriangleMesh:
 
 
 def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middle: Floats) -> list[dict[str, Any]]:
-    """Return what Open3D's viewer takes of a surface; nothing if it has no triangles."""
+    """Return what Open3D's viewer takes of a surface, a geometry a colour; nothing if it has no triangles."""
     if not len(surface.faces):
         return []
-    material = o3d.visualization.rendering.MaterialRecord()
-    material.shader = "defaultLitTransparency"
-    channels = bytes.fromhex(surface_color(surface, picture.colors)[1:])
-    material.base_color = (*(channel / 255 for channel in channels), 0.3)
-    mesh = _mesh(o3d, surface).translate(o3d.core.Tensor(-middle)).compute_vertex_normals()
-    name = f"{surface.object_id} {surface.item.name}".rstrip()
-    return [{"name": f"{name}{which}", "geometry": mesh, "material": material}]
+    colors = picture.colors
+    by_height = colors.field == "height"
+    name = f"{surface.object_id} {plain(surface.item.name, most=NAME)}".rstrip()
+    if by_height:  # colours run straight from corner to corner of a triangle, so it must not span many
+        surface = surface.refined((colors.limits[1] - colors.limits[0]) / 16)
+    parts = []
+    for number, (color, part) in enumerate(colored(surface, colors)):
+        material = o3d.visualization.rendering.MaterialRecord()
+        material.shader = "defaultLitTransparency"
+        channels = (255, 255, 255) if by_height else bytes.fromhex(color[1:])
+        material.base_color = (*(channel / 255 for channel in channels), 0.3)
+        mesh = _mesh(o3d, part).translate(o3d.core.Tensor(-middle)).compute_vertex_normals()
+        if by_height:
+            mesh.vertex["colors"] = o3d.core.Tensor(_linear(colors.rgb_of(part.points()[:, 2])))
+        several = f" ({number})" if number else ""
+        parts.append({"name": f"{name}{several}{which}", "geometry": mesh, "material": material})
+    return parts
 
 
 def _linear(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
+from lidarsim._shown import plain
 from lidarsim._validation import Floats, integer
 from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
 from lidarsim.patterns._pulses import pulses_of
@@ -51,12 +53,14 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     OSError
         If the file cannot be written.
     TypeError, ValueError
-        If `frames` is not a whole number >= 1.
+        If `frames` is not a whole number >= 1, or the sensor fires no pulses.
     """
     check_screenshot(path)
     parts = [pulses_of(lidar.pattern, frame) for frame in range(integer("frames", frames, at_least=1))]
     figures = import_extra("matplotlib.figure", "pyvista", "this picture")
     count = sum(map(len, parts))
+    if not count:
+        raise ValueError("lidar: expected a sensor that fires pulses, got one without")
     every = max(1, math.ceil(count / MOST))
     time = np.concatenate([pulses.time + frame / lidar.pattern.rate for frame, pulses in enumerate(parts)])[::every]
     directions = np.concatenate([pulses.directions for pulses in parts])[::every]
@@ -64,15 +68,17 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
 
     sheet = figures.Figure(figsize=(14, 7), facecolor=BACKGROUND, layout="constrained")
     angles, plane = sheet.subplots(1, 2)
-    _draw_angles(angles, directions, time)
-    points = _draw_footprint(plane, lidar, origins, directions, time)
+    drawn = [_draw_angles(angles, directions, time), _draw_footprint(plane, lidar, origins, directions, time)]
+    first, last = 1e3 * time.min(), 1e3 * time.max()
+    for points in drawn:
+        points.set_clim(first, last if last > first else first + 1.0)
     for axes in (angles, plane):
         axes.invert_xaxis()  # left is left
-    sheet.colorbar(points, ax=[angles, plane], label="time [ms]", shrink=0.8)
+    sheet.colorbar(drawn[1], ax=[angles, plane], label="time [ms]", shrink=0.8)
     length = time[-1] - time[0]
-    sheet.suptitle(
-        f"{lidar.name or type(lidar.pattern).__name__}: {count:,} pulses in {1e3 * length:.1f} ms", color="white"
-    )
+    name = plain(lidar.name or type(lidar.pattern).__name__, most=60)
+    title = f"{name}: {count:,} pulses in {1e3 * length:.1f} ms"
+    sheet.suptitle(title, color="white", parse_math=False)  # a name is no formula
     for axes in sheet.axes:
         axes.set_facecolor(BACKGROUND)
         axes.tick_params(colors="white")
@@ -80,21 +86,23 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
             text.set_color("white")
         for spine in axes.spines.values():
             spine.set_color("#555555")
-    with atomic_writer(path) as file:
+    with atomic_writer(path) as file, warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # of a name, which is drawn as boxes
         sheet.savefig(file, format="png", dpi=120)
 
 
-def _draw_angles(axes: Axes, directions: Floats, time: Floats) -> None:
+def _draw_angles(axes: Axes, directions: Floats, time: Floats) -> PathCollection:
     x, y, z = directions.T
     azimuth, elevation = np.degrees(np.arctan2(y, x)), np.degrees(np.arcsin(np.clip(z, -1.0, 1.0)))
     if np.ptp(elevation) > 0.0:
-        _scatter(axes, azimuth, elevation, time)
+        points = _scatter(axes, azimuth, elevation, time)
         axes.set(title="directions", xlabel="azimuth [°]", ylabel="elevation [°]")
     else:
-        _scatter(axes, azimuth, 1e3 * time, time)
+        points = _scatter(axes, azimuth, 1e3 * time, time)
         axes.set(title=f"directions, elevation {elevation[0]:g}°", xlabel="azimuth [°]", ylabel="time [ms]")
     if np.ptp(azimuth) > 180.0:
         axes.set_xticks(np.arange(-180, 181, 45))
+    return points
 
 
 def _draw_footprint(axes: Axes, lidar: Lidar, origins: Floats, directions: Floats, time: Floats) -> PathCollection:
@@ -116,7 +124,6 @@ def _draw_footprint(axes: Axes, lidar: Lidar, origins: Floats, directions: Float
         hits = origins + 10.0 * directions
         points = _scatter(axes, hits[:, 1], hits[:, 0], time)
         axes.set(title="at a range of 10 m, from above", xlabel="y [m]", ylabel="x [m]", aspect="equal")
-    points.set_clim(1e3 * time[0], 1e3 * time[-1])
     return points
 
 

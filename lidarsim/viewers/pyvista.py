@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, contextmanager
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,14 +15,14 @@ import numpy.typing as npt
 
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
-from lidarsim._shown import counted
+from lidarsim._shown import counted, plain
 from lidarsim._views import register_view
 from lidarsim.errors import LidarsimError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, _channels
 from lidarsim.viewers._display import require_display
-from lidarsim.viewers._picture import AXIS, Frame, Picture, grid, surface_color
+from lidarsim.viewers._picture import AXIS, Frame, Picture, colored, grid
 from lidarsim.viewers._surfaces import Surface, joined, surfaces
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ TURN = 90
 """Images of a film that goes around a single frame once."""
 INSTANCED = 1000
 """Triangles from which on a mesh that several objects share is drawn as instances; all others make up one piece."""
+FONT_FILE = 4
+"""VTK's number for a font that a file gives (``VTK_FONT_FILE``)."""
 SHADING: dict[str, Any] = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.65}
 
 
@@ -59,8 +62,13 @@ def _add_texts(mesh: pyvista.DataSet, name: str, texts: Iterable[str]) -> None:
     array = import_extra("vtkmodules.vtkCommonCore", "pyvista", "this view").vtkStringArray()
     array.SetName(name)
     for text in texts:
-        array.InsertNextValue(text)
+        array.InsertNextValue(_encodable(text))
     mesh.field_data.VTKObject.AddArray(array)
+
+
+def _encodable(text: str) -> str:
+    """Return a text that VTK takes: surrogates, which UTF-8 does not have, as escapes."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def from_pyvista(mesh: pyvista.DataSet) -> dict[str, Any]:
@@ -88,7 +96,7 @@ def scene_to_pyvista(scene: Scene, **options: Any) -> pyvista.MultiBlock:
         block.cell_data["object_id"] = np.full(block.n_cells, surface.object_id, np.int32)
         block.cell_data["label"] = np.full(block.n_cells, surface.item.label, np.uint32)
         _add_texts(block, "name", [surface.item.name])
-        blocks.append(block, surface.item.name or f"object {surface.object_id}")
+        blocks.append(block, _encodable(surface.item.name) or f"object {surface.object_id}")
     return blocks
 
 
@@ -146,7 +154,15 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
         If PyVista is not installed, or what an MP4 file needs.
     OSError
         If the file cannot be written.
+    ValueError
+        If a PNG is asked for of several frames.
     """
+    suffix = "" if path is None else Path(path).suffix.lower()
+    if suffix == ".png" and len(picture.frames) > 1:
+        raise ValueError(
+            f"save: expected one frame for a PNG, got {len(picture.frames)}; GIF, MP4 and HTML (on the command line"
+            " --gif, --mp4 and --html) show all"
+        )
     if path is None:
         require_display()
     pv = import_extra("pyvista", "pyvista", "this view")
@@ -154,6 +170,7 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
     # VTK reports each kind of window that it tries in vain.
     with (
         pv.vtk_verbosity("off"),
+        _no_formulas(),
         closing(
             pv.Plotter(
                 shape=(1, 2),
@@ -168,7 +185,6 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
         plotter.enable_anti_aliasing("ssaa")
         stage = _Stage(plotter, picture, (size[0] - panel) / size[1], point_size)
         _check_opengl(plotter, path)
-        suffix = "" if path is None else Path(path).suffix.lower()
         if path is None:
             last = len(picture.frames) - 1
             if last:
@@ -184,6 +200,28 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
                 file.write(image.getvalue())
         else:
             _write_film(path, stage.film(), picture.rate if len(picture.frames) > 1 else TURN / 6.0)
+
+
+@contextmanager
+def _no_formulas() -> Iterator[None]:
+    """Let VTK draw texts as they are in the block: it takes dollar signs and bars for formulas."""
+    import_extra("vtkmodules.vtkRenderingFreeType", "pyvista", "this view")  # which makes the renderer
+    texts = import_extra("vtkmodules.vtkRenderingCore", "pyvista", "this view").vtkTextRenderer.GetInstance()
+    before = texts.GetDefaultBackend()
+    texts.SetDefaultBackend(texts.FreeType)
+    try:
+        yield
+    finally:
+        texts.SetDefaultBackend(before)
+
+
+@cache
+def _font() -> tuple[str, frozenset[int]]:
+    """Return the file of a font for more alphabets than VTK's own, which has Latin letters alone, and what it has."""
+    fonts = import_extra("matplotlib.ft2font", "pyvista", "this picture")
+    folder = import_extra("matplotlib", "pyvista", "this picture").get_data_path()
+    path = str(Path(folder, "fonts", "ttf", "DejaVuSans.ttf"))
+    return path, frozenset(fonts.FT2Font(path).get_charmap())
 
 
 def _check_opengl(plotter: pyvista.Plotter, path: PathLike | None) -> None:
@@ -272,6 +310,7 @@ class _Stage:
     def _surfaces(self, surfaces: Sequence[Surface]) -> list[pyvista.Actor]:
         """Add surfaces, translucent: those of one mesh as instances of it, all others in one piece."""
         colors, actors = self.picture.colors, []
+        by_height = colors.field == "height"
         look = {"opacity": 0.15 if self.picture.has_points else 1.0, **SHADING}
         groups: dict[int, list[Surface]] = {}
         for surface in surfaces:
@@ -280,22 +319,31 @@ class _Stage:
         others: list[Surface] = []
         for group in groups.values():
             vertices, faces = group[0].vertices, group[0].faces
-            if len(group) == 1 or len(faces) < INSTANCED:
+            whole = all(len(colored(surface, colors)) == 1 for surface in group)
+            if len(group) == 1 or len(faces) < INSTANCED or not whole or by_height:
                 others += group
                 continue
             centre = vertices.mean(axis=0)
             shared = _shaded(self.pv.PolyData.from_regular_faces(vertices - centre, faces))
             for surface in group:
-                actor = self._add(shared, color=surface_color(surface, colors), **look)
+                ((color, _),) = colored(surface, colors)
+                actor = self._add(shared, color=color, **look)
                 matrix = surface.matrix.copy()
                 matrix[:3, 3] += matrix[:3, :3] @ centre - self.middle
                 actor.user_matrix = matrix
                 actors.append(actor)
-        if others:
-            whole = self.pv.PolyData.from_regular_faces(*joined(others, self.middle))
-            table = np.array([list(bytes.fromhex(surface_color(surface, colors)[1:])) for surface in others], np.uint8)
-            whole.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for surface in others], axis=0)
-            actors.append(self._add(_shaded(whole), scalars="rgb", rgb=True, **look))
+        if others and by_height:
+            mesh = self.pv.PolyData.from_regular_faces(*joined(others, self.middle))
+            mesh.point_data["height"] = mesh.points[:, 2] + self.middle[2]
+            # The colours of a large triangle run through the table, not straight from corner to corner.
+            scale = {"cmap": colors.table, "clim": colors.limits, "interpolate_before_map": True}
+            actors.append(self._add(_shaded(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
+        elif others:
+            parts = [part for surface in others for part in colored(surface, colors)]
+            mesh = self.pv.PolyData.from_regular_faces(*joined([surface for _, surface in parts], self.middle))
+            table = _channels([color for color, _ in parts])
+            mesh.cell_data["rgb"] = np.repeat(table, [len(surface.faces) for _, surface in parts], axis=0)
+            actors.append(self._add(_shaded(mesh), scalars="rgb", rgb=True, **look))
         if groups and self.picture.has_points:
             self.plotter.enable_depth_peeling(8)  # type: ignore[arg-type]  # its types lost the self of this method
         return actors
@@ -325,6 +373,9 @@ class _Stage:
             )
             actor.GetTextProperty().SetVerticalJustificationToCentered()
             actor.GetTextProperty().SetFontSize(font)
+            if not text.isascii():
+                actor.GetTextProperty().SetFontFamily(FONT_FILE)
+                actor.GetTextProperty().SetFontFile(_font()[0])
 
         def fill(x: tuple[float, float], y: tuple[float, float], rgb: npt.NDArray[np.uint8]) -> None:
             plane = pv.Plane(
@@ -342,24 +393,27 @@ class _Stage:
         shown = list(colors.names.items())
         room = int(0.75 / line)
         table = _channels(colors.table)
-        for number, (_, name) in enumerate(shown[:room]):
+        for number, (category, name) in enumerate(shown[:room]):
             y = top - 1.2 * line - number * line
             fill((0.04, 0.14), (y - 0.32 * line, y + 0.32 * line), table[number : number + 1])
-            write(name if len(name) < 23 else f"{name[:21]}…", 0.19, y)
+            seen = name.isascii() or _font()[1].issuperset(map(ord, name))
+            write(plain(name if seen else category, most=22), 0.19, y)
         if len(shown) > room:
             write(f"and {len(shown) - room} more", 0.19, top - 1.2 * line - room * line)
-        if not colors.names and most:
+        if colors.scaled:
             low, high = 0.35, top - 1.5 * line
             fill((0.04, 0.16), (low, high), table)
             for value, text in colors.ticks().items():
-                y = low + (high - low) * (value - colors.limits[0]) / (colors.limits[1] - colors.limits[0])
+                y = low + (high - low) * float(colors.places(value))
                 fill((0.16, 0.19), (y - 0.001, y + 0.001), np.full((1, 3), 232, np.uint8))
                 write(text, 0.22, y)
-            if colors.clipped:
-                write(colors.clipped, 0.04, low - line)
+            for number, note in enumerate(colors.notes):
+                write(note, 0.04, low - (number + 1) * line)
+        elif colors.missing:
+            write(colors.notes[-1], 0.04, top - 1.5 * line)
         write(f"grid {spacing:,g} m", 0.04, 0.04 + line)
         objects, frames = len(self.picture.surfaces + self.picture.frames[0].movers), len(self.actors)
-        what = (frames, "frame") if frames > 1 else (most, "point") if most else (objects, "object")
+        what = (frames, "frame") if frames > 1 else (most, "point") if most or not objects else (objects, "object")
         write(counted(*what), 0.04, 0.04)
         camera = renderer.camera  # a unit is the height of the panel
         camera.parallel_projection, camera.parallel_scale = True, 0.5

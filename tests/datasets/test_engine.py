@@ -225,6 +225,23 @@ def test_a_worker_that_is_killed(recipe: Path, tmp_path: Path, tree: Tree, drive
     assert tree(out) == drive
 
 
+def test_a_cluster_of_this_machine_listens_to_it_alone() -> None:
+    with engine.cluster(1, None) as client:
+        assert client is not None
+        ours = psutil.Process()
+        processes = [ours, *ours.children(recursive=True)]
+        listening = [
+            connection.laddr.ip
+            for process in processes
+            for connection in process.net_connections()
+            if connection.status == psutil.CONN_LISTEN
+        ]
+        assert client.dashboard_link.startswith("http://127.0.0.1:")
+    assert len(processes) > 1
+    assert len(listening) > 3
+    assert set(listening) <= {"127.0.0.1", "::1"}
+
+
 def test_a_scheduler_that_is_lost(recipe: Path, tmp_path: Path, tree: Tree, drive: dict[str, str]) -> None:
     out = tmp_path / "out"
 

@@ -195,3 +195,68 @@ def test_unknown_field_names_those_there_are() -> None:
     with pytest.raises(ValueError) as caught:  # noqa: PT011
         coloring([cloud(ring=[1, 2, 3, 4], normal=np.zeros((4, 3)))], "normal")
     assert str(caught.value) == "color_by: expected one of height, ring, got 'normal'"
+
+
+def test_what_is_not_finite_is_grey_and_said() -> None:
+    points = PointCloud(xyz=np.zeros((4, 3)), gain=[np.nan, np.inf, 0.0, 1.0], none=[np.nan] * 4)
+    colors = coloring([points], "gain")
+    assert (colors.limits, colors.scaled, colors.notes) == ((0.0, 1.0), True, ["grey: not finite"])
+    assert [f"#{bytes(rgb).hex()}" for rgb in colors.rgb(points)] == [MISSING, MISSING, SEQUENTIAL[0], SEQUENTIAL[-1]]
+    none = coloring([points], "none")
+    assert (none.scaled, none.missing) == (False, True)
+    assert {f"#{bytes(rgb).hex()}" for rgb in none.rgb(points)} == {MISSING}
+    empty = coloring([points[:0]], "gain")
+    assert (empty.scaled, empty.missing, empty.notes) == (False, False, [])
+
+
+def test_true_and_false_are_categories() -> None:
+    for values in ([True, False, True, True], [True] * 4):
+        points = cloud(on=np.array(values))
+        colors = coloring([points], "on")
+        assert colors.names == {0: "false", 1: "true"}
+        assert [f"#{bytes(rgb).hex()}" for rgb in colors.rgb(points)] == [QUALITATIVE[value] for value in values]
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        [-1.7e308, 0.0, 1.7e308],
+        [0.0, 5e-324, 1e-323],
+        np.array([2**63, 2**63 + 4096, 2**63 + 8192], np.uint64),
+        np.array([-128, 0, 127], np.int8),
+        1.3e9 + np.array([0.0, 0.05, 0.1]),
+        np.float32([1.0, 2.0, 3.0]),
+    ],
+    ids=["great", "small", "uint64", "int8", "time", "float32"],
+)
+def test_colours_run_from_end_to_end_whatever_the_numbers(values: Sequence[float]) -> None:
+    points = PointCloud(xyz=np.zeros((3, 3)), gain=values)
+    colors = coloring([points], "gain")
+    low, middle, high = (bytes(rgb).hex() for rgb in colors.rgb(points))
+    assert (low, high) == (SEQUENTIAL[0][1:], SEQUENTIAL[-1][1:])
+    assert middle not in {low, high}
+    assert colors.places(values)[[0, 2]].tolist() == [0.0, 1.0]
+    ticks = colors.places(list(colors.ticks()))
+    assert ticks.min() >= 0.0
+    assert ticks.max() <= 1.0
+
+
+def test_a_rig_without_scans_in_a_frame_does_not_hide_a_field() -> None:
+    nothing = PointCloud(xyz=np.empty((0, 3)))
+    full = cloud(range=[0.0, 1.0, 2.0, 3.0])
+    colors = coloring([nothing, full], "range")
+    assert colors.limits == (0.0, 3.0)
+    assert colors.rgb(nothing).shape == (0, 3)
+    assert coloring([nothing, cloud(intensity=[1, 2, 3, 4])], None).field == "intensity"
+
+
+def test_names_are_legible() -> None:
+    names = {1: "a\nb\x1b[31m", 2: " ", 3: "x" * 10_000, 4: "\ud800"}
+    found = coloring([cloud(label=[1, 2, 3, 4])], "label", {"label": names}).names
+    assert found == {1: r"a\nb\x1b[31m", 2: "2", 3: "x" * 39 + "…", 4: r"\ud800"}
+
+
+@pytest.mark.parametrize("color_by", [5, ["range"], np.arange(4)])
+def test_what_is_no_name_of_a_field(color_by: object) -> None:
+    with pytest.raises(TypeError, match=r"^color_by: expected the name of a field, got "):
+        coloring([cloud()], color_by)  # type: ignore[arg-type]

@@ -236,3 +236,37 @@ def test_a_display_where_nothing_answers(display: str, monkeypatch: pytest.Monke
 def test_show_by_a_field_that_is_not_there() -> None:
     with pytest.raises(ValueError, match="color_by: expected one of height, got 'ring'"):
         ls.show(PointCloud(xyz=[[1, 2, 3]]), color_by="ring", viewer="open3d")
+
+
+def drawn(monkeypatch: pytest.MonkeyPatch, what: Any, **looks: Any) -> dict[str, Any]:
+    """Return by name what the viewer is given."""
+    view.import_open3d()
+    shown: list[Any] = []
+    monkeypatch.setenv("WAYLAND_DISPLAY", "wayland-0")
+    monkeypatch.setattr("open3d.visualization.draw", lambda parts, **_: shown.extend(parts))
+    ls.show(what, viewer="open3d", **looks)
+    assert len({part["name"] for part in shown}) == len(shown)
+    return {part["name"]: part for part in shown}
+
+
+def test_faces_have_the_colours_of_their_labels(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = ls.Scene()
+    vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    scene.add(ls.TriangleMesh(vertices, [(0, 1, 2), (0, 2, 3)]), name="two\n\ud800", label=[3, 8])
+    parts = drawn(monkeypatch, scene, color_by="label")
+    sides = [part for name, part in parts.items() if name.startswith(r"0 two\n\ud800")]
+    assert [bytes(round(255 * c) for c in part["material"].base_color[:3]).hex() for part in sides] == [
+        category_color(label)[1:] for label in (3, 8)
+    ]
+    assert [len(part["geometry"].triangle.indices) for part in sides] == [1, 1]
+
+
+def test_surfaces_are_coloured_by_height(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Box((4, 4, 8), (0, 0, 4)), name="x" * 10_000)
+    parts = drawn(monkeypatch, scene, color_by="height")
+    (box,) = (part["geometry"] for name, part in parts.items() if name.startswith("0 xxx"))
+    z, colors = box.vertex.positions.numpy()[:, 2], box.vertex.colors.numpy()
+    assert np.ptp(z) == pytest.approx(8)
+    assert len(np.unique(colors, axis=0)) >= 16
+    assert (np.diff(colors[np.argsort(z)].sum(axis=1)) >= 0).all()  # the higher the lighter

@@ -16,7 +16,7 @@ import lidarsim as ls
 from lidarsim.errors import FileFormatError, LidarsimError, MissingExtraError
 from lidarsim.pointcloud import CANONICAL, PointCloud
 from lidarsim.viewers import show
-from lidarsim.viewers._colors import BACKGROUND, QUALITATIVE
+from lidarsim.viewers._colors import BACKGROUND, MISSING, QUALITATIVE, SEQUENTIAL, coloring
 from lidarsim.viewers.pyvista import _check_opengl, check_screenshot
 
 SIZE = (320, 200)
@@ -26,7 +26,7 @@ def channels(color: str) -> list[int]:
     return list(bytes.fromhex(color[1:]))
 
 
-def picture(path: Path, cloud: PointCloud, **options: Any) -> np.ndarray:
+def picture(path: Path, cloud: Any, **options: Any) -> np.ndarray:
     show(cloud, save=path, size=SIZE, **options)
     image = np.asarray(Image.open(path).convert("RGB")).astype(int)
     assert image.shape == (SIZE[1], SIZE[0], 3)
@@ -270,3 +270,140 @@ def test_rendering_says_nothing(tmp_path: Path) -> None:
     done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True)
     assert (done.stdout, done.stderr) == ("", "")
     assert (tmp_path / "a.png").exists()
+
+
+def cube_with_a_label_a_side() -> ls.Scene:
+    """A cube from 8 to 12 m ahead whose sides have the labels 0 to 5."""
+    vertices, faces = ls.Box((4, 4, 4), (10, 0, 0))._tessellated(None, np.zeros((8, 3)))
+    normals = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+    _, side = np.unique(np.round(normals, 9), axis=0, return_inverse=True)
+    scene = ls.Scene()
+    scene.add(ls.TriangleMesh(vertices, faces), label=side.ravel())
+    return scene
+
+
+STAGE = SIZE[0] * 3 // 4
+"""Width of a picture without its legend."""
+
+
+def hue(color: np.ndarray) -> np.ndarray:
+    """Return a colour whatever its lightness, which shading changes."""
+    return color / np.maximum(color.max(axis=-1, keepdims=True), 1)
+
+
+@pytest.mark.parametrize("color_by", ["label", None])
+def test_faces_have_the_colours_of_their_labels(color_by: str | None, tmp_path: Path) -> None:
+    scene = cube_with_a_label_a_side()
+    image = picture(tmp_path / "a.png", scene, color_by=color_by, camera=[(0, -10, 8), (10, 0, 0), (0, 0, 1)])
+    stage = image[:, :STAGE]
+    seen = [
+        (np.abs(hue(stage) - hue(np.array(channels(QUALITATIVE[label])))).max(axis=-1) < 0.04)[stage.sum(axis=-1) > 150]
+        for label in range(6)
+    ]
+    shown = [label for label in range(6) if seen[label].sum() > 300]
+    normals = (
+        scene[0].shape.cast(np.tile([[0.0, -10, 8]], (3, 1)), [[8, 10, -8], [10, 8, -8], [10, 10, -6]]).primitive_id
+    )
+    assert shown == sorted(set(scene[0].label[normals].tolist()))
+    assert len(shown) == 3
+
+
+@pytest.mark.parametrize("with_points", [False, True])
+def test_heights_of_surfaces_have_the_colours_of_the_legend(with_points: bool, tmp_path: Path) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Polygon([(10, -4, 0), (10, 4, 0), (10, 4, 8), (10, -4, 8)]))  # two triangles, each of all heights
+    z = np.linspace(0, 8, 50)
+    points = PointCloud(xyz=np.stack([np.full(50, 10.0), np.full(50, 6.0), z], axis=1))
+    what, looks = (points, {"scene": scene}) if with_points else (scene, {})
+    camera = [(-10, 0, 4), (10, 0, 4), (0, 0, 1)]
+    image = picture(tmp_path / "a.png", what, color_by="height", camera=camera, point_size=2, **looks)
+    column = image[:, STAGE // 2].astype(float)  # through the middle of the wall, from its top to its foot
+    wall = np.flatnonzero(np.abs(column - channels(BACKGROUND)).max(axis=-1) > 12)
+    assert len(wall) > 100
+    colors = column[wall] - with_points * 0.85 * np.array(channels(BACKGROUND))
+    places = np.linspace(1, 0, len(wall))
+    table = coloring([points], "height").rgb_of(8 * places).astype(float)
+    inner = (places > 0.05) & (places < 0.95)
+    # Of a translucent wall 15 % are left, at most 38 of 255: a rounding of each of three parts is 0.08.
+    assert np.abs(hue(colors) - hue(table))[inner].max() < (0.2 if with_points else 0.06)
+    assert len(np.unique(table[inner], axis=0)) > 80
+
+
+def test_a_png_is_of_one_frame(wall: PointCloud, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match=r"^save: expected one frame for a PNG, got 2; GIF, MP4 and HTML \(.*\) show"):
+        show([wall, wall], save=tmp_path / "a.png")
+    assert not list(tmp_path.iterdir())
+    assert (picture(tmp_path / "a.png", [wall]) == picture(tmp_path / "b.png", wall)).all()
+
+
+NAMES = [
+    "car\nbus",
+    "",
+    " ",
+    "x" * 10_000,
+    "\ud800",
+    "\x1b[31m",
+    "a\0b",
+    "$\\frac{",
+    "$x^2$",
+    "a|b",
+    "道路",
+    "🚗",
+    "машина",
+]
+
+
+@pytest.mark.parametrize("name", NAMES, ids=ascii)
+def test_no_name_is_lost_or_spoils_a_legend(name: str, wall: PointCloud, tmp_path: Path) -> None:
+    wall.class_names = {7: name, 9: "other"}
+    scene = ls.Scene()
+    scene.add(ls.Box((1, 1, 1), (12, 0, 0)), name=name, label=7)
+    image = picture(tmp_path / "a.png", wall, color_by="label", scene=scene)
+    wall.class_names = {}
+    without = picture(tmp_path / "b.png", wall, color_by="label", scene=scene)
+    assert (image[:, :STAGE] == without[:, :STAGE]).all()
+    rows = np.flatnonzero(near(image[:, STAGE : STAGE + 10], QUALITATIVE[7]).any(axis=1))
+    text = image[rows[0] : rows[-1] + 1, STAGE + 14 :]
+    assert (text.max(axis=-1) > 60).sum() > 3  # something is written beside the colour
+    legible = name.strip() and name not in {"道路", "🚗"}
+    assert (text == without[rows[0] : rows[-1] + 1, STAGE + 14 :]).all() == (not legible)
+    assert len(scene.to_pyvista()) == len(scene.to_open3d()) == 1
+    wall.class_names = {7: name}
+    assert PointCloud.from_pyvista(wall.to_pyvista()).class_names[7].replace("\\ud800", "\ud800") == name
+
+
+def test_formulas_are_text_and_vtk_stays_as_it_was(wall: PointCloud, tmp_path: Path) -> None:
+    from vtkmodules.vtkRenderingCore import vtkTextRenderer
+
+    pyvista.Plotter(off_screen=True).close()
+    before = vtkTextRenderer.GetInstance().GetDefaultBackend()
+    widths = []
+    for name in ("xx", "$xx$"):
+        wall.class_names = {7: name}
+        image = picture(tmp_path / "a.png", wall, color_by="label")
+        rows = np.flatnonzero(near(image[:, STAGE : STAGE + 10], QUALITATIVE[7]).any(axis=1))
+        columns = np.flatnonzero((image[rows[0] : rows[-1] + 1, STAGE + 14 :].max(axis=-1) > 60).any(axis=0))
+        widths.append(np.ptp(columns))
+    assert widths[1] > 1.5 * widths[0]  # both dollar signs are there
+    assert vtkTextRenderer.GetInstance().GetDefaultBackend() == before
+
+
+def test_no_points_are_no_objects(tmp_path: Path) -> None:
+    empty = PointCloud(xyz=np.empty((0, 3)), range=np.empty(0))
+    image = picture(tmp_path / "a.png", empty, color_by="range")
+    panel = image[:, STAGE:]
+    for color in SEQUENTIAL:  # no scale of numbers that there are not
+        assert not near(panel, color, 4).any()
+
+
+def test_values_that_are_not_finite_are_grey(wall: PointCloud, tmp_path: Path) -> None:
+    wall.gain = np.where(wall.label == 7, np.inf, np.linspace(0, 1, len(wall)))
+    wall.none = np.full(len(wall), np.nan)
+    image = picture(tmp_path / "a.png", wall, color_by="gain")
+    grey = near(image[:, :STAGE], MISSING)
+    assert grey.sum() > 200
+    assert np.nonzero(grey)[1].max() < 0.55 * STAGE  # to the left
+    image = picture(tmp_path / "a.png", wall, color_by="none")
+    assert near(image[:, :STAGE], MISSING).sum() > 400
+    for color in SEQUENTIAL:
+        assert not near(image, color, 4).any()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
+import pickle
 import shutil
 import subprocess
 import sys
+from html import unescape
 from pathlib import Path
 from typing import Any
 
@@ -14,9 +17,10 @@ import pytest
 from PIL import Image
 
 import lidarsim as ls
+from lidarsim._shown import plain
 from lidarsim._views import Looks
 from lidarsim.viewers import _display, html
-from lidarsim.viewers._colors import QUALITATIVE, coloring
+from lidarsim.viewers._colors import MISSING, QUALITATIVE, coloring
 from lidarsim.viewers._picture import Frame, Picture, View
 
 SIZE = (320, 200)
@@ -275,6 +279,38 @@ def test_the_keywords_of_plot_are_those_of_show() -> None:
     assert looks == {parameter.name: parameter.annotation for parameter in parameters}
 
 
+def test_points_in_the_sensor_frame_are_not_shown_in_the_world(
+    scans: list[ls.Scan], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from lidarsim.viewers import pyvista
+
+    pictures: list[Picture] = []
+    monkeypatch.setattr(pyvista, "draw", lambda picture, *_, **__: pictures.append(picture))
+    cloud, world = scans[1].point_cloud(), scans[1].point_cloud("world")
+    kept = [cloud, cloud[::2], cloud.copy(), copy.copy(cloud), pickle.loads(pickle.dumps(cloud)),  # noqa: S301
+            ls.PointCloud.concatenate([cloud, cloud])]  # fmt: skip
+    for points in kept:
+        with pytest.raises(ValueError, match=r"^what: expected points in world coordinates beside the scene, got"):
+            points.plot(scene=street(), save="a.png")
+    with pytest.raises(ValueError, match=r"^what\[1\]: expected points in world coordinates beside the scans, got"):
+        ls.show([scans[0], cloud], save="a.gif")
+    assert not pictures
+    for points, looks in (
+        (cloud, {"scene": street(), "pose": mast(0.5)}),
+        (cloud.transformed(mast(0.5)), {"scene": street()}),
+        (world, {"scene": street()}),
+        (world, {"scene": street(), "pose": mast(0.5)}),
+        (cloud, {}),
+    ):
+        points.plot(save="a.png", **looks)
+    *placed, alone = (picture.frames[0].cloud.xyz for picture in pictures)
+    for xyz in placed:  # three products and sums of numbers below 32, rounded
+        np.testing.assert_allclose(xyz, world.xyz, rtol=0, atol=8 * 2.0**-48)
+    np.testing.assert_array_equal(alone, cloud.xyz)
+    at_home = ls.Lidar(ls.patterns.Grid([0.0], [-0.5], rate=10)).scan(street())
+    at_home.point_cloud().plot(scene=street(), save="a.png")  # in the world as well
+
+
 def test_nothing_to_show() -> None:
     with pytest.raises(ValueError, match="what: expected at least one frame, got none"):
         ls.show([], save="a.png")
@@ -321,6 +357,86 @@ def test_in_a_notebook_the_page_is_what_a_cell_displays(
     shown = page._repr_html_()
     assert shown.startswith('<iframe srcdoc="&lt;')
     assert shown.count('"') == 4  # all quotes of the page are escaped
+
+
+def figure(monkeypatch: pytest.MonkeyPatch, path: Path, what: Any, **looks: Any) -> Any:
+    """Return what a page draws, and write the page."""
+    made: list[Any] = []
+    draw = html._figure
+    monkeypatch.setattr(html, "_figure", lambda *given: made.append(draw(*given)) or made[-1])
+    ls.show(what, save=path, **looks)
+    monkeypatch.setattr(html, "_figure", draw)
+    return made[0]
+
+
+def test_a_page_has_the_colours_of_faces_and_of_categories_without_points(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = ls.Scene(class_names={3: "three"})
+    vertices = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]
+    scene.add(ls.TriangleMesh(vertices, [(0, 1, 2), (0, 2, 3)]), label=[3, 8])
+    data = figure(monkeypatch, tmp_path / "a.html", scene).data
+    meshes = [trace for trace in data if trace.type == "mesh3d"]
+    assert [(trace.color, len(trace.i), trace.opacity) for trace in meshes] == [
+        (QUALITATIVE[3], 1, 1.0),
+        (QUALITATIVE[8], 1, 1.0),
+    ]
+    legend = [trace for trace in data if trace.type == "scatter3d" and trace.showlegend]
+    assert [(trace.name, trace.marker.color) for trace in legend] == [("three", QUALITATIVE[3]), ("8", QUALITATIVE[8])]
+    assert all(len(trace.x) for trace in legend)  # Plotly leaves a trace without points out of its legend
+
+
+def test_a_page_has_surfaces_by_height(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = ls.Scene()
+    scene.add(ls.Box((1, 1, 8), (0, 0, 4 + 1e6)))
+    data = figure(monkeypatch, tmp_path / "a.html", scene, color_by="height").data
+    (mesh,) = (trace for trace in data if trace.type == "mesh3d")
+    assert sorted(set(mesh.intensity)) == [0.0, 1.0]
+    assert (mesh.cmin, mesh.cmax) == (0.0, 1.0)
+    marker = data[0].marker
+    assert (marker.cmin, marker.cmax, marker.showscale) == (0.0, 1.0, True)
+    assert mesh.colorscale == marker.colorscale
+    assert list(marker.colorbar.ticktext)[::4] == ["1,000,000", "1,000,008"]
+    assert list(marker.colorbar.tickvals)[::4] == [0.0, 1.0]
+
+
+def test_a_page_keeps_all_points_within_its_axes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud = ls.PointCloud(xyz=np.random.default_rng(3).uniform(-5, 5, (50, 3)))
+    page = figure(monkeypatch, tmp_path / "a.html", cloud)
+    for name in "xyz":
+        low, high = page.layout.scene[f"{name}axis"].range
+        assert low < page.data[0][name].min()  # Plotly hides what float32 rounds beyond
+        assert page.data[0][name].max() < high
+
+
+def test_a_page_shows_values_that_are_not_finite_apart(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    cloud = ls.PointCloud(xyz=np.arange(12.0).reshape(4, 3), gain=[1e9, np.nan, 1e9 + 0.1, np.inf], none=[np.nan] * 4)
+    data = figure(monkeypatch, tmp_path / "a.html", cloud, color_by="gain").data
+    assert data[0].marker.color.tolist() == [0.0, 1.0]
+    assert (data[1].name, data[1].marker.color, data[1].showlegend) == ("not finite", MISSING, True)
+    assert data[1].x.tolist() == [3.0, 9.0]
+    data = figure(monkeypatch, tmp_path / "b.html", cloud, color_by="none").data
+    assert data[0].marker.showscale is False
+    assert len(data[1].x) == 4
+
+
+def test_no_name_is_markup_of_a_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    names = ["</script><b>", "<b>it</b>", "&lt;", "\"'", "a\n\ud800", "x" * 10_000, "%{x}"]
+    scene = ls.Scene(class_names=dict(enumerate(names)))
+    for i, name in enumerate(names):
+        scene.add(ls.Sphere((5, 3 * i, 0), 1.0), label=i, name=name)
+    for field in ("label", "object_id"):
+        path = tmp_path / f"{field}.html"
+        page = figure(monkeypatch, path, scene, color_by=field)
+        shown = [trace.name for trace in page.data if trace.type == "scatter3d" and trace.showlegend]
+        assert not any("&quot;" in name for name in shown)  # an entity that Plotly does not know
+        # As Plotly reads them, whose texts are a kind of HTML.
+        assert [unescape(name) for name in shown] == [plain(name, most=24) for name in names]
+        assert not any("<" in name for name in shown)
+        text = path.read_text(encoding="utf-8")
+        empty = figure(monkeypatch, tmp_path / "empty.html", ls.Scene(), color_by=field)
+        assert empty
+        assert text.count("</script>") == (tmp_path / "empty.html").read_text(encoding="utf-8").count("</script>")
 
 
 @pytest.mark.skipif(not shutil.which("chromium"), reason="no Chromium to open the page with")

@@ -189,3 +189,31 @@ def test_far_from_the_origin_no_digit_is_lost() -> None:
     assert block.points.dtype == np.float64
     # Coordinates of 5e6 are rounded by 2**-31 at most, in the vertex and in the difference.
     assert np.abs(np.linalg.norm(block.points - [5e6, 4e5, 0.1], axis=1) - 1).max() < 4 * 2.0**-31
+
+
+def test_parts_are_the_faces_of_each_category() -> None:
+    vertices, faces = ls.Sphere((1, 2, 3), 1.0)._tessellated(0.1, BOX)
+    scene = ls.Scene()
+    scene.add(ls.TriangleMesh(vertices, faces), label=np.arange(len(faces)) % 3, transform=SHEAR)
+    (surface,) = surfaces(scene)
+    whole = surface.points()[surface.faces]
+    parts = dict(surface.parts(surface.item.label))
+    assert list(parts) == [0, 1, 2]
+    for label, part in parts.items():
+        np.testing.assert_array_equal(part.points()[part.faces], whole[label::3])
+        assert len(np.unique(part.faces)) == len(part.vertices)
+
+
+def test_refined_triangles_are_low_and_cover_the_same() -> None:
+    scene = ls.Scene()
+    scene.add(ls.Box((4, 400, 8), (0, 0, 4)))
+    (surface,) = surfaces(scene)
+    fine = surface.refined(1.0)
+    triangles = fine.points()[fine.faces]
+    assert np.ptp(triangles[:, :, 2], axis=1).max() <= 1.0
+    sides = triangles[:, 1:] - triangles[:, :1]
+    area = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1).sum() / 2
+    assert area == pytest.approx(2 * (4 * 400 + 4 * 8 + 400 * 8), rel=1e-12)  # thousands of roundings
+    flat = np.ptp(triangles[:, :, 2], axis=1) == 0
+    assert flat.sum() == 4  # what lies level stays as it was
+    assert len(surface.refined(1e-9).faces) < 1e6
