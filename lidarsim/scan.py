@@ -81,8 +81,8 @@ class Summary(dict[str, int]):
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Moments of a scan that `deskew` may name, in periods of the pattern."""
 
-_MISSING = {"label": 0, "instance": 0, "object_id": -1, "return_count": 0}
-"""Value of pixels without a pulse, where it is not the greatest of an integer type."""
+_UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_columns().items()}
+"""Value of the unused entries of each array, and of pixels without a pulse."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -313,9 +313,8 @@ class Scan(Pickled, Plotted):
             row, column, shape = rows_and_columns(frame, self.pulses)
         else:
             row, column, shape = projection(frame, self.pulses, size)
-        whole = values.dtype.kind in "iu"
-        missing = _MISSING.get(field, np.iinfo(values.dtype).max) if whole else np.nan
-        image = np.full((*shape, *values.shape[1:]), missing, values.dtype)
+        unset = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else np.nan
+        image = np.full((*shape, *values.shape[1:]), _UNUSED.get(field, unset), values.dtype)
         if size is None:  # to each pulse its pixel
             image[row, column] = values
         else:  # what is written last shows: the nearest return, after the farther ones and the pulses without one

@@ -66,8 +66,8 @@ MUTANTS = [
     Mutant("hits of eight: in range", "in_range = lanes & t_min.le(t.low)", "in_range = lanes & t_min.le(t.high)"),
     Mutant(
         "hits of eight: up to t_max",
-        "& t.high.le(I::F64x8::splat(self.t_max))",
-        "& t.low.le(I::F64x8::splat(self.t_max))",
+        "& t.high.le(I::F64x8::splat(self.range.max))",
+        "& t.low.le(I::F64x8::splat(self.range.max))",
     ),
     Mutant("hits of eight: nearer", "& t.high.lt(low);", "& t.low.lt(low);"),
     Mutant("hits of eight: any will do", "in_range & !farther & t.high", "in_range & t.high"),

@@ -293,6 +293,51 @@ def test_rust_imports_run_one_way() -> None:
     assert not any({"pyo3", "numpy"} & set(tokens) for tokens in core.sources.values())
 
 
+def native_files(page: str) -> list[str]:
+    """Rust files and folders that the page about the core names: paths in code, and the names of its layout."""
+    named = re.findall(r"`([\w/]+\.rs)`", page)
+    (layout,) = re.findall(r"^```\n(python/src.*?)^```$", page, re.DOTALL | re.MULTILINE)
+    folder = ""
+    for line in layout.splitlines():
+        head, names = re.match(r"(\S+|  \S+)? +(\S.*?)(?:   |$)", line).groups() if " " in line else (line, "")
+        if head and not set(head) <= {"─"}:
+            folder = head.strip() if not head.startswith(" ") else f"core/src/{head.strip().strip('/')}"
+        named += [f"{folder}/{name}".replace("/./", "/") for name in re.findall(r"\w+/?", names)]
+    return named
+
+
+def missing_files(page: str, native: Path) -> list[str]:
+    """Those of the files that a page names that do not exist; a name may leave out leading folders."""
+    there = {"/" + path.relative_to(native).as_posix() for path in native.rglob("*") if "target" not in path.parts}
+    there |= {path.removesuffix(".rs") for path in there} | {f"{path}/" for path in there}
+    return [name for name in native_files(page) if not any(path.endswith(f"/{name}") for path in there)]
+
+
+def test_the_page_about_the_core_names_files_that_exist() -> None:
+    page = (NATIVE / "README.md").read_text(encoding="utf-8")
+    assert len(native_files(page)) > 80
+    assert missing_files(page, NATIVE) == []
+    odd = page.replace("`shapes/newton.rs`", "`shapes/nowhere.rs`").replace("frame, fire", "frame, water")
+    assert set(missing_files(odd, NATIVE)) == {"shapes/nowhere.rs", "core/src/measure/water"}
+
+
+def test_lines_of_the_core_are_short() -> None:
+    width = tomllib.loads((NATIVE / "rustfmt.toml").read_text(encoding="utf-8"))["max_width"]
+    assert width == 110
+    sources = {
+        path: path.read_text(encoding="utf-8")
+        for folder in ("core", "python")
+        for path in (NATIVE / folder).rglob("*.rs")
+    }
+    assert len(sources) > 80
+    assert [
+        f"{path.relative_to(NATIVE)}:{number}"
+        for path, source in sources.items()
+        for number, line in enumerate(source.splitlines(), 1)
+        if len(line) > width
+    ] == []
+
+
 def test_versions_agree() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     native = tomllib.loads((NATIVE / "Cargo.toml").read_text(encoding="utf-8"))["workspace"]["package"]

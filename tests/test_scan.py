@@ -134,6 +134,35 @@ def test_arrays_have_their_shapes_and_types() -> None:
         assert (scan.return_count.shape, scan.return_count.dtype) == ((160,), np.uint8)
 
 
+def test_columns_are_those_of_the_core() -> None:
+    # A scan with each column, and with unused entries in each: of misses, and of pulses with fewer returns.
+    moving = ls.Trajectory.from_twist(np.eye(4), (5.0, 0.0, 0.0), (0.0, 0.0, 0.2))
+    scan = lidar(EVERYTHING, columns=40).scan(room(), moving)
+    returned = np.arange(2) < scan.return_count[:, None]
+    untold = ~returned & np.isnan(scan.true_range)
+    assert untold[:, 0].any()
+    assert untold[:, 1].any()
+    cloud = scan.point_cloud()
+    annotations, of_clouds = ls.Scan.__annotations__, ls.PointCloud.__annotations__
+    columns = _native.scan_columns()
+    assert [name for name in annotations if name in columns] == [
+        field.name for field in dataclasses.fields(scan) if isinstance(getattr(scan, field.name), np.ndarray)
+    ]
+    for name, (dtype, shape, of_returns, unused) in columns.items():
+        array = getattr(scan, name)
+        assert (array.dtype, array.shape) == (dtype, (640, 2, *shape) if of_returns else (640,)), name
+        if of_returns:
+            assert np.array_equal(array[untold], np.broadcast_to(unused, array[untold].shape), equal_nan=True), name
+        annotated = annotations[name].removesuffix(" | None")
+        assert annotated in {f"npt.NDArray[np.{dtype}]", "Floats"}, name
+        axes = ", ".join(["n", "k", *map(str, shape)]) if of_returns else "n,"
+        assert f"    {name} : ndarray of {dtype}, shape ({axes})" in (ls.Scan.__doc__ or ""), name
+        if name in cloud.fields:
+            assert getattr(cloud, name).dtype == dtype, name
+            assert name in of_clouds, name
+    assert columns.keys() - set(cloud.fields) == {"true_direction", "status"}
+
+
 def test_what_is_lost_keeps_its_truth() -> None:
     clean = lidar().scan(room())
     lost = lidar(ls.Measurement(dropout=1.0)).scan(room())

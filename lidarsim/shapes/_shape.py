@@ -76,6 +76,9 @@ class Shape(Value):
     bounded: ClassVar[bool] = True
     """Whether the surface is bounded."""
 
+    _positive: ClassVar[frozenset[str]] = frozenset()
+    """Arguments of the constructor that are numbers > 0."""
+
     _native: core.Shape
 
     def __init__(self, native: core.Shape, transform: Transform | None = None) -> None:
@@ -89,9 +92,11 @@ class Shape(Value):
         """Create the native shape of this name from the constructor's arguments: vectors and numbers."""
         native = core.Shape.plain(name, vectors, numbers)
         if native is None:
-            checked = [x for argument, value in vectors.items() for x in vector(argument, value)]
-            for argument, value in numbers.items():
-                checked.append(real(argument, value, above=0.0 if argument == "radius" else -math.inf))
+            checked = {argument: tuple(vector(argument, value)) for argument, value in vectors.items()}
+            checked |= {
+                argument: (real(argument, value, above=0.0 if argument in self._positive else -math.inf),)
+                for argument, value in numbers.items()
+            }
             native = core.Shape(name, checked)
         Shape.__init__(self, native, transform)
 
@@ -104,9 +109,9 @@ class Shape(Value):
         return self._native.transform()
 
     @property
-    def _numbers(self) -> tuple[float, ...]:
-        """Parameters of the native shape, unless it is a mesh."""
-        return self._native.numbers()
+    def _arguments(self) -> dict[str, tuple[float, ...]]:
+        """The numbers of each argument by which the core knows the shape, if it is not a mesh."""
+        return self._native.arguments()
 
     def _image(self, transform: Transform) -> core.Shape:
         """Return the native shape under one more transform."""

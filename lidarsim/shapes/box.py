@@ -65,12 +65,12 @@ class Box(Shape):
     @property
     def size(self) -> Floats:
         """Lengths of the edges before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[:3])
+        return frozen(self._arguments["size"])
 
     @property
     def center(self) -> Floats:
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[3:6])
+        return frozen(self._arguments["center"])
 
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.center + self.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES

@@ -49,6 +49,7 @@ class Cylinder(Shape):
     __slots__ = ()
     __match_args__ = ("start", "end", "radius", "capped")
 
+    _positive: ClassVar = frozenset({"radius"})
     configuration: ClassVar = {"start_m": Vector, "end_m": Vector, "radius_m": float, "capped": bool}
 
     def __init__(
@@ -67,22 +68,22 @@ class Cylinder(Shape):
     @property
     def start(self) -> Floats:
         """Where the axis starts before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[:3])
+        return frozen(self._arguments["start"])
 
     @property
     def end(self) -> Floats:
         """Where the axis ends before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[3:6])
+        return frozen(self._arguments["end"])
 
     @property
     def radius(self) -> float:
         """The radius before any transform, m: float."""
-        return self._numbers[6]
+        return self._arguments["radius"][0]
 
     @property
     def capped(self) -> bool:
         """Whether the ends are closed: bool."""
-        return bool(self._numbers[7])
+        return bool(self._arguments["capped"][0])
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, end, radius = self.start, self.end, self.radius

@@ -69,17 +69,18 @@ class Ellipsoid(Shape):
     @property
     def center(self) -> Floats:
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[:3])
+        return frozen(self._arguments["center"])
 
     @property
     def radii(self) -> Floats:
         """Half axes before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[3:6])
+        return frozen(self._arguments["radii"])
 
     @property
     def rotation(self) -> Floats:
         """Directions of the axes before any transform, in columns: read-only ndarray of float64, shape (3, 3)."""
-        return frozen(self._numbers[6:]).reshape(3, 3)
+        arguments = self._arguments
+        return frozen([arguments[row] for row in "xyz"])
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         axes = self.rotation * self.radii

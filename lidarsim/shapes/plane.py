@@ -112,9 +112,10 @@ class Plane(Shape):
 
         The first point that the plane was made from, or else the point nearest to the origin, rounded.
         """
-        if len(self._numbers) > 4:
-            return np.array(self._numbers[:3])
-        unit = math.hypot(*self._numbers[:3])
+        arguments = self._arguments
+        if "distance" not in arguments:
+            return np.array(arguments["point" if "point" in arguments else "a"])
+        unit = math.hypot(*arguments["normal"])
         point: Floats = self.normal / unit * (self.distance / unit)
         return point
 
@@ -124,24 +125,29 @@ class Plane(Shape):
 
         The normal as given; rounded if the plane was made from three points.
         """
-        numbers = np.array(self._numbers)
-        if len(numbers) == 9:
-            a, b, c = numbers.reshape(3, 3)
-            return np.cross(b - a, c - a)
-        return numbers[3:] if len(numbers) == 6 else numbers[:3]
+        arguments = {name: np.array(numbers) for name, numbers in self._arguments.items()}
+        if "normal" in arguments:
+            return arguments["normal"]
+        return np.cross(arguments["b"] - arguments["a"], arguments["c"] - arguments["a"])
 
     @property
     def distance(self) -> float:
         """``normal · point``: m, times the length of the normal. Rounded if the plane was made from points."""
-        return self._numbers[3] if len(self._numbers) == 4 else float(self.normal @ self.point)
+        arguments = self._arguments
+        return arguments["distance"][0] if "distance" in arguments else float(self.normal @ self.point)
 
     def _contents(self) -> dict[str, Any]:
-        return {"numbers": self._numbers, "transform": self.transform}
+        # One after the other, as pickles of this format have them; their number tells the form.
+        numbers = tuple(number for numbers in self._arguments.values() for number in numbers)
+        return {"numbers": numbers, "transform": self.transform}
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
         plane = cls.__new__(cls)
-        Shape.__init__(plane, _native.Shape("Plane", contents["numbers"]), contents["transform"])
+        numbers = contents["numbers"]
+        names = {4: ("normal", "distance"), 6: ("point", "normal"), 9: ("a", "b", "c")}[len(numbers)]
+        arguments = {name: numbers[3 * i : 3 * i + 3] for i, name in enumerate(names)}
+        Shape.__init__(plane, _native.Shape("Plane", arguments), contents["transform"])
         return plane
 
     def _tessellated(self, _chord_error: float | None, box: Floats, /) -> Triangles:

@@ -45,6 +45,7 @@ class Sphere(Shape):
     __slots__ = ()
     __match_args__ = ("center", "radius")
 
+    _positive: ClassVar = frozenset({"radius"})
     configuration: ClassVar = {"center_m": Vector, "radius_m": float}
 
     def __init__(self, center: npt.ArrayLike, radius: float, *, transform: Transform | None = None) -> None:
@@ -53,12 +54,12 @@ class Sphere(Shape):
     @property
     def center(self) -> Floats:
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[:3])
+        return frozen(self._arguments["center"])
 
     @property
     def radius(self) -> float:
         """The radius before any transform, m: float."""
-        return self._numbers[3]
+        return self._arguments["radius"][0]
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         vertices, faces = unit_sphere(None if chord_error is None else chord_error / self.radius)

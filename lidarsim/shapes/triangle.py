@@ -54,17 +54,17 @@ class Triangle(Shape):
     @property
     def a(self) -> Floats:
         """The first vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[:3])
+        return frozen(self._arguments["a"])
 
     @property
     def b(self) -> Floats:
         """The second vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[3:6])
+        return frozen(self._arguments["b"])
 
     @property
     def c(self) -> Floats:
         """The third vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
-        return frozen(self._numbers[6:9])
+        return frozen(self._arguments["c"])
 
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return np.stack([self.a, self.b, self.c]), np.array([[0, 1, 2]], np.uint32)

@@ -1,7 +1,7 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 //!
-//! Its layers, of which each uses those above it alone: `memory`, `stack`, `stop`, `once` and `parallel`, arithmetic, geometry and shapes, the bounding volume hierarchy,
-//! scenes, casts, measurement.
+//! Its layers, of which each uses those above it alone: `memory`, `stack`, `stop`, `once` and `parallel`,
+//! arithmetic, geometry and shapes, the bounding volume hierarchy, scenes, casts, measurement.
 
 mod arith;
 mod bvh;
@@ -24,4 +24,4 @@ pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
 pub use parallel::{threads, use_threads, with_room};
-pub use scene::{Geometry, Object, Scene, TriangleMesh, World, span};
+pub use scene::{Geometry, Object, Rays, Scene, TRange, TriangleMesh, World, span};

@@ -1,13 +1,14 @@
 //! Large arrays on large pages, where the system gives them on request.
 //!
-//! A hierarchy is read all over, so that with small pages most reads also miss the processor's table of pages; and of an array that is written for
-//! the first time, each page is made then.
+//! A hierarchy is read all over, so that with small pages most reads also miss the processor's table of
+//! pages; and of an array that is written for the first time, each page is made then.
 
 use std::panic::resume_unwind;
 
 /// What work unwinds with that the system gives no memory.
 ///
-/// Every array that grows with what the caller gave is made here: those of the standard library end the process instead.
+/// Every array that grows with what the caller gave is made here: those of the standard library end the
+/// process instead.
 #[derive(Debug, PartialEq, Eq)]
 pub struct OutOfMemory {
     pub bytes: usize,
@@ -74,8 +75,8 @@ fn advise<T>(vector: &Vec<T>) {
     let start = (vector.as_ptr() as usize).next_multiple_of(4096);
     let end = vector.as_ptr() as usize + vector.capacity() * size_of::<T>();
     if end > start + PAGE {
-        // SAFETY: the pages from `start`, whole ones, lie within the allocation, and the advice does not change what they hold. A refusal is
-        // of no consequence.
+        // SAFETY: the pages from `start`, whole ones, lie within the allocation, and the advice does not
+        // change what they hold. A refusal is of no consequence.
         unsafe { libc::madvise(start as *mut libc::c_void, (end - start) & !4095, libc::MADV_HUGEPAGE) };
     }
 }

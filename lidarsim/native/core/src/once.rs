@@ -14,8 +14,9 @@ const PAUSE: Duration = Duration::from_millis(1);
 
 /// A value that one thread makes while others wait for it.
 ///
-/// Unlike `OnceLock`, a child that was forked while a thread of its parent made the value makes its own: it has the memory of that thread's work,
-/// but not the thread. So a maker has the number of its process, and there is no lock, only a value or none.
+/// Unlike `OnceLock`, a child that was forked while a thread of its parent made the value makes its own: it
+/// has the memory of that thread's work, but not the thread. So a maker has the number of its process, and
+/// there is no lock, only a value or none.
 pub struct Once<T> {
     value: OnceBox<T>,
     /// See [`this_thread`]; 0 for none.
@@ -124,7 +125,10 @@ mod tests {
     #[test]
     fn a_maker_that_fails_leaves_it_to_others() {
         let once = Once::new();
-        assert!(std::panic::catch_unwind(|| once.get_or_make(|| std::panic::resume_unwind(Box::new(())))).is_err());
+        assert!(
+            std::panic::catch_unwind(|| once.get_or_make(|| std::panic::resume_unwind(Box::new(()))))
+                .is_err()
+        );
         assert_eq!(*once.get_or_make(|| 3), 3);
         assert_eq!((*once.get_or_make(|| 4), once.get()), (3, Some(&3)));
     }

@@ -10,7 +10,8 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::stack;
 use crate::stop::{self, Job};
 
-/// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is of.
+/// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is
+/// of.
 struct Pool {
     process: u32,
     threads: usize,
@@ -20,15 +21,16 @@ struct Pool {
 /// Where parallel iterators run: as many threads as work is shared among, and meanwhile the caller sleeps.
 static ITERATING: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
 
-/// Those that help a caller who takes part, so one less. With one more, which has nothing to do, a thread of the pool that finds work would wake
-/// that one as well, and where all processors are then taken, work that was just handed out waits for milliseconds.
+/// Those that help a caller who takes part, so one less. With one more, which has nothing to do, a thread of
+/// the pool that finds work would wake that one as well, and where all processors are then taken, work that
+/// was just handed out waits for milliseconds.
 static HELPING: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
 
 /// How many threads were asked for; 0 for as many as may run at once.
 static ASKED: AtomicUsize = AtomicUsize::new(0);
 
-/// Of each thread. It is what the standard library has, where no variable of the environment asks for another: that would be read here, while other
-/// threads may write it.
+/// Of each thread. It is what the standard library has, where no variable of the environment asks for
+/// another: that would be read here, while other threads may write it.
 const STACK: usize = 2 << 20;
 
 /// Sets the number of threads: some, or as many as this process may run at once.
@@ -78,10 +80,12 @@ fn pool(kept: &ArcSwapOption<Pool>, threads: usize) -> Option<Arc<Pool>> {
     Some(new)
 }
 
-/// Runs `work` in a pool, so that the parallel iterators in it use its threads; on this thread alone where the system refuses others.
+/// Runs `work` in a pool, so that the parallel iterators in it use its threads; on this thread alone where
+/// the system refuses others.
 pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     let Some(pool) = pool(&ITERATING, threads()) else {
-        // From then on this thread is a pool of its own to the iterators. Where it is that already, another is refused.
+        // From then on this thread is a pool of its own to the iterators. Where it is that already, another
+        // is refused.
         let alone = ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
         std::mem::forget(alone);
         return work();
@@ -106,7 +110,8 @@ pub fn with_room<R: Send>(work: impl FnOnce() -> R + Send) -> R {
 
 /// Has all of `work` done, a piece at a time, by this thread and others.
 ///
-/// This thread takes part: to wake one thread less is faster, above all where others are about to end work of their own.
+/// This thread takes part: to wake one thread less is faster, above all where others are about to end work of
+/// their own.
 pub fn share<T: Send>(work: impl ExactSizeIterator<Item = T> + Send, act: impl Fn(T) + Sync) {
     let others = threads() - 1;
     let helpers = others.min(work.len().saturating_sub(1));
@@ -161,7 +166,9 @@ mod tests {
     #[test]
     fn all_threads_stop_when_the_caller_says_so() {
         use_threads(Some(4));
-        assert!(failure(|| true, || share(0..64, |_: i32| work_forever())).is_some_and(|why| why.is::<Stopped>()));
+        assert!(
+            failure(|| true, || share(0..64, |_: i32| work_forever())).is_some_and(|why| why.is::<Stopped>())
+        );
         assert!(failure(|| true, || run(|| work_forever())).is_some_and(|why| why.is::<Stopped>()));
         // The caller has nothing left to do, and waits.
         let by_another = |i| {

@@ -1,7 +1,8 @@
 //! Jobs that their caller may stop.
 //!
-//! The caller of a job is asked now and then whether to go on, in its own thread, since only there does Python run handlers of signals. Where the
-//! answer is no, every thread of the job unwinds from the next place that polls, as nothing in the middle of a cast has a result to give back.
+//! The caller of a job is asked now and then whether to go on, in its own thread, since only there does
+//! Python run handlers of signals. Where the answer is no, every thread of the job unwinds from the next
+//! place that polls, as nothing in the middle of a cast has a result to give back.
 
 use std::cell::{Cell, RefCell};
 use std::panic::resume_unwind;
@@ -84,7 +85,8 @@ pub fn until<R>(ask: fn() -> bool, work: impl FnOnce() -> R) -> Option<R> {
     (!job.is_stopped.load(Ordering::Relaxed)).then_some(outcome)
 }
 
-/// Unwinds if the job of this thread is stopped, after asking its caller if this is his thread and it is time.
+/// Unwinds if the job of this thread is stopped, after asking its caller if this is his thread and it is
+/// time.
 #[inline(never)]
 pub fn poll() {
     ask_in_time();

@@ -15,8 +15,8 @@ pub fn with_large_frames(test: fn()) {
     assert!(thread.is_ok_and(|thread| thread.join().is_ok()));
 }
 
-/// The largest score that hill climbing finds, and where: from each of some starts so many steps, of which each changes one number a little, or makes
-/// it anew, and counts if the score is no less.
+/// The largest score that hill climbing finds, and where: from each of some starts so many steps, of which
+/// each changes one number a little, or makes it anew, and counts if the score is no less.
 pub fn worst<const N: usize>(
     starts: usize,
     steps: usize,
@@ -49,7 +49,8 @@ pub fn worst<const N: usize>(
     best
 }
 
-/// Asserts that the worst that was found is about as given: bounds hold with so much to spare, and not with more, so that none is weakened unseen.
+/// Asserts that the worst that was found is about as given: bounds hold with so much to spare, and not with
+/// more, so that none is weakened unseen.
 pub fn assert_slack(what: &str, worst: f64, known: f64) {
     assert!(worst <= 1.0, "{what}: the bound is exceeded: {worst}");
     assert!(0.8 * known <= worst && worst <= 1.25 * known, "{what}: {worst} of the bound, {known} was known");

@@ -19,9 +19,9 @@ impl PyAffine {
     /// An object under one more map.
     pub fn image_of(self, object: &Object) -> PyResult<Object> {
         let [x, y, z, _] = self.rows;
-        object
-            .transformed(Affine::from_rows([x, y, z]))
-            .ok_or_else(|| PyValueError::new_err("transform: expected an invertible matrix, got determinant 0"))
+        object.transformed(Affine::from_rows([x, y, z])).ok_or_else(|| {
+            PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")
+        })
     }
 
     /// The matrix, read-only.

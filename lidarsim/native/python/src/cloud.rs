@@ -1,13 +1,13 @@
 //! Point clouds: one call, from the arrays of a scan to those of a cloud.
 
 use lidarsim_core::measure::{
-    Coordinates, Copied, Each, Field, Numbers, Origins, Placing, PointsAndNormals, ReturnCounts,
+    Coordinates, Copied, Each, Field, Numbers, Origins, PointSource, PointsAndNormals, ReturnCounts,
 };
 use lidarsim_core::{Path, Point, memory};
 use numpy::ndarray::Dimension;
 use numpy::{
-    Element, IntoPyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
-    PyUntypedArrayMethods,
+    Element, IntoPyArray, PyArrayMethods, PyReadonlyArray, PyReadonlyArray1, PyReadonlyArray2,
+    PyReadonlyArray3, PyReadonlyArrayDyn, PyUntypedArrayMethods,
 };
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -15,21 +15,58 @@ use pyo3::types::PyDict;
 
 use crate::{Points, PyPath, detached, elements, level, points};
 
-/// The attributes of `lidarsim.Scan` that a point cloud is made from.
+macro_rules! copied {
+    (own, $columns:ident, $scan:ident, $name:ident: $Entry:ty) => {};
+    (copied, $columns:ident, $scan:ident, $name:ident: $Entry:ty) => {
+        let name = stringify!($name);
+        if let Some(array) = $scan.getattr(name)?.extract::<Option<PyReadonlyArrayDyn<'_, $Entry>>>()? {
+            $columns.push(Box::new(ScanColumn { name, array }));
+        }
+    };
+}
+
+macro_rules! columns {
+    (
+        of_echoes { $($(#[$_a:meta])* $echo:ident: $Echo:ty = $_n:expr, $_x:ident, $of_echo:ident;)+ }
+        of_rays { $($(#[$_b:meta])* $ray:ident: $Ray:ty = $_m:expr, $_y:ident, $of_ray:ident;)+ }
+        of_pulses $_pulses:tt
+    ) => {
+        /// The columns of a scan that a cloud copies. A scan may be without some.
+        fn copied_columns<'py>(scan: &Bound<'py, PyAny>) -> PyResult<Vec<Box<dyn Source + 'py>>> {
+            let mut columns: Vec<Box<dyn Source>> = Vec::new();
+            $(copied!($of_echo, columns, scan, $echo: $Echo);)+
+            $(copied!($of_ray, columns, scan, $ray: $Ray);)+
+            Ok(columns)
+        }
+    };
+}
+
+lidarsim_core::scan_columns!(columns);
+
+/// A column of a scan, of any type.
+trait Source {
+    /// The field of a cloud that is copied from it. `rows`: the number of entries.
+    fn field(&self, rows: usize) -> PyResult<Box<dyn Column + '_>>;
+}
+
+struct ScanColumn<'py, T: Element> {
+    name: &'static str,
+    array: PyReadonlyArrayDyn<'py, T>,
+}
+
+impl<T: Copy + Element + Sync> Source for ScanColumn<'_, T> {
+    fn field(&self, rows: usize) -> PyResult<Box<dyn Column + '_>> {
+        Ok(of_each(self.name, Each::Row(column(rows, &self.array)?)))
+    }
+}
+
+/// The attributes of `lidarsim.Scan` that a point cloud is computed from.
 #[derive(FromPyObject)]
-pub struct ScanArrays<'py> {
+struct ScanArrays<'py> {
     pulses: AllPulseArrays<'py>,
     time: f64,
     range: PyReadonlyArray2<'py, f64>,
-    true_range: PyReadonlyArray2<'py, f64>,
-    range_error: PyReadonlyArray2<'py, f64>,
-    intensity: PyReadonlyArray2<'py, f32>,
-    incidence: PyReadonlyArray2<'py, f32>,
     normal: PyReadonlyArray3<'py, f32>,
-    object_id: PyReadonlyArray2<'py, i32>,
-    instance: PyReadonlyArray2<'py, u32>,
-    label: PyReadonlyArray2<'py, u32>,
-    radial_velocity: Option<PyReadonlyArray2<'py, f32>>,
     return_count: PyReadonlyArray1<'py, u8>,
 }
 
@@ -44,16 +81,18 @@ struct AllPulseArrays<'py> {
     column: PyReadonlyArray1<'py, u32>,
 }
 
-/// The fields of `lidarsim.PointCloud`, an entry a return. `frame`: "sensor" or "world"; `moment`: the time, on the clock of
-/// the path, whose sensor frame the points of "sensor" are put in, if it is one for all.
+/// The fields of `lidarsim.PointCloud`, an entry for each return. `frame`: "sensor" or "world". `moment`: the
+/// time, on the clock of the path, in whose sensor frame all points are given; none for raw points.
 #[pyfunction]
 pub fn points_of<'py>(
     py: Python<'py>,
-    scan: ScanArrays<'py>,
+    scan: &Bound<'py, PyAny>,
     path: &PyPath,
     frame: &str,
     moment: Option<f64>,
 ) -> PyResult<Bound<'py, PyDict>> {
+    let copied = copied_columns(scan)?;
+    let scan: ScanArrays = scan.extract()?;
     let path: &Path = &path.path;
     let coordinates = match (frame, path, moment) {
         ("world", ..) => Coordinates::World,
@@ -69,40 +108,30 @@ pub fn points_of<'py>(
     let (times, rings) = (column(n, &pulses.time)?, column(n, &pulses.ring)?);
     let columns_of = column(n, &pulses.column)?;
     let counts = column(n, &scan.return_count)?;
-    let (range, true_range) = (column(n * most, &scan.range)?, column(n * most, &scan.true_range)?);
-    let (range_error, intensity) = (column(n * most, &scan.range_error)?, column(n * most, &scan.intensity)?);
-    let (incidence, object_id) = (column(n * most, &scan.incidence)?, column(n * most, &scan.object_id)?);
-    let (instance, label) = (column(n * most, &scan.instance)?, column(n * most, &scan.label)?);
+    let range = column(n * most, &scan.range)?;
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
     let (start, level) = (scan.time, level(py)?);
-    let placing = Placing { origins, directions, range, normals, path, times, start, coordinates };
-    let mut columns: Vec<Box<dyn Column + '_>> = vec![
-        of_each("range", Each::Row(range)),
-        of_each("true_range", Each::Row(true_range)),
-        of_each("range_error", Each::Row(range_error)),
-        of_each("intensity", Each::Row(intensity)),
-        of_each("incidence", Each::Row(incidence)),
-        of_each("object_id", Each::Row(object_id)),
-        of_each("instance", Each::Row(instance)),
-        of_each("label", Each::Row(label)),
+    let source = PointSource { origins, directions, range, normals, path, times, start, coordinates };
+    let mut columns = copied.iter().map(|source| source.field(n * most)).collect::<PyResult<Vec<_>>>()?;
+    columns.extend([
         of_each("time", Each::Pulse(times)),
         of_each("ring", Each::Pulse(rings)),
         of_each("column", Each::Pulse(columns_of)),
         of_each("return_count", Each::Pulse(counts)),
-    ];
-    if let Some(velocity) = &scan.radial_velocity {
-        columns.push(of_each("radial_velocity", Each::Row(column(n * most, velocity)?)));
-    }
+    ]);
     let (xyz, normal, number) = detached(py, || {
         let returns = ReturnCounts::new(counts, most, level);
         let count = returns.count();
-        let (mut xyz, mut normal, mut number) =
-            (memory::with_capacity(3 * count), memory::with_capacity(3 * count), memory::with_capacity(count));
+        let (mut xyz, mut normal, mut number) = (
+            memory::with_capacity(3 * count),
+            memory::with_capacity(3 * count),
+            memory::with_capacity(count),
+        );
         let (points, normals) =
             (&mut xyz.spare_capacity_mut()[..3 * count], &mut normal.spare_capacity_mut()[..3 * count]);
         let mut fields: Vec<Box<dyn Field<'_> + '_>> = vec![
-            Box::new(PointsAndNormals { points, normals, placing }),
+            Box::new(PointsAndNormals { points, normals, source }),
             Box::new(Numbers(&mut number.spare_capacity_mut()[..count])),
         ];
         fields.extend(columns.iter_mut().map(|column| column.field(count)));
@@ -171,5 +200,9 @@ fn column<'a, T: Element, D: Dimension>(n: usize, array: &'a PyReadonlyArray<'_,
 }
 
 fn of_length<T>(n: usize, slice: &[T]) -> PyResult<&[T]> {
-    if slice.len() == n { Ok(slice) } else { Err(PyValueError::new_err("scan: expected arrays as a scan gives them")) }
+    if slice.len() == n {
+        Ok(slice)
+    } else {
+        Err(PyValueError::new_err("scan: expected arrays as a scan gives them"))
+    }
 }

@@ -38,6 +38,7 @@ fn _native(m: &Bound<'_, PyModule>) -> PyResult<()> {
     m.add_class::<PyPath>()?;
     m.add_function(wrap_pyfunction!(scan::scan, m)?)?;
     m.add_function(wrap_pyfunction!(scan::expect_room, m)?)?;
+    m.add_function(wrap_pyfunction!(scan::scan_columns, m)?)?;
     m.add_function(wrap_pyfunction!(cloud::points_of, m)?)?;
     m.add_function(wrap_pyfunction!(scan::philox, m)?)?;
     m.add_function(wrap_pyfunction!(scan::normal_quantile, m)?)?;
@@ -64,14 +65,17 @@ fn isa(py: Python<'_>) -> PyResult<&'static str> {
 
 /// The instruction set that `LIDARSIM_ISA` asks for, or the best.
 ///
-/// The environment is read in these two functions alone, while the interpreter is held: Python writes it then.
+/// The environment is read in these two functions alone, while the interpreter is held: Python writes it
+/// then.
 pub fn level(_: Python<'_>) -> PyResult<Level> {
     let Some(name) = env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
     let name = name.to_string_lossy();
     match Level::named(&name) {
         Some(level) if level <= Level::best() => Ok(level),
         Some(_) => Err(PyValueError::new_err(format!("LIDARSIM_ISA: this machine has no {name}"))),
-        None => Err(PyValueError::new_err(format!("LIDARSIM_ISA: expected scalar, avx2 or avx512, got {name:?}"))),
+        None => {
+            Err(PyValueError::new_err(format!("LIDARSIM_ISA: expected scalar, avx2 or avx512, got {name:?}")))
+        }
     }
 }
 
@@ -81,12 +85,13 @@ fn use_threads(_: Python<'_>) {
     lidarsim_core::use_threads(asked);
 }
 
-/// Does the work of the core, of which all is done here: without the interpreter, which other threads have meanwhile.
+/// Does the work of the core, of which all is done here: without the interpreter, which other threads have
+/// meanwhile.
 ///
 /// # Errors
 ///
-/// What a handler of a signal raises, such as `KeyboardInterrupt`, after which the work is given up. MemoryError if there is none for an array.
-/// RuntimeError if the work panics, which is a fault of the core.
+/// What a handler of a signal raises, such as `KeyboardInterrupt`, after which the work is given up.
+/// MemoryError if there is none for an array. RuntimeError if the work panics, which is a fault of the core.
 pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     use_threads(py);
     match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, || with_room(work))))) {
@@ -96,7 +101,8 @@ pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyR
     }
 }
 
-/// Lets Python handle the signals that came, and tells whether a handler raised an error. That is then [`raised`].
+/// Lets Python handle pending signals, and returns whether a handler raised an error, which is then
+/// [`raised`].
 fn has_signal() -> bool {
     let handled = Python::try_attach(|py| py.check_signals().map_err(|error| error.restore(py)));
     handled.is_some_and(|handled| handled.is_err())
@@ -120,8 +126,12 @@ fn explained(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
 
 /// The elements of an array, which must be aligned and C-contiguous, as the package makes them.
 ///
-/// They are read in place. If another thread writes them meanwhile, the outcome for these elements is anything, or a RuntimeError.
-pub fn elements<'a, T: Element, D: Dimension>(name: &str, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
+/// Arrays are read in place. If another thread writes one meanwhile, the values read are unspecified, or the
+/// outcome is a RuntimeError.
+pub fn elements<'a, T: Element, D: Dimension>(
+    name: &str,
+    array: &'a PyReadonlyArray<'_, T, D>,
+) -> PyResult<&'a [T]> {
     let wrong = |_| PyValueError::new_err(format!("{name}: expected an aligned, C-contiguous array"));
     array.as_slice().map_err(wrong)
 }
@@ -143,7 +153,10 @@ pub fn rays<'a>(origins: &'a Points<'_>, directions: &'a Points<'_>) -> PyResult
 }
 
 /// The rays of two arrays of equal length.
-pub fn equal_points<'a>(origins: &'a Points<'_>, directions: &'a Points<'_>) -> PyResult<(&'a [Point], &'a [Point])> {
+pub fn equal_points<'a>(
+    origins: &'a Points<'_>,
+    directions: &'a Points<'_>,
+) -> PyResult<(&'a [Point], &'a [Point])> {
     let (o, d) = (points("origins", origins)?, points("directions", directions)?);
     if o.len() == d.len() {
         return Ok((o, d));

@@ -47,11 +47,14 @@ enum ReflectivityParameter<'py> {
 
 #[pymethods]
 impl PySceneObject {
-    /// The label is one, or one a face; the reflectivity of the material one, or what the material says. `like`: an object of the same label,
-    /// instance and material, which are shared.
+    /// The label is one, or one a face; the reflectivity of the material one, or what the material says.
+    /// `like`: an object of the same label, instance and material, which are shared.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "the fields, in their order")]
-    #[pyo3(signature = (id, shape, name, label, instance, material, transform, motion, like=None), text_signature = None)]
+    #[pyo3(
+        signature = (id, shape, name, label, instance, material, transform, motion, like=None),
+        text_signature = None
+    )]
     fn new(
         id: u32,
         shape: Bound<'_, PyAny>,

@@ -40,8 +40,8 @@ impl PyPath {
         Path::Twist { start: pose(matrix), linear, angular }.into()
     }
 
-    /// n rising times; the matrix at each, (n, 16); and how each leads to the next, (n - 1, 18): the three coefficients of
-    /// the way, and those of the rotation vector.
+    /// n rising times; the matrix at each, (n, 16); and how each leads to the next, (n - 1, 18): the three
+    /// coefficients of the way, and those of the rotation vector.
     #[staticmethod]
     fn knots(
         py: Python<'_>,
@@ -58,7 +58,8 @@ impl PyPath {
         let times = elements("times", &times)?;
         let matrices: &[[f64; 16]] = elements("matrices", &matrices)?.as_chunks().0;
         let steps: &[[f64; 18]] = elements("steps", &steps)?.as_chunks().0;
-        let poses = matrices.iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
+        let poses =
+            matrices.iter().map(|m| pose(std::array::from_fn(|i| std::array::from_fn(|j| m[4 * i + j]))));
         let steps = steps.iter().map(|s| {
             let cubic = |first| Cubic(std::array::from_fn(|i| std::array::from_fn(|k| s[first + 3 * i + k])));
             Step { shift: cubic(0), turn: cubic(9) }
@@ -99,7 +100,11 @@ impl PyPath {
     }
 
     /// Velocities (n, 2, 3) at times of the span: linear in the world, angular in the moving frame.
-    fn velocity<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
+    fn velocity<'py>(
+        &self,
+        py: Python<'py>,
+        times: PyReadonlyArray1<'py, f64>,
+    ) -> PyResult<Bound<'py, PyAny>> {
         let times = elements("times", &times)?;
         let velocities = detached(py, || {
             memory::collect(times.iter().map(|&time| {
@@ -107,6 +112,11 @@ impl PyPath {
                 [linear, angular]
             }))
         })?;
-        Ok(velocities.into_flattened().into_flattened().into_pyarray(py).reshape([times.len(), 2, 3])?.into_any())
+        Ok(velocities
+            .into_flattened()
+            .into_flattened()
+            .into_pyarray(py)
+            .reshape([times.len(), 2, 3])?
+            .into_any())
     }
 }

@@ -1,4 +1,5 @@
-//! Arguments in the forms that most have, taken at once. Of all others Python finds out what they are, or what is wrong with them.
+//! Arguments in the forms that most have, taken at once. Of all others Python finds out what they are, or
+//! what is wrong with them.
 
 use lidarsim_core::Point;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};

@@ -2,116 +2,56 @@
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
-    BadPulse, Beam, Detection, Effects, Fault, Frame, Measurement, Origins, RangeSigma, Returns, Rows, Scan,
+    BadPulse, Fault, Frame, Layout, Measurement, Origins, Parameters, Scan, ScanColumns, Value,
 };
 use lidarsim_core::{Path, Point, memory, span};
-use numpy::{IntoPyArray, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{
+    Element, IntoPyArray, PyArray1, PyArray2, PyArrayDescr, PyArrayMethods, PyReadonlyArray1,
+    PyReadonlyArray2,
+};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
-use pyo3::types::PyDict;
+use pyo3::types::{PyDict, PyTuple};
 
 use crate::{Points, PyPath, PyScene, detached, elements, level, points};
 
-/// Half of the speed of light in vacuum, m/s: a range is half of a way.
-const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
+/// The attributes of a `lidarsim.Lidar`.
+struct Attributes<'a, 'py>(&'a Bound<'py, PyAny>);
 
-/// The attributes of `lidarsim.Lidar` that a scan needs, besides its pattern.
-#[derive(FromPyObject)]
-pub struct LidarParameters {
-    measurement: Parameters,
-    #[pyo3(attribute("measurement"))]
-    effects: EffectParameters,
-    min_range: f64,
-    max_range: f64,
-    range_offset: OffsetParameter,
-}
-
-#[derive(FromPyObject)]
-enum OffsetParameter {
-    Number(f64),
-    Rings(Vec<f64>),
-}
-
-/// The attributes of `lidarsim.Measurement` that are effects of a single number.
-struct EffectParameters(Effects);
-
-impl<'py> FromPyObject<'_, 'py> for EffectParameters {
+impl Parameters for Attributes<'_, '_> {
     type Error = PyErr;
 
-    fn extract(measurement: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
-        Effects::by_name(|name| measurement.getattr(name)?.extract()).map(EffectParameters)
-    }
-}
-
-/// The other attributes of `lidarsim.Measurement`.
-#[derive(FromPyObject)]
-struct Parameters {
-    range_sigma: SigmaParameter,
-    range_sigma_slope: f64,
-    detection: Option<DetectionParameters>,
-    beam: Option<BeamParameters>,
-    returns: ReturnsParameter,
-}
-
-#[derive(FromPyObject)]
-enum SigmaParameter {
-    Number(f64),
-    Table(Vec<[f64; 2]>),
-}
-
-#[derive(FromPyObject)]
-struct DetectionParameters {
-    reflectivity: f64,
-    range: f64,
-}
-
-#[derive(FromPyObject)]
-struct BeamParameters {
-    divergence_azimuth: f64,
-    divergence_elevation: f64,
-    pulse_length: f64,
-    rays: usize,
-}
-
-#[derive(FromPyObject)]
-enum ReturnsParameter {
-    Nearest(usize),
-    Name(String),
-}
-
-impl LidarParameters {
-    fn measurement(self) -> PyResult<Measurement> {
-        let LidarParameters { measurement: parameters, effects, min_range, max_range, range_offset } = self;
-        let returns = match parameters.returns {
-            ReturnsParameter::Nearest(n) => Returns::Nearest(n),
-            ReturnsParameter::Name(name) => match name.as_str() {
-                "strongest" => Returns::Strongest,
-                "first" => Returns::First,
-                "last" => Returns::Last,
-                "dual" => Returns::Dual,
-                _ => return Err(PyValueError::new_err(format!("returns: unknown {name:?}"))),
-            },
-        };
-        Ok(Measurement {
-            effects: effects.0,
-            detection: parameters.detection.map(|d| Detection { reflectivity: d.reflectivity, range: d.range }),
-            range_sigma: match parameters.range_sigma {
-                SigmaParameter::Number(a) => RangeSigma::Formula { a, b: parameters.range_sigma_slope },
-                SigmaParameter::Table(rows) => RangeSigma::Table(rows),
-            },
-            beam: parameters.beam.map(|b| {
-                Beam::new([b.divergence_azimuth, b.divergence_elevation], b.rays, HALF_SPEED_OF_LIGHT * b.pulse_length)
-            }),
-            returns,
-            range_offset: match range_offset {
-                OffsetParameter::Number(0.0) => Vec::new(),
-                OffsetParameter::Number(offset) => vec![offset],
-                OffsetParameter::Rings(offsets) => offsets,
-            },
-            min_range,
-            max_range,
+    fn value(&self, name: &'static str) -> PyResult<Value> {
+        let mut value = self.0.clone();
+        for part in name.split('.') {
+            if value.is_none() {
+                break;
+            }
+            value = value.getattr(part)?;
+        }
+        if value.is_none() {
+            return Ok(Value::Nothing);
+        }
+        let value: AnyValue = value.extract()?;
+        Ok(match value {
+            AnyValue::Number(number) => Value::Number(number),
+            AnyValue::Text(text) => Value::Text(text),
+            AnyValue::Numbers(numbers) => Value::Numbers(numbers),
+            AnyValue::Rows(rows) => Value::Rows(rows),
         })
     }
+
+    fn unexpected(&self, name: &'static str, value: Value) -> PyErr {
+        PyValueError::new_err(format!("{name}: unexpected {value:?}"))
+    }
+}
+
+#[derive(FromPyObject)]
+enum AnyValue {
+    Number(f64),
+    Text(String),
+    Numbers(Vec<f64>),
+    Rows(Vec<[f64; 2]>),
 }
 
 /// The attributes of `lidarsim.patterns.Pulses` that a scan needs.
@@ -152,136 +92,100 @@ impl PulseArrays<'_> {
     }
 }
 
-/// What a scan gives: each array has capacity for all pulses, and its length when it is filled.
-struct ScanColumns {
-    range: Vec<f64>,
-    true_range: Vec<f64>,
-    range_error: Vec<f64>,
-    intensity: Vec<f32>,
-    incidence: Vec<f32>,
-    normal: Vec<f32>,
-    object_id: Vec<i32>,
-    instance: Vec<u32>,
-    label: Vec<u32>,
-    true_direction: Vec<Point>,
-    radial_velocity: Vec<f32>,
-    status: Vec<u8>,
-    return_count: Vec<u8>,
-    /// Whether pulses need not go where they should, so that there are true directions.
-    strays: bool,
-    /// Whether sensor or scene moves, so that there are radial velocities.
-    moves: bool,
+/// The type of the entries of a column.
+trait Entry: Sized {
+    type Number: Element;
+    /// The shape of an entry.
+    const SHAPE: &'static [usize];
+
+    /// The column as an array, of a shape that ends with that of an entry.
+    fn array<'py>(py: Python<'py>, column: Vec<Self>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>>;
 }
 
-impl ScanColumns {
-    /// Unwinds if the system has no memory for the rows of so many pulses.
-    fn expect_room(pulses: usize, most: usize, strays: bool, moves: bool) {
-        let direction = if strays { size_of::<Point>() } else { 0 };
-        let row = 3 * size_of::<f64>() + (8 + usize::from(moves)) * size_of::<f32>() + direction;
-        memory::expect_room(pulses.saturating_mul(most).saturating_mul(row), || {
-            format!("the returns of {pulses} pulses, {most} each")
-        });
-    }
+macro_rules! entries {
+    ($($number:ident),+) => {
+        $(impl Entry for $number {
+            type Number = $number;
+            const SHAPE: &'static [usize] = &[];
 
-    /// With capacity for the rows of so many pulses.
-    fn new(pulses: usize, most: usize, strays: bool, moves: bool) -> Self {
-        ScanColumns::expect_room(pulses, most, strays, moves);
-        let rows = pulses.saturating_mul(most);
-        ScanColumns {
-            range: memory::with_capacity(rows),
-            true_range: memory::with_capacity(rows),
-            range_error: memory::with_capacity(rows),
-            intensity: memory::with_capacity(rows),
-            incidence: memory::with_capacity(rows),
-            normal: memory::with_capacity(3 * rows),
-            object_id: memory::with_capacity(rows),
-            instance: memory::with_capacity(rows),
-            label: memory::with_capacity(rows),
-            true_direction: if strays { memory::with_capacity(rows) } else { Vec::new() },
-            radial_velocity: if moves { memory::with_capacity(rows) } else { Vec::new() },
-            status: memory::with_capacity(pulses),
-            return_count: memory::with_capacity(pulses),
-            strays,
-            moves,
-        }
-    }
+            fn array<'py>(
+                py: Python<'py>,
+                column: Vec<Self>,
+                shape: &[usize],
+            ) -> PyResult<Bound<'py, PyAny>> {
+                Ok(column.into_pyarray(py).reshape(shape)?.into_any())
+            }
+        })+
+    };
+}
 
-    /// The rows of all pulses.
-    fn rows(&mut self, pulses: usize, most: usize) -> Rows<'_> {
-        let rows = pulses * most;
-        Rows {
-            range: &mut self.range.spare_capacity_mut()[..rows],
-            true_range: &mut self.true_range.spare_capacity_mut()[..rows],
-            range_error: &mut self.range_error.spare_capacity_mut()[..rows],
-            intensity: &mut self.intensity.spare_capacity_mut()[..rows],
-            incidence: &mut self.incidence.spare_capacity_mut()[..rows],
-            normal: &mut self.normal.spare_capacity_mut()[..3 * rows],
-            object_id: &mut self.object_id.spare_capacity_mut()[..rows],
-            instance: &mut self.instance.spare_capacity_mut()[..rows],
-            label: &mut self.label.spare_capacity_mut()[..rows],
-            true_direction: if self.strays { &mut self.true_direction.spare_capacity_mut()[..rows] } else { &mut [] },
-            radial_velocity: if self.moves { &mut self.radial_velocity.spare_capacity_mut()[..rows] } else { &mut [] },
-            status: &mut self.status.spare_capacity_mut()[..pulses],
-            return_count: &mut self.return_count.spare_capacity_mut()[..pulses],
-        }
-    }
+entries!(f64, f32, i32, u32, u8);
 
-    /// # Safety
-    ///
-    /// The rows of so many pulses must have been written.
-    unsafe fn are_written(&mut self, pulses: usize, most: usize) {
-        let rows = pulses * most;
-        // SAFETY: there is capacity for as many, and the caller has written them.
-        unsafe {
-            self.range.set_len(rows);
-            self.true_range.set_len(rows);
-            self.range_error.set_len(rows);
-            self.intensity.set_len(rows);
-            self.incidence.set_len(rows);
-            self.normal.set_len(3 * rows);
-            self.object_id.set_len(rows);
-            self.instance.set_len(rows);
-            self.label.set_len(rows);
-            self.true_direction.set_len(if self.strays { rows } else { 0 });
-            self.radial_velocity.set_len(if self.moves { rows } else { 0 });
-            self.status.set_len(pulses);
-            self.return_count.set_len(pulses);
-        }
-    }
+impl<T: Element> Entry for [T; 3] {
+    type Number = T;
+    const SHAPE: &'static [usize] = &[3];
 
-    fn into_dict(self, py: Python<'_>, most: usize) -> PyResult<Bound<'_, PyDict>> {
-        let shape = [self.status.len(), most];
-        let arrays = PyDict::new(py);
-        arrays.set_item("range", self.range.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("true_range", self.true_range.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("range_error", self.range_error.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("intensity", self.intensity.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("incidence", self.incidence.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("normal", self.normal.into_pyarray(py).reshape([shape[0], most, 3])?)?;
-        arrays.set_item("object_id", self.object_id.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("instance", self.instance.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("label", self.label.into_pyarray(py).reshape(shape)?)?;
-        arrays.set_item("status", self.status.into_pyarray(py))?;
-        arrays.set_item("return_count", self.return_count.into_pyarray(py))?;
-        if self.strays {
-            let directions = self.true_direction.into_flattened().into_pyarray(py).reshape([shape[0], most, 3])?;
-            arrays.set_item("true_direction", directions)?;
-        }
-        if self.moves {
-            arrays.set_item("radial_velocity", self.radial_velocity.into_pyarray(py).reshape(shape)?)?;
-        }
-        Ok(arrays)
+    fn array<'py>(py: Python<'py>, column: Vec<Self>, shape: &[usize]) -> PyResult<Bound<'py, PyAny>> {
+        Ok(column.into_flattened().into_pyarray(py).reshape([shape, Self::SHAPE].concat())?.into_any())
     }
+}
+
+macro_rules! arrays {
+    (
+        of_echoes { $($(#[$_a:meta])* $echo:ident: $Echo:ty = $no_echo:expr, $has_echo:ident, $_e:ident;)+ }
+        of_rays { $($(#[$_b:meta])* $ray:ident: $Ray:ty = $no_ray:expr, $has_ray:ident, $_r:ident;)+ }
+        of_pulses {
+            $($(#[$_c:meta])* $pulse:ident: $Pulse:ty = $no_pulse:expr, $has_pulse:ident, $_p:ident;)+
+        }
+    ) => {
+        /// The columns of a scan by name, without those that the layout does not have.
+        fn arrays(py: Python<'_>, columns: ScanColumns) -> PyResult<Bound<'_, PyDict>> {
+            let (layout, arrays) = (columns.layout, PyDict::new(py));
+            let (pulses, rows) = ([layout.pulses], [layout.pulses, layout.most]);
+            $(if layout.$has_echo(1) > 0 {
+                arrays.set_item(stringify!($echo), Entry::array(py, columns.$echo, &rows)?)?;
+            })+
+            $(if layout.$has_ray(1) > 0 {
+                arrays.set_item(stringify!($ray), Entry::array(py, columns.$ray, &rows)?)?;
+            })+
+            $(if layout.$has_pulse(1) > 0 {
+                arrays.set_item(stringify!($pulse), Entry::array(py, columns.$pulse, &pulses)?)?;
+            })+
+            Ok(arrays)
+        }
+
+        /// The columns of a scan by name: dtype, shape of an entry, whether there is one for each return, and
+        /// the value of an unused entry.
+        #[pyfunction]
+        pub fn scan_columns(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
+            let table = PyDict::new(py);
+            $(table.set_item(stringify!($echo), described::<$Echo>(py, true, $no_echo)?)?;)+
+            $(table.set_item(stringify!($ray), described::<$Ray>(py, true, $no_ray)?)?;)+
+            $(table.set_item(stringify!($pulse), described::<$Pulse>(py, false, $no_pulse)?)?;)+
+            Ok(table)
+        }
+    };
+}
+
+lidarsim_core::scan_columns!(arrays);
+
+type Described<'py> = (Bound<'py, PyArrayDescr>, Bound<'py, PyAny>, bool, Bound<'py, PyAny>);
+
+fn described<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyResult<Described<'py>> {
+    let shape = PyTuple::new(py, T::SHAPE)?.into_any();
+    Ok((numpy::dtype::<T::Number>(py), shape, of_returns, T::array(py, vec![unused], &[])?))
 }
 
 /// Raises MemoryError if there is none for a scan of so many pulses.
 #[pyfunction]
-pub fn expect_room(py: Python<'_>, pulses: usize, lidar: LidarParameters) -> PyResult<()> {
-    let measurement = lidar.measurement()?;
-    detached(py, || ScanColumns::expect_room(pulses, measurement.most_returns(), measurement.strays(), false))
+pub fn expect_room(py: Python<'_>, pulses: usize, lidar: &Bound<'_, PyAny>) -> PyResult<()> {
+    let measurement = Measurement::from_parameters(&Attributes(lidar))?;
+    let (most, strays) = (measurement.most_returns(), measurement.strays());
+    detached(py, || ScanColumns::expect_room(Layout { pulses, most, strays, moves: false }))
 }
 
-/// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n, most).
+/// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n,
+/// most).
 ///
 /// `indices`: which pulses of the whole frame these are, if they are not all in order.
 /// `draws`: seed, sensor and frame.
@@ -293,41 +197,44 @@ pub fn scan<'py>(
     path: &PyPath,
     pulses: PulseArrays<'py>,
     indices: Option<PyReadonlyArray1<'py, u64>>,
-    lidar: LidarParameters,
+    lidar: &Bound<'py, PyAny>,
     start: f64,
     draws: (u64, u32, u32),
 ) -> PyResult<Bound<'py, PyDict>> {
     let Pulses { directions, origins, times, rings } = pulses.slices()?;
     let indices = indices.as_ref().map(|indices| elements("indices", indices)).transpose()?;
-    let measurement = lidar.measurement()?;
-    check_rings(rings, &measurement.range_offset)?;
+    let measurement = Measurement::from_parameters(&Attributes(lidar))?;
+    check_rings(rings, measurement.rings())?;
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
-    let (most, level) = (measurement.most_returns(), level(py)?);
     let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
+    let (most, strays, level) = (measurement.most_returns(), measurement.strays(), level(py)?);
+    let layout = Layout { pulses: directions.len(), most, strays, moves };
     let measured = detached(py, || {
-        let mut columns = ScanColumns::new(directions.len(), most, measurement.strays(), moves);
+        let mut columns = ScanColumns::new(layout);
         scene.scene.prepare();
-        // Rounding keeps the order of times; one that overflows is refused. Where nothing moves, it does not matter when.
+        // Rounding keeps the order of times; times that overflow are refused. If nothing moves, time does not
+        // matter.
         let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
         let world = scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
-        let scan = Scan::new(&frame, &measurement, &scene.appearances, &world, level);
-        scan.share(&mut columns.rows(directions.len(), most))?;
-        // SAFETY: all pulses are measured, and none was bad, so that all of their rows were written.
-        unsafe { columns.are_written(directions.len(), most) };
+        let appearances = &scene.appearances;
+        let scan = Scan { frame: &frame, measurement: &measurement, appearances, caster: &world, level };
+        scan.measure(&mut columns.rows())?;
+        // SAFETY: all pulses were measured and none was bad, so all entries were written.
+        unsafe { columns.assume_written() };
         Ok(columns)
     })?;
-    measured.map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?.into_dict(py, most)
+    arrays(py, measured.map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?)
 }
 
-/// Of one offset for all rings there is nothing to look up.
-fn check_rings(rings: &[u16], offsets: &[f64]) -> PyResult<()> {
-    let unknown = |ring: &u16| offsets.len() > 1 && usize::from(*ring) >= offsets.len();
-    match rings.iter().position(unknown) {
+/// `known`: the number of rings that the sensor has parameters for, if these differ from ring to ring.
+fn check_rings(rings: &[u16], known: Option<usize>) -> PyResult<()> {
+    let Some(known) = known else { return Ok(()) };
+    match rings.iter().position(|ring| usize::from(*ring) >= known) {
         None => Ok(()),
         Some(i) => Err(PyValueError::new_err(format!(
-            "range_offset: expected an offset for each ring of the pulses, got {} of them and pulses.ring[{i}] = {}",
-            offsets.len(),
+            "range_offset: expected an offset for each ring of the pulses, got {known} of them and \
+             pulses.ring[{i}] = {}",
             rings[i]
         ))),
     }
@@ -347,7 +254,8 @@ fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {
             let ([first, last], time) = (frame.path.span(), frame.start + frame.times[i]);
             let pulse = frame.indices.map_or(i as u64, |indices| indices[i]);
             format!(
-                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse {pulse} at {time} s"
+                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse \
+                 {pulse} at {time} s"
             )
         }
     }
@@ -367,7 +275,10 @@ pub fn philox<'py>(
 
 /// The inverse of the normal distribution.
 #[pyfunction]
-pub fn normal_quantile<'py>(py: Python<'py>, p: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyArray1<f64>>> {
+pub fn normal_quantile<'py>(
+    py: Python<'py>,
+    p: PyReadonlyArray1<'py, f64>,
+) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let p = elements("p", &p)?;
     Ok(detached(py, || memory::collect(p.iter().map(|&p| rng::normal_quantile(p))))?.into_pyarray(py))
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use lidarsim_core::measure::Appearance;
-use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Scene, World, memory, span};
+use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Rays, Scene, TRange, World, memory, span};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -11,8 +11,12 @@ use pyo3::types::PyList;
 
 use crate::{Points, PySceneObject, PyShape, detached, elements, equal_points, legal_rays, level};
 
-type HitArrays<'py> =
-    (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray1<i32>>, Bound<'py, PyArray2<f64>>);
+type HitArrays<'py> = (
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<i32>>,
+    Bound<'py, PyArray1<i32>>,
+    Bound<'py, PyArray2<f64>>,
+);
 
 /// Objects, which hits name by their places.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
@@ -25,8 +29,8 @@ pub struct PyScene {
 struct RayCast<'a> {
     world: World<'a>,
     level: Level,
-    rays: (&'a [Point], &'a [Point], &'a [f64]),
-    range: (f64, f64),
+    rays: Rays<'a>,
+    range: TRange,
 }
 
 impl RayCast<'_> {
@@ -37,28 +41,30 @@ impl RayCast<'_> {
 }
 
 impl PyScene {
-    /// What `work` makes of rays, and whether all of them are legal, which they must be. `times`: one for each ray, or none if nothing moves.
-    /// `bytes`: how many a ray will take.
+    /// Runs `work` on rays, which must be legal; `work` tells whether they are. `times`: one a ray, or none
+    /// if nothing moves. `bytes`: of the result, for each ray.
     fn cast_rays<R: Send>(
         &self,
         py: Python<'_>,
         (origins, directions): (&[Point], &[Point]),
         times: Option<&PyReadonlyArray1<'_, f64>>,
-        range: (f64, f64),
+        range: TRange,
         bytes: usize,
         work: impl FnOnce(RayCast<'_>) -> (R, bool) + Send,
     ) -> PyResult<R> {
         let n = origins.len();
         let times = times.map_or(Ok(&[][..]), |times| elements("times", times))?;
         if times.len() != if self.scene.moves() { n } else { 0 } {
-            return Err(PyValueError::new_err("times: expected one for each ray of a scene that moves, and else none"));
+            return Err(PyValueError::new_err(
+                "times: expected one for each ray of a scene that moves, and else none",
+            ));
         }
         let level = level(py)?;
         let (made, legal) = detached(py, || {
             memory::expect_room(n.saturating_mul(bytes), || format!("the hits of {n} rays"));
             self.scene.prepare();
             let world = self.scene.during(span(times));
-            work(RayCast { world, level, rays: (origins, directions, times), range })
+            work(RayCast { world, level, rays: Rays { origins, directions, times }, range })
         })?;
         if !legal {
             legal_rays(origins, directions)?;
@@ -111,25 +117,26 @@ impl PyScene {
     ) -> PyResult<HitArrays<'py>> {
         const HIT: usize = size_of::<f64>() + 2 * size_of::<i32>() + size_of::<Point>();
         let rays = equal_points(&origins, &directions)?;
-        let (t, object, primitive, normal) = self.cast_rays(py, rays, times.as_ref(), (t_min, t_max), HIT, |cast| {
-            let n = rays.0.len();
-            let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity(3 * n));
-            let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
-            let legal = cast.write_to(&mut Columns {
-                t: &mut t.spare_capacity_mut()[..n],
-                object: &mut object.spare_capacity_mut()[..n],
-                primitive: &mut primitive.spare_capacity_mut()[..n],
-                normal: &mut normal.spare_capacity_mut()[..3 * n],
-            });
-            // SAFETY: a cast clears the hits of each of its n rays, legal or not, or unwinds.
-            unsafe {
-                t.set_len(n);
-                object.set_len(n);
-                primitive.set_len(n);
-                normal.set_len(3 * n);
-            }
-            ((t, object, primitive, normal), legal)
-        })?;
+        let (t, object, primitive, normal) =
+            self.cast_rays(py, rays, times.as_ref(), TRange { min: t_min, max: t_max }, HIT, |cast| {
+                let n = rays.0.len();
+                let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity(3 * n));
+                let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
+                let legal = cast.write_to(&mut Columns {
+                    t: &mut t.spare_capacity_mut()[..n],
+                    object: &mut object.spare_capacity_mut()[..n],
+                    primitive: &mut primitive.spare_capacity_mut()[..n],
+                    normal: &mut normal.spare_capacity_mut()[..3 * n],
+                });
+                // SAFETY: a cast clears the hits of each of its n rays, legal or not, or unwinds.
+                unsafe {
+                    t.set_len(n);
+                    object.set_len(n);
+                    primitive.set_len(n);
+                    normal.set_len(3 * n);
+                }
+                ((t, object, primitive, normal), legal)
+            })?;
         let n = t.len();
         Ok((
             PyArray1::from_vec(py, t),
@@ -150,14 +157,21 @@ impl PyScene {
         times: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<Bound<'py, PyArray1<bool>>> {
         let rays = equal_points(&origins, &directions)?;
-        let occluded = self.cast_rays(py, rays, times.as_ref(), (t_min, t_max), size_of::<bool>(), |cast| {
-            let n = rays.0.len();
-            let mut occluded = memory::with_capacity(n);
-            let legal = cast.write_to(&mut Occlusion(&mut occluded.spare_capacity_mut()[..n]));
-            // SAFETY: as of `cast`.
-            unsafe { occluded.set_len(n) };
-            (occluded, legal)
-        })?;
+        let occluded = self.cast_rays(
+            py,
+            rays,
+            times.as_ref(),
+            TRange { min: t_min, max: t_max },
+            size_of::<bool>(),
+            |cast| {
+                let n = rays.0.len();
+                let mut occluded = memory::with_capacity(n);
+                let legal = cast.write_to(&mut Occlusion(&mut occluded.spare_capacity_mut()[..n]));
+                // SAFETY: as of `cast`.
+                unsafe { occluded.set_len(n) };
+                (occluded, legal)
+            },
+        )?;
         Ok(PyArray1::from_vec(py, occluded))
     }
 }

@@ -1,8 +1,9 @@
-//! Shapes, as Python makes them. What Python has validated is not checked again, but for what exact arithmetic decides.
+//! Shapes, as Python makes them. What Python has validated is not checked again, but for what exact
+//! arithmetic decides.
 
 use std::sync::Arc;
 
-use lidarsim_core::shapes::{self, AnySurface};
+use lidarsim_core::shapes::{self, AnySurface, Form};
 use lidarsim_core::{Geometry, Object, Scene, TriangleMesh, memory};
 use numpy::ndarray::aview2;
 use numpy::{Element, PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2};
@@ -16,12 +17,30 @@ use crate::{Points, PyAffine, detached, elements, plain, points, rays};
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
 pub struct PyShape {
     pub object: Object,
-    /// What it was made from, unless that is a mesh.
+    /// The arguments that it was made from, and their numbers; none of a mesh.
+    form: Form,
     numbers: Vec<f64>,
     transform: Option<PyAffine>,
 }
 
 impl PyShape {
+    /// The shape that has a form of these names, in this order.
+    fn of_form<'py>(
+        name: &str,
+        names: impl Iterator<Item = Bound<'py, PyAny>>,
+        numbers: Vec<f64>,
+    ) -> PyResult<Self> {
+        let names = names.map(|name| name.extract::<String>()).collect::<PyResult<Vec<_>>>()?;
+        let of_names = |form: &Form| form.iter().map(|(name, _)| *name).eq(names.iter().map(String::as_str));
+        let forms = AnySurface::forms(name);
+        let Some(index) = forms.iter().position(of_names) else {
+            return Err(PyValueError::new_err(format!("{name}: unknown arguments {}", names.join(", "))));
+        };
+        let surface = AnySurface::new(name, index, &numbers).map_err(PyValueError::new_err)?;
+        let object = Object::new(Geometry::Surface(surface), false);
+        Ok(PyShape { object, form: forms[index], numbers, transform: None })
+    }
+
     fn mesh(&self) -> Option<&TriangleMesh> {
         match &self.object.geometry {
             Geometry::Mesh(mesh) => Some(mesh),
@@ -32,17 +51,22 @@ impl PyShape {
 
 #[pymethods]
 impl PyShape {
-    /// The shape of this name and these parameters, one after the other, as its file in the core has them.
+    /// The shape of this name with these arguments, each a sequence of finite numbers.
     #[new]
-    fn new(name: &str, numbers: Vec<f64>) -> PyResult<Self> {
-        let surface = AnySurface::new(name, &numbers).map_err(PyValueError::new_err)?;
-        Ok(PyShape { object: Object::new(Geometry::Surface(surface), false), numbers, transform: None })
+    fn new(name: &str, arguments: &Bound<'_, PyDict>) -> PyResult<Self> {
+        let mut numbers: Vec<f64> = Vec::new();
+        for values in arguments.values() {
+            numbers.extend(values.extract::<Vec<f64>>()?);
+        }
+        Self::of_form(name, arguments.keys().iter(), numbers)
     }
 
-    /// The same of arguments in the usual forms, vectors and after them numbers, by their names; none if these are not, or if no such shape has them.
+    /// Fast path for arguments of common types: vectors, and after them numbers, by their names. None for
+    /// others.
     #[staticmethod]
     fn plain(name: &str, vectors: &Bound<'_, PyDict>, numbers: &Bound<'_, PyDict>) -> Option<Self> {
-        Self::new(name, plain::numbers(vectors, numbers)?).ok()
+        let names = vectors.keys().iter().chain(numbers.keys().iter());
+        Self::of_form(name, names, plain::numbers(vectors, numbers)?).ok()
     }
 
     /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
@@ -55,14 +79,17 @@ impl PyShape {
     ) -> PyResult<Self> {
         let (vertices, faces) = (points("vertices", &vertices)?, elements("faces", &faces)?.as_chunks().0);
         let mesh = detached(py, || TriangleMesh::new(memory::copy(vertices), memory::copy(faces)))?
-            .ok_or_else(|| PyValueError::new_err("faces: expected shape (m, 3) and the numbers of vertices"))?;
-        Ok(PyShape { object: Object::new(Geometry::Mesh(Arc::new(mesh)), whole), numbers: Vec::new(), transform: None })
+            .ok_or_else(|| {
+                PyValueError::new_err("faces: expected shape (m, 3) and the numbers of vertices")
+            })?;
+        let object = Object::new(Geometry::Mesh(Arc::new(mesh)), whole);
+        Ok(PyShape { object, form: &[], numbers: Vec::new(), transform: None })
     }
 
     /// The image under a transform.
     fn transformed(&self, transform: &PyAffine) -> PyResult<Self> {
         let object = transform.image_of(&self.object)?;
-        Ok(PyShape { object, numbers: self.numbers.clone(), transform: Some(*transform) })
+        Ok(PyShape { object, form: self.form, numbers: self.numbers.clone(), transform: Some(*transform) })
     }
 
     /// The matrix of the transform, read-only.
@@ -70,9 +97,13 @@ impl PyShape {
         self.transform.map(|transform| transform.matrix(py))
     }
 
-    /// The parameters of a shape that is not a mesh.
-    fn numbers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
-        PyTuple::new(py, &self.numbers)
+    /// The arguments by name, each a tuple of numbers; none of a mesh.
+    fn arguments<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let (arguments, mut numbers) = (PyDict::new(py), self.numbers.iter());
+        for (name, count) in self.form {
+            arguments.set_item(name, PyTuple::new(py, numbers.by_ref().take(*count).collect::<Vec<_>>())?)?;
+        }
+        Ok(arguments)
     }
 
     /// The vertices of a mesh, (n, 3): a read-only view.
@@ -85,7 +116,8 @@ impl PyShape {
         view(shape, shape.get().mesh().map_or(&[][..], TriangleMesh::faces))
     }
 
-    /// The low and the high corner of a box around the surface; infinite if that is, nan if it is a mesh without triangles.
+    /// The low and the high corner of a box around the surface; infinite if that is, nan if it is a mesh
+    /// without triangles.
     fn bounds<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         bounds(py, &self.object)
     }
@@ -150,7 +182,8 @@ fn view<'py, T: Element>(shape: &Bound<'py, PyShape>, rows: &[[T; 3]]) -> Bound<
     array
 }
 
-/// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex i.
+/// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex
+/// i.
 #[pyfunction]
 pub fn self_crossing(py: Python<'_>, outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
     let outline = elements("outline", &outline)?.as_chunks().0;

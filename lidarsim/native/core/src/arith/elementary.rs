@@ -1,5 +1,6 @@
-//! Elementary functions whose bits are the same on every platform: additions, multiplications, divisions and square roots
-//! in a written order, where the bits of a C library's functions hang on its version and on the processor.
+//! Elementary functions whose bits are the same on every platform: additions, multiplications, divisions and
+//! square roots in a written order, where the bits of a C library's functions hang on its version and on the
+//! processor.
 //!
 //! The series are Taylor's, cut where the next term is below half an ulp.
 
@@ -15,11 +16,14 @@ const LN_2_LOW: f64 = f64::from_bits(0x3dea_39ef_3579_3c76);
 
 /// Natural logarithm of a positive, normal number, to within 1 ulp.
 ///
-/// With x = 2ᵏ(1+f), 1+f between √½ and √2, and s = f/(2+f): ln(1+f) = 2 artanh s = f − s(f − 2s²(1/3 + s²/5 + s⁴/7 + …)).
+/// With x = 2ᵏ(1+f), 1+f between √½ and √2, and s = f/(2+f): ln(1+f) = 2 artanh s = f − s(f − 2s²(1/3 + s²/5
+/// + s⁴/7 + …)).
 ///
-/// f and k·LN_2_HIGH are exact. What s is multiplied by is at most 0.068 with it, and s, that and their product are off by less than 3.5u together: 0.24u.
-/// ln(1+f), at most 0.35, is rounded by ¼u, and the last sum, where k is not 0, by half an ulp of the result, or not at all where both are in [¼, ½).
-/// Results in [¼, ½), of ulp ½u, are the worst: 0.49u, or where |ln(1+f)| < ¼, s is smaller, and it rounds by ⅛u, (0.11 + ⅛ + ¼)u.
+/// f and k·LN_2_HIGH are exact. What s is multiplied by is at most 0.068 with it, and s, that and their
+/// product are off by less than 3.5u together: 0.24u. ln(1+f), at most 0.35, is rounded by ¼u, and the last
+/// sum, where k is not 0, by half an ulp of the result, or not at all where both are in [¼, ½). Results in
+/// [¼, ½), of ulp ½u, are the worst: 0.49u, or where |ln(1+f)| < ¼, s is smaller, and it rounds by ⅛u, (0.11
+/// + ⅛ + ¼)u.
 #[inline(always)]
 pub fn ln(x: f64) -> f64 {
     let bits = x.to_bits();
@@ -59,9 +63,10 @@ pub const RECIPROCAL_FACTORIALS: [f64; 20] = {
 
 /// eˣ, to within 1 ulp where it is normal.
 ///
-/// x = k·ln 2 + r, |r| ≤ 0.347, of which k·LN_2_HIGH and the difference to x are exact, and what `high − low` rounds is put back. The worst are r < 0, where
-/// the ulp of eʳ is u: eʳ − 1 − r is at most 0.054 there, and off by three roundings of it and one of the sum with what was put back, 0.19u; the sum with
-/// r rounds by ¼u, and that with 1 by ½u: 0.94u. For r > 0 the ulp is 2u, and the same sums are less than 1.6u.
+/// x = k·ln 2 + r, |r| ≤ 0.347, of which k·LN_2_HIGH and the difference to x are exact, and what `high − low`
+/// rounds is put back. The worst are r < 0, where the ulp of eʳ is u: eʳ − 1 − r is at most 0.054 there, and
+/// off by three roundings of it and one of the sum with what was put back, 0.19u; the sum with r rounds by
+/// ¼u, and that with 1 by ½u: 0.94u. For r > 0 the ulp is 2u, and the same sums are less than 1.6u.
 #[inline(always)]
 pub fn exp(x: f64) -> f64 {
     // Past these, float64 holds nothing but 0 and ∞, which is what they give. NaN stays.
@@ -87,10 +92,12 @@ pub fn exp(x: f64) -> f64 {
 
 /// Sine and cosine, for |x| up to 10⁶, to within 1 ulp of 1.
 ///
-/// x less the nearest multiple of π/2, which is subtracted in three parts of 33 bits and more. The first difference is exact; the others round by ½u
-/// each where |r| > ½, and less below. Sine: that moves it by 0.71u at most; the terms after r are 0.08 in all, and off by four roundings of it, 0.3u; the
-/// sum rounds by ½u. Cosine: it is moved by 0.71u; the terms after 1 are 0.293 at most, of which r² rounds by ½u times ½, the polynomial by ¼u times
-/// 0.62, and their product by ¼u; the sum rounds by ½u. Both make less than 2u, an ulp of 1.
+/// x less the nearest multiple of π/2, which is subtracted in three parts of 33 bits and more. The first
+/// difference is exact; the others round by ½u each where |r| > ½, and less below. Sine: that moves it by
+/// 0.71u at most; the terms after r are 0.08 in all, and off by four roundings of it, 0.3u; the sum rounds by
+/// ½u. Cosine: it is moved by 0.71u; the terms after 1 are 0.293 at most, of which r² rounds by ½u times ½,
+/// the polynomial by ¼u times 0.62, and their product by ¼u; the sum rounds by ½u. Both make less than 2u, an
+/// ulp of 1.
 #[inline(always)]
 pub fn sin_cos(x: f64) -> (f64, f64) {
     const PI_2: [f64; 3] = [
@@ -104,8 +111,11 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
         let mut c = [0.0; 9];
         let mut i = 0;
         while i < c.len() {
-            c[i] =
-                if i % 2 == 0 { -RECIPROCAL_FACTORIALS[first + 2 * i] } else { RECIPROCAL_FACTORIALS[first + 2 * i] };
+            c[i] = if i % 2 == 0 {
+                -RECIPROCAL_FACTORIALS[first + 2 * i]
+            } else {
+                RECIPROCAL_FACTORIALS[first + 2 * i]
+            };
             i += 1;
         }
         c
@@ -127,7 +137,8 @@ fn whole(x: f64) -> i64 {
     (x + BESIDE).to_bits() as i64 - BESIDE.to_bits() as i64
 }
 
-/// The angle in [0, π/2] whose sine and cosine are as `sin` to `cos`, both ≥ 0, to within 3e-9 of itself: good for float32.
+/// The angle in [0, π/2] whose sine and cosine are as `sin` to `cos`, both ≥ 0, to within 3e-9 of itself:
+/// good for float32.
 ///
 /// arctan(x)/x on [0, 1] as a polynomial in x², fitted at Chebyshev's points.
 #[inline(always)]
@@ -170,7 +181,8 @@ mod tests {
     fn fixed(x: f64) -> BigInt {
         let exponent = ((x.to_bits() >> 52 & 0x7ff) as i64 - 1075).max(-1074);
         let mantissa = BigInt::from(
-            (x / 2.0_f64.powi(exponent as i32 / 2) / 2.0_f64.powi(exponent as i32 - exponent as i32 / 2)) as i64,
+            (x / 2.0_f64.powi(exponent as i32 / 2) / 2.0_f64.powi(exponent as i32 - exponent as i32 / 2))
+                as i64,
         );
         let shift = BITS as i64 + exponent;
         if shift >= 0 { mantissa << shift as u64 } else { mantissa >> -shift as u64 }
@@ -189,7 +201,8 @@ mod tests {
         sign * sum * 2.0_f64.powi(-200)
     }
 
-    /// x/1 + s·x³/3 + x⁵/5 + s·x⁷/7 + … for x = 1/n: the arc tangent (s = −1), and the other way the area tangent (s = 1).
+    /// x/1 + s·x³/3 + x⁵/5 + s·x⁷/7 + … for x = 1/n: the arc tangent (s = −1), and the other way the area
+    /// tangent (s = 1).
     fn arc(n: i64, s: i64) -> BigInt {
         let (mut sum, mut power, mut k) = (BigInt::ZERO, one() / n, 1);
         while power != BigInt::ZERO {
@@ -234,7 +247,8 @@ mod tests {
         x.abs().next_up() - x.abs()
     }
 
-    /// Against the series themselves, in numbers of 320 bits: the worst that a search finds is less than what is derived above, and not much less.
+    /// Against the series themselves, in numbers of 320 bits: the worst that a search finds is less than what
+    /// is derived above, and not much less.
     #[test]
     fn functions_are_as_near_as_is_derived() {
         let (two, quarter) = (ln_2(), half_pi());
@@ -272,7 +286,8 @@ mod tests {
         ];
         for (what, low, high, off) in searches {
             let draw = |_: usize, next: &mut dyn FnMut() -> f64| low + (high - low) * next();
-            let (found, x) = worst(10, 250, draw, |&[x]: &[f64; 1]| if low < x && x < high { off(x) } else { 0.0 });
+            let (found, x) =
+                worst(10, 250, draw, |&[x]: &[f64; 1]| if low < x && x < high { off(x) } else { 0.0 });
             assert!(0.5 < found && found <= 1.0, "{what} of {x:?} is off by {found}");
         }
     }

@@ -1,5 +1,6 @@
-//! Error-free transformations: the rounded result of an operation and its rounding error, exactly (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot
-//! product, SIAM J. Sci. Comput. 26, 2005, have them all). They hold where nothing overflows and no error underflows.
+//! Error-free transformations: the rounded result of an operation and its rounding error, exactly (T. Ogita,
+//! S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005, have them all). They hold
+//! where nothing overflows and no error underflows.
 
 use crate::arith::simd::Floats;
 
@@ -19,7 +20,8 @@ pub fn two_diff<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
     (s, a.sub(s.sub(z)).sub(b.add(z)))
 }
 
-/// Fast2Sum (T. J. Dekker, A floating-point technique for extending the available precision, 1971): a + b = s + e, for |a| ≥ |b| or a = 0.
+/// Fast2Sum (T. J. Dekker, A floating-point technique for extending the available precision, 1971): a + b = s
+/// + e, for |a| ≥ |b| or a = 0.
 #[inline(always)]
 pub fn fast_two_sum<F: Floats<f64, N>, const N: usize>(a: F, b: F) -> (F, F) {
     let s = a.add(b);

@@ -1,5 +1,6 @@
-//! Unevaluated sums of two float64 numbers, in eight lanes, built by error-free transformations (T. Dekker, 1971; D. Knuth, TAOCP 2, §4.2.2;
-//! J. Shewchuk, Adaptive precision floating-point arithmetic, 1997). They carry no error bound: each formula that uses them derives its own.
+//! Unevaluated sums of two float64 numbers, in eight lanes, built by error-free transformations (T. Dekker,
+//! 1971; D. Knuth, TAOCP 2, §4.2.2; J. Shewchuk, Adaptive precision floating-point arithmetic, 1997). They
+//! carry no error bound: each formula that uses them derives its own.
 
 use crate::arith::error_free::{fast_two_sum, two_diff, two_product, two_sum};
 use crate::arith::number::{DoubleDouble, UNIT};
@@ -8,8 +9,8 @@ use crate::arith::simd::{Floats, Isa};
 /// By axis.
 pub type V<I> = [<I as Isa>::F64x8; 3];
 
-/// high + low, not renormalized: low is small compared with the terms that were summed to high (the pair arithmetic of M. Lange, S. Rump,
-/// Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
+/// high + low, not renormalized: low is small compared with the terms that were summed to high (the pair
+/// arithmetic of M. Lange, S. Rump, Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
 #[derive(Clone, Copy)]
 pub struct Expansion<I: Isa> {
     pub high: I::F64x8,
@@ -24,7 +25,8 @@ pub struct Constant {
     pub size: f64,
 }
 
-/// See `Constant`; a number in double-double is off by no more than a few operations of it, or else its size is said to be larger.
+/// See `Constant`; a number in double-double is off by no more than a few operations of it, or else its size
+/// is said to be larger.
 pub const CONSTANT: f64 = 64.0 * UNIT * UNIT;
 
 /// What underflow takes from a few products is less than u² of this.
@@ -102,8 +104,9 @@ impl<I: Isa> Expansion<I> {
         Expansion { high, low: a.low.mul_add(b.high, a.high.mul_add(b.low, low)) }
     }
 
-    /// The compensated dot product Dot2 (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005), with the lower parts
-    /// of the factors in its correction. Its bound, with that of `minor`, is derived in `Crossing`.
+    /// The compensated dot product Dot2 (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J.
+    /// Sci. Comput. 26, 2005), with the lower parts of the factors in its correction. Its bound, with that of
+    /// `minor`, is derived in `Crossing`.
     #[inline(always)]
     pub fn dot(a: [Self; 3], b: [Self; 3]) -> Self {
         let (x, x_low) = two_product(a[0].high, b[0].high);

@@ -1,4 +1,5 @@
-//! Roots of linear and quadratic equations, kept as their coefficients: the intersections of a line with a surface before rounding.
+//! Roots of linear and quadratic equations, kept as their coefficients: the intersections of a line with a
+//! surface before rounding.
 
 use std::cmp::Ordering;
 
@@ -12,7 +13,16 @@ impl<N: Number> Root<N> {
     /// t = num/den, den > 0.
     #[inline(always)]
     pub fn linear(num: N, den: N, feature: u8) -> Self {
-        Root { a: den, b: num, c: N::exact(0.0), disc: N::exact(0.0), branch: 0, t: None, touches: false, feature }
+        Root {
+            a: den,
+            b: num,
+            c: N::exact(0.0),
+            disc: N::exact(0.0),
+            branch: 0,
+            t: None,
+            touches: false,
+            feature,
+        }
     }
 
     /// t = b/a, a > 0, where a·t² − 2b·t + c = 0 has no other root.
@@ -31,7 +41,8 @@ impl<N: Number> Root<N> {
         })
     }
 
-    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending, where disc has sign `order`: one if it is zero, none if negative.
+    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending, where disc has sign `order`: one if it is zero,
+    /// none if negative.
     #[inline(always)]
     pub fn quadratic(a: N, b: N, c: N, disc: N, order: Ordering, feature: u8) -> Roots<N> {
         match order {
@@ -80,8 +91,8 @@ impl<N: Number> Root<N> {
 /// The roots of a surface of degree two or of a convex solid, ascending and distinct.
 pub type Roots<N> = [Option<Root<N>>; 2];
 
-/// What is left of a line inside a convex solid while one part of its boundary after another cuts it: from the largest
-/// `entry` to the least `exit`.
+/// What is left of a line inside a convex solid while one part of its boundary after another cuts it: from
+/// the largest `entry` to the least `exit`.
 #[derive(Clone)]
 pub struct Chord<N> {
     entry: Option<Root<N>>,

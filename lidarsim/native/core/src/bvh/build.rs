@@ -1,7 +1,9 @@
-//! Building by the surface area heuristic over bins (I. Wald, On fast construction of SAH-based bounding volume hierarchies, 2007).
+//! Building by the surface area heuristic over bins (I. Wald, On fast construction of SAH-based bounding
+//! volume hierarchies, 2007).
 //!
-//! A binary tree is grown first, and the nodes are then the cut of it that is best as a whole (H. Ylitie et al., Efficient
-//! Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, 2017). The hierarchy does not depend on the threads.
+//! A binary tree is grown first, and the nodes are then the cut of it that is best as a whole (H. Ylitie et
+//! al., Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, 2017). The hierarchy does
+//! not depend on the threads.
 
 use std::ops::Range;
 
@@ -161,7 +163,8 @@ pub fn build<L: Send>(
     Bvh::with(center, memory::copy(&parts.nodes), leaves)
 }
 
-/// What `make` gives for the numbers below `count`, in order; by all threads of the pool, if the work is shared.
+/// What `make` gives for the numbers below `count`, in order; by all threads of the pool, if the work is
+/// shared.
 fn collect<T: Send>(count: usize, shared: bool, make: impl Fn(u32) -> T + Sync) -> Vec<T> {
     let mut made = memory::with_capacity(count);
     let numbers = 0..count as u32;
@@ -199,7 +202,8 @@ impl Tree {
         let (a, b) = if len > PARALLEL { rayon::join(first, second) } else { (first(), second()) };
         let mut cost = [f32::INFINITY; WIDTH];
         for slots in 2..=WIDTH {
-            cost[slots - 1] = shares(slots).map(|(i, j)| a.cost[i - 1] + b.cost[j - 1]).fold(cost[slots - 2], f32::min);
+            cost[slots - 1] =
+                shares(slots).map(|(i, j)| a.cost[i - 1] + b.cost[j - 1]).fold(cost[slots - 2], f32::min);
         }
         cost[0] = bounds.surface() + cost[WIDTH - 1];
         for slots in 2..=WIDTH {
@@ -275,8 +279,8 @@ impl Parts {
     }
 }
 
-/// Sorts items into bins: by the place of their middle along an axis; or by their surface, a bin a power of two, for a few that
-/// are large would else make every box large that they come into.
+/// Sorts items into bins: by the place of their middle along an axis; or by their surface, a bin a power of
+/// two, for a few that are large would else make every box large that they come into.
 struct Grid {
     low: [f32; 3],
     scale: [f32; 3],
@@ -315,7 +319,9 @@ fn fill(items: &[Item], grid: &Grid, keys: usize) -> Bins {
         return parts.reduce(
             || empty,
             |mut bins, others| {
-                for ((bounds, count), (other, more)) in bins.as_flattened_mut().iter_mut().zip(others.as_flattened()) {
+                for ((bounds, count), (other, more)) in
+                    bins.as_flattened_mut().iter_mut().zip(others.as_flattened())
+                {
                     bounds.include(other);
                     *count += more;
                 }
@@ -334,7 +340,8 @@ fn fill(items: &[Item], grid: &Grid, keys: usize) -> Bins {
     bins
 }
 
-/// Orders `items` into two parts of least surface times leaves, and returns the length of the first, and the extents of both.
+/// Orders `items` into two parts of least surface times leaves, and returns the length of the first, and the
+/// extents of both.
 fn split(items: &mut [Item], extent: &Extent, most: usize) -> Option<(usize, [Extent; 2])> {
     let grid = Grid::over(extent);
     let keys = if items.len() < SIZED { Grid::SIZE } else { Grid::KEYS };
@@ -433,11 +440,13 @@ mod tests {
             let low = 100.0 * next();
             Interval { low, high: low + scale * next() }
         };
-        let scale = |i: usize| [1e-3, 1e-3, 0.0, 0.1, 1e-3, 1e-3, 1e-3, if i % 1000 == 7 { 1e3 } else { 1.0 }][i % 8];
+        let scale =
+            |i: usize| [1e-3, 1e-3, 0.0, 0.1, 1e-3, 1e-3, 1e-3, if i % 1000 == 7 { 1e3 } else { 1.0 }][i % 8];
         (0..count).map(|i| Some([side(scale(i)), side(scale(i)), side(0.1 * scale(i))])).collect()
     }
 
-    /// Checks that every primitive with a box is in one leaf, and in all boxes above; returns the levels of nodes.
+    /// Checks that every primitive with a box is in one leaf, and in all boxes above; returns the levels of
+    /// nodes.
     fn check(boxes: &Boxes, most: usize) -> usize {
         let bvh = built(boxes, most);
         let mut found = Vec::new();
@@ -455,7 +464,10 @@ mod tests {
                 for &id in ids {
                     let sides = boxes[id as usize].unwrap();
                     for i in 0..3 {
-                        assert!(low[i] <= sides[i].low - bvh.center[i] && sides[i].high - bvh.center[i] <= high[i]);
+                        assert!(
+                            low[i] <= sides[i].low - bvh.center[i]
+                                && sides[i].high - bvh.center[i] <= high[i]
+                        );
                     }
                 }
                 found.extend_from_slice(ids);
@@ -479,7 +491,8 @@ mod tests {
             check(&mixed(count), 8);
             check(&mixed(count), 1);
         }
-        let some: Boxes = mixed(1000).into_iter().enumerate().map(|(i, b)| b.filter(|_| i % 3 == 0)).collect();
+        let some: Boxes =
+            mixed(1000).into_iter().enumerate().map(|(i, b)| b.filter(|_| i % 3 == 0)).collect();
         check(&some, 8);
         check(&vec![None; 10], 8);
     }
@@ -501,7 +514,9 @@ mod tests {
         for size in [1e-300, 1e-40, 1e30, 1e38, 1e60, 1e300] {
             check(
                 &of_points(
-                    std::iter::repeat_with(numbers()).take(3000).map(|x| [size * (x - 0.5), size * x * x, -size * x]),
+                    std::iter::repeat_with(numbers())
+                        .take(3000)
+                        .map(|x| [size * (x - 0.5), size * x * x, -size * x]),
                 ),
                 8,
             );

@@ -1,8 +1,8 @@
 //! A bounding volume hierarchy, eight children wide.
 //!
-//! Boxes are float32, relative to a float64 centre and rounded outward, and slab tests are conservative (T. Ize, Robust BVH Ray
-//! Traversal, JCGT 2013): traversal culls primitives, but never one that a ray intersects. Intersections are decided elsewhere, for the
-//! float64 input.
+//! Boxes are float32, relative to a float64 centre and rounded outward, and slab tests are conservative (T.
+//! Ize, Robust BVH Ray Traversal, JCGT 2013): traversal culls primitives, but never one that a ray
+//! intersects. Intersections are decided elsewhere, for the float64 input.
 
 mod build;
 mod node;
@@ -38,8 +38,8 @@ pub struct Bvh<L> {
 }
 
 impl<L: Send> Bvh<L> {
-    /// Over primitives 0 to `count`; those without a box (none) are left out. `leaf` makes a leaf of up to `most` primitives, at
-    /// most `MAX_LEAF_SIZE`.
+    /// Over primitives 0 to `count`; those without a box (none) are left out. `leaf` makes a leaf of up to
+    /// `most` primitives, at most `MAX_LEAF_SIZE`.
     pub fn new(
         count: usize,
         bounds: impl Fn(u32) -> Option<[Interval; 3]> + Sync,

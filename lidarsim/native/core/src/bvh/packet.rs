@@ -1,9 +1,10 @@
-//! Ray packets prepared for a hierarchy, and their conservative slab tests in float32 (I. Wald et al., Interactive Rendering with Coherent Ray Tracing,
-//! 2001; T. Ize, Robust BVH Ray Traversal, 2013).
+//! Ray packets prepared for a hierarchy, and their conservative slab tests in float32 (I. Wald et al.,
+//! Interactive Rendering with Coherent Ray Tracing, 2001; T. Ize, Robust BVH Ray Traversal, 2013).
 //!
-//! As in `TraversalRay`, the t of a box's near plane is bounded from below and that of its far plane from above. The frustum of the packet, interval
-//! arithmetic over its origins and reciprocal directions, culls most boxes for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing
-//! Algorithm, 2005; S. Boulos et al., Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
+//! As in `TraversalRay`, the t of a box's near plane is bounded from below and that of its far plane from
+//! above. The frustum of the packet, interval arithmetic over its origins and reciprocal directions, culls
+//! most boxes for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing Algorithm, 2005; S. Boulos et
+//! al., Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
 
 use super::Bvh;
 use super::node::{Node, WIDTH};
@@ -13,10 +14,12 @@ use crate::arith::simd::{Floats, Isa};
 /// Unit roundoff of float32.
 const U: f32 = f32::EPSILON / 2.0;
 
-/// A slope is the float32 reciprocal of a direction that was rounded to float32: that is off by u, or, if it is subnormal, by 2⁻¹⁵⁰, which is 4u of
-/// 2⁻¹²⁸; with the reciprocal 5u. A subtraction and two products more, that by this factor among them, add 1u each: 8u, and half as much again.
+/// A slope is the float32 reciprocal of a direction that was rounded to float32: that is off by u, or, if it
+/// is subnormal, by 2⁻¹⁵⁰, which is 4u of 2⁻¹²⁸; with the reciprocal 5u. A subtraction and two products more,
+/// that by this factor among them, add 1u each: 8u, and half as much again.
 ///
-/// Reciprocals below 2⁻¹²⁸ overflow. Then the true one is at least 2¹²⁸·(1 − 4u), which is above the largest number times `SHRINK`.
+/// Reciprocals below 2⁻¹²⁸ overflow. Then the true one is at least 2¹²⁸·(1 − 4u), which is above the largest
+/// number times `SHRINK`.
 const SHRINK: f32 = 1.0 - 12.0 * U;
 const STRETCH: f32 = 1.0 + 12.0 * U;
 
@@ -32,7 +35,8 @@ pub struct Packet {
     pub(super) octant: Octant,
 }
 
-/// What all rays of a packet have in common: the lower bound of t, and by axis which plane of a box they enter first.
+/// What all rays of a packet have in common: the lower bound of t, and by axis which plane of a box they
+/// enter first.
 #[derive(Clone, Copy)]
 pub(super) struct Octant {
     start: f32,
@@ -60,7 +64,13 @@ impl Subpacket {
     };
 
     #[inline(always)]
-    fn set_limits<I: Isa>(&mut self, g: usize, t: &[f64; LANES], offset: Option<&[f64; LANES]>, scale: I::F64x8) {
+    fn set_limits<I: Isa>(
+        &mut self,
+        g: usize,
+        t: &[f64; LANES],
+        offset: Option<&[f64; LANES]>,
+        scale: I::F64x8,
+    ) {
         let (mut low, mut high) = halves::<I>(t, g);
         if let Some(offset) = offset {
             // A limit before the start is none: nothing is met there.
@@ -68,7 +78,8 @@ impl Subpacket {
             (low, high) = (Floats::max(low.sub(less.0), zero), Floats::max(high.sub(less.1), zero));
         }
         let limit = I::narrow(low.mul(scale), high.mul(scale));
-        self.limit = limit.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store();
+        self.limit =
+            limit.mul(I::F32x16::splat(1.0 + 4.0 * U)).add(I::F32x16::splat(f32::MIN_POSITIVE)).store();
     }
 }
 
@@ -103,16 +114,24 @@ impl Packet {
 
     /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
     #[inline(always)]
-    pub fn enter<I: Isa>(&mut self, rays: &RayPacket, hierarchy: &Bvh<impl Sized>, t_min: f64, limits: &[f64; LANES]) {
+    pub fn enter<I: Isa>(
+        &mut self,
+        rays: &RayPacket,
+        hierarchy: &Bvh<impl Sized>,
+        t_min: f64,
+        limits: &[f64; LANES],
+    ) {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
-        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see `RayPacket::gather`). Of rays much shorter than the
-        // longest, components may underflow here; see `SHRINK`.
+        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see
+        // `RayPacket::gather`). Of rays much shorter than the longest, components may underflow here; see
+        // `SHRINK`.
         let mut largest = I::F64x8::splat(0.0);
         for eight in 0..self.count.div_ceil(8) {
             for axis in 0..3 {
-                largest = Floats::max(I::F64x8::load(&rays.direction[axis].as_chunks().0[eight]).abs(), largest);
+                largest =
+                    Floats::max(I::F64x8::load(&rays.direction[axis].as_chunks().0[eight]).abs(), largest);
             }
         }
         let exponent = largest.largest().to_bits() >> 52;
@@ -142,17 +161,21 @@ impl Packet {
         let offset = self.has_offsets.then_some(&self.offset);
         let subpacket = &mut self.subpackets[g];
         subpacket.set_limits::<I>(g, limits, offset, I::F64x8::splat(self.scale));
-        // By axis: bounds of how far the origin is from the centre, and of |d|; and the rays whose direction has no certain sign.
-        let (mut distance, mut slowest, mut fastest, mut unsigned) = ([zero; 3], [zero; 3], [zero; 3], [0; 3]);
+        // By axis: bounds of how far the origin is from the centre, and of |d|; and the rays whose direction
+        // has no certain sign.
+        let (mut distance, mut slowest, mut fastest, mut unsigned) =
+            ([zero; 3], [zero; 3], [zero; 3], [0; 3]);
         let (low, high) = halves::<I>(&rays.origin_error, g);
         let origin_error = I::narrow(low, high).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let origin_error = origin_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
-        // In float64, where errors of rays much shorter than the longest are not yet lost to underflow. What is lost of them, and of directions, is
-        // at most half the smallest subnormal, 2⁻¹⁵⁰, each time; the least normal number, 2⁻¹²⁶, covers it.
+        // In float64, where errors of rays much shorter than the longest are not yet lost to underflow. What
+        // is lost of them, and of directions, is at most half the smallest subnormal, 2⁻¹⁵⁰, each time; the
+        // least normal number, 2⁻¹²⁶, covers it.
         let (low, high) = halves::<I>(&rays.direction_error, g);
         let none = I::F64x8::splat(0.0);
         let vague = none.lt(low) | none.lt(high) != 0;
-        let direction_error = I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
+        let direction_error =
+            I::narrow(low.mul(shrink), high.mul(shrink)).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let direction_error = direction_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
         for axis in 0..3 {
             let backward = self.octant.backward[axis];
@@ -160,7 +183,8 @@ impl Packet {
             let middle = I::F64x8::splat(hierarchy.center[axis]);
             let (low, high) = halves::<I>(&rays.origin[axis], g);
             let o = I::narrow(low.sub(middle), high.sub(middle));
-            // Conversion and difference: 1u and a trifle. The error of the origin is rounded up along with it.
+            // Conversion and difference: 1u and a trifle. The error of the origin is rounded up along with
+            // it.
             let error = o.abs().mul(I::F32x16::splat(4.0 * U)).add(origin_error);
             distance[axis] = o.abs().add(error);
             let error = error.mul(sign);
@@ -183,8 +207,9 @@ impl Packet {
             subpacket.far_slope[axis] = far.mul(sign).store();
         }
         if unsigned != [0; 3] {
-            // No hit in the hierarchy is later than when the ray leaves it along any axis. A ray that may go backward comes as far as that from its
-            // origin, to boxes whose far planes are there; to those ahead it comes no sooner than if it went forward.
+            // No hit in the hierarchy is later than when the ray leaves it along any axis. A ray that may go
+            // backward comes as far as that from its origin, to boxes whose far planes are there; to those
+            // ahead it comes no sooner than if it went forward.
             let mut latest = I::F32x16::load(&subpacket.limit);
             for axis in 0..3 {
                 let way = distance[axis].add(I::F32x16::splat(hierarchy.reach[axis]));
@@ -277,7 +302,8 @@ impl Packet {
         within & mask
     }
 
-    /// The rays of `mask` that may enter box i of a node that the frustum has been tested with: by the origins of the frustum, and slopes of their own.
+    /// The rays of `mask` that may enter box i of a node that the frustum has been tested with: by the
+    /// origins of the frustum, and slopes of their own.
     #[inline(always)]
     pub(super) fn intersect<I: Isa>(&self, mask: Mask, box_hits: &BoxHits, i: usize) -> Mask {
         let mut hit = 0;
@@ -285,9 +311,11 @@ impl Packet {
             let mut near = I::F32x16::splat(self.octant.start);
             let mut far = I::F32x16::load(&subpacket.limit);
             for axis in 0..3 {
-                let t = I::F32x16::splat(box_hits.first[axis][i]).mul(I::F32x16::load(&subpacket.near_slope[axis]));
+                let t = I::F32x16::splat(box_hits.first[axis][i])
+                    .mul(I::F32x16::load(&subpacket.near_slope[axis]));
                 near = t.max(near);
-                let t = I::F32x16::splat(box_hits.last[axis][i]).mul(I::F32x16::load(&subpacket.far_slope[axis]));
+                let t =
+                    I::F32x16::splat(box_hits.last[axis][i]).mul(I::F32x16::load(&subpacket.far_slope[axis]));
                 far = t.min(far);
             }
             hit |= Mask::from(near.le(far)) << (WIDE * g);
@@ -357,15 +385,19 @@ impl Frustum {
         let zero = I::F32x8::splat(0.0);
         let (mut firsts, mut lasts) = ([zero; 3], [zero; 3]);
         for i in 0..3 {
-            let (first, last) =
-                if octant.backward[i] { (&node.high[i], &node.low[i]) } else { (&node.low[i], &node.high[i]) };
+            let (first, last) = if octant.backward[i] {
+                (&node.high[i], &node.low[i])
+            } else {
+                (&node.low[i], &node.high[i])
+            };
             firsts[i] = I::F32x8::load(first).sub(I::F32x8::splat(self.near_origin[i]));
             lasts[i] = I::F32x8::load(last).sub(I::F32x8::splat(self.far_origin[i]));
         }
         (firsts, lasts)
     }
 
-    /// The slab test of the boxes of a node: bounds of t where rays of the frustum may enter, and where they must have left.
+    /// The slab test of the boxes of a node: bounds of t where rays of the frustum may enter, and where they
+    /// must have left.
     #[inline(always)]
     pub(super) fn slabs<I: Isa>(&self, octant: &Octant, node: &Node, limit: f32) -> Slabs<I> {
         let mut near = I::F32x8::splat(octant.start);
@@ -469,8 +501,10 @@ mod tests {
             let error = x[0] * 1e-5;
             let subpacket = packet(0.0, x[1], error, 1.0).subpackets[0];
             let one = Dyadic::exact(1.0);
-            let (low, high) =
-                (Dyadic::exact(x[1]).minus(&Dyadic::exact(error)), Dyadic::exact(x[1]).plus(&Dyadic::exact(error)));
+            let (low, high) = (
+                Dyadic::exact(x[1]).minus(&Dyadic::exact(error)),
+                Dyadic::exact(x[1]).plus(&Dyadic::exact(error)),
+            );
             let beyond = [
                 -roundings(&n(subpacket.near_slope[0][0]).times(&high), &one),
                 roundings(&n(subpacket.far_slope[0][0]).times(&low), &one),
@@ -504,7 +538,8 @@ mod tests {
             ];
             beyond[0].min(beyond[1]).min(beyond[2])
         });
-        // Each loses at most as many as are counted where it is defined, and no more of the rest is kept than that.
+        // Each loses at most as many as are counted where it is defined, and no more of the rest is kept than
+        // that.
         assert!((7.0..9.0).contains(&near) && (7.0..9.0).contains(&far), "{near}, {far}");
         assert!((2.0..3.0).contains(&origins), "{origins}");
         assert!((12.0..14.0).contains(&vague), "{vague}");
@@ -513,7 +548,8 @@ mod tests {
         assert!((1.0..3.0).contains(&limits), "{limits}");
     }
 
-    /// The ray goes along y at 0.9 ∓ e and along x at 0 ± e, in a hierarchy that reaches to 1: until it has left that, it goes e/(0.9 − e) back at most.
+    /// The ray goes along y at 0.9 ∓ e and along x at 0 ± e, in a hierarchy that reaches to 1: until it has
+    /// left that, it goes e/(0.9 − e) back at most.
     #[test]
     fn rays_of_uncertain_sign_may_go_back_as_far_as_they_can_and_little_farther() {
         let mut next = crate::testing::numbers();
@@ -522,7 +558,8 @@ mod tests {
             let n = Dyadic::exact;
             for d in [0.0, -0.0, 1e-300] {
                 let far = f64::from(packet(o, d, error, 1e9).subpackets[0].far_origin[0][0]);
-                // How far back, times 0.9 − e, against e: with 4u of the origin, two of 12u in t and on the way, and what they are rounded to be above.
+                // How far back, times 0.9 − e, against e: with 4u of the origin, two of 12u in t and on the
+                // way, and what they are rounded to be above.
                 let way = n(o).minus(&n(far)).times(&n(0.9).minus(&n(error)));
                 let more = way.minus(&n(error)).split().0 / f64::from(U);
                 assert!(0.0 <= more && more <= 8.0 * o.abs() + 64.0 * error, "{o}, {error}: {more}");
@@ -538,7 +575,8 @@ mod tests {
             let d = 2.0_f64.powi(-130 + k % 6) * (1.0 + f64::from(k) / 40_000.0);
             let subpacket = packet(0.0, d, 0.0, 1.0).subpackets[0];
             let (near, far) = (f64::from(subpacket.near_slope[0][0]), f64::from(subpacket.far_slope[0][0]));
-            // Products with a power of two and of 77 bits, rounded once: 2⁻⁵³ is far below a rounding of float32.
+            // Products with a power of two and of 77 bits, rounded once: 2⁻⁵³ is far below a rounding of
+            // float32.
             least = least.min((1.0 - near * d) / f64::from(U)).min((far * d - 1.0) / f64::from(U));
         }
         assert!((6.5..8.0).contains(&least), "{least}");
@@ -560,13 +598,15 @@ mod tests {
             let Subpacket { near_origin, far_origin, limit, .. } = packet.subpackets[0];
             assert!(o + error <= f64::from(near_origin[0][0]) && f64::from(far_origin[0][0]) <= o - error);
             assert!(t <= f64::from(limit[0]) && t <= f64::from(packet.limit_of(0, t)));
-            // Above t by half a subnormal at most, which is far below the limit and what planes are behind origins.
+            // Above t by half a subnormal at most, which is far below the limit and what planes are behind
+            // origins.
             assert!(f64::from(packet.octant.start) <= t + f64::from(f32::from_bits(1)) / 2.0);
         }
     }
 
-    /// Where direction and error are rounded down by half a subnormal each, that is 8u of their sum, 2⁻¹²⁸: of the 12u, only the four would be left that the
-    /// reciprocal and what follows need, if the error were not rounded up.
+    /// Where direction and error are rounded down by half a subnormal each, that is 8u of their sum, 2⁻¹²⁸:
+    /// of the 12u, only the four would be left that the reciprocal and what follows need, if the error were
+    /// not rounded up.
     #[test]
     fn slopes_of_vague_directions_that_underflow_are_on_the_safe_side() {
         let mut least = f64::INFINITY;

@@ -12,12 +12,13 @@ pub(super) const SUBPACKETS: usize = 4;
 /// Most rays of a packet.
 pub const LANES: usize = SUBPACKETS * WIDE;
 
-/// Packets hold rays whose numbers are all less than this, errors too, and one of whose direction is more than that: so their squares, and scaled
-/// ones, are ordinary float64 numbers.
+/// Packets hold rays whose numbers are all less than this, errors too, and one of whose direction is more
+/// than that: so their squares, and scaled ones, are ordinary float64 numbers.
 pub const LARGEST: f64 = 1e30;
 pub const SMALLEST: f64 = 1e-30;
 
-/// Rays are far from a hierarchy beyond this many times its reach: there float32 tells places apart to 2⁻¹⁴ of the reach at best.
+/// Rays are far from a hierarchy beyond this many times its reach: there float32 tells places apart to 2⁻¹⁴
+/// of the reach at best.
 const FAR: f64 = 1024.0;
 
 /// A bit for each ray of a packet.
@@ -33,7 +34,8 @@ struct Origins {
 /// Bits of a hash of origins.
 const HASH: u32 = 8;
 
-/// A ray packet in float64, a lane each; lanes beyond the last ray, up to a whole subpacket, repeat the first.
+/// A ray packet in float64, a lane each; lanes beyond the last ray, up to a whole subpacket, repeat the
+/// first.
 #[derive(Clone)]
 #[repr(C, align(64))]
 pub struct RayPacket {
@@ -87,10 +89,17 @@ impl RayPacket {
         }
     }
 
-    /// Gathers the first rays of an order, up to the first of another octant: none (`count` is 0) if the very first does not fit into packets; it
-    /// is then in lane 0, to be traced by itself as a `TraversalRay`. `one_origin`: all have the same, to the bit.
+    /// Gathers the first rays of an order, up to the first of another octant: none (`count` is 0) if the very
+    /// first does not fit into packets; it is then in lane 0, to be traced by itself as a `TraversalRay`.
+    /// `one_origin`: all have the same, to the bit.
     #[inline(always)]
-    pub fn gather<I: Isa>(&mut self, origins: &[Point], directions: &[Point], order: &[u32], one_origin: bool) {
+    pub fn gather<I: Isa>(
+        &mut self,
+        origins: &[Point],
+        directions: &[Point],
+        order: &[u32],
+        one_origin: bool,
+    ) {
         (self.count, self.has_offsets) = (0, false);
         let Some(&first) = order.first() else { return };
         let (first_origin, huge) = (origins[first as usize], I::F64x8::splat(LARGEST));
@@ -167,7 +176,8 @@ impl RayPacket {
         self.find_origins::<I>();
     }
 
-    /// Whether the rays start so far from a hierarchy, for its reach, that its boxes are better tested from points near it. The first tells for all.
+    /// Whether the rays start so far from a hierarchy, for its reach, that its boxes are better tested from
+    /// points near it. The first tells for all.
     #[inline(always)]
     pub fn are_far(&self, center: Point, reach: f64) -> bool {
         let [x, y, z] = self.origin(0);
@@ -177,8 +187,9 @@ impl RayPacket {
 
     /// Moves the start of each ray along it, to a point before a hierarchy.
     ///
-    /// Any t will do. The point o + t·d there is rounded once, by a fused multiply-add: it is off by u of itself, by what o is off, and by t times what d
-    /// is off. The bound has 3u in place of u, and 8u more of the other two, for its own roundings.
+    /// Any t will do. The point o + t·d there is rounded once, by a fused multiply-add: it is off by u of
+    /// itself, by what o is off, and by t times what d is off. The bound has 3u in place of u, and 8u more of
+    /// the other two, for its own roundings.
     #[inline(always)]
     pub fn start_near<I: Isa>(&mut self, center: Point, reach: f64) {
         let middle = lanes::splat::<I::F64x8, 8>(center);
@@ -199,7 +210,8 @@ impl RayPacket {
             let error = I::F64x8::load(&self.origin_error.as_chunks().0[eight]);
             let bent = t.mul(I::F64x8::load(&self.direction_error.as_chunks().0[eight]));
             let error = error.add(bent).mul(I::F64x8::splat(1.0 + 8.0 * UNIT));
-            let error = largest.mul(I::F64x8::splat(3.0 * UNIT)).add(error).add(I::F64x8::splat(f64::MIN_POSITIVE));
+            let error =
+                largest.mul(I::F64x8::splat(3.0 * UNIT)).add(error).add(I::F64x8::splat(f64::MIN_POSITIVE));
             self.origin_error.as_chunks_mut().0[eight] = error.store();
             self.offset.as_chunks_mut().0[eight] = t.store();
         }
@@ -213,7 +225,10 @@ impl RayPacket {
         if !self.has_offsets {
             return t;
         }
-        Interval { low: (t.low + self.offset[lane]).next_down(), high: (t.high + self.offset[lane]).next_up() }
+        Interval {
+            low: (t.low + self.offset[lane]).next_down(),
+            high: (t.high + self.offset[lane]).next_up(),
+        }
     }
 
     #[inline(always)]
@@ -230,8 +245,9 @@ impl RayPacket {
             return;
         }
         let mut left = self.starts_of_runs::<I>();
-        // By the hash of an origin, the first lane of a group, and by that the group. Of two origins with one hash the later one takes the place: what
-        // comes of the other after that is a group of its own. Without branches, as nothing tells which run starts a group; lane 0 starts the first.
+        // By the hash of an origin, the first lane of a group, and by that the group. Of two origins with one
+        // hash the later one takes the place: what comes of the other after that is a group of its own.
+        // Without branches, as nothing tells which run starts a group; lane 0 starts the first.
         let (mut known, mut group_of) = ([0_u8; 1 << HASH], [0_u8; LANES]);
         let Origins { groups, count } = &mut self.origins;
         (groups[0], *count) = (0, 1);
@@ -265,7 +281,9 @@ impl RayPacket {
             let lane = (8 * eight).min(LANES - 9);
             let mut same = 0xff;
             for column in [x, y, z, &self.origin_error] {
-                if let (Some(these), Some(next)) = (column[lane..].first_chunk(), column[lane + 1..].first_chunk()) {
+                if let (Some(these), Some(next)) =
+                    (column[lane..].first_chunk(), column[lane + 1..].first_chunk())
+                {
                     let (these, next) = (I::F64x8::load(these), I::F64x8::load(next));
                     same &= these.le(next) & next.le(these);
                 }
@@ -297,7 +315,7 @@ impl RayPacket {
     pub fn are_coherent<I: Isa>(&self, size: f64) -> bool {
         let first = self.direction(0);
         let length2 = first[0] * first[0] + first[1] * first[1] + first[2] * first[2];
-        let mut apart = 0;
+        let mut divergent = 0;
         for eight in 0..self.count.div_ceil(8) {
             let (mut dot, mut norm2) = (I::F64x8::splat(0.0), I::F64x8::splat(0.0));
             for axis in 0..3 {
@@ -306,7 +324,7 @@ impl RayPacket {
                 norm2 = d.fused(d, norm2);
             }
             // More than 30° from the first.
-            apart |= dot.mul(dot).lt(norm2.mul(I::F64x8::splat(0.75 * length2)));
+            divergent |= dot.mul(dot).lt(norm2.mul(I::F64x8::splat(0.75 * length2)));
         }
         let mut wide = 0;
         if !self.one_origin {
@@ -319,7 +337,7 @@ impl RayPacket {
                 }
             }
         }
-        apart == 0 && wide == 0
+        divergent == 0 && wide == 0
     }
 }
 
@@ -343,13 +361,17 @@ fn padded(some: &[u32], filler: u32) -> [u32; 8] {
     eight
 }
 
-/// The coordinates of these points, an axis after the other. Rays of a sensor are sorted in runs, whose points lie side by side.
+/// The coordinates of these points, an axis after the other. Rays of a sensor are sorted in runs, whose
+/// points lie side by side.
 #[inline(always)]
 fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
     let [low, high] = [0, 1].map(|half| &at.as_chunks().0[half]);
     if is_run(low) & is_run(high) {
         let [low, high] = [low, high].map(|run| run[0] as usize);
-        return I::columns_of_runs([&points[low..low + 4].as_chunks().0[0], &points[high..high + 4].as_chunks().0[0]]);
+        return I::columns_of_runs([
+            &points[low..low + 4].as_chunks().0[0],
+            &points[high..high + 4].as_chunks().0[0],
+        ]);
     }
     let [a, b, c, d, e, f, g, h] = *at;
     I::columns([
@@ -432,7 +454,8 @@ mod tests {
 
     #[test]
     fn a_packet_ends_before_a_ray_that_it_cannot_hold() {
-        let odd_origins = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e30, -1e30, 1e300, 1e30_f64.next_down()];
+        let odd_origins =
+            [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 1e30, -1e30, 1e300, 1e30_f64.next_down()];
         let odd_directions: [fn(Point) -> Point; 12] = [
             |d| [-d[0], d[1], d[2]],
             |d| [d[0], -d[1], d[2]],
@@ -477,7 +500,10 @@ mod tests {
                             (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
                             let (rays_taken, order) = (&mut found, &order[..]);
                             let (origins, directions) = (&origins[..], &directions[..]);
-                            dispatch(level, Gather { rays: rays_taken, origins, directions, order, one_origin });
+                            dispatch(
+                                level,
+                                Gather { rays: rays_taken, origins, directions, order, one_origin },
+                            );
                             let count = found.count;
                             let known = expected(&rays[..many as usize]);
                             assert_eq!(count, known, "{level:?}: {odd} at {place} of {many}");
@@ -529,7 +555,8 @@ mod tests {
             rays.count = [1, 7, 8, 9, 33, 63, LANES][(7.0 * next()) as usize];
             let mut kind = [0; LANES];
             for lane in 0..LANES {
-                kind[lane] = if lane % length == 0 { (f64::from(kinds) * next()) as usize } else { kind[lane - 1] };
+                kind[lane] =
+                    if lane % length == 0 { (f64::from(kinds) * next()) as usize } else { kind[lane - 1] };
                 let mut four = [1.0, 2.0, 3.0, 0.5];
                 four[kind[lane] % 4] += kind[lane] as f64;
                 rays.set(lane, [four[0], four[1], four[2]], [1.0; 3]);
@@ -549,7 +576,8 @@ mod tests {
                     (all_runs + runs, all_groups + groups.len(), all_kinds + kinds.len());
                 for lane in 0..rays.count {
                     for other in 0..rays.count {
-                        let is_same = groups.iter().any(|group| group & 1 << lane != 0 && group & 1 << other != 0);
+                        let is_same =
+                            groups.iter().any(|group| group & 1 << lane != 0 && group & 1 << other != 0);
                         assert!(!is_same || kind[other] == kind[lane], "{level:?}, {round}");
                         together += usize::from(is_same && other != lane);
                         apart += usize::from(!is_same);
@@ -558,8 +586,12 @@ mod tests {
             }
         }
         assert!(together > 50_000 && apart > 50_000, "{together}, {apart}");
-        // But for what hashes confuse, of which there is little among a few origins, there is one group for each.
-        assert!(all_kinds <= all_groups && 5 * all_groups < 6 * all_kinds, "{all_kinds}, {all_groups}, {all_runs}");
+        // But for what hashes confuse, of which there is little among a few origins, there is one group for
+        // each.
+        assert!(
+            all_kinds <= all_groups && 5 * all_groups < 6 * all_kinds,
+            "{all_kinds}, {all_groups}, {all_runs}"
+        );
         assert!(2 * all_runs > 3 * all_kinds);
     }
 
@@ -574,8 +606,8 @@ mod tests {
         }
     }
 
-    /// The largest share of their bounds that starts are off by, where each axis of the true origin and direction is off by as much as it may be; and how
-    /// far from the centre they are at most, in reaches.
+    /// The largest share of their bounds that starts are off by, where each axis of the true origin and
+    /// direction is off by as much as it may be; and how far from the centre they are at most, in reaches.
     fn starts(away: f64, origin_error: f64, direction_error: f64) -> (f64, f64) {
         let (mut next, center, reach) = (numbers(), [30.0, -20.0, 5.0], 7.0);
         let (mut share, mut distance) = (0.0_f64, 0.0_f64);
@@ -629,7 +661,8 @@ mod tests {
         ] {
             let (share, distance) = starts(away, errors[0], errors[1]);
             assert_slack(&format!("{away}, {errors:?}"), share, known);
-            // Two reaches before the centre and one beside it, and what `before` has for the rounding of t: 8ε of no more than 2 · away.
+            // Two reaches before the centre and one beside it, and what `before` has for the rounding of t:
+            // 8ε of no more than 2 · away.
             assert!(distance < 4.0 + 16.0 * f64::EPSILON * away, "{away}: {distance}");
         }
     }

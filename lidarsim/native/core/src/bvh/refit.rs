@@ -6,7 +6,8 @@ use super::node::{Node, WIDTH};
 use crate::arith::number::Interval;
 
 impl<L: Clone> Bvh<L> {
-    /// The same hierarchy, around leaves that have these bounds now; none if it has another number of leaves, or one of them has no bounds.
+    /// The same hierarchy, around leaves that have these bounds now; none if it has another number of leaves,
+    /// or one of them has no bounds.
     pub fn refitted(&self, leaves: usize, bounds: impl Fn(&L) -> Option<[Interval; 3]>) -> Option<Self> {
         if self.leaves.len() != leaves {
             return None;
@@ -33,12 +34,14 @@ impl<L: Clone> Bvh<L> {
 }
 
 impl<L> Bvh<L> {
-    /// The surface of all nodes, which the time of a traversal grows with (J. Goldsmith, J. Salmon, Automatic creation of object hierarchies for ray
-    /// tracing, 1987).
+    /// The surface of all nodes, which the time of a traversal grows with (J. Goldsmith, J. Salmon, Automatic
+    /// creation of object hierarchies for ray tracing, 1987).
     pub fn surface(&self) -> f32 {
         let inner = |node: &Node| {
             let node = *node;
-            (0..node.children()).filter(move |&k| !node.child[k].is_leaf()).map(move |k| node.bounds(k).surface())
+            (0..node.children())
+                .filter(move |&k| !node.child[k].is_leaf())
+                .map(move |k| node.bounds(k).surface())
         };
         let root = self.nodes.first().map_or(0.0, |root| {
             let mut whole = Aabb::EMPTY;

@@ -17,8 +17,9 @@ pub struct Entry {
 /// Traversals of single rays that are interleaved.
 pub const SINGLE_RAYS: usize = 16;
 
-/// Traversal stacks, reused from cast to cast: one for packets, and one for each interleaved single ray. They are deep enough for two levels of
-/// hierarchies, objects and triangles: each level of nodes pops one entry and pushes at most `WIDTH`.
+/// Traversal stacks, reused from cast to cast: one for packets, and one for each interleaved single ray. They
+/// are deep enough for two levels of hierarchies, objects and triangles: each level of nodes pops one entry
+/// and pushes at most `WIDTH`.
 pub struct Stack {
     /// `push_if` writes one entry past the end.
     entries: [Entry; Stack::SIZE + 1],
@@ -26,7 +27,8 @@ pub struct Stack {
     pub(super) ray_stacks: [RayStack; SINGLE_RAYS],
 }
 
-/// The subtrees that a single ray has still to visit, none beyond its limit, with lower bounds of t; of the children of a node the nearest is on top.
+/// The subtrees that a single ray has still to visit, none beyond its limit, with lower bounds of t; of the
+/// children of a node the nearest is on top.
 #[derive(Clone, Copy)]
 pub struct RayStack {
     pub near: [f32; RayStack::SIZE],

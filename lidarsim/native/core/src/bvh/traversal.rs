@@ -8,9 +8,11 @@ use super::stack::{Entry, RayStack, SINGLE_RAYS, Stack};
 use super::traversal_ray::TraversalRay;
 use crate::arith::simd::Isa;
 
-/// Intersects single rays with leaves. A trait and not a closure, which would not be compiled for the instruction set.
+/// Intersects single rays with leaves. A trait and not a closure, which would not be compiled for the
+/// instruction set.
 pub trait Visitor<L> {
-    /// Intersects up to `SINGLE_RAYS` rays, each with a leaf of its own; returns the mask of rays whose limit has decreased.
+    /// Intersects up to `SINGLE_RAYS` rays, each with a leaf of its own; returns the mask of rays whose limit
+    /// has decreased.
     fn visit<I: Isa>(&mut self, stack: &mut Stack, lanes: &[usize], leaves: &[&L]) -> Mask;
 
     /// The limit of t of each ray: hits beyond it are not needed.
@@ -18,9 +20,14 @@ pub trait Visitor<L> {
 }
 
 impl<L> Bvh<L> {
-    /// Visits the leaves whose boxes the ray may enter, nearest box first; `visit` returns the new limit of t. It may traverse
-    /// another hierarchy on the same stack.
-    pub fn traverse(&self, ray: &mut TraversalRay, stack: &mut Stack, mut visit: impl FnMut(&mut Stack, &L) -> f64) {
+    /// Visits the leaves whose boxes the ray may enter, nearest box first; `visit` returns the new limit of
+    /// t. It may traverse another hierarchy on the same stack.
+    pub fn traverse(
+        &self,
+        ray: &mut TraversalRay,
+        stack: &mut Stack,
+        mut visit: impl FnMut(&mut Stack, &L) -> f64,
+    ) {
         if self.nodes.is_empty() {
             return;
         }
@@ -31,7 +38,7 @@ impl<L> Bvh<L> {
                 continue;
             }
             if entry.child.is_leaf() {
-                ray.shorten(visit(stack, &self.leaves[entry.child.index()]));
+                ray.lower_limit(visit(stack, &self.leaves[entry.child.index()]));
                 continue;
             }
             let node = &self.nodes[entry.child.index()];
@@ -61,7 +68,8 @@ impl<L> Bvh<L> {
         if traversal.child.is_leaf() { Some(&self.leaves[traversal.child.index()]) } else { None }
     }
 
-    /// Tests the children of a packet's current node, and pushes those that rays may enter; tells whether there are any.
+    /// Tests the children of a packet's current node, and pushes those that rays may enter; tells whether
+    /// there are any.
     #[inline(always)]
     pub fn open<I: Isa>(&self, traversal: &PacketTraversal, stack: &mut Stack) -> bool {
         let before = stack.len;
@@ -71,7 +79,8 @@ impl<L> Bvh<L> {
         if mask.count_ones() > FEW {
             let box_hits = frustum.intersect::<I>(&packet.octant, node);
             for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
-                let (child, mask) = (node.child[i as usize], packet.intersect::<I>(*mask, &box_hits, i as usize));
+                let (child, mask) =
+                    (node.child[i as usize], packet.intersect::<I>(*mask, &box_hits, i as usize));
                 self.prefetch::<I>(if mask != 0 { child } else { traversal.child });
                 stack.push_if(mask != 0, Entry { near, child, mask });
             }
@@ -86,8 +95,9 @@ impl<L> Bvh<L> {
         stack.len > before
     }
 
-    /// As `traverse`, for rays of a packet one by one: `SINGLE_RAYS` traversals are interleaved, a step each in turn, which hides the latency of
-    /// memory; and since those at nodes and those at leaves are stepped in separate loops, no branch depends on where a single ray goes.
+    /// As `traverse`, for rays of a packet one by one: `SINGLE_RAYS` traversals are interleaved, a step each
+    /// in turn, which hides the latency of memory; and since those at nodes and those at leaves are stepped
+    /// in separate loops, no branch depends on where a single ray goes.
     #[inline(always)]
     pub fn traverse_single<I: Isa>(
         &self,
@@ -124,10 +134,12 @@ impl<L> Bvh<L> {
             let (mut lanes, mut leaves, mut count) = ([0; SINGLE_RAYS], [leaf; SINGLE_RAYS], 0);
             let mut left = at_leaves;
             while let Some(k) = take(&mut left) {
-                (lanes[count], leaves[count]) = (traversals[k].lane, &self.leaves[traversals[k].child.index()]);
+                (lanes[count], leaves[count]) =
+                    (traversals[k].lane, &self.leaves[traversals[k].child.index()]);
                 count += 1;
             }
-            let nearer = if count > 0 { visitor.visit::<I>(stack, &lanes[..count], &leaves[..count]) } else { 0 };
+            let nearer =
+                if count > 0 { visitor.visit::<I>(stack, &lanes[..count], &leaves[..count]) } else { 0 };
             while let Some(k) = take(&mut at_leaves) {
                 let (traversal, ray_stack) = (&mut traversals[k], &mut stack.ray_stacks[k]);
                 if nearer & 1 << traversal.lane != 0 {
@@ -186,7 +198,7 @@ impl PacketTraversal {
 
     /// Notes the rays whose limits have decreased.
     #[inline(always)]
-    pub fn shorten(&mut self, nearer: Mask) {
+    pub fn lower_limits(&mut self, nearer: Mask) {
         self.nearer = nearer;
     }
 
@@ -240,7 +252,8 @@ impl RayTraversal {
     }
 }
 
-/// Which of the interleaved traversals have ended and which are at a leaf, a bit each; the others are at inner nodes.
+/// Which of the interleaved traversals have ended and which are at a leaf, a bit each; the others are at
+/// inner nodes.
 struct Progress {
     idle: Mask,
     at_leaves: Mask,
@@ -254,7 +267,8 @@ impl Progress {
     }
 }
 
-/// Up to this many active rays, a packet tests ray by ray against all boxes at once; above it, box by box against all rays.
+/// Up to this many active rays, a packet tests ray by ray against all boxes at once; above it, box by box
+/// against all rays.
 const FEW: u32 = 16;
 
 #[cfg(test)]
@@ -272,7 +286,8 @@ mod tests {
         high: Whole,
     }
 
-    /// The numerator and the denominator, which is positive, of where a ray enters a box; none where it passes by.
+    /// The numerator and the denominator, which is positive, of where a ray enters a box; none where it
+    /// passes by.
     fn entry(cube: &Cube, origin: Whole, direction: Whole) -> Option<(i64, i64)> {
         let (mut near, mut far) = ((0, 1), (i64::MAX, 1));
         for axis in 0..3 {
@@ -284,8 +299,9 @@ mod tests {
                 continue;
             }
             let (first, last) = if d > 0 { (low - o, high - o) } else { (o - high, o - low) };
-            let less =
-                |a: (i64, i64), b: (i64, i64)| i128::from(a.0) * i128::from(b.1) < i128::from(b.0) * i128::from(a.1);
+            let less = |a: (i64, i64), b: (i64, i64)| {
+                i128::from(a.0) * i128::from(b.1) < i128::from(b.0) * i128::from(a.1)
+            };
             if less(near, (first, d.abs())) {
                 near = (first, d.abs());
             }
@@ -324,8 +340,8 @@ mod tests {
                 self.offered[lane].extend_from_slice(leaf);
                 for &id in leaf.iter().filter(|_| self.first_only) {
                     let (origin, direction) = self.rays[lane];
-                    let t =
-                        entry(&self.cubes[id as usize], origin, direction).map(|(num, den)| num as f64 / den as f64);
+                    let t = entry(&self.cubes[id as usize], origin, direction)
+                        .map(|(num, den)| num as f64 / den as f64);
                     if let Some(t) = t.filter(|t| *t < self.limits[lane]) {
                         self.limits[lane] = t;
                         nearer |= 1 << lane;
@@ -366,7 +382,7 @@ mod tests {
                     while let Some(lane) = take(&mut left) {
                         nearer |= notes.visit::<I>(&mut stack, &[lane], &[leaf]);
                     }
-                    traversal.shorten(nearer);
+                    traversal.lower_limits(nearer);
                 }
             } else {
                 bvh.traverse_single::<I>(&traversal.packet, active, &mut stack, notes);
@@ -383,7 +399,8 @@ mod tests {
         (0..count).map(cube).collect()
     }
 
-    /// Rays of one octant, from one corner of the scene or from anywhere, close together or many along an axis, each as far off as its errors allow.
+    /// Rays of one octant, from one corner of the scene or from anywhere, close together or many along an
+    /// axis, each as far off as its errors allow.
     fn rays(
         octant: u32,
         [origin_error, error]: [i64; 2],
@@ -394,11 +411,16 @@ mod tests {
         let mut seen = RayPacket::empty();
         (seen.octant, seen.count) = (octant, 40 + next(25) as usize);
         let ray = |lane: usize| {
-            let origin = [0, 1, 2].map(|axis| -300 * sign(axis) + if apart > 0 { next(apart) - 500 } else { 0 });
+            let origin =
+                [0, 1, 2].map(|axis| -300 * sign(axis) + if apart > 0 { next(apart) - 500 } else { 0 });
             // Of errors alone may a direction be zero where the octant is negative.
             let least = |axis: usize| i64::from(error == 0 && sign(axis) < 0);
             let mut direction = [0, 1, 2].map(|axis: usize| {
-                let size = if narrow { 30 + 7 * axis as i64 + next(3) } else { [0, 1, 7, next(40)][next(4) as usize] };
+                let size = if narrow {
+                    30 + 7 * axis as i64 + next(3)
+                } else {
+                    [0, 1, 7, next(40)][next(4) as usize]
+                };
                 sign(axis) * size.max(least(axis))
             });
             if direction == [0; 3] {
@@ -408,7 +430,11 @@ mod tests {
                 let d = direction[axis] + error * (next(3) - 1);
                 if (d < 0) == (sign(axis) < 0) { d } else { sign(axis).min(0) }
             });
-            seen.set(lane, origin.map(|x| (x + origin_error * (next(3) - 1)) as f64), given.map(|x| x as f64));
+            seen.set(
+                lane,
+                origin.map(|x| (x + origin_error * (next(3) - 1)) as f64),
+                given.map(|x| x as f64),
+            );
             (seen.origin_error[lane], seen.direction_error[lane]) = (origin_error as f64, error as f64);
             (origin, direction)
         };
@@ -428,12 +454,18 @@ mod tests {
             };
             let bvh = Bvh::new(count, bounds, most, <[u32]>::to_vec);
             for octant in 0..8 {
-                for (errors, first_only) in [([0, 0], false), ([5, 0], false), ([0, 1], false), ([0, 0], true)] {
+                for (errors, first_only) in
+                    [([0, 0], false), ([5, 0], false), ([0, 1], false), ([0, 0], true)]
+                {
                     let (rays, seen) = rays(octant, errors, &mut next);
-                    let entries_of = |&(o, d): &(Whole, Whole)| cubes.iter().map(|cube| entry(cube, o, d)).collect();
+                    let entries_of =
+                        |&(o, d): &(Whole, Whole)| cubes.iter().map(|cube| entry(cube, o, d)).collect();
                     let entries: Vec<Vec<_>> = rays.iter().map(entries_of).collect();
-                    let some = all(seen.count) & (next(1 << 30) as u64 | (next(1 << 30) as u64) << 30 | 3 << 60);
-                    for (level, together) in Level::ALL.into_iter().flat_map(|level| [(level, false), (level, true)]) {
+                    let some =
+                        all(seen.count) & (next(1 << 30) as u64 | (next(1 << 30) as u64) << 30 | 3 << 60);
+                    for (level, together) in
+                        Level::ALL.into_iter().flat_map(|level| [(level, false), (level, true)])
+                    {
                         if level > Level::best() {
                             continue;
                         }
@@ -444,7 +476,10 @@ mod tests {
                             offered: vec![Vec::new(); LANES],
                             limits: [f64::MAX; LANES],
                         };
-                        dispatch(level, Traverse { bvh: &bvh, seen: &seen, active: some, together, notes: &mut notes });
+                        dispatch(
+                            level,
+                            Traverse { bvh: &bvh, seen: &seen, active: some, together, notes: &mut notes },
+                        );
                         for (lane, &(origin, direction)) in rays.iter().enumerate() {
                             let found = &mut notes.offered[lane];
                             if some & 1 << lane == 0 {
@@ -454,16 +489,27 @@ mod tests {
                             let count = found.len();
                             found.sort_unstable();
                             found.dedup();
-                            // Where the sign of no axis is known, absent children are visited, too, and lead to the first leaf.
+                            // Where the sign of no axis is known, absent children are visited, too, and lead
+                            // to the first leaf.
                             assert!(errors[1] > 0 || found.len() == count, "a leaf comes twice");
                             if first_only {
-                                let t = entries[lane].iter().flatten().map(|&(num, den)| num as f64 / den as f64);
-                                assert_eq!(notes.limits[lane], t.fold(f64::MAX, f64::min), "{level:?} {together}");
+                                let t =
+                                    entries[lane].iter().flatten().map(|&(num, den)| num as f64 / den as f64);
+                                assert_eq!(
+                                    notes.limits[lane],
+                                    t.fold(f64::MAX, f64::min),
+                                    "{level:?} {together}"
+                                );
                                 continue;
                             }
-                            for (id, _) in entries[lane].iter().enumerate().filter(|(_, entry)| entry.is_some()) {
+                            for (id, _) in
+                                entries[lane].iter().enumerate().filter(|(_, entry)| entry.is_some())
+                            {
                                 let is_offered = found.binary_search(&(id as u32)).is_ok();
-                                assert!(is_offered, "{level:?} {together}: {origin:?} + t·{direction:?}, box {id}");
+                                assert!(
+                                    is_offered,
+                                    "{level:?} {together}: {origin:?} + t·{direction:?}, box {id}"
+                                );
                                 hit += 1;
                             }
                             if errors == [0, 0] && !together && most == 1 {
@@ -479,7 +525,8 @@ mod tests {
         assert!(hit > 10_000, "{hit}");
         assert!(20 * offered < possible, "{offered} of {possible}");
     }
-    /// Straight down, as rounding leaves such rays in the coordinates of an object: of no certain sign along two axes.
+    /// Straight down, as rounding leaves such rays in the coordinates of an object: of no certain sign along
+    /// two axes.
     #[test]
     fn directions_of_uncertain_sign_are_offered_little_more() {
         let mut next = numbers();

@@ -1,11 +1,12 @@
-//! A ray prepared for slab tests: float32 bounds of its origin and of its reciprocal direction, rounded outward (T. Ize, 2013).
+//! A ray prepared for slab tests: float32 bounds of its origin and of its reciprocal direction, rounded
+//! outward (T. Ize, 2013).
 
 use super::node::WIDTH;
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 
-/// Rounding of one subtraction and one product, and of the padding product itself: 3 of 2⁻²⁴ each, so 4 cover them
-/// (T. Ize, Robust BVH Ray Traversal, JCGT 2013, has the same two-ulp padding).
+/// Rounding of one subtraction and one product, and of the padding product itself: 3 of 2⁻²⁴ each, so 4 cover
+/// them (T. Ize, Robust BVH Ray Traversal, JCGT 2013, has the same two-ulp padding).
 const SHRINK: f32 = 1.0 - 4.0 * (f32::EPSILON / 2.0);
 const STRETCH: f32 = 1.0 + 4.0 * (f32::EPSILON / 2.0);
 
@@ -24,8 +25,8 @@ struct Axis {
     blind: bool,
 }
 
-/// The part of a ray that is of interest, t from `t_min` ≥ 0 to a limit that shrinks, in units that make the largest
-/// component of the direction lie in [½, 1).
+/// The part of a ray that is of interest, t from `t_min` ≥ 0 to a limit that shrinks, in units that make the
+/// largest component of the direction lie in [½, 1).
 #[derive(Clone, Debug)]
 pub struct TraversalRay {
     axes: [Axis; 3],
@@ -51,9 +52,16 @@ fn power(k: i64) -> f64 {
 
 impl TraversalRay {
     /// `center` is that of the hierarchy; origins and directions are intervals.
-    pub fn new(origin: [Interval; 3], direction: [Interval; 3], center: Point, t_min: f64, t_max: f64) -> Self {
+    pub fn new(
+        origin: [Interval; 3],
+        direction: [Interval; 3],
+        center: Point,
+        t_min: f64,
+        t_max: f64,
+    ) -> Self {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.low.abs()).max(d.high.abs()));
-        // largest·2^−exponent lies in [½, 1); for a subnormal one it is smaller, which only weakens the bounds.
+        // largest·2^−exponent lies in [½, 1); for a subnormal one it is smaller, which only weakens the
+        // bounds.
         let exponent = ((largest.to_bits() >> 52) as i64 - 1022).clamp(-1021, 1023);
         let shrink = (power(-exponent / 2), power(-exponent - -exponent / 2));
         let axes = std::array::from_fn(|i| {
@@ -78,11 +86,11 @@ impl TraversalRay {
         let scale = (power(exponent / 2), power(exponent - exponent / 2));
         let mut ray = TraversalRay { axes, start: 0.0, limit: f32::INFINITY, scale };
         ray.start = down(t_min * scale.0 * scale.1).max(0.0);
-        ray.shorten(t_max);
+        ray.lower_limit(t_max);
         ray
     }
 
-    pub fn shorten(&mut self, t_max: f64) {
+    pub fn lower_limit(&mut self, t_max: f64) {
         self.limit = up(t_max * self.scale.0 * self.scale.1);
     }
 
@@ -92,7 +100,11 @@ impl TraversalRay {
 
     /// Where the ray enters and leaves eight boxes: bounds from below and from above.
     #[inline(always)]
-    pub(super) fn intersect(&self, low: &[[f32; WIDTH]; 3], high: &[[f32; WIDTH]; 3]) -> ([f32; WIDTH], [f32; WIDTH]) {
+    pub(super) fn intersect(
+        &self,
+        low: &[[f32; WIDTH]; 3],
+        high: &[[f32; WIDTH]; 3],
+    ) -> ([f32; WIDTH], [f32; WIDTH]) {
         let mut near = [self.start; WIDTH];
         let mut far = [self.limit; WIDTH];
         for (i, axis) in self.axes.iter().enumerate() {
@@ -126,14 +138,21 @@ mod tests {
             if !(0.5..1.0).contains(&d) {
                 return f64::NEG_INFINITY;
             }
-            let ray =
-                TraversalRay::new([Interval::point(0.0); 3], [d, 0.9, 0.9].map(Interval::point), [0.0; 3], 0.0, 1e9);
+            let ray = TraversalRay::new(
+                [Interval::point(0.0); 3],
+                [d, 0.9, 0.9].map(Interval::point),
+                [0.0; 3],
+                0.0,
+                1e9,
+            );
             let (mut low, mut high) = ([[-1e9; WIDTH]; 3], [[1e9; WIDTH]; 3]);
             (low[0], high[0]) = ([plane; WIDTH], [plane; WIDTH]);
             let (near, far) = ray.intersect(&low, &high);
             // t·d against the plane; the largest coordinate is in [½, 1), so that t has no scale.
             let beyond = |t: f32| {
-                let off = Dyadic::exact(f64::from(t)).times(&Dyadic::exact(d)).minus(&Dyadic::exact(f64::from(plane)));
+                let off = Dyadic::exact(f64::from(t))
+                    .times(&Dyadic::exact(d))
+                    .minus(&Dyadic::exact(f64::from(plane)));
                 off.split().0 / (f64::from(plane) * f64::from(f32::EPSILON / 2.0))
             };
             beyond(near[0]).max(-beyond(far[0]))
@@ -152,7 +171,8 @@ mod tests {
                 let ray = TraversalRay::new(origin, [Interval::point(0.75 * sign); 3], [0.0; 3], t, t);
                 assert!(f64::from(ray.start) <= t && t <= f64::from(ray.limit), "{t}");
                 let Axis { near_origin, far_origin, .. } = ray.axes[0];
-                let (low, high) = if sign > 0.0 { (far_origin, near_origin) } else { (near_origin, far_origin) };
+                let (low, high) =
+                    if sign > 0.0 { (far_origin, near_origin) } else { (near_origin, far_origin) };
                 assert!(f64::from(low) <= o - error && o + error <= f64::from(high), "{o} ± {error}");
             }
         }

@@ -5,18 +5,14 @@ use std::cmp::Ordering;
 use crate::arith::number::{self, Interval};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::bvh::{Bvh, LANES, Mask, RayPacket, Stack, TraversalRay, take};
-use crate::geometry::vector::Point;
-use crate::scene::TriangleMesh;
-use crate::scene::{Geometry, RootId, RootIntervals, Scene, World};
+use crate::scene::{Geometry, RootId, RootIntervals, Scene, TRange, TimedRay, TriangleMesh, World};
+use crate::shapes::MOST_ROOTS;
 
 /// The closest-hit query of one ray.
 pub struct ClosestHit<'a> {
     scene: &'a Scene,
-    origin: Point,
-    direction: Point,
-    time: f64,
-    t_min: f64,
-    t_max: f64,
+    ray: TimedRay,
+    range: TRange,
     cap: f64,
     /// The closest hit so far, if `low` is finite; its t is between `low` and `limit`.
     root: RootId,
@@ -24,22 +20,21 @@ pub struct ClosestHit<'a> {
     limit: f64,
 }
 
-/// What the limit of t is at most once there is a hit. Below any t if any hit will do: then no other is looked for.
+/// A t beyond what float64 holds is a miss.
+fn finite(range: TRange) -> TRange {
+    TRange { max: range.max.min(f64::MAX), ..range }
+}
+
+/// The largest limit of t after a hit; −∞ for any-hit queries, which then look for no other.
 fn cap(any: bool) -> f64 {
     if any { f64::NEG_INFINITY } else { f64::INFINITY }
 }
 
 impl<'a> ClosestHit<'a> {
-    /// A t beyond what float64 holds is a miss. `any`: whether any hit will do, of which no more is known than that there is one.
-    pub fn new(
-        scene: &'a Scene,
-        (origin, direction, time): (Point, Point, f64),
-        (t_min, t_max): (f64, f64),
-        any: bool,
-    ) -> Self {
-        let (t_max, root) = (t_max.min(f64::MAX), RootId::of_triangle(0, 0));
-        let (cap, low) = (cap(any), f64::INFINITY);
-        ClosestHit { scene, origin, direction, time, t_min, t_max, cap, root, low, limit: t_max }
+    /// `any`: an any-hit query, which tells only whether there is a hit.
+    pub fn new(scene: &'a Scene, ray: TimedRay, range: TRange, any: bool) -> Self {
+        let (range, root) = (finite(range), RootId::of_triangle(0, 0));
+        ClosestHit { scene, ray, range, cap: cap(any), root, low: f64::INFINITY, limit: range.max }
     }
 
     /// The nearest hit, with bounds of t.
@@ -50,7 +45,7 @@ impl<'a> ClosestHit<'a> {
     /// Traverses the whole scene.
     pub fn run(&mut self, world: &World, stack: &mut Stack) {
         for &object in &world.index.unbounded {
-            self.consider(object, 0);
+            self.intersect(object, 0);
         }
         self.traverse(&world.index.bounded, stack);
         if let Some(movers) = world.movers() {
@@ -59,11 +54,11 @@ impl<'a> ClosestHit<'a> {
     }
 
     fn traverse(&mut self, hierarchy: &Bvh<u32>, stack: &mut Stack) {
-        let (o, d) = (self.origin.map(Interval::point), self.direction.map(Interval::point));
-        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min, self.limit);
+        let (o, d) = (self.ray.origin.map(Interval::point), self.ray.direction.map(Interval::point));
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.range.min, self.limit);
         hierarchy.traverse(&mut ray, stack, |stack, leaf| {
             match &self.scene.objects()[*leaf as usize].geometry {
-                Geometry::Surface(_) => self.consider(*leaf, 0),
+                Geometry::Surface(_) => self.intersect(*leaf, 0),
                 Geometry::Mesh(mesh) => self.enter(*leaf, mesh, stack),
             }
             self.limit
@@ -72,78 +67,84 @@ impl<'a> ClosestHit<'a> {
 
     /// Traverses one mesh.
     pub fn enter(&mut self, id: u32, mesh: &TriangleMesh, stack: &mut Stack) {
-        let [o, d] = self.scene.at(id, self.time).enclose(self.origin, self.direction);
+        let [o, d] = self.scene.at(id, self.ray.time).enclose(self.ray.origin, self.ray.direction);
         let hierarchy = mesh.hierarchy();
-        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min, self.limit);
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.range.min, self.limit);
         hierarchy.traverse(&mut ray, stack, |_, leaf| {
             for &primitive in leaf.ids() {
-                self.consider(id, primitive);
+                self.intersect(id, primitive);
             }
             self.limit
         });
     }
 
     /// Keeps the primitive's first hit in range if it is the nearest so far.
-    fn consider(&mut self, id: u32, primitive: u32) {
+    fn intersect(&mut self, id: u32, primitive: u32) {
         let found = number::decide(&self.root_intervals(id, primitive));
-        self.take_first(id, primitive, found);
+        self.accept_first(id, primitive, found);
     }
 
-    /// As `consider`, without the float64 stage.
-    fn consider_exactly(&mut self, id: u32, primitive: u32) {
+    /// As `intersect`, without the float64 stage.
+    fn intersect_exactly(&mut self, id: u32, primitive: u32) {
         let found = number::decide_exactly(&self.root_intervals(id, primitive));
-        self.take_first(id, primitive, found);
+        self.accept_first(id, primitive, found);
     }
 
     fn root_intervals(&self, id: u32, primitive: u32) -> RootIntervals<'a> {
-        let (origin, direction) = (self.origin, self.direction);
-        RootIntervals { object: self.scene.at(id, self.time), primitive, origin, direction }
+        let TimedRay { origin, direction, time } = self.ray;
+        RootIntervals { object: self.scene.at(id, time), primitive, origin, direction }
     }
 
-    fn take_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8, u8)>; 2]) {
+    fn accept_first(&mut self, id: u32, primitive: u32, found: [Option<(Interval, u8, u8)>; MOST_ROOTS]) {
         for &(t, index, feature) in found.iter().flatten() {
-            if self.takes(RootId { object: id, primitive, index, feature }, t) {
+            if self.accept(RootId { object: id, primitive, index, feature }, t) {
                 return;
             }
         }
     }
 
-    /// Keeps a hit, within bounds of t, if it is in range and the nearest so far; tells whether t ≥ t_min, so that later hits of the same
-    /// primitive are of no interest.
-    fn takes(&mut self, at: RootId, t: Interval) -> bool {
-        // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last ulps.
-        if t.high < self.t_min || (t.low < self.t_min && self.is_early(at)) {
+    /// Keeps a hit, within bounds of t, if it is in range and the nearest so far; tells whether t ≥ t_min, so
+    /// that later hits of the same primitive are of no interest.
+    fn accept(&mut self, at: RootId, t: Interval) -> bool {
+        // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last
+        // ulps.
+        if t.high < self.range.min || (t.low < self.range.min && self.is_early(at)) {
             return false;
         }
-        if t.low > self.limit || (t.high > self.t_max && self.rounded(at) > self.t_max) {
+        if t.low > self.limit || (t.high > self.range.max && self.rounded(at) > self.range.max) {
             return true;
         }
         if t.high < self.low || self.found().is_none() || self.is_before(at) {
-            let high = if t.high < self.t_max { t.high } else { self.t_max };
+            let high = if t.high < self.range.max { t.high } else { self.range.max };
             (self.root, self.low, self.limit) = (at, t.low, if high < self.cap { high } else { self.cap });
         }
         true
     }
 
     fn rounded(&self, at: RootId) -> f64 {
-        self.scene.t(&at, self.origin, self.direction, self.time)
+        self.scene.t(&at, &self.ray)
     }
 
     /// Whether t, rounded, is below t_min; below zero it is even where rounding leaves zero.
     fn is_early(&self, at: RootId) -> bool {
         let t = self.rounded(at);
-        t < self.t_min
-            || t == 0.0 && self.t_min == 0.0 && self.scene.is_negative(&at, self.origin, self.direction, self.time)
+        t < self.range.min || t == 0.0 && self.range.min == 0.0 && self.scene.is_negative(&at, &self.ray)
     }
 
     fn is_before(&self, at: RootId) -> bool {
         let best = &self.root;
-        match self.scene.compare(&at, best, self.origin, self.direction, self.time) {
+        match self.scene.compare(&at, best, &self.ray) {
             Ordering::Less => true,
             Ordering::Equal => (at.object, at.primitive) < (best.object, best.primitive),
             Ordering::Greater => false,
         }
     }
+}
+
+/// A ray of a packet.
+#[inline(always)]
+pub fn timed_ray(rays: &RayPacket, lane: usize) -> TimedRay {
+    TimedRay { origin: rays.origin(lane), direction: rays.direction(lane), time: rays.time[lane] }
 }
 
 /// The rounded t is in range, so that t itself may be beyond the limit by less than an ulp.
@@ -152,9 +153,9 @@ fn bounds(low: f64, limit: f64) -> Interval {
     Interval { low, high: limit.next_up() }
 }
 
-/// What has come of a root of eight rays: the lanes whose limits may have decreased, and those in which t < t_min, so that later hits of the same
-/// primitive are of interest.
-pub struct Taken {
+/// What became of a root of eight rays: the lanes whose limits may have decreased, and those in which t <
+/// t_min, so that later hits of the same primitive may be in range.
+pub struct Accepted {
     pub nearer: u32,
     pub early: u32,
 }
@@ -175,13 +176,12 @@ pub struct ClosestHits<'a> {
     /// The index of the root, and 2⁸ times the feature.
     part: [u32; LANES],
     scene: &'a Scene,
-    t_min: f64,
-    t_max: f64,
+    range: TRange,
     cap: f64,
 }
 
 impl<'a> ClosestHits<'a> {
-    pub fn new(scene: &'a Scene, (t_min, t_max): (f64, f64), any: bool) -> Self {
+    pub fn new(scene: &'a Scene, range: TRange, any: bool) -> Self {
         ClosestHits {
             low: [f64::INFINITY; LANES],
             limit: [0.0; LANES],
@@ -189,24 +189,28 @@ impl<'a> ClosestHits<'a> {
             primitive: [0; LANES],
             part: [0; LANES],
             scene,
-            t_min,
-            t_max: t_max.min(f64::MAX),
+            range: finite(range),
             cap: cap(any),
         }
     }
 
-    /// Begins anew with other rays.
+    /// Restarts with other rays.
     #[inline(always)]
     pub fn restart<I: Isa>(&mut self) {
         for eight in 0..LANES / 8 {
             self.low.as_chunks_mut().0[eight] = I::F64x8::splat(f64::INFINITY).store();
-            self.limit.as_chunks_mut().0[eight] = I::F64x8::splat(self.t_max).store();
+            self.limit.as_chunks_mut().0[eight] = I::F64x8::splat(self.range.max).store();
         }
     }
 
     #[inline(always)]
+    pub fn scene(&self) -> &'a Scene {
+        self.scene
+    }
+
+    #[inline(always)]
     pub fn t_min(&self) -> f64 {
-        self.t_min
+        self.range.min
     }
 
     /// Upper bounds of the closest t: the limits of traversal.
@@ -217,7 +221,7 @@ impl<'a> ClosestHits<'a> {
 
     /// Objects and primitives of the nearest hits.
     #[inline(always)]
-    pub fn triangles(&self) -> ([u32; LANES], [u32; LANES]) {
+    pub fn objects_and_primitives(&self) -> ([u32; LANES], [u32; LANES]) {
         (self.object, self.primitive)
     }
 
@@ -257,7 +261,8 @@ impl<'a> ClosestHits<'a> {
         lanes
     }
 
-    /// The lanes, of N from `N·i` on, whose nearest hit, if any, is on the same part of the same object as that of lane `first`.
+    /// The lanes, of N from `N·i` on, whose nearest hit, if any, is on the same part of the same object as
+    /// that of lane `first`.
     #[inline(always)]
     pub fn lanes_like<const N: usize>(&self, first: usize, i: usize) -> Mask {
         let (object, part) = (self.object[first], self.part[first]);
@@ -275,7 +280,8 @@ impl<'a> ClosestHits<'a> {
         bounds(self.low[lane], self.limit[lane])
     }
 
-    /// As `bounds`, of eight lanes. Beyond the limit is at least the next number: that is no farther than 2⁻⁵² of it, or the smallest of all.
+    /// As `bounds`, of eight lanes. Beyond the limit is at least the next number: that is no farther than
+    /// 2⁻⁵² of it, or the smallest of all.
     #[inline(always)]
     pub fn bounds_of_eight<I: Isa>(&self, eight: usize) -> Interval<I::F64x8> {
         let limit: I::F64x8 = lanes::load(&self.limit, eight);
@@ -291,42 +297,45 @@ impl<'a> ClosestHits<'a> {
     }
 
     #[inline(always)]
-    pub fn put(&mut self, lane: usize, root: RootId) {
+    pub fn set_root(&mut self, lane: usize, root: RootId) {
         (self.object[lane], self.primitive[lane]) = (root.object, root.primitive);
         self.part[lane] = part(&root);
     }
 
-    /// As `ClosestHit::takes`, of a root whose primitive has no other; tells whether the limit may have decreased.
+    /// As `ClosestHit::accept`, of a root whose primitive has no other; tells whether the limit may have
+    /// decreased.
     #[inline(always)]
-    pub fn offer(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
-        if self.limit[lane] < t.low || t.high < self.t_min {
+    pub fn accept_only(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
+        if self.limit[lane] < t.low || t.high < self.range.min {
             return false;
         }
-        if self.t_min <= t.low && t.high <= self.t_max && t.high < self.low[lane] {
-            self.put(lane, at);
+        if self.range.min <= t.low && t.high <= self.range.max && t.high < self.low[lane] {
+            self.set_root(lane, at);
             (self.low[lane], self.limit[lane]) = (t.low, if t.high < self.cap { t.high } else { self.cap });
         } else {
-            self.takes_narrowly(rays, lane, at, t);
+            self.accept_exactly(rays, lane, at, t);
         }
         true
     }
 
-    /// As `ClosestHit::takes`, of one root in these lanes of the eight.
+    /// As `ClosestHit::accept`, of one root in these lanes of the eight.
     #[inline(always)]
-    pub fn take_eight<I: Isa>(
+    pub fn accept_eight<I: Isa>(
         &mut self,
         rays: &RayPacket,
         eight: usize,
         lanes: u32,
         at: RootId,
         t: Interval<I::F64x8>,
-    ) -> Taken {
-        let (lows, limits) = (&mut self.low.as_chunks_mut().0[eight], &mut self.limit.as_chunks_mut().0[eight]);
-        let (low, limit, t_min) = (I::F64x8::load(lows), I::F64x8::load(limits), I::F64x8::splat(self.t_min));
+    ) -> Accepted {
+        let (lows, limits) =
+            (&mut self.low.as_chunks_mut().0[eight], &mut self.limit.as_chunks_mut().0[eight]);
+        let (low, limit, t_min) =
+            (I::F64x8::load(lows), I::F64x8::load(limits), I::F64x8::splat(self.range.min));
         let mut early = lanes & t.high.lt(t_min);
         let in_range = lanes & t_min.le(t.low);
         let farther = in_range & limit.lt(t.low);
-        let nearer = in_range & !farther & t.high.le(I::F64x8::splat(self.t_max)) & t.high.lt(low);
+        let nearer = in_range & !farther & t.high.le(I::F64x8::splat(self.range.max)) & t.high.lt(low);
         if nearer != 0 {
             *lows = I::pick(nearer, t.low, low).store();
             *limits = I::pick(nearer, Floats::min(t.high, I::F64x8::splat(self.cap)), limit).store();
@@ -339,35 +348,36 @@ impl<'a> ClosestHits<'a> {
         if left != 0 {
             let (low, high) = (t.low.store(), t.high.store());
             while let Some(k) = take(&mut left) {
-                let takes = self.takes_narrowly(rays, 8 * eight + k, at, Interval { low: low[k], high: high[k] });
-                early |= u32::from(!takes) << k;
+                let accepted =
+                    self.accept_exactly(rays, 8 * eight + k, at, Interval { low: low[k], high: high[k] });
+                early |= u32::from(!accepted) << k;
             }
         }
-        Taken { nearer: near, early }
+        Accepted { nearer: near, early }
     }
 
     #[cold]
     #[inline(never)]
-    fn takes_narrowly(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
+    fn accept_exactly(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
         let mut closest = self.of_lane(rays, lane);
-        let takes = closest.takes(at, t);
+        let accepted = closest.accept(at, t);
         self.set_lane(lane, &closest);
-        takes
+        accepted
     }
 
     /// Keeps the primitive's first hit in range if it is the nearest so far.
     #[inline(never)]
-    pub fn consider(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
+    pub fn intersect(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
         let mut closest = self.of_lane(rays, lane);
-        closest.consider(id, primitive);
+        closest.intersect(id, primitive);
         self.set_lane(lane, &closest);
     }
 
-    /// As `consider`, of a primitive whose intersection float64 could not decide.
+    /// As `intersect`, of a primitive whose intersection float64 could not decide.
     #[inline(never)]
-    pub fn consider_exactly(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
+    pub fn intersect_exactly(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
         let mut closest = self.of_lane(rays, lane);
-        closest.consider_exactly(id, primitive);
+        closest.intersect_exactly(id, primitive);
         self.set_lane(lane, &closest);
     }
 
@@ -379,14 +389,13 @@ impl<'a> ClosestHits<'a> {
     }
 
     fn of_lane(&self, rays: &RayPacket, lane: usize) -> ClosestHit<'a> {
-        let ClosestHits { scene, t_min, t_max, cap, .. } = *self;
-        let (origin, direction) = (rays.origin(lane), rays.direction(lane));
-        let (time, low, limit) = (rays.time[lane], self.low[lane], self.limit[lane]);
-        ClosestHit { scene, origin, direction, time, t_min, t_max, cap, root: self.root(lane), low, limit }
+        let ClosestHits { scene, range, cap, .. } = *self;
+        let (low, limit) = (self.low[lane], self.limit[lane]);
+        ClosestHit { scene, ray: timed_ray(rays, lane), range, cap, root: self.root(lane), low, limit }
     }
 
     fn set_lane(&mut self, lane: usize, closest: &ClosestHit) {
-        self.put(lane, closest.root);
+        self.set_root(lane, closest.root);
         (self.low[lane], self.limit[lane]) = (closest.low, closest.limit);
     }
 }
@@ -409,13 +418,14 @@ mod tests {
     }
 
     impl Task for TakeEight<'_, '_> {
-        type Output = Taken;
+        type Output = Accepted;
 
         #[inline(always)]
-        fn run<I: Isa>(self) -> Taken {
+        fn run<I: Isa>(self) -> Accepted {
             let TakeEight { closest, rays, eight, lanes, at, t } = self;
-            let t = Interval { low: I::F64x8::load(&t.map(|t| t.low)), high: I::F64x8::load(&t.map(|t| t.high)) };
-            closest.take_eight::<I>(rays, eight, lanes, at, t)
+            let t =
+                Interval { low: I::F64x8::load(&t.map(|t| t.low)), high: I::F64x8::load(&t.map(|t| t.high)) };
+            closest.accept_eight::<I>(rays, eight, lanes, at, t)
         }
     }
 
@@ -424,13 +434,15 @@ mod tests {
         with_large_frames(take_roots);
     }
 
-    /// Roots on planes at whole t and beside them, and bounds that are exact, close or wide, so that some are known to be in range and nearest, and some
-    /// are so narrowly.
+    /// Roots on planes at whole t and beside them, and bounds that are exact, close or wide, so that some are
+    /// known to be in range and nearest, and some are so narrowly.
     fn take_roots() {
         let heights: Vec<f64> =
             [1.0, 2.0, 3.0, 4.0, 5.0].iter().flat_map(|t: &f64| [*t, t.next_up(), t + 0.5]).collect();
-        let plane = |z: &f64| AnySurface::from(Plane::PointNormal { point: [0.0, 0.0, *z], normal: [0.0, 0.0, 1.0] });
-        let scene = Scene::new(heights.iter().map(|z| Object::new(Geometry::Surface(plane(z)), false)).collect());
+        let plane =
+            |z: &f64| AnySurface::from(Plane::PointNormal { point: [0.0, 0.0, *z], normal: [0.0, 0.0, 1.0] });
+        let scene =
+            Scene::new(heights.iter().map(|z| Object::new(Geometry::Surface(plane(z)), false)).collect());
         let mut rays = RayPacket::empty();
         rays.count = LANES;
         (0..LANES).for_each(|lane| rays.set(lane, [0.0; 3], [0.0, 0.0, 1.0]));
@@ -438,14 +450,18 @@ mod tests {
         for any in [false, true] {
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 for _ in 0..60 {
-                    let new = || ClosestHits::new(&scene, (2.0, 4.0), any);
+                    let new = || ClosestHits::new(&scene, TRange { min: 2.0, max: 4.0 }, any);
                     let (mut one_by_one, mut together) = (new(), new());
                     one_by_one.restart::<Portable>();
                     together.restart::<Portable>();
                     for _ in 0..20 {
                         let object = (heights.len() as f64 * next()) as usize;
-                        let at =
-                            RootId { object: object as u32, primitive: 0, index: 0, feature: (3.0 * next()) as u8 };
+                        let at = RootId {
+                            object: object as u32,
+                            primitive: 0,
+                            index: 0,
+                            feature: (3.0 * next()) as u8,
+                        };
                         let (eight, lanes) = ((8.0 * next()) as usize, (256.0 * next()) as u32);
                         let t = [0; 8].map(|_: u8| {
                             let off = [0.0, f64::EPSILON * heights[object], 0.3][(3.0 * next()) as usize];
@@ -453,7 +469,8 @@ mod tests {
                         });
                         let mut expected = 0;
                         for k in (0..8).filter(|k| lanes & 1 << k != 0) {
-                            expected |= u32::from(!one_by_one.takes_narrowly(&rays, 8 * eight + k, at, t[k])) << k;
+                            expected |=
+                                u32::from(!one_by_one.accept_exactly(&rays, 8 * eight + k, at, t[k])) << k;
                         }
                         let before = together.limit;
                         let (closest, rays) = (&mut together, &rays);
@@ -463,9 +480,12 @@ mod tests {
                             let shorter = together.limit[lane] < before[lane];
                             assert!(!shorter || lane / 8 == eight && taken.nearer & 1 << (lane % 8) != 0);
                             nearer += usize::from(shorter);
-                            let of = |hits: &ClosestHits| (hits.low[lane].to_bits(), hits.limit[lane].to_bits());
+                            let of =
+                                |hits: &ClosestHits| (hits.low[lane].to_bits(), hits.limit[lane].to_bits());
                             assert_eq!(of(&together), of(&one_by_one), "{level:?}");
-                            let of = |hits: &ClosestHits| (hits.object[lane], hits.primitive[lane], hits.part[lane]);
+                            let of = |hits: &ClosestHits| {
+                                (hits.object[lane], hits.primitive[lane], hits.part[lane])
+                            };
                             assert_eq!(of(&together), of(&one_by_one), "{level:?}");
                         }
                         early += expected.count_ones();
@@ -492,7 +512,7 @@ mod tests {
     #[test]
     fn bounds_of_eight_hold_those_of_each() {
         let scene = Scene::new(Vec::new());
-        let mut closest = ClosestHits::new(&scene, (0.0, f64::INFINITY), false);
+        let mut closest = ClosestHits::new(&scene, TRange::RAY, false);
         let limits = [0.0, 5e-324, 1e-310, 1.0, 1.0_f64.next_down(), 1e300, f64::MAX, -1.5];
         closest.limit[8..16].copy_from_slice(&limits);
         closest.low[8..16].copy_from_slice(&limits.map(|limit| limit - limit.abs() / 8.0));
@@ -500,7 +520,11 @@ mod tests {
             let found = dispatch(level, BoundsOfEight(&closest));
             for k in 0..8 {
                 let Interval { low, high } = closest.bounds(8 + k);
-                assert!(found.low[k] == low && found.high[k] >= high, "{level:?}: {} for {high}", found.high[k]);
+                assert!(
+                    found.low[k] == low && found.high[k] >= high,
+                    "{level:?}: {} for {high}",
+                    found.high[k]
+                );
                 let wide = limits[k] + 4.0 * f64::EPSILON * limits[k].abs() + 2.0 * f64::MIN_POSITIVE;
                 assert!(found.high[k] <= wide, "{level:?}: {} for {high}", found.high[k]);
             }

@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use super::schedule::pieces;
 use crate::arith::simd::{self, Isa, Level};
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Run, Sink, World};
+use crate::scene::{Hit, Rays, Run, Sink, TRange, World};
 use crate::{memory, parallel};
 
 /// Arrays that the hits of many rays go to; each thread writes to a part of them.
@@ -15,21 +15,14 @@ pub trait Arrays: Sink + Send + Sized {
     /// Splits off the rows of the first rays.
     fn split_off(&mut self, count: usize) -> Self;
 
-    /// As `World::cast`, on all threads: splits off the rows of these rays. Each row is written, of an illegal ray too.
-    fn cast(
-        &mut self,
-        world: &World,
-        level: Level,
-        (origins, directions, times): (&[Point], &[Point], &[f64]),
-        range: (f64, f64),
-    ) -> bool {
+    /// As `World::cast`, on all threads: splits off the rows of these rays. Each row is written, of an
+    /// illegal ray too.
+    fn cast(&mut self, world: &World, level: Level, rays: Rays, range: TRange) -> bool {
         let legal = AtomicBool::new(true);
-        let pieces = pieces(directions, 1).into_iter();
+        let pieces = pieces(rays.directions, 1).into_iter();
         let pieces = memory::collect(pieces.map(|piece| (self.split_off(piece.len()), piece)));
         parallel::share(pieces.into_iter(), |(mut arrays, piece)| {
-            let times = if times.is_empty() { times } else { &times[piece.clone()] };
-            let rays = (&origins[piece.clone()], &directions[piece], times);
-            if !world.cast(level, rays, range, &mut arrays) {
+            if !world.cast(level, rays.part(piece), range, &mut arrays) {
                 legal.store(false, Ordering::Relaxed);
             }
         });
@@ -37,19 +30,19 @@ pub trait Arrays: Sink + Send + Sized {
     }
 }
 
-/// A place for a value, initialized or not.
-pub trait Place<T>: Copy {
+/// An entry of an array, initialized or not.
+pub trait Slot<T>: Copy {
     fn of(value: T) -> Self;
 }
 
-impl<T: Copy> Place<T> for T {
+impl<T: Copy> Slot<T> for T {
     #[inline(always)]
     fn of(value: T) -> T {
         value
     }
 }
 
-impl<T: Copy> Place<T> for MaybeUninit<T> {
+impl<T: Copy> Slot<T> for MaybeUninit<T> {
     #[inline(always)]
     fn of(value: T) -> MaybeUninit<T> {
         MaybeUninit::new(value)
@@ -136,7 +129,7 @@ impl Arrays for Occlusion<'_> {
     }
 }
 
-impl<F: Place<f64>, N: Place<i32>> Sink for Columns<'_, F, N> {
+impl<F: Slot<f64>, N: Slot<i32>> Sink for Columns<'_, F, N> {
     #[inline(always)]
     fn clear(&mut self, rays: Range<usize>) {
         let Hit { t, normal, object, primitive } = Hit::MISS;
@@ -147,7 +140,7 @@ impl<F: Place<f64>, N: Place<i32>> Sink for Columns<'_, F, N> {
     }
 
     #[inline(always)]
-    fn put(&mut self, i: usize, hit: Hit) {
+    fn write(&mut self, i: usize, hit: Hit) {
         self.t[i] = F::of(hit.t);
         self.object[i] = N::of(hit.object);
         self.primitive[i] = N::of(hit.primitive);
@@ -155,11 +148,12 @@ impl<F: Place<f64>, N: Place<i32>> Sink for Columns<'_, F, N> {
     }
 
     #[inline(always)]
-    fn put_run(&mut self, i: usize, hits: &Run) {
+    fn write_run(&mut self, i: usize, hits: &Run) {
         self.t[i..i + 4].as_chunks_mut().0[0] = hits.t.map(F::of);
         self.object[i..i + 4].as_chunks_mut().0[0] = hits.object.map(N::of);
         self.primitive[i..i + 4].as_chunks_mut().0[0] = hits.primitive.map(N::of);
-        for (place, normals) in self.normal[3 * i..3 * i + 12].as_chunks_mut().0.iter_mut().zip(hits.normals) {
+        for (place, normals) in self.normal[3 * i..3 * i + 12].as_chunks_mut().0.iter_mut().zip(hits.normals)
+        {
             *place = normals.map(F::of);
         }
     }
@@ -182,7 +176,7 @@ impl Sink for Occlusion<'_> {
     }
 
     #[inline(always)]
-    fn put(&mut self, i: usize, hit: Hit) {
+    fn write(&mut self, i: usize, hit: Hit) {
         self.0[i].write(hit.object >= 0);
     }
 
@@ -199,14 +193,14 @@ mod tests {
     use crate::scene::EightHits;
     use crate::testing::numbers;
 
-    struct PutRuns<'a>(&'a mut HitArrays, &'a [u32; 8], u32, &'a [Hit; 8]);
+    struct WriteRuns<'a>(&'a mut HitArrays, &'a [u32; 8], u32, &'a [Hit; 8]);
 
-    impl Task for PutRuns<'_> {
+    impl Task for WriteRuns<'_> {
         type Output = u32;
 
         #[inline(always)]
         fn run<I: Isa>(self) -> u32 {
-            let PutRuns(arrays, rays, lanes, hits) = self;
+            let WriteRuns(arrays, rays, lanes, hits) = self;
             let normal = [0, 1, 2].map(|axis| hits.map(|hit| hit.normal[axis]));
             let eight = EightHits {
                 t: &hits.map(|hit| hit.t),
@@ -214,7 +208,7 @@ mod tests {
                 object: hits.map(|hit| hit.object),
                 primitive: hits.map(|hit| hit.primitive),
             };
-            arrays.columns().put_runs::<I>(rays, lanes, &eight)
+            arrays.columns().write_runs::<I>(rays, lanes, &eight)
         }
     }
 
@@ -223,8 +217,14 @@ mod tests {
     fn runs_of_hits_are_put_where_each_would_be() {
         const COUNT: u32 = 40;
         let mut number = numbers();
-        let quarters =
-            [[5, 6, 7, 8], [20, 21, 22, 23], [36, 37, 38, 39], [9, 11, 12, 13], [30, 31, 32, 34], [3, 2, 1, 0]];
+        let quarters = [
+            [5, 6, 7, 8],
+            [20, 21, 22, 23],
+            [36, 37, 38, 39],
+            [9, 11, 12, 13],
+            [30, 31, 32, 34],
+            [3, 2, 1, 0],
+        ];
         let (mut runs, mut others) = (0, 0);
         for (first, second) in quarters.iter().flat_map(|a| quarters.iter().map(move |b| (a, b))) {
             let rays: [u32; 8] = std::array::from_fn(|k| if k < 4 { first[k] } else { second[k - 4] });
@@ -236,14 +236,15 @@ mod tests {
                     primitive: ray as i32 + 200,
                 });
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    let (mut arrays, mut expected) = (HitArrays::of(COUNT as usize), vec![Hit::MISS; COUNT as usize]);
-                    let put = dispatch(level, PutRuns(&mut arrays, &rays, lanes, &hits));
+                    let (mut arrays, mut expected) =
+                        (HitArrays::of(COUNT as usize), vec![Hit::MISS; COUNT as usize]);
+                    let written = dispatch(level, WriteRuns(&mut arrays, &rays, lanes, &hits));
                     for half in 0..2 {
                         let four = 4 * half..4 * half + 4;
                         let is_run = rays[four.clone()].windows(2).all(|pair| pair[1] == pair[0] + 1);
                         let all = 0xf << (4 * half);
-                        assert_eq!(put & all, if is_run && lanes & all == all { all } else { 0 });
-                        if put & all != 0 {
+                        assert_eq!(written & all, if is_run && lanes & all == all { all } else { 0 });
+                        if written & all != 0 {
                             four.for_each(|k| expected[rays[k] as usize] = hits[k]);
                             runs += 1;
                         } else {

@@ -1,6 +1,6 @@
-//! Deferred candidates: pairs of a ray and a triangle that the test in a leaf, on its quantized vertices, left uncertain. They are tested eight at a
-//! time with the vertices as given, by expansions; sides that these leave open are decided exactly, and where t remains uncertain, the filtered
-//! predicates tell.
+//! Deferred candidates: pairs of a ray and a triangle that the test in a leaf, on its quantized vertices,
+//! left uncertain. They are tested eight at a time with the vertices as given, by expansions; sides that
+//! these leave open are decided exactly, and where t remains uncertain, the filtered predicates tell.
 
 use crate::arith::number::Interval;
 use crate::arith::simd::{Floats, Isa, Task, lanes};
@@ -10,7 +10,8 @@ use crate::geometry::ray::Ray;
 use crate::scene::{RootId, Scene};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of, sides};
 
-/// A queue of pairs of a ray and a triangle of an untransformed mesh, whose vertices are prefetched meanwhile.
+/// A queue of pairs of a ray and a triangle of an untransformed mesh, whose vertices are prefetched
+/// meanwhile.
 pub struct DeferredCandidates {
     count: usize,
     lane: [u8; CAPACITY],
@@ -89,9 +90,9 @@ impl Task for Resolve<'_, '_> {
             for k in 8 * eight..(*count).min(8 * eight + 8) {
                 let (lane, root, bit) = (usize::from(lane[k]), root[k], 1 << (k % 8));
                 if hit & known & bit != 0 {
-                    closest.offer(rays, lane, root, Interval { low: low[k % 8], high: high[k % 8] });
+                    closest.accept_only(rays, lane, root, Interval { low: low[k % 8], high: high[k % 8] });
                 } else if missed & bit == 0 {
-                    closest.consider_exactly(rays, lane, root.object, root.primitive);
+                    closest.intersect_exactly(rays, lane, root.object, root.primitive);
                 }
             }
         }

@@ -1,33 +1,32 @@
-//! The driver of casts: rays are sorted into coherent packets, the packets traverse the hierarchies, and their closest hits are refined.
+//! The driver of casts: rays are sorted into coherent packets, the packets traverse the hierarchies, and
+//! their closest hits are refined.
 //!
-//! Results depend neither on how the rays are grouped nor on the instruction set: float32 tests and the bounds of float64 only cull what
-//! is certainly not the closest hit, and what they leave is decided exactly.
+//! Results depend neither on how the rays are grouped nor on the instruction set: float32 tests and the
+//! bounds of float64 only cull what is certainly not the closest hit, and what they leave is decided exactly.
 
 use std::cell::Cell;
 
 use crate::arith::simd::{self, Isa, Level, Task};
 use crate::bvh::{LANES, RayPacket, all, take};
-use crate::cast::closest_hit::ClosestHit;
+use crate::cast::closest_hit::{ClosestHit, timed_ray};
+use crate::cast::hit_batches::{BATCH_SIZE, BoundedHit, HitBatches};
 use crate::cast::ray_sort::{NEAR, RaySort};
-use crate::cast::surface_intersector::{BATCH_SIZE, HitBatches, SurfaceIntersector};
+use crate::cast::surface_intersector::SurfaceIntersector;
 use crate::cast::traversal::{Advance, PacketState, TRAVERSALS, Traversal, TraversalScratch};
 use crate::cast::triangle_hits::TriangleHits;
-use crate::geometry::vector::Point;
-use crate::scene::{Hit, Sink, World};
+use crate::scene::{Hit, Rays, Sink, TRange, World};
 use crate::stop;
 
 /// After how many packets the caller may stop a cast.
 const POLL: usize = 16;
 
-/// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be no times. The outcome is
-/// false if there was a ray with a number that is not finite, or with a zero direction; such a ray is a miss.
+/// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be
+/// no times. The outcome is false if there was a ray with a number that is not finite, or with a zero
+/// direction; such a ray is a miss.
 pub struct Cast<'a, S: Sink + ?Sized> {
     pub world: &'a World<'a>,
-    pub origins: &'a [Point],
-    pub directions: &'a [Point],
-    pub times: &'a [f64],
-    pub t_min: f64,
-    pub t_max: f64,
+    pub rays: Rays<'a>,
+    pub range: TRange,
     pub hits: &'a mut S,
 }
 
@@ -36,16 +35,17 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> bool {
-        let Cast { world, origins, directions, times, t_min, t_max, hits } = self;
+        let Cast { world, rays, range, hits } = self;
         let scene = world.scene;
         let mut scratch = SCRATCH.take().unwrap_or_default();
         let Scratch { traversals, previous, batches, surfaces, ray_sort } = &mut *scratch;
-        ray_sort.restart(directions, (world.number, world.size), !times.is_empty());
+        ray_sort.restart(rays.directions, (world.number, world.size), !rays.times.is_empty());
         batches.restart(scene);
-        let mut source = PacketSource { origins, directions, times, ray_sort, start: 0, done: 0 };
+        let mut source = PacketSource { rays, ray_sort, start: 0, done: 0 };
         let mut traversals =
-            traversals.each_mut().map(|scratch| Traversal::new(world, (t_min, t_max), S::ANY, scratch));
-        // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices are prefetched.
+            traversals.each_mut().map(|scratch| Traversal::new(world, range, S::ANY, scratch));
+        // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices
+        // are prefetched.
         let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
         let mut router = HitRouter { world, batches, hits };
         let mut legal = true;
@@ -56,7 +56,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                     if traversal.state.rays.count > 0 {
                         traversal.make_ready();
                     } else {
-                        legal &= router.trace_single(traversal, (t_min, t_max));
+                        legal &= router.trace_single(traversal, range);
                     }
                 }
             }
@@ -85,16 +85,10 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 }
 
 impl World<'_> {
-    /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes first, then the
-    /// lowest primitive. False if there was an illegal ray (see [`Cast`]).
-    pub fn cast(
-        &self,
-        level: Level,
-        (origins, directions, times): (&[Point], &[Point], &[f64]),
-        (t_min, t_max): (f64, f64),
-        hits: &mut (impl Sink + ?Sized),
-    ) -> bool {
-        simd::dispatch(level, Cast { world: self, origins, directions, times, t_min, t_max, hits })
+    /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes
+    /// first, then the lowest primitive. False if there was an illegal ray (see [`Cast`]).
+    pub fn cast(&self, level: Level, rays: Rays, range: TRange, hits: &mut (impl Sink + ?Sized)) -> bool {
+        simd::dispatch(level, Cast { world: self, rays, range, hits })
     }
 }
 
@@ -128,9 +122,7 @@ impl Default for Scratch {
 
 /// The source of packets: the rays that are still to be traced, in the order of the ray sort.
 struct PacketSource<'a> {
-    origins: &'a [Point],
-    directions: &'a [Point],
-    times: &'a [f64],
+    rays: Rays<'a>,
     ray_sort: &'a mut RaySort,
     /// How many of the rays sorted last have been gathered into packets, and where those begin.
     start: usize,
@@ -138,43 +130,44 @@ struct PacketSource<'a> {
 }
 
 impl PacketSource<'_> {
-    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if there are no more. Hits of rays that are sorted
-    /// for it are cleared.
+    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if there
+    /// are no more. Hits of rays that are sorted for it are cleared.
     #[inline(always)]
-    fn next_packet<I: Isa>(&mut self, rays: &mut RayPacket, hits: &mut (impl Sink + ?Sized)) -> bool {
+    fn next_packet<I: Isa>(&mut self, packet: &mut RayPacket, hits: &mut (impl Sink + ?Sized)) -> bool {
         let end = self.ray_sort.sorted().len();
         if self.start == end {
-            if !self.ray_sort.advance::<I>(self.origins, self.directions) {
+            if !self.ray_sort.advance::<I>(self.rays.origins, self.rays.directions) {
                 return false;
             }
             (self.start, self.done) = (0, self.done + end);
             hits.clear(self.done..self.done + self.ray_sort.sorted().len());
         }
         let order = &self.ray_sort.sorted()[self.start..];
-        rays.gather::<I>(self.origins, self.directions, order, self.ray_sort.has_one_origin());
-        let taken = rays.count.max(1);
+        packet.gather::<I>(self.rays.origins, self.rays.directions, order, self.ray_sort.has_one_origin());
+        let taken = packet.count.max(1);
         self.start += taken;
-        if !self.times.is_empty() {
+        if !self.rays.times.is_empty() {
             for lane in 0..taken {
-                rays.time[lane] = self.times[rays.at[lane] as usize];
+                packet.time[lane] = self.rays.times[packet.at[lane] as usize];
             }
         }
         true
     }
 
-    /// Prefetches the rays of a coming packet, and the places of their hits unless these have just been cleared.
+    /// Prefetches the rays of a coming packet, and the places of their hits unless these have just been
+    /// cleared.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
         let sorted = self.ray_sort.sorted();
         if sorted.len() == NEAR {
             // Of the rays that will be sorted next, as many as were gathered last.
-            let (end, next) = (self.origins.len(), self.done + NEAR + self.start);
-            simd::prefetch::<I, _>(&self.origins[end.min(next - count)..end.min(next)]);
+            let (end, next) = (self.rays.origins.len(), self.done + NEAR + self.start);
+            simd::prefetch::<I, _>(&self.rays.origins[end.min(next - count)..end.min(next)]);
         } else {
             for &i in &sorted[self.start..sorted.len().min(self.start + LANES)] {
                 let i = i as usize;
-                simd::prefetch_across::<I, _>(&self.origins[i]);
-                simd::prefetch_across::<I, _>(&self.directions[i]);
+                simd::prefetch_across::<I, _>(&self.rays.origins[i]);
+                simd::prefetch_across::<I, _>(&self.rays.directions[i]);
                 hits.prefetch::<I>(i);
             }
         }
@@ -213,39 +206,39 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
                 }
                 let first = object(lanes.trailing_zeros() as usize);
                 if !first.is_untransformed_triangle() && !first.is_placed_triangle() {
-                    left &= !self.batches.take_neighbors::<I>(self.world.scene, rays, closest, start, lanes, self.hits);
+                    left &= !self.batches.refine_neighbors::<I>(rays, closest, start, lanes, self.hits);
                 }
             }
         }
         while let Some(lane) = take(&mut left) {
             if S::ANY {
-                self.hits.put(rays.at[lane] as usize, Hit::UNREFINED);
+                self.hits.write(rays.at[lane] as usize, Hit::UNREFINED);
             } else if object(lane).is_untransformed_triangle() {
                 given |= 1 << lane;
             } else if object(lane).is_placed_triangle() {
                 placed |= 1 << lane;
             } else {
                 let (root, bounds) = (closest.root(lane), closest.bounds(lane));
-                let bracket = (rays.origin(lane), rays.direction(lane), rays.time[lane], bounds);
-                self.batches.push::<I>(self.world.scene, rays.at[lane], root, bracket, self.hits);
+                let bounded = BoundedHit { at: rays.at[lane], root, bounds, ray: timed_ray(rays, lane) };
+                self.batches.push::<I>(self.world.scene, &bounded, self.hits);
             }
         }
         triangle_hits.gather(closest, given, placed);
     }
 
     /// Traces a ray that does not fit into packets; false if it is illegal.
-    fn trace_single(&mut self, traversal: &mut Traversal, range: (f64, f64)) -> bool {
+    fn trace_single(&mut self, traversal: &mut Traversal, range: TRange) -> bool {
         let rays = &traversal.state.rays;
-        let (at, origin, direction, time) = (rays.at[0] as usize, rays.origin(0), rays.direction(0), rays.time[0]);
-        let legal = origin.iter().chain(&direction).all(|x| x.is_finite()) && direction != [0.0; 3];
+        let (at, ray) = (rays.at[0] as usize, timed_ray(rays, 0));
+        let legal =
+            ray.origin.iter().chain(&ray.direction).all(|x| x.is_finite()) && ray.direction != [0.0; 3];
         if legal {
             let scene = self.world.scene;
-            let mut closest = ClosestHit::new(scene, (origin, direction, time), range, S::ANY);
+            let mut closest = ClosestHit::new(scene, ray, range, S::ANY);
             closest.run(self.world, traversal.stack());
             if let Some((root, bounds)) = closest.found() {
-                let hit =
-                    if S::ANY { Hit::UNREFINED } else { scene.hit_within(&root, bounds, origin, direction, time) };
-                self.hits.put(at, hit);
+                let hit = if S::ANY { Hit::UNREFINED } else { scene.hit_within(&root, bounds, &ray) };
+                self.hits.write(at, hit);
             }
         }
         legal
@@ -256,11 +249,13 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
 mod tests {
     use super::*;
     use crate::cast::columns::HitArrays;
+    use crate::geometry::vector::Point;
     use crate::scene::tests::{FLAT, object, tipped};
     use crate::scene::{RootId, Scene};
     use crate::testing::with_large_frames;
 
-    /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there is y/8, exactly.
+    /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there
+    /// is y/8, exactly.
     fn rays() -> (Vec<Point>, Vec<Point>) {
         let points = (0..81).map(|k| [k % 9, k / 9].map(f64::from)).filter(|[x, y]| x + y <= 8.0);
         let origins: Vec<Point> = points.map(|[x, y]| [x, y, 3.0]).collect();
@@ -285,12 +280,16 @@ mod tests {
                         objects.reverse();
                     }
                     let scene = Scene::new(objects);
-                    let at =
-                        [0, 1].map(|i: usize| RootId::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32));
+                    let at = [0, 1].map(|i: usize| {
+                        RootId::of_triangle(i as u32, others[i ^ usize::from(swapped)] as u32)
+                    });
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                         let mut hits = HitArrays::of(origins.len());
-                        let (world, rays) = (scene.during([0.0; 2]), (&origins[..], &directions[..], &[][..]));
-                        assert!(world.cast(level, rays, (0.0, f64::INFINITY), &mut hits.columns()));
+                        let (world, rays) = (
+                            scene.during([0.0; 2]),
+                            Rays { origins: &origins, directions: &directions, times: &[] },
+                        );
+                        assert!(world.cast(level, rays, TRange::RAY, &mut hits.columns()));
                         for (hit, o) in hits.iter().zip(&origins) {
                             // The surfaces part where the last vertex has a weight.
                             let tie = z == 1.0 || o[1] == 0.0;
@@ -317,8 +316,11 @@ mod tests {
             let scene = Scene::new(vec![object(FLAT, 9)]);
             let (mut origins, mut directions) = rays();
             let hitting = origins.len();
-            // Rays beside the triangle and away from it, one that does not fit into packets, and one that is illegal.
-            for (origin, direction) in [([-1.0, 2.0, 3.0], [0.0, 0.0, -1.0]), ([1.0, 2.0, 3.0], [0.0, 0.0, 1.0])] {
+            // Rays beside the triangle and away from it, one that does not fit into packets, and one that is
+            // illegal.
+            for (origin, direction) in
+                [([-1.0, 2.0, 3.0], [0.0, 0.0, -1.0]), ([1.0, 2.0, 3.0], [0.0, 0.0, 1.0])]
+            {
                 origins.extend(vec![origin; 700]);
                 directions.extend(vec![direction; 700]);
             }
@@ -327,9 +329,10 @@ mod tests {
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let before = Hit { t: 7.0, normal: [7.0; 3], object: 7, primitive: 7 };
                 let mut hits = HitArrays::of(origins.len());
-                (0..origins.len()).for_each(|i| hits.columns().put(i, before));
-                let (world, rays) = (scene.during([0.0; 2]), (&origins[..], &directions[..], &[][..]));
-                assert!(!world.cast(level, rays, (0.0, f64::INFINITY), &mut hits.columns()));
+                (0..origins.len()).for_each(|i| hits.columns().write(i, before));
+                let (world, rays) =
+                    (scene.during([0.0; 2]), Rays { origins: &origins, directions: &directions, times: &[] });
+                assert!(!world.cast(level, rays, TRange::RAY, &mut hits.columns()));
                 for (i, hit) in hits.iter().enumerate() {
                     let Hit { t, normal, object, primitive } = hit;
                     let is_miss = (t, normal, object, primitive) == (f64::INFINITY, [0.0; 3], -1, 0);

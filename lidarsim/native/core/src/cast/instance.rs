@@ -1,4 +1,5 @@
-//! Instances: the rays of a packet in the local coordinates of a transformed mesh, with bounds of their rounding.
+//! Instances: the rays of a packet in the local coordinates of a transformed mesh, with bounds of their
+//! rounding.
 
 use std::cell::Cell;
 
@@ -26,7 +27,8 @@ impl InstanceRays {
         InstanceRays { all: RayPacket::empty(), backward: [0; 3], some: RayPacket::empty(), are_some: false }
     }
 
-    /// Transforms these rays of the world, and returns those that fit into packets. `then`: where an object that moves is for each of them.
+    /// Transforms these rays of the world, and returns those that fit into packets. `then`: where an object
+    /// that moves is for each of them.
     #[inline(always)]
     pub fn gather<I: Isa>(
         &mut self,
@@ -40,7 +42,7 @@ impl InstanceRays {
             Some(inverse) if then.is_none() => self.gather_still::<I>(inverse, world, mask),
             _ => {
                 let placements = Placements { first: object.inverse(), then };
-                placements.apart::<I, _>(Gather { world, mask, instance_rays: self }).unwrap_or(0)
+                placements.dispatch::<I, _>(Gather { world, mask, instance_rays: self }).unwrap_or(0)
             }
         };
         let mut left = mask & !held;
@@ -63,7 +65,7 @@ impl InstanceRays {
                     origin = inverse.points(world.origins::<I>(eight));
                 }
                 let direction = inverse.vectors::<I::F64x8, 8>(world.directions::<I>(eight));
-                held |= Mask::from(self.put(eight, origin, direction) & active) << (8 * eight);
+                held |= Mask::from(self.store(eight, origin, direction) & active) << (8 * eight);
             }
         }
         for backward in &mut self.backward {
@@ -117,7 +119,8 @@ impl InstanceRays {
     }
 }
 
-/// Transforms rays, a register at a time, and returns those whose bounds are certain and that fit into packets.
+/// Transforms rays, a register at a time, and returns those whose bounds are certain and that fit into
+/// packets.
 struct Gather<'a> {
     world: &'a RayPacket,
     mask: Mask,
@@ -141,7 +144,7 @@ impl PlacementTask for Gather<'_> {
             let origin = of_rays::<RunningErrors<Many<F>, N>, _, N>(o, rays);
             let ray = Ray { origin, direction: of_rays(d, rays), weight: None };
             if let Ok([o, d]) = placement.part(i).local_rays(ray, rays).enclose() {
-                held |= Mask::from(instance_rays.put(i, middle(o), middle(d)) & active.get()) << (i * N);
+                held |= Mask::from(instance_rays.store(i, middle(o), middle(d)) & active.get()) << (i * N);
             }
         }
         for backward in &mut instance_rays.backward {
@@ -154,7 +157,7 @@ impl PlacementTask for Gather<'_> {
 impl InstanceRays {
     /// Stores part `i`, and returns those of its rays that fit into packets: as `RayPacket::fits`.
     #[inline(always)]
-    fn put<F: Floats<f64, N>, const N: usize>(
+    fn store<F: Floats<f64, N>, const N: usize>(
         &mut self,
         i: usize,
         (o, origin_error): ([F; 3], F),
@@ -237,7 +240,8 @@ mod tests {
         let mut number = numbers();
         for k in 0..20_000 {
             let low = (2.0 * number() - 1.0) * 2.0_f64.powi(k % 200 - 100);
-            let high = if k % 3 == 0 { low.next_up() } else { low + number() * [1.0, 1e-15, 1e15][k as usize % 3] };
+            let high =
+                if k % 3 == 0 { low.next_up() } else { low + number() * [1.0, 1e-15, 1e15][k as usize % 3] };
             let ([middle, ..], error) = middle_of_one([Interval { low, high }; 3]);
             let [low, high, middle, error] = [low, high, middle, error].map(Dyadic::exact);
             let inside = [low.minus(&middle.minus(&error)), middle.plus(&error).minus(&high)];
@@ -265,7 +269,8 @@ mod tests {
                     let mut next = instance_rays.next::<Portable>(left);
                     left &= !next;
                     while let Some(lane) = take(&mut next) {
-                        let (rays, ray) = (instance_rays.rays(), Ray::new(world.origin(lane), world.direction(lane)));
+                        let (rays, ray) =
+                            (instance_rays.rays(), Ray::new(world.origin(lane), world.direction(lane)));
                         let truth: Ray<Dyadic> = object.inverse().local(ray);
                         let weight = truth.weight.clone().unwrap_or(Dyadic::exact(1.0));
                         let given = [
@@ -280,7 +285,9 @@ mod tests {
                                 assert!(reach.plus(&off).sign() != Ok(Ordering::Less), "{level:?}, {round}");
                                 checked += 1;
                             }
-                            close += usize::from(error < 1e-6 * middle.iter().fold(0.0_f64, |m, x| m.max(x.abs())));
+                            close += usize::from(
+                                error < 1e-6 * middle.iter().fold(0.0_f64, |m, x| m.max(x.abs())),
+                            );
                         }
                         let backward = rays.direction(lane).map(|x| x < 0.0);
                         assert_eq!([1, 2, 4].map(|bit| rays.octant & bit != 0), backward);

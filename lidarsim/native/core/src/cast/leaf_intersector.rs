@@ -7,9 +7,12 @@ use crate::cast::closest_hit::ClosestHits;
 use crate::cast::deferred::DeferredCandidates;
 use crate::scene::TriangleMesh;
 use crate::scene::{RootId, Scene};
-use crate::shapes::triangle::{DirectionBounds, Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, TriangleTest};
+use crate::shapes::triangle::{
+    DirectionBounds, Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, TriangleTest,
+};
 
-/// From so many rays of one origin on, triangles of a leaf are ruled out for all of them. Of few that are left each is tested against eight rays at a time.
+/// From so many rays of one origin on, triangles of a leaf are ruled out for all of them. Of few that are
+/// left each is tested against eight rays at a time.
 const MANY: u32 = 16;
 
 /// Intersects rays of one octant, in the local coordinates of a mesh, with its leaves.
@@ -41,7 +44,8 @@ pub struct LeafScratch {
 
 impl LeafScratch {
     pub fn new() -> Self {
-        let (sums, nothing) = ([[0.0; LEAF_SIZE]; LANES], LeafTest { lane: 0, candidates: 0, sure: 0, planes: 0 });
+        let (sums, nothing) =
+            ([[0.0; LEAF_SIZE]; LANES], LeafTest { lane: 0, candidates: 0, sure: 0, planes: 0 });
         LeafScratch { sums, tests: [nothing; LANES], planes: [Planes::NONE; LANES], directions: None }
     }
 
@@ -49,7 +53,8 @@ impl LeafScratch {
     #[inline(always)]
     fn keep(&mut self, tests: &mut LeafTests, lane: usize, candidates: u32, sure: u32) {
         let planes = tests.planes as u8;
-        self.tests[tests.count] = LeafTest { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, planes };
+        self.tests[tests.count] =
+            LeafTest { lane: lane as u8, candidates: candidates as u8, sure: sure as u8, planes };
         tests.count += usize::from(candidates != 0);
     }
 }
@@ -86,7 +91,8 @@ impl LeafIntersector<'_, '_> {
             }
             let first = left.trailing_zeros() as usize;
             let edges = leaf.edges(&vertices, self.rays.origin(first), self.rays.origin_error[first]);
-            // Not in transformed meshes, whose visits are too many and too short to bound the directions for each.
+            // Not in transformed meshes, whose visits are too many and too short to bound the directions for
+            // each.
             if left.count_ones() >= MANY && !self.rays.has_offsets && self.deferred.is_some() {
                 let reachable = leaf.reachable(&edges, &self.directions::<I>());
                 let eights = (0..LANES / 8).filter(|&eight| part_of_mask::<8>(left, eight) != 0).count();
@@ -105,7 +111,8 @@ impl LeafIntersector<'_, '_> {
     fn test<I: Isa>(&mut self, leaf: &Leaf, edges: &Edges<I>, mut left: Mask, tests: &mut LeafTests) {
         let before = tests.count;
         while let Some(lane) = take(&mut left) {
-            let (candidates, sure) = leaf.candidates::<I>(edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
+            let (candidates, sure) =
+                leaf.candidates::<I>(edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
             self.scratch.keep(tests, lane, candidates, sure);
         }
         if tests.count > before {
@@ -130,7 +137,7 @@ impl LeafIntersector<'_, '_> {
                 let TriangleTest { candidates, known, t } =
                     Leaf::test::<I>(i, &stored, &planes, &self.eight_rays(eight));
                 let (known, mut unknown) = (known & active, Mask::from(candidates & !known & active));
-                let taken = self.closest.take_eight::<I>(self.world, eight, known, root, t);
+                let taken = self.closest.accept_eight::<I>(self.world, eight, known, root, t);
                 nearer |= Mask::from(taken.nearer) << (8 * eight);
                 while let Some(k) = take(&mut unknown) {
                     self.defer::<I>(8 * eight + k, root.primitive);
@@ -163,7 +170,8 @@ impl LeafIntersector<'_, '_> {
         let high = [high[0].largest(), high[1].largest(), high[2].largest()];
         let length = (0..3).fold(0.0, |sum, i| sum + low[i].abs().max(high[i].abs()));
         // Two roundings, and one here.
-        let bounds = DirectionBounds { low, high, length: length * (1.0 + 4.0 * UNIT), error: error.largest() };
+        let bounds =
+            DirectionBounds { low, high, length: length * (1.0 + 4.0 * UNIT), error: error.largest() };
         *self.scratch.directions.insert(bounds)
     }
 
@@ -203,7 +211,7 @@ impl LeafIntersector<'_, '_> {
                     self.defer::<I>(lane, primitive);
                     continue;
                 };
-                if self.closest.offer(self.world, lane, RootId::of_triangle(self.id, primitive), t) {
+                if self.closest.accept_only(self.world, lane, RootId::of_triangle(self.id, primitive), t) {
                     self.mesh.prefetch_face::<I>(primitive);
                     nearer |= 1 << lane;
                 }
@@ -216,7 +224,7 @@ impl LeafIntersector<'_, '_> {
     #[inline(always)]
     fn defer<I: Isa>(&mut self, lane: usize, primitive: u32) {
         let Some(deferred) = &mut self.deferred else {
-            self.closest.consider(self.world, lane, self.id, primitive);
+            self.closest.intersect(self.world, lane, self.id, primitive);
             return;
         };
         if deferred.is_full() {
@@ -231,8 +239,10 @@ impl Visitor<Leaf> for LeafIntersector<'_, '_> {
     fn visit<I: Isa>(&mut self, _: &mut Stack, lanes: &[usize], leaves: &[&Leaf]) -> Mask {
         let mut tests = LeafTests::default();
         for (&lane, leaf) in lanes.iter().zip(leaves) {
-            let edges = leaf.edges(&leaf.grid_vertices::<I>(), self.rays.origin(lane), self.rays.origin_error[lane]);
-            let (candidates, sure) = leaf.candidates::<I>(&edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
+            let edges =
+                leaf.edges(&leaf.grid_vertices::<I>(), self.rays.origin(lane), self.rays.origin_error[lane]);
+            let (candidates, sure) =
+                leaf.candidates::<I>(&edges, &self.ray(lane), &mut self.scratch.sums[tests.count]);
             self.scratch.planes[tests.planes] = leaf.planes::<I>(&edges);
             self.scratch.keep(&mut tests, lane, candidates, sure);
             tests.planes += 1;

@@ -91,10 +91,10 @@ impl<const M: usize> LocalRays<M> {
     pub const UNSET: Self =
         LocalRays { origin: [Stored::UNSET; 3], direction: [Stored::UNSET; 3], weight: Stored::UNSET };
 
-    /// Places those parts of the rays that have any of `mask`, as numbers of a kind; false where registers have a single lane. `one_origin`: all start at one
-    /// point.
+    /// Transforms the registers of rays that have any of `mask`, as numbers of one kind. False where
+    /// registers have a single lane. `one_origin`: all rays start at one point.
     #[inline(always)]
-    pub fn place<I: Isa, K: Kind>(
+    pub fn localize<I: Isa, K: Kind>(
         &mut self,
         placements: Placements<M>,
         world: WorldRays<M>,
@@ -102,25 +102,27 @@ impl<const M: usize> LocalRays<M> {
         one_origin: bool,
     ) -> bool {
         let one_origin = one_origin && placements.then.is_none();
-        placements.apart::<I, _>(Place { world, mask, one_origin, local: self, kind: PhantomData::<K> }).is_some()
+        placements
+            .dispatch::<I, _>(Localize { world, mask, one_origin, local: self, kind: PhantomData::<K> })
+            .is_some()
     }
 }
 
-struct Place<'a, K, const M: usize> {
+struct Localize<'a, K, const M: usize> {
     world: WorldRays<'a, M>,
     mask: Mask,
-    /// Whether all start at one point in the coordinates of the object, too.
+    /// Whether all rays start at one point of the object.
     one_origin: bool,
     local: &'a mut LocalRays<M>,
     kind: PhantomData<K>,
 }
 
-impl<K: Kind, const M: usize> PlacementTask for Place<'_, K, M> {
+impl<K: Kind, const M: usize> PlacementTask for Localize<'_, K, M> {
     type Output = ();
 
     #[inline(always)]
     fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) {
-        let Place { world, mask, one_origin, local, .. } = self;
+        let Localize { world, mask, one_origin, local, .. } = self;
         let first = mask.trailing_zeros() as usize;
         for i in 0..M / N {
             let active = Cell::new(part_of_mask::<N>(mask, i));
@@ -129,7 +131,7 @@ impl<K: Kind, const M: usize> PlacementTask for Place<'_, K, M> {
             }
             let rays = Many::<F>::new(&active);
             let ray = world.part::<K::Of<Many<F>, N>, _, N>(i, rays);
-            // Apart, so that no origin is worked out again.
+            // The origin has been transformed with the first register.
             if one_origin && i > first / N {
                 let Ray { direction, .. } = placement.part(i).local_rays(ray, rays);
                 for axis in 0..3 {

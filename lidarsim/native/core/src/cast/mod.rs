@@ -4,6 +4,7 @@ mod closest_hit;
 mod columns;
 mod deferred;
 mod driver;
+mod hit_batches;
 mod instance;
 mod leaf_intersector;
 mod local_rays;

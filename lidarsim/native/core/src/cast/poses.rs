@@ -5,8 +5,8 @@ use crate::geometry::affine::{Affine, Affines};
 use crate::geometry::vector::Point;
 use crate::scene::Scene;
 
-/// The maps of one moving object at the times of M rays. Maps are kept from object to object and from rays to rays, since those next to each other
-/// share many times.
+/// The maps of one moving object at the times of M rays. Maps are kept from object to object and from rays to
+/// rays, since those next to each other share many times.
 pub struct Poses<const M: usize> {
     maps: Affines<M>,
     /// A table indexed by a hash of object and time; empty until something moves.

@@ -1,5 +1,6 @@
-//! Ray sorting: an order of rays in which neighbours are coherent, by octant, origin and a Morton code of the direction (K. Garanzha, C. Loop, Fast Ray
-//! Sorting and Breadth-First Packet Traversal for GPU Ray Tracing, 2010).
+//! Ray sorting: an order of rays in which neighbours are coherent, by octant, origin and a Morton code of the
+//! direction (K. Garanzha, C. Loop, Fast Ray Sorting and Breadth-First Packet Traversal for GPU Ray Tracing,
+//! 2010).
 
 use std::ops::Range;
 
@@ -11,17 +12,20 @@ use crate::memory;
 /// Rays that are sorted together where neighbours are coherent: they and their hits stay in the first caches.
 pub const NEAR: usize = 1024;
 
-/// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their keys have.
+/// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their
+/// keys have.
 pub const MOST: usize = 1 << 13;
 
-/// Bits of a key for the direction within its octant, an axis, and for the origin, an axis. Above them is the octant.
+/// Bits of a key for the direction within its octant, an axis, and for the origin, an axis. Above them is the
+/// octant.
 const DIRECTION: u32 = 6;
 const ORIGIN: u32 = 3;
 
 /// Bits of the direction that count where origins differ.
 const COARSE: u32 = 4;
 
-/// Groups of rays, one after the other, each in a coherent order. Kept from some rays to others, so that its memory is used again.
+/// Groups of rays, one after the other, each in a coherent order. Kept from some rays to others, so that its
+/// memory is used again.
 #[derive(Default)]
 pub struct RaySort {
     /// The longest side of the scene.
@@ -73,8 +77,8 @@ impl Task for Advance<'_> {
 }
 
 impl RaySort {
-    /// Begins anew with other rays, which point this way; whether each has a time, at which it meets what moves. The order of a group before, if that was cast
-    /// at the same world, may serve these, too.
+    /// Begins anew with other rays, which point this way; whether each has a time, at which it meets what
+    /// moves. The order of a group before, if that was cast at the same world, may serve these, too.
     pub fn restart(&mut self, directions: &[Point], (world, size): (u64, f64), has_times: bool) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
         self.has_times = has_times;
@@ -91,8 +95,8 @@ impl RaySort {
         memory::reserve(order, room);
     }
 
-    /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where origins differ, and by direction along a
-    /// Morton curve, so that tiles of directions stay together.
+    /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where
+    /// origins differ, and by direction along a Morton curve, so that tiles of directions stay together.
     #[inline(always)]
     pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
         I::call(Advance { ray_sort: self, origins, directions })
@@ -144,13 +148,16 @@ impl RaySort {
         }
     }
 
-    /// Takes over the order of the group before if the next one is like it, as those of a sensor that turns are: each ray in the same octant, and the
-    /// packets about as narrow. Of these only samples are looked at, for an order that serves badly is slow, not wrong.
+    /// Takes over the order of the group before if the next one is like it, as those of a sensor that turns
+    /// are: each ray in the same octant, and the packets about as narrow. Of these only samples are looked
+    /// at, for an order that serves badly is slow, not wrong.
     #[inline(always)]
     fn takes_over<I: Isa>(&mut self, directions: &[Point], group: Range<usize>) -> bool {
         let Some(before) = self.last.start.filter(|_| group.len() == NEAR) else { return false };
         let mut others = 0;
-        for (eight, signs) in directions[group.clone()].as_flattened().as_chunks().0.iter().zip(&self.last.signs) {
+        for (eight, signs) in
+            directions[group.clone()].as_flattened().as_chunks().0.iter().zip(&self.last.signs)
+        {
             others |= negative::<I>(eight) ^ signs;
         }
         if others != 0 {
@@ -164,17 +171,22 @@ impl RaySort {
         self.spread::<I>(directions) <= 1.25 * self.last.spread
     }
 
-    /// The sum of the squares of the sizes of packets, by some directions of each: the same if the sensor has turned.
+    /// The sum of the squares of the sizes of packets, by some directions of each: the same if the sensor has
+    /// turned.
     #[inline(always)]
     fn spread<I: Isa>(&self, directions: &[Point]) -> f64 {
         let mut sum = I::F64x8::splat(0.0);
         // A packet in each lane.
         for packets in self.order[..NEAR].as_chunks::<{ 8 * LANES }>().0 {
-            let (mut low, mut high) = ([I::F64x8::splat(f64::INFINITY); 3], [I::F64x8::splat(f64::NEG_INFINITY); 3]);
+            let (mut low, mut high) =
+                ([I::F64x8::splat(f64::INFINITY); 3], [I::F64x8::splat(f64::NEG_INFINITY); 3]);
             for i in (0..LANES).step_by(9) {
-                let d = I::columns([0, 1, 2, 3, 4, 5, 6, 7].map(|k| &directions[packets[k * LANES + i] as usize]));
+                let d = I::columns(
+                    [0, 1, 2, 3, 4, 5, 6, 7].map(|k| &directions[packets[k * LANES + i] as usize]),
+                );
                 for axis in 0..3 {
-                    (low[axis], high[axis]) = (Floats::min(d[axis], low[axis]), Floats::max(d[axis], high[axis]));
+                    (low[axis], high[axis]) =
+                        (Floats::min(d[axis], low[axis]), Floats::max(d[axis], high[axis]));
                 }
             }
             for axis in 0..3 {
@@ -197,8 +209,9 @@ impl RaySort {
         self.has_one_origin
     }
 
-    /// Finds the octant of each direction, and its place on its face of |x| + |y| + |z| = 1: two coordinates of 16 bits, of which it returns the least and the
-    /// largest. The second, |z|, goes by the elevation. So that tiles are upright, the first, (|x| − |y|)/2 + s·|z|, goes by the azimuth alone at that of the
+    /// Finds the octant of each direction, and its place on its face of |x| + |y| + |z| = 1: two coordinates
+    /// of 16 bits, of which it returns the least and the largest. The second, |z|, goes by the elevation. So
+    /// that tiles are upright, the first, (|x| − |y|)/2 + s·|z|, goes by the azimuth alone at that of the
     /// first ray, where (|x| − |y|)/2 = s·(1 − |z|); it is at most 1/2, as s is. Of scattered rays s is 0.
     #[inline(always)]
     fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
@@ -217,7 +230,8 @@ impl RaySort {
                 let [x, y, z] = [d[0][k], d[1][k], d[2][k]];
                 // What overflows or is no number gives some key: extreme directions only sort badly.
                 let scale = 65535.0 / (x.abs() + y.abs() + z.abs());
-                let u = ((0.5 * (x.abs() - y.abs()) + slope * z.abs()) * scale + 32767.5 + WHOLE).to_bits() & 0xffff;
+                let u = ((0.5 * (x.abs() - y.abs()) + slope * z.abs()) * scale + 32767.5 + WHOLE).to_bits()
+                    & 0xffff;
                 let v = (z.abs() * scale + WHOLE).to_bits() & 0xffff;
                 place[k] = u | v << 16;
                 octant[k] = x.to_bits() >> 31 | y.to_bits() >> 31 << 1 | z.to_bits() >> 31 << 2;
@@ -237,7 +251,8 @@ impl RaySort {
         (low, high)
     }
 
-    /// Makes a key of each octant, and of the place on a grid over what the group covers, whose cells are `width` times as wide as they are tall.
+    /// Makes a key of each octant, and of the place on a grid over what the group covers, whose cells are
+    /// `width` times as wide as they are tall.
     #[inline(always)]
     fn direction_keys(&mut self, low: [u32; 2], high: [u32; 2], width: f32) {
         const END: u32 = (1 << DIRECTION) - 1;
@@ -254,12 +269,14 @@ impl RaySort {
         }
     }
 
-    /// Finds which rays are near the ones before them: runs of them are sorted as one, and gathered by the same packet.
+    /// Finds which rays are near the ones before them: runs of them are sorted as one, and gathered by the
+    /// same packet.
     #[inline(always)]
     fn find_near<const LENGTH: usize>(&mut self, low: [u32; 2], high: [u32; 2], width: f32, tiles: f64) {
         let n = self.places.len();
         // As far as a run may reach across the tiles that packets have of what the group covers.
-        let area = (f64::from(high[0] - low[0]) / f64::from(width) + 1.0) * (f64::from(high[1] - low[1]) + 1.0);
+        let area =
+            (f64::from(high[0] - low[0]) / f64::from(width) + 1.0) * (f64::from(high[1] - low[1]) + 1.0);
         let tile = (area * LANES as f64 / n as f64).sqrt();
         let step = tiles * tile / (LENGTH - 1) as f64;
         let (across, up) = ((f64::from(width) * step) as u32, step as u32);
@@ -273,8 +290,8 @@ impl RaySort {
         }
     }
 
-    /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins are close together, against the size of
-    /// the scene.
+    /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins
+    /// are close together, against the size of the scene.
     #[inline(always)]
     fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
         const FINE: u32 = 2 * DIRECTION;
@@ -366,30 +383,35 @@ impl RaySort {
     }
 }
 
-/// How many times as wide as they are tall the tiles are that packets of a sensor at rest cover: most of what it sees is ground, whose triangles look flat
-/// from afar. Where sensor or scene move, such a packet would start at more points, or at more times, than a square one.
+/// How many times as wide as they are tall the tiles are that packets of a sensor at rest cover: most of what
+/// it sees is ground, whose triangles look flat from afar. Where sensor or scene move, such a packet would
+/// start at more points, or at more times, than a square one.
 const WIDTH: f32 = 4.0;
 
 /// Most rays of a run, which may reach across two tiles.
 const RUN: usize = 4;
 
-/// The same where origins or times differ, as sensor or scene move: then a packet has fewer of them. Such a run may reach across three tiles.
+/// The same where origins or times differ, as sensor or scene move: then a packet has fewer of them. Such a
+/// run may reach across three tiles.
 const LONG_RUN: usize = 16;
 
-/// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are the integer.
+/// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are
+/// the integer.
 const WHOLE: f32 = 8_388_608.0;
 
 /// Points that are processed together.
 const BLOCK: usize = 16;
 
-/// Prefetches a block of points while the one from `start` on is processed, as many before as it takes to arrive.
+/// Prefetches a block of points while the one from `start` on is processed, as many before as it takes to
+/// arrive.
 #[inline(always)]
 fn prefetch_ahead<I: Isa>(points: &[Point], start: usize) {
     let [start, end] = [8, 9].map(|blocks| points.len().min(start + blocks * BLOCK));
     simd::prefetch::<I, _>(&points[start..end]);
 }
 
-/// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point fills it.
+/// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point
+/// fills it.
 #[inline(always)]
 fn halves<I: Isa>(block: &[Point]) -> [[I::F64x8; 3]; 2] {
     match block.first_chunk() {
@@ -410,14 +432,18 @@ fn columns<I: Isa>([a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]: &[Point; BL
 /// As float32, an axis after the other.
 #[inline(always)]
 fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
-    [I::narrow(low[0], high[0]).store(), I::narrow(low[1], high[1]).store(), I::narrow(low[2], high[2]).store()]
+    [
+        I::narrow(low[0], high[0]).store(),
+        I::narrow(low[1], high[1]).store(),
+        I::narrow(low[2], high[2]).store(),
+    ]
 }
 
 /// Whether neighbours are incoherent: then it is worth sorting rays in larger numbers.
 pub fn are_scattered(directions: &[Point]) -> bool {
     const SAMPLES: usize = 16;
     let n = directions.len();
-    let apart = |i: usize| {
+    let diverges = |i: usize| {
         let (a, b) = (directions[i], directions[i + 1]);
         let dot = |a: Point, b: Point| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
         // More than 30°.
@@ -425,7 +451,7 @@ pub fn are_scattered(directions: &[Point]) -> bool {
     };
     // Knuth's multiplicative hash: equal steps could fall on the ends of all columns.
     let somewhere = |k: usize| (k as u32).wrapping_mul(2_654_435_769) as usize % (n - 1);
-    n > 1 && (0..SAMPLES).filter(|&k| apart(somewhere(k))).count() > SAMPLES / 2
+    n > 1 && (0..SAMPLES).filter(|&k| diverges(somewhere(k))).count() > SAMPLES / 2
 }
 
 /// Whether points are equal to the bit.
@@ -545,9 +571,11 @@ mod tests {
             [elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin()]
         };
         let directions: Vec<Point> = (0..128 * 128).map(direction).collect();
-        let origins: Vec<Point> = (0..directions.len()).map(|i| [1e-3 * (i / 128) as f64, 0.0, 0.0]).collect();
+        let origins: Vec<Point> =
+            (0..directions.len()).map(|i| [1e-3 * (i / 128) as f64, 0.0, 0.0]).collect();
         let order = groups(&origins, &directions, 100.0).concat();
-        let starts = |packet: &[u32]| packet.iter().map(|i| i / 128).collect::<std::collections::BTreeSet<_>>().len();
+        let starts =
+            |packet: &[u32]| packet.iter().map(|i| i / 128).collect::<std::collections::BTreeSet<_>>().len();
         let mean = order.chunks(LANES).map(starts).sum::<usize>() as f64 / (order.len() / LANES) as f64;
         assert!(mean < 6.5, "{mean}");
     }
@@ -564,8 +592,9 @@ mod tests {
         order.chunks(LANES).map(size).sum::<f64>() / order.len().div_ceil(LANES) as f64
     }
 
-    /// Of a sensor that turns once, whose rings are then in another order, and which then looks anywhere; once it moves in between. Groups that are alike have
-    /// one order, and packets are as small as if each group had been sorted alone.
+    /// Of a sensor that turns once, whose rings are then in another order, and which then looks anywhere;
+    /// once it moves in between. Groups that are alike have one order, and packets are as small as if each
+    /// group had been sorted alone.
     #[test]
     fn an_order_is_taken_over_by_groups_that_are_like_it() {
         let mut number = numbers();
@@ -591,13 +620,15 @@ mod tests {
             let mut all = group.clone();
             all.sort_unstable();
             assert!(all.into_iter().eq(first as u32..(first + NEAR) as u32));
-            let relative = |group: &[u32], first: usize| group.iter().map(|i| i - first as u32).collect::<Vec<_>>();
+            let relative =
+                |group: &[u32], first: usize| group.iter().map(|i| i - first as u32).collect::<Vec<_>>();
             let part = first..first + NEAR;
             let alone = groups(&origins[part.clone()], &directions[part], 100.0).concat();
             let [found, expected] = [group, &alone.iter().map(|i| i + first as u32).collect()];
             let [size, least] = [found, expected].map(|order| mean_size(order, &directions));
             assert!(size <= 1.2 * least, "{k}: {size}, {least}");
-            taken_over += usize::from(k > 0 && relative(group, first) == relative(&together[k - 1], first - NEAR));
+            taken_over +=
+                usize::from(k > 0 && relative(group, first) == relative(&together[k - 1], first - NEAR));
         }
         assert!((100..140).contains(&taken_over), "{taken_over}");
     }
@@ -644,7 +675,8 @@ mod tests {
             let order = groups(&origins, &directions, 100.0).concat();
             let sorted: Vec<Point> = order.iter().map(|&i| directions[i as usize]).collect();
             assert!(!are_scattered(&sorted));
-            // And start near each other where they start apart: closer than the mean distance in a cube, 0.66 of its side.
+            // And start near each other where they start apart: closer than the mean distance in a cube, 0.66
+            // of its side.
             let step = |pair: &[u32]| {
                 let [a, b] = [pair[0], pair[1]].map(|i| origins[i as usize]);
                 (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f64>().sqrt()
@@ -679,7 +711,8 @@ mod tests {
         for directions in [turning(1024), turning(5000), mixed(5000), mixed(70_000)] {
             for group in groups(&vec![[1.0; 3]; directions.len()], &directions, 1.0) {
                 for kind in &few {
-                    let equal: Vec<u32> = group.iter().copied().filter(|&i| directions[i as usize] == *kind).collect();
+                    let equal: Vec<u32> =
+                        group.iter().copied().filter(|&i| directions[i as usize] == *kind).collect();
                     assert!(equal.is_sorted());
                 }
             }
@@ -688,11 +721,23 @@ mod tests {
 
     #[test]
     fn no_ray_is_lost_for_what_it_holds() {
-        let odd = [f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -0.0, 5e-324, -1e-300, 1e300, f64::MAX];
+        let odd = [
+            f64::NAN,
+            -f64::NAN,
+            f64::INFINITY,
+            f64::NEG_INFINITY,
+            0.0,
+            -0.0,
+            5e-324,
+            -1e-300,
+            1e300,
+            f64::MAX,
+        ];
         for n in [1, 17, 1025, 5000] {
             for near in [true, false] {
                 let mut number = numbers();
-                let (mut origins, mut directions) = (scattered(n), if near { sweep(n) } else { scattered(n) });
+                let (mut origins, mut directions) =
+                    (scattered(n), if near { sweep(n) } else { scattered(n) });
                 for i in (0..n).step_by(3) {
                     let v = if i % 2 == 0 { &mut origins[i] } else { &mut directions[i] };
                     *v = v.map(|x| if number() < 0.7 { odd[(10.0 * number()) as usize] } else { x });

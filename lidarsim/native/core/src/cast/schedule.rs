@@ -6,9 +6,10 @@ use super::ray_sort::{MOST, NEAR, are_scattered};
 use crate::geometry::vector::Point;
 use crate::{memory, parallel};
 
-/// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough that neighbours can be sorted
-/// together, few enough that the rays and their hits stay in the second cache, and fewer and fewer towards the end, so that all threads end
-/// together. Incoherent rays are worth sorting in larger numbers, as many for each thread.
+/// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough
+/// that neighbours can be sorted together, few enough that the rays and their hits stay in the second cache,
+/// and fewer and fewer towards the end, so that all threads end together. Incoherent rays are worth sorting
+/// in larger numbers, as many for each thread.
 pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
     let (threads, all) = (parallel::threads(), directions.len() * rays);
     let turns = all.div_ceil(threads * MOST).max(1);

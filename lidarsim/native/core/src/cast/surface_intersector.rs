@@ -1,26 +1,28 @@
-//! The surface intersector: packets against implicit surfaces, a register of rays at a time. It bounds the roots in float64 with running errors, and refines
-//! the closest hits in batches by double-double; batches also refine hits on meshes that move.
-//!
-//! Lanes that stay uncertain are decided ray by ray.
+//! The surface intersector: packets against implicit surfaces, a register of rays at a time. It bounds roots
+//! in float64 with running errors; lanes that stay uncertain are decided ray by ray.
 
 use std::cell::Cell;
 
-use crate::arith::number::{DoubleDoubles, Interval, Lanes, Many, Number, OfRays, RunningErrors, Stored, Uncertain};
-use crate::arith::simd::{Floats, Isa, LaneTask, lanes};
-use crate::bvh::{LANES, Mask, RayPacket, all, part_of_mask, take};
+use crate::arith::number::{Interval, Many, Number, RunningErrors, Uncertain};
+use crate::arith::simd::{Floats, Isa};
+use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
 use crate::cast::closest_hit::ClosestHits;
-use crate::cast::local_rays::{LocalRays, OfDoubleDoubles, OfRunningErrors, RayParts, WorldRays};
+use crate::cast::local_rays::{LocalRays, OfRunningErrors, RayParts, WorldRays};
 use crate::cast::poses::Poses;
-use crate::geometry::affine::{PlacementTask, Placements, RayPlacement};
+use crate::geometry::affine::Placements;
 use crate::geometry::ray::Ray;
-use crate::geometry::vector::{self, Point, Vector};
-use crate::scene::TriangleMesh;
-use crate::scene::{EightHits, Geometry, Hit, RootId, Scene, Sink};
-use crate::shapes::newton::{Target, newton_step};
-use crate::shapes::triangle::Triangles;
-use crate::shapes::{Surface, SurfaceTask};
+use crate::scene::{Geometry, RootId};
+use crate::shapes::{MOST_ROOTS, Surface, SurfaceTask};
 
-/// What packets are intersected with surfaces by. Reused, as it is large.
+/// The rays of a packet, and their closest hits so far.
+pub struct PacketQuery<'t, 'a> {
+    pub rays: &'t RayPacket,
+    pub closest: &'t mut ClosestHits<'a>,
+    /// Where moving objects are at the times of the rays.
+    pub poses: &'t mut Poses<LANES>,
+}
+
+/// Intersects packets with surfaces. Reused, as it is large.
 pub struct SurfaceIntersector {
     local: LocalRays<LANES>,
     hits: SurfaceHits,
@@ -28,25 +30,24 @@ pub struct SurfaceIntersector {
 
 impl SurfaceIntersector {
     pub fn new() -> Self {
-        let nothing = AgreeingLanes { eight: 0, lanes: 0, roots: [RootBounds::NONE; 2], count: 0 };
+        let nothing = AgreeingLanes { eight: 0, lanes: 0, roots: [RootBounds::NONE; MOST_ROOTS], count: 0 };
         SurfaceIntersector {
             local: LocalRays::UNSET,
             hits: SurfaceHits { agreeing: [nothing; LANES], count: 0, unsure: 0 },
         }
     }
 
-    /// Intersects the rays of `mask` with an object, updates their closest hits, and returns the mask of those whose limits may have decreased.
+    /// Intersects the rays of `mask` with an object, updates their closest hits, and returns the mask of
+    /// those whose limits may have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(
         &mut self,
-        scene: &Scene,
+        PacketQuery { rays, closest, poses }: PacketQuery,
         id: u32,
-        rays: &RayPacket,
         mask: Mask,
-        closest: &mut ClosestHits,
-        poses: &mut Poses<LANES>,
     ) -> Mask {
         let SurfaceIntersector { local, hits } = self;
+        let scene = closest.scene();
         (hits.count, hits.unsure) = (0, mask);
         let object = &scene.objects()[id as usize];
         let (alone, moves) = (mask & (mask - 1) == 0, object.motion().is_some());
@@ -59,10 +60,10 @@ impl SurfaceIntersector {
             let placements = Placements { first: object.inverse(), then };
             let world = WorldRays { origin: &rays.origin, direction: &rays.direction };
             filtered = if placements.is_identity() {
-                shape.apart::<I, _>(BoundRoots { rays: world, t_min, hits }).is_some()
+                shape.dispatch::<I, _>(BoundRoots { rays: world, t_min, hits }).is_some()
             } else {
-                local.place::<I, OfRunningErrors>(placements, world, mask, rays.one_origin)
-                    && shape.apart::<I, _>(BoundRoots { rays: &*local, t_min, hits }).is_some()
+                local.localize::<I, OfRunningErrors>(placements, world, mask, rays.one_origin)
+                    && shape.dispatch::<I, _>(BoundRoots { rays: &*local, t_min, hits }).is_some()
             };
         }
         let root = |index: usize, feature| RootId { object: id, primitive: 0, index: index as u8, feature };
@@ -71,16 +72,17 @@ impl SurfaceIntersector {
             let mut left = agreeing.lanes;
             for (index, roots) in agreeing.roots[..agreeing.count].iter().enumerate() {
                 let t = Interval { low: I::F64x8::load(&roots.low), high: I::F64x8::load(&roots.high) };
-                let taken = closest.take_eight::<I>(rays, agreeing.eight, left, root(index, roots.feature), t);
-                nearer |= Mask::from(taken.nearer) << (8 * agreeing.eight);
-                left = taken.early;
+                let accepted =
+                    closest.accept_eight::<I>(rays, agreeing.eight, left, root(index, roots.feature), t);
+                nearer |= Mask::from(accepted.nearer) << (8 * agreeing.eight);
+                left = accepted.early;
             }
         }
         while let Some(lane) = take(&mut hits.unsure) {
             if filtered {
-                closest.consider_exactly(rays, lane, id, 0);
+                closest.intersect_exactly(rays, lane, id, 0);
             } else {
-                closest.consider(rays, lane, id, 0);
+                closest.intersect(rays, lane, id, 0);
             }
         }
         nearer
@@ -101,8 +103,8 @@ struct AgreeingLanes {
     /// Of which eight lanes of the packet, and a bit for each.
     eight: usize,
     lanes: u32,
-    /// The first root, and the second too where the first may lie before the range.
-    roots: [RootBounds; 2],
+    /// The roots up to the first that lies in the range or beyond it in all lanes.
+    roots: [RootBounds; MOST_ROOTS],
     count: usize,
 }
 
@@ -172,413 +174,28 @@ impl SurfaceHits {
         active: &Cell<u32>,
         t_min: f64,
     ) -> Result<(), Uncertain> {
-        let [first, second] = surface.roots(ray)?;
+        let [first, others @ ..] = surface.roots(ray)?;
         let Some(first) = first else { return Ok(()) };
         let t = Number::enclose(&first)?;
-        let behind = t.low.lt(F::splat(t_min));
+        let mut behind = t.low.lt(F::splat(t_min)) & active.get();
         // There are as many as rays, and each ray is in one of them alone: the index is in range.
         let agreeing = &mut self.agreeing[self.count];
         let part = i % (WIDEST / N);
         agreeing.roots[0].set(part, first.feature, t);
         agreeing.count = 1;
-        if behind & active.get() != 0
-            && let Some(second) = second
-        {
-            agreeing.roots[1].set(part, second.feature, Number::enclose(&second)?);
-            agreeing.count = 2;
+        for k in 1..MOST_ROOTS {
+            if behind == 0 {
+                break;
+            }
+            let Some(root) = &others[k - 1] else { break };
+            let t = Number::enclose(root)?;
+            behind = t.low.lt(F::splat(t_min)) & active.get();
+            agreeing.roots[k].set(part, root.feature, t);
+            agreeing.count = k + 1;
         }
         (agreeing.eight, agreeing.lanes) = (i * N / WIDEST, active.get() << (part * N));
         self.count += 1;
         Ok(())
-    }
-}
-
-/// Batches of hits on one part of one object each, an implicit surface or a mesh that moves, to be refined together.
-pub struct HitBatches {
-    batches: Vec<HitBatch>,
-    /// Of neighbouring lanes of a packet.
-    neighbors: HitBatch,
-    scratch: BatchScratch,
-}
-
-/// Scratch memory of the refinement of a batch.
-struct BatchScratch {
-    poses: Poses<BATCH_SIZE>,
-    local: LocalRays<BATCH_SIZE>,
-    refined: Refined,
-}
-
-/// Batches at once, a table indexed by a hash of object and part; on a collision the older batch is flushed.
-const BATCHES: usize = 32;
-
-/// Hits of a batch: two of the widest registers, so that the latency of one's divisions is hidden by the other's work.
-pub const BATCH_SIZE: usize = 2 * WIDEST;
-
-/// From so many on, hits of `BATCH_SIZE` neighbouring lanes are a batch of their own: as measured, fewer are better collected.
-const MANY: u32 = 8;
-
-#[derive(Clone, Copy)]
-#[repr(C, align(64))]
-struct HitBatch {
-    origin: [[f64; BATCH_SIZE]; 3],
-    direction: [[f64; BATCH_SIZE]; 3],
-    time: [f64; BATCH_SIZE],
-    /// Of t.
-    low: [f64; BATCH_SIZE],
-    high: [f64; BATCH_SIZE],
-    /// Of all hits, but for the primitive and the index of the root.
-    root: RootId,
-    primitive: [u32; BATCH_SIZE],
-    index: [u8; BATCH_SIZE],
-    at: [u32; BATCH_SIZE],
-    /// A bit for each slot that holds a hit.
-    slots: Mask,
-}
-
-impl HitBatches {
-    pub fn new() -> Self {
-        let empty = HitBatch {
-            root: RootId { object: 0, primitive: 0, index: 0, feature: 0 },
-            primitive: [0; BATCH_SIZE],
-            at: [0; BATCH_SIZE],
-            index: [0; BATCH_SIZE],
-            origin: [[0.0; BATCH_SIZE]; 3],
-            direction: [[1.0; BATCH_SIZE]; 3],
-            time: [0.0; BATCH_SIZE],
-            low: [0.0; BATCH_SIZE],
-            high: [0.0; BATCH_SIZE],
-            slots: 0,
-        };
-        let refined = Refined {
-            known: 0,
-            t: [0.0; BATCH_SIZE],
-            local_normal: [Stored::UNSET; 3],
-            normal: [[0.0; BATCH_SIZE]; 3],
-        };
-        let scratch = BatchScratch { poses: Poses::new(), local: LocalRays::UNSET, refined };
-        HitBatches { batches: vec![empty; BATCHES], neighbors: empty, scratch }
-    }
-
-    /// Begins anew with another scene.
-    pub fn restart(&mut self, scene: &Scene) {
-        self.scratch.poses.restart(scene.moves());
-    }
-
-    /// Takes a hit, with the ray and bounds of t.
-    #[inline(always)]
-    pub fn push<I: Isa>(
-        &mut self,
-        scene: &Scene,
-        at: u32,
-        root: RootId,
-        (origin, direction, time, bounds): (Point, Point, f64, Interval),
-        hits: &mut (impl Sink + ?Sized),
-    ) {
-        let batch = &mut self.batches[(7 * root.object as usize + usize::from(root.feature)) % BATCHES];
-        if (batch.root.object, batch.root.feature) != (root.object, root.feature) {
-            batch.flush::<I>(scene, &mut self.scratch, hits);
-            batch.root = root;
-        }
-        let slot = batch.slots.trailing_ones() as usize;
-        (batch.at[slot], batch.primitive[slot], batch.index[slot]) = (at, root.primitive, root.index);
-        for axis in 0..3 {
-            batch.origin[axis][slot] = origin[axis];
-            batch.direction[axis][slot] = direction[axis];
-        }
-        batch.time[slot] = time;
-        (batch.low[slot], batch.high[slot]) = (bounds.low, bounds.high);
-        batch.slots |= 1 << slot;
-        if batch.slots == all(BATCH_SIZE) {
-            batch.flush::<I>(scene, &mut self.scratch, hits);
-        }
-    }
-
-    /// Takes the hits of those of `lanes`, among the `BATCH_SIZE` lanes of the packet from `start` on, that are on the same part of the same object as
-    /// the first, if these are many. Returns the lanes taken.
-    #[inline(always)]
-    pub fn take_neighbors<I: Isa>(
-        &mut self,
-        scene: &Scene,
-        rays: &RayPacket,
-        closest: &ClosestHits,
-        start: usize,
-        lanes: Mask,
-        hits: &mut (impl Sink + ?Sized),
-    ) -> Mask {
-        let (first, i) = (lanes.trailing_zeros() as usize, start / BATCH_SIZE);
-        let these = lanes & closest.lanes_like::<BATCH_SIZE>(first, i);
-        if these.count_ones() < MANY {
-            return 0;
-        }
-        let batch = &mut self.neighbors;
-        for axis in 0..3 {
-            batch.origin[axis] = rays.origin[axis].as_chunks().0[i];
-            batch.direction[axis] = rays.direction[axis].as_chunks().0[i];
-        }
-        batch.time = rays.time.as_chunks().0[i];
-        batch.at = rays.at.as_chunks().0[i];
-        batch.root = closest.root(first);
-        batch.index = [batch.root.index; BATCH_SIZE];
-        batch.primitive = closest.primitives().as_chunks().0[i];
-        for part in 0..BATCH_SIZE / WIDEST {
-            let Interval { low, high } = closest.bounds_of_eight::<I>(start / WIDEST + part);
-            batch.low.as_chunks_mut().0[part] = low.store();
-            batch.high.as_chunks_mut().0[part] = high.store();
-        }
-        batch.slots = these >> start;
-        batch.flush::<I>(scene, &mut self.scratch, hits);
-        these
-    }
-
-    #[inline(always)]
-    pub fn flush<I: Isa>(&mut self, scene: &Scene, hits: &mut (impl Sink + ?Sized)) {
-        for batch in &mut self.batches {
-            batch.flush::<I>(scene, &mut self.scratch, hits);
-        }
-    }
-}
-
-impl HitBatch {
-    #[inline(always)]
-    fn flush<I: Isa>(&mut self, scene: &Scene, scratch: &mut BatchScratch, hits: &mut (impl Sink + ?Sized)) {
-        if self.slots == 0 {
-            return;
-        }
-        let BatchScratch { poses, local, refined } = scratch;
-        let object = &scene.objects()[self.root.object as usize];
-        let slots = self.slots;
-        let then = object.motion().map(|_| poses.gather(scene, self.root.object, &self.time, slots));
-        let placements = Placements { first: object.inverse(), then };
-        let world = WorldRays { origin: &self.origin, direction: &self.direction };
-        refined.known = 0;
-        let stepped = if placements.is_identity() {
-            // Hits on meshes that stand still are refined by `TriangleHits`, unless their maps are extreme.
-            match &object.geometry {
-                Geometry::Surface(shape) => shape.apart::<I, _>(RefineBatch { rays: world, batch: self, refined }),
-                Geometry::Mesh(_) => None,
-            }
-        } else if local.place::<I, OfDoubleDoubles>(placements, world, slots, self.has_one_origin()) {
-            match &object.geometry {
-                Geometry::Surface(shape) => shape.apart::<I, _>(RefineBatch { rays: &*local, batch: self, refined }),
-                Geometry::Mesh(mesh) => {
-                    let corners = &self.corners(mesh);
-                    I::apart(RefineTriangleBatch { rays: &*local, corners, batch: self, refined })
-                }
-            }
-        } else {
-            None
-        };
-        if !placements.is_identity() {
-            placements.apart::<I, _>(PlaceNormals(refined));
-        }
-        let id = self.root.object as i32;
-        for eight in 0..BATCH_SIZE / WIDEST {
-            let certain = part_of_mask::<WIDEST>(refined.known.into(), eight);
-            let primitive = self.primitive.as_chunks().0[eight];
-            let eight_hits = EightHits {
-                t: &refined.t.as_chunks().0[eight],
-                normal: [0, 1, 2].map(|axis| &refined.normal[axis].as_chunks().0[eight]),
-                object: [id; WIDEST],
-                primitive: primitive.map(|primitive| object.reported(primitive)),
-            };
-            let put = hits.put_runs::<I>(&self.at.as_chunks().0[eight], certain, &eight_hits);
-            self.slots &= !(Mask::from(put) << (eight * WIDEST));
-        }
-        while let Some(slot) = take(&mut self.slots) {
-            let (at, primitive) = (self.at[slot] as usize, self.primitive[slot]);
-            // No hit is put together first: to read back in one piece what was written in several takes long.
-            if refined.known & 1 << slot != 0 {
-                let (normal, primitive) = (pick(&refined.normal, slot), object.reported(primitive));
-                hits.put(at, Hit { t: refined.t[slot], normal, object: self.root.object as i32, primitive });
-            } else {
-                let bounds = Interval { low: self.low[slot], high: self.high[slot] };
-                let root = RootId { primitive, index: self.index[slot], ..self.root };
-                let (origin, direction) = (pick(&self.origin, slot), pick(&self.direction, slot));
-                let time = self.time[slot];
-                // Alone it would take the same step.
-                hits.put(
-                    at,
-                    match stepped {
-                        Some(()) => scene.hit(&root, origin, direction, time),
-                        None => scene.hit_within(&root, bounds, origin, direction, time),
-                    },
-                );
-            }
-        }
-    }
-
-    /// Whether all rays start at one point, to the bit.
-    #[inline(always)]
-    fn has_one_origin(&self) -> bool {
-        let (first, mut others) = (self.slots.trailing_zeros() as usize, 0);
-        for column in &self.origin {
-            for (slot, x) in column.iter().enumerate() {
-                others |= Mask::from(x.to_bits() != column[first].to_bits()) << slot;
-            }
-        }
-        others & self.slots == 0
-    }
-
-    /// The corners of the triangles, by corner and axis; empty slots repeat the first.
-    #[inline(always)]
-    fn corners(&self, mesh: &TriangleMesh) -> [[[f64; BATCH_SIZE]; 3]; 3] {
-        let (mut corners, first) = ([[[0.0; BATCH_SIZE]; 3]; 3], self.slots.trailing_zeros() as usize);
-        for slot in 0..BATCH_SIZE {
-            let primitive = self.primitive[if self.slots & 1 << slot != 0 { slot } else { first }];
-            for (corner, point) in mesh.corners(primitive).into_iter().enumerate() {
-                for axis in 0..3 {
-                    corners[corner][axis][slot] = point[axis];
-                }
-            }
-        }
-        corners
-    }
-}
-
-#[inline(always)]
-fn pick(v: &[[f64; BATCH_SIZE]; 3], slot: usize) -> Point {
-    [v[0][slot], v[1][slot], v[2][slot]]
-}
-
-/// The refined hits of a batch.
-struct Refined {
-    /// A bit for each hit that is certain.
-    known: u32,
-    t: [f64; BATCH_SIZE],
-    /// In the coordinates of the object, of any length, where these are not those of the world.
-    local_normal: [Stored<BATCH_SIZE>; 3],
-    /// A unit normal in the coordinates of the world.
-    normal: [[f64; BATCH_SIZE]; 3],
-}
-
-/// Refines the hits of a batch; where rays are in the coordinates of the object, the normals in the world are left to `PlaceNormals`.
-struct RefineBatch<'a, R> {
-    rays: R,
-    batch: &'a HitBatch,
-    refined: &'a mut Refined,
-}
-
-impl<R: RayParts> SurfaceTask for RefineBatch<'_, R> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<F: Floats<f64, N>, S: Surface, const N: usize>(self, surface: &S) {
-        let RefineBatch { rays, batch, refined } = self;
-        let plane = surface.axis_plane(batch.root.feature);
-        for i in 0..BATCH_SIZE / N {
-            let active = Cell::new(part_of_mask::<N>(batch.slots, i));
-            if active.get() == 0 {
-                continue;
-            }
-            if let Some(plane) = &plane
-                && let Some((origin, direction)) = rays.along::<F, N>(plane.axis, i)
-            {
-                let lanes = Many::<F>::new(&active);
-                let Ok(t) = plane.t(origin, direction, lanes) else { continue };
-                refined.t.as_chunks_mut().0[i] = t.store();
-                // The normal of a plane is the same for all rays.
-                let ray = rays.part::<DoubleDoubles<Many<F>, N>, _, N>(i, lanes);
-                let (along, error) = surface.normal(&ray, batch.root.feature)[plane.axis].parts();
-                let Ok(()) = lanes.keep(error.lt(along.abs())) else { continue };
-                for normal in &mut refined.normal {
-                    normal.as_chunks_mut().0[i] = F::splat(0.0).store();
-                }
-                let sign = F::splat(0.0).le_pick(along, F::splat(1.0), F::splat(-1.0));
-                refined.normal[plane.axis].as_chunks_mut().0[i] = sign.store();
-                refined.known |= active.get() << (i * N);
-            } else {
-                refined.refine::<R, F, N>(i, rays, surface, batch, &active);
-            }
-        }
-    }
-}
-
-/// As `RefineBatch`, of hits on triangles of a mesh.
-struct RefineTriangleBatch<'a, R> {
-    rays: R,
-    corners: &'a [[[f64; BATCH_SIZE]; 3]; 3],
-    batch: &'a HitBatch,
-    refined: &'a mut Refined,
-}
-
-impl<R: RayParts> LaneTask for RefineTriangleBatch<'_, R> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<F: Floats<f64, N>, const N: usize>(self) {
-        let [a, b, c] = self.corners;
-        for i in 0..BATCH_SIZE / N {
-            let active = Cell::new(part_of_mask::<N>(self.batch.slots, i));
-            if active.get() == 0 {
-                continue;
-            }
-            let triangles = Triangles([lanes::part(a, i), lanes::part(b, i), lanes::part(c, i)]);
-            self.refined.refine::<R, F, N>(i, self.rays, &triangles, self.batch, &active);
-        }
-    }
-}
-
-/// Works out the normals in the world; hits of which one is uncertain are no longer known.
-struct PlaceNormals<'a>(&'a mut Refined);
-
-impl PlacementTask for PlaceNormals<'_> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) {
-        let refined = self.0;
-        let known = std::mem::take(&mut refined.known);
-        for i in 0..BATCH_SIZE / N {
-            let active = Cell::new(part_of_mask::<N>(Mask::from(known), i));
-            if active.get() == 0 {
-                continue;
-            }
-            let lanes = Many::<F>::new(&active);
-            // Without closures: these would not be compiled for the instruction set.
-            let [x, y, z] = &refined.local_normal;
-            let normal =
-                [DoubleDoubles::load(x, i, lanes), DoubleDoubles::load(y, i, lanes), DoubleDoubles::load(z, i, lanes)];
-            refined.put_normals(i, &placement.part(i).normals(normal, lanes), lanes);
-        }
-    }
-}
-
-impl Refined {
-    /// Refines part `i` of a batch.
-    #[inline(always)]
-    fn refine<'a, R: RayParts, F: Floats<f64, N>, const N: usize>(
-        &mut self,
-        i: usize,
-        rays: R,
-        target: &impl Target<Many<'a, F>, N>,
-        batch: &HitBatch,
-        active: &'a Cell<u32>,
-    ) {
-        let lanes = Many::new(active);
-        let bounds = Interval { low: lanes::load(&batch.low, i), high: lanes::load(&batch.high, i) };
-        let ray = rays.part::<DoubleDoubles<Many<F>, N>, _, N>(i, lanes);
-        let Ok((t, normal)) = newton_step(&ray, target, batch.root.feature, bounds, lanes) else { return };
-        self.t.as_chunks_mut().0[i] = t.store();
-        if R::IN_WORLD {
-            self.put_normals(i, &normal, lanes);
-        } else {
-            for axis in 0..3 {
-                normal[axis].store(i, &mut self.local_normal[axis]);
-            }
-            self.known |= active.get() << (i * N);
-        }
-    }
-
-    /// Puts unit normals of part `i`, known ones, along these in the world.
-    #[inline(always)]
-    fn put_normals<L: Lanes<N>, const N: usize>(&mut self, i: usize, along: &Vector<DoubleDoubles<L, N>>, lanes: L) {
-        if let Ok(along) = Number::proportions(along) {
-            let unit = vector::unit(along);
-            for axis in 0..3 {
-                self.normal[axis].as_chunks_mut().0[i] = unit[axis].store();
-            }
-            self.known |= lanes.active() << (i * N);
-        }
     }
 }
 
@@ -592,13 +209,15 @@ mod tests {
     use crate::cast::columns::HitArrays;
     use crate::cast::ray_sort::NEAR;
     use crate::geometry::affine::Affine;
-    use crate::scene::Object;
+    use crate::geometry::vector::Point;
+    use crate::scene::{Hit, Object, Rays, Scene, TRange, TriangleMesh};
     use crate::shapes::{AnySurface, Box, Cylinder, Ellipsoid, Plane, Sphere, Triangle};
     use crate::testing::with_large_frames;
 
     fn shapes() -> Vec<Object> {
         let turn = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]];
-        let cylinder = |capped| Cylinder { start: [0.0, 0.0, -1.0], end: [0.0, 0.0, 1.0], radius: 1.0, capped };
+        let cylinder =
+            |capped| Cylinder { start: [0.0, 0.0, -1.0], end: [0.0, 0.0, 1.0], radius: 1.0, capped };
         let surfaces: Vec<AnySurface> = vec![
             Sphere { center: [0.0; 3], radius: 1.0 }.into(),
             Box { size: [2.0; 3], center: [0.0; 3] }.into(),
@@ -612,26 +231,35 @@ mod tests {
         let octahedron = TriangleMesh::new(
             [0, 1, 2]
                 .iter()
-                .flat_map(|&axis| [-1.0, 1.0].map(|x| std::array::from_fn(|i| if i == axis { x } else { 0.0 })))
+                .flat_map(|&axis| {
+                    [-1.0, 1.0].map(|x| std::array::from_fn(|i| if i == axis { x } else { 0.0 }))
+                })
                 .collect(),
             (0..8).map(|k| [k & 1, 2 + (k >> 1 & 1), 4 + (k >> 2)]).collect(),
         );
         let mesh = octahedron.map(|mesh| Geometry::Mesh(Arc::new(mesh)));
         let objects = surfaces.chain(mesh).map(|geometry| Object::new(geometry, false));
         let sheared = Affine::new([[1.0, 0.25, 0.0], [0.0, 2.0, 0.0], [0.0, 0.0, -1.0]], [0.5, 0.0, 0.0]);
-        let twice = |object: &Object| object.transformed(sheared)?.transformed(Affine::new(turn, [0.0, 0.5, 0.0]));
-        objects.flat_map(|object| [twice(&object), object.transformed(sheared), Some(object)]).flatten().collect()
+        let twice =
+            |object: &Object| object.transformed(sheared)?.transformed(Affine::new(turn, [0.0, 0.5, 0.0]));
+        objects
+            .flat_map(|object| [twice(&object), object.transformed(sheared), Some(object)])
+            .flatten()
+            .collect()
     }
 
-    /// Side by side, so that neighbours meet the same part of an object, as many as are sorted together. And from a few origins to the points of a grid, of
-    /// which many are corners, on edges, or where a line touches; and past them.
+    /// Side by side, so that neighbours meet the same part of an object, as many as are sorted together. And
+    /// from a few origins to the points of a grid, of which many are corners, on edges, or where a line
+    /// touches; and past them.
     fn rays() -> (Vec<Point>, Vec<Point>) {
         let (mut origins, mut directions) = (Vec::new(), Vec::new());
         for k in 0..NEAR as i32 {
             origins.push([0.25, -3.0, 0.5]);
             directions.push([f64::from(k % 32) / 64.0 - 0.3, 1.0, f64::from(k / 32) / 64.0 - 0.4]);
         }
-        for origin in [[0.0, 0.0, 3.0], [1.0, -4.0, 0.0], [0.25, 0.125, 0.0], [-3.0, 2.0, 1.0], [0.1, 0.2, 4.3]] {
+        for origin in
+            [[0.0, 0.0, 3.0], [1.0, -4.0, 0.0], [0.25, 0.125, 0.0], [-3.0, 2.0, 1.0], [0.1, 0.2, 4.3]]
+        {
             for k in 0..343 {
                 let point = [k % 7, k / 7 % 7, k / 49].map(|i| f64::from(i) / 2.0 - 1.5);
                 let direction = [point[0] - origin[0], point[1] - origin[1], point[2] - origin[2]];
@@ -656,23 +284,33 @@ mod tests {
         let scenes = all.iter().map(|object| vec![object.clone()]).chain([all.clone()]);
         for objects in scenes {
             let scene = Scene::new(objects);
-            for range in [(0.0, f64::INFINITY), (1.0, 3.0)] {
+            for range in [TRange::RAY, TRange { min: 1.0, max: 3.0 }] {
                 let world = scene.during([0.0; 2]);
                 let cast = |level, rays: Range<usize>| {
                     let mut hits = HitArrays::of(rays.len());
-                    let rays = (&origins[rays.clone()], &directions[rays], &[][..]);
+                    let rays =
+                        Rays { origins: &origins[rays.clone()], directions: &directions[rays], times: &[] };
                     assert!(world.cast(level, rays, range, &mut hits.columns()));
                     hits.iter().collect::<Vec<_>>()
                 };
                 let indices = 0..origins.len();
-                let expected: Vec<Hit> = indices.clone().flat_map(|i| cast(Level::Scalar, i..i + 1)).collect();
+                let expected: Vec<Hit> =
+                    indices.clone().flat_map(|i| cast(Level::Scalar, i..i + 1)).collect();
                 hit += expected.iter().filter(|hit| hit.object >= 0).count();
                 missed += expected.iter().filter(|hit| hit.object < 0).count();
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                    for (i, (hit, expected)) in cast(level, indices.clone()).iter().zip(&expected).enumerate() {
-                        let bits =
-                            |hit: &Hit| (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object, hit.primitive);
-                        assert_eq!(bits(hit), bits(expected), "{level:?}: {:?} + t·{:?}", origins[i], directions[i]);
+                    for (i, (hit, expected)) in cast(level, indices.clone()).iter().zip(&expected).enumerate()
+                    {
+                        let bits = |hit: &Hit| {
+                            (hit.t.to_bits(), hit.normal.map(f64::to_bits), hit.object, hit.primitive)
+                        };
+                        assert_eq!(
+                            bits(hit),
+                            bits(expected),
+                            "{level:?}: {:?} + t·{:?}",
+                            origins[i],
+                            directions[i]
+                        );
                     }
                 }
             }
@@ -690,8 +328,8 @@ mod tests {
                 let (origins, directions) = ([[0.0, 0.0, 3.0]; 64], [[0.125, 0.25, -1.0]; 64]);
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                     let mut hits = HitArrays::of(64);
-                    let rays = (&origins[..], &directions[..], &[][..]);
-                    assert!(scene.during([0.0; 2]).cast(level, rays, (0.0, f64::INFINITY), &mut hits.columns()));
+                    let rays = Rays { origins: &origins, directions: &directions, times: &[] };
+                    assert!(scene.during([0.0; 2]).cast(level, rays, TRange::RAY, &mut hits.columns()));
                     for hit in hits.iter() {
                         assert_eq!((hit.t, hit.normal), (2.0, [0.0, 0.0, -1.0]), "{level:?}, {size}");
                     }

@@ -1,4 +1,5 @@
-//! The two-level traversal of a scene by packets: the hierarchy of its objects, and within it those of its meshes.
+//! The two-level traversal of a scene by packets: the hierarchy of its objects, and within it those of its
+//! meshes.
 
 use crate::arith::simd::{Isa, Task};
 use crate::bvh::{Bvh, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take};
@@ -7,13 +8,13 @@ use crate::cast::deferred::DeferredCandidates;
 use crate::cast::instance::InstanceRays;
 use crate::cast::leaf_intersector::{LeafIntersector, LeafScratch};
 use crate::cast::poses::Poses;
-use crate::cast::surface_intersector::SurfaceIntersector;
+use crate::cast::surface_intersector::{PacketQuery, SurfaceIntersector};
 use crate::geometry::vector::Point;
-use crate::scene::TriangleMesh;
-use crate::scene::{Geometry, Object, Scene, World};
+use crate::scene::{Geometry, Object, Scene, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
 
-/// Packets whose traversals are interleaved. Of two, both often wait for memory; of four, the first cache no longer holds what they need.
+/// Packets whose traversals are interleaved. Of two, both often wait for memory; of four, the first cache no
+/// longer holds what they need.
 pub const TRAVERSALS: usize = 3;
 
 /// Scratch memory of the traversal of a packet, reused from packet to packet.
@@ -51,7 +52,8 @@ impl TraversalScratch {
 pub struct Traversal<'a, 'b> {
     pub state: PacketState<'a, 'b>,
     world: &'a World<'a>,
-    /// The hierarchy of objects that is traversed, and the one after it: what moves comes after what stands still.
+    /// The hierarchy of objects that is traversed, and the one after it: what moves comes after what stands
+    /// still.
     hierarchy: &'a Bvh<u32>,
     later: Option<&'a Bvh<u32>>,
     stage: Stage,
@@ -82,9 +84,18 @@ struct InstanceVisit<'a> {
 }
 
 impl<'a, 'b> Traversal<'a, 'b> {
-    pub fn new(world: &'a World, range: (f64, f64), any: bool, scratch: &'b mut TraversalScratch) -> Self {
-        let TraversalScratch { rays, near_rays, stack, outer, inner, deferred, instance_rays, poses, scratch } =
-            scratch;
+    pub fn new(world: &'a World, range: TRange, any: bool, scratch: &'b mut TraversalScratch) -> Self {
+        let TraversalScratch {
+            rays,
+            near_rays,
+            stack,
+            outer,
+            inner,
+            deferred,
+            instance_rays,
+            poses,
+            scratch,
+        } = scratch;
         let scene = world.scene;
         let closest = ClosestHits::new(scene, range, any);
         poses.restart(scene.moves());
@@ -126,8 +137,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.stack
     }
 
-    /// Goes on up to a node with children that rays may enter: the nearest comes next, and has only just been prefetched, while all others have had time to
-    /// arrive. False if nothing is left.
+    /// Goes on up to a node with children that rays may enter: the nearest comes next, and has only just been
+    /// prefetched, while all others have had time to arrive. False if nothing is left.
     #[inline(always)]
     fn step<I: Isa>(&mut self, surfaces: &mut SurfaceIntersector) -> bool {
         if self.stage == Stage::Ready {
@@ -139,7 +150,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
                     self.start_within::<I>(visit);
                 } else if let Some(leaf) = visit.hierarchy.leaf(self.inner) {
                     let nearer = self.state.leaf_intersector(visit).intersect::<I>(leaf, self.inner.mask());
-                    self.inner.shorten(nearer);
+                    self.inner.lower_limits(nearer);
                 } else if visit.hierarchy.open::<I>(self.inner, self.stack) {
                     return true;
                 }
@@ -167,7 +178,13 @@ impl<'a, 'b> Traversal<'a, 'b> {
             state.intersect_surface::<I>(object, active, surfaces);
         }
         if state.rays.count == 1 || !state.rays.are_coherent::<I>(world.size) {
-            I::call(Incoherent { state, world, packets: [&mut outer.packet, &mut inner.packet], stack, surfaces });
+            I::call(Incoherent {
+                state,
+                world,
+                packets: [&mut outer.packet, &mut inner.packet],
+                stack,
+                surfaces,
+            });
             return;
         }
         state.rays.find_origins::<I>();
@@ -197,7 +214,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         let mask = self.outer.mask();
         if self.state.scene.objects()[id as usize].is_surface() {
             let nearer = self.state.intersect_surface::<I>(id, mask, surfaces);
-            self.outer.shorten(nearer);
+            self.outer.lower_limits(nearer);
         } else {
             self.enter::<I>(id, mask);
         }
@@ -216,7 +233,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         let Traversal { state, stack, outer, inner, .. } = self;
         let mask = state.next::<I>(visit);
         if mask == 0 {
-            outer.shorten(visit.entered);
+            outer.lower_limits(visit.entered);
             self.visit = None;
         } else if mask & (mask - 1) == 0 {
             I::call(SingleRays { state, visit, mask, packet: &mut inner.packet, stack });
@@ -227,8 +244,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
     }
 }
 
-/// Interleaves the traversals of packets, a step each in turn, which hides the latency of memory. Returns one that has ended; none if all were
-/// idle.
+/// Interleaves the traversals of packets, a step each in turn, which hides the latency of memory. Returns one
+/// that has ended; none if all were idle.
 pub struct Advance<'t, 'a, 'b> {
     pub traversals: &'t mut [Traversal<'a, 'b>],
     pub surfaces: &'t mut SurfaceIntersector,
@@ -280,8 +297,8 @@ pub struct PacketState<'a, 'b> {
 impl<'a> PacketState<'a, '_> {
     #[inline(always)]
     fn intersect_surface<I: Isa>(&mut self, id: u32, mask: Mask, surfaces: &mut SurfaceIntersector) -> Mask {
-        let PacketState { scene, rays, closest, poses, .. } = self;
-        surfaces.intersect::<I>(scene, id, rays, mask, closest, poses)
+        let PacketState { rays, closest, poses, .. } = self;
+        surfaces.intersect::<I>(PacketQuery { rays, closest, poses }, id, mask)
     }
 
     /// Has rays from far away start near a hierarchy of objects.
@@ -290,7 +307,12 @@ impl<'a> PacketState<'a, '_> {
         let reach = hierarchy.longest_reach();
         self.are_far = self.rays.are_far(hierarchy.center(), reach);
         if self.are_far {
-            I::call(Approach { rays: self.rays, near_rays: self.near_rays, center: hierarchy.center(), reach });
+            I::call(Approach {
+                rays: self.rays,
+                near_rays: self.near_rays,
+                center: hierarchy.center(),
+                reach,
+            });
         }
     }
 
@@ -316,7 +338,8 @@ impl<'a> PacketState<'a, '_> {
         packet.enter::<I>(self.rays_in(visit), visit.hierarchy, self.closest.t_min(), self.closest.limits());
     }
 
-    /// Begins an instance visit, with rays in local coordinates; none if the object is not a mesh. Rays that do not fit into packets are traced singly.
+    /// Begins an instance visit, with rays in local coordinates; none if the object is not a mesh. Rays that
+    /// do not fit into packets are traced singly.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<InstanceVisit<'a>> {
         let object = &self.scene.objects()[id as usize];

@@ -2,7 +2,7 @@
 
 use crate::arith::simd::{self, Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
-use crate::cast::closest_hit::ClosestHits;
+use crate::cast::closest_hit::{ClosestHits, timed_ray};
 use crate::geometry::affine::Inverse;
 use crate::scene::{EightHits, Hit, RootId, Scene, Sink};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of};
@@ -32,7 +32,7 @@ impl<'a> TriangleHits<'a> {
     #[inline(always)]
     pub fn gather(&mut self, closest: &ClosestHits, given: Mask, placed: Mask) {
         (self.lanes, self.placed) = (given | placed, placed);
-        (self.object, self.primitive) = closest.triangles();
+        (self.object, self.primitive) = closest.objects_and_primitives();
     }
 
     /// Prefetches the corners of the triangles.
@@ -78,7 +78,7 @@ impl<'a> TriangleHits<'a> {
                 object: object.map(|id| id as i32),
                 primitive: primitive.map(|primitive| on.reported(primitive)),
             };
-            let put = hits.put_runs::<I>(&rays.at.as_chunks().0[eight], lanes, &eight_hits);
+            let put = hits.write_runs::<I>(&rays.at.as_chunks().0[eight], lanes, &eight_hits);
             self.lanes &= !(Mask::from(put) << (8 * eight));
         }
         while let Some(lane) = take(&mut self.lanes) {
@@ -87,16 +87,17 @@ impl<'a> TriangleHits<'a> {
             if certain & 1 << lane != 0 {
                 let normal = [self.normal[0][lane], self.normal[1][lane], self.normal[2][lane]];
                 let primitive = scene.objects()[object as usize].reported(primitive);
-                hits.put(at, Hit { t: self.t[lane], normal, object: object as i32, primitive });
+                hits.write(at, Hit { t: self.t[lane], normal, object: object as i32, primitive });
             } else {
                 let root = &RootId::of_triangle(object, primitive);
-                hits.put(at, scene.hit(root, rays.origin(lane), rays.direction(lane), rays.time[lane]));
+                hits.write(at, scene.hit(root, &timed_ray(rays, lane)));
             }
         }
     }
 }
 
-/// The planes of eight hits; their unit normals, and the lanes in which these are right; and the triangle, if all hits are on one.
+/// The planes of eight hits; their unit normals, and the lanes in which these are right; and the triangle, if
+/// all hits are on one.
 type Latest<I> = (TrianglePlane<I>, ([<I as Isa>::F64x8; 3], u32), Option<(u32, u32)>);
 
 /// Works out t and the normals on triangles as given, and returns the lanes in which both are certain.
@@ -110,8 +111,10 @@ impl Task for Refine<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Mask {
-        let Refine { triangle_hits: TriangleHits { lanes, placed, object, primitive, corners, t, normal }, rays } =
-            self;
+        let Refine {
+            triangle_hits: TriangleHits { lanes, placed, object, primitive, corners, t, normal },
+            rays,
+        } = self;
         let given = *lanes & !*placed;
         let (mut certain, mut left) = (0, given);
         // If the last eight hits were on one triangle, the next eight may be there, too.
@@ -122,7 +125,8 @@ impl Task for Refine<'_, '_> {
             let mask = part_of_mask::<8>(given, eight);
             left &= !(0xff << (8 * eight));
             let triangle = (object[first], primitive[first]);
-            let (objects, primitives) = (&object.as_chunks::<8>().0[eight], &primitive.as_chunks::<8>().0[eight]);
+            let (objects, primitives) =
+                (&object.as_chunks::<8>().0[eight], &primitive.as_chunks::<8>().0[eight]);
             let mut others = 0;
             for k in 0..8 {
                 others |= u32::from((objects[k], primitives[k]) != triangle) << k;
@@ -133,7 +137,8 @@ impl Task for Refine<'_, '_> {
                     (if rays.one_origin { plane } else { plane.seen_from(rays.origins::<I>(eight)) }, normal)
                 }
                 _ => {
-                    let corners = if one.is_some() { &[corners[first]; 8] } else { &corners.as_chunks().0[eight] };
+                    let corners =
+                        if one.is_some() { &[corners[first]; 8] } else { &corners.as_chunks().0[eight] };
                     let plane = TrianglePlane::<I>::new(corners_of::<I>(corners), rays.origins::<I>(eight));
                     (plane, plane.unit_normal())
                 }
@@ -162,7 +167,11 @@ impl Task for RefinePlaced<'_, '_> {
 
     #[inline(always)]
     fn run<I: Isa>(self) -> Mask {
-        let RefinePlaced { triangle_hits: TriangleHits { placed, object, corners, t, normal, .. }, scene, rays } = self;
+        let RefinePlaced {
+            triangle_hits: TriangleHits { placed, object, corners, t, normal, .. },
+            scene,
+            rays,
+        } = self;
         let (mut certain, mut left) = (0, *placed);
         while left != 0 {
             let first = left.trailing_zeros() as usize;
@@ -181,7 +190,8 @@ impl Task for RefinePlaced<'_, '_> {
                     _ => inverse.points::<I>(rays.origins::<I>(eight)),
                 };
                 origin = Some(from);
-                let plane = TrianglePlane::<I>::placed(corners_of::<I>(&corners.as_chunks().0[eight]), inverse, from);
+                let plane =
+                    TrianglePlane::<I>::placed(corners_of::<I>(&corners.as_chunks().0[eight]), inverse, from);
                 let (unit, fine) = plane.placed_unit_normal();
                 let (refined, sure) = Crossing::<I>::new(&plane, rays.directions::<I>(eight)).rounded();
                 let (refined, unit) = (refined.store(), [unit[0].store(), unit[1].store(), unit[2].store()]);

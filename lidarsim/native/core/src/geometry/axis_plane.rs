@@ -4,7 +4,8 @@ use crate::arith::error_free::{two_product, two_sum};
 use crate::arith::number::{DoubleDoubles, Lanes, UNIT, Uncertain};
 use crate::arith::simd::Floats;
 
-/// The points whose coordinate `axis` is high + low. The pair is what 2Sum gives, so that it is the same for equal sums.
+/// The points whose coordinate `axis` is high + low. The pair is what 2Sum gives, so that it is the same for
+/// equal sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisPlane {
     pub axis: usize,
@@ -12,7 +13,8 @@ pub struct AxisPlane {
     low: f64,
 }
 
-/// Products above this, and quotients of numbers above it, leave residuals that are float64 numbers: these are at least 2⁻¹⁰⁶ of them.
+/// Products above this, and quotients of numbers above it, leave residuals that are float64 numbers: these
+/// are at least 2⁻¹⁰⁶ of them.
 const ORDINARY: f64 = f64::from_bits((1023 - 900) << 52);
 
 impl AxisPlane {
@@ -31,7 +33,8 @@ impl AxisPlane {
         if is_exact { AxisPlane::at(axis, quotient, 0.0) } else { None }
     }
 
-    /// The image under x ↦ factor·x + offset of its coordinate, which becomes that of `axis`; none if it has no such pair.
+    /// The image under x ↦ factor·x + offset of its coordinate, which becomes that of `axis`; none if it has
+    /// no such pair.
     #[inline]
     pub fn image(&self, axis: usize, factor: f64, offset: f64) -> Option<Self> {
         let (high, low) = if factor.abs() == 1.0 {
@@ -48,8 +51,8 @@ impl AxisPlane {
         if beyond == 0.0 { AxisPlane::at(axis, sum, rest) } else { None }
     }
 
-    /// The t at which rays meet the plane, correctly rounded; they start at `origin` along the axis and have the component `direction`, which is not
-    /// zero.
+    /// The t at which rays meet the plane, correctly rounded; they start at `origin` along the axis and have
+    /// the component `direction`, which is not zero.
     #[inline(always)]
     pub fn t<L: Lanes<N>, const N: usize>(
         &self,
@@ -61,7 +64,8 @@ impl AxisPlane {
         let rest = rest.add(L::Floats::splat(self.low));
         let quotient = height.div(direction);
         let size = quotient.abs();
-        let ordinary = L::Floats::splat(f64::MIN_POSITIVE).le(size) & size.lt(L::Floats::splat(f64::INFINITY));
+        let ordinary =
+            L::Floats::splat(f64::MIN_POSITIVE).le(size) & size.lt(L::Floats::splat(f64::INFINITY));
         lanes.keep(ordinary & L::Floats::splat(ORDINARY).lt(height.abs()))?;
         if lanes.active() & !rest.abs().le(L::Floats::splat(0.0)) == 0 {
             return Ok(quotient);
@@ -70,10 +74,12 @@ impl AxisPlane {
     }
 }
 
-/// (s + v)/d, where v is within u·|rest| of `rest`, and q is s/d, rounded; q is no subnormal number, and |s| above `ORDINARY`.
+/// (s + v)/d, where v is within u·|rest| of `rest`, and q is s/d, rounded; q is no subnormal number, and |s|
+/// above `ORDINARY`.
 ///
-/// r = s − q·d is a float64 number, and |r/d| ≤ u·|q|. The quotient is q + (r + v)/d. With w = r + rest rounded, |rest| ≤ |w|(1 + 2u) + |r|; so what v
-/// and w are off by is less than u·(2|w| + |r|)(1 + 4u), and divided by d, with the rounding of that, less than u·(3·|w/d| + u·|q|)(1 + 8u).
+/// r = s − q·d is a float64 number, and |r/d| ≤ u·|q|. The quotient is q + (r + v)/d. With w = r + rest
+/// rounded, |rest| ≤ |w|(1 + 2u) + |r|; so what v and w are off by is less than u·(2|w| + |r|)(1 + 4u), and
+/// divided by d, with the rounding of that, less than u·(3·|w/d| + u·|q|)(1 + 8u).
 #[inline(always)]
 fn quotient_of_sum<L: Lanes<N>, const N: usize>(
     s: L::Floats,
@@ -84,7 +90,8 @@ fn quotient_of_sum<L: Lanes<N>, const N: usize>(
 ) -> DoubleDoubles<L, N> {
     let remainder = q.negated().mul_add(d, s);
     let low = remainder.add(rest).div(d);
-    let error = low.abs().mul(L::Floats::splat(4.0 * UNIT)).add(q.abs().mul(L::Floats::splat(2.0 * UNIT * UNIT)));
+    let error =
+        low.abs().mul(L::Floats::splat(4.0 * UNIT)).add(q.abs().mul(L::Floats::splat(2.0 * UNIT * UNIT)));
     DoubleDoubles::of_sum(q, low, error, lanes)
 }
 
@@ -106,7 +113,8 @@ mod tests {
         a.minus(b).sign() == Ok(Ordering::Equal)
     }
 
-    /// Small multiples of powers of two, often with a sum or a product beyond 53 bits, and some numbers that are tiny or huge.
+    /// Small multiples of powers of two, often with a sum or a product beyond 53 bits, and some numbers that
+    /// are tiny or huge.
     fn draw(next: &mut impl FnMut() -> f64) -> f64 {
         let power = [-1070, -520, -30, 0, 0, 0, 0, 0, 0, 60, 1000][(11.0 * next()) as usize];
         let few = (8.0 * next()).floor() - 4.0;
@@ -123,8 +131,9 @@ mod tests {
             let [a, b, factor, offset] = [0; 4].map(|_: u8| draw(&mut next));
             let plane = if next() < 0.5 { AxisPlane::at(0, a, b) } else { AxisPlane::at_ratio(0, a, b) };
             let Some(image) = plane.and_then(|plane| plane.image(2, factor, offset)) else { continue };
-            let truth =
-                |plane: &AxisPlane| Dyadic::exact(factor).times(&coordinate(plane)).plus(&Dyadic::exact(offset));
+            let truth = |plane: &AxisPlane| {
+                Dyadic::exact(factor).times(&coordinate(plane)).plus(&Dyadic::exact(offset))
+            };
             assert!(
                 plane.is_some_and(|plane| are_equal(&truth(&plane), &coordinate(&image))),
                 "{a} {b} {factor} {offset}"
@@ -146,12 +155,18 @@ mod tests {
         for _ in 0..100_000 {
             let [a, b] = [0; 2].map(|_: u8| draw(&mut next));
             if let Some(plane) = AxisPlane::at(1, a, b) {
-                assert!(are_equal(&coordinate(&plane), &Dyadic::exact(a).plus(&Dyadic::exact(b))), "{a} + {b}");
+                assert!(
+                    are_equal(&coordinate(&plane), &Dyadic::exact(a).plus(&Dyadic::exact(b))),
+                    "{a} + {b}"
+                );
             }
             if b != 0.0
                 && let Some(plane) = AxisPlane::at_ratio(1, a, b)
             {
-                assert!(are_equal(&coordinate(&plane).times(&Dyadic::exact(b)), &Dyadic::exact(a)), "{a} / {b}");
+                assert!(
+                    are_equal(&coordinate(&plane).times(&Dyadic::exact(b)), &Dyadic::exact(a)),
+                    "{a} / {b}"
+                );
                 exact += 1;
             }
         }
@@ -170,7 +185,8 @@ mod tests {
         Root::linear(num.times(&Dyadic::exact(sign)), Dyadic::exact(d.abs()), 0)
     }
 
-    /// The rest, a sum that is rounded, is nearly as large as s, or as the remainder of the quotient, or it cancels that.
+    /// The rest, a sum that is rounded, is nearly as large as s, or as the remainder of the quotient, or it
+    /// cancels that.
     #[test]
     fn quotients_of_sums_are_as_near_as_their_bound_says() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.5 + 0.5 * next();
@@ -195,7 +211,9 @@ mod tests {
         let (mut known, mut single) = (0, 0);
         for round in 0..4000 {
             let shift = [0.0, 5e6, 1e-3][round % 3];
-            let Some(plane) = AxisPlane::at(2, shift + 50.0 * next(), if round % 2 == 0 { next() } else { 0.0 }) else {
+            let Some(plane) =
+                AxisPlane::at(2, shift + 50.0 * next(), if round % 2 == 0 { next() } else { 0.0 })
+            else {
                 continue;
             };
             let near = if round % 5 == 0 { plane.high } else { shift };
@@ -207,7 +225,13 @@ mod tests {
                 let (s, e) = two_sum(plane.high, -origin[k]);
                 let exact = exact_quotient(s, e, plane.low, direction[k]);
                 let (Ok(t), 1) = (found, active.get() >> k & 1) else { continue };
-                assert_eq!(Dyadic::round(&exact), Ok(t[k]), "{plane:?} from {} along {}", origin[k], direction[k]);
+                assert_eq!(
+                    Dyadic::round(&exact),
+                    Ok(t[k]),
+                    "{plane:?} from {} along {}",
+                    origin[k],
+                    direction[k]
+                );
                 known += 1;
                 single += usize::from(e == 0.0 && plane.low == 0.0);
             }

@@ -1,14 +1,15 @@
-//! Discrete orientation polytopes: how far a body reaches along fixed directions (J. Klosowski et al., Efficient Collision Detection Using Bounding Volume
-//! Hierarchies of k-DOPs, 1998).
+//! Discrete orientation polytopes: how far a body reaches along fixed directions (J. Klosowski et al.,
+//! Efficient Collision Detection Using Bounding Volume Hierarchies of k-DOPs, 1998).
 
 use super::affine::Affine;
 use super::vector::Point;
 use crate::arith::number::{Interval, UNIT};
 
-/// How far a body reaches, from zero, along the 26 directions of coordinates −1, 0 and 1: to the sides, edges and corners of a cube. Of direction (x, y, z) at
-/// index 13 + x + 3y + 9z.
+/// How far a body reaches, from zero, along the 26 directions of coordinates −1, 0 and 1: to the sides, edges
+/// and corners of a cube. Of direction (x, y, z) at index 13 + x + 3y + 9z.
 ///
-/// So a box around its image is at most 13 % too large where the body is a ball; the box around the image of its box is up to 73 % too large.
+/// So a box around its image is at most 13 % too large where the body is a ball; the box around the image of
+/// its box is up to 73 % too large.
 #[derive(Clone, Debug)]
 pub struct Dop([f64; 27]);
 
@@ -66,8 +67,8 @@ impl Dop {
 
     /// With room for what was rounded, for coordinates up to the largest.
     ///
-    /// A sum of three, x + y + z, is off by u·|x + y| and u·|x + y + z|, and so by less than 6u of the largest; what is added here rounds by 4u of it. A single coordinate
-    /// is as given.
+    /// A sum of three, x + y + z, is off by u·|x + y| and u·|x + y + z|, and so by less than 6u of the
+    /// largest; what is added here rounds by 4u of it. A single coordinate is as given.
     fn rounded_up(mut self, largest: f64) -> Self {
         for (i, reach) in self.0.iter_mut().enumerate() {
             if !is_along_axis(i) {
@@ -89,9 +90,10 @@ impl Dop {
 
     /// At least −w·p, and at least w·p, for all points p of the body.
     ///
-    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ) + |wₖ|·(sᵢ + sⱼ + sₖ), s being the unit vectors of these signs along the axes. A difference,
-    /// a product and two sums round by u each of the terms; the bound has 8u in place of 4u to cover its own roundings and those of second order. Differences do not
-    /// underflow.
+    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ) + |wₖ|·(sᵢ + sⱼ + sₖ), s
+    /// being the unit vectors of these signs along the axes. A difference, a product and two sums round by u
+    /// each of the terms; the bound has 8u in place of 4u to cover its own roundings and those of second
+    /// order. Differences do not underflow.
     fn along(&self, w: Point) -> [f64; 2] {
         self.terms(w).map(|(sum, size)| sum + 8.0 * UNIT * size + f64::MIN_POSITIVE)
     }
@@ -147,7 +149,8 @@ mod tests {
             let image = dot(&exact::<Dyadic>([x[i], y[i], z[i]]), &exact(p)).plus(&Dyadic::exact(offset[i]));
             let Interval { low, high } = bounds[i];
             (low == f64::NEG_INFINITY || image.minus(&Dyadic::exact(low)).sign() != Ok(Ordering::Less))
-                && (high == f64::INFINITY || image.minus(&Dyadic::exact(high)).sign() != Ok(Ordering::Greater))
+                && (high == f64::INFINITY
+                    || image.minus(&Dyadic::exact(high)).sign() != Ok(Ordering::Greater))
         })
     }
 
@@ -170,7 +173,8 @@ mod tests {
             }
             let image = Dop::of_box(corners).image(&map);
             for corner in 0..8 {
-                let p = [0, 1, 2].map(|i| if corner >> i & 1 == 0 { corners[i].low } else { corners[i].high });
+                let p =
+                    [0, 1, 2].map(|i| if corner >> i & 1 == 0 { corners[i].low } else { corners[i].high });
                 assert!(holds(&image, &map, p), "{map:?} {p:?}");
             }
         }
@@ -189,20 +193,22 @@ mod tests {
             }
         };
         let ball: Vec<Point> = (0..20_000).map(|_| unit()).collect();
-        let disc: Vec<Point> = ball.iter().map(|[x, y, z]| [10.0 * (x + y), 10.0 * (y - x), 0.1 * z]).collect();
+        let disc: Vec<Point> =
+            ball.iter().map(|[x, y, z]| [10.0 * (x + y), 10.0 * (y - x), 0.1 * z]).collect();
         for (points, most) in [(&ball, 1.13), (&disc, 1.2)] {
             let of_points = Dop::of_points(points.iter().copied());
             let Some(dop) = of_points else { unreachable!("there are points") };
             for _ in 0..100 {
                 let w = unit();
-                let reach = points.iter().map(|p| w[0] * p[0] + w[1] * p[1] + w[2] * p[2]).fold(0.0, f64::max);
+                let reach =
+                    points.iter().map(|p| w[0] * p[0] + w[1] * p[1] + w[2] * p[2]).fold(0.0, f64::max);
                 assert!(dop.along(w)[1] < most * reach, "{w:?}");
             }
         }
     }
 
-    /// Of a point, which a box around it holds exactly. Its coordinates are summed with two roundings of three at worst, and terms of one sign are off by all that
-    /// is counted.
+    /// Of a point, which a box around it holds exactly. Its coordinates are summed with two roundings of
+    /// three at worst, and terms of one sign are off by all that is counted.
     #[test]
     fn reaches_are_off_by_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;

@@ -16,8 +16,8 @@ pub struct Pose {
 impl Pose {
     /// From the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
     ///
-    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which takes a matrix kept in float32 to rounding, and leave the
-    /// bits of an exactly orthonormal one.
+    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which takes a matrix kept in float32 to
+    /// rounding, and leave the bits of an exactly orthonormal one.
     pub fn from_rows(rows: [[f64; 4]; 3]) -> Self {
         let mut rotation = rows.map(|r| [r[0], r[1], r[2]]);
         for _ in 0..2 {
@@ -71,7 +71,8 @@ impl Pose {
 
     /// `self`, as seen from the sensor frame of `base`.
     pub fn relative_to(&self, base: &Pose) -> Pose {
-        let columns: [Point; 3] = std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
+        let columns: [Point; 3] =
+            std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
         Pose {
             rotation: std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i])),
             translation: base.place_back(self.translation),
@@ -89,23 +90,25 @@ pub enum Path {
         linear: Point,
         angular: Point,
     },
-    /// Each pose is met at its time, and `steps[i]` leads from pose i to the next. Times rise. From the last knot to `end` both
-    /// velocities stay what they are there; a single knot stays where it is.
+    /// Each pose is met at its time, and `steps[i]` leads from pose i to the next. Times rise. From the last
+    /// knot to `end` both velocities stay what they are there; a single knot stays where it is.
     Knots {
         times: Vec<f64>,
         poses: Vec<Pose>,
         steps: Vec<Step>,
         end: f64,
     },
-    /// Of a sensor mounted on a body: its pose in the frame of the body, which is none of those above standing still.
+    /// Of a sensor mounted on a body: its pose in the frame of the body, which is none of those above
+    /// standing still.
     Mounted {
         body: Arc<Path>,
         mount: Pose,
     },
 }
 
-/// How a body moves on from a knot, while u grows from 0 to 1: the position by `shift`, in the world, and the orientation
-/// by the rotation vector `turn`, in the frame of the knot. With linear terms alone that is linear interpolation and Slerp.
+/// How a body moves on from a knot, while u grows from 0 to 1: the position by `shift`, in the world, and the
+/// orientation by the rotation vector `turn`, in the frame of the knot. With linear terms alone that is
+/// linear interpolation and Slerp.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     pub shift: Cubic,
@@ -155,7 +158,9 @@ impl Path {
     pub fn mounted(self: &Arc<Self>, mount: &Pose) -> Path {
         match &**self {
             Path::Still(pose) => Path::Still(pose.then(mount)),
-            Path::Mounted { body, mount: outer } => Path::Mounted { body: body.clone(), mount: outer.then(mount) },
+            Path::Mounted { body, mount: outer } => {
+                Path::Mounted { body: body.clone(), mount: outer.then(mount) }
+            }
             _ => Path::Mounted { body: self.clone(), mount: *mount },
         }
     }
@@ -211,7 +216,8 @@ impl Path {
         }
     }
 
-    /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which it is reached.
+    /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which
+    /// it is reached.
     pub fn velocity(&self, time: f64) -> Velocity {
         self.motion(time).velocity
     }
@@ -234,7 +240,10 @@ impl Path {
                 let u = ((time - times[i]) / length).min(1.0);
                 let Step { shift, turn } = &steps[i];
                 let turning = Turn::new(turn.at(u)).rate(turn.derivative(u));
-                Velocity { linear: shift.derivative(u).map(|x| x / length), angular: turning.map(|x| x / length) }
+                Velocity {
+                    linear: shift.derivative(u).map(|x| x / length),
+                    angular: turning.map(|x| x / length),
+                }
             }
             _ => Velocity { linear: [0.0; 3], angular: [0.0; 3] },
         };
@@ -259,8 +268,8 @@ impl Motion {
     }
 }
 
-/// A rotation vector φ with the three factors that its exponentials need (T. D. Barfoot, State Estimation for Robotics, 2017, ch. 7):
-/// a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|.
+/// A rotation vector φ with the three factors that its exponentials need (T. D. Barfoot, State Estimation for
+/// Robotics, 2017, ch. 7): a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|.
 struct Turn {
     vector: Point,
     a: f64,
@@ -274,8 +283,9 @@ impl Turn {
         let angle = square.sqrt();
         let [a, b, c] = if angle <= 1.0 {
             // Where the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! + …, 1/3! − θ²/5! + …
-            [1, 2, 3]
-                .map(|first| polynomial::<9>(std::array::from_fn(|i| RECIPROCAL_FACTORIALS[first + 2 * i]), -square))
+            [1, 2, 3].map(|first| {
+                polynomial::<9>(std::array::from_fn(|i| RECIPROCAL_FACTORIALS[first + 2 * i]), -square)
+            })
         } else {
             let (sin, cos) = sin_cos(angle);
             [sin / angle, (1.0 - cos) / square, (angle - sin) / (square * angle)]
@@ -285,7 +295,8 @@ impl Turn {
 
     /// I + a[φ] + b[φ]².
     fn matrix(&self) -> [Point; 3] {
-        let columns = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| self.series(e, self.a, self.b));
+        let columns =
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| self.series(e, self.a, self.b));
         std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]))
     }
 
@@ -294,7 +305,8 @@ impl Turn {
         self.series(v, self.b, self.c)
     }
 
-    /// The angular velocity in the turned frame, when the vector changes at `derivative`: (I − b[φ] + c[φ]²)·φ̇.
+    /// The angular velocity in the turned frame, when the vector changes at `derivative`: (I − b[φ] +
+    /// c[φ]²)·φ̇.
     fn rate(&self, derivative: Point) -> Point {
         self.series(derivative, -self.b, self.c)
     }
@@ -307,7 +319,9 @@ impl Turn {
 }
 
 fn product(a: [Point; 3], b: [Point; 3]) -> [Point; 3] {
-    std::array::from_fn(|i| std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j]))
+    std::array::from_fn(|i| {
+        std::array::from_fn(|j| a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j])
+    })
 }
 
 #[cfg(test)]
@@ -324,8 +338,9 @@ mod tests {
     fn an_exact_rotation_keeps_its_bits_and_a_rounded_one_becomes_orthonormal() {
         assert_eq!(Pose::from_rows(ROWS).rows(), ROWS);
         let turned = Turn::new([0.3, -0.8, 0.5]).matrix();
-        let rounded =
-            Pose::from_rows(turned.map(|r| [r[0] as f32 as f64, r[1] as f32 as f64, r[2] as f32 as f64, 0.0]));
+        let rounded = Pose::from_rows(
+            turned.map(|r| [r[0] as f32 as f64, r[1] as f32 as f64, r[2] as f32 as f64, 0.0]),
+        );
         for v in [[1.0, 0.0, 0.0], [0.6, 0.0, 0.8]] {
             assert!((dot(rounded.turn(v), rounded.turn(v)) - 1.0).abs() < 1e-15);
             assert_close(rounded.turn_back(rounded.turn(v)), v);
@@ -336,7 +351,8 @@ mod tests {
     fn place_and_relative_to_undo_each_other() {
         let (base, pose) = (
             Pose::from_rows(ROWS),
-            Path::Twist { start: Pose::from_rows(ROWS), linear: [1.0, 2.0, 3.0], angular: [0.1, 0.2, 0.3] }.at(2.0),
+            Path::Twist { start: Pose::from_rows(ROWS), linear: [1.0, 2.0, 3.0], angular: [0.1, 0.2, 0.3] }
+                .at(2.0),
         );
         let p = [0.3, 0.2, 0.1];
         assert_close(base.place(pose.relative_to(&base).place(p)), pose.place(p));
@@ -350,7 +366,8 @@ mod tests {
             linear: [1.0, 0.0, 0.0],
             angular: [0.0, 0.0, 0.5],
         };
-        for (time, x, y) in [(0.0, 0.0, 0.0), (std::f64::consts::PI, 2.0, 2.0), (2.0 * std::f64::consts::PI, 0.0, 4.0)]
+        for (time, x, y) in
+            [(0.0, 0.0, 0.0), (std::f64::consts::PI, 2.0, 2.0), (2.0 * std::f64::consts::PI, 0.0, 4.0)]
         {
             assert_close(path.at(time).place([0.0; 3]), [x, y, 0.0]);
         }
@@ -362,7 +379,10 @@ mod tests {
     fn knots_are_met_and_halves_are_between() {
         let first = Pose::from_rows(ROWS);
         let turn = [0.0, 0.0, 1.5];
-        let second = Pose { rotation: product(first.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
+        let second = Pose {
+            rotation: product(first.rotation, Turn::new(turn).matrix()),
+            translation: [7.0, 6.0, 7.0],
+        };
         let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
         let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
         let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![first, second], steps, end: 3.0 };
@@ -375,7 +395,8 @@ mod tests {
 
     #[test]
     fn a_mount_swings_with_its_body() {
-        // A body that turns to the left in place, and a sensor 2 m ahead of its center, which looks to its left.
+        // A body that turns to the left in place, and a sensor 2 m ahead of its center, which looks to its
+        // left.
         let body = Arc::new(Path::Twist {
             start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
             linear: [0.0; 3],
@@ -399,7 +420,10 @@ mod tests {
     fn a_held_path_goes_on_at_constant_velocity() {
         let start = Pose::from_rows(ROWS);
         let turn = [0.0, 0.0, 1.5];
-        let end = Pose { rotation: product(start.rotation, Turn::new(turn).matrix()), translation: [7.0, 6.0, 7.0] };
+        let end = Pose {
+            rotation: product(start.rotation, Turn::new(turn).matrix()),
+            translation: [7.0, 6.0, 7.0],
+        };
         let linear = |a| Cubic([a, [0.0; 3], [0.0; 3]]);
         let steps = vec![Step { shift: linear([2.0, 0.0, 0.0]), turn: linear(turn) }];
         let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps, end: 3.0 };
@@ -426,14 +450,18 @@ mod tests {
             rotation: product(start.rotation, Turn::new([0.125, 0.25, 0.75]).matrix()),
             translation: [6.0, 6.75, 6.0],
         };
-        let path = Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps: vec![step], end: 3.0 };
+        let path =
+            Path::Knots { times: vec![1.0, 3.0], poses: vec![start, end], steps: vec![step], end: 3.0 };
         // A twist is at its start at time 0.
         let Velocity { linear, angular } = path.velocity(3.0);
         assert_close(linear, [0.5, 0.875, -1.5]);
         let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5]]);
         let swings = Path::Twist { start: end, linear: [0.0; 3], angular };
         for (held, mount) in [
-            (path.held(4.0), Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])),
+            (
+                path.held(4.0),
+                Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
+            ),
             (Arc::new(path.clone()).mounted(&mount).held(4.0), mount),
         ] {
             assert_eq!(held.span(), [1.0, 4.0]);

@@ -29,13 +29,15 @@ impl Path {
     /// A box around all places of a body that moves along the path between two times.
     pub fn sweep(&self, shape: &Dop, span: [f64; 2]) -> [Interval; 3] {
         if let Path::Mounted { body, mount } = self {
-            // The pose of the mount, rounded, is within what `during` allows of that of the body and then that of the mount.
+            // The pose of the mount, rounded, is within what `during` allows of that of the body and then
+            // that of the mount.
             return body.sweep(&Dop::of_box(shape.image(&Affine::from(*mount))), span);
         }
         let mut all = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
         for part in self.parts(span) {
             // At the knots poses are as given, which the formulas meet but for rounding.
-            let ends: &[f64] = if matches!(self, Path::Knots { .. }) { &[part.first, part.last] } else { &[] };
+            let ends: &[f64] =
+                if matches!(self, Path::Knots { .. }) { &[part.first, part.last] } else { &[] };
             let ends = ends.iter().map(|&time| shape.image(&Affine::from(self.at(time))));
             for place in ends.chain([self.during(&part, shape)]) {
                 for (all, place) in all.iter_mut().zip(place) {
@@ -86,9 +88,11 @@ impl Path {
         } else {
             let i = i.min(steps.len() - 1);
             let length = times[i + 1] - times[i];
-            let u = [first, last].map(|time| ((time - times[i]) / length).abs()).into_iter().fold(1.0, f64::max);
+            let u =
+                [first, last].map(|time| ((time - times[i]) / length).abs()).into_iter().fold(1.0, f64::max);
             let [shift, turn] = [&steps[i].shift, &steps[i].turn];
-            // |(I − b[φ] + c[φ]²)·φ̇| ≤ |φ̇|: the matrix is normal, with the eigenvalues 1 and, of modulus sin(θ/2)/(θ/2), two more.
+            // |(I − b[φ] + c[φ]²)·φ̇| ≤ |φ̇|: the matrix is normal, with the eigenvalues 1 and, of modulus
+            // sin(θ/2)/(θ/2), two more.
             let angular = length_above(steepest(turn, u)) / length;
             (steepest(shift, u).map(|x| x / length), angular, farthest(shift, u), farthest(turn, u))
         };
@@ -98,11 +102,13 @@ impl Path {
 
     /// A box around all places of a body within a part.
     ///
-    /// From the middle of the part, h before its end, the body moves by `linear`·h at most along each axis, and a point at r from its origin
-    /// turns by min(`angular`·h, 2)·r. A pose is rounded: with u = 2⁻⁵³, the rotation vector by less than 12u of the sum of its terms, its
-    /// exponential, two products with it, and how far the rotations given are from orthonormal, by less than 60u together; its
-    /// position by less than 12u of the terms, and u of itself; what a twist travels is off as a rotation is. A mount
-    /// adds a product more. Twice that, for middle and moment, in the three coordinates, is less than 512u of all lengths that take part.
+    /// From the middle of the part, h before its end, the body moves by `linear`·h at most along each axis,
+    /// and a point at r from its origin turns by min(`angular`·h, 2)·r. A pose is rounded: with u = 2⁻⁵³, the
+    /// rotation vector by less than 12u of the sum of its terms, its exponential, two products with it, and
+    /// how far the rotations given are from orthonormal, by less than 60u together; its position by less than
+    /// 12u of the terms, and u of itself; what a twist travels is off as a rotation is. A mount adds a
+    /// product more. Twice that, for middle and moment, in the three coordinates, is less than 512u of all
+    /// lengths that take part.
     fn during(&self, part: &Part, shape: &Dop) -> [Interval; 3] {
         let &Part { first, last, linear, angular, reach, turn } = part;
         if !(turn <= LARGEST_ANGLE) {
@@ -115,7 +121,8 @@ impl Path {
         let rounding = 512.0 * UNIT * (1.0 + turn) * (radius + reach + length_above(pose.columns()[3]));
         let place = shape.image(&pose);
         std::array::from_fn(|i| {
-            let reach = (linear[i] * half + (angular * half).min(2.0) * radius) * (1.0 + 16.0 * UNIT) + rounding;
+            let reach =
+                (linear[i] * half + (angular * half).min(2.0) * radius) * (1.0 + 16.0 * UNIT) + rounding;
             Interval { low: (place[i].low - reach).next_down(), high: (place[i].high + reach).next_up() }
         })
     }
@@ -125,7 +132,8 @@ fn middle(first: f64, last: f64) -> f64 {
     (first + 0.5 * (last - first)).clamp(first, last)
 }
 
-/// Pieces of a span, one after the other, in each of which a body of this angular speed turns by [`TURN`] at most.
+/// Pieces of a span, one after the other, in each of which a body of this angular speed turns by [`TURN`] at
+/// most.
 fn pieces([first, last]: [f64; 2], angular: f64) -> impl Iterator<Item = [f64; 2]> {
     let count = (angular * (last - first) / TURN).ceil().clamp(1.0, PIECES);
     let end = move |k: f64| if k < count { (first + k / count * (last - first)).min(last) } else { last };
@@ -170,12 +178,17 @@ mod tests {
         };
         let mut all = Vec::new();
         for curved in [0.0, 1.0] {
-            let (mut times, mut poses, mut steps) = (vec![0.0], vec![pose(number, place)], Vec::<Step>::new());
+            let (mut times, mut poses, mut steps) =
+                (vec![0.0], vec![pose(number, place)], Vec::<Step>::new());
             for i in 0..4 {
                 let step = Step { shift: cubic(number, curved), turn: cubic(number, curved) };
                 let (last, time) = (times[i], times[i] + 0.1 + number());
-                let path =
-                    Path::Knots { times: vec![last, time], poses: vec![poses[i]; 2], steps: vec![step], end: time };
+                let path = Path::Knots {
+                    times: vec![last, time],
+                    poses: vec![poses[i]; 2],
+                    steps: vec![step],
+                    end: time,
+                };
                 poses.push(path.at(time.next_down()));
                 times.push(time);
                 steps.push(step);
@@ -184,7 +197,11 @@ mod tests {
             all.push(Path::Knots { times, poses, steps, end });
         }
         let velocity = |number: &mut dyn FnMut() -> f64| [(); 3].map(|()| speed * (2.0 * number() - 1.0));
-        all.push(Path::Twist { start: pose(number, place), linear: velocity(number), angular: velocity(number) });
+        all.push(Path::Twist {
+            start: pose(number, place),
+            linear: velocity(number),
+            angular: velocity(number),
+        });
         // What it adds for turns is not hidden by what it adds for travel.
         all.push(Path::Twist { start: pose(number, place), linear: [0.0; 3], angular: velocity(number) });
         let mounts: Vec<Path> =
@@ -199,7 +216,8 @@ mod tests {
         let (mut tight, mut count) = (0, 0);
         for (place, speed) in [(1.0, 0.1), (10.0, 1.0), (5e6, 2.0), (0.0, 20.0)] {
             for path in paths(&mut number, place, speed) {
-                let [first, last] = if let Path::Knots { end, .. } = &path { [0.0, *end] } else { [0.0, 3.0] };
+                let [first, last] =
+                    if let Path::Knots { end, .. } = &path { [0.0, *end] } else { [0.0, 3.0] };
                 let bounds = [(); 3].map(|()| {
                     let low = 4.0 * (number() - 0.5);
                     Interval { low, high: low + number() }
@@ -212,12 +230,9 @@ mod tests {
                     for k in 0..=200 {
                         let pose = path.at((a + f64::from(k) / 200.0 * (b - a)).min(b));
                         for corner in 0..8 {
-                            let point =
-                                std::array::from_fn(
-                                    |i| {
-                                        if corner >> i & 1 == 0 { bounds[i].low } else { bounds[i].high }
-                                    },
-                                );
+                            let point = std::array::from_fn(|i| {
+                                if corner >> i & 1 == 0 { bounds[i].low } else { bounds[i].high }
+                            });
                             for (i, x) in pose.place(point).into_iter().enumerate() {
                                 hull[i] = Interval { low: hull[i].low.min(x), high: hull[i].high.max(x) };
                             }
@@ -228,7 +243,9 @@ mod tests {
                         let rounding = 1e-15 * place.max(100.0);
                         assert!(swept[i].low <= hull[i].low + rounding, "{path:?} {a} {b} {i}");
                         assert!(hull[i].high <= swept[i].high + rounding, "{path:?} {a} {b} {i}");
-                        tight += usize::from(swept[i].high - swept[i].low < 2.0 * (hull[i].high - hull[i].low) + 0.1);
+                        tight += usize::from(
+                            swept[i].high - swept[i].low < 2.0 * (hull[i].high - hull[i].low) + 0.1,
+                        );
                     }
                     count += 1;
                 }
@@ -261,7 +278,8 @@ mod tests {
         let mut number = numbers();
         for (place, speed) in [(1.0, 1.0), (5e6, 2.0), (0.0, 1e-3), (10.0, 1e-12)] {
             for path in paths(&mut number, place, speed) {
-                let [first, last] = if let Path::Knots { end, .. } = &path { [0.0, *end] } else { [0.0, 1e4] };
+                let [first, last] =
+                    if let Path::Knots { end, .. } = &path { [0.0, *end] } else { [0.0, 1e4] };
                 let bounds = [(); 3].map(|()| {
                     let low = 4.0 * (number() - 0.5);
                     Interval { low, high: low + number() }

@@ -57,11 +57,15 @@ pub fn is_zero<N: Number>(a: &Vector<N>) -> Result<bool, Uncertain> {
 
 /// Vectors, one for each ray.
 #[inline(always)]
-pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>([x, y, z]: [L::Floats; 3], lanes: L) -> Vector<K> {
+pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(
+    [x, y, z]: [L::Floats; 3],
+    lanes: L,
+) -> Vector<K> {
     [K::of_rays(x, lanes), K::of_rays(y, lanes), K::of_rays(z, lanes)]
 }
 
-/// At least |v|, where each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) where that is a normal number.
+/// At least |v|, where each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) where that is a normal
+/// number.
 pub fn length_above(v: Point) -> f64 {
     let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     if largest == 0.0 {
@@ -74,7 +78,8 @@ pub fn length_above(v: Point) -> f64 {
 
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
 ///
-/// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, the result does not depend on how they were computed.
+/// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, the result does not depend
+/// on how they were computed.
 #[inline(always)]
 pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
     let large = v[0].abs().max(v[1].abs()).max(v[2].abs()).mul(F::splat(1.0 / 256.0));
@@ -107,7 +112,8 @@ mod tests {
             // Half the relative error of the square is that of the length.
             if square > 0.0 { -beyond / (2.0 * square * UNIT) } else { f64::NEG_INFINITY }
         });
-        // Of 8 roundings, six are for a rounding of each quotient, which are squared, the sums, the root and two products; and one for the coordinates.
+        // Of 8 roundings, six are for a rounding of each quotient, which are squared, the sums, the root and
+        // two products; and one for the coordinates.
         assert!((1.0..8.0).contains(&-least), "{least}");
     }
 
@@ -120,7 +126,8 @@ mod tests {
         }
     }
 
-    /// What a formula knows to 2⁻⁶⁰ of the largest coordinate may be anything below that where it should be zero.
+    /// What a formula knows to 2⁻⁶⁰ of the largest coordinate may be anything below that where it should be
+    /// zero.
     #[test]
     fn unit_vectors_do_not_depend_on_what_cancels() {
         let mut next = numbers();

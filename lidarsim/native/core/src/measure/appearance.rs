@@ -1,14 +1,13 @@
 //! What a lidar can tell of an object.
 
-use super::Caster;
-use crate::geometry::vector::Point;
-use crate::scene::Hit;
+use super::caster::Caster;
+use crate::scene::{Hit, TimedRay};
 
-/// What a lidar can tell of an object, besides where it is.
+/// What a lidar measures of an object besides its geometry.
 #[derive(Clone, Debug)]
 pub struct Appearance {
     pub labels: Labels,
-    /// The number of what the object is, or is a part of.
+    /// The instance that the object is, or is a part of.
     pub instance: u32,
     pub reflectivity: Reflectivity,
 }
@@ -31,7 +30,7 @@ impl Labels {
     }
 }
 
-/// How much light an object returns, as a share of what a white diffuser does.
+/// The share of light that an object returns, 1 for a white diffuser.
 #[derive(Clone, Debug)]
 pub enum Reflectivity {
     Object(f64),
@@ -42,20 +41,20 @@ pub enum Reflectivity {
 }
 
 impl Reflectivity {
-    /// Where a ray hit this primitive of the object: `hit` tells where, with the origin, the direction and the time.
+    /// The reflectivity at a hit on a primitive; `hit` gives the hit and the ray if they are needed.
     #[inline(always)]
     pub(super) fn at(
         &self,
         primitive: i32,
-        hit: impl FnOnce() -> (Hit, Point, Point, f64),
+        hit: impl FnOnce() -> (Hit, TimedRay),
         caster: &impl Caster,
     ) -> f64 {
         match self {
             Reflectivity::Object(value) => *value,
             Reflectivity::Face(values) => values[primitive as usize],
             Reflectivity::Vertex(values) => {
-                let (hit, origin, direction, time) = hit();
-                match caster.shares(&hit, origin, direction, time) {
+                let (hit, ray) = hit();
+                match caster.barycentric(&hit, &ray) {
                     Some((vertices, [u, v, w])) => {
                         let [a, b, c] = vertices.map(|i| values[i as usize]);
                         u * a + v * b + w * c

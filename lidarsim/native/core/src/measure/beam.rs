@@ -1,22 +1,38 @@
 //! Beams that widen, and their sub-rays.
 
+use super::parameters::Parameters;
 use crate::arith::elementary::{exp, sin_cos};
+
+/// Half of the speed of light in vacuum, m/s: light travels a range twice.
+const HALF_SPEED_OF_LIGHT: f64 = 299_792_458.0 / 2.0;
 
 /// A diverging beam as a few sub-rays.
 #[derive(Clone, Debug)]
 pub struct Beam {
-    /// Of each sub-ray, its tangent of azimuth and elevation against the axis, and its share of the energy. The first is the axis.
+    /// Per sub-ray: tangents of azimuth and elevation to the axis, and its share of the energy. The first
+    /// sub-ray is the axis.
     cells: Vec<([f64; 2], f64)>,
     /// Standard deviation of the pulse, as a range, m.
     pub(super) pulse_sigma: f64,
 }
 
 impl Beam {
-    /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half maximum, as a range, m.
+    pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
+        let Some(azimuth) = parameters.optional_number("measurement.beam.divergence_azimuth")? else {
+            return Ok(None);
+        };
+        let elevation = parameters.number("measurement.beam.divergence_elevation")?;
+        let rays = parameters.number("measurement.beam.rays")? as usize;
+        let pulse_length = parameters.number("measurement.beam.pulse_length")?;
+        Ok(Some(Beam::new([azimuth, elevation], rays, HALF_SPEED_OF_LIGHT * pulse_length)))
+    }
+
+    /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half
+    /// maximum, as a range, m.
     ///
-    /// The ellipse that the angles bound is divided into a disc and m rings about it, m·(m+1)·3 + 1 = `rays`, each as wide as the
-    /// disc; ring k has 6k sub-rays. Each carries the energy that a Gaussian beam, of profile exp(−2r²/w²), has in its cell;
-    /// what lies outside of the ellipse is spread over all.
+    /// The ellipse that the angles bound is divided into a disc and m rings about it, m·(m+1)·3 + 1 = `rays`,
+    /// each as wide as the disc; ring k has 6k sub-rays. Each carries the energy that a Gaussian beam, of
+    /// profile exp(−2r²/w²), has in its cell; what lies outside of the ellipse is spread over all.
     pub fn new(divergence: [f64; 2], rays: usize, pulse_length: f64) -> Self {
         let rings = (1..).take_while(|m| 3 * m * (m + 1) < rays).count();
         // In units of the half angle w.
@@ -50,7 +66,7 @@ impl Beam {
         self.cells.iter().map(|(offset, _)| *offset)
     }
 
-    /// Of each sub-ray of the pulse, the ray and its share of the energy.
+    /// The ray and the share of energy of each sub-ray of a pulse.
     pub(super) fn sub_rays(&self, pulse: usize) -> impl Iterator<Item = (usize, f64)> {
         (pulse * self.cells.len()..).zip(&self.cells).map(|(ray, (_, share))| (ray, *share))
     }
@@ -66,12 +82,16 @@ mod tests {
             let beam = Beam::new([2.0, 1.0], rays, 1.0);
             assert_eq!(beam.cells.len(), rays);
             assert_eq!(beam.cells[0].0, [0.0; 2]);
-            let sum = |of: fn([f64; 2]) -> f64| beam.cells.iter().map(|(at, share)| share * of(*at)).sum::<f64>();
+            let sum =
+                |of: fn([f64; 2]) -> f64| beam.cells.iter().map(|(at, share)| share * of(*at)).sum::<f64>();
             assert!((sum(|_| 1.0) - 1.0).abs() < 1e-15);
             assert!(
-                sum(|[x, _]| x).abs() < 1e-16 && sum(|[_, y]| y).abs() < 1e-16 && sum(|[x, y]| x * y).abs() < 1e-16
+                sum(|[x, _]| x).abs() < 1e-16
+                    && sum(|[_, y]| y).abs() < 1e-16
+                    && sum(|[x, y]| x * y).abs() < 1e-16
             );
-            // ∫r²·exp(−2r²)·r dr over ∫exp(−2r²)·r dr, up to 1: half of it on each axis, of half angles 1 and 1/2.
+            // ∫r²·exp(−2r²)·r dr over ∫exp(−2r²)·r dr, up to 1: half of it on each axis, of half angles 1 and
+            // 1/2.
             let moment = (1.0 - 3.0 * (-2.0_f64).exp()) / (2.0 * (1.0 - (-2.0_f64).exp()));
             assert!((sum(|[x, _]| x * x) / (moment / 2.0) - 1.0).abs() < 0.01);
             assert!((sum(|[_, y]| y * y) / (moment / 8.0) - 1.0).abs() < 0.01);

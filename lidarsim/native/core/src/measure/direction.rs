@@ -51,10 +51,11 @@ const fn all(lanes: usize) -> u32 {
 
 /// e = |d|² − 1, with an error below 2⁻⁷⁶ + u·|e| where d is unit to within 1e-6.
 ///
-/// With h the coordinates rounded to multiples of 2⁻²⁶, |h|² is a multiple of 2⁻⁵² below 2, hence exact, and so is what is left of it less 1; and
-/// d² − h² = (d − h)(d + h). There |d − h| ≤ 2⁻²⁷ is exact, and the sum and the product round by u each: that is 2⁻⁷⁸·|dᵢ| a coordinate, less than
-/// 1.74 of these together. The two sums of three such terms, which are 2⁻²⁶·|dᵢ| at most, round by less than 1.42 and 1.74 of 2⁻⁷⁹. In all that is
-/// 3.3·2⁻⁷⁸, and the last sum rounds by u·|e|.
+/// With h the coordinates rounded to multiples of 2⁻²⁶, |h|² is a multiple of 2⁻⁵² below 2, hence exact, and
+/// so is what is left of it less 1; and d² − h² = (d − h)(d + h). There |d − h| ≤ 2⁻²⁷ is exact, and the sum
+/// and the product round by u each: that is 2⁻⁷⁸·|dᵢ| a coordinate, less than 1.74 of these together. The two
+/// sums of three such terms, which are 2⁻²⁶·|dᵢ| at most, round by less than 1.42 and 1.74 of 2⁻⁷⁹. In all
+/// that is 3.3·2⁻⁷⁸, and the last sum rounds by u·|e|.
 #[inline(always)]
 fn excess<F: Floats<f64, N>, const N: usize>([x, y, z]: [F; 3]) -> F {
     const ROUNDER: f64 = 1.5 * (1_u64 << 26) as f64;
@@ -66,8 +67,9 @@ fn excess<F: Floats<f64, N>, const N: usize>([x, y, z]: [F; 3]) -> F {
 
 /// t·|d| to within ½ + 2⁻¹⁶ ulp, for d unit to within 1e-6: √(1+e) = 1 + e/2 − e²/8 + e³/16 − …
 ///
-/// With |e| < 1.01e-6 < 2⁻¹⁹ the factor beside t is less than 2⁻²⁰, and what it, its product with t and e round, less than 2⁻¹⁸·u in all; the next term
-/// of the series is less than 2⁻⁸⁰, 2⁻²⁷·u. So the last sum is that of t·|d| to within 2⁻¹⁷·u·t, and rounds once.
+/// With |e| < 1.01e-6 < 2⁻¹⁹ the factor beside t is less than 2⁻²⁰, and what it, its product with t and e
+/// round, less than 2⁻¹⁸·u in all; the next term of the series is less than 2⁻⁸⁰, 2⁻²⁷·u. So the last sum is
+/// that of t·|d| to within 2⁻¹⁷·u·t, and rounds once.
 #[inline(always)]
 pub fn distance<F: Floats<f64, N>, const N: usize>(t: F, d: [F; 3]) -> F {
     let e = excess(d);
@@ -77,7 +79,8 @@ pub fn distance<F: Floats<f64, N>, const N: usize>(t: F, d: [F; 3]) -> F {
 
 /// 1/|d| to within 4u, by |d|² of d unit to within 1e-6: 1/√(1+e) = 1 − e/2 + 3e²/8 − 5e³/16 + …
 ///
-/// As of `distance`; the square, a sum of three products, is off by 3u, which is half of that here. The next term of the series is less than 2⁻⁷⁷.
+/// As of `distance`; the square, a sum of three products, is off by 3u, which is half of that here. The next
+/// term of the series is less than 2⁻⁷⁷.
 #[inline(always)]
 pub fn reciprocal_length(squared_length: f64) -> f64 {
     let e = squared_length - 1.0;

@@ -1,6 +1,7 @@
 //! From light that comes back to the returns that are reported.
 
-use super::Status;
+use super::parameters::{Parameters, Value};
+use super::status::Status;
 
 /// What a ray brings back.
 #[derive(Clone, Copy)]
@@ -10,21 +11,21 @@ pub(super) struct Light {
     pub(super) intensity: f64,
     /// Received, up to a constant: intensity/R².
     pub(super) power: f64,
-    /// What it were without extinction. Echoes are told apart by it, so that extinction only ever weakens them.
+    /// The power without extinction. It separates echoes, so extinction only ever weakens them.
     pub(super) clear_power: f64,
 }
 
-/// Light that comes back from one surface or from some too close to be told apart.
+/// Light from one surface, or from some too close to be separated.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Echo {
-    /// The truth: of the object with most of the power, the sub-ray nearest to the axis; and the range of that.
+    /// The true hit: the sub-ray nearest to the axis, on the object that returns most of the power.
     pub(super) ray: usize,
     pub(super) true_range: f64,
     /// The mean over the sub-rays, by power.
     pub(super) range: f64,
     pub(super) intensity: f64,
     pub(super) power: f64,
-    /// The range with all that befalls it, or why there is none.
+    /// The reported range, or why the echo is lost.
     pub(super) measured: Result<f64, Status>,
 }
 
@@ -62,6 +63,20 @@ pub enum Returns {
 }
 
 impl Returns {
+    pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Self, P::Error> {
+        const NAME: &str = "measurement.returns";
+        match parameters.value(NAME)? {
+            Value::Text(name) => match name.as_str() {
+                "strongest" => Ok(Returns::Strongest),
+                "first" => Ok(Returns::First),
+                "last" => Ok(Returns::Last),
+                "dual" => Ok(Returns::Dual),
+                _ => Err(parameters.unexpected(NAME, Value::Text(name))),
+            },
+            most => Ok(Returns::Nearest(parameters.as_number(NAME, most)? as usize)),
+        }
+    }
+
     /// The most that are reported of a pulse.
     pub(super) fn most(self) -> usize {
         match self {
@@ -71,7 +86,8 @@ impl Returns {
         }
     }
 
-    /// Of the `echoes` of a pulse, which rise in range, those that are reported, in their order; if all are lost, the strongest.
+    /// Chooses the echoes to report, in their order, from those of a pulse, which rise in range. If all are
+    /// lost, the strongest.
     pub(super) fn choose(self, echoes: &[Echo], chosen: &mut Vec<Echo>) {
         chosen.clear();
         chosen.extend(echoes.iter().filter(|echo| echo.measured.is_ok()));
@@ -114,8 +130,14 @@ mod tests {
     use super::*;
 
     fn chosen(returns: Returns, powers: &[f64]) -> Vec<f64> {
-        let echo =
-            |range: f64, power| Echo { ray: 0, true_range: range, range, intensity: power, power, measured: Ok(range) };
+        let echo = |range: f64, power| Echo {
+            ray: 0,
+            true_range: range,
+            range,
+            intensity: power,
+            power,
+            measured: Ok(range),
+        };
         let echoes: Vec<Echo> = (1..).zip(powers).map(|(i, &power)| echo(f64::from(i), power)).collect();
         let mut found = Vec::new();
         returns.choose(&echoes, &mut found);

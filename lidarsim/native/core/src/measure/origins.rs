@@ -6,7 +6,7 @@ use crate::geometry::vector::Point;
 /// In the sensor frame.
 #[derive(Clone, Copy)]
 pub enum Origins<'a> {
-    /// Of all pulses: most sensors fire from one point, and then there is less to read.
+    /// Common to all pulses, as for most sensors: there is less to read.
     One(Point),
     Each(&'a [Point]),
 }

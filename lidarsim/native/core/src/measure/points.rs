@@ -20,9 +20,9 @@ pub enum Coordinates {
     World,
 }
 
-/// What the points and the normals of returns are worked out from.
+/// The arrays from which points and normals are computed.
 #[derive(Clone, Copy)]
-pub struct Placing<'a> {
+pub struct PointSource<'a> {
     /// Of each pulse, in the sensor frame.
     pub origins: Origins<'a>,
     pub directions: &'a [Point],
@@ -36,8 +36,9 @@ pub struct Placing<'a> {
     pub coordinates: Coordinates,
 }
 
-impl Placing<'_> {
-    /// Of a return, from where the sensor was, in the world and as seen from the moment.
+impl PointSource<'_> {
+    /// The point and the normal of a return. `pose`: of the sensor, in the world; `seen`: the same, relative
+    /// to the moment.
     #[inline(always)]
     fn point_and_normal<F: Floats<f64, N>, const N: usize>(
         &self,
@@ -78,31 +79,32 @@ type Ray<F> = ([F; 3], [F; 3], F);
 pub struct PointsAndNormals<'a> {
     pub points: &'a mut [MaybeUninit<f64>],
     pub normals: &'a mut [MaybeUninit<f32>],
-    pub placing: Placing<'a>,
+    pub source: PointSource<'a>,
 }
 
 impl<'a> Field<'a> for PointsAndNormals<'a> {
     fn split_off(&mut self, count: usize) -> Writer<'a> {
-        let (points, normals) = (split_off(&mut self.points, 3 * count), split_off(&mut self.normals, 3 * count));
-        let placing = self.placing;
-        Box::new(move |piece| simd::dispatch(piece.level, Place { points, normals, placing, piece }))
+        let (points, normals) =
+            (split_off(&mut self.points, 3 * count), split_off(&mut self.normals, 3 * count));
+        let source = self.source;
+        Box::new(move |piece| simd::dispatch(piece.level, WritePoints { points, normals, source, piece }))
     }
 }
 
 /// The work on one piece.
-struct Place<'a, 'b> {
+struct WritePoints<'a, 'b> {
     points: &'a mut [MaybeUninit<f64>],
     normals: &'a mut [MaybeUninit<f32>],
-    placing: Placing<'a>,
+    source: PointSource<'a>,
     piece: &'b Piece,
 }
 
-impl Task for Place<'_, '_> {
+impl Task for WritePoints<'_, '_> {
     type Output = ();
 
     #[inline(always)]
     fn run<I: Isa>(mut self) {
-        let Placing { path, times, start, coordinates, .. } = self.placing;
+        let PointSource { path, times, start, coordinates, .. } = self.source;
         let (_, pulses) = self.piece.rows_and_pulses();
         let mut first = 0;
         while first < pulses.len() {
@@ -113,40 +115,42 @@ impl Task for Place<'_, '_> {
             }
             let pose = path.at(start + time);
             let seen = if let Coordinates::Moment(at) = &coordinates { pose.relative_to(at) } else { pose };
-            self.place::<I>(first..end, (&pose, &seen));
+            self.write_from_pose::<I>(first..end, (&pose, &seen));
             first = end;
         }
     }
 }
 
-impl Place<'_, '_> {
+impl WritePoints<'_, '_> {
     /// Of returns from one pose.
     #[inline(always)]
-    fn place<I: Isa>(&mut self, returns: Range<usize>, poses: (&Pose, &Pose)) {
+    fn write_from_pose<I: Isa>(&mut self, returns: Range<usize>, poses: (&Pose, &Pose)) {
         let (rows, pulses) = self.piece.rows_and_pulses();
         let coordinates = 3 * returns.start..3 * returns.end;
-        let places = self.points[coordinates.clone()].chunks_mut(24).zip(self.normals[coordinates].chunks_mut(24));
+        let entries =
+            self.points[coordinates.clone()].chunks_mut(24).zip(self.normals[coordinates].chunks_mut(24));
         let returns = rows[returns.clone()].chunks(8).zip(pulses[returns].chunks(8));
-        for ((rows, pulses), (point_places, normal_places)) in returns.zip(places) {
+        for ((rows, pulses), (point_entries, normal_entries)) in returns.zip(entries) {
             if let ([first, .., last], 1, 8) = (rows, self.piece.most, rows.len())
                 && last - first == 7
             {
-                let (ray, normal) = self.placing.of_eight::<I>(*first);
-                let (point, normal) = self.placing.point_and_normal(poses, ray, normal);
-                for (place, point) in point_places.as_chunks_mut().0.iter_mut().zip(I::interleaved(point)) {
-                    *place = point.store().map(MaybeUninit::new);
+                let (ray, normal) = self.source.of_eight::<I>(*first);
+                let (point, normal) = self.source.point_and_normal(poses, ray, normal);
+                for (entry, point) in point_entries.as_chunks_mut().0.iter_mut().zip(I::interleaved(point)) {
+                    *entry = point.store().map(MaybeUninit::new);
                 }
-                for (place, normal) in normal_places.as_chunks_mut().0.iter_mut().zip(I::interleaved(normal)) {
-                    *place = normal.store().map(|x| MaybeUninit::new(x as f32));
+                for (entry, normal) in normal_entries.as_chunks_mut().0.iter_mut().zip(I::interleaved(normal))
+                {
+                    *entry = normal.store().map(|x| MaybeUninit::new(x as f32));
                 }
                 continue;
             }
-            let places = point_places.as_chunks_mut().0.iter_mut().zip(normal_places.as_chunks_mut().0);
-            for ((&row, &pulse), (point_place, normal_place)) in rows.iter().zip(pulses).zip(places) {
-                let (ray, normal) = self.placing.of_one(row, pulse);
-                let (point, normal) = self.placing.point_and_normal(poses, ray, normal);
-                *point_place = point.map(MaybeUninit::new);
-                *normal_place = normal.map(|x| MaybeUninit::new(x as f32));
+            let entries = point_entries.as_chunks_mut().0.iter_mut().zip(normal_entries.as_chunks_mut().0);
+            for ((&row, &pulse), (point_entry, normal_entry)) in rows.iter().zip(pulses).zip(entries) {
+                let (ray, normal) = self.source.of_one(row, pulse);
+                let (point, normal) = self.source.point_and_normal(poses, ray, normal);
+                *point_entry = point.map(MaybeUninit::new);
+                *normal_entry = normal.map(|x| MaybeUninit::new(x as f32));
             }
         }
     }

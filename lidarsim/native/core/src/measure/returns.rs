@@ -1,4 +1,5 @@
-//! The returns of a scan as fields of a point cloud: an entry a return, where a scan has as many rows for each pulse as it may have returns.
+//! The returns of a scan as fields of a point cloud. A field has an entry for each return; a scan has rows
+//! for as many returns as a pulse may have.
 
 use std::mem::MaybeUninit;
 
@@ -22,7 +23,7 @@ pub struct Piece {
     pub(super) most: usize,
     pub(super) level: Level,
     row: Vec<usize>,
-    /// None where each pulse has one row: then they are the same.
+    /// None if each pulse has one row: then they are equal.
     pulse: Option<Vec<usize>>,
 }
 
@@ -76,7 +77,8 @@ impl<'a> ReturnCounts<'a> {
 
 /// The rows of the returns of pulses from `first` on that have one row each: their own numbers.
 fn rows_of_single(first: usize, counts: &[u8]) -> Vec<usize> {
-    // As many as there may be, so that no branch hangs on a single count: what is too much the next pulse writes over.
+    // Rows are written for every pulse, without a branch on its count; the next return overwrites surplus
+    // rows.
     let (mut row, mut end) = (vec![0; counts.len()], 0);
     for (pulse, counts) in (first..).step_by(8).zip(counts.chunks(8)) {
         if *counts == [1; 8] {
@@ -115,14 +117,14 @@ impl Piece {
     }
 }
 
-/// What there is a value for.
+/// What a scan has one value for.
 #[derive(Clone, Copy)]
 pub enum Each<'a, T> {
     Row(&'a [T]),
     Pulse(&'a [T]),
 }
 
-/// A field of values that a scan has.
+/// A field that is copied from a scan.
 pub struct Copied<'a, T> {
     pub places: &'a mut [MaybeUninit<T>],
     pub each: Each<'a, T>,
@@ -144,7 +146,7 @@ impl<'a, T: Copy + Send + Sync> Field<'a> for Copied<'a, T> {
     }
 }
 
-/// Copies the values of rising indices: where these follow each other, many at once.
+/// Copies values at rising indices; consecutive ones in registers.
 struct CopyRising<'a, T> {
     places: &'a mut [MaybeUninit<T>],
     indices: &'a [usize],

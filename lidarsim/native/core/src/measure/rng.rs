@@ -1,29 +1,14 @@
-//! Counter-based random numbers: a draw depends on what it is for, never on what was drawn before it.
+//! Counter-based random numbers: a draw depends on its purpose, never on earlier draws.
 //!
-//! Philox4x32-10 (J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel random numbers: as easy as 1, 2, 3. SC11)
-//! turns a counter and a key into 128 random bits. A Gaussian is one uniform through the inverse of the normal distribution.
+//! Philox4x32-10 (J. K. Salmon, M. A. Moraes, R. O. Dror, D. E. Shaw: Parallel random numbers: as easy as 1,
+//! 2, 3. SC11) turns a counter and a key into 128 random bits. A Gaussian is one uniform through the inverse
+//! of the normal distribution.
 
 use crate::arith::elementary::{ln, polynomial};
 
-/// What a draw is for: the permanent id of an effect, a part of the counter. An id is never used again for anything else,
-/// so that a scan of today is the same in years.
-///
-/// | id | effect | draws |
-/// |---|---|---|
-/// | 1 | angular jitter | 0: azimuth, 1: elevation |
-/// | 2 | drop-out | 0 |
-/// | 3 | range noise | i: i-th echo of the pulse, from the nearest, counted before any is lost |
-/// | 4 | channel bias | 0; of frame 0, with the ring in place of the pulse |
-///
-/// The other effects (intensity, detection, divergence, quantisation, range gate) draw nothing.
+/// The permanent id of an effect, a part of the counter: see `effects`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u16)]
-pub enum Effect {
-    AngularJitter = 1,
-    Dropout = 2,
-    RangeNoise = 3,
-    ChannelBias = 4,
-}
+pub struct EffectId(pub u16);
 
 /// 128 random bits of a counter and a key.
 #[inline(always)]
@@ -57,15 +42,16 @@ impl Stream {
         Stream { key: [first, second], frame }
     }
 
-    /// What the sensor is built with: the same in every frame.
+    /// The draws of the unit, which are the same in every frame.
     pub fn of_unit(self) -> Self {
         Stream { frame: 0, ..self }
     }
 
-    /// Uniform in the open interval (0, 1): the middle of one of 2⁵² equal cells. So are 1 − u and 1/2 − u, exactly.
+    /// Uniform in the open interval (0, 1): the middle of one of 2⁵² equal cells. So are 1 − u and 1/2 − u,
+    /// exactly.
     #[inline(always)]
-    pub fn uniform(&self, pulse: u64, effect: Effect, draw: u16) -> f64 {
-        let purpose = (effect as u32) << 16 | u32::from(draw);
+    pub fn uniform(&self, pulse: u64, effect: EffectId, draw: u16) -> f64 {
+        let purpose = u32::from(effect.0) << 16 | u32::from(draw);
         let [low, high, ..] = philox([pulse as u32, (pulse >> 32) as u32, self.frame, purpose], self.key);
         let cell = (u64::from(high) << 32 | u64::from(low)) >> 12;
         (f64::from_bits(1.0_f64.to_bits() | cell) - 1.0) + f64::EPSILON / 2.0
@@ -73,13 +59,13 @@ impl Stream {
 
     /// Gaussian with mean 0 and variance 1.
     #[inline(always)]
-    pub fn normal(&self, pulse: u64, effect: Effect, draw: u16) -> f64 {
+    pub fn normal(&self, pulse: u64, effect: EffectId, draw: u16) -> f64 {
         normal_quantile(self.uniform(pulse, effect, draw))
     }
 
     /// As `uniform` for each pulse, in a loop that becomes vector instructions.
     #[inline(always)]
-    pub fn uniforms(&self, pulses: &[u64], effect: Effect, draw: u16, uniforms: &mut Vec<f64>) {
+    pub fn uniforms(&self, pulses: &[u64], effect: EffectId, draw: u16, uniforms: &mut Vec<f64>) {
         uniforms.resize(pulses.len(), 0.0);
         for (p, pulse) in uniforms.iter_mut().zip(pulses) {
             *p = self.uniform(*pulse, effect, draw);
@@ -88,14 +74,14 @@ impl Stream {
 
     /// As `normal` for each pulse: one kind of formula at a time.
     #[inline(always)]
-    pub fn normals(&self, pulses: &[u64], effect: Effect, draw: u16, normals: &mut Vec<f64>) {
+    pub fn normals(&self, pulses: &[u64], effect: EffectId, draw: u16, normals: &mut Vec<f64>) {
         let mut uniforms = Vec::new();
         self.uniforms(pulses, effect, draw, &mut uniforms);
         normals.resize(uniforms.len(), 0.0);
         for (normal, p) in normals.iter_mut().zip(&uniforms) {
             *normal = central(p - 0.5);
         }
-        // Where the tails are, without a branch that one in seven would take at random.
+        // The indices of the tails, found without branches: one in seven would be mispredicted.
         let (mut places, mut count) = (vec![0; uniforms.len()], 0);
         for (i, &p) in uniforms.iter().enumerate() {
             places[count] = i;
@@ -114,7 +100,8 @@ impl Stream {
 
 /// The number that a standard normal variable stays below with probability `p`, 0 < p < 1.
 ///
-/// Algorithm AS 241, PPND16 (M. J. Wichura: The percentage points of the normal distribution. Applied Statistics 37, 1988).
+/// Algorithm AS 241, PPND16 (M. J. Wichura: The percentage points of the normal distribution. Applied
+/// Statistics 37, 1988).
 #[inline(always)]
 pub fn normal_quantile(p: f64) -> f64 {
     if !is_tail(p) {
@@ -267,7 +254,8 @@ mod tests {
     /// Wichura's own check values.
     #[test]
     fn the_quantile_gives_the_published_values() {
-        for (p, z) in [(0.25, -0.6744897501960817), (0.001, -3.090232306167814), (1e-20, -9.262340089798408)] {
+        for (p, z) in [(0.25, -0.6744897501960817), (0.001, -3.090232306167814), (1e-20, -9.262340089798408)]
+        {
             assert!((normal_quantile(p) / z - 1.0).abs() < 4e-16, "{p}");
         }
     }

@@ -1,24 +1,24 @@
-//! Which light of a pulse a receiver can tell apart.
+//! The waveform of a pulse, and its echoes.
 
-use super::Scratch;
 use super::beam::Beam;
 use super::echo::{Echo, Light};
+use super::scratch::Scratch;
 use crate::arith::elementary::exp;
 use crate::geometry::point::dot;
 
 /// Beyond so many standard deviations, more than √(2·52·ln 2), a Gaussian is below 2⁻⁵² of its peak.
 const REACH: f64 = 8.5;
 
-/// Light over range, as a receiver sees it: the sum of what the sub-rays bring back, each a Gaussian as wide as the pulse and of
-/// the sub-ray's power in all. Its peaks are the echoes, each with all light between the valleys on either side.
+/// Received light over range: a sum of one Gaussian for each sub-ray, as wide as the pulse, with the power of
+/// the sub-ray. Its peaks are the echoes; an echo has all light between the valleys on either side.
 ///
-/// A sub-ray stands for its part of the footprint. Where the surface is slanted, the light of that part is spread in range, so
-/// that the Gaussian is the wider: σᵢ² = σ² + δᵢ²/2, with δᵢ by how much the tangent plane's range changes to the next
-/// sub-ray, where the light of this one has thus fallen to 1/e. So the sum over a plane has one peak, however few the
-/// sub-rays and however far apart in range, as that over a footprint without gaps has.
+/// A sub-ray samples its part of the footprint. On a slanted surface the light of that part is spread in
+/// range, which widens the Gaussian: σᵢ² = σ² + δᵢ²/2. Here δᵢ is the change of range along the tangent plane
+/// to the next sub-ray, where the light of this one has fallen to 1/e. So the waveform of a plane has one
+/// peak for any number of sub-rays and any spread of their ranges, as that of a continuous footprint has.
 ///
-/// Of equal surfaces of one range each, two are told apart if they are more than 2σ apart, 0.85 of the pulse's full width at half
-/// maximum (Sparrow's criterion).
+/// Two equal surfaces, each at one range, are separate echoes if they are more than 2σ apart, 0.85 of the
+/// full width at half maximum of the pulse (Sparrow's criterion).
 ///
 /// Its memory is reused from one pulse to the next.
 #[derive(Default)]
@@ -35,39 +35,44 @@ pub(super) struct Waveform {
 impl Waveform {
     /// The echoes of the `pulse`-th pulse of the batch, by rising range.
     #[inline(always)]
-    pub(super) fn echoes(&mut self, beam: &Beam, rays: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
+    pub(super) fn echoes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize, echoes: &mut Vec<Echo>) {
         let Waveform { lights, .. } = self;
         echoes.clear();
         lights.clear();
-        lights.extend(beam.sub_rays(pulse).filter_map(|(ray, share)| Some(rays.light(ray)?.dimmed(share))));
-        let (least, most) = lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
-        // Where the slope is zero, the curvature has at most the sign of V/σ² − 1, with V a variance of the lights' ranges: (extent/2)²
-        // at most. So up to an extent of 2σ each such place is a peak, and there is one.
+        lights.extend(
+            beam.sub_rays(pulse).filter_map(|(ray, share)| Some(scratch.light_of(ray)?.dimmed(share))),
+        );
+        let (least, most) =
+            lights.iter().fold((f64::INFINITY, 0.0_f64), |(a, b), l| (a.min(l.range), b.max(l.range)));
+        // Where the slope is zero, the curvature has at most the sign of V/σ² − 1, with V a variance of the
+        // lights' ranges: (extent/2)² at most. So up to an extent of 2σ each such place is a peak, and there
+        // is one.
         if most - least <= 2.0 * beam.pulse_sigma {
-            echoes.extend((!lights.is_empty()).then(|| rays.merge(lights)));
+            echoes.extend((!lights.is_empty()).then(|| scratch.merge(lights)));
             return;
         }
         lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
-        self.sample_slopes(beam, rays, pulse);
+        self.sample_slopes(beam, scratch, pulse);
         let (mut first, mut falls) = (0, false);
         for (slope, before) in self.slopes.iter().zip(&self.before) {
             if *slope > 0.0 && falls && *before > first {
-                echoes.push(rays.merge(&self.lights[first..*before]));
+                echoes.push(scratch.merge(&self.lights[first..*before]));
                 first = *before;
             }
             falls = *slope < 0.0 || falls && *slope == 0.0;
         }
-        echoes.push(rays.merge(&self.lights[first..]));
+        echoes.push(scratch.merge(&self.lights[first..]));
     }
 
-    /// The slope of the waveform at each light, and between each two where a valley between them would show: the light of the one
-    /// falls most steeply against the rise of the other's at a from the first and b from the second with a·b = σ², if they
-    /// are of one width and more than 2σ apart. Else they have no valley of their own, but others may make one: half way.
+    /// The slope of the waveform at each light, and between each two where a valley between them would show:
+    /// the light of the one falls most steeply against the rise of the other's at a from the first and b from
+    /// the second with a·b = σ², if they are of one width and more than 2σ apart. Else they have no valley of
+    /// their own, but others may make one: half way.
     #[inline(always)]
-    fn sample_slopes(&mut self, beam: &Beam, rays: &Scratch, pulse: usize) {
+    fn sample_slopes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
         let Waveform { lights, variances, samples, before, slopes } = self;
         let first = pulse * beam.len();
-        let to_next = |light: &Light| rays.to_next_sub_ray(light, first);
+        let to_next = |light: &Light| scratch.to_next_sub_ray(light, first);
         let variance = |light| beam.pulse_sigma * beam.pulse_sigma + 0.5 * to_next(light);
         variances.clear();
         variances.extend(lights.iter().map(variance));
@@ -110,16 +115,18 @@ impl Waveform {
 }
 
 impl Scratch {
-    /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of what it hit, where that
-    /// changes most. `first`: the first ray of the pulse.
+    /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of
+    /// what it hit, where that changes most. `first`: the first ray of the pulse.
     ///
-    /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR = −R·n·dd/(n·d). The first ray
-    /// is the axis, the next is to its left, and the two after that above it, to the left and to the right by half of the way.
+    /// Rays of direction d from one point meet the plane of normal n where R·n·d is the same, so dR =
+    /// −R·n·dd/(n·d). The first ray is the axis, the next is to its left, and the two after that above it, to
+    /// the left and to the right by half of the way.
     fn to_next_sub_ray(&self, light: &Light, first: usize) -> f64 {
         let normal = self.hits.normal(light.ray);
-        let [axis, left, above_left, above_right] = [0, 1, 2, 3].map(|k| dot(normal, self.directions[first + k]));
+        let [axis, left, above_left, above_right] =
+            [0, 1, 2, 3].map(|k| dot(normal, self.rays.directions[first + k]));
         let (leftward, upward) = (left - axis, (above_left + above_right - 2.0 * axis) / 3.0_f64.sqrt());
-        let range = light.range / self.cosine[light.ray];
+        let range = light.range / self.light.cosine[light.ray];
         range * range * (leftward * leftward + upward * upward)
     }
 

@@ -1,5 +1,5 @@
-//! Coincident surfaces: roots whose order follows from how the scene is made, whatever the ray. Objects stand on floors and meshes are exported twice, so
-//! such ties are common, and would all go to exact arithmetic.
+//! Coincident surfaces: roots whose order follows from how the scene is made, whatever the ray. Objects stand
+//! on floors and meshes are exported twice, so such ties are common, and would all go to exact arithmetic.
 
 use std::cmp::Ordering;
 use std::sync::Arc;
@@ -32,13 +32,22 @@ pub fn order(x: &Object, a: &RootId, y: &Object, b: &RootId) -> Option<Ordering>
 /// Whether both roots are on equal surfaces, or on triangles with the same corners.
 fn are_same_surface(x: &Object, a: &RootId, y: &Object, b: &RootId) -> bool {
     match (&x.geometry, &y.geometry) {
-        (Geometry::Mesh(mesh), Geometry::Mesh(other)) if Arc::ptr_eq(mesh, other) && a.primitive == b.primitive => true,
+        (Geometry::Mesh(mesh), Geometry::Mesh(other))
+            if Arc::ptr_eq(mesh, other) && a.primitive == b.primitive =>
+        {
+            true
+        }
         (Geometry::Surface(surface), Geometry::Surface(other)) if surface == other => true,
-        _ => x.is_triangle() && y.is_triangle() && x.triangle(a.primitive).has_corners_of(&y.triangle(b.primitive)),
+        _ => {
+            x.is_triangle()
+                && y.is_triangle()
+                && x.triangle(a.primitive).has_corners_of(&y.triangle(b.primitive))
+        }
     }
 }
 
-/// The plane perpendicular to an axis that the part of a surface with this root lies in, in the coordinates of the object.
+/// The plane perpendicular to an axis that the part of a surface with this root lies in, in the coordinates
+/// of the object.
 fn local_plane(object: &Object, at: &RootId) -> Option<AxisPlane> {
     match &object.geometry {
         Geometry::Surface(surface) => surface.axis_plane(at.feature),
@@ -74,7 +83,9 @@ mod tests {
     }
 
     fn placed(object: &Object, linear: [[f64; 3]; 3], offset: Point) -> Object {
-        object.transformed(Affine::new(linear, offset)).unwrap_or_else(|| unreachable!("the map can be inverted"))
+        object
+            .transformed(Affine::new(linear, offset))
+            .unwrap_or_else(|| unreachable!("the map can be inverted"))
     }
 
     fn ground() -> Object {
@@ -89,22 +100,25 @@ mod tests {
         of(Cylinder { start: [1.0, 1.0, base], end: [1.0, 1.0, 3.0], radius: 4.0, capped: true })
     }
 
-    /// On rays into the middle of what is tested, at each pair of roots: what `order` says is what exact arithmetic says. Returns how many pairs were told
-    /// to be equal, how many to be ordered, and how many are equal.
+    /// On rays into the middle of what is tested, at each pair of roots: what `order` says is what exact
+    /// arithmetic says. Returns how many pairs were told to be equal, how many to be ordered, and how many
+    /// are equal.
     fn check(x: &Object, y: &Object) -> [usize; 3] {
         let objects = [x.clone(), y.clone()];
         let mut next = numbers();
         let mut found = [0; 3];
         for _ in 0..300 {
-            let mut point =
-                |z: f64| [0, 1, 2].map(|i| (16.0 * next()).round() / 4.0 - 2.0 + if i == 2 { z } else { 0.0 });
+            let mut point = |z: f64| {
+                [0, 1, 2].map(|i| (16.0 * next()).round() / 4.0 - 2.0 + if i == 2 { z } else { 0.0 })
+            };
             let (origin, target) = (point(9.0), point(0.0));
             let direction = [0, 1, 2].map(|i| target[i] - origin[i]);
             let roots = [0, 1].map(|object: u32| {
                 let at = &objects[object as usize];
                 let primitives = if let Geometry::Mesh(mesh) = &at.geometry { mesh.len() as u32 } else { 1 };
                 let on = |primitive| {
-                    let found = number::decide(&RootIntervals { object: at.at(0.0), primitive, origin, direction });
+                    let found =
+                        number::decide(&RootIntervals { object: at.at(0.0), primitive, origin, direction });
                     found.into_iter().flatten().map(move |(_, index, feature)| RootId {
                         object,
                         primitive,
@@ -118,7 +132,13 @@ mod tests {
                 for b in &roots[1] {
                     let told = order(x, a, y, b);
                     assert_eq!(told, order(y, b, x, a).map(Ordering::reverse));
-                    let exact = number::decide(&RootOrder { objects: [x.at(0.0), y.at(0.0)], a, b, origin, direction });
+                    let exact = number::decide(&RootOrder {
+                        objects: [x.at(0.0), y.at(0.0)],
+                        a,
+                        b,
+                        origin,
+                        direction,
+                    });
                     assert!(told.is_none_or(|told| told == exact), "{a:?} {b:?} {origin:?} {direction:?}");
                     found[0] += usize::from(told == Some(Ordering::Equal));
                     found[1] += usize::from(told.is_some_and(|told| told != Ordering::Equal));
@@ -190,7 +210,10 @@ mod tests {
             (ground(), of(Box { size: [20.0, 20.0, near], center: [0.0, 0.0, -0.05] })),
             (ground(), placed(&slab(near), TURN, [0.0, 0.0, -0.05])),
             (ground(), placed(&ground(), TURN, [0.0, 0.0, 5e-324])),
-            (of(Sphere { center: [0.0; 3], radius: 3.0 }), of(Sphere { center: [0.0, 0.0, 5e-324], radius: 3.0 })),
+            (
+                of(Sphere { center: [0.0; 3], radius: 3.0 }),
+                of(Sphere { center: [0.0, 0.0, 5e-324], radius: 3.0 }),
+            ),
             (placed(&slab(4.0), SKEW, [1.0, 0.5, 0.0]), placed(&slab(4.0), SKEW, [1.0, 0.5, 5e-324])),
             // In one plane, but not across an axis.
             (

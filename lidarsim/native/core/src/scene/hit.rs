@@ -21,7 +21,7 @@ pub struct Hit {
 
 impl Hit {
     pub const MISS: Hit = Hit { t: f64::INFINITY, normal: [0.0; 3], object: -1, primitive: 0 };
-    /// A hit of which no more is said than that there is one.
+    /// A hit of an any-hit query, which has no t and no normal.
     pub const UNREFINED: Hit = Hit { t: f64::NAN, object: 0, ..Hit::MISS };
 }
 
@@ -43,52 +43,55 @@ pub struct Run {
     pub primitive: [i32; 4],
 }
 
-/// Where the hits of rays go, those of misses first: nothing more is put for these.
+/// Where the hits of rays go. Rays start as misses; only hits are written.
 pub trait Sink {
-    /// Whether any hit of a ray will do: then what is put is `Hit::UNREFINED`.
+    /// Whether any hit of a ray suffices: then `Hit::UNREFINED` is written.
     const ANY: bool = false;
 
-    /// Puts `Hit::MISS` for some rays, before any other hit of theirs. One after the other is written, whole lines of the cache, which then are where
-    /// the hits go that are put in any order.
+    /// Writes `Hit::MISS` for some rays, in order, before their hits are written in any order: this brings
+    /// whole lines of the arrays into the cache.
     fn clear(&mut self, rays: Range<usize>);
-    /// Puts the hit of ray i.
-    fn put(&mut self, i: usize, hit: Hit);
+    /// Writes the hit of ray i.
+    fn write(&mut self, i: usize, hit: Hit);
 
-    /// Puts the hits of four rays, from i on.
+    /// Writes the hits of four rays, from i on.
     #[inline(always)]
-    fn put_run(&mut self, i: usize, hits: &Run) {
+    fn write_run(&mut self, i: usize, hits: &Run) {
         let normals = hits.normals.as_flattened().as_chunks().0;
         for (k, normal) in normals.iter().enumerate() {
-            self.put(
+            self.write(
                 i + k,
                 Hit { t: hits.t[k], normal: *normal, object: hits.object[k], primitive: hits.primitive[k] },
             );
         }
     }
 
-    /// Puts those hits of eight rays that are runs, four of `lanes` whose rays follow one another, as sorted rays of a sensor do, and returns their lanes.
+    /// Writes those hits of eight rays that are runs, and returns their lanes. A run is four of `lanes` whose
+    /// rays are consecutive, as sorted rays of a sensor often are.
     #[inline(always)]
-    fn put_runs<I: Isa>(&mut self, rays: &[u32; 8], lanes: u32, hits: &EightHits) -> u32 {
+    fn write_runs<I: Isa>(&mut self, rays: &[u32; 8], lanes: u32, hits: &EightHits) -> u32 {
         let runs = [0, 1].map(|half| lanes >> (4 * half) & 0xf == 0xf && is_run(&rays.as_chunks().0[half]));
         if runs == [false; 2] {
             return 0;
         }
         let [x, y, z] = &hits.normal;
         let normals = I::interleaved([I::F64x8::load(x), I::F64x8::load(y), I::F64x8::load(z)]);
-        let [a, b, c] = normals.map(I::F64x8::store).map(|eight| [eight.as_chunks().0[0], eight.as_chunks().0[1]]);
+        let [a, b, c] =
+            normals.map(I::F64x8::store).map(|eight| [eight.as_chunks().0[0], eight.as_chunks().0[1]]);
         let normals = [[a[0], a[1], b[0]], [b[1], c[0], c[1]]];
-        let mut put = 0;
+        let mut written = 0;
         for half in 0..2 {
             if runs[half] {
                 let (t, object) = (hits.t.as_chunks().0[half], hits.object.as_chunks().0[half]);
-                let run = Run { t, normals: normals[half], object, primitive: hits.primitive.as_chunks().0[half] };
-                self.put_run(rays[4 * half] as usize, &run);
-                put |= 0xf << (4 * half);
+                let run =
+                    Run { t, normals: normals[half], object, primitive: hits.primitive.as_chunks().0[half] };
+                self.write_run(rays[4 * half] as usize, &run);
+                written |= 0xf << (4 * half);
             }
         }
-        put
+        written
     }
 
-    /// Prefetches where the hit of ray i goes.
+    /// Prefetches the entry of ray i.
     fn prefetch<I: Isa>(&self, i: usize);
 }

@@ -4,6 +4,7 @@ mod coincidence;
 mod hit;
 mod object;
 mod predicates;
+mod rays;
 mod root_id;
 mod triangle_mesh;
 mod world;
@@ -26,6 +27,7 @@ use predicates::{NegativeRoot, RefinedHit, RootOrder, RoundedRoot, meets_what_th
 pub use hit::{EightHits, Hit, Run, Sink};
 pub use object::{Geometry, Object, ObjectAt};
 pub use predicates::RootIntervals;
+pub use rays::{Rays, TRange, TimedRay};
 pub use root_id::RootId;
 pub use triangle_mesh::TriangleMesh;
 use world::Movers;
@@ -52,7 +54,8 @@ pub struct Index {
     surface: f32,
 }
 
-/// A refitted hierarchy whose surface is more than this many times what it was when it was built is not worth keeping.
+/// A refitted hierarchy whose surface is more than this many times what it was when it was built is not worth
+/// keeping.
 const WORN: f32 = 1.5;
 
 impl Scene {
@@ -62,8 +65,8 @@ impl Scene {
         Scene { objects, movers, index: Once::new(), last_movers: ArcSwapOption::empty() }
     }
 
-    /// As `new`. The hierarchy that another scene has of its objects is refitted to these, if they differ in their places alone and it is still about as
-    /// good: that takes much less time than to build one.
+    /// As `new`. The hierarchy that another scene has of its objects is refitted to these, if they differ in
+    /// their places alone and it is still about as good: that takes much less time than to build one.
     pub fn like(other: &Scene, objects: Vec<Object>) -> Self {
         let scene = Scene::new(objects);
         scene.last_movers.store(other.last_movers.load_full());
@@ -133,18 +136,20 @@ impl Scene {
 
     /// Every t, ascending and distinct, at which the line intersects the object, which does not move.
     pub fn roots(&self, object: u32, origin: Point, direction: Point) -> Vec<f64> {
+        let ray = TimedRay { origin, direction, time: 0.0 };
         let primitives = self.primitives_on_line(object, origin, direction);
-        let mut places: Vec<RootId> = Vec::new();
+        let mut roots: Vec<RootId> = Vec::new();
         for primitive in primitives {
-            let found = number::decide(&RootIntervals { object: self.at(object, 0.0), primitive, origin, direction });
+            let found =
+                number::decide(&RootIntervals { object: self.at(object, 0.0), primitive, origin, direction });
             for &(_, index, feature) in found.iter().flatten() {
-                places.push(RootId { object, primitive, index, feature });
+                roots.push(RootId { object, primitive, index, feature });
             }
         }
-        let order = |a: &RootId, b: &RootId| self.compare(a, b, origin, direction, 0.0);
-        places.sort_by(order);
-        places.dedup_by(|a, b| order(a, b) == Ordering::Equal);
-        places.iter().map(|at| self.t(at, origin, direction, 0.0)).collect()
+        let order = |a: &RootId, b: &RootId| self.compare(a, b, &ray);
+        roots.sort_by(order);
+        roots.dedup_by(|a, b| order(a, b) == Ordering::Equal);
+        roots.iter().map(|at| self.t(at, &ray)).collect()
     }
 
     /// As `roots`, of each of some lines.
@@ -181,7 +186,8 @@ impl Scene {
     }
 
     /// The order of two roots on a line, at a time.
-    pub fn compare(&self, a: &RootId, b: &RootId, origin: Point, direction: Point, time: f64) -> Ordering {
+    pub fn compare(&self, a: &RootId, b: &RootId, ray: &TimedRay) -> Ordering {
+        let TimedRay { origin, direction, time } = *ray;
         let object = |at: &RootId| &self.objects[at.object as usize];
         if let Some(order) = coincidence::order(object(a), a, object(b), b) {
             return order;
@@ -198,34 +204,39 @@ impl Scene {
     }
 
     /// t, correctly rounded.
-    pub fn t(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> f64 {
+    pub fn t(&self, at: &RootId, ray: &TimedRay) -> f64 {
+        let TimedRay { origin, direction, time } = *ray;
         number::decide_exactly(&RoundedRoot { object: self.at(at.object, time), at, origin, direction })
     }
 
     /// Whether t is below zero, be it by less than float64 can tell.
-    pub fn is_negative(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> bool {
+    pub fn is_negative(&self, at: &RootId, ray: &TimedRay) -> bool {
+        let TimedRay { origin, direction, time } = *ray;
         number::decide(&NegativeRoot { object: self.at(at.object, time), at, origin, direction })
     }
 
-    pub fn hit(&self, at: &RootId, origin: Point, direction: Point, time: f64) -> Hit {
+    pub fn hit(&self, at: &RootId, ray: &TimedRay) -> Hit {
+        let TimedRay { origin, direction, time } = *ray;
         let object = self.at(at.object, time);
         let found = number::decide_exactly(&RefinedHit { object, at, origin, direction });
         self.hit_of(at, found)
     }
 
     /// As `hit`, with bounds of t.
-    pub fn hit_within(&self, at: &RootId, bounds: Interval, origin: Point, direction: Point, time: f64) -> Hit {
-        let object = self.at(at.object, time);
+    pub fn hit_within(&self, at: &RootId, bounds: Interval, timed: &TimedRay) -> Hit {
+        let object = self.at(at.object, timed.time);
         let placement = object.placement();
-        let ray = object.local(Ray::new(origin, direction));
+        let ray = object.local(Ray::new(timed.origin, timed.direction));
         let step = match &object.geometry {
             Geometry::Surface(shape) => newton::newton_step(&ray, shape, at.feature, bounds, One),
-            Geometry::Mesh(mesh) => newton::newton_step(&ray, &mesh.triangle(at.primitive), at.feature, bounds, One),
+            Geometry::Mesh(mesh) => {
+                newton::newton_step(&ray, &mesh.triangle(at.primitive), at.feature, bounds, One)
+            }
         };
         let found = step.and_then(|(t, normal)| Ok((t, Number::proportions(&placement.normal(normal))?)));
         match found {
             Ok(found) => self.hit_of(at, found),
-            Err(Uncertain) => self.hit(at, origin, direction, time),
+            Err(Uncertain) => self.hit(at, timed),
         }
     }
 
@@ -239,7 +250,8 @@ impl Scene {
 fn size(bounds: &[Option<[Interval; 3]>]) -> f64 {
     let side = |i: usize| {
         let all = bounds.iter().flatten().map(|b| b[i]);
-        all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high)) - all.fold(f64::INFINITY, |m, b| m.min(b.low))
+        all.clone().fold(f64::NEG_INFINITY, |m, b| m.max(b.high))
+            - all.fold(f64::INFINITY, |m, b| m.min(b.low))
     };
     side(0).max(side(1)).max(side(2))
 }
@@ -287,8 +299,10 @@ pub mod tests {
         let mut fewer = balls(0.25, [5.0; 3]);
         fewer.pop();
         let mut endless = balls(0.25, [5.0; 3]);
-        endless[0] =
-            Object::new(Geometry::Surface(Plane::Distance { normal: [0.0, 0.0, 1.0], distance: 0.0 }.into()), false);
+        endless[0] = Object::new(
+            Geometry::Surface(Plane::Distance { normal: [0.0, 0.0, 1.0], distance: 0.0 }.into()),
+            false,
+        );
         let (fewer, endless) = (Scene::like(&scene, fewer), Scene::like(&scene, endless));
         let refitted = [&near, &far, &fewer, &endless].map(|scene| scene.index.get().is_some());
         assert_eq!(refitted, [true, false, false, false]);

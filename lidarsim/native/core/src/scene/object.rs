@@ -6,14 +6,14 @@ use std::sync::Arc;
 
 use super::{RootId, TriangleMesh};
 use crate::arith::number::{self, Interval, Number, Predicate, Uncertain};
-use crate::arith::root::{Root, Roots};
+use crate::arith::root::Root;
 use crate::arith::simd::Isa;
-use crate::geometry::affine::{Affine, Inverse, Placed, Placement};
+use crate::geometry::affine::{Affine, ComposedPlacement, Inverse, Placement};
 use crate::geometry::dop::Dop;
 use crate::geometry::pose::Path;
 use crate::geometry::ray::{Bounds, Ray};
 use crate::geometry::vector::Point;
-use crate::shapes::{AnySurface, Surface, Triangle};
+use crate::shapes::{AnySurface, Roots, Surface, Triangle};
 
 /// The geometry of an object in its local coordinates.
 #[derive(Clone, Debug)]
@@ -100,8 +100,8 @@ impl Object {
     /// Whether hits are on triangles that are transformed, by maps that are not extreme, and do not move.
     #[inline(always)]
     pub fn is_placed_triangle(&self) -> bool {
-        let is_placed =
-            self.motion.is_none() && self.inverse.as_ref().is_some_and(|inverse| inverse.expanded().is_some());
+        let is_placed = self.motion.is_none()
+            && self.inverse.as_ref().is_some_and(|inverse| inverse.expanded().is_some());
         is_placed && self.is_triangle()
     }
 
@@ -202,8 +202,8 @@ fn unless_nan(bounds: [Interval; 3]) -> [Interval; 3] {
     })
 }
 
-/// An object where it stands at a time. What moves is there placed by the affine map that its motion has at that time, as the numbers
-/// of the pose say, and from there on all is exact.
+/// An object where it stands at a time. What moves is there placed by the affine map that its motion has at
+/// that time, as the numbers of the pose say, and from there on all is exact.
 #[derive(Clone, Copy)]
 pub struct ObjectAt<'a> {
     object: &'a Object,
@@ -222,8 +222,8 @@ impl<'a> Deref for ObjectAt<'a> {
 impl ObjectAt<'_> {
     /// The map to local coordinates.
     #[inline(always)]
-    pub fn placement(&self) -> Placed<'_> {
-        Placed { first: self.object.inverse(), then: self.then.as_ref() }
+    pub fn placement(&self) -> ComposedPlacement<'_> {
+        ComposedPlacement { first: self.object.inverse(), then: self.then.as_ref() }
     }
 
     /// A ray of the world in the coordinates of the object.

@@ -1,4 +1,5 @@
-//! The predicates of roots on objects: bounds of roots, their order, roots correctly rounded, and refined hits.
+//! The predicates of roots on objects: bounds of roots, their order, roots correctly rounded, and refined
+//! hits.
 
 use std::cmp::Ordering;
 
@@ -8,7 +9,7 @@ use crate::arith::root::TOUCHING;
 use crate::geometry::affine::Placement;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point};
-use crate::shapes::{Surface, Triangle, triangle};
+use crate::shapes::{MOST_ROOTS, Surface, Triangle, triangle};
 
 /// Bounds of the roots of a primitive.
 pub struct RootIntervals<'a> {
@@ -20,12 +21,13 @@ pub struct RootIntervals<'a> {
 
 impl Predicate for RootIntervals<'_> {
     /// Bounds of t, and the index and part of the surface as in `RootId`.
-    type Answer = [Option<(Interval, u8, u8)>; 2];
+    type Answer = [Option<(Interval, u8, u8)>; MOST_ROOTS];
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
-        let roots =
-            self.object.roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
-        let mut found = [None; 2];
+        let roots = self
+            .object
+            .roots::<N>(self.primitive, &self.object.local(Ray::new(self.origin, self.direction)))?;
+        let mut found = [None; MOST_ROOTS];
         for (index, (found, root)) in (0..).zip(found.iter_mut().zip(roots.iter().flatten())) {
             *found = Some((N::enclose(root)?, if root.touches { TOUCHING } else { index }, root.feature));
         }
@@ -45,15 +47,21 @@ impl Predicate for RootOrder<'_> {
     type Answer = Ordering;
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Ordering, Uncertain> {
-        let root =
-            |object: &ObjectAt, at: &RootId| object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)));
+        let root = |object: &ObjectAt, at: &RootId| {
+            object.root::<N>(at, &object.local(Ray::new(self.origin, self.direction)))
+        };
         let [a, b] = &self.objects;
         N::compare(&root(a, self.a)?, &root(b, self.b)?)
     }
 }
 
-/// Whether the line meets an edge or a corner that two triangles, in the same coordinates, share: then it meets their planes at the same t.
-pub fn meets_what_they_share<N: Number>(ray: &Ray<N>, one: &Triangle, other: &Triangle) -> Result<bool, Uncertain> {
+/// Whether the line meets an edge or a corner that two triangles, in the same coordinates, share: then it
+/// meets their planes at the same t.
+pub fn meets_what_they_share<N: Number>(
+    ray: &Ray<N>,
+    one: &Triangle,
+    other: &Triangle,
+) -> Result<bool, Uncertain> {
     let Triangle(a, b, c) = one;
     let d = &ray.direction;
     let from = |point: &Point| ray.origin_from(vector::exact(*point));
@@ -116,7 +124,9 @@ impl Predicate for RefinedHit<'_> {
         let placement = self.object.placement();
         match &self.object.geometry {
             Geometry::Surface(shape) => refined_hit(placement, shape, &ray, self.at.index),
-            Geometry::Mesh(mesh) => refined_hit(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index),
+            Geometry::Mesh(mesh) => {
+                refined_hit(placement, &mesh.triangle(self.at.primitive), &ray, self.at.index)
+            }
         }
     }
 }
@@ -148,8 +158,9 @@ mod tests {
         Object::new(Geometry::Surface(surface.into()), false)
     }
 
-    /// Rays to points of an edge or a corner that two triangles share, and to points of one of them: where they meet what is shared, exact arithmetic
-    /// finds the same t on both, and where they do not, mostly another one.
+    /// Rays to points of an edge or a corner that two triangles share, and to points of one of them: where
+    /// they meet what is shared, exact arithmetic finds the same t on both, and where they do not, mostly
+    /// another one.
     #[test]
     fn rays_meet_neighbours_at_once_where_they_meet_what_these_share() {
         let mut next = numbers();
@@ -157,8 +168,13 @@ mod tests {
         for round in 0..2000 {
             let mut point = || [0; 3].map(|_: u8| (32.0 * next()).round() / 4.0);
             let (a, b, c, d, e, origin) = (point(), point(), point(), point(), point(), point());
-            let neighbours =
-                [Triangle(d, a, b), Triangle(b, d, c), Triangle(a, c, d), Triangle(e, c, d), Triangle(d, e, a)];
+            let neighbours = [
+                Triangle(d, a, b),
+                Triangle(b, d, c),
+                Triangle(a, c, d),
+                Triangle(e, c, d),
+                Triangle(d, e, a),
+            ];
             let (one, other) = (Triangle(a, b, c), neighbours[round % 5]);
             let w = [0.0, 0.25, 0.5, 1.0][round / 5 % 4];
             let [from, to] = [[a, b], [b, c], [c, a]][round / 20 % 3];
@@ -179,11 +195,14 @@ mod tests {
         assert!(met > 400 && apart > 400 && passed < met / 8, "{met}, {passed}, {apart}");
     }
 
-    /// Lines in planes that touch a shape: o = p − k·d, so that t = k, of circles and ellipses through p with a tangent d.
+    /// Lines in planes that touch a shape: o = p − k·d, so that t = k, of circles and ellipses through p with
+    /// a tangent d.
     #[test]
     fn a_line_that_touches_has_one_root_that_is_known_to() {
-        let ellipsoid = Ellipsoid::new([0.0; 3], [5.0, 5.0, 7.0], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
-        let cylinder = |capped| Cylinder { start: [0.0, 0.0, -9.0], end: [0.0, 0.0, 9.0], radius: 5.0, capped };
+        let ellipsoid =
+            Ellipsoid::new([0.0; 3], [5.0, 5.0, 7.0], [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]);
+        let cylinder =
+            |capped| Cylinder { start: [0.0, 0.0, -9.0], end: [0.0, 0.0, 9.0], radius: 5.0, capped };
         let sphere = of(Sphere { center: [0.0; 3], radius: 5.0 });
         let shapes = [sphere, of(cylinder(false)), of(cylinder(true))].into_iter().chain(ellipsoid.map(of));
         let map = Affine::new([[0.0, -2.0, 0.0], [1.0, 0.0, 0.5], [0.0, 0.0, -1.0]], [0.0, 0.25, 3.0]);
@@ -192,7 +211,8 @@ mod tests {
             for (object, is_moved) in [(object.transformed(map), true), (Some(object), false)] {
                 let Some(object) = object else { unreachable!("the map can be inverted") };
                 for k in 1..40 {
-                    let (k, rise) = (f64::from(k) / 4.0, if index == 3 { 0.0 } else { f64::from(k % 5) / 8.0 });
+                    let (k, rise) =
+                        (f64::from(k) / 4.0, if index == 3 { 0.0 } else { f64::from(k % 5) / 8.0 });
                     let (origin, direction) = ([3.0 + 4.0 * k, 4.0 - 3.0 * k, -rise * k], [-4.0, 3.0, rise]);
                     let (origin, direction) = if is_moved {
                         let [[x, y, z], [u, v, w]] = [origin, direction];
@@ -201,12 +221,14 @@ mod tests {
                         (origin, direction)
                     };
                     let at = object.at(0.0);
-                    let roots = number::decide(&RootIntervals { object: at, primitive: 0, origin, direction });
+                    let roots =
+                        number::decide(&RootIntervals { object: at, primitive: 0, origin, direction });
                     let [Some((t, index, feature)), None] = roots else { panic!("{object:?} {k}") };
                     assert!(index == TOUCHING && t.low <= k && k <= t.high);
                     let root = RootId { object: 0, primitive: 0, index, feature };
                     let rounded = number::decide(&RoundedRoot { object: at, at: &root, origin, direction });
-                    let (refined, _) = number::decide_exactly(&RefinedHit { object: at, at: &root, origin, direction });
+                    let (refined, _) =
+                        number::decide_exactly(&RefinedHit { object: at, at: &root, origin, direction });
                     assert_eq!((rounded, refined), (k, k));
                     found += 1;
                 }

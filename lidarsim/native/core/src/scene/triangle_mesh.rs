@@ -78,7 +78,8 @@ impl TriangleMesh {
     }
 
     pub fn hierarchy(&self) -> &Bvh<Leaf> {
-        // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work, and must not come back here.
+        // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work,
+        // and must not come back here.
         self.hierarchy.get_or_make(|| {
             // As much as it takes if a leaf holds half of what it may.
             memory::expect_room(2 * self.len().div_ceil(LEAF_SIZE) * size_of::<Leaf>(), || {

@@ -1,4 +1,4 @@
-//! A scene during a span of time, which is what rays are cast at.
+//! A scene during a span of time: what rays are cast at.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -13,7 +13,8 @@ use crate::{memory, parallel};
 /// Boxes that a thread makes at a time, at least.
 const BOXES: usize = 64;
 
-/// A scene, with a hierarchy of the objects that move in boxes around all of their places during a span of time.
+/// A scene, with a hierarchy of the objects that move in boxes around all of their places during a span of
+/// time.
 #[derive(Debug)]
 pub struct World<'a> {
     pub scene: &'a Scene,
@@ -34,8 +35,8 @@ pub struct Movers {
     surface: f32,
 }
 
-/// From the first to the last of some times, but for those that are not finite, at which no ray is cast; of none it is empty, at 0. Eight at a time, which
-/// become vector instructions.
+/// From the first to the last of some times, but for those that are not finite, at which no ray is cast; of
+/// none it is empty, at 0. Eight at a time, which become vector instructions.
 pub fn span(times: &[f64]) -> [f64; 2] {
     let (mut low, mut high) = ([f64::INFINITY; 8], [f64::NEG_INFINITY; 8]);
     let mut add = |k: usize, time: f64| {
@@ -65,8 +66,9 @@ impl World<'_> {
 }
 
 impl Scene {
-    /// The scene in a span of time (see [`span`]). No hierarchy of a mesh or of what stands still is built anew for it, and that of what moves
-    /// is the one of the span before, refitted, while it is about as good: frames that follow one another differ little.
+    /// The scene in a span of time (see [`span`]). No hierarchy of a mesh or of what stands still is built
+    /// anew for it, and that of what moves is the one of the span before, refitted, while it is about as
+    /// good: frames that follow one another differ little.
     pub fn during(&self, span: [f64; 2]) -> World<'_> {
         /// Of the next world.
         static NUMBER: AtomicU64 = AtomicU64::new(1);
@@ -77,7 +79,9 @@ impl Scene {
         let bounds = |id: &u32| self.objects[*id as usize].bounds_during(span);
         let mut boxes = memory::with_capacity(self.movers.len());
         if self.movers.len() > BOXES {
-            parallel::run(|| self.movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes));
+            parallel::run(|| {
+                self.movers.par_iter().with_min_len(BOXES).map(bounds).collect_into_vec(&mut boxes)
+            });
         } else {
             boxes.extend(self.movers.iter().map(bounds));
         }
@@ -91,7 +95,8 @@ impl Scene {
         World { scene: self, index, size: size(&boxes).max(index.size), movers: Some(movers), number }
     }
 
-    /// The hierarchy of the span before, for the boxes of what moves in this one; none if there was none, or it is worn out.
+    /// The hierarchy of the span before, for the boxes of what moves in this one; none if there was none, or
+    /// it is worn out.
     fn refitted_movers(&self, boxes: &[Option<[Interval; 3]>]) -> Option<Movers> {
         let last = self.last_movers.load_full()?;
         let Movers { hierarchy, surface } = &*last;

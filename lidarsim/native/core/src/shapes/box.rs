@@ -2,9 +2,9 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Shape, Surface, all_positive, parameters};
+use super::surface::{Form, Roots, Shape, Surface, all_positive, parameters, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::{Chord, Root, Roots};
+use crate::arith::root::{Chord, Root};
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
@@ -19,14 +19,17 @@ impl Box {
     /// What the slab across an axis leaves of the chord; false if nothing is.
     #[inline(always)]
     fn cut<N: Number>(&self, axis: usize, ray: &Ray<N>, chord: &mut Chord<N>) -> Result<bool, Uncertain> {
-        // Twice the distances from the origin of the ray to both faces: so the halves of the size need not be rounded.
+        // Twice the distances from the origin of the ray to both faces: so the halves of the size need not be
+        // rounded.
         let middle = ray.weighted(N::exact(self.center[axis])).minus(&ray.origin[axis]).doubled();
         let half = ray.weighted(N::exact(self.size[axis]));
         let (low, high) = (middle.minus(&half), middle.plus(&half));
         let slope = ray.direction[axis].doubled();
         let (face, opposite) = (2 * axis as u8, 2 * axis as u8 + 1);
         let (entry, exit) = match slope.sign()? {
-            Ordering::Greater => (Root::linear(low, slope.clone(), face), Root::linear(high, slope, opposite)),
+            Ordering::Greater => {
+                (Root::linear(low, slope.clone(), face), Root::linear(high, slope, opposite))
+            }
             Ordering::Less => {
                 let slope = slope.negated();
                 let entry = Root::linear(high.negated(), slope.clone(), opposite);
@@ -44,8 +47,9 @@ impl Box {
 impl Shape for Box {
     const MOST_ROOTS: usize = 2;
 
-    /// size, center.
-    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+    const FORMS: &'static [Form] = &[&[("size", 3), ("center", 3)]];
+
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
         let [dx, dy, dz, x, y, z] = parameters(numbers)?;
         let size = [dx, dy, dz];
         all_positive("size", &size)?;
@@ -58,9 +62,9 @@ impl Surface for Box {
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
         let mut chord = Chord::whole_line();
         if self.cut(0, ray, &mut chord)? && self.cut(1, ray, &mut chord)? && self.cut(2, ray, &mut chord)? {
-            chord.roots()
+            Ok(roots(chord.roots()?))
         } else {
-            Ok([None, None])
+            Ok(roots([None, None]))
         }
     }
 

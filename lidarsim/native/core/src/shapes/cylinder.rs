@@ -1,13 +1,14 @@
 //! Cylinder of radius r around the axis from `start` to `end`, A = end − start, which is not normalised.
 //!
-//! With f = o − start: n = d × A, m = f × A, the side is |m + t·n|² = r²·|A|². Its discriminant (n·m)² − |n|²·(|m|² − r²|A|²)
-//! equals |A|²·(r²|n|² − (f·n)²), as n × m = −A·(f·n); so no squares of the distance cancel.
+//! With f = o − start: n = d × A, m = f × A, the side is |m + t·n|² = r²·|A|². Its discriminant (n·m)² −
+//! |n|²·(|m|² − r²|A|²) equals |A|²·(r²|n|² − (f·n)²), as n × m = −A·(f·n); so no squares of the distance
+//! cancel.
 
 use std::cmp::Ordering;
 
-use super::surface::{Shape, Surface, parameters, positive};
+use super::surface::{Form, Roots, Shape, Surface, parameters, positive, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::{Chord, Root, Roots};
+use crate::arith::root::{Chord, Root};
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
@@ -32,9 +33,15 @@ impl Cylinder {
     }
 }
 
-/// The root if the line is between both ends there, where it is `from_start` + t·rise beyond the start, `from_end` + t·rise beyond the end.
+/// The root if the line is between both ends there, where it is `from_start` + t·rise beyond the start,
+/// `from_end` + t·rise beyond the end.
 #[inline(always)]
-fn between<N: Number>(root: Root<N>, from_start: &N, from_end: &N, rise: &N) -> Result<Option<Root<N>>, Uncertain> {
+fn between<N: Number>(
+    root: Root<N>,
+    from_start: &N,
+    from_end: &N,
+    rise: &N,
+) -> Result<Option<Root<N>>, Uncertain> {
     let above = root.sign_of_linear(from_start, rise)? != Ordering::Less;
     Ok(if above && root.sign_of_linear(from_end, rise)? != Ordering::Greater { Some(root) } else { None })
 }
@@ -42,8 +49,10 @@ fn between<N: Number>(root: Root<N>, from_start: &N, from_end: &N, rise: &N) -> 
 impl Shape for Cylinder {
     const MOST_ROOTS: usize = 2;
 
-    /// start, end, radius, and 1 if it is capped, else 0.
-    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+    /// capped: 1 or 0.
+    const FORMS: &'static [Form] = &[&[("start", 3), ("end", 3), ("radius", 1), ("capped", 1)]];
+
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
         let [a, b, c, x, y, z, radius, capped] = parameters(numbers)?;
         if [a, b, c] == [x, y, z] {
             return Err(format!("end: expected a point other than start, got {:?} for both", (x, y, z)));
@@ -73,26 +82,28 @@ impl Surface for Cylinder {
 
         let side = if a.is_zero()? {
             if !self.capped || c.sign()? == Ordering::Greater {
-                return Ok([None, None]);
+                return Ok(roots([None, None]));
             }
             None
         } else {
             let disc = length2.times(&r2.times(&a).minus(&vector::dot(&f, &n).squared()));
             let order = disc.sign()?;
             let b = vector::dot(&n, &m).negated();
-            let [Some(first), second] = Root::quadratic(a, b, c, disc, order, SIDE) else { return Ok([None, None]) };
+            let [Some(first), second] = Root::quadratic(a, b, c, disc, order, SIDE) else {
+                return Ok(roots([None, None]));
+            };
             Some((first, second))
         };
 
         if !self.capped {
-            let Some((first, second)) = side else { return Ok([None, None]) };
+            let Some((first, second)) = side else { return Ok(roots([None, None])) };
             let beyond_end = at_origin.minus(&height);
             let first = between(first, &at_origin, &beyond_end, &rise)?;
             let second = match second {
                 None => None,
                 Some(second) => between(second, &at_origin, &beyond_end, &rise)?,
             };
-            return Ok(if first.is_none() { [second, None] } else { [first, second] });
+            return Ok(roots(if first.is_none() { [second, None] } else { [first, second] }));
         }
 
         let mut chord = Chord::whole_line();
@@ -112,11 +123,11 @@ impl Surface for Cylinder {
             }
             Ordering::Equal => {
                 let beside = at_origin.sign()? == Ordering::Less || to_end.sign()? == Ordering::Less;
-                return if beside { Ok([None, None]) } else { chord.roots() };
+                return if beside { Ok(roots([None, None])) } else { Ok(roots(chord.roots()?)) };
             }
         };
         chord.cut(entry, exit)?;
-        chord.roots()
+        Ok(roots(chord.roots()?))
     }
 
     #[inline(always)]
@@ -171,7 +182,8 @@ impl Surface for Cylinder {
         let length = vector::length_above([x, y, z]);
         let across = [[0.0, y, z], [x, 0.0, z], [x, y, 0.0]].map(vector::length_above);
         Some(std::array::from_fn(|i| {
-            let share = if length.is_normal() { across[i] / length * (1.0 + 32.0 * f64::EPSILON) } else { 1.0 };
+            let share =
+                if length.is_normal() { across[i] / length * (1.0 + 32.0 * f64::EPSILON) } else { 1.0 };
             let reach = (self.radius * share.min(1.0)).next_up();
             Interval {
                 low: (self.start[i].min(self.end[i]) - reach).next_down(),
@@ -187,8 +199,8 @@ mod tests {
 
     #[test]
     fn the_box_is_close_around_both_circles() {
-        // What is expected here is off by less than 16 roundings of numbers near 1. The box reaches 16 + 32 ε too far along the share of the
-        // radius, and is rounded outward where |end| ≤ 4: 64 ε cover both.
+        // What is expected here is off by less than 16 roundings of numbers near 1. The box reaches 16 + 32 ε
+        // too far along the share of the radius, and is rounded outward where |end| ≤ 4: 64 ε cover both.
         let (off, close) = (8.0 * f64::EPSILON, 72.0 * f64::EPSILON);
         for end in [[0.0, 0.0, 2.0], [3.0, 0.0, 4.0], [1.0, -2.0, 2.0], [1e-200, 2e-200, 0.0]] {
             let cylinder = Cylinder { start: [0.0; 3], end, radius: 1.0, capped: true };

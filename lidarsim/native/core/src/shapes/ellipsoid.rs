@@ -1,14 +1,14 @@
 //! Ellipsoid: the image of the unit sphere under u ↦ center + R·diag(radii)·u.
 //!
-//! The ray is taken into the space of the unit sphere, which leaves t as it is. The common denominator of the inverse map
-//! is kept as the radius of the sphere there, so that nothing is divided.
+//! The ray is taken into the space of the unit sphere, which leaves t as it is. The common denominator of the
+//! inverse map is kept as the radius of the sphere there, so that nothing is divided.
 
 use std::sync::Arc;
 
 use super::sphere;
-use super::surface::{Shape, Surface, all_positive, parameters};
+use super::surface::{Form, Roots, Shape, Surface, all_positive, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::{Root, Roots};
+use crate::arith::root::Root;
 use crate::geometry::affine::{Affine, Inverse};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
@@ -50,8 +50,10 @@ impl Ellipsoid {
 impl Shape for Ellipsoid {
     const MOST_ROOTS: usize = 2;
 
-    /// center, radii, rotation by rows.
-    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+    /// x, y, z: the rows of the rotation.
+    const FORMS: &'static [Form] = &[&[("center", 3), ("radii", 3), ("x", 3), ("y", 3), ("z", 3)]];
+
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
         let [x, y, z, a, b, c, rotation @ ..] = parameters::<15>(numbers)?;
         all_positive("radii", &[a, b, c])?;
         let [r0, r1, r2, r3, r4, r5, r6, r7, r8] = rotation;
@@ -98,7 +100,8 @@ mod tests {
 
     #[test]
     fn the_box_touches_a_turned_ellipsoid() {
-        // Turned by the angle of the 3-4-5 triangle: (0.6·2)² + (0.8·1)² = 2.08 and (0.8·2)² + (0.6·1)² = 2.92.
+        // Turned by the angle of the 3-4-5 triangle: (0.6·2)² + (0.8·1)² = 2.08 and (0.8·2)² + (0.6·1)² =
+        // 2.92.
         let turn = [[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
         let ellipsoid = Ellipsoid::new([1.0, 0.0, 0.0], [2.0, 1.0, 3.0], turn);
         let found = ellipsoid.and_then(|ellipsoid| ellipsoid.bounds());

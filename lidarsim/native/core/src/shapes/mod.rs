@@ -1,6 +1,7 @@
 //! The shapes: their mathematics, one file each.
 //!
-//! To add one: write its file with its [`Surface`] and [`Shape`], and name it in `mod`, `pub use` and `surfaces!` below.
+//! To add one: write its file with its [`Surface`] and [`Shape`], and name it in `mod`, `pub use` and
+//! `surfaces!` below.
 
 mod r#box;
 mod cylinder;
@@ -18,11 +19,11 @@ pub use ellipsoid::Ellipsoid;
 pub use plane::Plane;
 pub use polygon::self_crossing;
 pub use sphere::Sphere;
-pub use surface::{Shape, Surface, SurfaceTask};
+pub use surface::{Form, Roots, Shape, Surface, SurfaceTask};
 pub use triangle::Triangle;
 
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::{Root, Roots};
+use crate::arith::root::Root;
 use crate::arith::simd::{Floats, Isa, LaneTask};
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
@@ -54,11 +55,21 @@ macro_rules! surfaces {
         })+
 
         impl AnySurface {
-            /// The shape of this name and these parameters; see [`Shape::from_numbers`].
-            pub fn new(name: &str, numbers: &[f64]) -> Result<Self, String> {
+            /// The shape of this name; see [`Shape::from_numbers`].
+            pub fn new(name: &str, form: usize, numbers: &[f64]) -> Result<Self, String> {
                 match name {
-                    $(stringify!($name) => <$name as Shape>::from_numbers(numbers).map(AnySurface::$name),)+
+                    $(stringify!($name) => {
+                        <$name as Shape>::from_numbers(form, numbers).map(AnySurface::$name)
+                    })+
                     _ => Err(format!("shape: unknown {name:?}")),
+                }
+            }
+
+            /// The forms of the shape of this name; none if there is no such shape.
+            pub fn forms(name: &str) -> &'static [Form] {
+                match name {
+                    $(stringify!($name) => <$name as Shape>::FORMS,)+
+                    _ => &[],
                 }
             }
 
@@ -67,12 +78,22 @@ macro_rules! surfaces {
                 match self { $(AnySurface::$name(_) => <$name as Shape>::MOST_ROOTS),+ }
             }
 
-            /// Runs the task in a separate function for each type of shape, which keeps these functions small; see `Isa::apart`.
+            /// Runs the task in a separate function for each type of shape, which keeps these functions
+            /// small; see `Isa::apart`.
             #[inline(always)]
-            pub fn apart<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
+            pub fn dispatch<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
                 match self { $(AnySurface::$name(shape) => I::apart(On(shape, task))),+ }
             }
         }
+
+        /// The most roots that a line has with any surface.
+        pub const MOST_ROOTS: usize = {
+            let mut most = 0;
+            $(if most < <$name as Shape>::MOST_ROOTS {
+                most = <$name as Shape>::MOST_ROOTS;
+            })+
+            most
+        };
 
         impl Surface for AnySurface {
             fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain> {
@@ -135,9 +156,11 @@ mod tests {
         for round in 0..4000 {
             let scale = [1.0, 1e-9, 1e-160, 1e-310, 1e-322, 1e150][round % 6];
             let place = [0.0, scale, 1e6 * scale][round % 3];
-            let mut point =
-                |place: f64, scale: f64| -> Point { [0; 3].map(|_: u8| place + scale * (2.0 * next() - 1.0)) };
-            let (center, end, size) = (point(place, scale), point(place, scale), point(0.0, scale).map(f64::abs));
+            let mut point = |place: f64, scale: f64| -> Point {
+                [0; 3].map(|_: u8| place + scale * (2.0 * next() - 1.0))
+            };
+            let (center, end, size) =
+                (point(place, scale), point(place, scale), point(0.0, scale).map(f64::abs));
             let rotation = [0; 3].map(|_: u8| point(0.0, 1.0));
             if size.contains(&0.0) || center == end {
                 continue;

@@ -1,5 +1,5 @@
-//! Refinement of a closest hit by one step of the interval Newton operator N(T) = m − F(m)/F'(T) (R. Moore, Interval Analysis, 1966), with F(m) in
-//! double-double: t, correctly rounded, and the normal there.
+//! Refinement of a closest hit by one step of the interval Newton operator N(T) = m − F(m)/F'(T) (R. Moore,
+//! Interval Analysis, 1966), with F(m) in double-double: t, correctly rounded, and the normal there.
 
 use super::Surface;
 use crate::arith::number::{
@@ -29,11 +29,12 @@ impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
     }
 }
 
-/// t, rounded to the nearest float64, and a normal there in the coordinates of the surface, which the rays are in too. `bounds` hold a root on part
-/// `feature` of the surface.
+/// t, rounded to the nearest float64, and a normal there in the coordinates of the surface, which the rays
+/// are in too. `bounds` hold a root on part `feature` of the surface.
 ///
-/// Let F(t) be the target's implicit function at t, t* the root within the bounds, m their middle, T an interval around m that holds them, and
-/// S ± e an enclosure of F'(T), e < |S|. Then t* − m = −F(m)/F'(ξ), ξ in T. With F(m) = f ± r this is −f/S, off by less than r/(|S| − e), and
+/// Let F(t) be the target's implicit function at t, t* the root within the bounds, m their middle, T an
+/// interval around m that holds them, and S ± e an enclosure of F'(T), e < |S|. Then t* − m = −F(m)/F'(ξ), ξ
+/// in T. With F(m) = f ± r this is −f/S, off by less than r/(|S| − e), and
 /// |f|·e/(|S|·(|S| − e)), and the rounding of the quotient.
 #[inline(always)]
 pub fn newton_step<L: Lanes<N>, const N: usize>(
@@ -88,13 +89,15 @@ pub(super) mod tests {
     use crate::shapes::Sphere;
     use crate::testing::{assert_slack, worst};
 
-    /// The share of its bound that a step is off by: on a ray into a surface, within bounds so `wide` that hold the root `at` some place.
+    /// The share of its bound that a step is off by: on a ray into a surface, within bounds so `wide` that
+    /// hold the root `at` some place.
     pub fn share(surface: &impl Surface, [origin, direction]: [Point; 2], at: f64, wide: f64) -> f64 {
         let Ok([Some(root), _]) = surface.roots(&Ray::<Dyadic>::new(origin, direction)) else { return 0.0 };
         let Ok(t) = Dyadic::value(&root) else { return 0.0 };
         let middle = t.split().0 + 0.999 * wide * (2.0 * at - 1.0).clamp(-1.0, 1.0);
         let bounds = Interval { low: middle - wide, high: middle + wide };
-        let Ok((middle, step, _)) = step_from_middle::<One, 1>(&Ray::new(origin, direction), surface, 0, bounds, One)
+        let Ok((middle, step, _)) =
+            step_from_middle::<One, 1>(&Ray::new(origin, direction), surface, 0, bounds, One)
         else {
             return 0.0;
         };
@@ -102,7 +105,8 @@ pub(super) mod tests {
         t.minus(&Dyadic::exact(middle)).minus(&Dyadic::exact(step)).split().0.abs() / error
     }
 
-    /// The error is that of the slope, which varies, beyond the bounds on their far side, too; that of F counts in the test of planes, whose slope does not vary.
+    /// The error is that of the slope, which varies, beyond the bounds on their far side, too; that of F
+    /// counts in the test of planes, whose slope does not vary.
     #[test]
     fn steps_are_as_near_as_their_bounds_say() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();

@@ -1,12 +1,12 @@
 //! Plane: t = n·(p − o)/(n·d).
 //!
-//! The plane keeps the numbers it was made from: the point form stays accurate far from the origin of coordinates, where
-//! n·p rounded once has already moved the plane.
+//! The plane keeps the numbers it was made from: the point form stays accurate far from the origin of
+//! coordinates, where n·p rounded once has already moved the plane.
 
-use super::surface::{Shape, Surface};
+use super::surface::{Form, Roots, Shape, Surface, parameters, roots};
 use super::triangle::{Triangle, triangle_normal};
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::{Root, Roots};
+use crate::arith::root::Root;
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
@@ -76,15 +76,24 @@ impl Plane {
 impl Shape for Plane {
     const MOST_ROOTS: usize = 1;
 
-    /// normal, distance; point, normal; or three points.
-    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
-        let plane = match *numbers {
-            [x, y, z, distance] => Plane::Distance { normal: [x, y, z], distance },
-            [a, b, c, x, y, z] => Plane::PointNormal { point: [a, b, c], normal: [x, y, z] },
-            _ => return Triangle::from_numbers(numbers).map(|Triangle(a, b, c)| Plane::Points(a, b, c)),
+    const FORMS: &'static [Form] =
+        &[&[("normal", 3), ("distance", 1)], &[("point", 3), ("normal", 3)], Triangle::FORMS[0]];
+
+    fn from_numbers(form: usize, numbers: &[f64]) -> Result<Self, String> {
+        let plane = match form {
+            0 => {
+                let [x, y, z, distance] = parameters(numbers)?;
+                Plane::Distance { normal: [x, y, z], distance }
+            }
+            1 => {
+                let [a, b, c, x, y, z] = parameters(numbers)?;
+                Plane::PointNormal { point: [a, b, c], normal: [x, y, z] }
+            }
+            _ => return Triangle::from_numbers(0, numbers).map(|Triangle(a, b, c)| Plane::Points(a, b, c)),
         };
         match plane {
-            Plane::Distance { normal: [0.0, 0.0, 0.0], .. } | Plane::PointNormal { normal: [0.0, 0.0, 0.0], .. } => {
+            Plane::Distance { normal: [0.0, 0.0, 0.0], .. }
+            | Plane::PointNormal { normal: [0.0, 0.0, 0.0], .. } => {
                 Err("normal: expected non-zero vectors, got normal = (0, 0, 0)".into())
             }
             plane => Ok(plane),
@@ -101,7 +110,7 @@ impl Surface for Plane {
             Some(_) => self.along_axis::<N, 2>(ray),
             None => (self.height(ray), vector::dot(&self.normal_of(), &ray.direction)),
         };
-        Ok([Root::ratio(height.negated(), slope, 0)?, None])
+        Ok(roots([Root::ratio(height.negated(), slope, 0)?, None]))
     }
 
     #[inline(always)]

@@ -38,7 +38,8 @@ fn intersect(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
         || (turns[3] == Ordering::Equal && between(c, d, b))
 }
 
-/// The first two edges of a closed outline that touch where they should not; edge i runs from vertex i to the next.
+/// The first two edges of a closed outline that touch where they should not; edge i runs from vertex i to the
+/// next.
 pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
     let n = outline.len();
     let edge = |i: usize| (outline[i], outline[(i + 1) % n]);
@@ -53,7 +54,8 @@ pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
             intersect(a, b, c, d)
         }
     };
-    // Edges that touch overlap along both axes. They are swept along the one on which they are the shorter, all in all.
+    // Edges that touch overlap along both axes. They are swept along the one on which they are the shorter,
+    // all in all.
     let span = |i: usize, axis: usize| {
         let (a, b) = edge(i);
         [a[axis].min(b[axis]), a[axis].max(b[axis])]

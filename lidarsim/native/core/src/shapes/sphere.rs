@@ -2,9 +2,9 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Shape, Surface, parameters, positive};
+use super::surface::{Form, Roots, Shape, Surface, parameters, positive, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::{Root, Roots};
+use crate::arith::root::Root;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Point, Vector};
 
@@ -16,8 +16,9 @@ pub struct Sphere {
 
 /// The roots of |f + t·d|² = r².
 ///
-/// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity this is the same number without the cancellation between
-/// two squares of the distance (E. Haines et al., Precision Improvements for Ray/Sphere Intersection, Ray Tracing Gems, 2019).
+/// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity this is the same number without the
+/// cancellation between two squares of the distance (E. Haines et al., Precision Improvements for Ray/Sphere
+/// Intersection, Ray Tracing Gems, 2019).
 #[inline(always)]
 pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<Roots<N>, Uncertain> {
     let a = vector::norm2(d);
@@ -25,14 +26,14 @@ pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<R
     let disc = r2.times(&a).minus(&vector::norm2(&vector::cross(f, d)));
     let order = disc.sign()?;
     if order == Ordering::Less {
-        return Ok([None, None]);
+        return Ok(roots([None, None]));
     }
     if order == Ordering::Equal {
-        return Ok([Some(touching_ball(f, d)), None]);
+        return Ok(roots([Some(touching_ball(f, d)), None]));
     }
     let b = vector::dot(f, d).negated();
     let c = vector::norm2(f).minus(&r2);
-    Ok(Root::quadratic(a, b, c, disc, order, 0))
+    Ok(roots(Root::quadratic(a, b, c, disc, order, 0)))
 }
 
 /// The root of a line that touches the ball.
@@ -44,8 +45,9 @@ pub fn touching_ball<N: Number>(f: &Vector<N>, d: &Vector<N>) -> Root<N> {
 impl Shape for Sphere {
     const MOST_ROOTS: usize = 2;
 
-    /// center, radius.
-    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+    const FORMS: &'static [Form] = &[&[("center", 3), ("radius", 1)]];
+
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
         let [x, y, z, radius] = parameters(numbers)?;
         positive("radius", radius)?;
         Ok(Sphere { center: [x, y, z], radius })
@@ -76,6 +78,9 @@ impl Surface for Sphere {
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
-        Some(self.center.map(|c| Interval { low: (c - self.radius).next_down(), high: (c + self.radius).next_up() }))
+        Some(
+            self.center
+                .map(|c| Interval { low: (c - self.radius).next_down(), high: (c + self.radius).next_up() }),
+        )
     }
 }

@@ -1,8 +1,9 @@
 //! Double-double with a running error bound.
 //!
-//! Algorithms and proven bounds: M. Joldes, J.-M. Muller, V. Popescu, Tight and rigorous error bounds for basic building
-//! blocks of double-word arithmetic, ACM TOMS 44 (2017); the square root by V. Lefèvre, N. Louvet, J.-M. Muller, J. Picot, L. Rideau,
-//! Accurate calculation of Euclidean norms using double-word arithmetic, ACM TOMS 49 (2023).
+//! Algorithms and proven bounds: M. Joldes, J.-M. Muller, V. Popescu, Tight and rigorous error bounds for
+//! basic building blocks of double-word arithmetic, ACM TOMS 44 (2017); the square root by V. Lefèvre, N.
+//! Louvet, J.-M. Muller, J. Picot, L. Rideau, Accurate calculation of Euclidean norms using double-word
+//! arithmetic, ACM TOMS 49 (2023).
 //!
 //! | operation | algorithm | bound |
 //! |---|---|---|
@@ -15,9 +16,9 @@
 //! | quotient | DWDivDW2 (17), with 9 in the place of 7 | 16u² |
 //! | square root | SQRTDWtoDW | 25/8·u² |
 //!
-//! The quotient's own bound is 15u² + 56u³; its inner product is off by 2u² instead of 1.5u², and the quotient by as much more. The constants
-//! below round these up. They hold where nothing overflows (then the bound is infinite or NaN) or underflows (covered by `UNDERFLOW`, or refused
-//! below `SMALL`).
+//! The quotient's own bound is 15u² + 56u³; its inner product is off by 2u² instead of 1.5u², and the
+//! quotient by as much more. The constants below round these up. They hold where nothing overflows (then the
+//! bound is infinite or NaN) or underflows (covered by `UNDERFLOW`, or refused below `SMALL`).
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -33,8 +34,9 @@ const TIMES: f64 = 5.0 * UNIT * UNIT;
 const OVER: f64 = 16.0 * UNIT * UNIT;
 const SQRT: f64 = 4.0 * UNIT * UNIT;
 
-/// Quotients and square roots of numbers below 2⁻⁸⁰⁰ are left to exact arithmetic. The residuals high − q·b.high and high − s² are multiples of
-/// a power of two above u²·|high|/4, so that they are exact down to 2⁻⁹⁶⁰; what underflow takes from the rest of a correction is far below u²·2⁻⁸⁰⁰.
+/// Quotients and square roots of numbers below 2⁻⁸⁰⁰ are left to exact arithmetic. The residuals high −
+/// q·b.high and high − s² are multiples of a power of two above u²·|high|/4, so that they are exact down to
+/// 2⁻⁹⁶⁰; what underflow takes from the rest of a correction is far below u²·2⁻⁸⁰⁰.
 const SMALL: f64 = f64::from_bits((1023 - 800) << 52);
 
 /// Squares of numbers between 2⁻⁴⁰⁰ and 2⁴⁰⁰ neither overflow nor underflow.
@@ -63,7 +65,12 @@ impl<L: Lanes<N>, const N: usize> OfRays<L, N> for DoubleDoubles<L, N> {
     #[inline(always)]
     fn load<const M: usize>(stored: &Stored<M>, i: usize, lanes: L) -> Self {
         let of = |x: &[f64; M]| L::Floats::load(&x.as_chunks().0[i]);
-        DoubleDoubles { high: of(&stored.high), low: Some(of(&stored.low)), error: Some(of(&stored.error)), lanes }
+        DoubleDoubles {
+            high: of(&stored.high),
+            low: Some(of(&stored.low)),
+            error: Some(of(&stored.error)),
+            lanes,
+        }
     }
 
     #[inline(always)]
@@ -174,7 +181,9 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
             (None, None) => return DoubleDoubles { high: ph, low: Some(pl), error: Some(underflow), lanes },
             (Some(low), None) => fast_two_sum(ph, low.mul_add(other.high, pl)),
             (None, Some(low)) => fast_two_sum(ph, low.mul_add(self.high, pl)),
-            (Some(a), Some(b)) => fast_two_sum(ph, pl.add(a.mul_add(other.high, self.high.mul_add(b, a.mul(b))))),
+            (Some(a), Some(b)) => {
+                fast_two_sum(ph, pl.add(a.mul_add(other.high, self.high.mul_add(b, a.mul(b)))))
+            }
         };
         let pad = splat::<L, N>(PAD);
         let rounding = high.abs().mul(splat::<L, N>(TIMES));
@@ -407,7 +416,11 @@ mod tests {
 
     /// High parts from ½ to 4 of either sign, and fractions of their last place.
     fn draw(i: usize, next: &mut dyn FnMut() -> f64) -> f64 {
-        if i % 2 == 1 { next() - 0.5 } else { (0.5 + 0.5 * next()) * [1.0, 2.0, -1.0, 4.0][(4.0 * next()) as usize] }
+        if i % 2 == 1 {
+            next() - 0.5
+        } else {
+            (0.5 + 0.5 * next()) * [1.0, 2.0, -1.0, 4.0][(4.0 * next()) as usize]
+        }
     }
 
     /// |x − found| against its bound.
@@ -460,11 +473,13 @@ mod tests {
         assert_eq!(nearly(&Dyadic::exact(-0.0)).sign(), Ok(Ordering::Equal));
     }
 
-    /// The constants are the proven bounds, rounded up to whole numbers. Of these the search finds 2.4u² of 3u² for a sum, 3.2u² of 4u² for a product,
-    /// 6.1u² of 15.5u² for a quotient and 2.9u² of 3.125u² for a square root.
+    /// The constants are the proven bounds, rounded up to whole numbers. Of these the search finds 2.4u² of
+    /// 3u² for a sum, 3.2u² of 4u² for a product, 6.1u² of 15.5u² for a quotient and 2.9u² of 3.125u² for a
+    /// square root.
     #[test]
     fn operations_are_as_near_as_their_bounds_say() {
-        let worst_sum = [9007199254740991.0, (-0.5_f64).next_up(), -4503599627370493.5, (-0.25_f64).next_up()];
+        let worst_sum =
+            [9007199254740991.0, (-0.5_f64).next_up(), -4503599627370493.5, (-0.25_f64).next_up()];
         let sum = |x: &[f64; 4]| {
             let ((a, p), (b, q)) = (number(x[0], x[1]), number(x[2], x[3]));
             share(a.plus(&b), &p.plus(&q))
@@ -483,7 +498,8 @@ mod tests {
         let root = |x: &[f64; 2]| {
             let (a, p) = number(x[0].abs(), x[1]);
             let zero = Dyadic::exact(0.0);
-            let [_, Some(root)] = Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
+            let [_, Some(root)] =
+                Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
             else {
                 return 0.0;
             };
@@ -497,7 +513,8 @@ mod tests {
         assert_slack("SQRT", root, 0.733);
     }
 
-    /// Operands that are off by a tenth of themselves, a square root's by nearly all: an error counts in full, and two of them together.
+    /// Operands that are off by a tenth of themselves, a square root's by nearly all: an error counts in
+    /// full, and two of them together.
     #[test]
     fn errors_of_operands_are_passed_on() {
         let given = |x: f64, off: f64| {
@@ -510,9 +527,14 @@ mod tests {
             let (x, y) = (1.0 + next(), 1.0 + next());
             let ((a, p), (b, q), (c, r)) = (given(x, 0.1 * x), given(y, 0.1 * y), given(y, -0.1 * y));
             let (d, s) = given(x, -0.99 * x);
-            let [_, Some(root)] =
-                Root::quadratic(Dyadic::exact(1.0), Dyadic::exact(0.0), s.negated(), s.clone(), Ordering::Greater, 0)
-            else {
+            let [_, Some(root)] = Root::quadratic(
+                Dyadic::exact(1.0),
+                Dyadic::exact(0.0),
+                s.negated(),
+                s.clone(),
+                Ordering::Greater,
+                0,
+            ) else {
                 unreachable!("a positive number has a root")
             };
             let shares = [
@@ -560,7 +582,8 @@ mod tests {
                     unreachable!("a positive number has a root")
                 };
                 for (found, root) in [(a.sqrt(), &root), (a.over(b), &Root::linear(p, q, 0))] {
-                    (known, refused) = (known + usize::from(found.is_ok()), refused + usize::from(found.is_err()));
+                    (known, refused) =
+                        (known + usize::from(found.is_ok()), refused + usize::from(found.is_err()));
                     assert!(share_of(found, root) <= 1.0, "2^{exponent}");
                 }
             }
@@ -568,11 +591,15 @@ mod tests {
         assert!(known > 300 && refused > 300, "{known}, {refused}");
     }
 
-    /// The 2u·|low| in `rounded` is twice what low ± error rounds. Of the 2u in `sign` low may take one from high, and the other is for the product.
+    /// The 2u·|low| in `rounded` is twice what low ± error rounds. Of the 2u in `sign` low may take one from
+    /// high, and the other is for the product.
     #[test]
     fn what_a_rounding_could_hide_is_uncertain() {
-        let number =
-            |low: f64, error: f64| DoubleDouble { low: Some(low), error: Some(error), ..DoubleDouble::exact(1.0) };
+        let number = |low: f64, error: f64| DoubleDouble {
+            low: Some(low),
+            error: Some(error),
+            ..DoubleDouble::exact(1.0)
+        };
         // The midpoint of 1 and the number above, or within less than half an ulp of `low` of it.
         assert_eq!(number(UNIT, UNIT * UNIT / 2.0).rounded(), Err(Uncertain));
         assert_eq!(number(UNIT, 0.0).rounded(), Err(Uncertain));

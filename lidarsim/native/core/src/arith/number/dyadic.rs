@@ -1,4 +1,5 @@
-//! Exact arithmetic on dyadic rationals, integers times powers of two: every float64 is one, and they are closed under sums and products.
+//! Exact arithmetic on dyadic rationals, integers times powers of two: every float64 is one, and they are
+//! closed under sums and products.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -78,8 +79,8 @@ impl Dyadic {
         self.signed(scale((kept + u64::from(up)) as f64, last))
     }
 
-    /// Two float64 numbers whose sum is the number to within u²/2, of which the second is at most u of the first; none where that is near to over- or
-    /// underflow.
+    /// Two float64 numbers whose sum is the number to within u²/2, of which the second is at most u of the
+    /// first; none where that is near to over- or underflow.
     pub(super) fn leading_parts(&self) -> Option<(f64, f64)> {
         let top = self.top();
         if !(-800..=1000).contains(&top) {
@@ -124,11 +125,15 @@ impl Dyadic {
         // At least 66 bits, and a bit below them that tells whether there are more.
         let (quotient, is_exact) = self.quotient(den, 66);
         let sticky = Integer::new(quotient.mantissa.is_negative(), u64::from(!is_exact));
-        Dyadic { mantissa: quotient.mantissa.shifted_plus(1, &sticky, false), exponent: quotient.exponent - 1 }
-            .nearest()
+        Dyadic {
+            mantissa: quotient.mantissa.shifted_plus(1, &sticky, false),
+            exponent: quotient.exponent - 1,
+        }
+        .nearest()
     }
 
-    /// The root as a quotient of sums in which nothing cancels, as in `RunningError::of_root`, with its square root cut after `bits`.
+    /// The root as a quotient of sums in which nothing cancels, as in `RunningError::of_root`, with its
+    /// square root cut after `bits`.
     fn fraction(root: &Root<Self>, bits: i64) -> (Self, Self) {
         if root.branch == 0 {
             return (root.b.clone(), root.a.clone());
@@ -148,13 +153,14 @@ impl Dyadic {
         Self::surd(&root.b.minus(&x.times(&root.a)), &Self::exact(f64::from(root.branch)), &root.disc)
     }
 
-    /// How the root compares with the number halfway between two neighbours, of which infinity counts as ±2¹⁰²⁴, as it does where numbers are
-    /// rounded.
+    /// How the root compares with the number halfway between two neighbours, of which infinity counts as
+    /// ±2¹⁰²⁴, as it does where numbers are rounded.
     fn compare_with_middle(root: &Root<Self>, low: f64, high: f64) -> Ordering {
         Self::compare_with(root, &Self::exact(low).plus(&Self::exact(high)).times(&Self::exact(0.5)))
     }
 
-    /// Sign of p + x·√d + y·√e, for d, e ≥ 0: once both sides of a comparison have the same sign, they may be squared.
+    /// Sign of p + x·√d + y·√e, for d, e ≥ 0: once both sides of a comparison have the same sign, they may be
+    /// squared.
     fn sign_of_two_surds(p: &Self, x: &Self, d: &Self, y: &Self, e: &Self) -> Ordering {
         let left = Self::surd(p, x, d);
         let right = surd_term(&y.negated(), e);
@@ -199,7 +205,8 @@ impl Number for Dyadic {
         let bits = x.to_bits();
         let biased = ((bits >> 52) & 0x7ff) as i64;
         let fraction = bits & ((1 << 52) - 1);
-        let (mantissa, exponent) = if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
+        let (mantissa, exponent) =
+            if biased == 0 { (fraction, -1074) } else { (fraction | 1 << 52, biased - 1075) };
         if mantissa == 0 {
             return Dyadic::zero();
         }
@@ -251,8 +258,8 @@ impl Number for Dyadic {
         Ok(None)
     }
 
-    /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is near enough to that. So the root
-    /// itself is compared with the midpoints around a float64 near it.
+    /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is
+    /// near enough to that. So the root itself is compared with the midpoints around a float64 near it.
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
         let t = Number::round(&approximate(root));
         if t.is_ok() {
@@ -276,9 +283,11 @@ impl Number for Dyadic {
         })
     }
 
-    /// What is left of the origin and t·d in a normal may be smaller than these by as many bits as the longest coefficient has.
+    /// What is left of the origin and t·d in a normal may be smaller than these by as many bits as the
+    /// longest coefficient has.
     fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
-        let longest = [&root.a, &root.b, &root.c, &root.disc].map(|x| x.mantissa.bits() as i64).into_iter().max();
+        let longest =
+            [&root.a, &root.b, &root.c, &root.disc].map(|x| x.mantissa.bits() as i64).into_iter().max();
         let bits = longest.unwrap_or(0) + BEYOND;
         let (num, den) = Self::fraction(root, bits);
         Ok(num.quotient(&den, bits).0)
@@ -295,7 +304,8 @@ impl Number for Dyadic {
 
     fn proportions(v: &[Self; 3]) -> Result<[f64; 3], Uncertain> {
         let largest = v.iter().filter(|x| !x.mantissa.is_zero()).map(Self::top).max().unwrap_or(0);
-        Ok(v.each_ref().map(|x| Dyadic { mantissa: x.mantissa.clone(), exponent: x.exponent - largest }.nearest()))
+        Ok(v.each_ref()
+            .map(|x| Dyadic { mantissa: x.mantissa.clone(), exponent: x.exponent - largest }.nearest()))
     }
 
     fn enclose(root: &Root<Self>) -> Result<Interval, Uncertain> {
@@ -316,7 +326,11 @@ mod tests {
         let mut checked = 0;
         for a in numbers {
             for b in numbers {
-                assert_eq!(Dyadic::exact(a).ratio(&Dyadic::exact(b)).to_bits(), (a / b).to_bits(), "{a} / {b}");
+                assert_eq!(
+                    Dyadic::exact(a).ratio(&Dyadic::exact(b)).to_bits(),
+                    (a / b).to_bits(),
+                    "{a} / {b}"
+                );
                 checked += 1;
             }
         }
@@ -334,7 +348,8 @@ mod tests {
     /// A quotient that is beside a midpoint of two float64 numbers by less than 2⁻³⁰⁰ of itself.
     #[test]
     fn quotients_next_to_midpoints_are_rounded_to_nearest() {
-        let divisor = Dyadic { mantissa: Integer::from_magnitude(false, &BigUint::from(3_u32).pow(200)), exponent: -7 };
+        let divisor =
+            Dyadic { mantissa: Integer::from_magnitude(false, &BigUint::from(3_u32).pow(200)), exponent: -7 };
         for (middle, low, high) in [(9007199254740993_u64, 0.0, 2.0), (9007199254740995, 0.0, 2.0)] {
             let whole = divisor.times(&Dyadic { mantissa: Integer::new(false, middle), exponent: 0 });
             for (less, expected) in [(true, low), (false, high)] {
@@ -359,9 +374,13 @@ mod tests {
         for (k, scale) in (2..2000).zip([1.0, 2.0_f64.powi(-450), 2.0_f64.powi(505)].into_iter().cycle()) {
             let x = f64::from(k) * 1.1;
             let disc = Dyadic::exact(x).times(&Dyadic::exact(scale).squared());
-            for (root, expected) in roots(Dyadic::zero(), disc).iter().zip([-x.sqrt() * scale, x.sqrt() * scale]) {
+            for (root, expected) in
+                roots(Dyadic::zero(), disc).iter().zip([-x.sqrt() * scale, x.sqrt() * scale])
+            {
                 assert_eq!(Dyadic::round(root), Ok(expected), "√{x}");
-                let Ok(Interval { low, high }) = Dyadic::enclose(root) else { unreachable!("that is certain") };
+                let Ok(Interval { low, high }) = Dyadic::enclose(root) else {
+                    unreachable!("that is certain")
+                };
                 let beside = [low, high].map(|x| Dyadic::compare_with(root, &Dyadic::exact(x)));
                 assert_eq!(beside, [Ordering::Greater, Ordering::Less], "√{x}");
             }
@@ -375,18 +394,34 @@ mod tests {
             exponent,
         };
         let mut checked = 0;
-        for x in [1.0, 1.0_f64.next_up(), 2.0, -3.0, 5e-324, 1e-320, f64::MIN_POSITIVE, 1e300, f64::MAX.next_down()] {
+        for x in [
+            1.0,
+            1.0_f64.next_up(),
+            2.0,
+            -3.0,
+            5e-324,
+            1e-320,
+            f64::MIN_POSITIVE,
+            1e300,
+            f64::MAX.next_down(),
+        ] {
             for (low, high) in [(x, x.next_up()), (x.next_down(), x)] {
                 let even = if low.to_bits() & 1 == 0 { low } else { high };
                 let middle = number(1, -1).times(&Dyadic::exact(low).plus(&Dyadic::exact(high)));
                 for away in [-1, -60, -200, -256, -300, -1000, -5000] {
-                    // b ± √disc is the midpoint, or beside it by less than 2^away of the root of the discriminant.
+                    // b ± √disc is the midpoint, or beside it by less than 2^away of the root of the
+                    // discriminant.
                     let s = number(3, middle.exponent);
                     for (off, expected) in [(-1, [low, high]), (0, [even, even]), (1, [high, low])] {
                         let disc = s.squared().times(&number(1, 0).plus(&number(off, away)));
-                        // The second root is above b, the first below; both cross the midpoint with the discriminant.
+                        // The second root is above b, the first below; both cross the midpoint with the
+                        // discriminant.
                         for (branch, b) in [(1, middle.minus(&s)), (0, middle.plus(&s))] {
-                            let near = Dyadic::compare_with_middle(&roots(b.clone(), disc.clone())[branch], low, high);
+                            let near = Dyadic::compare_with_middle(
+                                &roots(b.clone(), disc.clone())[branch],
+                                low,
+                                high,
+                            );
                             assert_eq!(near, if branch == 1 { off.cmp(&0) } else { 0.cmp(&off) });
                             if away < -1 {
                                 let rounded = Dyadic::round(&roots(b, disc.clone())[branch]);

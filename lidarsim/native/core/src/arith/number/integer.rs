@@ -4,7 +4,8 @@ use std::cmp::Ordering;
 
 use num_bigint::BigUint;
 
-/// Limbs in place: enough for the predicates of all shapes in one place, where float64 coordinates are of about one size.
+/// Limbs in place: enough for the predicates of all shapes in one place, where float64 coordinates are of
+/// about one size.
 const LIMBS: usize = 8;
 
 /// Sign and magnitude.
@@ -98,7 +99,8 @@ impl Integer {
         self.limbs().last().map_or(0, |last| 64 * self.length as u64 - u64::from(last.leading_zeros()))
     }
 
-    /// The 128 leading bits of the magnitude, zeros after the last, and of more than 128 the last one set if any beyond it is.
+    /// The 128 leading bits of the magnitude, zeros after the last, and of more than 128 the last one set if
+    /// any beyond it is.
     pub fn leading(&self) -> u128 {
         let limbs = self.limbs();
         let limb = |k: usize| if k < limbs.len() { limbs[limbs.len() - 1 - k] } else { 0 };
@@ -199,7 +201,8 @@ mod tests {
 
     use super::*;
 
-    /// Magnitudes of all lengths around limbs and the longest short integer: powers of two, what is below them, and others.
+    /// Magnitudes of all lengths around limbs and the longest short integer: powers of two, what is below
+    /// them, and others.
     fn integers() -> Vec<BigInt> {
         let mut state = 0x9e37_79b9_7f4a_7c15_u64;
         let mut next = move || {
@@ -209,9 +212,10 @@ mod tests {
             state
         };
         let mut found = vec![BigInt::ZERO];
-        for bits in
-            [1, 2, 53, 63, 64, 65, 127, 128, 129, 191, 192, 256, 320, 447, 448, 449, 510, 511, 512, 513, 576, 1100]
-        {
+        for bits in [
+            1, 2, 53, 63, 64, 65, 127, 128, 129, 191, 192, 256, 320, 447, 448, 449, 510, 511, 512, 513, 576,
+            1100,
+        ] {
             let power: BigInt = BigInt::from(1) << (bits - 1);
             let digits: Vec<u32> = (0..40).map(|_| next() as u32).collect();
             let random = BigInt::from_biguint(Sign::Plus, BigUint::new(digits)) % &power;

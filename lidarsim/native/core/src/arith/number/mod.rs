@@ -1,13 +1,14 @@
 //! Numbers with error bounds, and filtered predicates over them.
 //!
-//! Every formula of the core is written once, over [`Number`], and evaluated in up to three kinds of arithmetic:
-//! [`RunningError`] (float64 with a running error bound), [`DoubleDouble`] (double-double with a running error bound) and
-//! [`Dyadic`] (exact). A predicate that one kind cannot certify is [`Uncertain`]; [`decide`] then evaluates it in the
-//! next kind, and the last one is always certain: a floating-point filter, as in J. Shewchuk, Adaptive precision
-//! floating-point arithmetic and fast robust geometric predicates, 1997. So no formula holds an epsilon, and every
-//! decision is exact for the float64 input.
+//! Every formula of the core is written once, over [`Number`], and evaluated in up to three kinds of
+//! arithmetic: [`RunningError`] (float64 with a running error bound), [`DoubleDouble`] (double-double with a
+//! running error bound) and [`Dyadic`] (exact). A predicate that one kind cannot certify is [`Uncertain`];
+//! [`decide`] then evaluates it in the next kind, and the last one is always certain: a floating-point
+//! filter, as in J. Shewchuk, Adaptive precision floating-point arithmetic and fast robust geometric
+//! predicates, 1997. So no formula holds an epsilon, and every decision is exact for the float64 input.
 //!
-//! The first two kinds exist for a single ray and for the lanes of a register ([`RunningErrors`], [`DoubleDoubles`]).
+//! The first two kinds exist for a single ray and for the lanes of a register ([`RunningErrors`],
+//! [`DoubleDoubles`]).
 
 mod double_double;
 mod dyadic;
@@ -51,9 +52,11 @@ pub trait Number: Clone {
     fn locate(root: &Root<Self>) -> Result<Option<Self>, Uncertain>;
     /// The root rounded to the nearest float64.
     fn round(root: &Root<Self>) -> Result<Self::Floats, Uncertain>;
-    /// The root as a number of this kind; the exact kind cuts it, so late that a normal there is as `proportions` says.
+    /// The root as a number of this kind; the exact kind cuts it, so late that a normal there is as
+    /// `proportions` says.
     fn value(root: &Root<Self>) -> Result<Self, Uncertain>;
-    /// Float64 numbers in the proportions of `v`, to within 2⁻⁶⁰ of the largest and a rounding; the largest is neither huge nor tiny.
+    /// Float64 numbers in the proportions of `v`, to within 2⁻⁶⁰ of the largest and a rounding; the largest
+    /// is neither huge nor tiny.
     fn proportions(v: &[Self; 3]) -> Result<[Self::Floats; 3], Uncertain>;
     /// Float64 numbers that hold the root between them.
     fn enclose(root: &Root<Self>) -> Result<Interval<Self::Floats>, Uncertain>;
@@ -80,10 +83,11 @@ pub trait Number: Clone {
     }
 }
 
-/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with branch 0, t = b/a.
+/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with branch 0, t
+/// = b/a.
 ///
-/// The coefficients come from formulas that keep them accurate each on its own, so that `disc` is not evaluated as
-/// b² − a·c, and c is there to avoid the cancellation between b and √disc.
+/// The coefficients come from formulas that keep them accurate each on its own, so that `disc` is not
+/// evaluated as b² − a·c, and c is there to avoid the cancellation between b and √disc.
 #[derive(Clone, Debug)]
 pub struct Root<N> {
     pub a: N,
@@ -150,8 +154,8 @@ pub fn decide_exactly<Q: Predicate>(predicate: &Q) -> Q::Answer {
         .unwrap_or_else(|Uncertain| unreachable!("exact arithmetic is never uncertain"))
 }
 
-/// An exact number in double-double: its leading 128 bits in two parts. What they leave out, and the rounding of the lower part, is less than u²/2 of the
-/// number.
+/// An exact number in double-double: its leading 128 bits in two parts. What they leave out, and the rounding
+/// of the lower part, is less than u²/2 of the number.
 fn nearly(x: &Dyadic) -> DoubleDouble {
     match x.leading_parts() {
         _ if x.is_zero() == Ok(true) => DoubleDouble::exact(0.0),
@@ -160,7 +164,8 @@ fn nearly(x: &Dyadic) -> DoubleDouble {
     }
 }
 
-/// A root with its exact coefficients in double-double, which mostly tells as much as exact arithmetic on them.
+/// A root with its exact coefficients in double-double, which mostly tells as much as exact arithmetic on
+/// them.
 fn approximate(root: &Root<Dyadic>) -> Root<DoubleDouble> {
     let [a, b, c, disc] = [&root.a, &root.b, &root.c, &root.disc].map(nearly);
     Root { a, b, c, disc, branch: root.branch, t: None, touches: root.touches, feature: root.feature }
@@ -169,9 +174,11 @@ fn approximate(root: &Root<Dyadic>) -> Root<DoubleDouble> {
 /// Unit roundoff of float64, 2⁻⁵³.
 pub const UNIT: f64 = f64::EPSILON / 2.0;
 
-/// Covers the roundings made while an error bound itself is summed up: fewer than 8 of relative size `UNIT` each.
+/// Covers the roundings made while an error bound itself is summed up: fewer than 8 of relative size `UNIT`
+/// each.
 pub(crate) const PAD: f64 = 1.0 + 8.0 * f64::EPSILON;
 
-/// Covers what up to 32 operations lose when they underflow: half the smallest subnormal, 2⁻¹⁰⁷⁵, each. It is as large as 2⁻⁹⁰⁰ since
-/// processors are slow to multiply by subnormal numbers, which products of it and ordinary numbers shall not be either.
+/// Covers what up to 32 operations lose when they underflow: half the smallest subnormal, 2⁻¹⁰⁷⁵, each. It is
+/// as large as 2⁻⁹⁰⁰ since processors are slow to multiply by subnormal numbers, which products of it and
+/// ordinary numbers shall not be either.
 pub(crate) const UNDERFLOW: f64 = f64::from_bits((1023 - 900) << 52);

@@ -1,7 +1,7 @@
 //! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002).
 //!
-//! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running error μ is; weights, small multiples of u,
-//! depend on the formula alone, so that they are compile-time constants.
+//! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running error
+//! μ is; weights, small multiples of u, depend on the formula alone, so that they are compile-time constants.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -25,8 +25,8 @@ pub struct RunningErrors<L: Lanes<N>, const N: usize> {
 
 pub type RunningError = RunningErrors<One, 1>;
 
-/// The weight where a bound is given: a power of two near that of ordinary formulas, so that the size remains near the value. Products of
-/// several sizes that were much larger would be larger by as many factors.
+/// The weight where a bound is given: a power of two near that of ordinary formulas, so that the size remains
+/// near the value. Products of several sizes that were much larger would be larger by as many factors.
 const GIVEN: f64 = 8.0 * UNIT;
 
 impl<L: Lanes<N>, const N: usize> OfRays<L, N> for RunningErrors<L, N> {
@@ -94,8 +94,9 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
         }
     }
 
-    /// With ρ = 1/b rounded and q ≥ ε_b/|b|, q ≤ ½: |a/b − v| ≤ (ε_a + |a/b|·ε_b)/(|b| − ε_b) + 3u·|v| for v = a·ρ, rounded, and
-    /// 1/(|b| − ε_b) ≤ |1/b|·(1 + 2q). A ρ so small that it might have lost bits is refused. The size is that sum in units of 3u.
+    /// With ρ = 1/b rounded and q ≥ ε_b/|b|, q ≤ ½: |a/b − v| ≤ (ε_a + |a/b|·ε_b)/(|b| − ε_b) + 3u·|v| for v
+    /// = a·ρ, rounded, and 1/(|b| − ε_b) ≤ |1/b|·(1 + 2q). A ρ so small that it might have lost bits is
+    /// refused. The size is that sum in units of 3u.
     #[inline(always)]
     fn over(self, b: Self) -> Result<Self, Uncertain> {
         const WEIGHT: f64 = 3.0 * UNIT;
@@ -175,7 +176,8 @@ pub(super) fn splat<L: Lanes<N>, const N: usize>(x: f64) -> L::Floats {
     L::Floats::splat(x)
 }
 
-/// [value − error, value + error], rounded outward: with m = (ε + 4u·|v|)·PAD the rounding of v ± m, at most u·(|v| + m), is within m − ε.
+/// [value − error, value + error], rounded outward: with m = (ε + 4u·|v|)·PAD the rounding of v ± m, at most
+/// u·(|v| + m), is within m − ε.
 #[inline(always)]
 pub(super) fn interval<L: Lanes<N>, const N: usize>(
     value: L::Floats,
@@ -208,8 +210,9 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
         Self::rounded(splat::<L, N>(x), 0.0, L::OF_NO_RAY)
     }
 
-    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x + s_y, rounded: rounding is monotone. A sum of
-    /// float64 numbers that is subnormal is exact, so that nothing is lost to underflow.
+    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x + s_y,
+    /// rounded: rounding is monotone. A sum of float64 numbers that is subnormal is exact, so that nothing is
+    /// lost to underflow.
     #[inline(always)]
     fn plus(&self, other: &Self) -> Self {
         let (value, lanes) = (self.value.add(other.value), self.lanes.or(other.lanes));
@@ -217,7 +220,13 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
             return Self::rounded(value, UNIT, lanes);
         }
         let weight = (larger(self.weight, other.weight) + UNIT) * PAD;
-        RunningErrors { value, size: self.size.add(other.size), weight, nonzero: self.nonzero | other.nonzero, lanes }
+        RunningErrors {
+            value,
+            size: self.size.add(other.size),
+            weight,
+            nonzero: self.nonzero | other.nonzero,
+            lanes,
+        }
     }
 
     #[inline(always)]
@@ -225,8 +234,9 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
         self.plus(&other.negated())
     }
 
-    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s = s_x·s_y, rounded. The half of the smallest subnormal
-    /// that z may lose to underflow is less than half of what `PAD` adds, as w·s ≥ u·`UNDERFLOW`.
+    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s = s_x·s_y,
+    /// rounded. The half of the smallest subnormal that z may lose to underflow is less than half of what
+    /// `PAD` adds, as w·s ≥ u·`UNDERFLOW`.
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
         let (v, w) = (self.weight, other.weight);
@@ -356,7 +366,8 @@ mod tests {
         for up in [false, true] {
             let (a, p) = of(*x, up);
             let zero = Dyadic::exact(0.0);
-            let [_, Some(root)] = Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
+            let [_, Some(root)] =
+                Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
             else {
                 return 0.0;
             };
@@ -368,7 +379,8 @@ mod tests {
     /// Exact operands show the roundings of the operation itself, others what it makes of their errors.
     #[test]
     fn operations_are_as_near_as_their_bounds_say() {
-        let kinds: [(Given, [f64; 4]); 2] = [(exact, [1.0, 0.976, 0.632, 0.99]), (given, [1.0, 0.997, 0.942, 0.554])];
+        let kinds: [(Given, [f64; 4]); 2] =
+            [(exact, [1.0, 0.976, 0.632, 0.99]), (given, [1.0, 0.997, 0.942, 0.554])];
         for (of, known) in kinds {
             let sum = |x: &[f64; 2]| {
                 let ((a, p), (b, q)) = (of(x[0], true), of(x[1], true));
@@ -390,7 +402,8 @@ mod tests {
         }
     }
 
-    /// Operands that are off by any share of themselves: of quotients up to half of the divisor, where the bound is met, of roots all.
+    /// Operands that are off by any share of themselves: of quotients up to half of the divisor, where the
+    /// bound is met, of roots all.
     #[test]
     fn large_errors_of_operands_are_passed_on() {
         let vague = |x: f64, share: f64, sign: f64| {
@@ -411,7 +424,8 @@ mod tests {
             let error = x * (1.0 + y.abs());
             let p = Dyadic::exact(x).plus(&Dyadic::exact(error));
             let zero = Dyadic::exact(0.0);
-            let [_, Some(root)] = Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
+            let [_, Some(root)] =
+                Root::quadratic(Dyadic::exact(1.0), zero, p.negated(), p, Ordering::Greater, 0)
             else {
                 return 0.0;
             };
@@ -431,7 +445,8 @@ mod tests {
                 let [x, y] = [0; 2].map(|_: u8| (1.0 + next()) * 2.0_f64.powi(k));
                 let truth = Dyadic::value(&Root::linear(Dyadic::exact(x), Dyadic::exact(y), 0));
                 let found = RunningError::exact(x).over(RunningError::exact(y));
-                (known, refused) = (known + usize::from(found.is_ok()), refused + usize::from(found.is_err()));
+                (known, refused) =
+                    (known + usize::from(found.is_ok()), refused + usize::from(found.is_err()));
                 if let (Ok(found), Ok(truth)) = (found, truth) {
                     assert!(share(found, &truth) <= 1.0, "{x} / {y}");
                 }
@@ -450,7 +465,8 @@ mod tests {
         }
     }
 
-    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of v ± m, where one may be lost.
+    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of v ± m,
+    /// where one may be lost.
     #[test]
     fn an_interval_reaches_beyond_its_ball() {
         let (least, _) = worst(2, 1000, draw, |x: &[f64; 2]| {
@@ -466,8 +482,8 @@ mod tests {
         assert!((3.0..4.0).contains(&-least), "{least}");
     }
 
-    /// `PAD` makes up for eight roundings downward and one of its own product; `UNDERFLOW` is far above what 32 operations may lose, so that processors
-    /// need not multiply by subnormal numbers.
+    /// `PAD` makes up for eight roundings downward and one of its own product; `UNDERFLOW` is far above what
+    /// 32 operations may lose, so that processors need not multiply by subnormal numbers.
     #[test]
     fn pads_cover_what_they_should() {
         let eight = (0..9).fold(Dyadic::exact(PAD), |x, _| x.times(&Dyadic::exact(1.0 - UNIT)));

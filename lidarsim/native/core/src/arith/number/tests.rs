@@ -39,9 +39,9 @@ fn numbers() -> impl FnMut() -> f64 {
         match kind {
             0 => 0.0,
             1 => -0.0,
-            2 => f64::from_bits(bits % 64),                          // subnormal
-            3 => f64::from_bits(bits & !(0x7ff << 52) | 3 << 52),    // all but subnormal
-            4 => f64::from_bits(bits & !(0x7ff << 52) | 511 << 52),  // whose square is subnormal
+            2 => f64::from_bits(bits % 64),                         // subnormal
+            3 => f64::from_bits(bits & !(0x7ff << 52) | 3 << 52),   // all but subnormal
+            4 => f64::from_bits(bits & !(0x7ff << 52) | 511 << 52), // whose square is subnormal
             5 => f64::from_bits(bits & !(0x7ff << 52) | 1530 << 52), // whose square is huge
             6 => (bits % 5) as f64 - 2.0,
             7 | 8 => 1.0 + (bits % 8) as f64 * f64::EPSILON,
@@ -63,7 +63,8 @@ fn formulas<N: Number>(x: &[N; 4]) -> [N; 12] {
     [ab, cd, difference, cross, square, deep, p, q, r, s, sum.minus(c), sum.times(c)]
 }
 
-/// A quotient, both roots of a quadratic equation, and the root of a square that is mostly rounding, of numbers that were rounded.
+/// A quotient, both roots of a quadratic equation, and the root of a square that is mostly rounding, of
+/// numbers that were rounded.
 fn root<N: Number>(which: usize, x: &[N; 4]) -> Result<Root<N>, Uncertain> {
     let [a, b, c, d] = x;
     let positive = a.squared().plus(&d.squared()).plus(&N::exact(1e-30));
@@ -118,7 +119,8 @@ fn stored<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(x: &K) -> Stored<16> {
     stored
 }
 
-/// Returns how many certain numbers and how many roots it has checked. `others`: whether other forms of a number hold what it shall hold.
+/// Returns how many certain numbers and how many roots it has checked. `others`: whether other forms of a
+/// number hold what it shall hold.
 fn check<K: Enclosure<N>, const N: usize>(
     active: &Cell<u32>,
     of_rays: impl Fn(&[f64; N]) -> K,
@@ -143,7 +145,11 @@ fn check<K: Enclosure<N>, const N: usize>(
             let Ok(found) = root(k, &x).and_then(|root| K::value(&root)) else { continue };
             for lane in (0..N).filter(|lane| active.get() & 1 << lane != 0) {
                 let exact = root(k, &exactly(lane)).and_then(|root| Dyadic::value(&root));
-                assert!(exact.is_ok_and(|t| found.holds(lane, &t)), "root {k} of {:?}", values.map(|v| v[lane]));
+                assert!(
+                    exact.is_ok_and(|t| found.holds(lane, &t)),
+                    "root {k} of {:?}",
+                    values.map(|v| v[lane])
+                );
                 known += 1;
             }
         }
@@ -165,7 +171,9 @@ impl<T: LaneTask> Task for Each<T> {
 fn lanes_hold_the_exact_numbers() {
     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
         for [certain, known] in
-            [dispatch(level, Each(|| RunningErrorLanes)), dispatch(level, Each(|| DoubleDoubled))].into_iter().flatten()
+            [dispatch(level, Each(|| RunningErrorLanes)), dispatch(level, Each(|| DoubleDoubled))]
+                .into_iter()
+                .flatten()
         {
             assert!(certain > 2000 && known > 500, "{level:?}: {certain}, {known}");
         }

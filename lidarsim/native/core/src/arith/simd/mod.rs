@@ -1,7 +1,7 @@
 //! SIMD registers of floats: one trait, and one implementation per instruction set.
 //!
-//! Algorithms are written once, over [`Isa`], as functions that are always inlined; [`dispatch`] compiles them for each
-//! instruction set and picks one at run time. Only these files speak to the processor.
+//! Algorithms are written once, over [`Isa`], as functions that are always inlined; [`dispatch`] compiles
+//! them for each instruction set and picks one at run time. Only these files speak to the processor.
 
 mod portable;
 #[cfg(target_arch = "x86_64")]
@@ -53,7 +53,8 @@ const PLACE: u32 = 52 - FRACTION;
 const FRACTION_MASK: u64 = ((1 << FRACTION) - 1) << PLACE;
 const ONE: u64 = 1.0_f64.to_bits();
 
-/// The bits of a float32 but for its sign and the last three, which hold the number of a lane where lanes are sorted.
+/// The bits of a float32 but for its sign and the last three, which hold the number of a lane where lanes are
+/// sorted.
 const DISTANCE_MASK: u32 = 0x7fff_fff8;
 
 /// An instruction set.
@@ -78,8 +79,9 @@ pub trait Isa: Copy {
     fn deinterleaved(points: [Self::F64x8; 3]) -> [Self::F64x8; 3];
     /// From `columns` back to the coordinates, a point after the other.
     fn interleaved(columns: [Self::F64x8; 3]) -> [Self::F64x8; 3];
-    /// Selects the distances with `near` ≤ `far` and sorts them with their payloads, the farthest first: their number, the distances with the last
-    /// three bits rounded down, and the payloads; the rest of the arrays is unspecified. No distance is negative.
+    /// Selects the distances with `near` ≤ `far` and sorts them with their payloads, the farthest first:
+    /// their number, the distances with the last three bits rounded down, and the payloads; the rest of the
+    /// arrays is unspecified. No distance is negative.
     fn by_distance(near: Self::F32x8, far: Self::F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]);
     /// Eight empty masks.
     fn no_masks() -> Self::Masks;
@@ -92,10 +94,11 @@ pub trait Isa: Copy {
     fn put(lanes: u32, number: u32, places: &mut [u32; 8]);
     /// Prefetches the cache line of `address`.
     fn prefetch<T>(address: *const T);
-    /// Runs the task out of line, in a function compiled for this instruction set: code with several callers is compiled once, and no function becomes too
-    /// large.
+    /// Runs the task out of line, in a function compiled for this instruction set: code with several callers
+    /// is compiled once, and no function becomes too large.
     fn call<T: Task>(task: T) -> T::Output;
-    /// Runs the task with the widest registers, out of line and never inlined; none where registers have a single lane.
+    /// Runs the task with the widest registers, out of line and never inlined; none where registers have a
+    /// single lane.
     fn apart<T: LaneTask>(task: T) -> Option<T::Output>;
 }
 
@@ -103,7 +106,11 @@ pub trait Isa: Copy {
 #[inline(always)]
 pub fn load_points<I: Isa>(points: &[[f64; 3]; 8]) -> [I::F64x8; 3] {
     let (registers, _) = points.as_flattened().as_chunks();
-    I::deinterleaved([I::F64x8::load(&registers[0]), I::F64x8::load(&registers[1]), I::F64x8::load(&registers[2])])
+    I::deinterleaved([
+        I::F64x8::load(&registers[0]),
+        I::F64x8::load(&registers[1]),
+        I::F64x8::load(&registers[2]),
+    ])
 }
 
 /// The inverse of `load_points`, a coordinate after the other.
@@ -232,7 +239,10 @@ pub mod lanes {
 
     /// The coordinates of part `i` of vectors, an axis each.
     #[inline(always)]
-    pub fn part<F: Floats<f64, N>, const N: usize, const M: usize>([x, y, z]: &[[f64; M]; 3], i: usize) -> [F; 3] {
+    pub fn part<F: Floats<f64, N>, const N: usize, const M: usize>(
+        [x, y, z]: &[[f64; M]; 3],
+        i: usize,
+    ) -> [F; 3] {
         [load(x, i), load(y, i), load(z, i)]
     }
 
@@ -248,7 +258,11 @@ pub mod lanes {
 
     #[inline(always)]
     pub fn cross<F: Floats<f64, 8>>(a: [F; 3], b: [F; 3]) -> [F; 3] {
-        [a[1].mul(b[2]).sub(a[2].mul(b[1])), a[2].mul(b[0]).sub(a[0].mul(b[2])), a[0].mul(b[1]).sub(a[1].mul(b[0]))]
+        [
+            a[1].mul(b[2]).sub(a[2].mul(b[1])),
+            a[2].mul(b[0]).sub(a[0].mul(b[2])),
+            a[0].mul(b[1]).sub(a[1].mul(b[0])),
+        ]
     }
 
     /// As `dot`, with fewer roundings where that is faster.
@@ -304,7 +318,8 @@ mod tests {
             // From the first point asked for on, and from the second, where there are as many.
             let run = |i: usize| &self.points[self.at[i].min(self.points.len() - 4)..].as_chunks().0[0];
             let runs = I::columns_of_runs([run(0), run(1)]);
-            [columns, interleaved, I::deinterleaved(interleaved), runs].map(|registers| registers.map(I::F64x8::store))
+            [columns, interleaved, I::deinterleaved(interleaved), runs]
+                .map(|registers| registers.map(I::F64x8::store))
         }
     }
 
@@ -352,7 +367,8 @@ mod tests {
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 let (picked, put) = dispatch(level, Selected(lanes, &then, &otherwise, number, places));
                 for i in 0..8 {
-                    let (x, place) = if lanes & 1 << i != 0 { (then[i], number) } else { (otherwise[i], places[i]) };
+                    let (x, place) =
+                        if lanes & 1 << i != 0 { (then[i], number) } else { (otherwise[i], places[i]) };
                     assert_eq!((picked[i].to_bits(), put[i]), (x.to_bits(), place), "{level:?}, {lanes:b}");
                 }
             }
@@ -394,9 +410,9 @@ mod tests {
                 assert!(distances[..count].is_sorted_by(|a, b| a >= b), "{level:?}, {round}");
                 let mut left = hit.clone();
                 for (distance, found) in distances[..count].iter().zip(found) {
-                    let at = left
-                        .iter()
-                        .position(|&i| what[i] == found && distance.to_bits() == near[i].abs().to_bits() & !7);
+                    let at = left.iter().position(|&i| {
+                        what[i] == found && distance.to_bits() == near[i].abs().to_bits() & !7
+                    });
                     assert!(at.is_some(), "{level:?}: {distance} of {near:?}");
                     left.remove(at.unwrap_or(0));
                 }
@@ -415,13 +431,19 @@ mod tests {
             state
         };
         let random: Vec<[u64; 8]> = (0..200).map(|_| [0; 8].map(|_: u8| next())).collect();
-        for x in
-            random.iter().chain(&[[0; 8], [u64::MAX; 8], [0, 1, 1 << 20, 1 << 21, 1 << 41, 1 << 42, 1 << 62, 1 << 63]])
-        {
+        for x in random.iter().chain(&[
+            [0; 8],
+            [u64::MAX; 8],
+            [0, 1, 1 << 20, 1 << 21, 1 << 41, 1 << 42, 1 << 62, 1 << 63],
+        ]) {
             for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                 for (first, found) in dispatch(level, Fractions(x)) {
                     let k = x.map(|x| x >> first & 0x1f_ffff);
-                    assert_eq!(found, k.map(|k| 1.0 + k as f64 / 2_097_152.0), "{level:?}, bit {first} of {x:x?}");
+                    assert_eq!(
+                        found,
+                        k.map(|k| 1.0 + k as f64 / 2_097_152.0),
+                        "{level:?}, bit {first} of {x:x?}"
+                    );
                 }
             }
         }

@@ -1,8 +1,10 @@
 //! AVX2 with FMA, and AVX-512.
 //!
-//! SAFETY of all intrinsics here: they are executed by operations of the types below alone. Those are private to this file and reach others as the
-//! parameter of a task, from `run_avx2` and `run_avx512`, which `dispatch` calls on machines that have the features alone: so where such a type is
-//! known, the features are there. Loads and stores go through references to arrays of the size of the register, and are unaligned ones.
+//! SAFETY of all intrinsics here: they are executed by operations of the types below alone. Those are private
+//! to this file and reach others as the parameter of a task, from `run_avx2` and `run_avx512`, which
+//! `dispatch` calls on machines that have the features alone: so where such a type is known, the features are
+//! there. Loads and stores go through references to arrays of the size of the register, and are unaligned
+//! ones.
 
 use core::arch::x86_64::*;
 
@@ -118,7 +120,11 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
-    fn by_distance(Register(near): F32x8, Register(far): F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
+    fn by_distance(
+        Register(near): F32x8,
+        Register(far): F32x8,
+        what: &[u32; 8],
+    ) -> (usize, [f32; 8], [u32; 8]) {
         // SAFETY: as above.
         unsafe {
             let hit = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
@@ -246,7 +252,8 @@ fn in_order(keys: __m256i, what: &[u32; 8]) -> ([f32; 8], [u32; 8]) {
     (distances, found)
 }
 
-/// Eight signed integers in descending order: Batcher's bitonic sort. In each step the lanes of the mask, from the right, keep the larger of two.
+/// Eight signed integers in descending order: Batcher's bitonic sort. In each step the lanes of the mask,
+/// from the right, keep the larger of two.
 #[inline(always)]
 fn sorted(x: __m256i) -> __m256i {
     // SAFETY: as above.
@@ -266,7 +273,8 @@ fn exchanged<const LARGER: i32>(x: __m256i, other: __m256i) -> __m256i {
     unsafe { _mm256_blend_epi32::<LARGER>(_mm256_min_epi32(x, other), _mm256_max_epi32(x, other)) }
 }
 
-/// A point in the lower three lanes. The load of the fourth, beyond the point, is masked out, so that it is none.
+/// A point in the lower three lanes. The load of the fourth, beyond the point, is masked out, so that it is
+/// none.
 #[inline(always)]
 fn point(x: &[f64; 3]) -> __m256d {
     // SAFETY: as above; the lanes that are loaded lie within the array.
@@ -311,7 +319,8 @@ fn four_deinterleaved(Register(a): F64x4, Register(b): F64x4, Register(c): F64x4
 fn four_interleaved(Register(x): F64x4, Register(y): F64x4, Register(z): F64x4) -> [F64x4; 3] {
     // SAFETY: as above.
     unsafe {
-        let (xy, yz, zx) = (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(y, z), _mm256_shuffle_pd::<0b10_10>(z, x));
+        let (xy, yz, zx) =
+            (_mm256_unpacklo_pd(x, y), _mm256_unpackhi_pd(y, z), _mm256_shuffle_pd::<0b10_10>(z, x));
         [
             Register(_mm256_permute2f128_pd::<0x20>(xy, zx)),
             Register(_mm256_blend_pd::<0b11_00>(yz, xy)),
@@ -350,7 +359,10 @@ impl Isa for Avx512 {
     fn narrow(Register(low): F64x8, Register(high): F64x8) -> F32x16 {
         // SAFETY: as above.
         unsafe {
-            Register(_mm512_insertf32x8::<1>(_mm512_castps256_ps512(_mm512_cvtpd_ps(low)), _mm512_cvtpd_ps(high)))
+            Register(_mm512_insertf32x8::<1>(
+                _mm512_castps256_ps512(_mm512_cvtpd_ps(low)),
+                _mm512_cvtpd_ps(high),
+            ))
         }
     }
 
@@ -358,7 +370,8 @@ impl Isa for Avx512 {
     fn columns([a, b, c, d, e, f, g, h]: [&[f64; 3]; 8]) -> [Self::F64x8; 3] {
         // SAFETY: as above.
         unsafe {
-            // Two points a register: first their coordinates come side by side with the next ones', then the halves together.
+            // Two points a register: first their coordinates come side by side with the next ones', then the
+            // halves together.
             let (ac, bd) = (pair_of_points(a, c), pair_of_points(b, d));
             let (eg, fh) = (pair_of_points(e, g), pair_of_points(f, h));
             let (xz0, xz1) = (_mm512_unpacklo_pd(ac, bd), _mm512_unpacklo_pd(eg, fh));
@@ -404,7 +417,8 @@ impl Isa for Avx512 {
     fn interleaved([Register(x), Register(y), Register(z)]: [F64x8; 3]) -> [F64x8; 3] {
         // SAFETY: as above.
         unsafe {
-            // x and y in their places, and in those of z anything; then z, of which point k is number k + 8 there.
+            // x and y in their places, and in those of z anything; then z, of which point k is number k + 8
+            // there.
             let xy0 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 8, 0, 1, 9, 0, 2, 10), y);
             let xy1 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 3, 11, 0, 4, 12, 0, 5), y);
             let xy2 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(13, 0, 6, 14, 0, 7, 15, 0), y);
@@ -417,7 +431,11 @@ impl Isa for Avx512 {
     }
 
     #[inline(always)]
-    fn by_distance(Register(near): F32x8, Register(far): F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]) {
+    fn by_distance(
+        Register(near): F32x8,
+        Register(far): F32x8,
+        what: &[u32; 8],
+    ) -> (usize, [f32; 8], [u32; 8]) {
         // SAFETY: as above.
         unsafe {
             let hit = _mm256_cmp_ps_mask::<_CMP_LE_OQ>(near, far);
@@ -499,8 +517,8 @@ fn pair_of_points(low: &[f64; 3], high: &[f64; 3]) -> __m512d {
 }
 
 macro_rules! register {
-    ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident, $mul:ident,
-     $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident,
+    ($register:ty, $float:ty, $n:literal, $set1:ident, $loadu:ident, $storeu:ident, $add:ident, $sub:ident,
+     $mul:ident, $div:ident, $sqrt:ident, $fmadd:ident, $max:ident, $min:ident, $abs:ident,
      $compare:ident, $le_pick:ident, $largest:ident, $smallest:ident) => {
         impl Floats<$float, $n> for Register<$register> {
             #[inline(always)]
@@ -849,7 +867,8 @@ macro_rules! two {
             }
             #[inline(always)]
             fn load(x: &[$float; $n]) -> Self {
-                let [low, high]: &[[$float; $half]; 2] = x.as_chunks().0.try_into().unwrap_or(&[[0.0; $half]; 2]);
+                let [low, high]: &[[$float; $half]; 2] =
+                    x.as_chunks().0.try_into().unwrap_or(&[[0.0; $half]; 2]);
                 Two(<$register>::load(low), <$register>::load(high))
             }
             #[inline(always)]

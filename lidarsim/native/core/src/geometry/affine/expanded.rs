@@ -7,7 +7,8 @@ use crate::arith::root::Root;
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
-/// The inverse of affine maps, x ↦ linear·(x − offset − rest), for formulas that bound their own errors; and its parts before a division.
+/// The inverse of affine maps, x ↦ linear·(x − offset − rest), for formulas that bound their own errors; and
+/// its parts before a division.
 #[derive(Clone, Debug)]
 pub struct ExpandedInverse {
     /// The rows of the adjugate, which `linear` is over the determinant.
@@ -18,7 +19,8 @@ pub struct ExpandedInverse {
     rest: [Constant; 3],
 }
 
-/// 2^±200: what underflow takes from products with the inverse is then far below the bounds of numbers from 2⁻⁴⁰⁰ on, which `Crossing` asks for.
+/// 2^±200: what underflow takes from products with the inverse is then far below the bounds of numbers from
+/// 2⁻⁴⁰⁰ on, which `Crossing` asks for.
 const ORDINARY_MIN: f64 = f64::from_bits((1023 - 200) << 52);
 const ORDINARY_MAX: f64 = f64::from_bits((1023 + 200) << 52);
 
@@ -33,17 +35,22 @@ impl ExpandedInverse {
         }
         let rows = inverse.linear.rows.each_ref().map(|row| row.each_ref().map(Constant::from));
         let determinant = Constant::from(&determinant);
-        let rest = inverse.rest.as_ref().map_or([Constant::ZERO; 3], |rest| rest.each_ref().map(Constant::from));
-        let is_ordinary = |x: &Constant| x.size < ORDINARY_MAX && (x.high == 0.0 || x.high.abs() > ORDINARY_MIN);
+        let rest =
+            inverse.rest.as_ref().map_or([Constant::ZERO; 3], |rest| rest.each_ref().map(Constant::from));
+        let is_ordinary =
+            |x: &Constant| x.size < ORDINARY_MAX && (x.high == 0.0 || x.high.abs() > ORDINARY_MIN);
         let are_ordinary = rows.iter().chain(&linear).flatten().chain([&determinant]).all(is_ordinary);
         are_ordinary.then_some(ExpandedInverse { rows, determinant, linear, offset: inverse.offset, rest })
     }
 
-    /// The images of points, and their sizes: no coordinate is off by more than 180u² of its size, nor is its low part more than 6u of that.
+    /// The images of points, and their sizes: no coordinate is off by more than 180u² of its size, nor is its
+    /// low part more than 6u of that.
     ///
-    /// The difference of x and the offset is exact. The size F of its sum with the rest counts that 1/u times, and its error 1/(64u²) times: so the low part is at most u·F, and
-    /// off by 64u²·F, with what it rounds, and the low part of the rest. Of a product with a row, S = Σ|linear_ij|F_j, the low part is at most 5u·S; its roundings, of
-    /// parts of it, come to less than eight of all; and it leaves out u²·S. With what the row and the difference are off, that is less than 170u²·S.
+    /// The difference of x and the offset is exact. The size F of its sum with the rest counts that 1/u
+    /// times, and its error 1/(64u²) times: so the low part is at most u·F, and off by 64u²·F, with what it
+    /// rounds, and the low part of the rest. Of a product with a row, S = Σ|linear_ij|F_j, the low part is at
+    /// most 5u·S; its roundings, of parts of it, come to less than eight of all; and it leaves out u²·S. With
+    /// what the row and the difference are off, that is less than 170u²·S.
     #[inline(always)]
     pub fn points<I: Isa>(&self, x: V<I>) -> ([Expansion<I>; 3], V<I>) {
         let (from_x, size_x) = self.past_offset::<I>(0, x[0]);
@@ -69,7 +76,11 @@ impl ExpandedInverse {
 
     /// A product with a vector of constants, and the sum of the sizes of its terms.
     #[inline(always)]
-    pub fn product<I: Isa>(v: [Expansion<I>; 3], sizes: V<I>, [x, y, z]: [Constant; 3]) -> (Expansion<I>, I::F64x8) {
+    pub fn product<I: Isa>(
+        v: [Expansion<I>; 3],
+        sizes: V<I>,
+        [x, y, z]: [Constant; 3],
+    ) -> (Expansion<I>, I::F64x8) {
         let sum = Expansion::dot(v, [Expansion::splat(x), Expansion::splat(y), Expansion::splat(z)]);
         let size = lanes::dot(sizes, lanes::splat([x.size, y.size, z.size]));
         (sum, size.add(I::F64x8::splat(TINY)))
@@ -87,10 +98,12 @@ mod tests {
     use crate::geometry::ray::Ray;
     use crate::testing::{assert_slack, worst};
 
-    /// The largest share of its bound that the image of a point is off by, under the inverse of a map, or of two.
+    /// The largest share of its bound that the image of a point is off by, under the inverse of a map, or of
+    /// two.
     fn share(x: &[f64; 27], twice: bool, far: f64) -> f64 {
         let vector = |k: usize| -> Point { [x[k], x[k + 1], x[k + 2]] };
-        let map = |k: usize| Affine::new([vector(k), vector(k + 3), vector(k + 6)], vector(k + 9).map(|x| far * x));
+        let map =
+            |k: usize| Affine::new([vector(k), vector(k + 3), vector(k + 6)], vector(k + 9).map(|x| far * x));
         let Some(mut inverse) = Inverse::of(&map(0), None) else { return 0.0 };
         if twice {
             let Some(both) = Inverse::of(&map(12), Some(Arc::new(inverse))) else { return 0.0 };

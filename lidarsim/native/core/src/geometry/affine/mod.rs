@@ -46,7 +46,8 @@ impl Affine {
         *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
-    /// A box around the offset, which reaches as far along each axis, down and up, as `reach` says of the row of that axis.
+    /// A box around the offset, which reaches as far along each axis, down and up, as `reach` says of the row
+    /// of that axis.
     pub fn around(&self, reach: impl Fn([f64; 3]) -> [f64; 2]) -> [Interval; 3] {
         std::array::from_fn(|i| {
             let [below, above] = reach(self.linear[i]);
@@ -106,7 +107,8 @@ impl Inverse {
         self.rounded.get_or_make(|| RoundedInverse::of(&self.double_double)).as_ref()
     }
 
-    /// As expansions; none if there are numbers so large or small that products of several of them may overflow or underflow.
+    /// As expansions; none if there are numbers so large or small that products of several of them may
+    /// overflow or underflow.
     pub fn expanded(&self) -> Option<&ExpandedInverse> {
         self.expanded.get_or_make(|| ExpandedInverse::of(&self.double_double)).as_ref()
     }
@@ -139,8 +141,9 @@ impl Kinds for Inverse {
 
     #[inline(always)]
     fn dyadic(&self) -> &Adjugate<Dyadic> {
-        self.dyadic
-            .get_or_make(|| Adjugate::of(&self.last, self.reflects, self.before.as_ref().map(|before| before.dyadic())))
+        self.dyadic.get_or_make(|| {
+            Adjugate::of(&self.last, self.reflects, self.before.as_ref().map(|before| before.dyadic()))
+        })
     }
 
     #[inline(always)]
@@ -244,14 +247,15 @@ impl<P: Placement> RayPlacement for P {
     }
 }
 
-/// Placed by `first`, and then by a map that preserves orientation, which is inverted anew for each ray; by each of them if there is one.
+/// ComposedPlacement by `first`, and then by a map that preserves orientation, which is inverted anew for
+/// each ray; by each of them if there is one.
 #[derive(Clone, Copy)]
-pub struct Placed<'a> {
+pub struct ComposedPlacement<'a> {
     pub first: Option<&'a Inverse>,
     pub then: Option<&'a Affine>,
 }
 
-impl Placement for Placed<'_> {
+impl Placement for ComposedPlacement<'_> {
     #[inline(always)]
     fn local<N: Number>(self, ray: Ray<N>) -> Ray<N> {
         self.first.local(match self.then {
@@ -284,9 +288,9 @@ impl Affine {
     }
 }
 
-/// As [`Placed`], with a map for each of M rays after the placement that all share.
+/// As [`ComposedPlacement`], with a map for each of M rays after the placement that all share.
 #[derive(Clone, Copy)]
-struct PlacedRays<'a, P, const M: usize> {
+struct ComposedPlacements<'a, P, const M: usize> {
     first: P,
     then: &'a Affines<M>,
     part: usize,
@@ -301,7 +305,8 @@ pub struct Placements<'a, const M: usize> {
     pub then: Option<&'a Affines<M>>,
 }
 
-/// A function that is generic over the type of a placement and over registers of N lanes: an always inlined `run`.
+/// A function that is generic over the type of a placement and over registers of N lanes: an always inlined
+/// `run`.
 pub trait PlacementTask {
     type Output;
     fn run<F: Floats<f64, N>, P: RayPlacement, const N: usize>(self, placement: P) -> Self::Output;
@@ -325,12 +330,12 @@ impl<const M: usize> Placements<'_, M> {
 
     /// Runs the task in a separate function for each type of placement; see `Isa::apart`.
     #[inline(always)]
-    pub fn apart<I: Isa, T: PlacementTask>(self, task: T) -> Option<T::Output> {
+    pub fn dispatch<I: Isa, T: PlacementTask>(self, task: T) -> Option<T::Output> {
         match (self.first, self.then) {
             (None, None) => I::apart(With(Identity, task)),
             (Some(placement), None) => I::apart(With(placement, task)),
-            (None, Some(then)) => I::apart(With(PlacedRays { first: Identity, then, part: 0 }, task)),
-            (Some(first), Some(then)) => I::apart(With(PlacedRays { first, then, part: 0 }, task)),
+            (None, Some(then)) => I::apart(With(ComposedPlacements { first: Identity, then, part: 0 }, task)),
+            (Some(first), Some(then)) => I::apart(With(ComposedPlacements { first, then, part: 0 }, task)),
         }
     }
 }
@@ -353,7 +358,7 @@ impl<const M: usize> Affines<M> {
     }
 }
 
-impl<P: Placement, const M: usize> PlacedRays<'_, P, M> {
+impl<P: Placement, const M: usize> ComposedPlacements<'_, P, M> {
     #[inline(always)]
     fn column<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, j: usize, lanes: L) -> Vector<K> {
         vector::of_rays(lanes::part(&self.then.0[j], self.part), lanes)
@@ -361,15 +366,16 @@ impl<P: Placement, const M: usize> PlacedRays<'_, P, M> {
 
     #[inline(always)]
     fn cofactors<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, lanes: L) -> Cofactors<K> {
-        let ([a, b, c], [d, e, f], [g, h, i]) = (self.column(0, lanes), self.column(1, lanes), self.column(2, lanes));
+        let ([a, b, c], [d, e, f], [g, h, i]) =
+            (self.column(0, lanes), self.column(1, lanes), self.column(2, lanes));
         Cofactors::new(&[[a, d, g], [b, e, h], [c, f, i]])
     }
 }
 
-impl<P: Placement, const M: usize> RayPlacement for PlacedRays<'_, P, M> {
+impl<P: Placement, const M: usize> RayPlacement for ComposedPlacements<'_, P, M> {
     #[inline(always)]
     fn part(self, part: usize) -> Self {
-        PlacedRays { part, ..self }
+        ComposedPlacements { part, ..self }
     }
 
     #[inline(always)]
@@ -384,7 +390,8 @@ impl<P: Placement, const M: usize> RayPlacement for PlacedRays<'_, P, M> {
     }
 }
 
-/// The inverse of a linear map without its division: linear⁻¹ = rows/determinant, with the rows of the adjugate.
+/// The inverse of a linear map without its division: linear⁻¹ = rows/determinant, with the rows of the
+/// adjugate.
 #[derive(Clone, Debug)]
 struct Cofactors<N> {
     rows: [Vector<N>; 3],
@@ -403,8 +410,8 @@ impl<N: Number> Cofactors<N> {
         Cofactors { rows: [[a, d, g], [b, e, h], [c, f, i]], determinant }
     }
 
-    /// The ray in the coordinates before the map, for a positive determinant; `from` is its origin less what the offset of the map is, times
-    /// the weight.
+    /// The ray in the coordinates before the map, for a positive determinant; `from` is its origin less what
+    /// the offset of the map is, times the weight.
     #[inline(always)]
     fn apply(&self, from: Vector<N>, ray: &Ray<N>) -> Ray<N> {
         let weight = ray.weighted(self.determinant.clone());
@@ -425,7 +432,8 @@ impl<N: Number> Cofactors<N> {
     }
 }
 
-/// The inverse of an affine map, with the signs of its cofactors changed where the determinant is negative: of what is then
+/// The inverse of an affine map, with the signs of its cofactors changed where the determinant is negative:
+/// of what is then
 /// |determinant| times the inverse, outward normals stay outward through a reflection.
 #[derive(Clone, Debug)]
 pub struct Adjugate<N> {
@@ -440,8 +448,11 @@ impl<N: Number<Floats = f64>> Adjugate<N> {
     /// Of a map with a determinant of this sign, and of those before it.
     fn of(map: &Affine, reflects: bool, before: Option<&Self>) -> Self {
         let Cofactors { rows, determinant } = Cofactors::<N>::new(&map.linear.map(vector::exact));
-        let (rows, determinant) =
-            if reflects { (rows.each_ref().map(vector::negated), determinant.negated()) } else { (rows, determinant) };
+        let (rows, determinant) = if reflects {
+            (rows.each_ref().map(vector::negated), determinant.negated())
+        } else {
+            (rows, determinant)
+        };
         let own = Adjugate { linear: Cofactors { rows, determinant }, offset: map.offset, rest: None };
         match before {
             None => own,
@@ -457,7 +468,8 @@ impl<N: Number<Floats = f64>> Adjugate<N> {
             (self.offset, self.rest.clone())
         } else {
             let (from, to) = (first.whole_offset(), self.whole_offset());
-            let parts = [0, 1, 2].map(|i| vector::dot(&vector::exact(second.linear[i]), &from).plus(&to[i]).split());
+            let parts =
+                [0, 1, 2].map(|i| vector::dot(&vector::exact(second.linear[i]), &from).plus(&to[i]).split());
             (parts.each_ref().map(|(near, _)| *near), Some(parts.map(|(_, rest)| rest)))
         };
         let product = |row: &Vector<N>| columns.each_ref().map(|column| vector::dot(row, column));

@@ -6,7 +6,8 @@ use crate::arith::simd::{Floats, lanes};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Point;
 
-/// The inverse of affine maps in float64, x ↦ linear·(x − pivot) + image, and how far what it gives may be off.
+/// The inverse of affine maps in float64, x ↦ linear·(x − pivot) + image, and how far what it gives may be
+/// off.
 #[derive(Clone, Copy, Debug)]
 pub struct RoundedInverse {
     linear: [Point; 3],
@@ -20,8 +21,9 @@ pub struct RoundedInverse {
 impl RoundedInverse {
     /// None if the bounds are not certain.
     ///
-    /// With B the largest entry, and E the width of the widest interval that one is within: of a product, in units of Σ|wᵢ|, an entry that is off adds E, and
-    /// three products and their sums 3uB; where w is a difference, that adds uB, and the sum with the image T another uB, and u·T. The bounds have 8uB and
+    /// With B the largest entry, and E the width of the widest interval that one is within: of a product, in
+    /// units of Σ|wᵢ|, an entry that is off adds E, and three products and their sums 3uB; where w is a
+    /// difference, that adds uB, and the sum with the image T another uB, and u·T. The bounds have 8uB and
     /// 4u·T, which is room for their own roundings, too.
     pub(super) fn of(inverse: &Adjugate<DoubleDouble>) -> Option<Self> {
         let pivot = inverse.offset;
@@ -76,10 +78,12 @@ mod tests {
     use crate::geometry::vector::Vector;
     use crate::testing::{assert_slack, worst};
 
-    /// The largest shares of their bounds that the images of a point and of a vector are off by, by the inverse of a map, or of two.
+    /// The largest shares of their bounds that the images of a point and of a vector are off by, by the
+    /// inverse of a map, or of two.
     fn shares(x: &[f64; 30], twice: bool, far: f64) -> [f64; 2] {
         let vector = |k: usize| -> Point { [x[k], x[k + 1], x[k + 2]] };
-        let map = |k: usize| Affine::new([vector(k), vector(k + 3), vector(k + 6)], vector(k + 9).map(|x| far * x));
+        let map =
+            |k: usize| Affine::new([vector(k), vector(k + 3), vector(k + 6)], vector(k + 9).map(|x| far * x));
         let Some(mut inverse) = Inverse::of(&map(0), None) else { return [0.0; 2] };
         if twice {
             let Some(both) = Inverse::of(&map(12), Some(Arc::new(inverse))) else { return [0.0; 2] };
@@ -99,8 +103,9 @@ mod tests {
         ]
     }
 
-    /// Of a point and of a vector, by a map or two, near and far. That roundings are 5u of the 8u, or 3u, takes a row of equal entries, and all of them
-    /// the same way; and of entries of equal size few are the largest.
+    /// Of a point and of a vector, by a map or two, near and far. That roundings are 5u of the 8u, or 3u,
+    /// takes a row of equal entries, and all of them the same way; and of entries of equal size few are the
+    /// largest.
     #[test]
     fn images_are_off_by_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;

@@ -33,18 +33,22 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
     ]
 }
 
-/// The intersection of a ray with the plane of a triangle: t = n·(a − o)/(n·d), n = (b − a) × (c − a), by expansions.
+/// The intersection of a ray with the plane of a triangle: t = n·(a − o)/(n·d), n = (b − a) × (c − a), by
+/// expansions.
 ///
-/// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of n is at most 5u·A_i, from fewer than 10 roundings,
-/// and leaves out two products of u²·A_i in all: so the coordinate is off by less than 52u²·A_i. The low part of n·(a − o) is at most
-/// 12u·ΣA_i|r_i|, from fewer than 16 roundings, and leaves out 5u²·ΣA_i|r_i|: with what n is off, less than 250u²·ΣA_i|r_i|. For n·d it is
+/// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of n is at most
+/// 5u·A_i, from fewer than 10 roundings, and leaves out two products of u²·A_i in all: so the coordinate is
+/// off by less than 52u²·A_i. The low part of n·(a − o) is at most 12u·ΣA_i|r_i|, from fewer than 16
+/// roundings, and leaves out 5u²·ΣA_i|r_i|: with what n is off, less than 250u²·ΣA_i|r_i|. For n·d it is
 /// less. 320 covers the roundings of these bounds.
 ///
-/// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d). With N, D the high and ν, δ the low parts of these sums, and p + q = T·D, exactly,
-/// ρ = ((N − p) − q) + (ν − T·δ). N − p is exact by Sterbenz's lemma, as T is within 2 % of t. Each of the other four operations rounds by u of what it
-/// gives: T·δ, ν − T·δ, N − p − q, which is ρ less that, and ρ. That makes u·(2|ρ| + 2|ν| + 3|T·δ|). The reciprocal is that of D + δ, rounded, and rounded
-/// itself, and its product with ρ is: 3u·|ρ/D|. So the correction is off by less than 5u·(|ν| + |T·δ| + |ρ|)/|D|, but for terms in u². `ROUNDINGS` is three
-/// times that, which covers these, and the roundings of the bound; the u·|T·D| beside ν and T·δ covers that of low ± error where t is rounded.
+/// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d). With N, D the high and ν, δ the low parts of
+/// these sums, and p + q = T·D, exactly, ρ = ((N − p) − q) + (ν − T·δ). N − p is exact by Sterbenz's lemma,
+/// as T is within 2 % of t. Each of the other four operations rounds by u of what it gives: T·δ, ν − T·δ, N −
+/// p − q, which is ρ less that, and ρ. That makes u·(2|ρ| + 2|ν| + 3|T·δ|). The reciprocal is that of D + δ,
+/// rounded, and rounded itself, and its product with ρ is: 3u·|ρ/D|. So the correction is off by less than
+/// 5u·(|ν| + |T·δ| + |ρ|)/|D|, but for terms in u². `ROUNDINGS` is three times that, which covers these, and
+/// the roundings of the bound; the u·|T·D| beside ν and T·δ covers that of low ± error where t is rounded.
 pub struct Crossing<I: Isa> {
     t: Expansion<I>,
     error: I::F64x8,
@@ -52,7 +56,8 @@ pub struct Crossing<I: Isa> {
     ordinary: u32,
 }
 
-/// What all rays from one point have in common where they cross the plane of a triangle: n, n·(a − o), and what bounds their errors; see `Crossing`.
+/// What all rays from one point have in common where they cross the plane of a triangle: n, n·(a − o), and
+/// what bounds their errors; see `Crossing`.
 #[derive(Clone, Copy)]
 pub struct TrianglePlane<I: Isa> {
     normal: [Expansion<I>; 3],
@@ -79,17 +84,26 @@ impl<I: Isa> TrianglePlane<I> {
         TrianglePlane { normal, size, corner, num: Expansion::dot(normal, r), num_error }
     }
 
-    /// As `new`, of triangles in the coordinates of an object, seen from points of the world: with normals there.
+    /// As `new`, of triangles in the coordinates of an object, seen from points of the world: with normals
+    /// there.
     ///
-    /// With the adjugate R and the determinant w of the map that places the object, and the origin o in its coordinates, t = w·n·(a − o)/(N·d), N = Rᵀ·n.
+    /// With the adjugate R and the determinant w of the map that places the object, and the origin o in its
+    /// coordinates, t = w·n·(a − o)/(N·d), N = Rᵀ·n.
     ///
-    /// Of R and w the low parts are at most u of their sizes, and off by 64u² of these. The roundings of the low part of a sum of three products, of parts of it, come to less
-    /// than eight of all. That of a coordinate of N is at most 9u·C, C = ΣA_i|R_ij|, and leaves out 5u²·C: with what n and R are off, less than 200u²·C. That of N·d is
-    /// at most 12u·ΣC_j|d_j|: with what N is off, less than 300u²·ΣC_j|d_j|. The difference a − o, of size Q, has a low part of at most 7u·Q, which is off by 180u²·Q and
-    /// a rounding. So that of n·(a − o) is at most 15u·ΣA_iQ_i, and leaves out 35u²·ΣA_iQ_i: with what n and the difference are off, less than 400u²·ΣA_iQ_i. The product with
-    /// w adds two roundings of 17u, 15u² that it leaves out, and 64u²: less than 520u²·wΣA_iQ_i. For both, `BOUND` is taken twice, which is 640u².
+    /// Of R and w the low parts are at most u of their sizes, and off by 64u² of these. The roundings of the
+    /// low part of a sum of three products, of parts of it, come to less than eight of all. That of a
+    /// coordinate of N is at most 9u·C, C = ΣA_i|R_ij|, and leaves out 5u²·C: with what n and R are off, less
+    /// than 200u²·C. That of N·d is at most 12u·ΣC_j|d_j|: with what N is off, less than 300u²·ΣC_j|d_j|. The
+    /// difference a − o, of size Q, has a low part of at most 7u·Q, which is off by 180u²·Q and a rounding.
+    /// So that of n·(a − o) is at most 15u·ΣA_iQ_i, and leaves out 35u²·ΣA_iQ_i: with what n and the
+    /// difference are off, less than 400u²·ΣA_iQ_i. The product with w adds two roundings of 17u, 15u² that
+    /// it leaves out, and 64u²: less than 520u²·wΣA_iQ_i. For both, `BOUND` is taken twice, which is 640u².
     #[inline(always)]
-    pub fn placed(corners: [V<I>; 3], inverse: &ExpandedInverse, (o, o_size): ([Expansion<I>; 3], V<I>)) -> Self {
+    pub fn placed(
+        corners: [V<I>; 3],
+        inverse: &ExpandedInverse,
+        (o, o_size): ([Expansion<I>; 3], V<I>),
+    ) -> Self {
         let (n, size) = Self::normals(corners);
         let [[r00, r01, r02], [r10, r11, r12], [r20, r21, r22]] = inverse.rows;
         let (x, x_size) = ExpandedInverse::product(n, size, [r00, r10, r20]);
@@ -99,8 +113,10 @@ impl<I: Isa> TrianglePlane<I> {
         let (from_x, reach_x) = Self::from_origin(corner[0], o[0], o_size[0]);
         let (from_y, reach_y) = Self::from_origin(corner[1], o[1], o_size[1]);
         let (from_z, reach_z) = Self::from_origin(corner[2], o[2], o_size[2]);
-        let num =
-            Expansion::product(Expansion::splat(inverse.determinant), Expansion::dot(n, [from_x, from_y, from_z]));
+        let num = Expansion::product(
+            Expansion::splat(inverse.determinant),
+            Expansion::dot(n, [from_x, from_y, from_z]),
+        );
         let reach = lanes::dot(size, [reach_x, reach_y, reach_z]);
         let num_error = reach.mul(I::F64x8::splat(2.0 * BOUND * inverse.determinant.size));
         let two = I::F64x8::splat(2.0);
@@ -182,8 +198,8 @@ impl<I: Isa> Crossing<I> {
         let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(ROUNDINGS));
         let error = num_error.add(first.abs().mul(den_error)).mul(inverse).abs();
         let error = error.add(roundings).mul(I::F64x8::splat(1.0 + 1.0 / 16.0));
-        // den is at least 128 times its error and its low part, and num at least 8 times its low part, so that T is within 2 % of N/D and 20 % of
-        // the truth.
+        // den is at least 128 times its error and its low part, and num at least 8 times its low part, so
+        // that T is within 2 % of N/D and 20 % of the truth.
         let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
         let (num_size, den_size) = (num_high.abs(), den_high.abs());
         let ordinary = tiny.lt(den_size)
@@ -259,12 +275,15 @@ mod tests {
         let bound = |v: [f64; 3]| BOUND * (0..3).map(|i| size[i][0] * v[i].abs()).sum::<f64>();
         let n: [Dyadic; 3] =
             crate::shapes::triangle::normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c));
-        let truth =
-            [vector::dot(&n, &vector::sub(&vector::exact(a), &vector::exact(o))), vector::dot(&n, &vector::exact(d))];
+        let truth = [
+            vector::dot(&n, &vector::sub(&vector::exact(a), &vector::exact(o))),
+            vector::dot(&n, &vector::exact(d)),
+        ];
         ([(num, bound(r.map(|r| r.high[0]))), (den, bound(d))], truth)
     }
 
-    /// The bounds count roundings, which do not come all together: of the 250u² that were derived, and 320u² are kept, the search finds 10u².
+    /// The bounds count roundings, which do not come all together: of the 250u² that were derived, and 320u²
+    /// are kept, the search finds 10u².
     #[test]
     fn sums_of_triple_products_are_as_near_as_the_bound_says() {
         let found = [0, 1].map(|which| {
@@ -284,7 +303,8 @@ mod tests {
         let (found, _) = worst(6, 1500, draw, |x| {
             let [a, b, c, o, d] = points(x).map(in_lanes);
             let ([(num, _), (den, _)], _) = sums(x);
-            let Crossing { t, ordinary, .. } = Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
+            let Crossing { t, ordinary, .. } =
+                Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
             if ordinary & 1 == 0 {
                 return 0.0;
             }
@@ -304,7 +324,8 @@ mod tests {
         let (found, _) = worst(6, 1500, draw, |x| {
             let [a, b, c, o, d] = points(x).map(in_lanes);
             let (_, [num, den]) = sums(x);
-            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
+            let Crossing { t, error, ordinary, .. } =
+                Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
             if ordinary & 1 == 0 {
                 return 0.0;
             }
@@ -317,7 +338,8 @@ mod tests {
     #[test]
     fn placed_triangles_are_off_by_the_shares_of_their_bounds_that_are_known() {
         let found = [0, 1, 2].map(|which| worst(6, 1500, draw, |x: &[f64; 27]| placed(x)[which]).0);
-        for ((what, known), found) in [("N·d", 0.0155), ("w·n·(a − o)", 0.011), ("t", 0.009)].into_iter().zip(found)
+        for ((what, known), found) in
+            [("N·d", 0.0155), ("w·n·(a − o)", 0.011), ("t", 0.009)].into_iter().zip(found)
         {
             assert_slack(what, found, known);
         }
@@ -352,15 +374,17 @@ mod tests {
         ]
     }
 
-    /// As `t_is_as_near_as_it_says`, of rays that all but lie in the plane: both sums cancel, and their low parts are nearly as large as what is left of the
-    /// high ones.
+    /// As `t_is_as_near_as_it_says`, of rays that all but lie in the plane: both sums cancel, and their low
+    /// parts are nearly as large as what is left of the high ones.
     #[test]
     fn t_of_grazing_rays_is_as_near_as_it_says() {
-        let draw = |i: usize, next: &mut dyn FnMut() -> f64| if i < 15 { next() - 0.5 } else { 100.0 * next() };
+        let draw =
+            |i: usize, next: &mut dyn FnMut() -> f64| if i < 15 { next() - 0.5 } else { 100.0 * next() };
         let mut used = 0;
         let (found, _) = worst(12, 1500, draw, |x: &[f64; 17]| {
             let [a, b, c, o, d] = std::array::from_fn(|k| std::array::from_fn(|axis| x[3 * k + axis]));
-            let edges = |[u, v, _]: Point| -> Point { [0, 1, 2].map(|i| u * (b[i] - a[i]) + v * (c[i] - a[i])) };
+            let edges =
+                |[u, v, _]: Point| -> Point { [0, 1, 2].map(|i| u * (b[i] - a[i]) + v * (c[i] - a[i])) };
             let off = |x: f64| 2.0_f64.powi(-(x.abs().min(100.0) as i32));
             let aside = |p: Point, from: Point, by: f64| -> Point {
                 let along = edges(p);
@@ -370,7 +394,8 @@ mod tests {
             let all = std::array::from_fn(|k| [a, b, c, o, d][k / 3][k % 3]);
             let (_, [num, den]) = sums(&all);
             let [a, b, c, o, d] = points(&all).map(in_lanes);
-            let Crossing { t, error, ordinary, .. } = Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
+            let Crossing { t, error, ordinary, .. } =
+                Crossing::<Portable>::new(&TrianglePlane::new([a, b, c], o), d);
             if ordinary & 1 == 0 {
                 return 0.0;
             }
@@ -388,7 +413,8 @@ mod tests {
         let (mut known, mut refused) = (0, 0);
         for k in -350..-100 {
             for _ in 0..8 {
-                let x: [f64; 15] = std::array::from_fn(|i| (next() - 0.5) * if i < 12 { 2.0_f64.powi(k) } else { 1.0 });
+                let x: [f64; 15] =
+                    std::array::from_fn(|i| (next() - 0.5) * if i < 12 { 2.0_f64.powi(k) } else { 1.0 });
                 let (_, [num, den]) = sums(&x);
                 let [a, b, c, o, d] = points(&x).map(in_lanes);
                 let Crossing { t, error, ordinary, .. } =
@@ -416,12 +442,14 @@ mod tests {
     /// The ends are at least seven roundings outside: eight, but for the one of the sum itself.
     #[test]
     fn bounds_reach_beyond_the_error() {
-        let draw = |i: usize, next: &mut dyn FnMut() -> f64| if i == 0 { 1.0 + next() } else { 2.0 * next() - 1.0 };
+        let draw =
+            |i: usize, next: &mut dyn FnMut() -> f64| if i == 0 { 1.0 + next() } else { 2.0 * next() - 1.0 };
         let (least, _) = worst(4, 1000, draw, |x: &[f64; 3]| {
             let (high, low, error) = (x[0], x[1].clamp(-1.0, 1.0) * UNIT, x[2].abs() * UNIT);
             let (t, _) = crossing([high, low], error).bounds();
             let beyond = |end: f64, sign: f64| {
-                let reached = Dyadic::exact(high).plus(&Dyadic::exact(low)).plus(&Dyadic::exact(sign * error));
+                let reached =
+                    Dyadic::exact(high).plus(&Dyadic::exact(low)).plus(&Dyadic::exact(sign * error));
                 sign * Dyadic::exact(end).minus(&reached).split().0 / (UNIT * high)
             };
             -beyond(t.low[0], -1.0).min(beyond(t.high[0], 1.0))
@@ -436,8 +464,13 @@ mod tests {
         for (size, known) in [(0.9 * promised, 0xff), (1.1 * promised, 0)] {
             let of = |high: f64| Expansion { high: [high; 8], low: [0.0; 8] };
             let (normal, size) = ([of(1.0), of(0.0), of(0.0)], in_lanes([size, 0.0, 0.0]));
-            let plane =
-                TrianglePlane::<Portable> { normal, size, corner: [[0.0; 8]; 3], num: of(1.0), num_error: [0.0; 8] };
+            let plane = TrianglePlane::<Portable> {
+                normal,
+                size,
+                corner: [[0.0; 8]; 3],
+                num: of(1.0),
+                num_error: [0.0; 8],
+            };
             assert_eq!(plane.unit_normal().1, known);
         }
     }

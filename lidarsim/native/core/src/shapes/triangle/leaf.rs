@@ -11,12 +11,13 @@ pub const LEAF_SIZE: usize = 8;
 
 /// Up to eight triangles, their vertices on a grid.
 ///
-/// What is decided here is certain for the vertices as given, since every bound includes the error of the grid; uncertain candidates are
-/// deferred.
+/// What is decided here is certain for the vertices as given, since every bound includes the error of the
+/// grid; uncertain candidates are deferred.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Leaf {
-    /// By vertex and triangle, x in the lowest bits: a coordinate k stands for anchor + (1 + k/2²¹)·2^exponent.
+    /// By vertex and triangle, x in the lowest bits: a coordinate k stands for anchor + (1 +
+    /// k/2²¹)·2^exponent.
     grid: [[u64; LEAF_SIZE]; 3],
     id: [u32; LEAF_SIZE],
     anchor: Point,
@@ -56,7 +57,8 @@ pub struct Edges<I: Isa> {
 pub struct Planes {
     /// a·(c × b), with the sign of the volumes.
     distance: [f64; LEAF_SIZE],
-    /// Four times as much as the volumes' sum may be off, for each unit of a direction's length and of its error.
+    /// Four times as much as the volumes' sum may be off, for each unit of a direction's length and of its
+    /// error.
     turned: [f64; 2],
     /// The same of the distance.
     moved: f64,
@@ -84,7 +86,8 @@ pub struct LeafRays<I: Isa> {
     pub error: F64x8<I>,
 }
 
-/// Bounds of the directions of many rays: of each coordinate, the sum of the largest |dᵢ| or a number above it, and how far any coordinate is off.
+/// Bounds of the directions of many rays: of each coordinate, the sum of the largest |dᵢ| or a number above
+/// it, and how far any coordinate is off.
 #[derive(Clone, Copy)]
 pub struct DirectionBounds {
     pub low: Point,
@@ -93,7 +96,8 @@ pub struct DirectionBounds {
     pub error: f64,
 }
 
-/// Eight rays against one triangle: those that may hit it, those that certainly hit it at a t within bounds, and these.
+/// Eight rays against one triangle: those that may hit it, those that certainly hit it at a t within bounds,
+/// and these.
 pub struct TriangleTest<I: Isa> {
     pub candidates: u32,
     pub known: u32,
@@ -121,7 +125,8 @@ impl Leaf {
         let scale = power_of_two(exponent);
         let anchor = low.map(|x| x - scale);
         let (mut grid, mut all) = ([[0; LEAF_SIZE]; 3], [0; LEAF_SIZE]);
-        // The largest |N|₁, of sides in units of the scale: they are at most 1, so that less than 32 roundings are u each.
+        // The largest |N|₁, of sides in units of the scale: they are at most 1, so that less than 32
+        // roundings are u each.
         let mut thickness = 0.0;
         for (lane, &id) in ids.iter().enumerate() {
             all[lane] = id;
@@ -179,29 +184,42 @@ impl Leaf {
     /// The vertices of each triangle on the grid.
     #[inline(always)]
     pub fn grid_vertices<I: Isa>(&self) -> GridVertices<I> {
-        GridVertices([fractions::<I>(&self.grid[0]), fractions::<I>(&self.grid[1]), fractions::<I>(&self.grid[2])])
+        GridVertices([
+            fractions::<I>(&self.grid[0]),
+            fractions::<I>(&self.grid[1]),
+            fractions::<I>(&self.grid[2]),
+        ])
     }
 
-    /// The candidates, triangles that a ray may hit, and those of them that it certainly hits, a bit each: by the three volumes U = d·(c × b),
-    /// V = d·(a × c), W = d·(b × a). Two different signs are a miss, three equal signs a hit. U + V + W is stored in `sums`.
+    /// The candidates, triangles that a ray may hit, and those of them that it certainly hits, a bit each: by
+    /// the three volumes U = d·(c × b), V = d·(a × c), W = d·(b × a). Two different signs are a miss, three
+    /// equal signs a hit. U + V + W is stored in `sums`.
     ///
-    /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is off by δ = 3u·m + ε at most,
-    /// a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its three products with d by that and 6u·m² a unit of |d|₁.
-    /// While δ ≤ m, which m ≥ ε brings about, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has
-    /// 32, 8 and 8 in these places to cover its own roundings.
+    /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is
+    /// off by δ = 3u·m + ε at most, a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its
+    /// three products with d by that and 6u·m² a unit of |d|₁. While δ ≤ m, which m ≥ ε brings about, this is
+    /// less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has 32, 8 and 8
+    /// in these places to cover its own roundings.
     #[inline(always)]
-    pub fn candidates<I: Isa>(&self, edges: &Edges<I>, ray: &LeafRay, sums: &mut [f64; LEAF_SIZE]) -> (u32, u32) {
+    pub fn candidates<I: Isa>(
+        &self,
+        edges: &Edges<I>,
+        ray: &LeafRay,
+        sums: &mut [f64; LEAF_SIZE],
+    ) -> (u32, u32) {
         let (volumes, sum) = volumes(lanes::splat(ray.direction), edges.normals);
         *sums = sum.store();
-        let (apart, together) = signs(volumes, F64x8::<I>::splat(edges.bound_of(ray.length, ray.error)));
-        let candidates = !apart & self.all();
-        (candidates, candidates & together)
+        let (mixed, equal) = signs(volumes, F64x8::<I>::splat(edges.bound_of(ray.length, ray.error)));
+        let candidates = !mixed & self.all();
+        (candidates, candidates & equal)
     }
 
-    /// The triangles that any of many rays may hit: all but those of which one volume is negative for every ray, and another positive.
+    /// The triangles that any of many rays may hit: all but those of which one volume is negative for every
+    /// ray, and another positive.
     ///
-    /// Over the box that the directions are in, n·d is least and largest at the ends of each coordinate. As in `candidates`, three products and two sums round
-    /// there; they are at most those of a direction of the largest coordinates, so that the bound is the same with its length.
+    /// Over the box that the directions are in, n·d is least and largest at the ends of each coordinate. As
+    /// in `candidates`, three products and two sums round there; they are at most those of a direction of the
+    /// largest coordinates, so that the bound is the same with its length.
     #[inline(always)]
     pub fn reachable<I: Isa>(&self, edges: &Edges<I>, rays: &DirectionBounds) -> u32 {
         let (low, high) = (lanes::splat::<F64x8<I>, 8>(rays.low), lanes::splat(rays.high));
@@ -221,7 +239,12 @@ impl Leaf {
 
     /// `candidates` and `intersect` of triangle i and eight rays.
     #[inline(always)]
-    pub fn test<I: Isa>(i: usize, edges: &StoredEdges, planes: &Planes, rays: &LeafRays<I>) -> TriangleTest<I> {
+    pub fn test<I: Isa>(
+        i: usize,
+        edges: &StoredEdges,
+        planes: &Planes,
+        rays: &LeafRays<I>,
+    ) -> TriangleTest<I> {
         let [n0, n1, n2] = &edges.normals;
         let normals = [
             lanes::splat([n0[0][i], n0[1][i], n0[2][i]]),
@@ -230,10 +253,10 @@ impl Leaf {
         ];
         let (volumes, sum) = volumes(rays.direction, normals);
         let bound = rays.error.fused(F64x8::<I>::splat(edges.bound[1]), F64x8::<I>::splat(f64::MIN_POSITIVE));
-        let (apart, together) = signs(volumes, rays.length.fused(F64x8::<I>::splat(edges.bound[0]), bound));
+        let (mixed, equal) = signs(volumes, rays.length.fused(F64x8::<I>::splat(edges.bound[0]), bound));
         let distance = F64x8::<I>::splat(planes.distance[i]);
         let (known, t) = planes.intersect(distance, sum, rays.length, rays.error);
-        TriangleTest { candidates: !apart & 0xff, known: !apart & together & known, t }
+        TriangleTest { candidates: !mixed & 0xff, known: !mixed & equal & known, t }
     }
 
     #[inline(always)]
@@ -258,31 +281,39 @@ impl Leaf {
 impl Planes {
     pub const NONE: Planes = Planes { distance: [0.0; LEAF_SIZE], turned: [0.0; 2], moved: 0.0 };
 
-    /// Bounds of t of a ray on triangle i, a certain hit, by the sums of `Leaf::candidates`; none if they would be of no use.
+    /// Bounds of t of a ray on triangle i, a certain hit, by the sums of `Leaf::candidates`; none if they
+    /// would be of no use.
     #[inline(always)]
     pub fn intersect_one(&self, i: usize, ray: &LeafRay, sums: &[f64; LEAF_SIZE]) -> Option<Interval> {
         let (known, t) = self.intersect::<f64, 1>(self.distance[i], sums[i], ray.length, ray.error);
         if known != 0 { Some(t) } else { None }
     }
 
-    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), and the lanes in which these are of use, where the hit is certain.
+    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), and the lanes in which these are of use, where the hit
+    /// is certain.
     ///
-    /// N is the negated sum of c × b, a × c and b × a, so that t is a·(c × b) over the sum of the volumes. With m as above, for the triangle as
-    /// it is seen: a minor rounds by 4u·m², so the distance by 12u·m³ and, as it is a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds
-    /// by 10u·m² a unit of |d|₁, and the sum of the three by 10u·m² more: 40. `Leaf::planes` has 32 and 64.
+    /// N is the negated sum of c × b, a × c and b × a, so that t is a·(c × b) over the sum of the volumes.
+    /// With m as above, for the triangle as it is seen: a minor rounds by 4u·m², so the distance by 12u·m³
+    /// and, as it is a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds by 10u·m² a unit of |d|₁,
+    /// and the sum of the three by 10u·m² more: 40. `Leaf::planes` has 32 and 64.
     ///
-    /// A vertex is off by δ = 3u·m + ε at most. The quantized triangle is hit in a convex combination of its vertices, so at most δ·|N|₁ off the true plane, |N|
-    /// times: that is δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice
-    /// all its errors, the true one is at least half of it; with another factor of two, for second-order terms, that makes the four in `planes`.
+    /// A vertex is off by δ = 3u·m + ε at most. The quantized triangle is hit in a convex combination of its
+    /// vertices, so at most δ·|N|₁ off the true plane, |N| times: that is δ·|N|₁/|N·d| in t, and an error ε_d
+    /// of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice all its errors,
+    /// the true one is at least half of it; with another factor of two, for second-order terms, that makes
+    /// the four in `planes`.
     ///
-    /// The product with 1/(N·d), in place of a quotient, and t ± off round by less than 5u·|t|. Nothing is added for that: the volumes need 4·40 of the
-    /// 4·64 in `planes`, which leaves 96u·m²·|d|₁·|t|/|N·d|. As calculated, |N·d| ≤ (2s² + 40u·m²)·|d|₁ with the scale s ≤ m/2: that is above 180u·|t|.
+    /// The product with 1/(N·d), in place of a quotient, and t ± off round by less than 5u·|t|. Nothing is
+    /// added for that: the volumes need 4·40 of the 4·64 in `planes`, which leaves 96u·m²·|d|₁·|t|/|N·d|. As
+    /// calculated, |N·d| ≤ (2s² + 40u·m²)·|d|₁ with the scale s ≤ m/2: that is above 180u·|t|.
     ///
-    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the hit is certain, each
-    /// volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that
-    /// ε < s/24 and u·m² < s²/28. And it is beyond 256u·m²·|d|₁, as is tested here. So it is beyond a tenth of this and nine of that:
-    /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ,
-    /// N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
+    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As
+    /// the hit is certain, each volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m +
+    /// 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that ε < s/24 and u·m² < s²/28. And it
+    /// is beyond 256u·m²·|d|₁, as is tested here. So it is beyond a tenth of this and nine of that:
+    /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than
+    /// 2m²·ε_d; and as an edge is off by 2δ, N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice
+    /// all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
     fn intersect<F: Floats<f64, N>, const N: usize>(
         &self,
@@ -338,7 +369,8 @@ fn volumes<F: Floats<f64, 8>>(d: [F; 3], [n0, n1, n2]: [[F; 3]; 3]) -> ([F; 3], 
     ([u, v, w], u.add(v).add(w))
 }
 
-/// The lanes in which two volumes certainly have different signs, and those in which all three certainly have the same.
+/// The lanes in which two volumes certainly have different signs, and those in which all three certainly have
+/// the same.
 #[inline(always)]
 fn signs<F: Floats<f64, 8>>([u, v, w]: [F; 3], bound: F) -> (u32, u32) {
     let (least, most) = (Floats::min(Floats::min(u, v), w), Floats::max(Floats::max(u, v), w));
@@ -384,7 +416,8 @@ mod tests {
     use crate::shapes::Surface;
     use crate::testing::{assert_slack, numbers, worst};
 
-    /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some without area.
+    /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some
+    /// without area.
     fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> Vec<Triangle> {
         let flat = if next() < 0.3 { 0.0 } else { 1.0 };
         let mut vertices: Vec<Point> =
@@ -446,7 +479,8 @@ mod tests {
                     assert!(size.max(place) > 1e44, "{place}, {size}");
                     continue;
                 }
-                // Half a step of the grid, but for what numbers at that place are rounded to, and float32 holds.
+                // Half a step of the grid, but for what numbers at that place are rounded to, and float32
+                // holds.
                 let half = power_of_two(leaf.exponent) / 4_194_304.0;
                 let rounded = place.abs() * (8.0 * UNIT) + f64::from(f32::MIN_POSITIVE);
                 assert!(error <= 1.01 * half + rounded && half <= size + rounded, "{place}, {size}: {error}");
@@ -457,7 +491,10 @@ mod tests {
                             let k = leaf.grid[vertex][lane] >> (21 * axis) & 0x1f_ffff;
                             let along = Dyadic::exact(1.0 + k as f64 / 2_097_152.0).times(&scale);
                             let seen = Dyadic::exact(leaf.anchor[axis]).plus(&along);
-                            assert!(within(&seen, &Dyadic::exact(corner[axis]), error), "{place}, {size}: {corner:?}");
+                            assert!(
+                                within(&seen, &Dyadic::exact(corner[axis]), error),
+                                "{place}, {size}: {corner:?}"
+                            );
                         }
                     }
                 }
@@ -482,7 +519,8 @@ mod tests {
     }
 
     impl Task for Probe<'_> {
-        /// Vertices as they are seen from the origin, and how far they may be off; what is told of the rays one by one, and again eight at a time.
+        /// Vertices as they are seen from the origin, and how far they may be off; what is told of the rays
+        /// one by one, and again eight at a time.
         type Output = ([[[f64; LEAF_SIZE]; 3]; 3], f64, Vec<Said>);
 
         #[inline(always)]
@@ -510,8 +548,9 @@ mod tests {
             let one_by_one = told.len();
             for (group, eight) in self.directions.chunks(8).enumerate() {
                 let of = |k: usize| eight[k.min(eight.len() - 1)];
-                let column =
-                    |value: &dyn Fn((Point, f64)) -> f64| I::F64x8::load(&std::array::from_fn(|k| value(of(k))));
+                let column = |value: &dyn Fn((Point, f64)) -> f64| {
+                    I::F64x8::load(&std::array::from_fn(|k| value(of(k))))
+                };
                 let rays = LeafRays {
                     direction: [0, 1, 2].map(|axis| column(&|(d, _)| d[axis])),
                     length: column(&|(d, _)| d.iter().map(|x| x.abs()).sum()),
@@ -522,7 +561,8 @@ mod tests {
                     told.push(Said { reachable, candidates: 0, sure: 0, t: [None; LEAF_SIZE] });
                 }
                 for i in 0..self.leaf.ids().len() {
-                    let TriangleTest { candidates, known, t } = Leaf::test::<I>(i, &edges.stored(), &planes, &rays);
+                    let TriangleTest { candidates, known, t } =
+                        Leaf::test::<I>(i, &edges.stored(), &planes, &rays);
                     let (low, high) = (t.low.store(), t.high.store());
                     for (k, said) in told[one_by_one + 8 * group..].iter_mut().enumerate() {
                         said.candidates |= (candidates >> k & 1) << i;
@@ -544,9 +584,11 @@ mod tests {
     }
 
     fn around(rays: &[(Point, f64)]) -> DirectionBounds {
-        let of =
-            |value: fn(f64, f64) -> f64, axis: usize| rays.iter().fold(rays[0].0[axis], |x, (d, _)| value(x, d[axis]));
-        let (low, high) = ([0, 1, 2].map(|axis| of(f64::min, axis)), [0, 1, 2].map(|axis| of(f64::max, axis)));
+        let of = |value: fn(f64, f64) -> f64, axis: usize| {
+            rays.iter().fold(rays[0].0[axis], |x, (d, _)| value(x, d[axis]))
+        };
+        let (low, high) =
+            ([0, 1, 2].map(|axis| of(f64::min, axis)), [0, 1, 2].map(|axis| of(f64::max, axis)));
         let length = (0..3).map(|i| low[i].abs().max(high[i].abs())).sum();
         DirectionBounds { low, high, length, error: rays.iter().fold(0.0, |most, ray| ray.1.max(most)) }
     }
@@ -564,7 +606,8 @@ mod tests {
     #[test]
     fn what_a_leaf_is_certain_of_is_so() {
         let mut next = numbers();
-        // Hit, and of these certain, and of these with bounds of t; not hit, and of these ruled out, and for two rays at once.
+        // Hit, and of these certain, and of these with bounds of t; not hit, and of these ruled out, and for
+        // two rays at once.
         let (mut hit, mut sure, mut bounded, mut missed, mut out, mut beyond) = (0, 0, 0, 0, 0, 0);
         for (place, size) in BOXES {
             for round in 0..12 {
@@ -592,12 +635,15 @@ mod tests {
                     directions.push((direction, (seen, if by == 0.0 { 0.0 } else { error })));
                 }
                 let given: Vec<(Point, f64)> = directions.iter().map(|(_, given)| *given).collect();
-                let exact = |id: u32, d: Point| match mesh[id as usize].roots(&Ray::<Dyadic>::new(origin, d)) {
+                let exact = |id: u32, d: Point| match mesh[id as usize].roots(&Ray::<Dyadic>::new(origin, d))
+                {
                     Ok([root, _]) => root,
                     Err(_) => unreachable!("exact arithmetic is never uncertain"),
                 };
-                let roots: Vec<Vec<_>> =
-                    directions.iter().map(|(d, _)| leaf.ids().iter().map(|&id| exact(id, *d)).collect()).collect();
+                let roots: Vec<Vec<_>> = directions
+                    .iter()
+                    .map(|(d, _)| leaf.ids().iter().map(|&id| exact(id, *d)).collect())
+                    .collect();
                 for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
                     let probe = Probe { leaf: &leaf, origin: (shown, shown_error), directions: &given };
                     let (seen, seen_error, told) = dispatch(level, probe);
@@ -614,7 +660,10 @@ mod tests {
                         }
                     }
                     for (told, roots) in told.iter().zip(roots.iter().cycle()) {
-                        assert_eq!((told.candidates >> leaf.ids().len(), told.sure & !told.candidates), (0, 0));
+                        assert_eq!(
+                            (told.candidates >> leaf.ids().len(), told.sure & !told.candidates),
+                            (0, 0)
+                        );
                         for (lane, root) in roots.iter().enumerate() {
                             let is = |mask: u32| mask >> lane & 1 != 0;
                             let Some(root) = root else {
@@ -630,8 +679,14 @@ mod tests {
                             if let Some(t) = &told.t[lane] {
                                 // t = b/a with a > 0.
                                 let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
-                                assert!(side(t.low) != Ok(Ordering::Greater), "{level:?}: {place}, {size}, {t:?}");
-                                assert!(side(t.high) != Ok(Ordering::Less), "{level:?}: {place}, {size}, {t:?}");
+                                assert!(
+                                    side(t.low) != Ok(Ordering::Greater),
+                                    "{level:?}: {place}, {size}, {t:?}"
+                                );
+                                assert!(
+                                    side(t.high) != Ok(Ordering::Less),
+                                    "{level:?}: {place}, {size}, {t:?}"
+                                );
                                 bounded += 1;
                             }
                         }
@@ -653,8 +708,8 @@ mod tests {
         ray: LeafRay,
     }
 
-    /// What errors come from: the numbers are given on the grid, or anywhere, with an origin or a direction that is off by so much. The origin is up to
-    /// `distance` along each axis from where the ray hits.
+    /// What errors come from: the numbers are given on the grid, or anywhere, with an origin or a direction
+    /// that is off by so much. The origin is up to `distance` along each axis from where the ray hits.
     #[derive(Clone, Copy)]
     struct From {
         on_grid: bool,
@@ -681,12 +736,15 @@ mod tests {
             let vertices: [Point; 3] = [0, 1, 2].map(|k| [0, 1, 2].map(|axis| place(x[3 * k + axis])));
             let weights = [0, 1, 2].map(|k: usize| x[12 + k].abs() + 1e-9);
             let sum: f64 = weights.iter().sum();
-            let target: Point = [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] / sum * vertices[k][axis]).sum());
-            let origin: Point = [0, 1, 2].map(|axis| target[axis] + from.distance * (2.0 * x[9 + axis] - 1.0));
+            let target: Point =
+                [0, 1, 2].map(|axis| (0..3).map(|k| weights[k] / sum * vertices[k][axis]).sum());
+            let origin: Point =
+                [0, 1, 2].map(|axis| target[axis] + from.distance * (2.0 * x[9 + axis] - 1.0));
             let direction: Point = [0, 1, 2].map(|axis| target[axis] - origin[axis]);
             let off = |k: usize, by: f64| Dyadic::exact(by * (4.0 * x[15 + k] - 2.0).clamp(-1.0, 1.0));
             let true_origin = [0, 1, 2].map(|k| Dyadic::exact(origin[k]).plus(&off(k, from.origin_error)));
-            let true_direction = [0, 1, 2].map(|k| Dyadic::exact(direction[k]).plus(&off(k, from.direction_error)));
+            let true_direction =
+                [0, 1, 2].map(|k| Dyadic::exact(direction[k]).plus(&off(k, from.direction_error)));
             let [a, b, c] = vertices;
             let leaf = Leaf::new(&[0], |_| Triangle(a, b, c));
             let edges = leaf.edges(&leaf.grid_vertices::<Portable>(), origin, from.origin_error);
@@ -717,7 +775,8 @@ mod tests {
             let mut largest: f64 = 0.0;
             for ((p, q), normal) in [(c, b), (a, c), (b, a)].into_iter().zip(self.edges.normals) {
                 let seen: [f64; 8] = lanes::fused_dot(lanes::splat(self.ray.direction), normal);
-                let truth = crate::geometry::vector::dot(&self.direction, &crate::geometry::vector::cross(p, q));
+                let truth =
+                    crate::geometry::vector::dot(&self.direction, &crate::geometry::vector::cross(p, q));
                 largest = largest.max(truth.minus(&Dyadic::exact(seen[0])).split().0.abs() / bound);
             }
             largest
@@ -734,16 +793,19 @@ mod tests {
             let Some(t) = planes.intersect_one(0, &self.ray, &sums) else { return 0.0 };
             let [a, b, c] = &self.vertices;
             let normal = crate::shapes::triangle::normal_through(a, b, c);
-            let (num, den) =
-                (crate::geometry::vector::dot(&normal, a), crate::geometry::vector::dot(&normal, &self.direction));
+            let (num, den) = (
+                crate::geometry::vector::dot(&normal, a),
+                crate::geometry::vector::dot(&normal, &self.direction),
+            );
             let middle = Dyadic::exact(t.low).plus(&Dyadic::exact(t.high)).times(&Dyadic::exact(0.5));
             let off = middle.times(&den).minus(&num).split().0 / den.split().0;
             off.abs() / (0.5 * (t.high - t.low))
         }
     }
 
-    /// Where each error alone counts. The bounds go by `reach`, which is twice a side of the box or more above what vertices and edges may be, and by the
-    /// worst signs of all terms of a determinant, which cannot come together: that is what they have to spare. In t, rounding counts by the volumes where the
+    /// Where each error alone counts. The bounds go by `reach`, which is twice a side of the box or more
+    /// above what vertices and edges may be, and by the worst signs of all terms of a determinant, which
+    /// cannot come equal: that is what they have to spare. In t, rounding counts by the volumes where the
     /// origin is far, and by the distance from the plane where it is all but on the triangle.
     #[test]
     fn errors_of_a_leaf_are_the_share_of_their_bounds_that_is_known() {
@@ -764,7 +826,8 @@ mod tests {
         }
     }
 
-    /// On the grid and from afar, a vertex is off by two roundings of the three that are counted: of the anchor, less the origin, and of the sum with it.
+    /// On the grid and from afar, a vertex is off by two roundings of the three that are counted: of the
+    /// anchor, less the origin, and of the sum with it.
     #[test]
     fn vertices_are_off_by_the_share_of_their_bound_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
@@ -802,7 +865,9 @@ mod tests {
                 let mesh = mesh(place, size, count, &mut next);
                 let leaf = leaf(&mesh);
                 let directions: Vec<(Point, f64)> = (0..20)
-                    .map(|k| ([0; 3].map(|_: u8| (next() - 0.5) * [1e-29, 1.0, 1e29][k % 3]), [0.0, 1e-9][k % 2]))
+                    .map(|k| {
+                        ([0; 3].map(|_: u8| (next() - 0.5) * [1e-29, 1.0, 1e29][k % 3]), [0.0, 1e-9][k % 2])
+                    })
                     .collect();
                 for origin in [[0.0; 3], [1e29, -1e29, 3.0]] {
                     for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {

@@ -1,8 +1,9 @@
 //! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c relative to the origin of the ray.
 //!
-//! Each is six times the volume of a tetrahedron between the ray and an edge. An edge that two triangles share gives both
-//! the same number with opposite signs, and the signs are exact: so no ray slips through between them
-//! (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same signs, U, V, W, after a shear).
+//! Each is six times the volume of a tetrahedron between the ray and an edge. An edge that two triangles
+//! share gives both the same number with opposite signs, and the signs are exact: so no ray slips through
+//! between them (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same
+//! signs, U, V, W, after a shear).
 
 mod crossing;
 mod each;
@@ -11,9 +12,9 @@ mod sides;
 
 use std::cmp::Ordering;
 
-use super::surface::{Shape, Surface, parameters};
+use super::surface::{Form, Roots, Shape, Surface, parameters, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
-use crate::arith::root::{Root, Roots};
+use crate::arith::root::Root;
 use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::ray::Ray;
@@ -54,7 +55,8 @@ impl Triangle {
     }
 }
 
-/// Barycentric coordinates of the origin in the plane of the triangle abc, each ≥ 0: a point on the rim may be outside by rounding.
+/// Barycentric coordinates of the origin in the plane of the triangle abc, each ≥ 0: a point on the rim may
+/// be outside by rounding.
 #[inline(always)]
 pub fn barycentric([a, b, c]: [Point; 3]) -> [f64; 3] {
     let normal = cross(sub(b, a), sub(c, a));
@@ -93,13 +95,16 @@ impl Triangle {
 impl Shape for Triangle {
     const MOST_ROOTS: usize = 1;
 
-    /// a, b, c.
-    fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+    const FORMS: &'static [Form] = &[&[("a", 3), ("b", 3), ("c", 3)]];
+
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
         let [x0, y0, z0, x1, y1, z1, x2, y2, z2] = parameters(numbers)?;
         let triangle = Triangle([x0, y0, z0], [x1, y1, z1], [x2, y2, z2]);
         if triangle.is_degenerate() {
             let Triangle(a, b, c) = triangle;
-            return Err(format!("a, b, c: expected three points that are not on one line, got {a:?}, {b:?}, {c:?}"));
+            return Err(format!(
+                "a, b, c: expected three points that are not on one line, got {a:?}, {b:?}, {c:?}"
+            ));
         }
         Ok(triangle)
     }
@@ -126,12 +131,12 @@ impl Surface for Triangle {
             }
         }
         if positive && negative {
-            return Ok([None, None]);
+            return Ok(roots([None, None]));
         }
         if unsure {
             return Err(Uncertain);
         }
-        Ok([self.crossing(a, d)?, None])
+        Ok(roots([self.crossing(a, d)?, None]))
     }
 
     /// Without the signs, as there is one.

@@ -1,4 +1,5 @@
-//! The signs of U, V, W (Woop et al.) of rays and triangles, a triangle per lane, by expansions: an orientation filter as Shewchuk's stage B.
+//! The signs of U, V, W (Woop et al.) of rays and triangles, a triangle per lane, by expansions: an
+//! orientation filter as Shewchuk's stage B.
 
 use std::cmp::Ordering;
 
@@ -55,14 +56,19 @@ impl Sides {
 
 /// The sides of rays and triangles, where they are certain.
 ///
-/// As an expansion each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`. That leaves underflow. All numbers given are
-/// zero or between 2^±200, so that differences are zero or at least 2⁻²⁵². Then S, if it is not zero, is at least 2⁻⁷⁰⁴ and its u²-th part far above
-/// what underflow loses; and if S is zero, so is the volume.
+/// As an expansion each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`.
+/// That leaves underflow. All numbers given are zero or between 2^±200, so that differences are zero or at
+/// least 2⁻²⁵². Then S, if it is not zero, is at least 2⁻⁷⁰⁴ and its u²-th part far above what underflow
+/// loses; and if S is zero, so is the volume.
 #[inline(always)]
 pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
-    let ordinary = ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
-    let (a, b, c) =
-        (Expansion::<I>::vector_diff(a, o), Expansion::<I>::vector_diff(b, o), Expansion::<I>::vector_diff(c, o));
+    let ordinary =
+        ordinary::<I>(a) & ordinary::<I>(b) & ordinary::<I>(c) & ordinary::<I>(o) & ordinary::<I>(d);
+    let (a, b, c) = (
+        Expansion::<I>::vector_diff(a, o),
+        Expansion::<I>::vector_diff(b, o),
+        Expansion::<I>::vector_diff(c, o),
+    );
     Sides { signs: [side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d)], ordinary }
 }
 
@@ -91,8 +97,10 @@ fn side<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> Side {
 /// Lanes in which all coordinates are zero or of a size between 2^±200.
 #[inline(always)]
 fn ordinary<I: Isa>(v: V<I>) -> u32 {
-    let (tiny, huge) =
-        (I::F64x8::splat(f64::from_bits((1023 - 200) << 52)), I::F64x8::splat(f64::from_bits((1023 + 200) << 52)));
+    let (tiny, huge) = (
+        I::F64x8::splat(f64::from_bits((1023 - 200) << 52)),
+        I::F64x8::splat(f64::from_bits((1023 + 200) << 52)),
+    );
     let mut ordinary = 0xff;
     for axis in 0..3 {
         let size = v[axis].abs();
@@ -116,7 +124,8 @@ mod tests {
     }
 
     impl Task for Probe<'_> {
-        /// What `sides` says; who hits once all is decided, of which lanes; and bounds of t with the lanes in which they are known.
+        /// What `sides` says; who hits once all is decided, of which lanes; and bounds of t with the lanes in
+        /// which they are known.
         type Output = ((u32, u32), (u32, u32), [f64; 8], [f64; 8], u32);
 
         #[inline(always)]
@@ -138,7 +147,8 @@ mod tests {
 
     /// A mean of the corners, often one on an edge, of weights that are exact.
     fn target([a, b, c]: [Point; 3], next: &mut impl FnMut() -> f64) -> Point {
-        let [u, v, w] = [[4.0, 4.0, 0.0], [8.0, 0.0, 0.0], [2.0, 4.0, 2.0], [5.0, 6.0, -3.0]][(4.0 * next()) as usize];
+        let [u, v, w] =
+            [[4.0, 4.0, 0.0], [8.0, 0.0, 0.0], [2.0, 4.0, 2.0], [5.0, 6.0, -3.0]][(4.0 * next()) as usize];
         [0, 1, 2].map(|i| (u * a[i] + v * b[i] + w * c[i]) / 8.0)
     }
 
@@ -182,8 +192,18 @@ mod tests {
                     assert_eq!(hits & misses, 0);
                     for (lane, root) in roots.iter().enumerate() {
                         let is = |mask: u32| mask >> lane & 1 != 0;
-                        assert!(!(is(hits) && root.is_none()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
-                        assert!(!(is(misses) && root.is_some()), "{level:?}: {:?}, {:?}", triangles[lane], rays[lane]);
+                        assert!(
+                            !(is(hits) && root.is_none()),
+                            "{level:?}: {:?}, {:?}",
+                            triangles[lane],
+                            rays[lane]
+                        );
+                        assert!(
+                            !(is(misses) && root.is_some()),
+                            "{level:?}: {:?}, {:?}",
+                            triangles[lane],
+                            rays[lane]
+                        );
                         (hit, missed) = (hit + usize::from(is(hits)), missed + usize::from(is(misses)));
                         unsure += usize::from(!is(hits | misses));
                         // All is decided, but that a ray in the plane of a triangle, on no side, has no root.
@@ -199,8 +219,16 @@ mod tests {
                         if let (Some(root), true) = (root, is(hits & known)) {
                             // t = b/a with a > 0.
                             let side = |t: f64| Dyadic::exact(t).times(&root.a).minus(&root.b).sign();
-                            assert!(side(low[lane]) != Ok(Ordering::Greater), "{level:?}: {:?}", triangles[lane]);
-                            assert!(side(high[lane]) != Ok(Ordering::Less), "{level:?}: {:?}", triangles[lane]);
+                            assert!(
+                                side(low[lane]) != Ok(Ordering::Greater),
+                                "{level:?}: {:?}",
+                                triangles[lane]
+                            );
+                            assert!(
+                                side(high[lane]) != Ok(Ordering::Less),
+                                "{level:?}: {:?}",
+                                triangles[lane]
+                            );
                             // And they are of use.
                             let middle = low[lane].abs().max(high[lane].abs());
                             assert!(high[lane] - low[lane] <= 64.0 * f64::EPSILON * middle);
@@ -213,11 +241,13 @@ mod tests {
             }
         }
         assert!(hit > 5_000 && missed > 3_000 && bounded > 4_000, "{hit}, {missed}, {bounded}");
-        // Those on edges, where coordinates are not whole, but for the rays that rounding puts aside far enough.
+        // Those on edges, where coordinates are not whole, but for the rays that rounding puts aside far
+        // enough.
         assert!(unsure > 3_000, "{unsure}");
     }
 
-    /// Of neighbours among the Fibonacci numbers, xₙ·xₙ₊₂ − xₙ₊₁² = ±1: far below what expansions can tell of so large products.
+    /// Of neighbours among the Fibonacci numbers, xₙ·xₙ₊₂ − xₙ₊₁² = ±1: far below what expansions can tell of
+    /// so large products.
     #[test]
     fn signs_that_expansions_leave_open_are_decided() {
         let mut fibonacci = vec![1_u64, 1];
@@ -225,7 +255,8 @@ mod tests {
             fibonacci.push(fibonacci[fibonacci.len() - 1] + fibonacci[fibonacci.len() - 2]);
         }
         let point = |n: usize, sign: f64| [sign * fibonacci[n] as f64, sign * fibonacci[n + 1] as f64, 1.0];
-        // The third corner is minus the sum of the others, and the ray is between all, or it is the sum, and the ray is beyond the edge.
+        // The third corner is minus the sum of the others, and the ray is between all, or it is the sum, and
+        // the ray is beyond the edge.
         let triangles = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
             let (n, sign) = (71 + lane % 4, if lane < 4 { -1.0 } else { 1.0 });
             [point(n, 1.0), point(n + 1, 1.0), point(n + 2, sign)]
@@ -239,11 +270,13 @@ mod tests {
 
     #[test]
     fn an_exact_zero_is_certain() {
-        // Whole numbers in a plane through the origin: the ray lies in the plane of an edge and the axis, exactly.
+        // Whole numbers in a plane through the origin: the ray lies in the plane of an edge and the axis,
+        // exactly.
         let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
         let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
         for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-            let (sides, decided, low, high, known) = dispatch(level, Probe { triangles: &triangles, rays: &rays });
+            let (sides, decided, low, high, known) =
+                dispatch(level, Probe { triangles: &triangles, rays: &rays });
             assert_eq!((sides, decided, known), ((0xff, 0), (0xff, 0xff), 0xff));
             assert!(low.iter().zip(high).all(|(low, high)| *low <= 4.0 && 4.0 <= high));
         }

@@ -1,0 +1,51 @@
+//! The scene, as a measurement uses it.
+
+use crate::arith::number::Interval;
+use crate::arith::simd::Level;
+use crate::cast::HitArrays;
+use crate::geometry::point::sub;
+use crate::geometry::pose::Path;
+use crate::scene::{Geometry, Hit, Rays, TRange, TimedRay, World};
+use crate::shapes::triangle::barycentric;
+
+/// Finds the surfaces that rays hit.
+pub trait Caster: Sync {
+    /// Whether any surface moves, so that rays need times.
+    fn moves(&self) -> bool;
+
+    /// Writes the closest hit with t ≥ 0 of each ray, at its time.
+    fn cast(&self, level: Level, rays: Rays, hits: &mut HitArrays);
+
+    /// The vertices of the triangle of a mesh that was hit, and the barycentric coordinates of the hit.
+    fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])>;
+
+    /// The motion of an object, if it moves.
+    fn path(&self, object: i32) -> Option<&Path>;
+}
+
+impl Caster for World<'_> {
+    fn moves(&self) -> bool {
+        self.scene.moves()
+    }
+
+    fn cast(&self, level: Level, rays: Rays, hits: &mut HitArrays) {
+        // The rays are legal: the pulses have been checked.
+        World::cast(self, level, rays, TRange::RAY, &mut hits.columns());
+    }
+
+    fn path(&self, object: i32) -> Option<&Path> {
+        self.scene.objects()[object as usize].motion()
+    }
+
+    fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])> {
+        let object = self.scene.at(hit.object as u32, ray.time);
+        let Geometry::Mesh(mesh) = &object.geometry else { return None };
+        let vertices = mesh.faces()[hit.primitive as usize];
+        let [o, d] = object.enclose(ray.origin, ray.direction);
+        let middle = |x: Interval| x.low + 0.5 * (x.high - x.low);
+        // Relative to the hit, a triangle far from the origin of coordinates keeps its digits.
+        let along = d.map(|x| hit.t * middle(x));
+        let corners = vertices.map(|v| sub(sub(mesh.vertices()[v as usize], o.map(middle)), along));
+        Some((vertices, barycentric(corners)))
+    }
+}

@@ -1,0 +1,291 @@
+//! The effects of a measurement: one file each, with its permanent id, its parameters and its formula.
+//!
+//! To add an effect, write its file, add its line to `effects!` below, and add its parameter to
+//! `lidarsim/measurement.py`.
+//!
+//! An effect that is off draws nothing and costs nothing. Draws depend only on seed, sensor, frame, pulse and
+//! effect (`rng.rs`), so no effect changes the noise of another.
+
+mod bias;
+mod detection;
+mod dropout;
+mod extinction;
+mod gate;
+mod jitter;
+mod quantization;
+mod range_noise;
+mod reading;
+
+use std::ops::Range;
+
+use super::parameters::Parameters;
+use super::rng::{EffectId, Stream};
+use super::status::Status;
+use crate::arith::simd::Floats;
+use crate::geometry::vector::Point;
+
+/// Declares the effects, in the order in which they are applied.
+macro_rules! effects {
+    ($($field:ident: $module:ident::$effect:ident),+ $(,)?) => {
+        /// The effects that are on.
+        #[derive(Clone, Debug, Default)]
+        pub struct Effects {
+            $($field: Option<$module::$effect>),+
+        }
+
+        /// The draws of all effects for a batch of pulses. Those of an effect that is off are unspecified.
+        #[derive(Default)]
+        pub(super) struct Draws {
+            $($field: <$module::$effect as Effect>::Draws),+
+        }
+
+        impl Effects {
+            pub(super) fn from_parameters<P: Parameters>(parameters: &P) -> Result<Self, P::Error> {
+                Ok(Effects { $($field: $module::$effect::from_parameters(parameters)?),+ })
+            }
+
+            /// Draws for each pulse of a batch.
+            #[inline(always)]
+            pub(super) fn draw(&self, pulses: &Pulses, draws: &mut Draws) {
+                $(if let Some(effect) = &self.$field {
+                    effect.draw(pulses, &mut draws.$field);
+                })+
+            }
+
+            /// Whether any effect attenuates light.
+            pub(super) fn attenuates(&self) -> bool {
+                false $(|| self.$field.is_some() && <$module::$effect as Effect>::ATTENUATES)+
+            }
+
+            /// Multiplies the transmission of the atmosphere for rays of these ranges.
+            #[inline(always)]
+            pub(super) fn attenuate(&self, ranges: &[f64], transmission: &mut [f64]) {
+                $(if let Some(effect) = &self.$field {
+                    effect.attenuate(ranges, transmission);
+                })+
+            }
+
+            /// Turns echoes into readings of the sensor.
+            #[inline(always)]
+            pub(super) fn apply<F: Floats<f64, N>, const N: usize>(
+                &self,
+                pulses: &Pulses,
+                draws: &Draws,
+                echoes: &mut Echoes<F, N>,
+            ) {
+                $(if let Some(effect) = &self.$field {
+                    effect.apply(pulses, &draws.$field, echoes);
+                })+
+            }
+        }
+
+        const IDS: &[Option<EffectId>] = &[$(<$module::$effect as Effect>::ID),+];
+    };
+}
+
+effects! {
+    jitter: jitter::Jitter,
+    extinction: extinction::Extinction,
+    detection: detection::DetectionLimit,
+    dropout: dropout::Dropout,
+    bias: bias::Bias,
+    range_noise: range_noise::RangeNoise,
+    reading: reading::Reading,
+    quantization: quantization::Quantization,
+    gate: gate::Gate,
+}
+
+impl Effects {
+    /// Whether pulses are cast in other directions than their own.
+    pub(super) fn turns(&self) -> bool {
+        self.jitter.is_some()
+    }
+
+    /// The directions in which the pulses of a batch are cast, in the sensor frame.
+    #[inline(always)]
+    pub(super) fn directions<'a>(&self, pulses: &Pulses<'a>, draws: &'a Draws) -> &'a [Point] {
+        self.jitter.as_ref().map_or(pulses.directions, |_| &draws.jitter.directions)
+    }
+
+    /// How many rings have parameters of their own, if any have.
+    pub(super) fn rings(&self) -> Option<usize> {
+        self.reading.as_ref()?.rings()
+    }
+}
+
+/// Two effects with one id would share their draws.
+const _: () = {
+    let mut i = 0;
+    while i < IDS.len() {
+        let mut j = 0;
+        while j < i {
+            if let (Some(a), Some(b)) = (IDS[i], IDS[j]) {
+                assert!(a.0 != b.0);
+            }
+            j += 1;
+        }
+        i += 1;
+    }
+};
+
+/// An effect: its parameters, and what it does with them. Each hook is written once, over N lanes. A formula
+/// without lanes goes in a loop over the stored lanes: a closure would not be compiled for the instruction
+/// set.
+trait Effect: Sized {
+    /// By this id an effect draws. An id is never used again for another effect, so that scans stay
+    /// reproducible across versions. None: the effect draws nothing.
+    const ID: Option<EffectId> = None;
+
+    /// Whether the effect has an `attenuate`.
+    const ATTENUATES: bool = false;
+
+    /// Draws for each pulse of a batch, reused from one batch to the next.
+    type Draws: Default;
+
+    /// The effect with its parameters; none if these leave it off.
+    fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error>;
+
+    /// Draws for each pulse of a batch.
+    #[inline(always)]
+    fn draw(&self, _: &Pulses, _: &mut Self::Draws) {}
+
+    /// Multiplies the transmission of the atmosphere out to some ranges and back: over any number of rays, in
+    /// a loop that becomes vector instructions.
+    #[inline(always)]
+    fn attenuate(&self, _ranges: &[f64], _transmission: &mut [f64]) {}
+
+    /// Changes the readings of echoes, or loses some of them.
+    #[inline(always)]
+    fn apply<F: Floats<f64, N>, const N: usize>(&self, _: &Pulses, _: &Self::Draws, _: &mut Echoes<F, N>) {}
+}
+
+/// The pulses of a batch, as effects see them.
+pub(super) struct Pulses<'a> {
+    pub(super) stream: Stream,
+    /// The number of each pulse in the whole frame.
+    pub(super) indices: &'a [u64],
+    pub(super) rings: &'a [u16],
+    /// In the sensor frame.
+    pub(super) directions: &'a [Point],
+}
+
+impl Pulses<'_> {
+    /// The length of arrays of draws: whole registers of pulses. What is past the pulses is unspecified.
+    #[inline(always)]
+    fn padded(&self) -> usize {
+        self.indices.len().next_multiple_of(8)
+    }
+
+    /// A uniform number for each pulse.
+    #[inline(always)]
+    fn uniforms<E: Effect>(&self, draw: u16, uniforms: &mut Vec<f64>) {
+        self.stream.uniforms(self.indices, const { id::<E>() }, draw, uniforms);
+        uniforms.resize(self.padded(), 0.0);
+    }
+
+    /// A normal number for each pulse.
+    #[inline(always)]
+    fn normals<E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
+        self.stream.normals(self.indices, const { id::<E>() }, draw, normals);
+        normals.resize(self.padded(), 0.0);
+    }
+
+    /// For each pulse the normal number of its channel, the same in all frames.
+    #[inline(always)]
+    fn normals_of_channels<E: Effect>(&self, draw: u16, normals: &mut Vec<f64>) {
+        let channels: Vec<u64> = self.rings.iter().map(|ring| u64::from(*ring)).collect();
+        self.stream.of_unit().normals(&channels, const { id::<E>() }, draw, normals);
+        normals.resize(self.padded(), 0.0);
+    }
+
+    /// A normal number for the pulse of each echo, drawn as it is needed.
+    #[inline(always)]
+    fn lane_normals<E: Effect, F: Floats<f64, N>, const N: usize>(
+        &self,
+        draw: u16,
+        echoes: &Echoes<F, N>,
+    ) -> F {
+        let mut normals = [0.0; N];
+        for (normal, pulse) in normals.iter_mut().zip(&self.indices[echoes.pulses()]) {
+            *normal = self.stream.normal(*pulse, const { id::<E>() }, draw);
+        }
+        F::load(&normals)
+    }
+}
+
+/// The id of an effect that draws.
+const fn id<E: Effect>() -> EffectId {
+    match E::ID {
+        Some(id) => id,
+        None => panic!("an effect that draws needs an id"),
+    }
+}
+
+/// Echoes of N pulses, one each, as the receiver processes them.
+pub(super) struct Echoes<F, const N: usize> {
+    /// Which N pulses of the batch: those from N·part on.
+    pub(super) part: usize,
+    /// The number of nearer echoes of the same pulse; 0 if N > 1.
+    pub(super) number: u16,
+    /// Range before any error, m.
+    pub(super) range: F,
+    /// Received power, up to a constant: intensity/R².
+    pub(super) power: F,
+    /// What is added to the range, m.
+    error: F,
+    /// The range that the sensor finds, from its own zero, m.
+    reading: F,
+    /// The sensor's own range less that from the beam's origin, m.
+    offset: F,
+    /// A bit for each echo that is not lost.
+    pub(super) kept: u32,
+    /// By status, a bit for each echo that is lost and has this status.
+    lost: [u32; Status::COUNT],
+}
+
+impl<F: Floats<f64, N>, const N: usize> Echoes<F, N> {
+    /// `missed`: a bit for each pulse without an echo.
+    #[inline(always)]
+    pub(super) fn new(part: usize, number: u16, range: F, power: F, missed: u32) -> Self {
+        let (zero, lost) = (F::splat(0.0), [0; Status::COUNT]);
+        let kept = (1 << N) - 1;
+        let mut echoes =
+            Echoes { part, number, range, power, error: zero, reading: range, offset: zero, kept, lost };
+        echoes.lose(missed, Status::Miss);
+        echoes
+    }
+
+    /// Loses those of some echoes that are not yet lost: the first effect that loses an echo tells its
+    /// status.
+    #[inline(always)]
+    fn lose(&mut self, lanes: u32, status: Status) {
+        self.lost[status as usize] |= lanes & self.kept;
+        self.kept &= !lanes;
+    }
+
+    /// The range from the beam's origin that is reported of an echo that is kept.
+    #[inline(always)]
+    pub(super) fn reported(&self) -> F {
+        self.reading.sub(self.offset)
+    }
+
+    /// The status of each pulse.
+    #[inline(always)]
+    pub(super) fn statuses(&self) -> [u8; N] {
+        let mut statuses = [Status::Hit as u8; N];
+        if self.kept != (1 << N) - 1 {
+            for (status, lost) in (0..).zip(self.lost) {
+                for lane in 0..N {
+                    statuses[lane] |= status * (lost >> lane & 1) as u8;
+                }
+            }
+        }
+        statuses
+    }
+
+    /// The numbers of these pulses in the batch.
+    #[inline(always)]
+    fn pulses(&self) -> Range<usize> {
+        N * self.part..N * self.part + N
+    }
+}

@@ -1,0 +1,95 @@
+//! Range noise: a normal variable for each echo, of a standard deviation that may depend on range.
+
+use super::{Echoes, Effect, Pulses};
+use crate::arith::simd::{Floats, lanes};
+use crate::measure::parameters::{Parameters, Value};
+use crate::measure::rng::EffectId;
+
+/// The standard deviation, m.
+#[derive(Clone, Debug)]
+pub(super) enum RangeNoise {
+    /// √(a² + (b·R)²)
+    Formula { a: f64, b: f64 },
+    /// (range, sigma) with rising ranges: linear between, constant outside.
+    Table(Vec<[f64; 2]>),
+}
+
+impl Effect for RangeNoise {
+    /// Draw i is for the i-th echo of a pulse, from the nearest, counted before any is lost.
+    const ID: Option<EffectId> = Some(EffectId(3));
+    /// Normals of the first echoes. Further echoes draw as they come.
+    type Draws = Vec<f64>;
+
+    fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
+        let noise = match parameters.value("measurement.range_sigma")? {
+            Value::Rows(rows) => RangeNoise::Table(rows),
+            a => RangeNoise::Formula {
+                a: parameters.as_number("measurement.range_sigma", a)?,
+                b: parameters.number("measurement.range_sigma_slope")?,
+            },
+        };
+        Ok(if let RangeNoise::Formula { a: 0.0, b: 0.0 } = noise { None } else { Some(noise) })
+    }
+
+    #[inline(always)]
+    fn draw(&self, pulses: &Pulses, normals: &mut Vec<f64>) {
+        pulses.normals::<Self>(0, normals);
+    }
+
+    #[inline(always)]
+    fn apply<F: Floats<f64, N>, const N: usize>(
+        &self,
+        pulses: &Pulses,
+        normals: &Vec<f64>,
+        echoes: &mut Echoes<F, N>,
+    ) {
+        let normal = match echoes.number {
+            0 => lanes::load(normals, echoes.part),
+            number => pulses.lane_normals::<Self, F, N>(number, echoes),
+        };
+        echoes.error = echoes.error.add(self.sigma(echoes.range).mul(normal));
+    }
+}
+
+impl RangeNoise {
+    #[inline(always)]
+    fn sigma<F: Floats<f64, N>, const N: usize>(&self, range: F) -> F {
+        match self {
+            // Most sensors. Nothing is rounded.
+            RangeNoise::Formula { a, b: 0.0 } => F::splat(*a),
+            RangeNoise::Formula { a, b } => {
+                let slope = F::splat(*b).mul(range);
+                F::splat(a * a).add(slope.mul(slope)).sqrt()
+            }
+            RangeNoise::Table(rows) => {
+                let mut sigmas = range.store();
+                for sigma in &mut sigmas {
+                    *sigma = interpolated(rows, *sigma);
+                }
+                F::load(&sigmas)
+            }
+        }
+    }
+}
+
+#[inline(always)]
+fn interpolated(rows: &[[f64; 2]], range: f64) -> f64 {
+    let above = rows.partition_point(|row| row[0] <= range);
+    let Some(&[r0, s0]) = rows[..above].last() else {
+        return rows.first().map_or(0.0, |row| row[1]);
+    };
+    rows.get(above).map_or(s0, |[r1, s1]| s0 + (s1 - s0) * ((range - r0) / (r1 - r0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sigma_comes_from_the_formula_or_the_table() {
+        assert_eq!(RangeNoise::Formula { a: 3.0, b: 0.4 }.sigma(10.0), 5.0);
+        let table = RangeNoise::Table(vec![[1.0, 0.1], [2.0, 0.2], [4.0, 0.1]]);
+        let ranges = [0.5, 1.0, 2.0, 3.0, 4.0, 9.0];
+        assert_eq!(ranges.map(|range| table.sigma(range)), [0.1, 0.1, 0.2, 0.15000000000000002, 0.1, 0.1]);
+    }
+}

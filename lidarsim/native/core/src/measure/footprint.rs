@@ -1,0 +1,111 @@
+//! Pulses of several rays each: the sub-rays over the footprint of a beam.
+
+use std::ops::Range;
+
+use super::beam::Beam;
+use super::caster::Caster;
+use super::columns::{Entries, Rows, unused};
+use super::direction::beside;
+use super::echo::Echo;
+use super::effects::{Echoes, Pulses};
+use super::scan::Scan;
+use super::scratch::Scratch;
+use super::status::Status;
+use super::waveform::Waveform;
+use crate::arith::simd::Isa;
+use crate::geometry::point::{cross, dot};
+use crate::memory::resize;
+
+impl<C: Caster> Scan<'_, C> {
+    #[inline(always)]
+    pub(super) fn measure_footprints<I: Isa>(
+        &self,
+        beam: &Beam,
+        pulses: Range<usize>,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+    ) {
+        let most = self.measurement.most_returns();
+        self.keep_light::<I>(scratch);
+        resize(&mut scratch.rows.squared_sine, pulses.len() * most, 0.0);
+        resize(&mut scratch.rows.cosine, pulses.len() * most, 0.0);
+        let indices = std::mem::take(&mut scratch.indices);
+        let batch = self.frame.pulses(pulses.clone(), &indices);
+        let (mut waveform, mut echoes, mut reported) = (Waveform::default(), Vec::new(), Vec::new());
+        for pulse in 0..pulses.len() {
+            waveform.echoes(beam, scratch, pulse, &mut echoes);
+            for (echo, number) in echoes.iter_mut().zip(0..) {
+                self.receive(pulse, number, echo, &batch, scratch);
+            }
+            self.measurement.returns.choose(&echoes, &mut reported);
+            let mut row = pulse * most;
+            for echo in &reported {
+                self.report(row, pulse, echo, scratch, rows);
+                if let Some(entry) = rows.true_direction.get_mut(row) {
+                    let direction = self.measurement.effects.directions(&batch, &scratch.draws)[pulse];
+                    entry.write(beside(direction, beam.offset(echo.ray - pulse * beam.len())));
+                }
+                row += 1;
+            }
+            let status = reported.first().map_or(Status::Miss, Echo::status);
+            rows.status[pulse].write(status as u8);
+            rows.return_count[pulse].write(if status == Status::Hit { reported.len() as u8 } else { 0 });
+            for row in row..(pulse + 1) * most {
+                clear(row, scratch, rows);
+            }
+        }
+        scratch.indices = indices;
+    }
+
+    /// Applies the effects to an echo, the `number`-th of a pulse.
+    #[inline(always)]
+    fn receive(&self, pulse: usize, number: u16, echo: &mut Echo, batch: &Pulses, scratch: &Scratch) {
+        let mut echoes = Echoes::<f64, 1>::new(pulse, number, echo.range, echo.power, 0);
+        self.measurement.effects.apply(batch, &scratch.draws, &mut echoes);
+        let [status] = echoes.statuses();
+        echo.measured = match Status::ALL[usize::from(status)] {
+            Status::Hit => Ok(echoes.reported()),
+            lost => Err(lost),
+        };
+    }
+
+    /// Writes an echo of a pulse, but for its direction.
+    #[inline(always)]
+    fn report(&self, row: usize, pulse: usize, echo: &Echo, scratch: &mut Scratch, rows: &mut Rows) {
+        let (hit, direction) = (&scratch.hits.at(echo.ray), scratch.rays.directions[echo.ray]);
+        let [instance, label] = self.instance_and_label(hit.object, hit.primitive);
+        let range = echo.measured.unwrap_or(f64::NAN);
+        rows.write(
+            row,
+            Entries {
+                range: [range],
+                true_range: [echo.true_range],
+                range_error: [range - echo.true_range],
+                intensity: [if echo.measured.is_ok() { echo.intensity as f32 } else { f32::NAN }],
+                normal: [hit.normal.map(|x| x as f32)],
+                object_id: [hit.object],
+                instance: [instance],
+                label: [label],
+            },
+        );
+        let cross = cross(hit.normal, direction);
+        (scratch.rows.squared_sine[row], scratch.rows.cosine[row]) =
+            (dot(cross, cross), scratch.light.cosine[echo.ray]);
+        if row < scratch.rows.range_rate.len() {
+            scratch.rows.range_rate[row] = self.range_rate(pulse, echo.ray, scratch);
+        }
+    }
+}
+
+/// Writes a row without a return.
+#[inline(always)]
+fn clear(row: usize, scratch: &mut Scratch, rows: &mut Rows) {
+    rows.write(row, Entries::<1>::UNUSED);
+    if let Some(entry) = rows.true_direction.get_mut(row) {
+        entry.write(unused::true_direction);
+    }
+    (scratch.rows.squared_sine[row], scratch.rows.cosine[row]) = (f64::NAN, f64::NAN);
+    if let Some(range_rate) = scratch.rows.range_rate.get_mut(row) {
+        *range_rate = [f64::NAN; 2];
+    }
+}

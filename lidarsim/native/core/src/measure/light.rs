@@ -1,0 +1,90 @@
+//! From hits to light: range, incidence and intensity of each ray.
+
+use super::caster::Caster;
+use super::direction::distance;
+use super::echo::Light;
+use super::scan::Scan;
+use super::scratch::{LightArrays, Scratch};
+use crate::arith::simd::{self, Floats, Isa, lanes};
+use crate::memory::resize;
+
+/// The light of eight rays; unspecified for misses.
+pub(super) struct EightLights<F> {
+    pub(super) range: F,
+    /// Of the incidence.
+    pub(super) cosine: F,
+    pub(super) squared_sine: F,
+    /// In clear air.
+    pub(super) intensity: F,
+}
+
+impl<C: Caster> Scan<'_, C> {
+    /// The reflectivity of what each ray hits. Makes arrays of hits and rays as long as whole registers.
+    #[inline(always)]
+    pub(super) fn reflect(&self, scratch: &mut Scratch) {
+        let Scratch { rays, hits, reflectivity, .. } = scratch;
+        let whole = hits.len().next_multiple_of(8);
+        resize(reflectivity, whole, 0.0);
+        let surfaces = hits.object.iter().zip(&hits.primitive);
+        for (i, (reflectivity, (object, primitive))) in reflectivity.iter_mut().zip(surfaces).enumerate() {
+            if let Some(appearance) = self.appearances.get(*object as usize) {
+                let hit = || (hits.at(i), rays.at(i));
+                *reflectivity = appearance.reflectivity.at(*primitive, hit, self.caster);
+            }
+        }
+        hits.resize(whole);
+        resize(&mut rays.directions, whole, [0.0; 3]);
+    }
+
+    /// The light of the rays from 8·part on: Lambert's intensity, in clear air.
+    #[inline(always)]
+    pub(super) fn eight_lights<I: Isa>(&self, part: usize, scratch: &Scratch) -> EightLights<I::F64x8> {
+        let Scratch { rays, hits, reflectivity, .. } = scratch;
+        let normal = simd::load_points::<I>(&hits.normal.as_chunks().0.as_chunks().0[part]);
+        let direction = simd::load_points::<I>(&rays.directions.as_chunks().0[part]);
+        let range = distance(lanes::load(&hits.t, part), direction);
+        let cross = lanes::cross(normal, direction);
+        let cosine = lanes::dot(normal, direction).abs();
+        let reflectivity: I::F64x8 = lanes::load(reflectivity, part);
+        EightLights {
+            range,
+            cosine,
+            squared_sine: lanes::dot(cross, cross),
+            intensity: reflectivity.mul(cosine),
+        }
+    }
+
+    /// Keeps the light of all rays.
+    #[inline(always)]
+    pub(super) fn keep_light<I: Isa>(&self, scratch: &mut Scratch) {
+        let whole = scratch.hits.len();
+        let LightArrays { range, cosine, intensity, transmission } = &mut scratch.light;
+        for numbers in [range, cosine, intensity] {
+            resize(numbers, whole, 0.0);
+        }
+        transmission.clear();
+        resize(transmission, whole, 1.0);
+        for part in 0..whole / 8 {
+            let lights = self.eight_lights::<I>(part, scratch);
+            let LightArrays { range, cosine, intensity, .. } = &mut scratch.light;
+            range.as_chunks_mut().0[part] = lights.range.store();
+            cosine.as_chunks_mut().0[part] = lights.cosine.store();
+            intensity.as_chunks_mut().0[part] = lights.intensity.store();
+        }
+        let LightArrays { range, transmission, .. } = &mut scratch.light;
+        self.measurement.effects.attenuate(range, transmission);
+    }
+}
+
+impl Scratch {
+    /// The light that a ray brings back, if it hits anything.
+    #[inline(always)]
+    pub(super) fn light_of(&self, ray: usize) -> Option<Light> {
+        if self.hits.object[ray] < 0 {
+            return None;
+        }
+        let (range, clear) = (self.light.range[ray], self.light.intensity[ray]);
+        let (intensity, square) = (clear * self.light.transmission[ray], range * range);
+        Some(Light { ray, range, intensity, power: intensity / square, clear_power: clear / square })
+    }
+}

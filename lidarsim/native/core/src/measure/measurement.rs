@@ -1,0 +1,44 @@
+//! How a sensor measures: its effects, its beam, and the returns that it reports.
+
+use super::beam::Beam;
+use super::echo::Returns;
+use super::effects::Effects;
+use super::parameters::Parameters;
+
+/// Validated by the caller.
+#[derive(Clone, Debug)]
+pub struct Measurement {
+    pub(super) effects: Effects,
+    pub(super) beam: Option<Beam>,
+    pub(super) returns: Returns,
+}
+
+impl Measurement {
+    pub fn from_parameters<P: Parameters>(parameters: &P) -> Result<Self, P::Error> {
+        Ok(Measurement {
+            effects: Effects::from_parameters(parameters)?,
+            beam: Beam::from_parameters(parameters)?,
+            returns: Returns::from_parameters(parameters)?,
+        })
+    }
+
+    /// Rays of a pulse.
+    pub fn rays(&self) -> usize {
+        self.beam.as_ref().map_or(1, Beam::len)
+    }
+
+    /// The most returns of a pulse. A single ray has one echo.
+    pub fn most_returns(&self) -> usize {
+        if self.beam.is_some() { self.returns.most() } else { 1 }
+    }
+
+    /// Whether light may come from another direction than that of the pulse.
+    pub fn strays(&self) -> bool {
+        self.effects.turns() || self.beam.is_some()
+    }
+
+    /// How many rings the sensor has parameters for; none if these are the same for all rings.
+    pub fn rings(&self) -> Option<usize> {
+        self.effects.rings()
+    }
+}

@@ -1,0 +1,54 @@
+//! Radial velocity: how fast the true range grows.
+
+use super::caster::Caster;
+use super::scan::Scan;
+use super::scratch::{RayArrays, Scratch, Velocities};
+use crate::geometry::point::{dot, sub};
+use crate::geometry::pose::Path;
+use crate::geometry::vector::Point;
+use crate::scene::Hit;
+
+impl<C: Caster> Scan<'_, C> {
+    /// The products of the direction of a ray of a pulse with the relative velocity of what it hits, and with
+    /// itself.
+    #[inline(always)]
+    pub(super) fn range_rate(&self, pulse: usize, ray: usize, scratch: &mut Scratch) -> [f64; 2] {
+        let (velocity, direction) = (self.velocity(pulse, ray, scratch), scratch.rays.directions[ray]);
+        [dot(velocity, direction), dot(direction, direction)]
+    }
+
+    /// The velocity of the point that a ray of a pulse hits, relative to the origin of the pulse.
+    #[inline(always)]
+    fn velocity(&self, pulse: usize, ray: usize, scratch: &mut Scratch) -> Point {
+        let mut velocity = [0.0; 3];
+        if let Some(&time) = scratch.rays.times.get(ray)
+            && let Some(path) = self.caster.path(scratch.hits.object[ray])
+        {
+            velocity =
+                velocity_on(path, time, &scratch.hits.at(ray), ray, &scratch.rays, &mut scratch.velocities);
+        }
+        match scratch.velocities.index.get(pulse) {
+            Some(&origin) => sub(velocity, scratch.velocities.origins[origin as usize]),
+            None => velocity,
+        }
+    }
+}
+
+#[inline(never)]
+fn velocity_on(
+    path: &Path,
+    time: f64,
+    hit: &Hit,
+    ray: usize,
+    rays: &RayArrays,
+    velocities: &mut Velocities,
+) -> Point {
+    let (origin, direction) = (rays.origins[ray], rays.directions[ray]);
+    let point = std::array::from_fn(|k| origin[k] + hit.t * direction[k]);
+    let key = (hit.object, time);
+    let motion = match &mut velocities.object {
+        Some((last, motion)) if *last == key => motion,
+        other => &mut other.insert((key, path.motion(time))).1,
+    };
+    motion.velocity_of(motion.pose.place_back(point))
+}

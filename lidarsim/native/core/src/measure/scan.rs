@@ -1,0 +1,102 @@
+//! Scans: the pulses of a frame, measured on all threads, a batch at a time.
+
+use std::cell::Cell;
+use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::appearance::Appearance;
+use super::caster::Caster;
+use super::columns::Rows;
+use super::direction::reciprocal_length;
+use super::frame::{BadPulse, Frame};
+use super::measurement::Measurement;
+use super::scratch::{RowScratch, Scratch};
+use crate::arith::elementary::first_quadrant_angle;
+use crate::arith::simd::{self, Isa, Level, Task};
+use crate::cast::pieces;
+use crate::memory::resize;
+use crate::{memory, parallel};
+
+/// A frame fired at a scene.
+pub struct Scan<'a, C> {
+    pub frame: &'a Frame<'a>,
+    pub measurement: &'a Measurement,
+    /// Of each object of the scene.
+    pub appearances: &'a [Arc<Appearance>],
+    pub caster: &'a C,
+    pub level: Level,
+}
+
+thread_local! {
+    static SCRATCH: Cell<Scratch> = Cell::default();
+}
+
+/// The work on a batch of pulses, compiled for each instruction set.
+struct Batch<'a, 'b, 'c, C> {
+    scan: &'b Scan<'a, C>,
+    pulses: Range<usize>,
+    scratch: &'b mut Scratch,
+    rows: &'b mut Rows<'c>,
+}
+
+impl<C: Caster> Task for Batch<'_, '_, '_, C> {
+    type Output = Result<(), BadPulse>;
+
+    #[inline(always)]
+    fn run<I: Isa>(self) -> Self::Output {
+        self.scan.measure_batch::<I>(self.pulses, self.scratch, self.rows)
+    }
+}
+
+impl<C: Caster> Scan<'_, C> {
+    /// Measures all pulses, on all threads, or returns the first bad pulse. `rows`: of all pulses.
+    pub fn measure(&self, rows: &mut Rows) -> Result<(), BadPulse> {
+        let pieces = pieces(self.frame.directions, self.measurement.rays()).into_iter();
+        let pieces = memory::collect(pieces.map(|piece| (piece.clone(), rows.split_off(piece.len()))));
+        let bad = Mutex::new(None);
+        parallel::share(pieces.into_iter(), |(pulses, mut rows)| {
+            let mut scratch = SCRATCH.take();
+            let batch = Batch { scan: self, pulses, scratch: &mut scratch, rows: &mut rows };
+            let outcome = simd::dispatch(self.level, batch);
+            SCRATCH.set(scratch);
+            if let Err(found) = outcome {
+                let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);
+                if bad.is_none_or(|bad: BadPulse| found.pulse < bad.pulse) {
+                    *bad = Some(found);
+                }
+            }
+        });
+        bad.into_inner().unwrap_or_else(PoisonError::into_inner).map_or(Ok(()), Err)
+    }
+
+    #[inline(always)]
+    fn measure_batch<I: Isa>(
+        &self,
+        pulses: Range<usize>,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+    ) -> Result<(), BadPulse> {
+        self.fire::<I>(pulses.clone(), scratch)?;
+        self.reflect(scratch);
+        resize(&mut scratch.rows.range_rate, rows.radial_velocity.len(), [0.0; 2]);
+        match &self.measurement.beam {
+            None => self.measure_single_rays::<I>(pulses, scratch, rows),
+            Some(beam) => self.measure_footprints::<I>(beam, pulses, scratch, rows),
+        }
+        let RowScratch { squared_sine, cosine, range_rate } = &scratch.rows;
+        for (angle, (squared_sine, cosine)) in rows.incidence.iter_mut().zip(squared_sine.iter().zip(cosine))
+        {
+            angle.write(first_quadrant_angle(squared_sine.sqrt(), *cosine) as f32);
+        }
+        for (velocity, [along, squared_length]) in rows.radial_velocity.iter_mut().zip(range_rate) {
+            velocity.write((along * reciprocal_length(*squared_length)) as f32);
+        }
+        Ok(())
+    }
+
+    #[inline(always)]
+    pub(super) fn instance_and_label(&self, object: i32, primitive: i32) -> [u32; 2] {
+        let appearance = self.appearances.get(object as usize);
+        appearance.map_or([0; 2], |appearance| [appearance.instance, appearance.labels.at(primitive)])
+    }
+}

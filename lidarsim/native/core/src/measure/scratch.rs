@@ -1,0 +1,73 @@
+//! Memory that one batch of pulses leaves to the next.
+
+use super::effects::Draws;
+use crate::cast::HitArrays;
+use crate::geometry::pose::Motion;
+use crate::geometry::vector::Point;
+use crate::scene::TimedRay;
+
+/// What a batch of pulses needs. With a beam, a pulse has several rays, which follow one another.
+#[derive(Default)]
+pub(super) struct Scratch {
+    pub(super) rays: RayArrays,
+    pub(super) hits: HitArrays,
+    /// Per ray; unspecified for misses.
+    pub(super) reflectivity: Vec<f64>,
+    pub(super) light: LightArrays,
+    pub(super) rows: RowScratch,
+    pub(super) velocities: Velocities,
+    /// Per pulse: its number in the whole frame.
+    pub(super) indices: Vec<u64>,
+    pub(super) draws: Draws,
+}
+
+/// Rays in the world.
+#[derive(Default)]
+pub(super) struct RayArrays {
+    pub(super) origins: Vec<Point>,
+    pub(super) directions: Vec<Point>,
+    /// Empty if no surface moves.
+    pub(super) times: Vec<f64>,
+}
+
+impl RayArrays {
+    #[inline(always)]
+    pub(super) fn at(&self, ray: usize) -> TimedRay {
+        let time = *self.times.get(ray).unwrap_or(&0.0);
+        TimedRay { origin: self.origins[ray], direction: self.directions[ray], time }
+    }
+}
+
+/// With a beam, per ray: the light that it brings back. Unspecified for misses.
+#[derive(Default)]
+pub(super) struct LightArrays {
+    pub(super) range: Vec<f64>,
+    /// Of the incidence.
+    pub(super) cosine: Vec<f64>,
+    /// In clear air.
+    pub(super) intensity: Vec<f64>,
+    /// The share that the atmosphere leaves.
+    pub(super) transmission: Vec<f64>,
+}
+
+/// Per row: factors of columns that are computed for all rows at once.
+#[derive(Default)]
+pub(super) struct RowScratch {
+    /// Squared sine and cosine of the incidence.
+    pub(super) squared_sine: Vec<f64>,
+    pub(super) cosine: Vec<f64>,
+    /// The products of the ray's direction with the relative velocity of the surface, and with itself. Empty
+    /// if nothing moves.
+    pub(super) range_rate: Vec<[f64; 2]>,
+}
+
+/// Velocities in the world.
+#[derive(Default)]
+pub(super) struct Velocities {
+    /// Of the origins of pulses, without repetition of neighbours. Empty if the sensor does not move.
+    pub(super) origins: Vec<Point>,
+    /// Per pulse: the index of its origin's velocity.
+    pub(super) index: Vec<u32>,
+    /// The motion of the moving object that was hit last, and when: neighbours often hit it at one time.
+    pub(super) object: Option<((i32, f64), Motion)>,
+}

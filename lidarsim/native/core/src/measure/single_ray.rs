@@ -1,0 +1,103 @@
+//! Pulses of one ray each, eight at a time: each has one echo at most, and one row.
+
+use std::ops::Range;
+
+use super::caster::Caster;
+use super::columns::{Entries, Rows, unused, write};
+use super::effects::Echoes;
+use super::light::EightLights;
+use super::scan::Scan;
+use super::scratch::Scratch;
+use super::status::Status;
+use crate::arith::simd::{Floats, Isa};
+use crate::memory::resize;
+
+impl<C: Caster> Scan<'_, C> {
+    #[inline(always)]
+    pub(super) fn measure_single_rays<I: Isa>(
+        &self,
+        pulses: Range<usize>,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+    ) {
+        let whole = scratch.hits.len();
+        resize(&mut scratch.rows.squared_sine, whole, 0.0);
+        resize(&mut scratch.rows.cosine, whole, 0.0);
+        for part in 0..whole / 8 {
+            self.measure_eight::<I>(pulses.clone(), part, scratch, rows);
+        }
+        if !rows.true_direction.is_empty() {
+            let batch = self.frame.pulses(pulses, &scratch.indices);
+            let directions = self.measurement.effects.directions(&batch, &scratch.draws);
+            let hits = scratch.hits.object.iter().zip(directions);
+            for (entry, (object, direction)) in rows.true_direction.iter_mut().zip(hits) {
+                entry.write(if *object >= 0 { *direction } else { unused::true_direction });
+            }
+        }
+        for i in 0..scratch.rows.range_rate.len() {
+            let is_hit = scratch.hits.object[i] >= 0;
+            scratch.rows.range_rate[i] = if is_hit { self.range_rate(i, i, scratch) } else { [f64::NAN; 2] };
+        }
+    }
+
+    #[inline(always)]
+    fn measure_eight<I: Isa>(
+        &self,
+        pulses: Range<usize>,
+        part: usize,
+        scratch: &mut Scratch,
+        rows: &mut Rows,
+    ) {
+        let EightLights { range: truth, cosine, squared_sine, intensity } =
+            self.eight_lights::<I>(part, scratch);
+        let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
+        let object_id = hits.object.as_chunks::<8>().0[part];
+        let primitive = hits.primitive.as_chunks::<8>().0[part];
+        let mut missed = 0;
+        for (k, object) in object_id.iter().enumerate() {
+            missed |= (*object as u32 >> 31) << k;
+        }
+        let mut intensity = intensity;
+        if self.measurement.effects.attenuates() {
+            let mut transmission = [1.0; 8];
+            self.measurement.effects.attenuate(&truth.store(), &mut transmission);
+            intensity = intensity.mul(I::F64x8::load(&transmission));
+        }
+        let mut echoes = Echoes::new(part, 0, truth, intensity.div(truth.mul(truth)), missed);
+        self.measurement.effects.apply(&self.frame.pulses(pulses, indices), draws, &mut echoes);
+
+        let nan = I::F64x8::splat(f64::NAN);
+        let range = I::pick(echoes.kept, echoes.reported(), nan);
+        let ids = std::array::from_fn(|k| self.instance_and_label(object_id[k], primitive[k]));
+        let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
+        let mut normal = [[0.0; 3]; 8];
+        let parts = parts.map(|part| part.map(|x| x as f32));
+        normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
+        let mut status = [Status::Hit as u8; 8];
+        if echoes.kept != 0xff {
+            status = echoes.statuses();
+            for k in 0..8 {
+                if missed & 1 << k != 0 {
+                    normal[k] = Entries::<1>::UNUSED.normal[0];
+                }
+            }
+        }
+        rows.write(
+            part,
+            Entries {
+                range: range.store(),
+                true_range: I::pick(missed, nan, truth).store(),
+                range_error: range.sub(truth).store(),
+                intensity: I::pick(echoes.kept, intensity, nan).store().map(|x| x as f32),
+                normal,
+                object_id,
+                instance: ids.map(|[instance, _]: [u32; 2]| instance),
+                label: ids.map(|[_, label]| label),
+            },
+        );
+        write(rows.status, part, status);
+        write(rows.return_count, part, status.map(|status| u8::from(status == Status::Hit as u8)));
+        row_scratch.squared_sine.as_chunks_mut().0[part] = I::pick(missed, nan, squared_sine).store();
+        row_scratch.cosine.as_chunks_mut().0[part] = I::pick(missed, nan, cosine).store();
+    }
+}

@@ -1,0 +1,42 @@
+//! Rays and ranges as callers give them.
+
+use std::ops::Range;
+
+use crate::geometry::vector::Point;
+
+/// A ray of the world at a time.
+#[derive(Clone, Copy, Debug)]
+pub struct TimedRay {
+    pub origin: Point,
+    pub direction: Point,
+    /// Any if nothing moves.
+    pub time: f64,
+}
+
+/// Many rays of the world.
+#[derive(Clone, Copy)]
+pub struct Rays<'a> {
+    pub origins: &'a [Point],
+    pub directions: &'a [Point],
+    /// May be empty if nothing moves.
+    pub times: &'a [f64],
+}
+
+impl Rays<'_> {
+    pub fn part(self, rays: Range<usize>) -> Self {
+        let times = if self.times.is_empty() { self.times } else { &self.times[rays.clone()] };
+        Rays { origins: &self.origins[rays.clone()], directions: &self.directions[rays], times }
+    }
+}
+
+/// The t that a query is about; both ends belong to the range.
+#[derive(Clone, Copy, Debug)]
+pub struct TRange {
+    pub min: f64,
+    pub max: f64,
+}
+
+impl TRange {
+    /// All of a ray.
+    pub const RAY: TRange = TRange { min: 0.0, max: f64::INFINITY };
+}
