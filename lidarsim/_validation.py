@@ -9,7 +9,7 @@ import math
 import operator
 import reprlib
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
 
 Floats = npt.NDArray[np.float64]
-Text = TypeVar("Text", bound=str)
 
 Vector = tuple[float, float, float]
 """A point or vector, where the type of a value in a configuration is declared."""
@@ -51,7 +50,7 @@ def real(
             return number
     wrong: type[TypeError | ValueError] = TypeError
     got = ""
-    if not _is_no_number(value):
+    if not isinstance(value, (bool, str, bytes)):
         try:
             number = float(value)  # type: ignore[arg-type]
         except OverflowError:
@@ -89,14 +88,6 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
     raise wrong(f"{name}: expected {expected}, got {shown(value)}")
 
 
-def _is_no_number(value: object) -> bool:
-    """Return whether a value is none, although `float` may take it: text, truth values, complex numbers, arrays."""
-    return (
-        isinstance(value, (bool, str, bytes, bytearray, memoryview, complex, np.bool_, np.complexfloating))
-        or (isinstance(value, np.ndarray) and (value.ndim > 0 or value.dtype.kind not in "fiu"))
-    )  # fmt: skip
-
-
 def angle(
     name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf
 ) -> float:
@@ -104,10 +95,7 @@ def angle(
     try:
         return real(name, value, at_least=at_least, above=above, at_most=at_most)
     except ValueError as error:
-        try:
-            number = float(value)  # type: ignore[arg-type]
-        except OverflowError:
-            number = math.inf
+        number = float(value)  # type: ignore[arg-type]
         if not at_most < abs(number) < math.inf:
             raise
         raise ValueError(f"{error}{DEGREES}") from None
@@ -124,25 +112,12 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
     return values
 
 
-def as_array(name: str, value: object, expected: str = "numbers") -> npt.NDArray[Any]:
-    """Return `value` as NumPy makes an array of it."""
-    try:
-        return np.asarray(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected {expected}, got a ragged sequence") from None
-
-
-def one_of(name: str, value: object, options: Sequence[Text]) -> Text:
-    """Return `value` after checking that it is one of some texts."""
-    if isinstance(value, str) and value in options:
-        return options[options.index(value)]
-    *others, last = map(repr, options)
-    raise ValueError(f"{name}: expected {', '.join(others)} or {last}, got {shown(value)}")
-
-
 def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
     """Return `value` as a C-contiguous float64 array of `shape`, where a letter stands for any length."""
-    given = as_array(name, value, f"numbers of {_shape(shape)}")
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected numbers of {_shape(shape)}, got a ragged sequence") from None
     if given.dtype.kind not in "fiu" and given.size:
         got = f"dtype {given.dtype}" if given.ndim else shown(value)
         raise TypeError(f"{name}: expected real numbers of {_shape(shape)}, got {got}")
@@ -186,8 +161,7 @@ def frozen(values: npt.ArrayLike) -> Floats:
 
 def in_order(values: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
     """Return `values` as the core reads them, C-contiguous and aligned; copied only if they are not."""
-    with np.errstate(over="ignore"):  # of a longdouble beyond float64, which becomes infinite
-        result = np.asarray(values, dtype, order="C")
+    result = np.asarray(values, dtype, order="C")
     return result if result.flags.aligned else result.copy()
 
 
@@ -230,13 +204,12 @@ def pose(name: str, value: Transform) -> Floats:
     """
     matrix = affine(name, value)
     rotation = matrix[:3, :3]
-    with np.errstate(all="ignore"):  # of entries whose squares are beyond float64
-        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        determinant = float(np.linalg.det(rotation))
-    if not error <= 1e-6 or determinant < 0:
-        kind = f"one {error:.3g} away from it" if not error <= 1e-6 else "a reflection"
+    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+    if error > 1e-6 or np.linalg.det(rotation) < 0:
+        kind = f"one {error:.3g} away from it" if error > 1e-6 else "a reflection"
         raise ValueError(
-            f"{name}: expected a rigid transform (orthonormal rotation), got {kind}, determinant {determinant:.6g}"
+            f"{name}: expected a rigid transform (orthonormal rotation), got {kind},"
+            f" determinant {np.linalg.det(rotation):.6g}"
         )
     return matrix
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import array, as_array, frozen, one_of, real
+from lidarsim._validation import array, frozen, real
 
 __all__ = ["Material"]
 
@@ -43,7 +43,9 @@ class Material(Value):
     __slots__ = ("_per", "_reflectivity")
 
     def __init__(self, *, reflectivity: float | npt.ArrayLike = 1.0, per: Per = "object") -> None:
-        self._per: Per = one_of("per", per, PER)
+        if per not in PER:
+            raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {per!r}")
+        self._per = per
         self._reflectivity: float | npt.NDArray[np.float64]
         if per == "object":
             if isinstance(reflectivity, (np.ndarray, list, tuple)):
@@ -97,7 +99,7 @@ class Material(Value):
         ValueError
             If the shape is wrong or a colour out of range.
         """
-        given = as_array("colors", colors)
+        given = np.asarray(colors)
         scale = 255.0 if given.dtype.kind in "iu" else 1.0
         if given.ndim != 2 or given.shape[1] not in {3, 4}:
             raise ValueError(f"colors: expected shape (n, 3) or (n, 4), got {given.shape}")

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
 __all__ = ["Rig", "RigSensor"]
 
-FRAMES = 1 << 32
-"""As many frames have numbers."""
-
 
 class RigSensor(NamedTuple):
     """A sensor of a rig.
@@ -222,8 +219,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         TypeError, ValueError
             If `count` is not an integer >= 1, or `first` not one >= 0.
         """
-        count = integer("count", count, at_least=1, at_most=FRAMES)
-        first = integer("first", first, at_least=0, at_most=FRAMES)
+        count = integer("count", count, at_least=1)
+        first = integer("first", first, at_least=0)
         numbers = [(s.offset, s.lidar.pattern.rate, self._numbers(s, first, first + count)) for s in self.values()]
         ends = [(k.start / rate + offset, k.stop / rate + offset) for offset, rate, k in numbers if k]
         return min(start for start, _ in ends), max(end for _, end in ends)

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
-from lidarsim._validation import Floats, Transform, integer, one_of, real, shown
+from lidarsim._validation import Floats, Transform, integer, real, shown
 from lidarsim._views import Plotted
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
@@ -222,7 +222,8 @@ class Scan(Pickled, Plotted):
         TypeError, ValueError
             If `frame` or `deskew` is none of these, or the trajectory does not cover that moment.
         """
-        one_of("frame", frame, ("sensor", "world"))
+        if frame not in ("sensor", "world"):
+            raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
         offset = self._moment(deskew)
         if not isinstance(self.pose, Trajectory):
             return self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
@@ -302,8 +303,8 @@ class Scan(Pickled, Plotted):
         ((64, 1024), 7, 0)
         """
         own, of_pulses = _arrays(self), _arrays(self.pulses)
-        if not isinstance(field, str) or field not in own | of_pulses:
-            raise ValueError(f"field: expected one of {', '.join(own | of_pulses)}, got {shown(field)}")
+        if field not in own | of_pulses:
+            raise ValueError(f"field: expected one of {', '.join(own | of_pulses)}, got {field!r}")
         entry = integer("return_number", return_number, at_least=1, at_most=self.range.shape[1]) - 1
         values = of_pulses[field] if field in of_pulses else own[field]
         if field in own and values.ndim > 1:
@@ -342,7 +343,8 @@ class Scan(Pickled, Plotted):
         ValueError
             If `frame` is neither of them.
         """
-        one_of("frame", frame, ("sensor", "world"))
+        if frame not in ("sensor", "world"):
+            raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
         returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
         pulse = np.nonzero(returned)[0]
         took = self.pulses.directions[pulse] if self.true_direction is None else self.true_direction[returned]

@@ -21,7 +21,6 @@ from lidarsim._validation import (
     Floats,
     Transform,
     array,
-    as_array,
     integer,
     named_labels,
     placement,
@@ -151,7 +150,7 @@ class _Snapshot:
 
     def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
         """Return the time of each of some rays, checked; None if nothing moves."""
-        when = array("time", time, ("n",) if as_array("time", time).ndim else ())
+        when = array("time", time, ("n",) if np.ndim(time) else ())
         if when.ndim and len(when) != count:
             raise ValueError(f"time: expected one number or one for each of {count} rays, got {len(when)}")
         if not self.movers:

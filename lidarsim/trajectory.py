@@ -17,7 +17,7 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._pickling import Immutable
-from lidarsim._validation import Floats, Transform, array, as_array, one_of
+from lidarsim._validation import Floats, Transform, array
 from lidarsim.errors import FileFormatError
 
 if TYPE_CHECKING:
@@ -101,7 +101,8 @@ class Trajectory(Immutable):
         if np.ndim(given) != 3 or len(given) != len(rising):
             raise ValueError(f"poses: expected shape ({len(rising)}, 4, 4), one per time, got {np.shape(given)}")
         matrices = _rigid(np.array(array("poses", given, ("n", 4, 4))))
-        one_of("interpolation", interpolation, INTERPOLATIONS)
+        if interpolation not in INTERPOLATIONS:
+            raise ValueError(f"interpolation: expected 'linear' or 'spline', got {interpolation!r}")
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             steps = (_spline_steps if interpolation == "spline" else _linear_steps)(rising, matrices)
             finite = np.isfinite(steps).all() and np.isfinite(rising[-1] - rising[0])
@@ -337,7 +338,7 @@ class Trajectory(Immutable):
 
     def _within(self, times: npt.ArrayLike) -> Floats:
         """Return `times`, of shape () or (n,), after checking that there is a pose at each."""
-        given = as_array("times", times)
+        given = np.asarray(times)
         when = array("times", given, ("n",) if given.ndim else ())
         flat = np.atleast_1d(when)
         first, last = self.span

@@ -39,7 +39,6 @@ NATIVE = ROOT / "lidarsim" / "native"
 LAYERS = [
     "testing",
     "memory",
-    "stack",
     "stop",
     "once",
     "parallel",

@@ -9,13 +9,10 @@ from fractions import Fraction
 import numpy as np
 import numpy.typing as npt
 
-from lidarsim._validation import Floats, array, frozen, integer, shown
-from lidarsim.patterns._pulses import Pattern, Pulses
+from lidarsim._validation import Floats, array, frozen, integer
+from lidarsim.patterns._pulses import Pulses
 
 TURN = 2.0 * math.pi
-
-MOST_PULSES = 1 << 26
-"""Most pulses of a frame: 25 times as many as the densest sensors fire in a second; they take 4 GB."""
 
 
 def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | None = None) -> Floats:
@@ -34,13 +31,6 @@ def rings(name: str, count: int, *, at_least: int = 1) -> int:
     if not at_least <= count <= 1 << 16:
         raise ValueError(f"{name}: expected {at_least} to 65536 of them, got {count}")
     return count
-
-
-def check_size(pattern: Pattern) -> None:
-    """Check that a frame of a pattern has at most `MOST_PULSES`, before any of them is made."""
-    count = math.prod(pattern.shape)
-    if count > MOST_PULSES:
-        raise ValueError(f"rate: expected at most {MOST_PULSES:,} pulses a frame, got {shown(count)}")
 
 
 def unit(vectors: Floats) -> Floats:

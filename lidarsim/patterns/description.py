@@ -75,8 +75,6 @@ def describe(pattern: Pattern) -> Description:
     ------
     TypeError
         If it is not a scan pattern.
-    ValueError
-        If its first frame has no pulses.
 
     Examples
     --------
@@ -86,8 +84,6 @@ def describe(pattern: Pattern) -> Description:
     """
     check_pattern(pattern)
     first, second = pulses_of(pattern, 0), pulses_of(pattern, 1)
-    if not len(first):
-        raise ValueError(f"pattern: expected pulses in its first frame, got none of {pattern!r}")
     count = len(first) + len(second) + sum(len(pulses_of(pattern, frame)) for frame in range(2, FRAMES))
     azimuth, elevation = angles_of(first)
 

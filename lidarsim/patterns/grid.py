@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from lidarsim._pickling import Value
 from lidarsim._validation import Floats, angles, array, frozen, integer, real
-from lidarsim.patterns._parts import TURN, check_size, directions_of, rings
+from lidarsim.patterns._parts import TURN, directions_of, rings
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -70,7 +70,6 @@ class Grid(Value):
         set_(self, "rate", real("rate", rate, above=0.0))
         longest = 1.0 / self.rate / max(len(self.azimuths), 1)
         set_(self, "column_period", real("column_period", column_period, at_least=0.0, at_most=longest))
-        check_size(self)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim._pickling import Value
 from lidarsim._validation import real
-from lidarsim.patterns._parts import TURN, Ticks, check_size, fired_together, turned
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, turned
 from lidarsim.patterns._pulses import Pulses
 
 TICK_RATE = 50_000
@@ -61,7 +61,6 @@ class Mid360(Value):
     def __post_init__(self) -> None:
         """Check the arguments."""
         object.__setattr__(self, "rate", real("rate", self.rate, above=0.0, at_most=TICK_RATE))
-        check_size(self)
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim._pickling import Value
 from lidarsim._validation import Floats, angle, real
-from lidarsim.patterns._parts import TURN, Ticks, check_size, directions_of, fired_together
+from lidarsim.patterns._parts import TURN, Ticks, directions_of, fired_together
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -75,7 +75,6 @@ class OscillatingMirror(Value):
         set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
         set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))
         set_(self, "turn", real("turn", self.turn, at_least=0.0, at_most=1.0))
-        check_size(self)
 
     @property
     def shape(self) -> tuple[int, int]:

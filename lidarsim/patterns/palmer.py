@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim._pickling import Value
 from lidarsim._validation import angle, real
-from lidarsim.patterns._parts import TURN, Ticks, check_size, fired_together, joined
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -68,7 +68,6 @@ class Palmer(Value):
         set_(self, "scan_rate", real("scan_rate", self.scan_rate, above=0.0))
         set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
         set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))
-        check_size(self)
 
     @property
     def shape(self) -> tuple[int, int]:

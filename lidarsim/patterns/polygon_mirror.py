@@ -16,7 +16,6 @@ from lidarsim._validation import Floats, angle, angles, array, frozen, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
-    check_size,
     fired_in_cycles,
     firing_times_within,
     per_channel,
@@ -24,9 +23,6 @@ from lidarsim.patterns._parts import (
     used_cycles,
 )
 from lidarsim.patterns._pulses import Pulses
-
-MOST_CYCLES = 2.0**53
-"""Most firing cycles of a line: so many are counted without rounding."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -122,14 +118,10 @@ class PolygonMirror(Value):
         set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=min(self.sweep, TURN)))
         set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
         set_(self, "line_rate", real("line_rate", line_rate, above=0.0, at_most=self.pulse_rate))
-        if self.pulse_rate / self.line_rate > MOST_CYCLES:
-            got = f"{self.line_rate:g} Hz at {self.pulse_rate:g} Hz"
-            raise ValueError(f"line_rate: expected lines of at most 2**53 pulses, got {got}")
         set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
         set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
-        check_size(self)
 
     @property
     def shape(self) -> tuple[int, int]:

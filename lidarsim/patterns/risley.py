@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
+from functools import cached_property
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, Vector, angle, array, frozen, nonzero_vectors, real, shown
-from lidarsim.patterns._parts import TURN, Ticks, check_size, fired_together, joined, rings, unit
+from lidarsim._validation import Floats, Vector, angle, array, frozen, integer, nonzero_vectors, real, shown
+from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
-
-MOST_INDEX = 10.0
-"""Greatest refractive index: twice that of any material of optics (germanium, 4)."""
-
-TRIED = 1 << 16
-"""Pulses of each beam that are fired to see whether the prisms let the beams through."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +75,7 @@ class Risley(Value):
     prisms : sequence of Prism
         The prisms, in the order in which the light passes them.
     refractive_index : float
-        Refractive index of the prisms, 1 to 10; that of the air is 1.
+        Refractive index of the prisms, in air (1).
     pulse_rate : float
         Pulses per second of each beam, Hz.
     rate : float
@@ -93,8 +87,7 @@ class Risley(Value):
     Raises
     ------
     TypeError, ValueError
-        If an argument has the wrong type or shape or is out of its range, or a prism reflects one of the first 65,536
-        pulses totally.
+        If an argument has the wrong type or shape or is out of its range, or a prism reflects a beam totally.
 
     Notes
     -----
@@ -141,14 +134,12 @@ class Risley(Value):
         for i, prism in enumerate(self.prisms):
             if not isinstance(prism, Prism):
                 raise TypeError(f"prisms: expected Prism objects, got prisms[{i}] = {prism!r}")
-        set_(self, "refractive_index", real("refractive_index", refractive_index, at_least=1.0, at_most=MOST_INDEX))
+        set_(self, "refractive_index", real("refractive_index", refractive_index, at_least=1.0))
         set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
         set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
         set_(self, "beams", frozen(unit(nonzero_vectors("beams", array("beams", beams, ("beams", 3))))))
         rings("beams", len(self.beams))
-        check_size(self)
-        ticks = Ticks.of(0, self.pulse_rate, self.rate)
-        self._fired(dataclasses.replace(ticks, count=min(ticks.count, TRIED)))
+        self.pulses()
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -171,11 +162,17 @@ class Risley(Value):
         Raises
         ------
         TypeError, ValueError
-            If `frame` is not an integer >= 0, or a prism reflects a beam totally.
+            If `frame` is not an integer >= 0.
         """
-        return self._fired(Ticks.of(frame, self.pulse_rate, self.rate))
+        return self._frame(frame) if integer("frame", frame, at_least=0) else self._first
 
-    def _fired(self, ticks: Ticks) -> Pulses:
+    @cached_property
+    def _first(self) -> Pulses:
+        """Frame 0. The constructor computes it to check for total reflection."""
+        return self._frame(0)
+
+    def _frame(self, frame: int) -> Pulses:
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
         direction = np.broadcast_to(self.beams, (ticks.count, len(self.beams), 3))
         for prism in self.prisms:
             angle = (TURN * ticks.turns(prism.rotation_rate) + prism.phase)[:, None]

@@ -15,7 +15,6 @@ from lidarsim._validation import Floats, Vector, angle, angles, array, frozen, i
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
-    check_size,
     fired_in_cycles,
     firing_times_within,
     per_channel,
@@ -145,7 +144,6 @@ class Spinning(Value):
         if start_azimuth is None:
             start_azimuth = (0.5 if self.clockwise else -0.5) * self.field_of_view
         set_(self, "start_azimuth", angle("start_azimuth", start_azimuth, at_least=-TURN, at_most=TURN))
-        check_size(self)
 
     @property
     def columns_per_turn(self) -> float:

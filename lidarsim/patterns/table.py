@@ -18,9 +18,6 @@ from lidarsim.errors import FileFormatError
 from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
-MOST_FRAMES = 2.0**53
-"""As many as float64 counts."""
-
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
 class Table(Value):
@@ -90,12 +87,6 @@ class Table(Value):
         set_(self, "columns", None if columns is None else _indices("columns", columns, count, np.uint32))
         set_(self, "origins", per_channel("origins", np.zeros(3) if origins is None else origins, count, width=3))
         set_(self, "rate", real("rate", rate, above=0.0))
-        with np.errstate(over="ignore"):
-            late = self.times * self.rate >= MOST_FRAMES
-        if late.any():
-            first = int(np.argmax(late))
-            got = f"times[{first}] = {self.times[first]:g}"
-            raise ValueError(f"times: expected times within the first 2**53 frames, got {got} at {self.rate:g} Hz")
 
     @classmethod
     def from_file(cls, path: str | Path, *, rate: float, pulse_rate: float | None = None) -> Table:

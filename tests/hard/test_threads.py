@@ -104,35 +104,3 @@ def test_the_interpreter_ends_while_daemon_threads_work(work: str) -> None:
         print("end")
     """
     assert output(code, work) == "end"
-
-
-@pytest.mark.parametrize("isa", ["scalar", "avx2", "avx512"])
-def test_threads_with_small_stacks_find_the_same(isa: str, instruction_sets: list[str]) -> None:
-    """A cast needs up to 320 KiB of stack, which a thread of 192 KiB does not have."""
-    if isa not in instruction_sets:
-        pytest.skip(f"this machine has no {isa}")
-    code = """
-        scene = ls.Scene()
-        for shape in (field(30), ls.Sphere((0, 0, 2), 1.0), ls.Ellipsoid((3, 0, 1), (1, 2, 1))):
-            scene.add(shape)
-        scene.add(ls.Box((1, 9, 9), (9, 0, 0)))
-        turning = ls.Trajectory.from_twist(np.eye(4), angular=(0, 0, 1))
-        scene.add(ls.Cylinder((3, 3, 0), (4, 4, 3), 0.5), transform=np.diag([1.0, 2.0, 1.0, 1.0]), motion=turning)
-        lidar = ls.Lidar.preset("velodyne-vlp16", noise="datasheet")
-
-        def work():
-            hits = scene.cast(*rays(3000))
-            cloud = lidar.scan(scene, turning).point_cloud(deskew=True)
-            roots = [item.shape.roots(*rays(50)) for item in scene]
-            return [hits.t, hits.normal, scene.occluded(*rays(3000)), cloud.xyz, cloud.range, *roots]
-
-        found = []
-        threading.stack_size(192 * 1024)
-        thread = threading.Thread(target=lambda: found.extend(work()))
-        thread.start()
-        thread.join()
-        expected = work()
-        assert len(expected[3]) > 500 and np.isfinite(expected[0]).sum() > 500
-        print(len(found) == len(expected) and all(map(np.array_equal, found, expected, [True] * len(found))))
-    """
-    assert output(code, environment={"LIDARSIM_ISA": isa}) == "True"

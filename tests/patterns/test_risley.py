@@ -64,7 +64,7 @@ def test_total_reflection_is_refused() -> None:
     ("arguments", "message"),
     [
         ({"prisms": [1.0]}, "prisms: expected Prism objects, got prisms[0] = 1.0"),
-        ({"refractive_index": 0.9}, "refractive_index: expected a finite number from 1 to 10, got 0.9"),
+        ({"refractive_index": 0.9}, "refractive_index: expected a finite number >= 1, got 0.9"),
         ({"pulse_rate": 0.0}, "pulse_rate: expected a finite number > 0, got 0.0"),
         ({"rate": 200.0}, "rate: expected a finite number > 0 and <= 100, got 200.0"),
         ({"beams": [[0, 0, 0]]}, "beams: expected non-zero vectors, got beams[0] = (0, 0, 0)"),

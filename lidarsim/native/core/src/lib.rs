@@ -1,6 +1,6 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 //!
-//! Its layers, of which each uses those above it alone: `memory`, `stack`, `stop`, `once` and `parallel`,
+//! Its layers, of which each uses those above it alone: `memory`, `stop`, `once` and `parallel`,
 //! arithmetic, geometry and shapes, the bounding volume hierarchy, scenes, casts, measurement.
 
 mod arith;
@@ -13,7 +13,6 @@ mod once;
 mod parallel;
 mod scene;
 pub mod shapes;
-mod stack;
 pub mod stop;
 #[cfg(test)]
 mod testing;
@@ -23,5 +22,5 @@ pub use cast::{Arrays, Columns, Occlusion};
 pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
-pub use parallel::{threads, use_threads, with_room};
+pub use parallel::{threads, use_threads};
 pub use scene::{Geometry, Object, Rays, Scene, TRange, TriangleMesh, World, span};

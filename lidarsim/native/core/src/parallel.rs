@@ -7,7 +7,6 @@ use std::sync::{Arc, Mutex, PoisonError, mpsc};
 use arc_swap::ArcSwapOption;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::stack;
 use crate::stop::{self, Job};
 
 /// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is
@@ -101,11 +100,6 @@ pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
         stop::wait_for(&done);
     });
     outcome.unwrap_or_else(|| unreachable!("work that fails unwinds"))
-}
-
-/// Runs `work` on this thread, or on one of a pool if this thread has too little stack left.
-pub fn with_room<R: Send>(work: impl FnOnce() -> R + Send) -> R {
-    if stack::has_room() { work() } else { run(work) }
 }
 
 /// Has all of `work` done, a piece at a time, by this thread and others.
