@@ -50,11 +50,11 @@ def real(
             return number
     wrong: type[TypeError | ValueError] = TypeError
     got = ""
-    if not isinstance(value, (bool, str, bytes)):
+    if _is_real(value):
         try:
             number = float(value)  # type: ignore[arg-type]
         except OverflowError:
-            wrong, got = ValueError, "an integer beyond them"
+            wrong, got = ValueError, "a number beyond float64"
         except (TypeError, ValueError):
             pass
         else:
@@ -68,6 +68,15 @@ def real(
     else:
         expected += _between(*(f"{end:g}" if math.isfinite(end) else None for end in (at_least, at_most)))
     raise wrong(f"{name}: expected {expected}, got {got or shown(value)}")
+
+
+def _is_real(value: object) -> bool:
+    """Return whether `float` does right by `value`, if it takes it: not by truth values, texts and complex numbers."""
+    if isinstance(value, np.ndarray):
+        return value.ndim == 0 and value.dtype.kind in "fiu"
+    if isinstance(value, np.generic):
+        return isinstance(value, np.floating | np.integer)
+    return not isinstance(value, bool | str | bytes | bytearray | complex)
 
 
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
@@ -88,6 +97,50 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
     raise wrong(f"{name}: expected {expected}, got {shown(value)}")
 
 
+def one_of(name: str, value: object, options: Sequence[str]) -> None:
+    """Check that `value` is one of some words."""
+    if not (isinstance(value, str) and value in options):
+        *others, last = map(repr, options)
+        raise ValueError(f"{name}: expected {', '.join(others)} or {last}, got {shown(value)}")
+
+
+def items(name: str, value: object, kind: str) -> list[Any]:
+    """Return what is in `value`, a sequence or another iterable of things of a `kind`, which the error names."""
+    try:
+        return list(value)  # type: ignore[call-overload, no-any-return]
+    except TypeError:
+        raise TypeError(f"{name}: expected a sequence of {kind}, got {shown(value)}") from None
+
+
+def flag(name: str, value: object) -> bool:
+    """Return `value`, True or False, as a bool."""
+    if not isinstance(value, bool | np.bool_):
+        raise TypeError(f"{name}: expected True or False, got {shown(value)}")
+    return bool(value)
+
+
+def frames(first: object, count: object, *, at_least: int = 0) -> range:
+    """Return the numbers of `count` frames from `first` on, after checking that each has its uint32."""
+    number = integer("count", count, at_least=at_least)
+    start = integer("first", first, at_least=0)
+    if number > 1 << 32:
+        raise ValueError(f"count: expected at most {1 << 32} frames, got {shown(number)}")
+    integer("first" if start > UINT32 else "frame", start + max(number - 1, 0), at_least=0, at_most=UINT32)
+    return range(start, start + number)
+
+
+SLOWEST, FASTEST = 1e-9, 1e12
+"""Bounds of rates, Hz, and so of their periods: 30 years, and the time in which light goes 0.3 mm."""
+
+
+def frequency(name: str, value: object, *, at_most: float = math.inf) -> float:
+    """Return `value` as a float inside the bounds of rates, Hz; it has to be > 0."""
+    number = real(name, value, above=0.0, at_most=at_most)
+    if not SLOWEST <= number <= FASTEST:
+        raise ValueError(f"{name}: expected a rate from {SLOWEST:g} to {FASTEST:g} Hz, got {number}")
+    return number
+
+
 def angle(
     name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf
 ) -> float:
@@ -95,7 +148,10 @@ def angle(
     try:
         return real(name, value, at_least=at_least, above=above, at_most=at_most)
     except ValueError as error:
-        number = float(value)  # type: ignore[arg-type]
+        try:
+            number = float(value)  # type: ignore[arg-type]
+        except OverflowError:
+            number = math.inf
         if not at_most < abs(number) < math.inf:
             raise
         raise ValueError(f"{error}{DEGREES}") from None
@@ -126,12 +182,22 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
         or any(isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=True))
     ):
         raise ValueError(f"{name}: expected {_shape(shape)}, got {given.shape}{_shape_hint(name, given.shape, shape)}")
-    result: Floats = in_order(given, np.float64)
+    with np.errstate(over="ignore"):  # of longer numbers
+        result: Floats = in_order(given, np.float64)
     if finite and np.count_nonzero(np.isfinite(result)) < result.size:
         index = np.argwhere(~np.isfinite(result))[0]
         where = "".join(f"[{i}]" for i in index)
         raise ValueError(f"{name}: expected finite numbers, got {name}{where} = {result[tuple(index)]}")
     return result
+
+
+def one_or_each(name: str, value: object, count: int | str) -> Floats:
+    """Return `value`, a number or an array_like of shape (count,), as a C-contiguous float64 array of its shape."""
+    try:
+        single = np.ndim(value) == 0  # type: ignore[arg-type]
+    except ValueError:  # a ragged sequence
+        single = False
+    return array(name, value, () if single else (count,))
 
 
 def vector(name: str, value: object) -> tuple[float, float, float]:
@@ -204,12 +270,13 @@ def pose(name: str, value: Transform) -> Floats:
     """
     matrix = affine(name, value)
     rotation = matrix[:3, :3]
-    error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-    if error > 1e-6 or np.linalg.det(rotation) < 0:
-        kind = f"one {error:.3g} away from it" if error > 1e-6 else "a reflection"
+    with np.errstate(over="ignore", invalid="ignore"):
+        error = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        determinant = np.linalg.det(rotation)
+    if not error <= 1e-6 or determinant < 0:
+        kind = "a reflection" if error <= 1e-6 else f"one {error:.3g} away from it"
         raise ValueError(
-            f"{name}: expected a rigid transform (orthonormal rotation), got {kind},"
-            f" determinant {np.linalg.det(rotation):.6g}"
+            f"{name}: expected a rigid transform (orthonormal rotation), got {kind}, determinant {determinant:.6g}"
         )
     return matrix
 

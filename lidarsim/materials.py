@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import array, frozen, real
+from lidarsim._validation import array, frozen, one_of, real
 
 __all__ = ["Material"]
 
@@ -43,8 +43,7 @@ class Material(Value):
     __slots__ = ("_per", "_reflectivity")
 
     def __init__(self, *, reflectivity: float | npt.ArrayLike = 1.0, per: Per = "object") -> None:
-        if per not in PER:
-            raise ValueError(f"per: expected 'object', 'face' or 'vertex', got {per!r}")
+        one_of("per", per, PER)
         self._per = per
         self._reflectivity: float | npt.NDArray[np.float64]
         if per == "object":
@@ -99,7 +98,10 @@ class Material(Value):
         ValueError
             If the shape is wrong or a colour out of range.
         """
-        given = np.asarray(colors)
+        try:
+            given = np.asarray(colors)
+        except ValueError:
+            raise ValueError("colors: expected shape (n, 3) or (n, 4), got a ragged sequence") from None
         scale = 255.0 if given.dtype.kind in "iu" else 1.0
         if given.ndim != 2 or given.shape[1] not in {3, 4}:
             raise ValueError(f"colors: expected shape (n, 3) or (n, 4), got {given.shape}")

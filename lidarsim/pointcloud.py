@@ -163,6 +163,9 @@ class PointCloud(Pickled, Plotted):
         given = {**(fields or {}), **more}
         self.class_names = given.pop("class_names", class_names)  # type: ignore[assignment]
         self._place(in_sensor_frame=False)
+        for name in given:
+            if not isinstance(name, str):
+                raise TypeError(f"fields: expected strings as names of fields, got {_validation.shown(name)}")
         if "xyz" not in given:
             raise TypeError(f"PointCloud: expected a field 'xyz', got {', '.join(given) or 'no fields'}")
         for name in sorted(given, key=lambda name: name != "xyz"):  # first xyz, which sets the length
@@ -357,7 +360,7 @@ class PointCloud(Pickled, Plotted):
         """
         if isinstance(clouds, PointCloud):
             raise TypeError("clouds: expected a sequence of clouds, got one")
-        given = list(clouds)
+        given = _validation.items("clouds", clouds, "clouds")
         if not given:
             raise ValueError("clouds: expected at least one, got none")
         names: dict[int, str] = {}
@@ -441,7 +444,7 @@ class PointCloud(Pickled, Plotted):
         arrays = self._arrays()
         if fields is not None:
             arrays = {name: arrays[name] for name in ("xyz", *_chosen(fields, self.fields))}
-        if float32:
+        if _validation.flag("float32", float32):
             arrays["xyz"] = arrays["xyz"].astype(np.float32)
         check_output(path)
         save, where = _format(path).save, None if pose is None else _validation.pose("pose", pose)
@@ -596,7 +599,12 @@ class PointCloud(Pickled, Plotted):
 
 def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     """Return what is given in place of fields, after checking that it can be `xyz`."""
-    given = np.asarray(value)
+    try:
+        given = np.asarray(value)
+    except (TypeError, ValueError):
+        raise ValueError(
+            "fields: expected an array of shape (n, 3), or fields by name, got a ragged sequence"
+        ) from None
     if given.dtype.kind in "fiu" and given.ndim == 2 and given.shape[1] == 3:
         return given
     expected = "PointCloud: expected an array of shape (n, 3), or fields by name"
@@ -764,9 +772,11 @@ def _chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
     """Return the fields to write besides `xyz`, in their order, after checking that they are known."""
     if isinstance(names, str):
         raise TypeError(f"fields: expected a sequence of names, got {names!r}")
+    names = _validation.items("fields", names, "names")
     for name in names:
-        if name not in known:
-            raise ValueError(f"fields: expected fields of this point cloud ({', '.join(known)}), got {name!r}")
+        if not (isinstance(name, str) and name in known):
+            expected = f"expected fields of this point cloud ({', '.join(known)})"
+            raise ValueError(f"fields: {expected}, got {_validation.shown(name)}")
     return [name for name in known if name in names and name != "xyz"]
 
 

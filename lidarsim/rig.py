@@ -12,7 +12,7 @@ import numpy as np
 
 from lidarsim import _validation
 from lidarsim._pickling import Pickled
-from lidarsim._validation import Floats, Transform, integer, real, short
+from lidarsim._validation import Floats, Transform, frames, integer, real, short
 from lidarsim.scan import check_coverage, sensor_id
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory, mounted
@@ -145,8 +145,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             At once, if an argument has the wrong type or shape or is out of its range, or if the trajectory does not
             cover the first and the last frame of each sensor.
         """
-        count = integer("count", count, at_least=0)
-        first = integer("first", first, at_least=0)
+        wanted = frames(first, count)
         seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
         poses = self.check_coverage(scene, pose, count, first=first)
 
@@ -156,7 +155,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
                     time = k / lidar.pattern.rate + offset
                     yield name, lidar.scan(scene, poses[name], time=time, frame=k, seed=seed)
 
-        return (dict(scans(frame)) for frame in range(first, first + count))
+        return (dict(scans(frame)) for frame in wanted)
 
     def check_coverage(
         self, scene: Scene, pose: Transform | Trajectory | None, count: int, *, first: int = 0
@@ -185,15 +184,14 @@ class Rig(Pickled, Mapping[str, RigSensor]):
             If an argument has the wrong type or shape or is out of its range, or a pulse is fired when there is no pose
             of the body or of an object.
         """
-        count = integer("count", count, at_least=0)
-        first = integer("first", first, at_least=0)
+        wanted = frames(first, count)
         body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
         return {
             name: check_coverage(
                 sensor.lidar,
                 scene,
                 mounted(body, sensor.mount),
-                self._numbers(sensor, first, first + count),
+                self._numbers(sensor, wanted.start, wanted.stop),
                 offset=sensor.offset,
             )
             for name, sensor in self.items()
@@ -219,9 +217,8 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         TypeError, ValueError
             If `count` is not an integer >= 1, or `first` not one >= 0.
         """
-        count = integer("count", count, at_least=1)
-        first = integer("first", first, at_least=0)
-        numbers = [(s.offset, s.lidar.pattern.rate, self._numbers(s, first, first + count)) for s in self.values()]
+        wanted = frames(first, count, at_least=1)
+        numbers = [(s.offset, s.lidar.pattern.rate, self._numbers(s, wanted.start, wanted.stop)) for s in self.values()]
         ends = [(k.start / rate + offset, k.stop / rate + offset) for offset, rate, k in numbers if k]
         return min(start for start, _ in ends), max(end for _, end in ends)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import enum
 import math
+import sys
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -16,7 +17,7 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
-from lidarsim._validation import Floats, Transform, integer, real, shown
+from lidarsim._validation import Floats, Transform, integer, one_of, real, shown
 from lidarsim._views import Plotted
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
@@ -222,13 +223,12 @@ class Scan(Pickled, Plotted):
         TypeError, ValueError
             If `frame` or `deskew` is none of these, or the trajectory does not cover that moment.
         """
-        if frame not in ("sensor", "world"):
-            raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
+        one_of("frame", frame, ("sensor", "world"))
         offset = self._moment(deskew)
         if not isinstance(self.pose, Trajectory):
             return self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
         moment = None if offset is None or frame == "world" else self.time + offset
-        first, last = self.pose.span
+        first, last = self.pose._native.span()
         # The start, the period, their sum and the end are each rounded, by half an ulp of the greatest at most.
         if moment is not None and not first <= moment <= last + 2.0 * math.ulp(last):
             raise ValueError(
@@ -303,8 +303,8 @@ class Scan(Pickled, Plotted):
         ((64, 1024), 7, 0)
         """
         own, of_pulses = _arrays(self), _arrays(self.pulses)
-        if field not in own | of_pulses:
-            raise ValueError(f"field: expected one of {', '.join(own | of_pulses)}, got {field!r}")
+        if not (isinstance(field, str) and field in own | of_pulses):
+            raise ValueError(f"field: expected one of {', '.join(own | of_pulses)}, got {shown(field)}")
         entry = integer("return_number", return_number, at_least=1, at_most=self.range.shape[1]) - 1
         values = of_pulses[field] if field in of_pulses else own[field]
         if field in own and values.ndim > 1:
@@ -343,19 +343,19 @@ class Scan(Pickled, Plotted):
         ValueError
             If `frame` is neither of them.
         """
-        if frame not in ("sensor", "world"):
-            raise ValueError(f"frame: expected 'sensor' or 'world', got {frame!r}")
+        one_of("frame", frame, ("sensor", "world"))
         returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
         pulse = np.nonzero(returned)[0]
         took = self.pulses.directions[pulse] if self.true_direction is None else self.true_direction[returned]
         # A direction may be of unit length to float32 only, and the range is a distance.
         reach = self.true_range[returned] / np.linalg.norm(took, axis=1)
-        points: Floats = self.pulses.origins[pulse] + reach[:, None] * took
-        if frame == "sensor":
-            return points
-        poses = self.poses[pulse]
-        turned: Floats = (poses[:, :3, :3] @ points[:, :, None])[:, :, 0]
-        return turned + poses[:, :3, 3]
+        with np.errstate(over="ignore", invalid="ignore"):  # of points at the end of float64
+            points: Floats = self.pulses.origins[pulse] + reach[:, None] * took
+            if frame == "sensor":
+                return points
+            poses = self.poses[pulse]
+            turned: Floats = (poses[:, :3, :3] @ points[:, :, None])[:, :, 0]
+            return turned + poses[:, :3, 3]
 
     def summary(self) -> Summary:
         """Return the number of pulses for each status, which prints as a table.
@@ -427,7 +427,8 @@ def scan(
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
     where = _where(pose)
     if indices is None:
-        _native.expect_room(math.prod(lidar.pattern.shape), lidar)  # before the pattern makes pulses in vain
+        count = math.prod(lidar.pattern.shape)
+        _native.expect_room(min(count, sys.maxsize), lidar)  # before the pattern makes pulses in vain
     pulses = pulses_of(lidar.pattern, frame)
     period = 1.0 / lidar.pattern.rate
     path = _path(where, pulses, time, period)

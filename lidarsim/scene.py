@@ -20,9 +20,9 @@ from lidarsim._validation import (
     UINT32,
     Floats,
     Transform,
-    array,
     integer,
     named_labels,
+    one_or_each,
     placement,
     rays,
     t_range,
@@ -150,7 +150,7 @@ class _Snapshot:
 
     def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
         """Return the time of each of some rays, checked; None if nothing moves."""
-        when = array("time", time, ("n",) if np.ndim(time) else ())
+        when = one_or_each("time", time, "n")
         if when.ndim and len(when) != count:
             raise ValueError(f"time: expected one number or one for each of {count} rays, got {len(when)}")
         if not self.movers:
@@ -168,7 +168,7 @@ class _Snapshot:
         if self.span[0] <= first and last <= self.span[1]:
             return
         for item, motion in self.movers:
-            start, end = motion.span
+            start, end = motion._native.span()
             if first < start or (last > end and last > until(end)):
                 name = f" ({item.name!r})" if item.name else ""
                 raise ValueError(
@@ -459,7 +459,7 @@ class Scene(Pickled, Plotted):
             if items and items[-1].id != len(items) - 1:
                 ids = np.array([*(item.id for item in items), -1], dtype=np.int32)
             movers = tuple([(item, item.motion) for item in items if item.motion is not None])
-            spans = [motion.span for _, motion in movers]
+            spans = [motion._native.span() for _, motion in movers]
             span = (
                 max((start for start, _ in spans), default=-math.inf),
                 min((end for _, end in spans), default=math.inf),
@@ -676,9 +676,14 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
 
 def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
-    if not isinstance(value, (np.ndarray, list, tuple)) or np.ndim(value) == 0:
+    if not isinstance(value, (np.ndarray, list, tuple)):
         return integer("label", value, at_least=0, at_most=UINT32)
-    given = np.asarray(value)
+    try:
+        given = np.asarray(value)
+    except ValueError:
+        raise ValueError("label: expected one integer, or one per face, got a ragged sequence") from None
+    if given.ndim == 0:
+        return integer("label", value, at_least=0, at_most=UINT32)
     if not isinstance(shape, TriangleMesh):
         raise TypeError(f"label: expected one integer, or a TriangleMesh for one per face, got {_kind(shape)}")
     if given.dtype.kind not in "iu" or given.shape != (len(shape),):

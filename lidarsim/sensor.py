@@ -16,7 +16,7 @@ from lidarsim import scan as _scan
 from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._shown import short, text_table
-from lidarsim._validation import Transform, array, integer, real, shown
+from lidarsim._validation import Transform, array, frames, integer, real, shown
 from lidarsim.errors import FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
@@ -214,9 +214,7 @@ class Lidar(Pickled):
         >>> [float(scan.range[0, 0]) for scan in lidar.frames(scene, drive, 3)]
         [10.0, 9.5, 9.0]
         """
-        count = integer("count", count, at_least=0)
-        first = integer("first", first, at_least=0)
-        numbers = range(first, first + count)
+        numbers = frames(first, count)
         seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
         where = _scan.check_coverage(self, scene, pose, numbers)
         rate = self.pattern.rate

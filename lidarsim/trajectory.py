@@ -17,6 +17,7 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._pickling import Immutable
+from lidarsim._rotation_spline import NoSplineError, rotation_steps
 from lidarsim._validation import Floats, Transform, array
 from lidarsim.errors import FileFormatError
 
@@ -26,6 +27,9 @@ if TYPE_CHECKING:
 __all__ = ["Trajectory", "mounted", "numbers", "register_trajectory_format"]
 
 INTERPOLATIONS = ("linear", "spline")
+
+LARGEST = 2.0**980
+"""Most that coordinates and velocities may come to, with which nothing overflows that the core computes from them."""
 
 LONGEST_LINE = 1 << 16
 MOST_LINES = 10_000_000
@@ -56,13 +60,16 @@ class Trajectory(Immutable):
     Raises
     ------
     TypeError, ValueError
-        If the times do not rise, a pose is not rigid to within 1e-6, the numbers of times and poses differ, or there is
-        no such interpolation.
+        If the times do not rise, a pose is not rigid to within 1e-6, the numbers of times and poses differ, there is no
+        such interpolation, or no spline is found: where turns are large and one step lasts hundreds of times as long
+        as the next.
 
     Notes
     -----
     Splines are those of `scipy.interpolate.CubicSpline` (with its default, the not-a-knot condition at the ends) for
-    the position and of `scipy.spatial.transform.RotationSpline` for the orientation.
+    the position and of `scipy.spatial.transform.RotationSpline` for the orientation (N. Mayorov, Smooth Attitude
+    Interpolation, 2019), which begins and ends at the mean angular velocity of the first and the last step. The
+    equations of the latter are solved to rounding, where SciPy ends after ten iterations.
 
     ``trajectory @ mount`` is the trajectory of a sensor mounted on the body that `trajectory` moves; `mount`, a 4×4
     array or a RigidTransform, is the sensor's pose on the body, sensor to body. It holds between the given poses as
@@ -98,15 +105,22 @@ class Trajectory(Immutable):
             i = int(np.argmax(late)) + 1
             raise ValueError(f"times: expected rising times, got times[{i}] = {rising[i]} after {rising[i - 1]}")
         given: Any = poses.as_matrix() if hasattr(poses, "as_matrix") else poses
-        if np.ndim(given) != 3 or len(given) != len(rising):
-            raise ValueError(f"poses: expected shape ({len(rising)}, 4, 4), one per time, got {np.shape(given)}")
+        try:
+            shape = np.shape(given)
+        except ValueError:  # a ragged sequence
+            shape = ()
+        if len(shape) != 3 or shape[0] != len(rising):
+            got = shape or "a ragged sequence"
+            raise ValueError(f"poses: expected shape ({len(rising)}, 4, 4), one per time, got {got}")
         matrices = _rigid(np.array(array("poses", given, ("n", 4, 4))))
-        if interpolation not in INTERPOLATIONS:
-            raise ValueError(f"interpolation: expected 'linear' or 'spline', got {interpolation!r}")
+        _validation.one_of("interpolation", interpolation, INTERPOLATIONS)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             steps = (_spline_steps if interpolation == "spline" else _linear_steps)(rising, matrices)
-            finite = np.isfinite(steps).all() and np.isfinite(rising[-1] - rising[0])
-        if not finite:
+            # A velocity is at most three times the sum of the terms over the length of the step.
+            velocities = np.abs(steps).sum(axis=2) / np.diff(rising)[:, None, None]
+            largest = np.max([np.abs(part).max(initial=0.0) for part in (matrices[:, :3, 3], steps, velocities)])
+            length = rising[-1] - rising[0]
+        if not (largest <= LARGEST and np.isfinite(length)):
             raise ValueError("times, poses: expected times, positions and velocities within the range of float64")
         rising.setflags(write=False)
         self._times = rising
@@ -140,7 +154,12 @@ class Trajectory(Immutable):
         Raises
         ------
         TypeError, ValueError
-            If the pose is not rigid or a velocity not finite.
+            If the pose is not rigid or a velocity not finite, or beyond 2⁹⁸⁰.
+
+        Notes
+        -----
+        The angle |angular|·t is computed exactly and then reduced to one turn, so that orientations are as right at any
+        time as in the first turn.
 
         Examples
         --------
@@ -152,6 +171,8 @@ class Trajectory(Immutable):
         """
         start = _validation.pose("pose", pose)
         velocities = array("linear", linear, (3,)), array("angular", angular, (3,))
+        for name, values in ("pose", start[:3, 3]), ("linear", velocities[0]), ("angular", velocities[1]):
+            _in_range(name, values)
         arguments = start.tolist(), *(velocity.tolist() for velocity in velocities)
         return cls._made(np.zeros(1), ("twist", arguments, ()))
 
@@ -255,8 +276,11 @@ class Trajectory(Immutable):
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time at which there is a pose, s: tuple of float; -inf and inf of a constant twist."""
-        return self._native.span()
+        """First and last time at which there is a pose, s: tuple of float; -inf and inf of a constant twist.
+
+        The poses of a twist end where its positions are beyond the range of float64.
+        """
+        return (-math.inf, math.inf) if self._recipe[0] == "twist" else self._native.span()
 
     @property
     def times(self) -> Floats:
@@ -338,10 +362,9 @@ class Trajectory(Immutable):
 
     def _within(self, times: npt.ArrayLike) -> Floats:
         """Return `times`, of shape () or (n,), after checking that there is a pose at each."""
-        given = np.asarray(times)
-        when = array("times", given, ("n",) if given.ndim else ())
+        when = _validation.one_or_each("times", times, "n")
         flat = np.atleast_1d(when)
-        first, last = self.span
+        first, last = self._native.span()
         outside = (flat < first) | (flat > last)
         if outside.any():
             i = int(np.argmax(outside))
@@ -353,7 +376,7 @@ class Trajectory(Immutable):
         """Return the trajectory of a sensor mounted on the body that this one moves; `mount`: sensor to body."""
         if isinstance(mount, Trajectory):
             raise TypeError("mount: expected a pose, got a Trajectory")
-        matrix = _validation.pose("mount", mount).tolist()
+        matrix = _in_range("mount", _validation.pose("mount", mount)).tolist()
         kind, arguments, mounts = self._recipe
         return self._made(self._times, (kind, arguments, (*mounts, matrix)), self._native.mounted(matrix))
 
@@ -407,7 +430,16 @@ def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
     if isinstance(pose, Trajectory):
         return pose @ mount
     still: Floats = _native.Path.still(pose.tolist()).mounted(mount.tolist()).at(np.zeros(1))[0]
+    if not np.isfinite(still).all():
+        raise ValueError("mount, pose: expected positions within the range of float64, got a sum beyond it")
     return still
+
+
+def _in_range(name: str, values: Floats) -> Floats:
+    """Return `values`, of anything that moves, after checking that none is beyond `LARGEST`."""
+    if np.abs(values).max() > LARGEST:
+        raise ValueError(f"{name}: expected numbers up to {LARGEST:.3g} of what moves, got {np.abs(values).max():.3g}")
+    return values
 
 
 def _rigid(matrices: Floats) -> Floats:
@@ -442,19 +474,27 @@ def _linear_steps(times: Floats, matrices: Floats) -> Floats:
 def _spline_steps(times: Floats, matrices: Floats) -> Floats:
     """Return the steps from pose to pose as `_linear_steps` does, those of splines."""
     from scipy.interpolate import CubicSpline
-    from scipy.spatial.transform import Rotation, RotationSpline
 
     if len(times) < 3:
         return _linear_steps(times, matrices)  # which the splines then are
-    # SciPy has the terms in (t - t_i)³, (t - t_i)², …, 1 in turn.
+    # Of times scaled by a power of two the terms have the same bits, and squares of them do not overflow.
+    scaled = np.ldexp(times, -math.frexp(times[-1] - times[0])[1])
+    lengths = np.diff(scaled)
+    steps = np.full((len(lengths), 2, 3, 3), np.nan)
     try:
-        position = CubicSpline(times, matrices[:, :3, 3]).c
-        turn = RotationSpline(times, Rotation.from_matrix(matrices[:, :3, :3])).interpolator.c
+        position = CubicSpline(scaled, matrices[:, :3, 3]).c  # terms in (t - t_i)³, (t - t_i)², …, 1
     except (ValueError, np.linalg.LinAlgError):  # as it says of what overflows
-        return np.full((len(times) - 1, 2, 3, 3), np.nan)
-    lengths = np.diff(times)[:, None]
-    steps = [[terms[3 - power] * lengths**power for power in (1, 2, 3)] for terms in (position, turn)]
-    return np.ascontiguousarray(np.moveaxis(np.array(steps), 2, 0))
+        return steps
+    for power in (1, 2, 3):
+        steps[:, 0, power - 1] = position[3 - power] * lengths[:, None] ** power
+    try:
+        steps[:, 1] = rotation_steps(lengths, _turns(matrices))
+    except NoSplineError as error:
+        raise ValueError(
+            f"poses: expected orientations that a spline can join, got ones whose spline was not found near"
+            f" times[{error.knot}] = {times[error.knot]}; use more even times, smaller turns or interpolation='linear'"
+        ) from None
+    return steps
 
 
 # Files

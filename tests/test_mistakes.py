@@ -1,6 +1,8 @@
 """Mistakes that people make, and what each is told: which argument, what was expected, and what was given."""
 
 from collections.abc import Callable
+from decimal import Decimal
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -552,6 +554,96 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
         ValueError,
         "count: expected an integer >= 1, got 0",
     ),
+    "integer beyond float64": (
+        lambda: ls.Sphere((0, 0, 0), 10**400),
+        ValueError,
+        "radius: expected a finite number > 0, got a number beyond float64",
+    ),
+    "angle beyond float64": (
+        lambda: ls.Beam(10**400),
+        ValueError,
+        "divergence_azimuth: expected a finite number from 0 to 1, got a number beyond float64",
+    ),
+    "fraction beyond float64": (
+        lambda: ls.Sphere((0, 0, 0), Fraction(10**400)),
+        ValueError,
+        "radius: expected a finite number > 0, got a number beyond float64",
+    ),
+    "complex number": (
+        lambda: ls.Sphere((0, 0, 0), np.complex128(1 + 5j)),
+        TypeError,
+        "radius: expected a finite number > 0, got np.complex128(1+5j)",
+    ),
+    "truth value of NumPy": (
+        lambda: ls.Measurement(range_sigma=np.True_),
+        TypeError,
+        "range_sigma: expected a finite number >= 0, got np.True_",
+    ),
+    "array of one number": (
+        lambda: ls.Sphere((0, 0, 0), np.array([1.0])),
+        TypeError,
+        "radius: expected a finite number > 0, got an array of shape (1,)",
+    ),
+    "time span as a number": (
+        lambda: ls.Sphere((0, 0, 0), np.timedelta64(5, "s")),
+        TypeError,
+        "radius: expected a finite number > 0, got np.timedelta64(5,'s')",
+    ),
+    "no decimal number": (
+        lambda: ls.Sphere((0, 0, 0), Decimal("NaN")),
+        ValueError,
+        "radius: expected a finite number > 0, got nan",
+    ),
+    "first frame beyond all": (
+        lambda: LIDAR.frames(SCENE, None, 1, first=10**400),
+        ValueError,
+        "first: expected an integer from 0 to 4294967295, got an integer of 1,329 bits",
+    ),
+    "more frames than there are": (
+        lambda: ls.Rig({"top": (LIDAR, None)}).span(10**400),
+        ValueError,
+        "count: expected at most 4294967296 frames, got an integer of 1,329 bits",
+    ),
+    "frame of a cloud as an array": (
+        lambda: LIDAR.scan(SCENE).point_cloud(np.zeros(3)),
+        ValueError,
+        "frame: expected 'sensor' or 'world', got an array of shape (3,)",
+    ),
+    "options as an array": (
+        lambda: ls.Trajectory([0, 1], np.stack([np.eye(4), T]), interpolation=np.array(["spline", "linear"])),
+        ValueError,
+        "interpolation: expected 'linear' or 'spline', got an array of shape (2,)",
+    ),
+    "huge rotation": (
+        lambda: LIDAR.scan(SCENE, 1e308 * np.eye(4)),
+        ValueError,
+        "pose: expected a last row of (0, 0, 0, 1), got (0.0, 0.0, 0.0, 1e+308)",
+    ),
+    "terrain beyond float64": (
+        lambda: ls.TriangleMesh.from_heightfield(np.zeros((3, 3)), 1e308),
+        ValueError,
+        "origin, spacing: expected a grid within the range of float64, got one beyond it",
+    ),
+    "ragged times": (
+        lambda: DRIVE.at([[0.0], [0.1, 0.2]]),
+        ValueError,
+        "times: expected numbers of shape (n,), got a ragged sequence",
+    ),
+    "ragged labels": (
+        lambda: SCENE.add(MESH, label=[[1], [2, 3]]),
+        ValueError,
+        "label: expected one integer, or one per face, got a ragged sequence",
+    ),
+    "overrides as a text": (
+        lambda: ls.config.load("run.yaml", "frames=2"),
+        TypeError,
+        "overrides: expected a sequence of assignments, got 'frames=2'",
+    ),
+    "clouds as a number": (
+        lambda: ls.PointCloud.concatenate(3),
+        TypeError,
+        "clouds: expected a sequence of clouds, got 3",
+    ),
     "rig as a list": (
         lambda: ls.Rig([LIDAR]),
         TypeError,
@@ -570,3 +662,9 @@ def test_a_mistake_is_explained(mistake: Callable[[], Any], kind: type[Exception
         mistake()
     assert type(raised.value) is kind
     assert raised.value.args[-1] == message or str(raised.value) == message
+
+
+@pytest.mark.parametrize("half", [Fraction(1, 2), Decimal("0.5"), np.array(0.5), np.float16(0.5), np.longdouble(0.5)])
+def test_real_numbers_of_all_kinds_are_taken(half: Any) -> None:
+    assert ls.Detection(half, 2 * half) == ls.Detection(0.5, 1.0)
+    assert ls.Measurement(range_bias=-half).range_bias == -0.5

@@ -9,6 +9,7 @@ import re
 from collections.abc import Callable
 from itertools import pairwise
 
+import mpmath
 import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
@@ -69,12 +70,90 @@ def test_a_twist_is_the_matrix_exponential(angular: tuple[float, float, float]) 
 EPS = np.finfo(float).eps
 
 
+def exact_pose(linear: tuple[float, ...], angular: tuple[float, ...], time: float) -> np.ndarray:
+    """exp(t·twist) by its formulas, with as many digits as the angle has, and 30 more."""
+    w, v, t = mpmath.matrix(angular), mpmath.matrix(linear), mpmath.mpf(time)
+    with mpmath.workdps(700):  # of the largest angle 1e616
+        speed = mpmath.sqrt(sum(x * x for x in w))
+        a = speed * t
+        cross = mpmath.matrix([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]]) / speed
+        sine, cosine = mpmath.sin(a), mpmath.cos(a)
+        rotation = mpmath.eye(3) + sine * cross + (1 - cosine) * cross * cross
+        way = t * v + (1 - cosine) / speed * cross * v + (t - sine / speed) * cross * cross * v
+        rows = [[*(rotation[i, j] for j in range(3)), way[i]] for i in range(3)]
+        return np.array([[float(x) for x in row] for row in rows])
+
+
+@pytest.mark.parametrize("exponent", [0, 3, 5, 5.99, 6.01, 7, 9, 12, 16, 22, 50, 154, 200, 280, 300])
+def test_twists_turn_as_far_as_they_should_at_any_time(exponent: float) -> None:
+    generator = np.random.default_rng(int(10 * exponent))
+    for kind in range(12):
+        angular = tuple(generator.normal(size=3)) if kind % 3 else (0.0, 0.0, 1.0)
+        angle = 10**exponent * generator.uniform(1, 1.01)
+        faster = 10 ** generator.uniform(max(-exponent, exponent - 300), min(exponent, 290)) if kind % 2 else 1.0
+        speed = math.hypot(*angular) * faster
+        angular, time = tuple(faster * x for x in angular), (-1) ** kind * angle / speed
+        # As far as a sensor goes that turns, on circles and along screws.
+        along = np.array(angular) / speed
+        linear = np.cross(along, generator.normal(size=3)) + (kind > 5) * along
+        linear = tuple(linear * min(1.0, 1e200 / abs(time)))
+        found = ls.Trajectory.from_twist(np.eye(4), linear, angular)._native.at(np.array([time]))[0]
+        truth = exact_pose(linear, angular, time)
+        # Up to 1e6 rad a rotation vector is off by 3u of the angle, which is part of its square root, a sum of three
+        # products and the time; past that the rate has all its digits, and 16 roundings remain.
+        off = (4 if angle <= 1e6 else 0) * EPS * angle + 16 * EPS
+        assert np.abs(found[:3, :3] - truth[:, :3]).max() < off
+        assert np.abs(found[:3, :3] @ found[:3, :3].T - np.eye(3)).max() < 16 * EPS
+        # The way is as far off as that makes its radius, and 16 roundings of how far it leads along the axis; of a
+        # rotation vector's, as far as the arc.
+        radius, arc = math.hypot(*linear) / speed, math.hypot(*linear) * abs(time)
+        straight = abs(np.dot(linear, along) * time) if angle > 1e6 else arc
+        # With twice the digits the product of two perpendicular vectors is off by EPS².
+        bound = 2 * off * radius + 16 * EPS * straight + 16 * EPS**2 * arc
+        assert np.abs(found[:3, 3] - truth[:, 3]).max() <= bound
+
+
+def test_twists_of_whole_turns_are_where_they_began() -> None:
+    """Rates are exact: 2π·10ᵏ s, rounded to float64, at 1 rad/s is short of whole turns by what rounding took."""
+    for k in range(0, 19, 2):
+        time = 2 * math.pi * 10**k
+        with mpmath.workdps(60):
+            expected = float(mpmath.sin(mpmath.mpf(time) - 2 * mpmath.pi * 10**k))
+        matrix = ls.Trajectory.from_twist(np.eye(4), angular=(0, 0, 1))._native.at(np.array([time]))[0]
+        assert matrix[1, 0] == pytest.approx(expected, abs=4 * EPS if k > 5 else 4 * EPS * time)
+
+
+def test_a_twist_ends_where_float64_does() -> None:
+    fast = ls.Trajectory.from_twist(np.eye(4), linear=(0, -1e290, 0), angular=(0, 0, 1e200))
+    assert fast.span == (-math.inf, math.inf)
+    last = 2.0**980 / 1e290
+    assert np.isfinite(fast.at([-last, last]).as_matrix()).all()
+    message = f"times: expected times from {-last} to {last} s, got times = 1e+20"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        fast.at(1e20)
+    scene = ls.Scene()
+    scene.add(ls.Sphere((5, 0, 0), 1.0), name="ball", motion=fast)
+    with pytest.raises(ValueError, match=r"^time: expected times within the motion of object 0 \('ball'\), "):
+        scene.cast([[0, 0, 0]], [[1, 0, 0]], time=1e20)
+    with pytest.raises(ValueError, match=r"^pose: expected a trajectory over all pulses, got one from "):
+        ls.Lidar(ls.patterns.Grid([0.0], [0.0], rate=10.0)).scan(ls.Scene(), fast, time=1e20)
+    turning = ls.Trajectory.from_twist(np.eye(4), angular=(0, 0, 1e200))
+    assert np.isfinite(turning.at([-1.7e308, 5e-324, 1.7e308]).as_matrix()).all()
+
+
 def spline() -> ls.Trajectory:
     return ls.Trajectory(TIMES, poses(), interpolation="spline")
 
 
+class ConvergedSpline(RotationSpline):
+    """SciPy's, iterated until rounding is all that changes."""
+
+    MAX_ITER = 1000
+    TOL = 4 * EPS
+
+
 def test_a_spline_is_scipys() -> None:
-    position, turn = CubicSpline(TIMES, poses().translation), RotationSpline(TIMES, poses().rotation)
+    position, turn = CubicSpline(TIMES, poses().translation), ConvergedSpline(TIMES, poses().rotation)
     times, lengths = np.linspace(-1.0, 4.0, 501), np.diff(TIMES)
 
     def size(terms: np.ndarray) -> float:
@@ -96,22 +175,85 @@ def test_a_spline_is_scipys() -> None:
     assert np.abs(angular).max() > 1
 
 
-def test_a_spline_is_smooth_where_lines_have_bends() -> None:
-    def leaps(trajectory: ls.Trajectory) -> list[float]:
-        """How far velocities and accelerations on both sides of each pose within differ, relative to their size."""
-        found = []
-        for time in TIMES[1:-1]:
-            before, step = np.nextafter(time, -math.inf), 1e-6
-            for i in (0, 1):
-                velocities = [trajectory.velocity(t)[i] for t in (before - step, before, time, time + step)]
-                sides = (velocities[1] - velocities[0]) / step, (velocities[3] - velocities[2]) / step
-                found.append(np.linalg.norm(velocities[2] - velocities[1]) / np.linalg.norm(velocities[1]))
-                found.append(np.linalg.norm(sides[1] - sides[0]) / (np.linalg.norm(sides[1]) + 1e-300))
-        return found
+def leaps(trajectory: ls.Trajectory) -> np.ndarray:
+    """How far velocities and accelerations on both sides of each pose within differ, of their size: (k, 2)."""
+    found = []
+    lengths = np.diff(trajectory.times)
+    for k, time in enumerate(trajectory.times[1:-1]):
+        before, step = np.nextafter(time, -math.inf), 1e-6 * min(lengths[k], lengths[k + 1])
+        for i in (0, 1):
+            velocities = [trajectory.velocity(t)[i] for t in (before - step, before, time, time + step)]
+            sides = (velocities[1] - velocities[0]) / step, (velocities[3] - velocities[2]) / step
+            size = np.abs(velocities).max()
+            # Beside an acceleration of nearly zero, one is seen that the velocity would have gained in a step.
+            scale = np.linalg.norm(sides[1]) + size / lengths.max()
+            found.append(
+                (np.linalg.norm(velocities[2] - velocities[1]) / size, np.linalg.norm(sides[1] - sides[0]) / scale)
+            )
+    return np.array(found)
 
+
+def test_a_spline_is_smooth_where_lines_have_bends() -> None:
     # The one-sided differences are off by half a step times the third derivative, some 1e-5 of the acceleration.
-    assert max(leaps(spline())) < 1e-3
-    assert min(leaps(ls.Trajectory(TIMES, poses()))[::2]) > 0.1
+    assert leaps(spline()).max() < 1e-3
+    assert leaps(ls.Trajectory(TIMES, poses()))[:, 0].min() > 0.1
+
+
+def turned(rotations: Rotation) -> np.ndarray:
+    """Poses of these orientations, in different places."""
+    matrices = np.tile(np.eye(4), (len(rotations), 1, 1))
+    matrices[:, :3, :3], matrices[:, :3, 3] = rotations.as_matrix(), rotations.as_rotvec()
+    return matrices
+
+
+@pytest.mark.parametrize("unevenness", [0.0, 1.0, 1.5])
+def test_splines_join_large_turns_at_uneven_times(unevenness: float) -> None:
+    """Steps that last from 1 to 10^(2·unevenness) times as long as another, through any orientations."""
+    scipys = 0
+    for seed in range(20):
+        generator = np.random.default_rng(seed)
+        times = np.cumsum(10 ** generator.uniform(-unevenness, unevenness, 7))
+        rotations = Rotation.random(7, rng=generator)
+        trajectory = ls.Trajectory(times, turned(rotations), interpolation="spline")
+        assert leaps(trajectory).max() < 1e-3, seed
+        between = trajectory._native.at(np.linspace(times[0], times[-1], 200))[:, :3, :3]  # as it is, not made rigid
+        assert np.abs(between @ between.transpose(0, 2, 1) - np.eye(3)).max() < 16 * EPS
+        # With |J| <= 1, |A| <= π/2 and without N, the largest angular velocity w at a pose is below
+        # 3/2 m + (½α + ¼πβ)w <= 3/2 m + ¼πw, with m the largest mean one of a step: 7 m. N leaves it there.
+        lengths, turns = np.diff(times), (rotations[:-1].inv() * rotations[1:]).magnitude()
+        speeds = np.linalg.norm(trajectory.velocity(times)[1], axis=1)
+        assert speeds.max() < 1.5 / (1 - math.pi / 4) * (turns / lengths).max()
+        with np.errstate(all="ignore"):
+            try:
+                rates = RotationSpline(times, rotations)(times, 1)
+            except (ValueError, np.linalg.LinAlgError):
+                continue
+        scipys += np.allclose(rates, trajectory.velocity(times)[1], rtol=1e-6, atol=1e-6 * speeds.max())
+    assert 0 < scipys < 20, "those that SciPy's ten iterations solve, and others"
+
+
+def test_a_spline_of_many_small_turns_is_scipys() -> None:
+    generator = np.random.default_rng(1)
+    times = np.cumsum(generator.uniform(0.05, 0.15, 300))
+    rotations = Rotation.from_rotvec(np.cumsum(generator.normal(0, 0.02, (300, 3)), axis=0))
+    angular = ls.Trajectory(times, turned(rotations), interpolation="spline").velocity(times)[1]
+    expected = ConvergedSpline(times, rotations)(times, 1)
+    # The solution of the equations is off by a few roundings of its largest number, times their condition, at most 3;
+    # turns, from quaternions here and there, by the roundings of a unit quaternion over the shortest time.
+    assert np.abs(angular - expected).max() < 64 * EPS / np.diff(times).min()
+
+
+def test_a_spline_that_is_not_found_is_refused_by_name() -> None:
+    generator = np.random.default_rng(28)
+    times = np.concatenate([[0.0], np.cumsum(10 ** generator.uniform(-3, 3, 4))])
+    matrices = turned(Rotation.random(5, rng=28))
+    message = (
+        "poses: expected orientations that a spline can join, got ones whose spline was not found near times[2] = "
+        f"{times[2]}; use more even times, smaller turns or interpolation='linear'"
+    )
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Trajectory(times, matrices, interpolation="spline")
+    ls.Trajectory(times, matrices)
 
 
 def test_splines_of_one_and_two_poses_are_lines() -> None:
@@ -286,7 +428,7 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
             "times, poses: expected times, positions and velocities within the range of float64",
         ),
         (
-            lambda: ls.Trajectory([0, 1e-200, 1], [moved(x) for x in (0, 1, 2)], interpolation="spline"),
+            lambda: ls.Trajectory([0, 1e-200, 1], [moved(x) for x in (0, 1e200, 2)], interpolation="spline"),
             "times, poses: expected times, positions and velocities within the range of float64",
         ),
         (
@@ -300,6 +442,30 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
         (
             lambda: ls.Trajectory(TIMES, poses()).at([0.0, 5.0]),
             "times: expected times from -1.0 to 4.0 s, got times[1] = 5.0",
+        ),
+        (
+            lambda: ls.Trajectory.from_twist(np.eye(4), linear=(0, 1e300, 0)),
+            "linear: expected numbers up to 1.02e+295 of what moves, got 1e+300",
+        ),
+        (
+            lambda: ls.Trajectory.from_twist(np.eye(4), angular=(0, 0, -1e308)),
+            "angular: expected numbers up to 1.02e+295 of what moves, got 1e+308",
+        ),
+        (
+            lambda: ls.Trajectory.from_twist(moved(1e300)),
+            "pose: expected numbers up to 1.02e+295 of what moves, got 1e+300",
+        ),
+        (
+            lambda: ls.Trajectory(TIMES, poses()) @ moved(1e300),
+            "mount: expected numbers up to 1.02e+295 of what moves, got 1e+300",
+        ),
+        (
+            lambda: ls.Trajectory([0, 1], [moved(0), moved(1e300)]),
+            "times, poses: expected times, positions and velocities within the range of float64",
+        ),
+        (
+            lambda: ls.Trajectory(TIMES, [[1], [2, 3]]),
+            "poses: expected shape (4, 4, 4), one per time, got a ragged sequence",
         ),
         (
             lambda: ls.Trajectory.from_twist(np.eye(4), linear=(1, 2)),

@@ -44,6 +44,11 @@ Change = tuple[list[str], Node]
 
 def load(path: Path, overrides: Sequence[str]) -> Run:
     """Return the run that a file describes; see `lidarsim.config.load`."""
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise TypeError(f"overrides: expected a sequence of assignments, got {shown(overrides)}")
+    for i, text in enumerate(overrides):
+        if not isinstance(text, str):
+            raise TypeError(f"overrides: expected texts such as 'frames=2', got overrides[{i}] = {shown(text)}")
     return built(whole(read(path), [assigned(text) for text in overrides]))
 
 
@@ -172,12 +177,12 @@ def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
     found = entries(sensor)
     if mode is not None:
         modes = entries(found["modes"][1]) if "modes" in found else {}
-        if mode not in modes:
+        if not (isinstance(mode, str) and mode in modes):
             expected = f"expected one of {', '.join(modes)}" if modes else "the sensor has no modes"
-            raise ValueError(f"mode: {expected}, got {mode!r}")
+            raise ValueError(f"mode: {expected}, got {shown(mode)}")
         sensor = merge(sensor, modes[mode][1])
-    if noise not in (None, "none", "datasheet"):
-        raise ValueError(f"noise: expected none or datasheet, got {noise!r}")
+    if noise is not None and not (isinstance(noise, str) and noise in {"none", "datasheet"}):
+        raise ValueError(f"noise: expected none or datasheet, got {shown(noise)}")
     if noise == "datasheet":
         if "datasheet_noise" not in found:
             raise ValueError("noise: the sensor has no datasheet_noise, got 'datasheet'")

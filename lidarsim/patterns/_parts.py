@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from dataclasses import dataclass
 from fractions import Fraction
 
@@ -13,6 +14,9 @@ from lidarsim._validation import Floats, array, frozen, integer
 from lidarsim.patterns._pulses import Pulses
 
 TURN = 2.0 * math.pi
+
+PULSE_BYTES = 256
+"""Memory that it takes to make a pulse: 62 bytes to keep it, and up to eight vectors of float64 on the way."""
 
 
 def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | None = None) -> Floats:
@@ -31,6 +35,23 @@ def rings(name: str, count: int, *, at_least: int = 1) -> int:
     if not at_least <= count <= 1 << 16:
         raise ValueError(f"{name}: expected {at_least} to 65536 of them, got {count}")
     return count
+
+
+def cycles(name: str, rate: float, frame_rate: float) -> int:
+    """Return the most firing cycles of a frame, after checking that each can have a uint32, its column."""
+    count = math.ceil(Fraction(rate) / Fraction(frame_rate))
+    if count > 1 << 32:
+        raise ValueError(f"{name}: expected at most {1 << 32} firing cycles a frame, got {count}")
+    return count
+
+
+def expect_room(pulses: int) -> None:
+    """Raise MemoryError, before any work, if the system would not give the memory to make so many pulses."""
+    count = pulses * PULSE_BYTES
+    try:
+        np.empty(min(count, sys.maxsize), np.uint8)
+    except (MemoryError, ValueError):
+        raise MemoryError(f"out of memory: {count} bytes for the {pulses} pulses of a frame") from None
 
 
 def unit(vectors: Floats) -> Floats:
@@ -75,12 +96,17 @@ class Ticks:
     """Time from the start of the frame to its first tick, in ticks."""
 
     @classmethod
-    def of(cls, frame: int, rate: float | Fraction, frame_rate: float) -> Ticks:
-        """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``."""
+    def of(cls, frame: int, rate: float | Fraction, frame_rate: float, *, beams: int = 0) -> Ticks:
+        """Return the ticks m of a clock of `rate`, Hz, with ``frame <= m frame_rate / rate < frame + 1``.
+
+        If so many `beams` are to fire at each, there must be memory for that.
+        """
         frame = integer("frame", frame, at_least=0)
         per_frame = Fraction(rate) / Fraction(frame_rate)
         first = math.ceil(frame * per_frame)
-        return cls(Fraction(rate), first, math.ceil((frame + 1) * per_frame) - first, float(first - frame * per_frame))
+        count = math.ceil((frame + 1) * per_frame) - first
+        expect_room(count * beams)
+        return cls(Fraction(rate), first, count, float(first - frame * per_frame))
 
     @property
     def time(self) -> Floats:

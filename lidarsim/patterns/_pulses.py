@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from lidarsim._pickling import Immutable
 from lidarsim._shown import extent
-from lidarsim._validation import array, in_order, integer, real
+from lidarsim._validation import array, frequency, in_order, integer
 
 
 class _OfOneOrigin(Immutable):
@@ -166,7 +166,7 @@ def check_pattern(pattern: object) -> None:
     """
     if not isinstance(pattern, Pattern) or isinstance(pattern, type):
         raise TypeError(f"pattern: expected a scan pattern (rate, shape, pulses), got {pattern!r}")
-    real("pattern.rate", pattern.rate, above=0.0)
+    frequency("pattern.rate", pattern.rate)
     shape = pattern.shape
     if not isinstance(shape, tuple | list) or len(shape) != 2:
         raise TypeError(f"pattern.shape: expected (rings, columns), got {shape!r}")

@@ -73,8 +73,8 @@ def describe(pattern: Pattern) -> Description:
 
     Raises
     ------
-    TypeError
-        If it is not a scan pattern.
+    TypeError, ValueError
+        If it is not a scan pattern, or its first frame has no pulses.
 
     Examples
     --------
@@ -84,6 +84,8 @@ def describe(pattern: Pattern) -> Description:
     """
     check_pattern(pattern)
     first, second = pulses_of(pattern, 0), pulses_of(pattern, 1)
+    if not len(first):
+        raise ValueError("pattern: expected one whose first frame has pulses, got none")
     count = len(first) + len(second) + sum(len(pulses_of(pattern, frame)) for frame in range(2, FRAMES))
     azimuth, elevation = angles_of(first)
 

@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angles, array, frozen, integer, real
-from lidarsim.patterns._parts import TURN, directions_of, rings
+from lidarsim._validation import Floats, angles, array, frequency, frozen, integer, real
+from lidarsim.patterns._parts import TURN, directions_of, expect_room, rings
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -67,7 +67,7 @@ class Grid(Value):
         tilts = array("elevations", elevations, ("rings",))
         set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
         rings("elevations", len(self.elevations), at_least=0)
-        set_(self, "rate", real("rate", rate, above=0.0))
+        set_(self, "rate", frequency("rate", rate))
         longest = 1.0 / self.rate / max(len(self.azimuths), 1)
         set_(self, "column_period", real("column_period", column_period, at_least=0.0, at_most=longest))
 
@@ -100,6 +100,7 @@ class Grid(Value):
     @cached_property
     def _pulses(self) -> Pulses:
         rows, columns = self.shape
+        expect_room(rows * columns)
         column = np.repeat(np.arange(columns, dtype=np.uint32), rows)
         return Pulses(
             directions=directions_of(self.azimuths[:, None], self.elevations).reshape(-1, 3),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
 from fractions import Fraction
@@ -11,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from lidarsim._pickling import Value
-from lidarsim._validation import real
-from lidarsim.patterns._parts import TURN, Ticks, fired_together, turned
+from lidarsim._validation import frequency
+from lidarsim.patterns._parts import TURN, Ticks, cycles, fired_together, turned
 from lidarsim.patterns._pulses import Pulses
 
 TICK_RATE = 50_000
@@ -60,12 +59,13 @@ class Mid360(Value):
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        object.__setattr__(self, "rate", real("rate", self.rate, above=0.0, at_most=TICK_RATE))
+        object.__setattr__(self, "rate", frequency("rate", self.rate, at_most=TICK_RATE))
+        cycles("rate", TICK_RATE, self.rate)
 
     @property
     def shape(self) -> tuple[int, int]:
         """Beams, and most pulses of a beam in a frame."""
-        return 4, math.ceil(TICK_RATE / Fraction(self.rate))
+        return 4, cycles("rate", TICK_RATE, self.rate)
 
     def pulses(self, frame: int = 0) -> Pulses:
         """Return the pulses of a frame.
@@ -85,7 +85,7 @@ class Mid360(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        ticks = Ticks.of(frame, TICK_RATE, self.rate)
+        ticks = Ticks.of(frame, TICK_RATE, self.rate, beams=4)
         psi = TURN * ticks.turns(FAST)
         phi = np.exp(1j * TURN * ticks.turns(SLOW))
         rising = np.cumprod(np.broadcast_to(phi[:, None], (ticks.count, 10)), axis=1)

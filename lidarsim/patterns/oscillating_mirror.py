@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import math
+import sys
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
-from fractions import Fraction
 from typing import ClassVar
 
 import numpy as np
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angle, real
-from lidarsim.patterns._parts import TURN, Ticks, directions_of, fired_together
+from lidarsim._validation import Floats, angle, frequency, real
+from lidarsim.patterns._parts import TURN, Ticks, cycles, directions_of, fired_together
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -71,15 +70,16 @@ class OscillatingMirror(Value):
         """Check the arguments."""
         set_ = object.__setattr__
         set_(self, "field_of_view", angle("field_of_view", self.field_of_view, above=0.0, at_most=TURN))
-        set_(self, "scan_rate", real("scan_rate", self.scan_rate, above=0.0))
-        set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
-        set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))
+        set_(self, "scan_rate", frequency("scan_rate", self.scan_rate))
+        set_(self, "pulse_rate", frequency("pulse_rate", self.pulse_rate))
+        set_(self, "rate", frequency("rate", self.rate, at_most=self.pulse_rate))
+        cycles("pulse_rate", self.pulse_rate, self.rate)
         set_(self, "turn", real("turn", self.turn, at_least=0.0, at_most=1.0))
 
     @property
     def shape(self) -> tuple[int, int]:
         """One ring, and most pulses of a frame."""
-        return 1, math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+        return 1, cycles("pulse_rate", self.pulse_rate, self.rate)
 
     def pulses(self, frame: int = 0) -> Pulses:
         """Return the pulses of a frame.
@@ -99,7 +99,7 @@ class OscillatingMirror(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate, beams=1)
         azimuth = 0.5 * self.field_of_view * self._swing(ticks.turns(self.scan_rate))
         return fired_together(directions_of(azimuth[:, None], np.zeros(1)), ticks.time)
 
@@ -111,8 +111,9 @@ class OscillatingMirror(Value):
         left is (v/T) e**2.
         """
         swing = 2.0 * np.abs(turns % 1.0 - 0.5)
-        speed = 2.0 / (1.0 - 0.5 * self.turn)
+        turn = self.turn if self.turn >= sys.float_info.min else 0.0  # the quotient overflows, of no turn at all
+        speed = 2.0 / (1.0 - 0.5 * turn)
         to_end = np.minimum(swing, 1.0 - swing)
-        turning = to_end < 0.5 * self.turn
-        depth = np.where(turning, 1.0 - speed / (self.turn or 1.0) * to_end**2, speed * (0.5 - to_end))
+        turning = to_end < 0.5 * turn
+        depth = np.where(turning, 1.0 - speed / (turn or 1.0) * to_end**2, speed * (0.5 - to_end))
         return np.copysign(depth, swing - 0.5)

@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import KW_ONLY, dataclass
-from fractions import Fraction
 from typing import ClassVar
 
 import numpy as np
 
 from lidarsim._pickling import Value
-from lidarsim._validation import angle, real
-from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined
+from lidarsim._validation import angle, frequency
+from lidarsim.patterns._parts import TURN, Ticks, cycles, fired_together, joined
 from lidarsim.patterns._pulses import Pulses
 
 
@@ -65,14 +64,15 @@ class Palmer(Value):
         """Check the arguments."""
         set_ = object.__setattr__
         set_(self, "half_angle", angle("half_angle", self.half_angle, above=0.0, at_most=TURN / 2))
-        set_(self, "scan_rate", real("scan_rate", self.scan_rate, above=0.0))
-        set_(self, "pulse_rate", real("pulse_rate", self.pulse_rate, above=0.0))
-        set_(self, "rate", real("rate", self.rate, above=0.0, at_most=self.pulse_rate))
+        set_(self, "scan_rate", frequency("scan_rate", self.scan_rate))
+        set_(self, "pulse_rate", frequency("pulse_rate", self.pulse_rate))
+        set_(self, "rate", frequency("rate", self.rate, at_most=self.pulse_rate))
+        cycles("pulse_rate", self.pulse_rate, self.rate)
 
     @property
     def shape(self) -> tuple[int, int]:
         """One ring, and most pulses of a frame."""
-        return 1, math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+        return 1, cycles("pulse_rate", self.pulse_rate, self.rate)
 
     def pulses(self, frame: int = 0) -> Pulses:
         """Return the pulses of a frame.
@@ -92,7 +92,7 @@ class Palmer(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
+        ticks = Ticks.of(frame, self.pulse_rate, self.rate, beams=1)
         angle = TURN * ticks.turns(self.scan_rate)[:, None]
         across = math.sin(self.half_angle)
         directions = joined(np.array(math.cos(self.half_angle)), across * np.cos(angle), across * np.sin(angle))

@@ -12,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angle, angles, array, frozen, real
+from lidarsim._validation import Floats, angle, angles, frequency, frozen, one_or_each
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
+    cycles,
     fired_in_cycles,
     firing_times_within,
     per_channel,
@@ -111,14 +112,15 @@ class PolygonMirror(Value):
         firing_times: npt.ArrayLike = 0.0,
     ) -> None:
         set_ = object.__setattr__
-        tilts = array("elevations", np.atleast_1d(elevations), ("channels",))
+        tilts = np.atleast_1d(one_or_each("elevations", elevations, "channels"))
         set_(self, "elevations", frozen(angles("elevations", tilts, at_most=TURN / 4)))
         channels = rings("elevations", len(self.elevations))
         set_(self, "sweep", angle("sweep", sweep, above=0.0, at_most=2.0 * TURN))
         set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=min(self.sweep, TURN)))
-        set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
-        set_(self, "line_rate", real("line_rate", line_rate, above=0.0, at_most=self.pulse_rate))
-        set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
+        set_(self, "pulse_rate", frequency("pulse_rate", pulse_rate))
+        set_(self, "line_rate", frequency("line_rate", line_rate, at_most=self.pulse_rate))
+        set_(self, "rate", frequency("rate", rate, at_most=self.pulse_rate))
+        cycles("pulse_rate", self.pulse_rate, self.rate)
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
         set_(self, "firing_times", firing_times_within(1.0 / self.pulse_rate, firing_times, channels))
@@ -128,7 +130,7 @@ class PolygonMirror(Value):
         """Rings, and most columns of a frame."""
         lines = Fraction(self.line_rate) / Fraction(self.rate)
         if lines.denominator > 1:
-            return len(self.elevations), math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+            return len(self.elevations), cycles("pulse_rate", self.pulse_rate, self.rate)
         return len(self.elevations), int(lines) * self._used(0.0)
 
     def pulses(self, frame: int = 0) -> Pulses:
@@ -149,15 +151,15 @@ class PolygonMirror(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        now = Ticks.of(frame, self.pulse_rate, self.rate)
-        end = now.first + now.count
+        now = Ticks.of(frame, self.pulse_rate, self.rate, beams=len(self.elevations))
         per_line = Fraction(self.pulse_rate) / Fraction(self.line_rate)
         cycle, since_line = [], []
-        for number in range(math.floor(now.first / per_line), math.floor((end - 1) / per_line) + 1):
+        for number in range(math.floor(now.first / per_line), math.floor((now.first + now.count - 1) / per_line) + 1):
             line = Ticks.of(number, self.pulse_rate, self.line_rate)
-            used = np.arange(max(now.first, line.first), min(end, line.first + self._used(line.wait)), dtype=np.float64)
-            cycle.append(used - now.first)
-            since_line.append(used - line.first + line.wait)
+            start = line.first - now.first
+            used = np.arange(max(0, start), min(now.count, start + self._used(line.wait)), dtype=np.float64)
+            cycle.append(used)
+            since_line.append(used - start + line.wait)
         speed = -self.sweep * self.line_rate
         return fired_in_cycles(
             self.elevations,

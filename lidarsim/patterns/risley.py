@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
-from fractions import Fraction
-from functools import cached_property
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, Vector, angle, array, frozen, integer, nonzero_vectors, real, shown
-from lidarsim.patterns._parts import TURN, Ticks, fired_together, joined, rings, unit
+from lidarsim._validation import FASTEST, Floats, Vector, angle, array, frequency, frozen, items, nonzero_vectors, real
+from lidarsim.patterns._parts import TURN, Ticks, cycles, fired_together, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
+
+DENSEST = 10.0
+"""Refractive index, more than twice that of the densest glasses and semiconductors, of which germanium has 4."""
+
+CHECKED = 1 << 16
+"""Pulses of the first frame, at most, that are made to see whether the prisms let the beams through."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +59,10 @@ class Prism(Value):
 
     def __post_init__(self) -> None:
         """Check the arguments."""
-        object.__setattr__(self, "rotation_rate", real("rotation_rate", self.rotation_rate))
+        rotation_rate = real("rotation_rate", self.rotation_rate)
+        if abs(rotation_rate) > FASTEST:
+            raise ValueError(f"rotation_rate: expected one up to {FASTEST:g} Hz either way, got {rotation_rate}")
+        object.__setattr__(self, "rotation_rate", rotation_rate)
         for name, most in (("phase", TURN), ("entry_tilt", TURN / 4), ("exit_tilt", TURN / 4)):
             object.__setattr__(self, name, angle(name, getattr(self, name), at_least=-most, at_most=most))
 
@@ -87,7 +93,8 @@ class Risley(Value):
     Raises
     ------
     TypeError, ValueError
-        If an argument has the wrong type or shape or is out of its range, or a prism reflects a beam totally.
+        If an argument has the wrong type or shape or is out of its range, or a prism reflects a beam totally among the
+        first 65,536 pulses. If one does later, `pulses` raises ValueError.
 
     Notes
     -----
@@ -128,23 +135,25 @@ class Risley(Value):
         beams: npt.ArrayLike = ((1.0, 0.0, 0.0),),
     ) -> None:
         set_ = object.__setattr__
-        if not isinstance(prisms, Iterable):
-            raise TypeError(f"prisms: expected a sequence of Prism objects, got {shown(prisms)}")
-        set_(self, "prisms", tuple(prisms))
+        set_(self, "prisms", tuple(items("prisms", prisms, "Prism objects")))
         for i, prism in enumerate(self.prisms):
             if not isinstance(prism, Prism):
                 raise TypeError(f"prisms: expected Prism objects, got prisms[{i}] = {prism!r}")
         set_(self, "refractive_index", real("refractive_index", refractive_index, at_least=1.0))
-        set_(self, "pulse_rate", real("pulse_rate", pulse_rate, above=0.0))
-        set_(self, "rate", real("rate", rate, above=0.0, at_most=self.pulse_rate))
+        if self.refractive_index > DENSEST:
+            raise ValueError(f"refractive_index: expected one up to {DENSEST:g}, got {self.refractive_index:g}")
+        set_(self, "pulse_rate", frequency("pulse_rate", pulse_rate))
+        set_(self, "rate", frequency("rate", rate, at_most=self.pulse_rate))
         set_(self, "beams", frozen(unit(nonzero_vectors("beams", array("beams", beams, ("beams", 3))))))
         rings("beams", len(self.beams))
-        self.pulses()
+        cycles("pulse_rate", self.pulse_rate, self.rate)
+        first = Ticks.of(0, self.pulse_rate, self.rate)
+        self._fired(replace(first, count=min(first.count, max(1, CHECKED // len(self.beams)))))
 
     @property
     def shape(self) -> tuple[int, int]:
         """Beams, and most pulses of a beam in a frame."""
-        return len(self.beams), math.ceil(Fraction(self.pulse_rate) / Fraction(self.rate))
+        return len(self.beams), cycles("pulse_rate", self.pulse_rate, self.rate)
 
     def pulses(self, frame: int = 0) -> Pulses:
         """Return the pulses of a frame.
@@ -164,15 +173,9 @@ class Risley(Value):
         TypeError, ValueError
             If `frame` is not an integer >= 0.
         """
-        return self._frame(frame) if integer("frame", frame, at_least=0) else self._first
+        return self._fired(Ticks.of(frame, self.pulse_rate, self.rate, beams=len(self.beams)))
 
-    @cached_property
-    def _first(self) -> Pulses:
-        """Frame 0. The constructor computes it to check for total reflection."""
-        return self._frame(0)
-
-    def _frame(self, frame: int) -> Pulses:
-        ticks = Ticks.of(frame, self.pulse_rate, self.rate)
+    def _fired(self, ticks: Ticks) -> Pulses:
         direction = np.broadcast_to(self.beams, (ticks.count, len(self.beams), 3))
         for prism in self.prisms:
             angle = (TURN * ticks.turns(prism.rotation_rate) + prism.phase)[:, None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -11,10 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, Vector, angle, angles, array, frozen, integer, real
+from lidarsim._validation import Floats, Vector, angle, angles, array, frequency, frozen, integer, real
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
+    expect_room,
     fired_in_cycles,
     firing_times_within,
     per_channel,
@@ -124,7 +126,7 @@ class Spinning(Value):
         channels = rings("elevations", len(self.elevations))
         offsets = per_channel("azimuth_offsets", azimuth_offsets, channels)
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
-        set_(self, "rate", real("rate", rate, above=0.0))
+        set_(self, "rate", frequency("rate", rate))
         if columns is not None and column_period is not None:
             raise ValueError(f"columns, column_period: expected one of them, got {columns!r} and {column_period!r}")
         if columns is None and column_period is None:
@@ -133,6 +135,9 @@ class Spinning(Value):
         if column_period is not None:
             column_period = real("column_period", column_period, above=0.0, at_most=1.0 / self.rate)
         set_(self, "column_period", column_period)
+        if self.columns_per_turn > 2.0**32:
+            name = "columns" if column_period is None else "column_period"
+            raise ValueError(f"{name}: expected at most {1 << 32} columns a turn, got {self.columns_per_turn:g}")
         cycle = 1.0 / (self.columns_per_turn * self.rate)
         set_(self, "firing_times", firing_times_within(cycle, firing_times, channels))
         origins = np.zeros(3) if beam_origins is None else beam_origins
@@ -196,6 +201,7 @@ class Spinning(Value):
         return used_cycles(self.columns_per_turn, self.field_of_view / TURN, wait)
 
     def _turn(self, wait: float) -> Pulses:
+        expect_room(math.prod(self.shape))
         speed = (-TURN if self.clockwise else TURN) * self.rate
         time = (np.arange(self._used(wait), dtype=np.float64) + wait) / (self.columns_per_turn * self.rate)
         return fired_in_cycles(

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim._files import check_regular, load_array, told
 from lidarsim._pickling import Value
-from lidarsim._validation import Floats, angles, array, frozen, integer, nonzero_vectors, real
+from lidarsim._validation import Floats, angles, array, frequency, frozen, integer, nonzero_vectors
 from lidarsim.errors import FileFormatError
 from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
@@ -86,7 +86,10 @@ class Table(Value):
         set_(self, "rings", _indices("rings", rings, count, np.uint16))
         set_(self, "columns", None if columns is None else _indices("columns", columns, count, np.uint32))
         set_(self, "origins", per_channel("origins", np.zeros(3) if origins is None else origins, count, width=3))
-        set_(self, "rate", real("rate", rate, above=0.0))
+        set_(self, "rate", frequency("rate", rate))
+        last = float(self.times.max())
+        if last / 2.0**53 * self.rate >= 1.0:  # each frame has its float64
+            raise ValueError(f"times: expected fewer than {2**53} frames at {self.rate:g} Hz, got {last:g} s")
 
     @classmethod
     def from_file(cls, path: str | Path, *, rate: float, pulse_rate: float | None = None) -> Table:
@@ -149,7 +152,7 @@ class Table(Value):
         directions = _DIRECTIONS[names](*(array(name, columns[name], "n") for name in names))
         times: Floats | float = columns.get("time_s", 0.0)
         if pulse_rate is not None:
-            times = np.arange(len(directions)) / real("pulse_rate", pulse_rate, above=0.0)
+            times = np.arange(len(directions)) / frequency("pulse_rate", pulse_rate)
         return cls(directions, times=times, rings=columns.get("ring", 0), columns=columns.get("column"), rate=rate)
 
     @property

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._files import check_regular, reading_as
-from lidarsim._validation import Floats, Transform, array, in_order, positive
+from lidarsim._validation import Floats, Transform, array, in_order, one_or_each, positive
 from lidarsim.errors import FileFormatError
 from lidarsim.shapes._polygons import Indices, of_strips, triangulated
 from lidarsim.shapes._shape import Shape
@@ -265,9 +265,12 @@ class TriangleMesh(Shape):
         rows, columns = heights.shape
         if rows < 2 or columns < 2:
             raise ValueError(f"z: expected at least 2 rows and 2 columns, got shape {heights.shape}")
-        step = positive("spacing", array("spacing", np.broadcast_to(np.asarray(spacing), (2,)), (2,)).tolist())
+        step = positive("spacing", np.broadcast_to(one_or_each("spacing", spacing, 2), (2,)).tolist())
         x0, y0 = array("origin", origin, (2,))
-        x, y = np.meshgrid(x0 + step[0] * np.arange(columns), y0 + step[1] * np.arange(rows))
+        with np.errstate(over="ignore"):
+            x, y = np.meshgrid(x0 + step[0] * np.arange(columns), y0 + step[1] * np.arange(rows))
+        if not (np.isfinite(x).all() and np.isfinite(y).all()):
+            raise ValueError("origin, spacing: expected a grid within the range of float64, got one beyond it")
         corner = np.arange(rows * columns).reshape(rows, columns)
         a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
         faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)

@@ -104,3 +104,38 @@ def test_the_interpreter_ends_while_daemon_threads_work(work: str) -> None:
         print("end")
     """
     assert output(code, work) == "end"
+
+
+@pytest.mark.parametrize("isa", ["scalar", "avx2", "avx512"])
+def test_a_thread_with_a_small_stack_casts_and_scans(isa: str, instruction_sets: list[str]) -> None:
+    if isa not in instruction_sets:
+        pytest.skip(f"needs {isa}")
+    code = """
+        mesh, scene = field(30), ls.Scene()
+        drive = ls.Trajectory.from_twist(np.eye(4), (1, 0, 0), (0, 0, 1))
+        egg, can = ls.Ellipsoid((0, 5, 0), (1, 2, 3)), ls.Cylinder((5, 0, 0), (5, 0, 1), 1.0)
+        for shape in (ls.Box((1, 1, 1)), egg, can, mesh):
+            scene.add(shape)
+            scene.add(shape, motion=drive)
+        lidar = ls.Lidar(
+            ls.patterns.Spinning([-0.3, 0.0], columns=64),
+            measurement=ls.Measurement(range_sigma=0.1, beam=ls.Beam(0.01, rays=7), returns=3),
+        )
+
+        def work():
+            scan = lidar.scan(scene, drive)
+            found.append([
+                scene.cast(*rays(500), time=np.linspace(0, 1, 500)).t.tobytes(), field(30).cast(*rays(500)).t.tobytes(),
+                scan.range.tobytes(), scan.point_cloud("world").xyz.tobytes(), mesh.roots(*rays(50)).tobytes(),
+            ])
+
+        found = []
+        work()
+        for size in (64, 128, 256, 512, 1024, 4096):
+            threading.stack_size(size << 10)
+            thread = threading.Thread(target=work)
+            thread.start()
+            thread.join()
+        print([each == found[0] for each in found], len(found[0][3]) > 1000)
+    """
+    assert output(code, environment={"LIDARSIM_ISA": isa}) == f"{[True] * 7} True"

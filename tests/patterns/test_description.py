@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lidarsim.patterns import Spinning, describe
+from lidarsim.patterns import Grid, Spinning, describe
 from tests.patterns.families import AT128, FAMILIES, MID40, VLP16
 
 
@@ -37,3 +37,8 @@ def test_every_family_can_be_described(name: str) -> None:
     numbers = describe(FAMILIES[name])
     assert numbers.pulses_per_second > 0
     assert numbers.azimuth[0] <= numbers.azimuth[1]
+
+
+def test_a_pattern_without_pulses_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"^pattern: expected one whose first frame has pulses, got none$"):
+        describe(Grid([], [0.0], rate=10.0))

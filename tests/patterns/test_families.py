@@ -6,6 +6,8 @@ import dataclasses
 import inspect
 import pickle
 import re
+import tracemalloc
+from collections.abc import Callable
 from fractions import Fraction
 
 import mpmath as mp
@@ -14,7 +16,20 @@ import pytest
 from mpmath import mpf
 
 from lidarsim import patterns
-from lidarsim.patterns import Grid, Mid360, Pattern, PolygonMirror, Pulses, Spinning, Table
+from lidarsim.patterns import (
+    Grid,
+    Mid360,
+    OscillatingMirror,
+    Palmer,
+    Pattern,
+    PolygonMirror,
+    Prism,
+    Pulses,
+    Risley,
+    Spinning,
+    Table,
+    _parts,
+)
 from tests.patterns.families import FAMILIES, ORACLES
 
 LATE = 1_234_567
@@ -173,3 +188,75 @@ def test_no_family_is_forgotten() -> None:
     }
     assert {type(sample) for sample in FAMILIES.values()} == families
     assert families - ORACLES.keys() == {Grid, Mid360, Table}
+
+
+MANY = {"pulse_rate": 2.0**32, "rate": 1.0}
+GREEDY = {
+    "risley": lambda **more: Risley([Prism(10.0, exit_tilt=0.1)], refractive_index=1.5, **{**MANY, **more}),
+    "palmer": lambda **more: Palmer(half_angle=0.3, scan_rate=50.0, **{**MANY, **more}),
+    "oscillating": lambda **more: OscillatingMirror(field_of_view=0.3, scan_rate=50.0, **{**MANY, **more}),
+    "polygon": lambda **more: PolygonMirror(sweep=1.0, field_of_view=0.5, line_rate=50.0, **{**MANY, **more}),
+    "mid360": lambda rate=5e4 / 2**32: Mid360(rate=rate),
+    "spinning": lambda rate=2.0**32: Spinning([0.0, 0.1], columns=rate),
+    "grid": lambda **_: Grid(np.zeros(1 << 16), np.zeros(1 << 16), rate=1.0),
+}
+
+
+@pytest.mark.parametrize("make", GREEDY.values(), ids=GREEDY)
+def test_too_many_pulses_are_refused_before_they_are_made(
+    make: Callable[..., Pattern], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A constructor makes none, or few; a frame of more than can be kept is one error."""
+    tracemalloc.start()
+    try:
+        pattern = make()
+        # More memory than any machine has, if a pulse took this.
+        monkeypatch.setattr(_parts, "PULSE_BYTES", 1 << 40)
+        with pytest.raises(MemoryError, match=r"^out of memory: \d+ bytes for the \d+ pulses of a frame$"):
+            pattern.pulses()
+        assert tracemalloc.get_traced_memory()[1] < 64 << 20
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: GREEDY["risley"](pulse_rate=1e11),
+            "pulse_rate: expected at most 4294967296 firing cycles a frame, got",
+        ),
+        (lambda: GREEDY["palmer"](rate=0.5), "pulse_rate: expected at most 4294967296 firing cycles a frame"),
+        (lambda: GREEDY["polygon"](rate=0.5), "pulse_rate: expected at most 4294967296 firing cycles a frame"),
+        (lambda: GREEDY["oscillating"](rate=0.5), "pulse_rate: expected at most 4294967296 firing cycles a frame"),
+        (lambda: GREEDY["mid360"](rate=1e-6), "rate: expected at most 4294967296 firing cycles a frame"),
+        (lambda: GREEDY["spinning"](rate=1e10), "columns: expected at most 4294967296 columns a turn, got 1e+10"),
+        (
+            lambda: Spinning([0.0], column_period=1e-15),
+            "column_period: expected at most 4294967296 columns a turn, got",
+        ),
+        (lambda: GREEDY["palmer"](rate=1e-12), "rate: expected a rate from 1e-09 to 1e+12 Hz, got 1e-12"),
+        (lambda: Grid([0.0], [0.0], rate=1e300), "rate: expected a rate from 1e-09 to 1e+12 Hz, got 1e+300"),
+        (
+            lambda: Table([(1, 0, 0)], times=1e300, rate=1.0),
+            "times: expected fewer than 9007199254740992 frames at 1 Hz",
+        ),
+        (lambda: Prism(1e300), "rotation_rate: expected one up to 1e+12 Hz either way, got 1e+300"),
+        (
+            lambda: Risley([Prism(1.0)], refractive_index=1e300, pulse_rate=10.0, rate=1.0),
+            "refractive_index: expected one up to 10, got 1e+300",
+        ),
+    ],
+)
+def test_what_no_pattern_can_do_is_refused_when_it_is_made(make: Callable[[], Pattern], message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        make()
+
+
+@pytest.mark.parametrize("make", [make for name, make in GREEDY.items() if name != "grid"])
+def test_frames_of_any_number_have_pulses(make: Callable[..., Pattern]) -> None:
+    """Numbers beyond float64, too: the phases of clocks are reduced exactly."""
+    few = {GREEDY["mid360"]: {"rate": 1e3}, GREEDY["spinning"]: {"rate": 16.0}}
+    pattern = make(**few.get(make, {"pulse_rate": 100.0}))
+    for frame in (2**53 + 1, 10**400):
+        assert len(pattern.pulses(frame)) > 0

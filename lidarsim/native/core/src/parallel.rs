@@ -1,12 +1,15 @@
 //! Work shared among threads, in pools that are rebuilt after a fork.
 
+use std::cell::Cell;
 use std::num::NonZero;
+use std::panic::resume_unwind;
 use std::sync::atomic::{AtomicU64, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, PoisonError, mpsc};
 
 use arc_swap::ArcSwapOption;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
+use crate::memory::OutOfMemory;
 use crate::stop::{self, Job};
 
 /// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is
@@ -77,6 +80,78 @@ fn pool(kept: &ArcSwapOption<Pool>, threads: usize) -> Option<Arc<Pool>> {
         std::mem::forget(current);
     }
     Some(new)
+}
+
+/// What work may need of a stack: casts take some 300 KiB with each instruction set, and exact decisions
+/// little more.
+const ROOM: usize = 1 << 20;
+
+/// Does `work` in this thread, or, if little is left of its stack, in another.
+pub fn with_room<R: Send>(work: impl FnOnce() -> R + Send) -> R {
+    if room() >= ROOM {
+        return work();
+    }
+    let job = Job::current();
+    std::thread::scope(|scope| {
+        let (working, done) = mpsc::channel();
+        let thread = std::thread::Builder::new().stack_size(STACK).spawn_scoped(scope, move || {
+            let _working = working;
+            job.work(work)
+        });
+        let Ok(thread) = thread else {
+            resume_unwind(Box::new(OutOfMemory { bytes: STACK, purpose: "the stack of a thread".into() }))
+        };
+        stop::wait_for(&done);
+        thread.join().unwrap_or_else(|why| resume_unwind(why))
+    })
+}
+
+/// How many bytes are left of the stack of this thread; none are known of systems that do not tell.
+fn room() -> usize {
+    thread_local! {
+        /// Where the stack ends, as it grows down; 0 before it is known. To ask for that of the first thread
+        /// is to read a file.
+        static END: Cell<usize> = const { Cell::new(0) };
+    }
+    let here = 0_u8;
+    let end = match END.get() {
+        0 => {
+            END.set(end_of_stack().max(1));
+            END.get()
+        }
+        known => known,
+    };
+    (std::ptr::from_ref(&here) as usize).saturating_sub(end)
+}
+
+#[cfg(target_os = "linux")]
+fn end_of_stack() -> usize {
+    let mut attributes = std::mem::MaybeUninit::uninit();
+    let (mut end, mut size) = (std::ptr::null_mut(), 0);
+    // SAFETY: the attributes are read after the first function has set them, as 0 says, and destroyed once;
+    // the others are places of their own.
+    unsafe {
+        if libc::pthread_getattr_np(libc::pthread_self(), attributes.as_mut_ptr()) == 0 {
+            libc::pthread_attr_getstack(attributes.as_ptr(), &raw mut end, &raw mut size);
+            libc::pthread_attr_destroy(attributes.as_mut_ptr());
+        }
+    }
+    end as usize
+}
+
+#[cfg(target_vendor = "apple")]
+fn end_of_stack() -> usize {
+    // SAFETY: of this thread both are known.
+    unsafe {
+        let thread = libc::pthread_self();
+        (libc::pthread_get_stackaddr_np(thread) as usize)
+            .saturating_sub(libc::pthread_get_stacksize_np(thread))
+    }
+}
+
+#[cfg(not(any(target_os = "linux", target_vendor = "apple")))]
+fn end_of_stack() -> usize {
+    0
 }
 
 /// Runs `work` in a pool, so that the parallel iterators in it use its threads; on this thread alone where
@@ -172,6 +247,32 @@ mod tests {
         };
         let pieces = [0, 1].into_iter();
         assert!(failure(|| true, || share(pieces, by_another)).is_some_and(|why| why.is::<Stopped>()));
+    }
+
+    /// How far down the stack an array of that size leads.
+    #[inline(never)]
+    fn deep<const SIZE: usize>() -> usize {
+        let array = std::hint::black_box([0_u8; SIZE]);
+        std::hint::black_box(&array).len() + room().min(1)
+    }
+
+    #[test]
+    fn work_has_room_in_a_thread_of_a_small_stack() {
+        let in_thread = |size, ask: fn() -> bool, work: fn() -> usize| {
+            let thread = std::thread::Builder::new().stack_size(size);
+            let outcome = thread.spawn(move || {
+                let outcome = catch_unwind(AssertUnwindSafe(|| stop::until(ask, || with_room(work))));
+                (outcome.map_err(|why| why.is::<Stopped>()), room())
+            });
+            outcome.unwrap().join().unwrap()
+        };
+        let (outcome, left) = in_thread(64 << 10, || false, deep::<{ 1 << 19 }>);
+        assert!(left < 64 << 10, "{left}");
+        assert_eq!(outcome, Ok(Some((1 << 19) + 1)));
+        assert_eq!(in_thread(64 << 10, || true, || work_forever()).0, Err(true));
+        // With room enough work stays in its thread.
+        let (outcome, left) = in_thread(4 << 20, || false, room);
+        assert!((3 << 20..4 << 20).contains(&outcome.unwrap().unwrap()) && left < 4 << 20, "{left}");
     }
 
     #[test]

@@ -15,7 +15,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use lidarsim_core::memory::OutOfMemory;
 use lidarsim_core::stop::{self, Stopped};
-use lidarsim_core::{Level, Point};
+use lidarsim_core::{Level, Point, with_room};
 use numpy::ndarray::Dimension;
 use numpy::{Element, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
@@ -94,7 +94,7 @@ fn use_threads(_: Python<'_>) {
 /// MemoryError if there is none for an array. RuntimeError if the work panics, which is a fault of the core.
 pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     use_threads(py);
-    match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, work)))) {
+    match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, || with_room(work))))) {
         Ok(Some(outcome)) => Ok(outcome),
         Ok(None) => Err(raised(py)),
         Err(why) => Err(explained(py, &*why)),

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::{Cubic, Path, Point, Pose, Step, Velocity, memory};
+use lidarsim_core::{Cubic, LARGEST, Path, Point, Pose, Step, Velocity, memory};
 use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -37,7 +37,7 @@ impl PyPath {
     /// Constant velocities in the moving frame, which is at `matrix` at time 0.
     #[staticmethod]
     fn twist(matrix: Matrix, linear: Point, angular: Point) -> Self {
-        Path::Twist { start: pose(matrix), linear, angular }.into()
+        Path::twist(pose(matrix), linear, angular).into()
     }
 
     /// n rising times; the matrix at each, (n, 16); and how each leads to the next, (n - 1, 18): the three
@@ -78,8 +78,14 @@ impl PyPath {
     }
 
     /// The same poses over a span that goes on to `until`, at the velocities of its end.
-    fn held(&self, until: f64) -> Self {
-        self.path.held(until).into()
+    fn held(&self, until: f64) -> PyResult<Self> {
+        let path = self.path.held(until);
+        if path.at(until).rows().as_flattened().iter().all(|x| x.abs() <= LARGEST) {
+            return Ok(path.into());
+        }
+        Err(PyValueError::new_err(format!(
+            "pose: expected a trajectory that stays within the range of float64, got one that leaves it by {until} s"
+        )))
     }
 
     /// First and last time for which there is a pose.

@@ -90,6 +90,9 @@ pub fn exp(x: f64) -> f64 {
     e * power(half) * power(whole(k) - half)
 }
 
+/// The largest angle that [`sin_cos`] is right for; `turns::sin_cos` is so for all.
+pub const LARGEST_ANGLE: f64 = 1e6;
+
 /// Sine and cosine, for |x| up to 10⁶, to within 1 ulp of 1.
 ///
 /// x less the nearest multiple of π/2, which is subtracted in three parts of 33 bits and more. The first
@@ -106,7 +109,12 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
         f64::from_bits(0x3ba3_198a_2e03_7073),
     ];
     let k = (x * std::f64::consts::FRAC_2_PI).round();
-    let r = x - k * PI_2[0] - k * PI_2[1] - k * PI_2[2];
+    sin_cos_from_quarter(x - k * PI_2[0] - k * PI_2[1] - k * PI_2[2], whole(k))
+}
+
+/// Sine and cosine of the angle r, |r| ≤ π/4, past so many quarters of a turn.
+#[inline(always)]
+pub fn sin_cos_from_quarter(r: f64, quarter: i64) -> (f64, f64) {
     const fn alternating(first: usize) -> [f64; 9] {
         let mut c = [0.0; 9];
         let mut i = 0;
@@ -124,7 +132,6 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     let sin = r + r * z * polynomial(const { alternating(3) }, z);
     let cos = 1.0 + z * polynomial(const { alternating(2) }, z);
     // (sin, cos), (cos, −sin), (−sin, −cos), (−cos, sin): without a branch, for several at once.
-    let quarter = whole(k);
     let (a, b) = if quarter & 1 == 0 { (sin, cos) } else { (cos, sin) };
     let negate = |x: f64, is: i64| f64::from_bits(x.to_bits() ^ ((is & 2) as u64) << 62);
     (negate(a, quarter), negate(b, quarter + 1))

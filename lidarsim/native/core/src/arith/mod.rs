@@ -6,3 +6,4 @@ pub mod expansion;
 pub mod number;
 pub mod root;
 pub mod simd;
+pub mod turns;

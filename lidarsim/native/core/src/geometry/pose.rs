@@ -2,8 +2,10 @@
 
 use std::sync::Arc;
 
-use crate::arith::elementary::{RECIPROCAL_FACTORIALS, polynomial, sin_cos};
+use crate::arith::elementary::{LARGEST_ANGLE, RECIPROCAL_FACTORIALS, polynomial, sin_cos};
+use crate::arith::error_free::{two_product, two_sum};
 use crate::arith::simd::{Floats, lanes};
+use crate::arith::turns::{self, TurnRate};
 use crate::geometry::point::{cross, dot, sub};
 use crate::geometry::vector::Point;
 
@@ -84,11 +86,13 @@ impl Pose {
 #[derive(Clone, Debug)]
 pub enum Path {
     Still(Pose),
-    /// Constant velocities in the sensor's own, moving frame, from time 0 on and before.
+    /// Constant velocities in the sensor's own, moving frame, from time 0 on and before. Made by
+    /// [`Path::twist`].
     Twist {
         start: Pose,
         linear: Point,
         angular: Point,
+        screw: Arc<Screw>,
     },
     /// Each pose is met at its time, and `steps[i]` leads from pose i to the next. Times rise. From the last
     /// knot to `end` both velocities stay what they are there; a single knot stays where it is.
@@ -144,11 +148,27 @@ pub struct Velocity {
     pub angular: Point,
 }
 
+/// Most that coordinates, velocities and the terms of cubics may come to, on paths that move: 2⁹⁸⁰.
+///
+/// Then nothing overflows: of all that is computed, the largest is what a twist travels, its rotation vector
+/// of up to 10⁶ < 2²⁰ rad times itself and times a length, which a rotation and a mount multiply and add to
+/// by less than 2⁴.
+pub const LARGEST: f64 = f64::from_bits((1023 + 980) << 52);
+
 impl Path {
-    /// The times for which there is a pose.
+    /// That of constant velocities in the moving frame.
+    pub fn twist(start: Pose, linear: Point, angular: Point) -> Self {
+        Path::Twist { start, linear, angular, screw: Arc::new(Screw::new(linear, angular)) }
+    }
+
+    /// The times for which there is a pose: of a twist, as long as it does not lead beyond [`LARGEST`].
     pub fn span(&self) -> [f64; 2] {
         match self {
-            Path::Still(_) | Path::Twist { .. } => [f64::NEG_INFINITY, f64::INFINITY],
+            Path::Still(_) => [f64::NEG_INFINITY, f64::INFINITY],
+            Path::Twist { linear, .. } => {
+                let last = LARGEST / linear.iter().fold(0.0, |most: f64, x| most.max(x.abs()));
+                [-last, last]
+            }
             Path::Knots { times, end, .. } => [times[0], *end],
             Path::Mounted { body, .. } => body.span(),
         }
@@ -181,8 +201,10 @@ impl Path {
     pub fn at(&self, time: f64) -> Pose {
         match self {
             Path::Still(pose) => *pose,
-            Path::Twist { start, linear, angular } => {
-                let turn = Turn::new(angular.map(|x| x * time));
+            Path::Twist { start, linear, angular, screw } => {
+                let Some(turn) = Turn::of_vector(angular.map(|x| x * time)) else {
+                    return screw.at(start, time);
+                };
                 let travelled = start.turn(turn.travel(linear.map(|x| x * time)));
                 Pose {
                     rotation: product(start.rotation, turn.matrix()),
@@ -268,17 +290,95 @@ impl Motion {
     }
 }
 
-/// A rotation vector φ with the three factors that its exponentials need (T. D. Barfoot, State Estimation for
-/// Robotics, 2017, ch. 7): a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|.
+/// A twist as a motion along and about an axis (M. Chasles, 1830), where the angle is too large to be the
+/// length of a rotation vector: there the rounding of a product with time, a share of the whole angle and the
+/// whole way, would be large beside a turn and beside its radius.
+///
+/// With n along the angular velocity ω, the orientation is exp(θ[n]), θ = |ω|t, and the way (v·n)n t + sin θ
+/// v⟂/|ω| + (1 − cos θ) n×v/|ω|.
+#[derive(Clone, Debug)]
+pub struct Screw {
+    rate: TurnRate,
+    axis: Point,
+    /// (v·n)n.
+    advance: Point,
+    /// v⟂/|ω| and n×v/|ω|.
+    swing: [Point; 2],
+}
+
+impl Screw {
+    fn new(linear: Point, angular: Point) -> Self {
+        let (axis, speed) = split(angular);
+        // Of an axis of which each coordinate is rounded, v·n would not vanish where v is perpendicular.
+        let (scaled, _) = scaled(angular);
+        let along = accurate_dot(scaled, linear) / dot(scaled, scaled);
+        let advance = scaled.map(|x| along * x);
+        let swing = [sub(linear, advance), cross(axis, linear)].map(|v| v.map(|x| x / speed));
+        Screw { rate: TurnRate::new(angular), axis, advance, swing }
+    }
+
+    fn at(&self, start: &Pose, time: f64) -> Pose {
+        let (sin, cos) = self.rate.sin_cos(time);
+        let turn = Turn { vector: self.axis, rotation: [sin, 1.0 - cos], travel: [0.0; 2] };
+        let ([across, around], advance) = (self.swing, self.advance);
+        let travelled = start
+            .turn(std::array::from_fn(|i| advance[i] * time + (sin * across[i] + (1.0 - cos) * around[i])));
+        Pose {
+            rotation: product(start.rotation, turn.matrix()),
+            translation: std::array::from_fn(|i| start.translation[i] + travelled[i]),
+        }
+    }
+}
+
+/// v/2ᵏ and 2ᵏ, of which the largest coordinate of v is from one to two times as large.
+fn scaled(v: Point) -> (Point, f64) {
+    let largest = v.iter().fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
+    let power = f64::from_bits(largest.to_bits() & 0x7ff << 52);
+    (v.map(|x| x / power), power)
+}
+
+/// The unit vector along v, and |v|, to within 3u.
+fn split(v: Point) -> (Point, f64) {
+    let (v, power) = scaled(v);
+    let length = dot(v, v).sqrt();
+    (v.map(|x| x / length), length * power)
+}
+
+/// a·b as if computed with twice the digits (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, 2005:
+/// Dot2).
+fn accurate_dot(a: Point, b: Point) -> f64 {
+    let [(x, x_off), (y, y_off), (z, z_off)] = std::array::from_fn(|i| two_product(a[i], b[i]));
+    let (sum, first_off) = two_sum(x, y);
+    let (sum, second_off) = two_sum(sum, z);
+    sum + (((x_off + y_off) + z_off) + (first_off + second_off))
+}
+
+/// A rotation by θ, as a vector and the factors that its exponentials need (T. D. Barfoot, State Estimation
+/// for Robotics, 2017, ch. 7).
+///
+/// Of a rotation vector φ these are a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|. Of one with
+/// a large angle, whose square may overflow, the vector here is φ/θ, and they are multiplied by θ, or θ²,
+/// accordingly.
 struct Turn {
     vector: Point,
-    a: f64,
-    b: f64,
-    c: f64,
+    /// a and b.
+    rotation: [f64; 2],
+    /// b and c.
+    travel: [f64; 2],
 }
 
 impl Turn {
     fn new(vector: Point) -> Self {
+        Self::of_vector(vector).unwrap_or_else(|| {
+            let (vector, angle) = split(vector);
+            let (sin, cos) = turns::sin_cos(angle);
+            Turn { vector, rotation: [sin, 1.0 - cos], travel: [(1.0 - cos) / angle, (angle - sin) / angle] }
+        })
+    }
+
+    /// None if the angle is beyond [`LARGEST_ANGLE`].
+    #[inline]
+    fn of_vector(vector: Point) -> Option<Self> {
         let square = dot(vector, vector);
         let angle = square.sqrt();
         let [a, b, c] = if angle <= 1.0 {
@@ -286,32 +386,34 @@ impl Turn {
             [1, 2, 3].map(|first| {
                 polynomial::<9>(std::array::from_fn(|i| RECIPROCAL_FACTORIALS[first + 2 * i]), -square)
             })
-        } else {
+        } else if angle <= LARGEST_ANGLE {
             let (sin, cos) = sin_cos(angle);
             [sin / angle, (1.0 - cos) / square, (angle - sin) / (square * angle)]
+        } else {
+            return None;
         };
-        Turn { vector, a, b, c }
+        Some(Turn { vector, rotation: [a, b], travel: [b, c] })
     }
 
     /// I + a[φ] + b[φ]².
     fn matrix(&self) -> [Point; 3] {
         let columns =
-            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| self.series(e, self.a, self.b));
+            [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(|e| self.series(e, self.rotation));
         std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]))
     }
 
     /// Where a velocity, constant in the turning frame, leads: (I + b[φ] + c[φ]²)·v.
     fn travel(&self, v: Point) -> Point {
-        self.series(v, self.b, self.c)
+        self.series(v, self.travel)
     }
 
     /// The angular velocity in the turned frame, when the vector changes at `derivative`: (I − b[φ] +
     /// c[φ]²)·φ̇.
     fn rate(&self, derivative: Point) -> Point {
-        self.series(derivative, -self.b, self.c)
+        self.series(derivative, [-self.travel[0], self.travel[1]])
     }
 
-    fn series(&self, v: Point, first: f64, second: f64) -> Point {
+    fn series(&self, v: Point, [first, second]: [f64; 2]) -> Point {
         let once = cross(self.vector, v);
         let twice = cross(self.vector, once);
         std::array::from_fn(|i| v[i] + first * once[i] + second * twice[i])
@@ -351,8 +453,7 @@ mod tests {
     fn place_and_relative_to_undo_each_other() {
         let (base, pose) = (
             Pose::from_rows(ROWS),
-            Path::Twist { start: Pose::from_rows(ROWS), linear: [1.0, 2.0, 3.0], angular: [0.1, 0.2, 0.3] }
-                .at(2.0),
+            Path::twist(Pose::from_rows(ROWS), [1.0, 2.0, 3.0], [0.1, 0.2, 0.3]).at(2.0),
         );
         let p = [0.3, 0.2, 0.1];
         assert_close(base.place(pose.relative_to(&base).place(p)), pose.place(p));
@@ -361,11 +462,8 @@ mod tests {
     #[test]
     fn a_twist_drives_a_circle() {
         // 1 m/s ahead and 0.5 rad/s to the left: radius 2, whole turns at multiples of 4π s.
-        let path = Path::Twist {
-            start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
-            linear: [1.0, 0.0, 0.0],
-            angular: [0.0, 0.0, 0.5],
-        };
+        let start = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+        let path = Path::twist(start, [1.0, 0.0, 0.0], [0.0, 0.0, 0.5]);
         for (time, x, y) in
             [(0.0, 0.0, 0.0), (std::f64::consts::PI, 2.0, 2.0), (2.0 * std::f64::consts::PI, 0.0, 4.0)]
         {
@@ -397,11 +495,8 @@ mod tests {
     fn a_mount_swings_with_its_body() {
         // A body that turns to the left in place, and a sensor 2 m ahead of its center, which looks to its
         // left.
-        let body = Arc::new(Path::Twist {
-            start: Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]),
-            linear: [0.0; 3],
-            angular: [0.0, 0.0, 0.5],
-        });
+        let start = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
+        let body = Arc::new(Path::twist(start, [0.0; 3], [0.0, 0.0, 0.5]));
         let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
         let sensor = Arc::new(body.mounted(&mount));
         let quarter = std::f64::consts::PI;
@@ -456,7 +551,7 @@ mod tests {
         let Velocity { linear, angular } = path.velocity(3.0);
         assert_close(linear, [0.5, 0.875, -1.5]);
         let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.5]]);
-        let swings = Path::Twist { start: end, linear: [0.0; 3], angular };
+        let swings = Path::twist(end, [0.0; 3], angular);
         for (held, mount) in [
             (
                 path.held(4.0),

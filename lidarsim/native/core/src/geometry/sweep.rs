@@ -4,6 +4,7 @@ use super::affine::Affine;
 use super::dop::Dop;
 use super::pose::{Cubic, Path, Velocity};
 use super::vector::{Point, length_above};
+use crate::arith::elementary::LARGEST_ANGLE;
 use crate::arith::number::{Interval, UNIT};
 
 /// A part of a span of time in which one formula holds, with bounds of how the body moves there.
@@ -21,9 +22,6 @@ struct Part {
 /// Parts are cut so that a body turns no further than this in one, rad, but into no more pieces than so many.
 const TURN: f64 = 0.25;
 const PIECES: f64 = 64.0;
-
-/// Sines and cosines of greater angles mean nothing.
-const LARGEST_ANGLE: f64 = 1e6;
 
 impl Path {
     /// A box around all places of a body that moves along the path between two times.
@@ -55,12 +53,17 @@ impl Path {
             Path::Twist { linear, angular, .. } => {
                 let (speed, angular) = (length_above(*linear), length_above(*angular));
                 let longest = first.abs().max(last.abs());
+                let nearest = if first < 0.0 && last > 0.0 { 0.0 } else { first.abs().min(last.abs()) };
+                // Past the largest angle of a rotation vector, rounding does not grow with it. Where poses
+                // change from one to the other is rounded, too.
+                let turn = if angular * nearest > 2.0 * LARGEST_ANGLE { 0.0 } else { angular * longest };
+                let turn = turn.min(2.0 * LARGEST_ANGLE);
                 let part = |[first, last]: [f64; 2]| {
                     // The velocity is of one length, and turns with the body.
                     let there = self.velocity(middle(first, last)).linear;
                     let aside = speed * (angular * (last - first)).min(2.0);
                     let linear = there.map(|v| v.abs() + aside);
-                    Part { first, last, linear, angular, reach: speed * longest, turn: angular * longest }
+                    Part { first, last, linear, angular, reach: speed * longest, turn }
                 };
                 pieces([first, last], angular).map(part).collect()
             }
@@ -106,14 +109,12 @@ impl Path {
     /// and a point at r from its origin turns by min(`angular`·h, 2)·r. A pose is rounded: with u = 2⁻⁵³, the
     /// rotation vector by less than 12u of the sum of its terms, its exponential, two products with it, and
     /// how far the rotations given are from orthonormal, by less than 60u together; its position by less than
-    /// 12u of the terms, and u of itself; what a twist travels is off as a rotation is. A mount adds a
-    /// product more. Twice that, for middle and moment, in the three coordinates, is less than 512u of all
-    /// lengths that take part.
+    /// 12u of the terms, and u of itself; what a twist travels is off as a rotation is. As a screw, its
+    /// rotation is off by less than 60u, and what it travels by as much of `reach`, which is more than each
+    /// term. A mount adds a product more. Twice that, for middle and moment, in the three coordinates, is
+    /// less than 512u of all lengths that take part.
     fn during(&self, part: &Part, shape: &Dop) -> [Interval; 3] {
         let &Part { first, last, linear, angular, reach, turn } = part;
-        if !(turn <= LARGEST_ANGLE) {
-            return [Interval { low: f64::NEG_INFINITY, high: f64::INFINITY }; 3];
-        }
         let there = middle(first, last);
         let pose = Affine::from(self.at(there));
         let radius = length_above(shape.bounds().map(|b| b.low.abs().max(b.high.abs())));
@@ -165,7 +166,7 @@ mod tests {
         let mut one = || 2.0 * number() - 1.0;
         let ([a, b, c], position) = ([one(), one(), one()], [one(), one(), one()].map(|x| place * (1.0 + x)));
         let start = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
-        let [x, y, z] = Path::Twist { start, linear: [0.0; 3], angular: [a, b, c] }.at(3.0).rows();
+        let [x, y, z] = Path::twist(start, [0.0; 3], [a, b, c]).at(3.0).rows();
         let [p, q, r] = position;
         Pose::from_rows([[x[0], x[1], x[2], p], [y[0], y[1], y[2], q], [z[0], z[1], z[2], r]])
     }
@@ -197,13 +198,9 @@ mod tests {
             all.push(Path::Knots { times, poses, steps, end });
         }
         let velocity = |number: &mut dyn FnMut() -> f64| [(); 3].map(|()| speed * (2.0 * number() - 1.0));
-        all.push(Path::Twist {
-            start: pose(number, place),
-            linear: velocity(number),
-            angular: velocity(number),
-        });
+        all.push(Path::twist(pose(number, place), velocity(number), velocity(number)));
         // What it adds for turns is not hidden by what it adds for travel.
-        all.push(Path::Twist { start: pose(number, place), linear: [0.0; 3], angular: velocity(number) });
+        all.push(Path::twist(pose(number, place), [0.0; 3], velocity(number)));
         let mounts: Vec<Path> =
             all.iter().map(|path| Arc::new(path.clone()).mounted(&pose(number, place.min(4.0)))).collect();
         all.extend(mounts);

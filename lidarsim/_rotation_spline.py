@@ -1,0 +1,226 @@
+"""Splines of rotations: orientations with continuous angular velocity and angular acceleration.
+
+From one rotation to the next, while u = (t − tᵢ)/(tᵢ₊₁ − tᵢ) grows from 0 to 1, the orientation is Rᵢ exp(φ(u)), where
+φ is a cubic from 0 to the rotation vector of RᵢᵀRᵢ₊₁. With ω the angular velocity in the turning frame and A = J⁻¹,
+
+    ω = J(φ)φ̇,   J(φ) = I − b[φ] + c[φ]²,   b = (1 − cos θ)/θ²,   c = (θ − sin θ)/θ³,   θ = |φ|,
+
+and the angular acceleration is J(φ)φ̈ + N(φ, φ̇), N = J̇φ̇. A step with the turn r and the length h begins with φ̇ = ω and
+ends with φ̇ = A(r)ω of its ends. As J(r)r = r, the acceleration is continuous at knot i, where the step (r, h) meets
+(r′, h′), if
+
+    ½α J(r)ωᵢ₋₁ + ωᵢ + ½β A(r′)ωᵢ₊₁ + g N(r, A(r)ωᵢ) = 3/2 (α r/h + β r′/h′),
+    α = h′/(h + h′),   β = h/(h + h′),   g = hh′/(4(h + h′)).
+
+The first and the last angular velocity are the means of their steps, r/h.
+
+These are the splines of `scipy.spatial.transform.RotationSpline` (N. Mayorov, Smooth Attitude Interpolation, 2019:
+https://github.com/scipy/scipy/files/2932755/attitude_interpolation.pdf), which takes ten steps of a fixed-point
+iteration and does not say whether they converged. Here Newton's method solves the equations to rounding. They are
+linear but for N, which is quadratic in ω: where the method does not converge from the solution without N, N is switched
+on by degrees (numerical continuation: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., §11.3).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.polynomial import Polynomial
+
+from lidarsim._validation import Floats
+
+__all__ = ["NoSplineError", "rotation_steps"]
+
+EPS = float(np.finfo(float).eps)
+
+SMALLEST_STEP = 2.0**-10
+"""Of the continuation: a limit of work, not of accuracy."""
+
+MOST_ITERATIONS = 50
+"""Of Newton's method: a limit of work, too. Where it converges, each iteration doubles the number of right digits."""
+
+
+class NoSplineError(Exception):
+    """No solution of the equations was found; `knot` is that where they are off by most."""
+
+    def __init__(self, knot: int) -> None:
+        super().__init__(knot)
+        self.knot = knot
+
+
+def rotation_steps(lengths: Floats, turns: Floats) -> Floats:
+    """Return the cubics of the rotation vectors.
+
+    Parameters
+    ----------
+    lengths : ndarray of float64, shape (n,)
+        Time from each knot to the next, s; n >= 2.
+    turns : ndarray of float64, shape (n, 3)
+        Rotation vector from each knot to the next, its length at most π.
+
+    Returns
+    -------
+    ndarray of float64, shape (n, 3, 3)
+        Terms in u, u² and u³ of each step.
+
+    Raises
+    ------
+    NoSplineError
+        If no solution of the equations was found.
+    """
+    h = (lengths / lengths.max())[:, None]
+    with np.errstate(all="ignore"):  # numbers that overflow solve no equation
+        equations = _Equations(h, turns)
+        rates = equations.solution()
+        start, end = h * rates[:-1], h * _times(equations.inverses, rates[1:])
+        return np.stack([start, 3 * turns - 2 * start - end, start + end - 2 * turns], axis=1)
+
+
+class _Equations:
+    """The equations at the inner knots, for the angular velocities at all knots, (n + 1, 3)."""
+
+    def __init__(self, h: Floats, turns: Floats) -> None:
+        self.means = turns / h
+        self.alpha, self.beta = h[1:] / (h[:-1] + h[1:]), h[:-1] / (h[:-1] + h[1:])
+        self.g = h[:-1] * self.alpha / 4
+        matrices = _rate_matrices(turns)
+        self.inverses = np.linalg.inv(matrices).astype(np.float64, copy=False)
+        self.before = self.alpha[:, :, None] / 2 * matrices[:-1]
+        self.after = self.beta[:, :, None] / 2 * self.inverses[1:]
+        self.turns = turns
+        self.right = 1.5 * (self.alpha * self.means[:-1] + self.beta * self.means[1:])
+
+    def solution(self) -> Floats:
+        """Return the angular velocities."""
+        rates = np.concatenate([self.means[:1], self.means])
+        solved = self.improved(rates, 0.0)
+        share, step = 0.0, 1.0
+        while solved is not None:
+            rates, solved = solved, None
+            if share == 1.0:
+                return rates
+            while solved is None and step >= SMALLEST_STEP:
+                solved = self.improved(rates, share + step)
+                step = step if solved is not None else step / 2
+            share, step = share + step, min(2 * step, 1.0 - share - step)
+        raise NoSplineError(1 + int(np.argmax(self.excess(rates, 1.0))))
+
+    def improved(self, rates: Floats, share: float) -> Floats | None:
+        """Return the solution with this share of N to which Newton's method converges; None if it does not."""
+        from scipy.linalg import solve_banded
+
+        shrunk = math.inf
+        for _ in range(MOST_ITERATIONS):
+            residual = self.residual(rates, share)
+            is_solved = bool(np.all(self.excess(rates, share) <= 1.0))
+            try:
+                change = solve_banded((5, 5), self.jacobian(rates, share), residual.ravel()).reshape(-1, 3)
+            except (ValueError, np.linalg.LinAlgError):  # not finite; singular
+                return None
+            rates = rates.copy()
+            rates[1:-1] -= change
+            if is_solved:
+                return rates
+            # From √ε on, the next change is that of rounding, though not yet where angular velocities are smaller.
+            size = float(np.abs(change).max())
+            if not size <= max(shrunk / 2, math.sqrt(EPS) * float(np.abs(rates).max())):
+                return None
+            shrunk = size
+        return None
+
+    def residual(self, rates: Floats, share: float) -> Floats:
+        """Return by how much the left sides, with this share of N, exceed the right ones: shape (n - 1, 3)."""
+        linear = _times(self.before, rates[:-2]) + rates[1:-1] + _times(self.after, rates[2:]) - self.right
+        return linear + share * self.g * _quadratic(self.turns[:-1], _times(self.inverses[:-1], rates[1:-1]))
+
+    def excess(self, rates: Floats, share: float) -> Floats:
+        """Return the residual at each inner knot in units of its rounding: shape (n - 1,).
+
+        With u = ε/2, a matrix is off by 8u of its norm, its product with a vector by 3u more, and the sum of terms,
+        right side included, by 5u; N takes five such products. So each term is off by less than 32u of its bound, which
+        is by |J| <= 1, |A| = (θ/2)/sin(θ/2) <= π/2 and |N| <= (θ/12 + θ²/60 + 1/6)θ|φ̇|² < θ|φ̇|².
+        """
+        size = np.linalg.norm(rates, axis=1, keepdims=True)
+        curved = (math.pi / 2 * size[1:-1]) ** 2 * np.linalg.norm(self.turns[:-1], axis=1, keepdims=True)
+        terms = self.alpha / 2 * size[:-2] + size[1:-1] + math.pi / 4 * self.beta * size[2:]
+        terms = terms + np.linalg.norm(self.right, axis=1, keepdims=True) + share * self.g * curved
+        off = np.linalg.norm(self.residual(rates, share), axis=1)
+        bound = 16 * EPS * terms[:, 0]
+        return np.where(off <= bound, 0.0, off / bound)
+
+    def jacobian(self, rates: Floats, share: float) -> Floats:
+        """Return the derivatives of the residual by the inner angular velocities, banded as for `solve_banded`."""
+        count = len(self.g)
+        inverses = self.inverses[:-1]
+        bent = _quadratic_derivative(self.turns[:-1], _times(inverses, rates[1:-1])) @ inverses
+        blocks = np.stack([np.zeros_like(bent), np.eye(3) + share * self.g[:, :, None] * bent, np.zeros_like(bent)])
+        blocks[0, 1:], blocks[2, :-1] = self.before[1:], self.after[:-1]
+        banded = np.zeros((11, count, 3))
+        for k, side in enumerate((-1, 0, 1)):
+            for i in range(3):
+                for j in range(3):
+                    # The element of row 3m + i and column 3(m + side) + j stands at 5 + row - column.
+                    places = slice(max(side, 0), count + min(side, 0))
+                    values = slice(max(-side, 0), count + min(-side, 0))
+                    banded[5 + i - j - 3 * side, places, j] = blocks[k, values, i, j]
+        return banded.reshape(11, -1)
+
+
+def _factors(turns: Floats) -> Floats:
+    """Return b, c, (db/dθ)/θ and (dc/dθ)/θ of rotation vectors of shape (n, 3): (4, n, 1).
+
+    Power series where the quotients would cancel, up to θ = 1, to where the next term is below 1/22! < ε/2:
+    b = Σ (−θ²)ᵏ/(2k + 2)!, c = Σ (−θ²)ᵏ/(2k + 3)!.
+    """
+    square = np.sum(turns**2, axis=1, keepdims=True)
+    angle = np.sqrt(np.maximum(square, 1.0))
+    sine, cosine = np.sin(angle), np.cos(angle)
+    quotients = [
+        (1 - cosine) / angle**2,
+        (angle - sine) / angle**3,
+        (angle * sine - 2 * (1 - cosine)) / angle**4,
+        (3 * sine - angle * cosine - 2 * angle) / angle**5,
+    ]
+    b, c = (Polynomial([(-1) ** k / math.factorial(2 * k + first) for k in range(10)]) for first in (2, 3))
+    return np.where(square <= 1.0, [b(square), c(square), 2 * b.deriv()(square), 2 * c.deriv()(square)], quotients)
+
+
+def _rate_matrices(turns: Floats) -> Floats:
+    """Return J of each rotation vector, (n, 3, 3)."""
+    b, c, _, _ = _factors(turns)[..., None]
+    cross = _cross_matrices(turns)
+    matrices: Floats = np.eye(3) - b * cross + c * (cross @ cross)
+    return matrices
+
+
+def _quadratic(turns: Floats, rates: Floats) -> Floats:
+    """Return N: J̇φ̇, of rotation vectors and their derivatives, (n, 3) each."""
+    _, c, b_by_angle, c_by_angle = _factors(turns)
+    once = np.cross(turns, rates)
+    along = np.sum(turns * rates, axis=1, keepdims=True)
+    bent: Floats = along * (c_by_angle * np.cross(turns, once) - b_by_angle * once) + c * np.cross(rates, once)
+    return bent
+
+
+def _quadratic_derivative(turns: Floats, rates: Floats) -> Floats:
+    """Return the derivatives of N by φ̇, (n, 3, 3)."""
+    _, c, b_by_angle, c_by_angle = _factors(turns)[..., None]
+    cross, rate_cross = _cross_matrices(turns), _cross_matrices(rates)
+    along = np.sum(turns * rates, axis=1)[:, None, None]
+    linear = c_by_angle * (cross @ cross) - b_by_angle * cross
+    both = rate_cross @ cross - _cross_matrices(np.cross(turns, rates))
+    derivatives: Floats = along * linear + _times(linear, rates)[:, :, None] * turns[:, None, :] + c * both
+    return derivatives
+
+
+def _cross_matrices(vectors: Floats) -> Floats:
+    """Return the matrices [v], [v]w = v × w, (n, 3, 3)."""
+    x, y, z = vectors.T
+    zero = np.zeros_like(x)
+    return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)
+
+
+def _times(matrices: Floats, vectors: Floats) -> Floats:
+    product: Floats = np.einsum("nij,nj->ni", matrices, vectors)
+    return product

@@ -1,0 +1,505 @@
+"""Every public function with arguments of every kind: what comes of them is a result or an error that is documented.
+
+The functions are found by the public names, so that a new one is among them by itself. Each needs an example of a call,
+put together by the names of its parameters, and a parameter of an unknown name makes a test fail until it has a value.
+"""
+
+from __future__ import annotations
+
+import inspect
+import math
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from decimal import Decimal
+from fractions import Fraction
+from itertools import islice
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import RigidTransform, Rotation
+
+import lidarsim as ls
+
+DOCUMENTED = (ValueError, TypeError, KeyError, ls.errors.LidarsimError, OSError, MemoryError)
+
+LEFT_OUT = {
+    "register_": "change what later calls do",
+    "show": "opens windows; tests/viewers",
+    "generate": "makes folders; tests/datasets",
+    "datasets.": "the same",
+    "io.rosbag.": "bags, of whole runs; tests/io",
+    "io.las.Writer": "writes in a with block; tests/io",
+    "Shape": "abstract",
+    "patterns.Pattern": "a protocol",
+    "Status": "an enumeration",
+    "errors.": "what is raised",
+}
+"""Beginnings of names, and why they are not called here."""
+
+RESULTS = {"Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
+"""Classes that functions return: their methods are called, their constructors not."""
+
+HEAVY = ("to_open3d", "to_pyvista", "from_open3d", "from_pyvista", "from_trimesh", "plot", "show")
+"""Methods that import a viewer, which takes a second; tests/viewers."""
+
+
+def parts(module: ModuleType, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name in sorted(getattr(module, "__all__", ())):
+        value = getattr(module, name)
+        full = prefix + name
+        if any(full.startswith(left) if left.endswith((".", "_")) else full == left for left in LEFT_OUT):
+            continue
+        if inspect.ismodule(value):
+            yield from parts(value, full + ".")
+        elif callable(value):
+            yield full, value
+
+
+def functions() -> dict[str, inspect.Signature]:
+    """All that can be called: functions, constructors and methods, by their names from `lidarsim` on."""
+    found = {}
+    for name, value in parts(ls):
+        if not (inspect.isclass(value) and name in RESULTS):
+            found[name] = inspect.signature(value)
+        if inspect.isclass(value):
+            for method, member in inspect.getmembers(value, callable):
+                ours = (getattr(member, "__module__", None) or "").startswith("lidarsim.")
+                if ours and not method.startswith("_") and method not in HEAVY:
+                    found[f"{name}.{method}"] = inspect.signature(member)
+    return found
+
+
+def turned(angle: float, *position: float) -> np.ndarray:
+    return RigidTransform.from_components(position, Rotation.from_euler("z", angle)).as_matrix()
+
+
+def ball_and_floor() -> ls.Scene:
+    scene = ls.Scene(class_names={1: "ball"})
+    scene.add(ls.Sphere((4, 0, 0), 1.0), label=1)
+    scene.add(ls.Plane((0, 0, 1), -1.0), motion=ls.Trajectory.from_twist(np.eye(4), (0, 0, 0.1), (0, 0, 1)))
+    return scene
+
+
+def lidar() -> ls.Lidar:
+    return ls.Lidar(ls.patterns.Grid([0.0, 0.1, 0.2], [-0.1, 0.1], rate=10.0, column_period=0.01), name="top")
+
+
+def drive() -> ls.Trajectory:
+    return ls.Trajectory([0.0, 0.5, 2.0], [turned(a, a, 0, 0) for a in (0.0, 1.0, 3.0)], interpolation="spline")
+
+
+RUN = """\
+frames: 1
+sensor: {pattern: {type: spinning, elevations_deg: [0], columns: 4}}
+scene: [{shape: sphere, center_m: [3, 0, 0], radius_m: 1}]
+"""
+
+
+def written(folder: Path, name: str, text: str) -> Path:
+    (folder / name).write_text(text)
+    return folder / name
+
+
+def cloud() -> ls.PointCloud:
+    return ls.PointCloud(xyz=np.arange(6.0).reshape(2, 3), label=[1, 2])
+
+
+def saved(folder: Path, name: str = "cloud.pcd") -> Path:
+    cloud().save(folder / name)
+    return folder / name
+
+
+VALUES: dict[str, Callable[[Path], Any]] = {
+    # Shapes
+    **dict.fromkeys(("center", "start", "a", "linear", "angular"), lambda _: (0.0, 0.0, -1.0)),
+    **dict.fromkeys(("end", "normal", "b", "point", "size", "radii"), lambda _: (0.5, 1.0, 2.0)),
+    "c": lambda _: (1.0, 0.0, 0.0),
+    **dict.fromkeys(("radius", "distance", "chord_error"), lambda _: 1.5),
+    "capped": lambda _: True,
+    "rotation": lambda _: Rotation.from_euler("z", 0.3),
+    "vertices": lambda _: np.array([(0.0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0)]),
+    "faces": lambda _: np.array([(0, 1, 2), (0, 2, 3)]),
+    "z": lambda _: np.arange(12.0).reshape(3, 4),
+    "spacing": lambda _: 0.5,
+    "origin": lambda _: (0.0, 0.0),
+    **dict.fromkeys(("transform", "pose", "mount"), lambda _: turned(0.2, 0.1, 0.2, 0.3)),
+    "bounds": lambda _: np.array([(-1.0, -1, -1), (1, 1, 1)]),
+    # Casts
+    "origins": lambda _: np.array([(0.0, 0, 0), (0, 0, 5)]),
+    "directions": lambda _: np.array([(1.0, 0, 0), (0, 0, -1)]),
+    "t_min": lambda _: 0.5,
+    "t_max": lambda _: 50.0,
+    **dict.fromkeys(("time", "offset"), lambda _: 0.25),
+    # Scenes
+    "shape": lambda _: ls.Sphere((4, 0, 0), 1.0),
+    "name": lambda _: "ball",
+    "label": lambda _: 3,
+    "instance": lambda _: 7,
+    "material": lambda _: ls.Material(reflectivity=0.5),
+    "motion": lambda _: drive(),
+    "object_id": lambda _: 0,
+    "class_names": lambda _: {1: "ball"},
+    "reflectivity": lambda _: 0.5,
+    "per": lambda _: "object",
+    "colors": lambda _: np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]),
+    # Patterns
+    "elevations": lambda _: np.array([-0.1, 0.1]),
+    **dict.fromkeys(("azimuths", "azimuth_offsets"), lambda _: np.array([0.0, 0.1])),
+    "columns": lambda _: 8,
+    "column_period": lambda _: None,
+    "rate": lambda _: 10.0,
+    "firing_times": lambda _: 0.0,
+    "beam_origins": lambda _: (0.0, 0.0, 0.1),
+    "clockwise": lambda _: True,
+    **dict.fromkeys(("field_of_view", "half_angle", "phase"), lambda _: 0.4),
+    **dict.fromkeys(("start_azimuth", "turn"), lambda _: 0.3),
+    "sweep": lambda _: 0.5,
+    **dict.fromkeys(("scan_rate", "line_rate", "rotation_rate"), lambda _: 50.0),
+    "pulse_rate": lambda _: 1000.0,
+    **dict.fromkeys(("entry_tilt", "exit_tilt"), lambda _: 0.1),
+    "prisms": lambda _: [ls.patterns.Prism(100.0, exit_tilt=0.1)],
+    "refractive_index": lambda _: 1.5,
+    "beams": lambda _: [(1.0, 0.0, 0.0)],
+    "rings": lambda _: np.array([0, 1]),
+    "frame": lambda _: 1,
+    "pattern": lambda _: ls.patterns.Spinning([0.0, 0.1], columns=8),
+    # Sensors
+    **dict.fromkeys(("divergence_azimuth", "divergence_elevation"), lambda _: 1e-3),
+    "pulse_length": lambda _: 5e-9,
+    "rays": lambda _: 7,
+    "range": lambda _: 100.0,
+    **dict.fromkeys(
+        ("range_sigma", "range_sigma_slope", "range_bias", "channel_bias_sigma", "range_resolution", "dropout"),
+        lambda _: 0.01,
+    ),
+    **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction"), lambda _: 1e-3),
+    "detection": lambda _: ls.Detection(0.1, 100.0),
+    "beam": lambda _: ls.Beam(1e-3, rays=7),
+    "returns": lambda _: 2,
+    "measurement": lambda _: ls.Measurement(range_sigma=0.02),
+    "min_range": lambda _: 0.1,
+    "max_range": lambda _: 80.0,
+    "range_offset": lambda _: 0.0,
+    **dict.fromkeys(("model", "mode", "noise"), lambda _: None),
+    "scene": lambda _: ball_and_floor(),
+    "seed": lambda _: 3,
+    "first": lambda _: 1,
+    "count": lambda _: 2,
+    "sensors": lambda _: {"top": (lidar(), turned(0.0, 0, 0, 2))},
+    # Trajectories
+    "times": lambda _: np.array([0.0, 0.5, 2.0]),
+    "poses": lambda _: np.array([turned(a, a, 0, 0) for a in (0.0, 1.0, 3.0)]),
+    "interpolation": lambda _: "spline",
+    # Scans and clouds
+    "field": lambda _: "range",
+    "return_number": lambda _: 1,
+    "deskew": lambda _: False,
+    "fields": lambda _: None,
+    "more": lambda _: {"xyz": np.zeros((2, 3)), "label": [1, 2]},
+    "clouds": lambda _: [cloud(), cloud()],
+    "cloud": lambda _: cloud(),
+    "float32": lambda _: False,
+    # Files
+    "path": lambda folder: folder / "cloud.npz",
+    "topic": lambda _: None,
+    "overrides": lambda _: (),
+    "options": lambda _: {},
+    "changes": lambda _: {"label": 4},
+}
+"""By name of a parameter, what it may be."""
+
+PARTICULAR: dict[str, Callable[[Path], Any]] = {
+    "Scan.image.size": lambda _: (4, 6),
+    "Lidar.model": lambda _: "",
+    "Lidar.preset.name": lambda _: "velodyne-vlp16",
+    "patterns.Pulses.time": lambda _: np.array([0.0, 0.1]),
+    "patterns.Pulses.ring": lambda _: np.array([0, 1]),
+    "patterns.Pulses.column": lambda _: np.array([0, 1]),
+    "patterns.Pulses.origins": lambda _: np.zeros((2, 3)),
+    "patterns.Table.columns": lambda _: None,
+    "patterns.Table.times": lambda _: np.array([0.0, 0.1]),
+    "patterns.Table.from_file.path": lambda folder: written(folder, "table.csv", "x,y,z\n1,0,0\n0,1,0\n"),
+    "PointCloud.save.fields": lambda _: ["xyz"],
+    "PointCloud.load.path": saved,
+    "PointCloud.save.pose": lambda _: None,
+    "Trajectory.load.path": lambda folder: written(folder, "poses.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3),
+    "Trajectory.save.path": lambda folder: folder / "poses.tum",
+    "TriangleMesh.from_file.path": lambda folder: written(
+        folder, "m.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+    ),
+    "Scene.from_file.path": lambda folder: written(folder, "m.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"),
+    "Lidar.from_file.path": lambda folder: written(folder, "s.yaml", "pattern: {type: mid360}\nname: a\n"),
+    "config.read_lidar.path": lambda folder: written(folder, "s.yaml", "pattern: {type: mid360}\nname: a\n"),
+    "config.load.path": lambda folder: written(folder, "run.yaml", RUN),
+    "io.las.Writer.path": lambda folder: folder / "cloud.las",
+    "io.las.read.path": lambda folder: saved(folder, "cloud.las"),
+    "io.semantickitti.read_labels.path": lambda folder: written(folder, "a.label", "abcd"),
+    "Scan.point_cloud.frame": lambda _: "world",
+    "Scan.true_points.frame": lambda _: "world",
+    "Material.from_colors.per": lambda _: "vertex",
+    "patterns.Grid.column_period": lambda _: 0.01,
+}
+"""The same, of one parameter of one function."""
+
+
+def nasty(folder: Path) -> list[Any]:
+    """What no parameter expects, or many do not: a new list each time, as some of it may be used up."""
+    misaligned = np.frombuffer(b"\0" * 25, np.uint8)[1:].view(np.float64)
+    return [
+        *(math.nan, math.inf, -math.inf, 0, 0.0, -0.0, 5e-324, -5e-324, 1e-200, 1e200, 1e308, -1e308, -1, 1.5),
+        *(sys.float_info.max, 10**400, -(10**400), 2**31, 2**32, 2**63, 2**64, 1e9, 1e16),
+        *(
+            True,
+            False,
+            np.True_,
+            None,
+            "",
+            "1",
+            "x\0y",
+            "é" * 300,
+            b"1",
+            bytearray(b"1"),
+            object(),
+            NotImplemented,
+            ...,
+        ),
+        *(1 + 5j, np.complex128(1 + 5j), np.float32(1.5), np.float16(0.1), np.longdouble("1e4000"), np.int8(3)),
+        *(np.uint64(2**64 - 1), np.str_("1"), np.datetime64("2020"), np.timedelta64(5, "s"), np.void(b"12")),
+        *(Fraction(1, 3), Fraction(10**400), Decimal("0.5"), Decimal("NaN"), Decimal("sNaN"), Decimal("1e999")),
+        *(np.array(2.0), np.array([2.0]), np.array(3), np.array([[3]]), np.array("1"), np.array(None), np.array(1j)),
+        *(
+            [],
+            (),
+            [[]],
+            [[1], [2, 3]],
+            [None],
+            [1, "a"],
+            [10**400],
+            {},
+            {1: 2},
+            {"a": None},
+            {1.5},
+            range(3),
+            iter([1.0]),
+        ),
+        *(np.empty((0, 3)), np.empty((0, 4, 4)), np.zeros(3), np.zeros((2, 3)), np.ones((3, 3)), np.eye(4), -np.eye(4)),
+        *(np.full((4, 4), math.nan), 1e308 * np.eye(4), np.array(["a"]), np.array([1, None]), misaligned, np.ones(7)),
+        *(
+            np.ma.masked_array([1.0, 2, 3], [0, 1, 0]),
+            np.zeros(2, [("a", float)]),
+            np.ones(3, ">f4"),
+            np.eye(3, dtype="m8"),
+        ),
+        *(
+            turned(1.0, 1e308, -1e308, 0),
+            turned(1.0, 1e200, 0, 0),
+            np.diag([1e-300, 1, 1, 1]),
+            np.diag([1e300, 1, 1, 1]),
+        ),
+        *(Rotation.identity(), Rotation.identity(2), RigidTransform.identity(), RigidTransform.identity(2)),
+        *(ls.Sphere((0, 0, 0), 1.0), ball_and_floor(), lidar(), drive(), cloud(), ls.Material(), ls.Scene(), ls.Sphere),
+        *(folder, folder / "none" / "cloud.pcd", folder / "none", "none\0.pcd", len, lambda *_: None, int, ls),
+    ]
+
+
+def numeric(value: Any) -> np.ndarray | None:
+    """`value` as a new array, if it is one of numbers."""
+    try:
+        array = np.array(value.as_matrix() if hasattr(value, "as_matrix") else value)
+    except (TypeError, ValueError):
+        return None
+    return array if array.size and array.dtype.kind in "biuf" else None
+
+
+ALTERATIONS: tuple[Callable[[np.ndarray], Any], ...] = (
+    lambda x: x.astype(float) * 1e308,
+    lambda x: x.astype(float) * 1e-308,
+    lambda x: x.astype(float) * 1e200,
+    lambda x: -x.astype(float),
+    lambda x: x.astype(np.float32),
+    lambda x: x.astype(object),
+    lambda x: x.astype(complex),
+    lambda x: x.astype(str),
+    lambda x: x.astype(bool),
+    lambda x: x.tolist(),
+    lambda x: x.T,
+    lambda x: x.ravel(),
+    lambda x: x[None],
+    lambda x: x[:0] if x.ndim else x,
+    lambda x: x[::-1] if x.ndim else x,
+    lambda x: x[:1] if x.ndim else x,
+    lambda x: np.repeat(x, 2, axis=0) if x.ndim else x,
+    np.zeros_like,
+    np.asfortranarray,
+)
+NUMBERS = (math.nan, math.inf, -0.0, 0.0, 5e-324, 1e-200, 1e160, 1e200, 1e308, -1e308, sys.float_info.max, -1.0, 1e9)
+
+
+@st.composite
+def replaced(draw: st.DrawFn, value: Any, folder: Path) -> Any:
+    """Something else in place of a value: anything, or the value altered."""
+    array = numeric(value)
+    kind = draw(st.integers(0, 2)) if array is not None else 0
+    if array is None or kind == 0:
+        everything = nasty(folder)
+        return everything[draw(st.integers(0, len(everything) - 1))]
+    if kind == 1:
+        with np.errstate(all="ignore"):
+            return draw(st.sampled_from(ALTERATIONS))(array)
+    altered = array.astype(float)
+    altered.flat[draw(st.integers(0, array.size - 1))] = draw(st.one_of(st.sampled_from(NUMBERS), st.floats()))
+    return altered if array.ndim else altered.item()
+
+
+def example(name: str, signature: inspect.Signature, folder: Path) -> dict[str, Any]:
+    """Arguments by name with which a function can be called, `self` among them."""
+    arguments: dict[str, Any] = {}
+    for parameter in signature.parameters:
+        if parameter == "self":
+            owner = name.rpartition(".")[0]
+            arguments[parameter] = INSTANCES[owner]() if owner in INSTANCES else made(owner, folder)
+        else:
+            arguments[parameter] = PARTICULAR.get(f"{name}.{parameter}", VALUES.get(parameter, absent))(folder)
+    return arguments
+
+
+INSTANCES = {"Scan": lambda: lidar().scan(ball_and_floor()), "Scene": ball_and_floor, "Lidar": lidar}
+"""By class, what is better than what its constructor makes of the example."""
+
+
+def absent(_: Path) -> Any:
+    raise AssertionError("no value is known for this parameter: add one to VALUES or PARTICULAR")
+
+
+def made(name: str, folder: Path) -> Any:
+    return call(name, example(name, inspect.signature(found(name)), folder))
+
+
+def found(name: str) -> Any:
+    value: Any = ls
+    for part in name.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def call(name: str, arguments: dict[str, Any]) -> Any:
+    """Call a function, and take what it yields first."""
+    function = found(name)
+    bound = inspect.signature(function).bind_partial()
+    bound.arguments.update(arguments)
+    result = function(*bound.args, **bound.kwargs)
+    return list(islice(result, 2)) if inspect.isgenerator(result) else result
+
+
+FUNCTIONS = functions()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_each_function_has_an_example(name: str, folder: Path) -> None:
+    call(name, example(name, FUNCTIONS[name], folder))
+
+
+def test_what_is_left_out_is_there() -> None:
+    names = [name for name, _ in everything(ls)]
+    for left in LEFT_OUT:
+        assert any(name.startswith(left) for name in names), left
+    assert set(names) >= RESULTS
+    assert len(FUNCTIONS) > 70
+
+
+def everything(module: ModuleType, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name in getattr(module, "__all__", ()):
+        yield prefix + name, getattr(module, name)
+        if inspect.ismodule(getattr(module, name)):
+            yield from everything(getattr(module, name), prefix + name + ".")
+
+
+@contextmanager
+def bounded_memory() -> Iterator[None]:
+    """Let the process have some GB more than it has, where a system can do that: no request is to take all there is."""
+    try:
+        import resource
+
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+    except (ImportError, OSError):
+        yield
+        return
+    limits = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (used + (6 << 30), limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, limits)
+
+
+def is_small(value: Any) -> bool:
+    """Whether what is made is not so large, though allowed, that its methods take long."""
+    pattern = getattr(value, "pattern", value)
+    return not isinstance(pattern, ls.patterns.Pattern) or math.prod(pattern.shape) < 10_000
+
+
+def unnamed(error: Exception, name: str, arguments: dict[str, Any]) -> bool:
+    """Whether an error tells neither which argument it is about nor which file."""
+    if isinstance(error, OSError | ls.errors.LidarsimError) or "os.PathLike" in str(error) or "null byte" in str(error):
+        return not str(error)
+    keys = {key for value in arguments.values() if isinstance(value, dict) for key in map(str, value)}
+    names = {*arguments, *keys, *ALIASES.get(name, ())} - {"self"}
+    return not any(part in str(error) for part in names)
+
+
+ALIASES = {
+    "Lidar.preset": ("preset",),
+    "Lidar.from_file": ("option",),
+    **dict.fromkeys(("Lidar.frames", "Rig.frames", "Rig.span"), ("frame",)),
+}
+"""What errors of a function call its arguments besides their names."""
+
+
+@given(st.data())
+def check(folder: Path, data: st.DataObject) -> None:
+    name = data.draw(st.sampled_from(sorted(FUNCTIONS)), label="function")
+    arguments = example(name, FUNCTIONS[name], folder)
+    names = [parameter for parameter in arguments if parameter != "self"]
+    changed = data.draw(st.lists(st.sampled_from(names), min_size=1, max_size=3, unique=True)) if names else []
+    for parameter in changed:
+        arguments[parameter] = data.draw(replaced(arguments[parameter], folder), label=parameter)
+        if parameter in {"more", "options", "changes"}:  # what is given by keyword
+            arguments[parameter] = {"xyz": arguments[parameter]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        result, error = outcome(name, arguments)
+        assert error is None or not unnamed(error, name, arguments), f"{type(error).__name__}: {error}"
+        for method in FUNCTIONS if error is None and is_small(result) else ():
+            if method.startswith(f"{name}.") and "self" in FUNCTIONS[method].parameters:
+                _, error = outcome(method, {**example(method, FUNCTIONS[method], folder), "self": result})
+                assert error is None or str(error), f"{method}: {error!r}"
+
+
+def outcome(name: str, arguments: dict[str, Any]) -> tuple[Any, Exception | None]:
+    """Return what a function returns, or the documented error that it raises."""
+    try:
+        return call(name, arguments), None
+    except DOCUMENTED as error:
+        return None, error
+
+
+def test_whatever_is_given_the_outcome_is_documented(folder: Path, slow: bool) -> None:
+    with bounded_memory():
+        settings(
+            max_examples=20_000 if slow else 300,
+            deadline=None,
+            suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.large_base_example],
+        )(check)(folder)
