@@ -126,11 +126,11 @@ def _loaded(path: Path) -> tuple[Meshes, list[Instance]]:
         file: Any = opened
         if suffix in {".glb", ".gltf"}:
             file, names = _gltf.prepared(path)
-        options = {"skip_materials": True} if names is not None else {}
+        options: dict[str, Any] = {"resolver": Beside(path), "process": False}
+        if names is not None:
+            options["skip_materials"] = True
         kind = "".join(path.suffixes[-2:]).lower() if suffix in {".gz", ".bz2"} else suffix
-        loaded = trimesh.load_scene(
-            file, file_type=kind.removeprefix("."), resolver=Beside(path), process=False, **options
-        )
+        loaded = trimesh.load_scene(file, file_type=kind.removeprefix("."), **options)
     meshes = {
         name: (np.asarray(mesh.vertices, np.float64), np.asarray(mesh.faces, np.int64))
         for name, mesh in loaded.geometry.items()
@@ -140,8 +140,8 @@ def _loaded(path: Path) -> tuple[Meshes, list[Instance]]:
     for node in loaded.graph.nodes_geometry:
         transform, mesh = loaded.graph[node]
         if mesh in meshes:
-            name = node if names is None else names[int(node.partition("_")[0])]
-            instances.append(Instance(name, mesh, np.asarray(transform)))
+            name = str(node) if names is None else names[int(str(node).partition("_")[0])]
+            instances.append(Instance(name, str(mesh), np.asarray(transform)))
     if not any(len(meshes[instance.mesh][1]) for instance in instances):
         raise FileFormatError("it holds no triangles")
     return meshes, instances

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -32,7 +32,8 @@ _CODES = {
     "f8": ("double", "float64"),
 }
 _TYPES = {name: np.dtype(code) for code, names in _CODES.items() for name in names}
-_ORDERS = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
+Order = Literal["", "<", ">"]
+_ORDERS: dict[str, Order] = {"ascii": "", "binary_little_endian": "<", "binary_big_endian": ">"}
 _INDICES = ("vertex_indices", "vertex_index")
 
 
@@ -86,13 +87,13 @@ def read(path: Path) -> MeshFile:
     return MeshFile(vertices, np.concatenate(corners), np.concatenate(sizes))
 
 
-def _header(data: bytes) -> tuple[str, list[_Element], int, int]:
+def _header(data: bytes) -> tuple[Order, list[_Element], int, int]:
     """Return the byte order, "" of text, the elements, and the first byte and line after the header."""
     mark = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if mark is None:
         raise FileFormatError("it does not begin with the line 'ply'")
     ending = mark[1]
-    order: str | None = None
+    order: Order | None = None
     elements: list[_Element] = []
     start, number = mark.end(), 1
     while True:
@@ -187,13 +188,13 @@ def _truncated(rows: int, element: _Element) -> FileFormatError:
     return FileFormatError(f"it is truncated: {rows:,} of {element.count:,} of the element {element.name}")
 
 
-def _binary(data: memoryview, order: str, elements: list[_Element]) -> list[_Values]:
+def _binary(data: memoryview, order: Order, elements: list[_Element]) -> list[_Values]:
     """Read the elements after a header that says in which order bytes are."""
     values = []
     for element in elements:
         for prop in element.properties:
-            prop.dtype = prop.dtype.newbyteorder(order)
-            prop.count = prop.count and prop.count.newbyteorder(order)
+            prop.dtype = prop.dtype.newbyteorder(order or "=")
+            prop.count = prop.count and prop.count.newbyteorder(order or "=")
         found, size = _binary_rows(data, element) or _binary_lists(data, element)
         values.append(found)
         data = data[size:]
