@@ -437,9 +437,11 @@ MISTAKES = {
     "check moving.yaml --set cloud.deskew_s=0.15": (
         "deskew: expected a moment within the trajectory, 0.0 to 0.2 s, got 0.15, at 0.25 s"
     ),
-    "check run.yaml --set first_frame=4294967296": "frame: expected an integer from 0 to 4294967295, got 4294967296",
+    "check run.yaml --set first_frame=4294967296": (
+        "--set first_frame=4294967296: expected a value < 4294967296, got 4294967296"
+    ),
     "check run.yaml --set first_frame=4294967295 --set frames=2": (
-        "frame: expected an integer from 0 to 4294967295, got 4294967296"
+        "--set frames=2: expected at most 4294967296 with first_frame, got 2"
     ),
     "check run.yaml --set scene.0.reflectivity_per=face --set scene.0.reflectivity=[1]": (
         "run.yaml:5: scene.0: material: expected a TriangleMesh for a reflectivity per face, got Plane"
@@ -787,7 +789,10 @@ def test_no_output_takes_the_place_of_another(capsys: pytest.CaptureFixture[str]
     Path("link.png").symlink_to("a.pcd")
     before = {path: path.read_bytes() for path in Path().iterdir() if path.is_file()}
     for arguments, message in (
-        ("rig.yaml -o a.pcd", "a_Top_0000.pcd: expected a file of its own, got the place of a_top_0000.pcd"),
+        (
+            "rig.yaml -o a.pcd",
+            "rig.yaml:1: rig: sensors: expected names that differ in more than case, got 'top' and 'Top'",
+        ),
         ("run.pcd -o run.pcd", "run.pcd: expected a file of its own, got the place of run.pcd"),
         ("run.yaml -o a.pcd --screenshot link.png", "link.png: expected a file of its own, got the place of a.pcd"),
         ("run.yaml -o b.pcd --frames 2", "b_poses.tum: expected a file to write, got a folder"),
