@@ -74,6 +74,8 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
             twice = next((name for name, count in Counter(head.names).items() if count > 1), None)
             if twice is not None:
                 raise FileFormatError(f"it has two columns named {short(repr(twice))}")
+        if head.names is not None and not {"x", "y", "z"}.intersection(name.lower() for name in head.names):
+            raise FileFormatError("it has no x among its fields")  # nothing of it is shown: it may be any file
         if head.names is not None and columns is not None:
             raise FileFormatError(f"columns: expected none, since a line names them: {short(', '.join(head.names))}")
         names = head.names or columns or [f"column {i + 1}" for i in range(head.columns)]

@@ -228,6 +228,7 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "patterns.Table.from_file.path": lambda folder: written(folder, "table.csv", "x,y,z\n1,0,0\n0,1,0\n"),
     "PointCloud.save.fields": lambda _: ["xyz"],
     "PointCloud.load.path": saved,
+    "PointCloud.load.columns": lambda _: None,
     "PointCloud.save.pose": lambda _: None,
     "Trajectory.load.path": lambda folder: written(folder, "poses.kitti", "1 0 0 0 0 1 0 0 0 0 1 0\n" * 3),
     "Trajectory.save.path": lambda folder: folder / "poses.tum",

@@ -94,7 +94,8 @@ def test_a_scan_beyond_memory_is_refused_before_its_pulses_are_made() -> None:
             raise AssertionError
 
     lidar = ls.Lidar(Enormous(), measurement=ls.Measurement(beam=ls.Beam(1e-3, rays=7), returns=3))
-    message = f"expected {2**50 * 3 * 80} bytes of memory for the returns of {2**50} pulses, 3 each, got none"
+    # 80 bytes a return, and two a pulse: its status and how many returns it has.
+    message = f"expected {2**50 * (3 * 80 + 2)} bytes of memory for the returns of {2**50} pulses, 3 each, got none"
     with pytest.raises(MemoryError, match=f"^{re.escape(message)}$"):
         lidar.scan(ls.Scene())
 

@@ -216,7 +216,7 @@ def test_a_scene_that_claims_more_than_it_has(tmp_path: Path) -> None:
         (f"{BOMB}seed: *h\n", ":7: expected at most 1,000,000 values, counting aliases, got 5,380,840"),
         (f"seed: {'[' * 99}1{']' * 99}\n", ":1: seed: expected an integer, got a list of 1"),
         (f"seed: {'[' * 100}1{']' * 100}\n", ":1: not valid YAML: nested too deeply"),
-        (f"seed: {'[' * 50_000}\n", ": not valid YAML: nested too deeply"),
+        (f"seed: {'[' * 50_000}\n", ":1: not valid YAML: nested too deeply"),
         (
             "".join(f"a{i}: &a{i} [{f'*a{i - 1}' if i else 1}]\n" for i in range(5000)),
             ":101: not valid YAML: nested too",
@@ -226,7 +226,10 @@ def test_a_scene_that_claims_more_than_it_has(tmp_path: Path) -> None:
         (f"seed: {'x' * 10**5}\n", ":1: seed: expected an integer, got 'xxx"),
         (f"seed: !{'x' * 10**5} 1\n", ":1: not valid YAML: !xxx"),
         (f"seed: *{'x' * 10**5}\n", ":1: not valid YAML: found undefined alias"),
-        (f"seed: {'9' * 5000}\n", ":1: not valid YAML: int is unknown or does not fit the value"),
+        (
+            f"seed: {'9' * 5000}\n",
+            ":1: seed: expected a number from -1.8e308 to 1.8e308, got 999999999999...9999999999999",
+        ),
         (f"seed: 0x{'f' * 5000}\n", ":1: seed: "),
         (f"pose: {{position_m: [0x{'f' * 5000}, 0, 0]}}\n", ":1: "),
         (f"pose: {{file: {'x' * 10**5}}}\n", ":1: pose.file: cannot read "),

@@ -84,7 +84,7 @@ impl PyPath {
             return Ok(path.into());
         }
         Err(PyValueError::new_err(format!(
-            "pose: expected a trajectory that stays within the range of float64, got one that leaves it by {until} s"
+            "pose: expected a trajectory within the range of float64, got one that leaves it by {until} s"
         )))
     }
 
