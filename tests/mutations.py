@@ -399,6 +399,14 @@ MUTANTS = [
         "lengths that are subnormal", "(1.0 + 4.0 * f64::EPSILON)) + f64::from_bits(1)", "(1.0 + 4.0 * f64::EPSILON))"
     ),
     Mutant("unit vectors: to 2⁻⁶⁰", "F::splat(1.0 / 256.0)", "F::splat(1.0 / 4096.0)"),
+    Mutant("turns: places of a rate", "PLACES: i64 = 1216", "PLACES: i64 = 1152"),
+    Mutant("turns: window of the rate", "PLACES - 192 - e", "PLACES - 191 - e"),
+    Mutant(
+        "stacks: room for work",
+        "ROOM: usize = 1 << 20",
+        "ROOM: usize = 1 << 15",
+        tests=("tests/hard/test_threads.py", "-k", "small_stack"),
+    ),
     Mutant(
         "sweep: rounding of poses",
         "rounding = 512.0 * UNIT",

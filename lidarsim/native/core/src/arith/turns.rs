@@ -2,9 +2,9 @@
 //!
 //! An angle is a rate of turning times a number, as it is for a body that has turned at one rate since time
 //! 0. The rate is kept in turns, as an integer in units of 2⁻¹²¹⁶, and of its product with m·2ᵉ only the bits
-//! just before and after the point are computed: those before are whole turns, and those far behind too small
-//! to matter (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM SIGNUM Newsletter 18,
-//! 1983).
+//!   just before and after the point are computed: those before are whole turns, and those far behind too small
+//!   to matter (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM SIGNUM Newsletter 18,
+//!   1983).
 
 use std::f64::consts::TAU;
 
@@ -112,7 +112,7 @@ fn fraction(rate: &[u64], time: f64) -> u128 {
         let (limbs, bits) = ((first + 64 * i) / 64, (first + 64 * i) % 64);
         ((limb(limbs + 1) << 64 | limb(limbs)) >> bits) as u64
     };
-    let low = u128::from(m) * u128::from(window(0)) >> 64;
+    let low = (u128::from(m) * u128::from(window(0))) >> 64;
     let middle = u128::from(m) * u128::from(window(1)) + low;
     let high = u128::from(m) * u128::from(window(2)) + (middle >> 64);
     high << 64 | middle & u128::from(u64::MAX)
@@ -198,7 +198,7 @@ mod tests {
             }
             // (3, 4, 12)·s turns at 13 s.
             let s = (1.0 + number()) * 2.0_f64.powi(200);
-            let s = (s.to_bits() & !7) as f64;
+            let s = f64::from_bits(s.to_bits() & !15);
             let (sin, cos) = TurnRate::new([3.0 * s, -4.0 * s, 12.0 * s]).sin_cos(1.0);
             let expected = sin_cos(13.0 * s);
             assert!((sin - expected.0).abs() < 1e-15 && (cos - expected.1).abs() < 1e-15, "{s}");

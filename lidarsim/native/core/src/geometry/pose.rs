@@ -474,6 +474,36 @@ mod tests {
     }
 
     #[test]
+    fn a_twist_is_a_screw_where_its_angle_is_large() {
+        let (linear, angular) = ([1.0, -2.0, 0.5], [0.3, -0.6, 0.6]);
+        let path = Path::twist(Pose::from_rows(ROWS), linear, angular);
+        // 0.9 rad/s: on either side of 10⁶ rad, where a rotation vector is off by some 10⁻¹⁰ of a turn.
+        let (before, after) = (LARGEST_ANGLE / 0.9, (LARGEST_ANGLE / 0.9) * (1.0 + 1e-15));
+        for (p, q) in [([0.0; 3], [0.0; 3]), ([1.0; 3], [1.0; 3])] {
+            let (p, q) = (path.at(before).place(p), path.at(after).place(q));
+            assert!((0..3).all(|i| (p[i] - q[i]).abs() < 1e-8), "{p:?} {q:?}");
+        }
+        // Half a turn further it is on the other side of the axis, and has gone on along it.
+        let half = std::f64::consts::PI / 0.9;
+        for time in [2.0_f64.powi(30), -(2.0_f64.powi(30))] {
+            let [here, there] = [time, time + half].map(|time| path.at(time).turn([0.6, 0.8, 0.0]));
+            let axis = Pose::from_rows(ROWS).turn([1.0 / 3.0, -2.0 / 3.0, 2.0 / 3.0]);
+            let along = 2.0 * dot(axis, here);
+            // The time is rounded by 2⁻²³ s.
+            assert!(
+                (0..3).all(|i| (here[i] + there[i] - along * axis[i]).abs() < 1e-6),
+                "{here:?} {there:?}"
+            );
+        }
+        assert_eq!(path.at(1e300).translation.map(f64::is_finite), [true; 3]);
+        assert_eq!(path.span(), [-LARGEST / 2.0, LARGEST / 2.0]);
+        // A vector whose square overflows has a direction all the same.
+        let [x, y, z] = Turn::new([3e200, 0.0, -4e200]).matrix();
+        assert_close([dot(x, y), dot(y, z), dot(z, z)], [0.0, 0.0, 1.0]);
+        assert_close([x, y, z].map(|row| dot(row, [0.6, 0.0, -0.8])), [0.6, 0.0, -0.8]);
+    }
+
+    #[test]
     fn knots_are_met_and_halves_are_between() {
         let first = Pose::from_rows(ROWS);
         let turn = [0.0, 0.0, 1.5];
