@@ -809,3 +809,17 @@ def test_a_screenshot_of_frames_says_that_it_is_of_the_first(capsys: pytest.Capt
     assert lidarsim("view", "moving.yaml", "--screenshot", "b.png", "--frames", "1", *SMALL) == 0
     assert capsys.readouterr().out == ""
     assert Path("a.png").read_bytes() == Path("b.png").read_bytes()
+
+
+@pytest.mark.parametrize("command", [("check", "run.yaml"), ("scan", "run.yaml", "-o", "scan.pcd")])
+def test_a_frame_beyond_memory_is_one_line(
+    command: tuple[str, ...], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("lidarsim.patterns._parts.PULSE_BYTES", 1 << 40)  # more than any machine has
+    pattern = "{type: palmer, half_angle_deg: 20, scan_rate_hz: 50, pulse_rate_khz: 2.0e+6, rate_hz: 10}"
+    Path("run.yaml").write_text(f"sensor: {{pattern: {pattern}}}\nscene: []\n", encoding="utf-8")
+    assert lidarsim(*command) == 2
+    assert f"{200_000_000 << 40} bytes for the 200000000 pulses of a frame" in (error := capsys.readouterr().err)
+    assert error.startswith("lidarsim: ")
+    assert error.count("\n") == 1
+    assert not Path("scan.pcd").exists()
