@@ -110,7 +110,7 @@ def work(*_, **__):
         interrupted()
     time.sleep(20)
 
-cli.typer.main.get_command = lambda _: types.SimpleNamespace(main=work)
+cli.get_command = lambda _: types.SimpleNamespace(make_context=work)
 cli.main([])
 """
     with start(code, place) as child:
