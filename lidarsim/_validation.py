@@ -168,12 +168,17 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
     return values
 
 
+def as_array(name: str, value: object, expected: str) -> npt.NDArray[Any]:
+    """Return `value` as NumPy makes an array of it."""
+    try:
+        return np.asarray(value)
+    except (TypeError, ValueError):
+        raise ValueError(f"{name}: expected {expected}, got a ragged sequence") from None
+
+
 def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
     """Return `value` as a C-contiguous float64 array of `shape`, where a letter stands for any length."""
-    try:
-        given = np.asarray(value)
-    except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected numbers of {_shape(shape)}, got a ragged sequence") from None
+    given = as_array(name, value, f"numbers of {_shape(shape)}")
     if given.dtype.kind not in "fiu" and given.size:
         got = f"dtype {given.dtype}" if given.ndim else shown(value)
         raise TypeError(f"{name}: expected real numbers of {_shape(shape)}, got {got}")

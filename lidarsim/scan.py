@@ -17,7 +17,7 @@ import numpy.typing as npt
 from lidarsim import _native, _validation
 from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
-from lidarsim._validation import Floats, Transform, integer, one_of, real, shown
+from lidarsim._validation import Floats, Transform, as_array, integer, one_of, real, shown
 from lidarsim._views import Plotted
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
@@ -583,7 +583,7 @@ def _arrays(what: Scan | Pulses) -> dict[str, npt.NDArray[Any]]:
 
 
 def _indices(value: npt.ArrayLike, pulses: int) -> npt.NDArray[np.uint64]:
-    given = np.asarray(value)
+    given = as_array("indices", value, "integers of shape (m,)")
     if given.ndim != 1 or (given.dtype.kind not in "iu" and given.size):
         raise ValueError(f"indices: expected integers of shape (m,), got {given.dtype} of shape {given.shape}")
     outside = (given < 0) | (given >= pulses)

@@ -20,6 +20,7 @@ from lidarsim._validation import (
     UINT32,
     Floats,
     Transform,
+    as_array,
     integer,
     named_labels,
     one_or_each,
@@ -678,10 +679,7 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     """Return the label of an object, or the labels of its faces, after checking them."""
     if not isinstance(value, (np.ndarray, list, tuple)):
         return integer("label", value, at_least=0, at_most=UINT32)
-    try:
-        given = np.asarray(value)
-    except ValueError:
-        raise ValueError("label: expected one integer, or one per face, got a ragged sequence") from None
+    given = as_array("label", value, "one integer, or one per face")
     if given.ndim == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
     if not isinstance(shape, TriangleMesh):

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._files import check_regular, reading_as
-from lidarsim._validation import Floats, Transform, array, in_order, one_or_each, positive
+from lidarsim._validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
 from lidarsim.errors import FileFormatError
 from lidarsim.shapes._polygons import Indices, of_strips, triangulated
 from lidarsim.shapes._shape import Shape
@@ -315,7 +315,7 @@ def _cells(array: Any) -> tuple[Indices, Indices]:
 
 
 def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:
-    given = np.asarray(value)
+    given = as_array("faces", value, "integers of shape (m, 3)")
     if given.size == 0:
         given = given.reshape(-1, 3).astype(np.uint32)
     if given.dtype.kind not in "iu":
