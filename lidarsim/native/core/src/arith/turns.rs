@@ -3,8 +3,8 @@
 //! An angle is a rate of turning times a number, as it is for a body that has turned at one rate since time
 //! 0. The rate is kept in turns, as an integer in units of 2⁻¹²¹⁶. Of its product with m·2ᵉ only the bits
 //! just before and after the point are computed: those before are whole turns, and those far behind are too
-//! small to matter (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM SIGNUM Newsletter 18,
-//! 1983).
+//! small to matter (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM SIGNUM
+//! Newsletter 18, 1983).
 
 use std::f64::consts::TAU;
 
