@@ -452,7 +452,7 @@ def _run(arguments: list[str]) -> None:
 
 @contextmanager
 def _insistent_interrupts() -> Iterator[None]:
-    """Let Ctrl-C end the block, and if it does not, come again a second later.
+    """Let Ctrl-C end the block, and if it does not, come again a second later, or at the end of the block.
 
     Python drops what is raised in callbacks, of which imports run many, and some libraries drop whatever is raised.
     """
@@ -474,11 +474,21 @@ def _insistent_interrupts() -> Iterator[None]:
         repeats[-1].start()
         signal.default_int_handler(number, frame)
 
+    report = sys.unraisablehook
+
+    def report_others(dropped: sys.UnraisableHookArgs) -> None:
+        if not issubclass(dropped.exc_type, KeyboardInterrupt):
+            report(dropped)
+
     signal.signal(signal.SIGINT, interrupt)
+    sys.unraisablehook = report_others
     try:
         yield
+        if repeats:
+            raise KeyboardInterrupt
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
+        sys.unraisablehook = report
         for timer in repeats:
             timer.cancel()
 

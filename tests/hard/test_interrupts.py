@@ -116,3 +116,26 @@ cli.main([])
     with start(code, place) as child:
         out, err = child.communicate(timeout=60)
     assert (child.returncode, out, err) == (130, "dropped\n", "")
+
+
+def test_a_ctrl_c_that_is_dropped_at_the_end_of_the_command_line_is_told() -> None:
+    """The command ends before Ctrl-C comes again."""
+    code = """
+import contextlib, signal, threading, types, weakref
+from lidarsim import cli
+
+def work(_):
+    thing = threading.Event()
+    reference = weakref.ref(thing, lambda _: signal.raise_signal(signal.SIGINT))
+    del thing
+
+@contextlib.contextmanager
+def context(*_):
+    yield types.SimpleNamespace(command=types.SimpleNamespace(invoke=work))
+
+cli.get_command = lambda _: types.SimpleNamespace(make_context=context)
+cli.main([])
+"""
+    with start(code) as child:
+        out, err = child.communicate(timeout=60)
+    assert (child.returncode, out, err) == (130, "", "")
