@@ -38,7 +38,6 @@ from lidarsim.datasets.fingerprint import fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.datasets.sources import hashes, located, paths
-from lidarsim.errors import ConfigError
 from lidarsim.rig import Rig
 from lidarsim.run import Run
 from lidarsim.scene import Scene
@@ -269,7 +268,9 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
         for keys, node in paths(entries(root)[key][1], (key,)) if key in entries(root) else ():
             place.at(keys).file(node.value)
     source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
-    made = _recipe(source, settings, labelled(settings.class_names, place / "class_names"))
+    names = labelled(settings.class_names, place / "class_names")
+    with (place / "run").refusals():
+        made = _recipe(source, settings, names)
     if made.shards > MOST_SHARDS:
         raise (place / "shard_frames").error(f"expected at most {MOST_SHARDS:,} shards, got {made.shards:,}")
     return made
@@ -361,7 +362,7 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
     """Return the recipe after checking the run of its first frame."""
     run = source.run(0, 0)
     if run.cloud["frame"] == "world":
-        raise ConfigError("cloud.frame: expected sensor, since a data set stores the poses separately, got world")
+        raise ValueError("cloud.frame: expected sensor, since a data set stores the poses separately, got world")
     run.check_coverage()
     total, shard_frames = settings.sequences * settings.frames, settings.shard_frames
     if shard_frames is None:

@@ -1,0 +1,79 @@
+"""The data card: what names of others show on it, as a reader of Markdown sees it."""
+
+from __future__ import annotations
+
+import re
+from html import unescape
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from markdown_it import MarkdownIt
+
+import lidarsim as ls
+from lidarsim.datasets.card import escaped
+
+NASTY = [
+    "a|b", "a\\|b", "x\n\n# Heading\n\n<script>alert(1)</script>", "![x](http://127.0.0.1/a.png)",
+    "<img src=x onerror=y>", "[a](javascript:b)", "\x1b]0;title\x07", "`code", "``a``", "*a* **b** __c__ _d_ a_b",
+    "&lt;b&gt; &#124; &amp", "~~a~~", "https://example.org www.example.org a@example.org", "\\", "a\\", "$x$",
+    "a\r\n| b | c |\n", "\u202egnp.exe", "  a  ", "",
+]  # fmt: skip
+MARKDOWN = MarkdownIt("gfm-like", {"linkify": False})
+
+
+def cells(name: str) -> list[str]:
+    """The HTML of the cells in the row of a table that has a name in its second cell."""
+    html = MARKDOWN.render(f"| a | b | c |\n|---|---|---|\n| 1 | {escaped(name)} | 3 |\n\nafter\n")
+    assert html.endswith("<p>after</p>\n")
+    return re.findall(r"<td>(.*?)</td>", html, re.DOTALL)
+
+
+def shown(name: str) -> str:
+    return "".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in name).strip(" ")
+
+
+@pytest.mark.parametrize("name", NASTY)
+def test_a_name_is_one_cell_of_text(name: str) -> None:
+    first, second, third = cells(name)
+    assert (first, third) == ("1", "3")
+    assert "<" not in second
+    assert unescape(second) == shown(name)
+
+
+@given(st.text(alphabet=st.sampled_from("ab \\|`*_[]()<>&!~$#-+.:/@^{}=\n\t\x1b\x00'\"1"), max_size=30))
+def test_any_name_is_one_cell_of_text(name: str) -> None:
+    assert unescape(cells(name)[1]) == shown(name)
+    assert "<" not in cells(name)[1]
+
+
+def test_usual_names_stay_as_they_are() -> None:
+    usual = ["velodyne-vlp16", "traffic_sign", "car (parked)", "Straße", "truck+trailer", "Hesai XT32, 32 rings"]
+    assert [escaped(name) for name in usual] == usual
+
+
+def test_a_long_name_is_cut() -> None:
+    assert len(escaped("x" * 10_000_000)) == 200
+
+
+def test_the_card_of_a_data_set(tmp_path: Path) -> None:
+    names = dict(enumerate(NASTY[:6], start=1))
+
+    def scenes(rng: object, sequence: int) -> tuple[ls.Scene, ls.Lidar, None]:  # noqa: ARG001
+        scene = ls.Scene(class_names={7: NASTY[6]})
+        for label in range(1, 8):
+            scene.add(ls.Box((0.1, 0.1, 4.0), (0.5 * label, 8.0, 0.0)), label=label)
+        pattern = ls.patterns.Spinning([0.0], columns=3600)
+        return scene, ls.Lidar(pattern, model="<b>m</b>|\n# n"), None
+
+    ls.generate(scenes, tmp_path, class_names=names, pictures=0, layout="semantickitti")
+    card = (tmp_path / "README.md").read_text(encoding="utf-8")
+    html = MARKDOWN.render(card)
+    assert html.count("<h1>") == 1
+    assert html.count("<h2>") == 2
+    assert not re.search(r"<(script|img|a|b|em)\b", html)
+    rows = [re.findall(r"<td.*?>(.*?)</td>", row, re.DOTALL) for row in re.findall(r"<tr>(.*?)</tr>", html, re.DOTALL)]
+    classes = {int(row[0]): unescape(row[1]) for row in rows if len(row) == 5}
+    assert classes == {label: shown(name) for label, name in (names | {7: NASTY[6]}).items()}
+    assert card.isascii() or "\x1b" not in card
