@@ -168,11 +168,13 @@ class _Outline:
         steps = max(len(self.corners), len(other.corners))
         both = [np.broadcast_to(corners, (steps, *corners.shape[1:])) for corners in (self.corners, other.corners)]
         axes = np.concatenate([np.diff(corners[:, :3], axis=1) for corners in both], axis=1)
-        lengths = np.linalg.norm(axes, axis=2, keepdims=True)
-        axes = axes / np.where(lengths > 0, lengths, 1.0)
-        mine, its = (np.einsum("kai,kci->kac", axes, corners) for corners in both)
-        free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2))
-        free = np.where(lengths[:, :, 0] > 0, free, -np.inf).max(1)  # far off, corners may fall together
+        # Far off, corners may fall together, and leave an axis of no length; beyond float64, none separates anything.
+        with np.errstate(over="ignore", invalid="ignore"):
+            lengths = np.linalg.norm(axes, axis=2, keepdims=True)
+            axes = axes / np.where(lengths > 0, lengths, 1.0)
+            mine, its = (np.einsum("kai,kci->kac", axes, corners) for corners in both)
+            free = np.maximum(mine.min(2) - its.max(2), its.min(2) - mine.max(2))
+        free = np.where(lengths[:, :, 0] > 0, free, -np.inf).max(1)
         return bool((free >= gap + self.bulge + other.bulge).all())
 
 

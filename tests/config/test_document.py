@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import math
+import random
 from pathlib import Path
+from typing import Any
 
 import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
 
-from lidarsim.config.document import Place, merge, override, parse, plain, read
+from lidarsim.config import document
+from lidarsim.config.document import Place, argument, dump, merge, override, parse, plain, read
 from lidarsim.errors import ConfigError
 
 
@@ -71,12 +77,176 @@ def test_an_alias_stands_for_its_anchor() -> None:
             "f.yaml:1: not valid YAML: python/name:os.system is unknown or does not fit the value",
         ),
         ("a: !!python/tuple [1]", "f.yaml:1: not valid YAML: python/tuple is unknown or does not fit the value"),
+        ("a: !!set {b: }", "f.yaml:1: not valid YAML: set is unknown or does not fit the value"),
+        ("a: !<x%1B[31m> 1", "f.yaml:1: not valid YAML: x\\x1b[31m is unknown or does not fit the value"),
+        ('a: 1\nb: "\\U00110000"', "f.yaml:2: not valid YAML: an escape or a version is out of range"),
+        ('a: 1\nb: "\\UFFFFFFFF"', "f.yaml:2: not valid YAML: an escape or a version is out of range"),
+        (f"%YAML {'9' * 5000}.1\n---\na: 1", "f.yaml:1: not valid YAML: an escape or a version is out of range"),
+        ('a: 1\nb: "x\\ud800"', "f.yaml:2: expected text, got half a character in 'x\\ud800'"),
+        ('"x\\ud800": 1', "f.yaml:1: expected text, got half a character in 'x\\ud800'"),
+        ('{"a\\nb\\e[31m": 1, "a\\nb\\e[31m": 2}', r"f.yaml:1: a\nb\x1b[31m: this key is already on line 1"),
+        ("a: 1\nb:\n- {c: 1e400}",
+         "f.yaml:3: b.0.c: expected a number from -1.8e308 to 1.8e308, got 1e400"),
+        (f"a: {'9' * 401}",
+         "f.yaml:1: a: expected a number from -1.8e308 to 1.8e308, got 999999999999...9999999999999"),
+        (f"a: -{'9' * 5000}",
+         "f.yaml:1: a: expected a number from -1.8e308 to 1.8e308, got -99999999999...9999999999999"),
+        (f"a: {2**1024}",
+         "f.yaml:1: a: expected a number from -1.8e308 to 1.8e308, got 179769313486...9624224137216"),
+        (f"a: 0x{'f' * 400}",
+         "f.yaml:1: a: expected a number from -1.8e308 to 1.8e308, got 0xffffffffff...fffffffffffff"),
+        ("\n".join(" " * k + "a:" for k in range(3000)), "f.yaml:101: not valid YAML: nested too deeply"),
+        ("- " * 100_000 + "x", "f.yaml:1: not valid YAML: nested too deeply"),
+        ("{a: " * 100_000, "f.yaml:1: not valid YAML: nested too deeply"),
+        ("? " * 100_000, "f.yaml:1: not valid YAML: nested too deeply"),
+        ("a: 1\r\n\0", "f.yaml:2: not valid YAML: character U+0000"),
     ],
-)
+)  # fmt: skip
 def test_what_is_no_document(text: str, message: str) -> None:
     with pytest.raises(ConfigError) as caught:
         plain(parse(text, "f.yaml"))
     assert str(caught.value) == message
+
+
+def nested(levels: int, width: int, inner: str) -> str:
+    """A list of lists of lists …, each of which says the one before many times."""
+    lines = [f"a0: &a0 {inner}"]
+    lines += [f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * width)}]" for k in range(1, levels + 1)]
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (nested(30, 10, "x"), "f.yaml:7: expected at most 1,000,000 values, counting aliases, got 1,111,111"),
+        (nested(101, 1, "x"), "f.yaml:102: not valid YAML: nested too deeply"),
+        (
+            nested(2, 200, "x" * 1000),
+            "f.yaml:3: expected at most 16,777,216 characters, counting aliases, got 40,000,000",
+        ),
+    ],
+)
+def test_aliases_do_not_multiply(text: str, message: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse(text, "f.yaml")
+    assert str(caught.value) == message
+
+
+def test_the_largest_numbers() -> None:
+    greatest = 2**1024 - 2**970 - 1  # rounded down to the greatest float64
+    assert plain(parse(f"[{greatest}, -{greatest}, 1.7976931348623157e308, .inf]", "f")) == [
+        greatest, -greatest, 1.7976931348623157e308, math.inf,
+    ]  # fmt: skip
+
+
+def test_byte_order_marks_and_line_ends_of_all_systems(tmp_path: Path) -> None:
+    path = tmp_path / "f.yaml"
+    for end in ("\n", "\r\n", "\r"):
+        for mark in (b"", b"\xef\xbb\xbf"):
+            path.write_bytes(mark + f"a: 1{end}b:{end}- c{end}".encode())
+            assert plain(read(path)) == {"a": 1, "b": ["c"]}
+            assert str((Place(read(path)) / "b" / 0).error("x")) == f"{path}:3: b.0: x"
+    path.write_bytes("a: 1".encode("utf-16"))
+    with pytest.raises(ConfigError, match=r"f\.yaml:1: not valid YAML: byte 0 is not UTF-8"):
+        read(path)
+
+
+def test_no_such_name(tmp_path: Path) -> None:
+    for name in ("a\0b", "a\ud800", "a" * 5000):
+        with pytest.raises(ConfigError, match="cannot read the file: ") as caught:
+            read(tmp_path / name)
+        assert str(caught.value).isprintable()
+
+
+YAMLISH = st.text(alphabet=st.sampled_from("ab1 .-:,?[]{}#&*!|>'\"%@`\n\t\\\0\x85\u2028\ufeffexU~=<+_é🚗"), max_size=60)
+
+
+@given(YAMLISH)
+def test_any_text_is_read_or_refused(text: str) -> None:
+    try:
+        node = parse(text, "f")
+    except ConfigError as error:
+        refusal = str(error)
+    else:
+        assert plain(parse(dump(plain(node)), "f")) == plain(node) or "nan" in text.lower()
+        refusal = "f:"
+    assert refusal.startswith("f:")
+    assert refusal.isprintable()
+    assert len(refusal) < 600
+
+
+@given(st.binary(max_size=60))
+def test_any_bytes_are_read_or_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "f.yaml"
+    path.write_bytes(content)
+    try:
+        read(path)
+    except ConfigError as error:
+        refusal = str(error)
+    else:
+        refusal = str(path)
+    assert refusal.startswith(str(path))
+    assert refusal.isprintable()
+
+
+NASTY = [
+    "1e3", "yes", "no", "on", "null", "Null", "~", "", "=", "<<", "0x10", "010", "0o17", "0b1", "1_000", "12:30:45",
+    "2026-11-25", "2026-11-25T10:00:00Z", ".inf", "-.INF", ".nan", "+1", "1.", ".5", "1e400", "9" * 500, "true", "True",
+    "y", " ", "a ", " a", "- a", "-", "--", "---", "...", "? b", ": c", ":", "#x", "a #b", "a: b", "|", ">", "&a", "*a",
+    "!t", "%d", "@x", "`x", "'q'", '"d"', "'", '"', "{a}", "[b]", ",", "\\", "\\x", "\n", "a\nb", "a\n\n b\n", "\ta",
+    "a\t", "\r", "\r\n", "\x85", "\u2028", "\u2029", "\ufeff", "\0", "\x1b[31m", "\x7f", "\xa0", "🚗", "x" * 300,
+    " \n ", "a\n---\nb",
+]  # fmt: skip
+TEXTS = st.one_of(st.sampled_from(NASTY), st.text(alphabet=st.characters(exclude_categories=["Cs"])))
+PLAIN = st.recursive(
+    st.one_of(TEXTS, st.integers(-(2**70), 2**70), st.floats(allow_nan=False), st.booleans(), st.none()),
+    lambda inner: st.one_of(st.lists(inner, max_size=4), st.dictionaries(TEXTS, inner, max_size=4)),
+    max_leaves=12,
+)
+
+
+def assert_read_back(value: Any) -> None:
+    text = dump(value)
+    for again in (plain(parse(text, "f")), yaml.safe_load(text)):  # YAML 1.2, and 1.1
+        assert again == value
+        assert repr(again) == repr(value)  # 1 is not 1.0, nor True
+
+
+@pytest.mark.parametrize("text", NASTY)
+def test_nasty_texts_are_read_as_they_are_written(text: str) -> None:
+    for value in (text, [text], {text: text}, {"a": [{text: [text, text]}]}):
+        assert_read_back(value)
+
+
+@given(PLAIN)
+def test_values_are_read_as_they_are_written(value: Any) -> None:
+    assert_read_back(value)
+
+
+@given(PLAIN)
+def test_values_given_from_python_are_read_as_they_are(value: Any) -> None:
+    assert repr(plain(argument("key", value))) == repr(value)
+
+
+def test_values_of_other_types_are_not_given() -> None:
+    for value in (b"x", {1}, object(), [b"x"], {"a": 1j}):
+        with pytest.raises(TypeError, match="value: expected numbers, text, or lists or mappings of them, got "):
+            argument("key", value)
+
+
+def test_each_mapping_is_looked_through_once_for_all_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    from lidarsim.config.loader import checked
+    from lidarsim.config.schema import SceneDocument
+
+    looked = []
+    monkeypatch.setattr(document, "entries", lambda node, of=document.entries: looked.append(node) or of(node))
+    labels = list(range(500))
+    random.Random(1).shuffle(labels)
+    root = parse("scene: []\nclass_names:\n" + "".join(f"  {label}: 5\n" for label in labels), "f")
+    with pytest.raises(ConfigError) as caught:
+        checked(SceneDocument, root)
+    assert str(caught.value) == f"f:3: class_names.{labels[0]}: expected text, got 5 (and 499 more)"
+    assert len(looked) < 20
 
 
 def test_missing_file(tmp_path: Path) -> None:
@@ -143,6 +313,14 @@ def test_override_fills_an_empty_value() -> None:
         ("b.1=1", "--set b.1=1: expected an index below 1, got '1'"),
         ("b.-1=1", "--set b.-1=1: expected an index below 1, got '-1'"),
         ("b.c=1", "--set b.c=1: expected an index below 1, got 'c'"),
+        ("b.٠=1", "--set b.٠=1: expected an index below 1, got '٠'"),
+        (f"b.{'9' * 5000}=1", f"--set b.{'9' * 191}…: expected an index below 1, got '999999999999...9999999999999'"),
+        (f"{'a.' * 5000}a=1", f"--set {'a.' * 96}a…: expected KEY=VALUE, such as scene.0.radius_m=2"),
+        (
+            f"c={'9' * 401}",
+            f"--set c={'9' * 191}…: expected a number from -1.8e308 to 1.8e308, got 999999999999...9999999999999",
+        ),
+        ("a\nb", "--set a\\nb: expected KEY=VALUE, such as scene.0.radius_m=2"),
         ("a=[", "--set a=[: not valid YAML: expected the node content, but found '<stream end>'"),
     ],
 )

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from lidarsim.datasets.draws import Stream
+from lidarsim import _native
+from lidarsim.config.document import Place, parse
+from lidarsim.config.loader import checked
+from lidarsim.datasets.draws import MOST_SIGMAS, Draw, Stream
+from lidarsim.errors import ConfigError
 
 N = 4000
 SIGNIFICANCE = 1e-6
@@ -61,3 +65,72 @@ def test_indices_follow_their_weights() -> None:
     weights = np.array([1.0, 5.0, 2.0])
     counts = np.bincount([stream.index(weights.tolist()) for stream in streams()])
     assert stats.chisquare(counts, N * weights / weights.sum()).pvalue > SIGNIFICANCE
+
+
+HUGE = "1" + "0" * 300
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        ("uniform: [1, .inf]", "f:1: uniform: expected [least, greatest], got [1.0, inf]"),
+        ("uniform: [.nan, 1]", "f:1: uniform: expected [least, greatest], got [nan, 1.0]"),
+        ("uniform: [2, 1]", "f:1: uniform: expected [least, greatest], got [2.0, 1.0]"),
+        ("uniform: [-1.0e+308, 1.0e+308]",
+         "f:1: uniform: expected a difference within float64's range, got [-1e+308, 1e+308]"),
+        ("log_uniform: [0, 1]", "f:1: log_uniform: expected positive numbers, got [0.0, 1.0]"),
+        ("log_uniform: [-1, 1]", "f:1: log_uniform: expected positive numbers, got [-1.0, 1.0]"),
+        ("log_uniform: [1.0e-320, 1]", "f:1: log_uniform: expected a ratio within float64's range, got [1e-320, 1.0]"),
+        ("log_uniform: [1, .inf]", "f:1: log_uniform: expected [least, greatest], got [1.0, inf]"),
+        ("normal: [.nan, 1]", "f:1: normal: expected [mean, sigma] with sigma >= 0, got [nan, 1.0]"),
+        ("normal: [1, .inf]", "f:1: normal: expected [mean, sigma] with sigma >= 0, got [1.0, inf]"),
+        ("normal: [1, -1]", "f:1: normal: expected [mean, sigma] with sigma >= 0, got [1.0, -1.0]"),
+        ("normal: [1.0e+308, 1.0e+308]",
+         "f:1: normal: expected draws within float64's range, got [1e+308, 1e+308]"),
+        ("integer: [1, 2.5]", "f:1: integer.1: expected an integer, got 2.5"),
+        ("integer: [3, 2]", "f:1: integer: expected [least, greatest], got [3, 2]"),
+        (f"integer: [0, {HUGE}]", "f:1: integer: expected integers of 63 bits, got an integer of 997 bits"),
+        ("choice: []", "f:1: choice: expected at least 1 items, got a list of 0"),
+        ("choice: [1], weights: []", "f:1: weights: expected 1, one per choice, got 0"),
+        ("choice: [1, 2], weights: [1, .nan]", "f:1: weights.1: expected positive numbers, got nan"),
+        ("choice: [1, 2], weights: [.inf, 1]", "f:1: weights.0: expected positive numbers, got inf"),
+        ("choice: [1, 2], weights: [1.7e+308, 1.7e+308]", "f:1: weights: expected a sum within float64's range"),
+        ("choice: [1], per: hour", "f:1: per: expected 'sequence' or 'frame', got 'hour'"),
+        ("choice: 5", "f:1: choice: expected a list, got 5"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_drawn(draw: str, message: str) -> None:
+    root = parse(f"{{{draw}}}", "f")
+    with pytest.raises(ConfigError) as caught:
+        checked(Draw, root).check(Place(root))
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        "uniform: [-8.0e+307, 8.0e+307]",
+        "uniform: [5, 5]",
+        "uniform: [1.0e-320, 1.0e-319]",
+        "log_uniform: [1.0e-150, 1.0e+150]",
+        "log_uniform: [2, 2]",
+        "normal: [1.0e+307, 1.0e+307]",
+        "normal: [3, 0]",
+        f"integer: [{-(2**63)}, {2**63}]",
+        "choice: [1, 2], weights: [1.0e-300, 8.0e+307]",
+    ],
+)
+def test_the_ends_of_what_can_be_drawn(draw: str) -> None:
+    root = parse(f"{{{draw}}}", "f")
+    made = checked(Draw, root)
+    made.check(Place(root), numbers=True)
+    values = np.array([float(made.draw(stream)) for stream in streams()])
+    assert np.isfinite(values).all()
+    if made.ends and made.choice is None:
+        assert made.ends[0] <= values.min() <= values.max() <= made.ends[1]
+
+
+def test_no_normal_number_is_further_off() -> None:
+    least, greatest = _native.normal_quantile(np.array([0.5 * 2.0**-52, 1 - 2.0**-53]))
+    assert MOST_SIGMAS - 0.1 < -least < MOST_SIGMAS
+    assert MOST_SIGMAS - 0.1 < greatest < MOST_SIGMAS

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import re
 from itertools import combinations, pairwise
 from pathlib import Path
 
@@ -14,8 +15,10 @@ import yaml
 
 import lidarsim as ls
 from lidarsim.config.document import Place, parse
+from lidarsim.datasets import scatter as scattering
 from lidarsim.datasets.recipe import Document, load
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
+from lidarsim.errors import ConfigError
 
 BOX = {"shape": "box", "size_m": [4, 2, 1.5], "center_m": [0.5, 0, 0.75], "label": 10}
 RECIPE = {
@@ -251,8 +254,94 @@ def test_points_on_movers_of_the_street_move() -> None:
         ("scatter.cars.scale={choice: [a]}", "expected numbers"),
         ("scatter.cars.gap_m=-1", "expected a value >= 0.0, got -1"),
         ("scatter.cars.colour=red", "unknown key"),
+        *(
+            (f"scatter.cars.{key}={value}", rf"scatter\.cars\.{key}={re.escape(value)}: expected a .*, got {got}")
+            for key in ("count", "offset_m", "yaw_deg", "scale", "speed_m_per_s", "gap_m", "clear_m")
+            for value, got in (
+                [(".inf", "inf"), ("-.inf", "-inf"), (".nan", "nan"), ("1.0e+300", r"1e\+300"), ("1.1e+9", "1")]
+                + [("0", "0")] * (key == "scale")
+                + [("-1", "-1")] * (key in {"count", "scale", "gap_m", "clear_m"})
+            )
+        ),
+        ("scatter.cars.count=4000000000", r"expected a number from 0 to 10000, got 4e\+09"),
+        ("scatter.cars.count=2.5", "expected an integer, got 2.5"),
+        ("scatter.cars.count=[3]", "expected a number, got a list of 1"),
+        ("scatter.cars.count={uniform: [-1, 3]}", r"count=.*: expected a number from 0 to 10000, got -1"),
+        ("scatter.cars.count={integer: [1, 10001]}", r"count=.*: expected a number from 0 to 10000, got 10001"),
+        ("scatter.cars.count={choice: [1, true]}", r"count\.choice\.1: expected numbers, each finite, got True"),
+        ("scatter.cars.count={choice: [1, .inf]}", r"count\.choice\.1: expected numbers, each finite, got inf"),
+        ("scatter.cars.count={uniform: [1, 2], per: frame}", r"count\.per: expected sequence"),
+        ("scatter.cars.count={normal: [1.0e+6, 1]}", r"count=.*: expected a number from 0 to 10000, got 1e\+06"),
+        ("scatter.cars.scale={normal: [0.01, 100]}", r"scale=.*: expected a number from 1e-09 to 1e\+09, got -"),
+        ("scatter.cars.scale={log_uniform: [1.0e-300, 1]}", r"expected a number from 1e-09 to 1e\+09, got 1e-300"),
+        ("scatter.cars.area_m=[[.nan, 0], [1, 1]]", r"area_m\.0\.0: expected a value <= 1000000000\.0, got nan"),
+        ("scatter.cars.area_m=[[0, 0], [1, -.inf]]", r"area_m\.1\.1: expected a value >= -1000000000\.0, got -inf"),
+        ("scatter.cars.area_m=[[0, 0], [1, 1], [2, 2]]", "expected at most 2 items, got a list of 3"),
+        ("scatter.cars.area_m=all", "expected a list, got 'all'"),
+        ("scatter.boxes.along_m=[[0, 0], [1.0e+300, 0]]",
+         r"along_m\.1\.0: expected a value <= 1000000000\.0, got 1e\+300"),
+        ("scatter.boxes.along_m=[[0, 0], [0, 1], [1.0e-320, 1]]",
+         r"along_m\.2: expected points that differ .* 1e-09 m"),
+        ("scatter.boxes.along_m=[[0, 0]]", "expected at least 2 items"),
+        ("scatter.cars.objects.1.radii_m=[1, 1, -1]", r"objects\.1\.radii_m"),
+        ("scatter.cars.objects.1.label=-1", "expected an integer from 0 to 4294967295, got -1"),
+        ("scatter.cars.objects.1.scale=0", "expected an invertible matrix"),
+        ("scatter.cars.objects.1.scale=1.0e+10",
+         r"expected an object within 1e\+09 m of its origin, got one of 2e\+10 m"),
+        ("scatter.cars.objects.1.radii_m=[1.0e+300, 1, 1]", "expected an object within 1e[+]09 m of its origin"),
+        ("frames=4294967296", r"scatter: expected sequences of at most 100,000 s if anything moves, got 4\.295e\+08 s"),
+        ("run.sensor.pattern.rate_hz=1.0e-300", "scatter: expected sequences of at most 100,000 s if anything moves"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_named(recipe: Path, change: str, message: str) -> None:
+    with pytest.raises(ConfigError, match=message) as caught:
+        placed(recipe, 0, change)
+    assert str(caught.value).startswith((f"{recipe}:", "--set "))
+
+
+def test_numbers_are_checked_as_they_are_drawn(recipe: Path) -> None:
+    """A normal number may be anything: one that is no count is 0, and one out of range is an error of its sequence."""
+    counts = [
+        sum(item.group == "cars" for item in placed(recipe, sequence, "scatter.cars.count={normal: [0.5, 2]}")[1])
+        for sequence in SEQUENCES
+    ]
+    assert 0 in counts
+    assert max(counts) > 0
+    source = load(recipe, ["scatter.cars.scale={normal: [1, 0.3]}", "sequences=2000"]).source
+    with pytest.raises(ConfigError, match=r"cars\.scale=.*: expected a number from 1e-09 to 1e\+09, got -"):
+        [source.run(sequence) for sequence in range(2000)]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "scatter.cars.area_m=[[5, -5], [-5, 5]]",
+        "scatter.cars.area_m=[[5, -9], [5, 9]]",
+        "scatter.cars.area_m=[[-1.0e+9, -1.0e+9], [1.0e+9, 1.0e+9]]",
+        "scatter.cars.speed_m_per_s=-1.0e+9",
+        "scatter.cars.objects.0.size_m=[1.0e-300, 1.0e-300, 1.0e-300]",
+        "run.pose.position_m=[1.0e+17, 0, 0]",
+        "run.pose.position_m=[1.0e+300, 0, 0]",
+        "run.scene.2.end_m=[0, 1.0e+300, 4]",
+        "scatter.cars.count=0",
+        "scatter.cars.yaw_deg=1.0e+9",
     ],
 )
-def test_mistakes_are_named(recipe: Path, change: str, message: str) -> None:
-    with pytest.raises(ValueError, match=message):
-        placed(recipe, 0, change)
+def test_unusual_places_are_places(recipe: Path, change: str) -> None:
+    _, there = placed(recipe, 1, "scatter.boxes.count=0", change)
+    wanted = 0 if "count=0" in change.rpartition("boxes")[2] or "1.0e+300, 4" in change else 2
+    assert len(there) >= wanted
+    for item in there:
+        poses = item.motion.poses.as_matrix() if isinstance(item.motion, ls.Trajectory) else item.motion
+        assert np.isfinite(poses).all()
+
+
+def test_a_group_ends_when_there_is_no_room(recipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = []
+    monkeypatch.setattr(scattering._Way, "poses", lambda *_, of=scattering._Way.poses: tried.append(1) or of(*_))
+    small = ["scatter.cars.area_m=[[4, -14], [9, -9]]", "scatter.boxes.count=0", "scatter.cars.count=10000"]
+    _, there = placed(recipe, 0, *small)
+    assert 1 <= len(there) < 10
+    again = placed(recipe, 0, *small[:2], "scatter.cars.count=100")[1]
+    assert [np.asarray(item.motion).tolist() for item in there] == [np.asarray(item.motion).tolist() for item in again]
+    assert scattering.FULL * scattering.TRIES <= len(tried) < 200 * scattering.TRIES
