@@ -290,8 +290,8 @@ def load_array(path: PathLike) -> npt.NDArray[Any]:
         return read_array(file, os.fstat(file.fileno()).st_size)
 
 
-def beside(path: Path, name: str) -> bytes:
-    """Return what is in a file that the file `path` names, by a relative path or URI: one beside or below it.
+def beside(path: Path, name: str) -> Path:
+    """Return the file that the file `path` names, by a relative path or URI: one beside or below it.
 
     Raises
     ------
@@ -299,7 +299,7 @@ def beside(path: Path, name: str) -> bytes:
         If the name is an absolute path or that of another place, or leads, links followed, out of the folder of `path`,
         or to a pipe or device.
     OSError
-        If there is no such file, or it cannot be read.
+        If there is no such file.
     """
     place = unquote(name)
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|[/\\]", place) or "\\" in place or "\0" in place:
@@ -308,7 +308,7 @@ def beside(path: Path, name: str) -> bytes:
     for folder in folders:
         file = (folder / place).resolve()
         if file.is_file() and any(file.is_relative_to(folder) for folder in folders):
-            return file.read_bytes()
+            return file
     if any((folder / place).exists() for folder in folders):
         raise FileFormatError("it names something that is no regular file beside or below it")
     raise FileNotFoundError("it names a file that is not there")

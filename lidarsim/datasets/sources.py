@@ -9,12 +9,12 @@ from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import Any, BinaryIO
-from urllib.parse import unquote
 
 import yaml
 
+from lidarsim._files import beside
 from lidarsim.config.document import Node, entries, folder_of, read
-from lidarsim.errors import ConfigError
+from lidarsim.errors import ConfigError, FileFormatError
 
 __all__ = ["hashes", "located", "paths"]
 
@@ -106,25 +106,26 @@ def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
 
 
 def _named_in(path: Path) -> list[Path]:
-    """Return the files in the folder of a mesh file that it names; none of a damaged one, which its reader refuses."""
+    """Return the files that a mesh file names, as its reader takes them; none of one that it refuses."""
     names: list[str] = []
     suffix = path.suffix.lower()
     with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError), path.open("rb") as file:
         if suffix in {".gltf", ".glb"}:
             content = _gltf(file, binary=suffix == ".glb")
             items = [item for kind in ("buffers", "images") for item in content.get(kind, ())]
-            names = [unquote(item["uri"]) for item in items if "uri" in item and not item["uri"].startswith("data:")]
+            names = [item["uri"] for item in items if "uri" in item]
         elif suffix == ".obj":
             lines = (line.split(None, 1) for line in file if line.lstrip().startswith(b"mtllib"))
             names = [words[1].decode().strip() for words in lines if len(words) == 2]
     folder = path.parent.resolve()
-    files = [folder / name for name in names if "\0" not in name]
-    return [path.parent / file.relative_to(folder) for file in files if _within(file, folder)]
+    files = []
+    for name in names:
+        with suppress(AttributeError, FileFormatError, OSError, TypeError, ValueError):
+            file_there = beside(path, name)
+            inside = file_there.is_relative_to(folder)
+            files.append(path.parent / file_there.relative_to(folder) if inside else file_there)
+    return files
 
 
 def _gltf(file: BinaryIO, *, binary: bool) -> Any:
     return json.loads(file.read(int.from_bytes(file.read(GLB)[12:16], "little") if binary else -1))
-
-
-def _within(file: Path, folder: Path) -> bool:
-    return file.is_file() and file.resolve().is_relative_to(folder) and file.is_relative_to(folder)

@@ -40,7 +40,7 @@ class Beside:
 
     def get(self, name: str) -> bytes:
         """Return the bytes of the file that `name` names; see `lidarsim._files.beside`."""
-        return beside(self._path, name)
+        return beside(self._path, name).read_bytes()
 
     __getitem__ = get
 
