@@ -53,6 +53,13 @@ def test_usual_names_stay_as_they_are() -> None:
     assert [escaped(name) for name in usual] == usual
 
 
+def test_no_address_becomes_a_link() -> None:
+    """As GitHub makes them of bare addresses: each is broken by a backslash, which is not shown."""
+    assert escaped("see https://a.example, WWW.b.example or c@d.example") == (
+        r"see https\://a.example, WWW\.b.example or c\@d.example"
+    )
+
+
 def test_a_long_name_is_cut() -> None:
     assert len(escaped("x" * 10_000_000)) == 200
 

@@ -336,6 +336,17 @@ def test_unusual_places_are_places(recipe: Path, change: str) -> None:
         assert np.isfinite(poses).all()
 
 
+def test_outlines_that_are_points_are_apart_only_where_they_are() -> None:
+    """Far off, the corners of an outline may be the same numbers, and none of its sides has a direction."""
+    square = np.array([[[0.0, 0.0], [1, 0], [1, 1], [0, 1]]])
+    point, here, there = (scattering._Outline(corners, 0.0, 1.0) for corners in (0 * square, square - 0.5, square + 9))
+    for outline in (point, here):
+        assert not outline.apart(point, 0.0)
+        assert not point.apart(outline, 0.0)
+    assert there.apart(point, 1.0)
+    assert point.apart(there, 1.0)
+
+
 def test_a_group_ends_when_there_is_no_room(recipe: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     tried = []
     monkeypatch.setattr(scattering._Way, "poses", lambda *_, of=scattering._Way.poses: tried.append(1) or of(*_))

@@ -174,7 +174,17 @@ def test_words_for_people_are_no_files(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "uri",
-    ["../secret.bin", "/etc/hostname", "a\ud800", "data:application/octet-stream;base64,AAAA", "a%00b", "gone.bin", 5, ".", None],
+    [
+        "../secret.bin",
+        "/etc/hostname",
+        "a\ud800",
+        "data:application/octet-stream;base64,AAAA",
+        "a%00b",
+        "gone.bin",
+        5,
+        ".",
+        None,
+    ],
 )
 def test_files_outside_the_folder_of_a_mesh_are_not_read(uri: object, tmp_path: Path) -> None:
     from lidarsim.config.document import parse
