@@ -45,9 +45,6 @@ __all__ = ["PATTERNS", "SHAPES", "Config", "Sensor", "VendorSensor"]
 T = TypeVar("T")
 P = TypeVar("P", bound="Part")
 
-INT64 = 2**63 - 1
-"""The most frames that a range has a length for."""
-
 # Small units divide: 55.296 / 1e6 is the float64 nearest to 55.296e-6, because 1e6 is a float64 and 1e-6 is not.
 UNITS: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
     "deg_per_s": ("rad/s", np.radians),
