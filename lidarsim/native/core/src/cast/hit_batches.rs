@@ -198,7 +198,7 @@ impl HitBatch {
                 }
                 Geometry::Mesh(mesh) => {
                     let corners = &self.corners(mesh);
-                    I::apart(RefineTriangleBatch { rays: &*local, corners, batch: self, refined })
+                    I::call_widest(RefineTriangleBatch { rays: &*local, corners, batch: self, refined })
                 }
             }
         } else {

@@ -79,10 +79,10 @@ macro_rules! surfaces {
             }
 
             /// Runs the task in a separate function for each type of shape, which keeps these functions
-            /// small; see `Isa::apart`.
+            /// small; see `Isa::call_widest`.
             #[inline(always)]
             pub fn dispatch<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
-                match self { $(AnySurface::$name(shape) => I::apart(On(shape, task))),+ }
+                match self { $(AnySurface::$name(shape) => I::call_widest(On(shape, task))),+ }
             }
         }
 

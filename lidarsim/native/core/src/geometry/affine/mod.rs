@@ -328,14 +328,18 @@ impl<const M: usize> Placements<'_, M> {
         self.first.is_none() && self.then.is_none()
     }
 
-    /// Runs the task in a separate function for each type of placement; see `Isa::apart`.
+    /// Runs the task in a separate function for each type of placement; see `Isa::call_widest`.
     #[inline(always)]
     pub fn dispatch<I: Isa, T: PlacementTask>(self, task: T) -> Option<T::Output> {
         match (self.first, self.then) {
-            (None, None) => I::apart(With(Identity, task)),
-            (Some(placement), None) => I::apart(With(placement, task)),
-            (None, Some(then)) => I::apart(With(ComposedPlacements { first: Identity, then, part: 0 }, task)),
-            (Some(first), Some(then)) => I::apart(With(ComposedPlacements { first, then, part: 0 }, task)),
+            (None, None) => I::call_widest(With(Identity, task)),
+            (Some(placement), None) => I::call_widest(With(placement, task)),
+            (None, Some(then)) => {
+                I::call_widest(With(ComposedPlacements { first: Identity, then, part: 0 }, task))
+            }
+            (Some(first), Some(then)) => {
+                I::call_widest(With(ComposedPlacements { first, then, part: 0 }, task))
+            }
         }
     }
 }
