@@ -5,7 +5,7 @@
 pub struct RootId {
     pub object: u32,
     pub primitive: u32,
-    /// 0 or 1, or `TOUCHING` where the line is known to touch the surface there.
+    /// 0 or 1, or `TOUCHING` if the line is known to touch the surface there.
     pub index: u8,
     /// The part of the surface.
     pub feature: u8,
