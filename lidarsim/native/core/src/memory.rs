@@ -7,8 +7,8 @@ use std::panic::resume_unwind;
 
 /// The payload of the panic if memory runs out.
 ///
-/// This module makes every array whose size the caller determines: those of the standard library would
-/// abort the process.
+/// This module makes every array whose size the caller determines: those of the standard library would abort
+/// the process.
 #[derive(Debug, PartialEq, Eq)]
 pub struct OutOfMemory {
     pub bytes: usize,

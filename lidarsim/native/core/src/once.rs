@@ -14,9 +14,9 @@ const PAUSE: Duration = Duration::from_millis(1);
 
 /// A value that one thread makes while others wait for it.
 ///
-/// Unlike with `OnceLock`, a child that is forked while a thread of its parent makes the value makes its
-/// own: it inherits the memory of that thread, but not the thread. So a maker has the number of its
-/// process, and there is no lock, only a value or none.
+/// Unlike with `OnceLock`, a child that is forked while a thread of its parent makes the value makes its own:
+/// it inherits the memory of that thread, but not the thread. So a maker has the number of its process, and
+/// there is no lock, only a value or none.
 pub struct Once<T> {
     value: OnceBox<T>,
     /// See [`this_thread`]; 0 for none.

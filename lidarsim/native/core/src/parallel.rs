@@ -30,8 +30,8 @@ static HELPING: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
 /// The requested number of threads; 0 for all that may run at once.
 static ASKED: AtomicUsize = AtomicUsize::new(0);
 
-/// The stack of each thread: the default of the standard library. Its own default would read the
-/// environment here, which other threads may be writing.
+/// The stack of each thread: the default of the standard library. Its own default would read the environment
+/// here, which other threads may be writing.
 const STACK: usize = 2 << 20;
 
 /// Sets the number of threads; `None` for as many as this process may run at once.
@@ -108,8 +108,8 @@ pub fn with_room<R: Send>(work: impl FnOnce() -> R + Send) -> R {
 /// The bytes left on this thread's stack, if the system can tell.
 fn room() -> usize {
     thread_local! {
-        /// The end of the stack, which grows down; 0 while unknown. For the first thread, finding it reads
-        /// a file.
+        /// The end of the stack, which grows down; 0 while unknown. For the first thread, finding it reads a
+        /// file.
         static END: Cell<usize> = const { Cell::new(0) };
     }
     let here = 0_u8;

@@ -49,8 +49,8 @@ pub fn worst<const N: usize>(
     best
 }
 
-/// Asserts that the worst case is about as known: a bound has this much slack and no more, so that no
-/// change to it goes unnoticed.
+/// Asserts that the worst case is about as known: a bound has this much slack and no more, so that no change
+/// to it goes unnoticed.
 pub fn assert_slack(what: &str, worst: f64, known: f64) {
     assert!(worst <= 1.0, "{what}: the bound is exceeded: {worst}");
     assert!(0.8 * known <= worst && worst <= 1.25 * known, "{what}: {worst} of the bound, {known} was known");

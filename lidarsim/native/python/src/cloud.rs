@@ -81,8 +81,8 @@ struct AllPulseArrays<'py> {
     column: PyReadonlyArray1<'py, u32>,
 }
 
-/// The fields of `lidarsim.PointCloud`, one entry per return. `frame` is "sensor" or "world". `moment` is
-/// the time, on the clock of the path, whose sensor frame all points use; `None` for raw points.
+/// The fields of `lidarsim.PointCloud`, one entry per return. `frame` is "sensor" or "world". `moment` is the
+/// time, on the clock of the path, whose sensor frame all points use; `None` for raw points.
 #[pyfunction]
 pub fn points_of<'py>(
     py: Python<'py>,

@@ -89,8 +89,8 @@ fn use_threads(_: Python<'_>) {
 ///
 /// # Errors
 ///
-/// The error that a signal handler raises, such as `KeyboardInterrupt`, which stops the work. MemoryError
-/// if an array cannot be allocated. RuntimeError if the work panics, which is a bug in the core.
+/// The error that a signal handler raises, such as `KeyboardInterrupt`, which stops the work. MemoryError if
+/// an array cannot be allocated. RuntimeError if the work panics, which is a bug in the core.
 pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     use_threads(py);
     match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, || with_room(work))))) {

@@ -1,5 +1,4 @@
-//! Fast paths for arguments of common types. Python converts all others, or reports what is wrong with
-//! them.
+//! Fast paths for arguments of common types. Python converts all others, or reports what is wrong with them.
 
 use lidarsim_core::Point;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};

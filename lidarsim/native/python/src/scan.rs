@@ -154,8 +154,8 @@ macro_rules! arrays {
             Ok(arrays)
         }
 
-        /// The columns of a scan by name: dtype, shape of an entry, whether there is one per return, and
-        /// the value of unused entries.
+        /// The columns of a scan by name: dtype, shape of an entry, whether there is one per return, and the
+        /// value of unused entries.
         #[pyfunction]
         pub fn scan_columns(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
             let table = PyDict::new(py);
@@ -212,8 +212,8 @@ pub fn scan<'py>(
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(layout);
         scene.scene.prepare();
-        // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times
-        // are irrelevant.
+        // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times are
+        // irrelevant.
         let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
         let world = scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
         let appearances = &scene.appearances;

@@ -182,8 +182,7 @@ fn view<'py, T: Element>(shape: &Bound<'py, PyShape>, rows: &[[T; 3]]) -> Bound<
     array
 }
 
-/// The first two edges of a closed outline (n, 2) that touch where they must not; edge i starts at vertex
-/// i.
+/// The first two edges of a closed outline (n, 2) that touch where they must not; edge i starts at vertex i.
 #[pyfunction]
 pub fn self_crossing(py: Python<'_>, outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
     let outline = elements("outline", &outline)?.as_chunks().0;

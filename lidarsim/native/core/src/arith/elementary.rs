@@ -1,5 +1,5 @@
-//! Elementary functions whose bits are the same on every platform: additions, multiplications, divisions
-//! and square roots in a fixed order. The bits of a C library's functions depend on its version and on the
+//! Elementary functions whose bits are the same on every platform: additions, multiplications, divisions and
+//! square roots in a fixed order. The bits of a C library's functions depend on its version and on the
 //! processor.
 //!
 //! The series are Taylor series, truncated where the next term is below half an ulp.
@@ -16,14 +16,14 @@ const LN_2_LOW: f64 = f64::from_bits(0x3dea_39ef_3579_3c76);
 
 /// Natural logarithm of a positive, normal number, to within 1 ulp.
 ///
-/// With x = 2ᵏ(1+f), 1+f between √½ and √2, and s = f/(2+f): ln(1+f) = 2 artanh s = f − s(f − 2s²(1/3 + s²/5
-/// + s⁴/7 + …)).
+/// With x = 2ᵏ(1+f), 1+f between √½ and √2, and s = f/(2+f): ln(1+f) = 2 artanh s = f − s(f −
+/// 2s²(1/3 + s²/5 + s⁴/7 + …)).
 ///
 /// f and k·LN_2_HIGH are exact. The product of s and its factor is at most 0.068; the errors of s, of the
 /// factor and of the product come to less than 3.5u of it: 0.24u. ln(1+f), at most 0.35, rounds by ¼u. The
 /// last sum, if k ≠ 0, rounds by half an ulp of the result, or not at all if ln(1+f) and the result are
-/// both in [¼, ½). Results in [¼, ½), whose ulp is ½u, are the worst: 0.49u, or, where |ln(1+f)| < ¼,
-/// s is smaller, and it rounds by ⅛u, (0.11 + ⅛ + ¼)u.
+/// both in [¼, ½). Results in [¼, ½), whose ulp is ½u, are the worst: 0.49u, or, where |ln(1+f)| < ¼, s
+/// is smaller, and it rounds by ⅛u, (0.11 + ⅛ + ¼)u.
 #[inline(always)]
 pub fn ln(x: f64) -> f64 {
     let bits = x.to_bits();
@@ -64,10 +64,10 @@ pub const RECIPROCAL_FACTORIALS: [f64; 20] = {
 /// eˣ, to within 1 ulp where it is normal.
 ///
 /// x = k·ln 2 + r, |r| ≤ 0.347. k·LN_2_HIGH and its difference from x are exact, and the rounding error
-/// of `high − low` is added back. The worst case is r < 0, where the ulp of eʳ is u: eʳ − 1 − r is
-/// at most 0.054; three roundings of it and one of its sum with the correction come to 0.19u; the sum with
-/// r rounds by ¼u and the sum with 1 by ½u: 0.94u. For r > 0 the ulp is 2u, and the errors come to less
-/// than 1.6u.
+/// of `high − low` is added back. The worst case is r < 0, where the ulp of eʳ is u: eʳ − 1 − r is at
+/// most 0.054; three roundings of it and one of its sum with the correction come to 0.19u; the sum with r
+/// rounds by ¼u and the sum with 1 by ½u: 0.94u. For r > 0 the ulp is 2u, and the errors come to less than
+/// 1.6u.
 #[inline(always)]
 pub fn exp(x: f64) -> f64 {
     // Beyond these arguments eˣ underflows to 0 or overflows to ∞. NaN stays NaN.
@@ -96,12 +96,12 @@ pub const LARGEST_ANGLE: f64 = 1e6;
 
 /// Sine and cosine, for |x| up to 10⁶, to within 1 ulp of 1.
 ///
-/// The nearest multiple of π/2 is subtracted from x in three parts of at least 33 bits. The first
-/// difference is exact; the others round by ½u each where |r| > ½, and less below. Sine: they move it by
-/// 0.71u at most; the terms after r sum to 0.08, and four roundings of that come to 0.3u; the last sum
-/// rounds by ½u. Cosine: they move it by 0.71u at most; the terms after 1 sum to 0.293 at most: r² rounds
-/// by ½u times ½, the polynomial by ¼u times 0.62, and their product by ¼u; the last sum rounds by ½u.
-/// Both come to less than 2u, an ulp of 1.
+/// The nearest multiple of π/2 is subtracted from x in three parts of at least 33 bits. The first difference
+/// is exact; the others round by ½u each where |r| > ½, and less below. Sine: they move it by 0.71u at
+/// most; the terms after r sum to 0.08, and four roundings of that come to 0.3u; the last sum rounds by ½u.
+/// Cosine: they move it by 0.71u at most; the terms after 1 sum to 0.293 at most: r² rounds by ½u times ½,
+/// the polynomial by ¼u times 0.62, and their product by ¼u; the last sum rounds by ½u. Both come to less
+/// than 2u, an ulp of 1.
 #[inline(always)]
 pub fn sin_cos(x: f64) -> (f64, f64) {
     const PI_2: [f64; 3] = [
@@ -145,8 +145,8 @@ fn whole(x: f64) -> i64 {
     (x + BESIDE).to_bits() as i64 - BESIDE.to_bits() as i64
 }
 
-/// The angle in [0, π/2] with this sine and cosine, both ≥ 0 and up to a common factor; its relative
-/// error is below 3e-9, enough for float32.
+/// The angle in [0, π/2] with this sine and cosine, both ≥ 0 and up to a common factor; its relative error
+/// is below 3e-9, enough for float32.
 ///
 /// arctan(x)/x on [0, 1] is a polynomial in x², fitted at the Chebyshev nodes.
 #[inline(always)]
@@ -254,8 +254,8 @@ mod tests {
         x.abs().next_up() - x.abs()
     }
 
-    /// Compares with the series in 320-bit numbers: the worst error that a search finds is below the
-    /// derived bound, and not far below.
+    /// Compares with the series in 320-bit numbers: the worst error that a search finds is below the derived
+    /// bound, and not far below.
     #[test]
     fn functions_are_as_near_as_is_derived() {
         let (two, quarter) = (ln_2(), half_pi());

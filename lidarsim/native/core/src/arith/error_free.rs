@@ -1,5 +1,5 @@
-//! Error-free transformations: the rounded result of an operation and its exact rounding error (collected
-//! by T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005). They hold
+//! Error-free transformations: the rounded result of an operation and its exact rounding error (collected by
+//! T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005). They hold
 //! unless an operation overflows or an error underflows.
 
 use crate::arith::simd::Floats;

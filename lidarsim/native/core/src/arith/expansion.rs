@@ -9,8 +9,8 @@ use crate::arith::simd::{Floats, Isa};
 /// A vector in eight lanes, by axis.
 pub type V<I> = [<I as Isa>::F64x8; 3];
 
-/// high + low, not renormalized: low is small compared with the terms that high sums (the pair arithmetic
-/// of M. Lange, S. Rump, Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
+/// high + low, not renormalized: low is small compared with the terms that high sums (the pair arithmetic of
+/// M. Lange, S. Rump, Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
 #[derive(Clone, Copy)]
 pub struct Expansion<I: Isa> {
     pub high: I::F64x8,
@@ -26,8 +26,8 @@ pub struct Constant {
     pub size: f64,
 }
 
-/// The relative error of a `Constant`. It covers a few double-double operations; a larger error enlarges
-/// the size.
+/// The relative error of a `Constant`. It covers a few double-double operations; a larger error enlarges the
+/// size.
 pub const CONSTANT: f64 = 64.0 * UNIT * UNIT;
 
 /// A few products lose less than u² of this to underflow.

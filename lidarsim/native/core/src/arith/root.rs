@@ -41,8 +41,8 @@ impl<N: Number> Root<N> {
         })
     }
 
-    /// The roots of a·t² − 2b·t + c = 0, a > 0, ascending; disc has sign `order`: one root if zero,
-    /// none if negative.
+    /// The roots of a·t² − 2b·t + c = 0, a > 0, ascending; disc has sign `order`: one root if zero, none
+    /// if negative.
     #[inline(always)]
     pub fn quadratic(a: N, b: N, c: N, disc: N, order: Ordering, feature: u8) -> Roots<N> {
         match order {
@@ -91,8 +91,8 @@ impl<N: Number> Root<N> {
 /// The roots of a surface of degree two or of a convex solid, ascending and distinct.
 pub type Roots<N> = [Option<Root<N>>; 2];
 
-/// The part of a line inside a convex solid, from the largest `entry` to the least `exit`, while one part
-/// of the boundary after another cuts it.
+/// The part of a line inside a convex solid, from the largest `entry` to the least `exit`, while one part of
+/// the boundary after another cuts it.
 #[derive(Clone)]
 pub struct Chord<N> {
     entry: Option<Root<N>>,

@@ -3,8 +3,8 @@
 //! An angle is the product of a turn rate and a number, as for a body that has turned at a constant rate
 //! since time 0. The rate is kept in turns, as an integer in units of 2⁻¹²¹⁶. Of its product with
 //! m·2ᵉ only the bits around the binary point are computed: bits further left are whole turns, and bits
-//! further right are negligible (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM
-//! SIGNUM Newsletter 18, 1983).
+//! further right are negligible (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM SIGNUM
+//! Newsletter 18, 1983).
 
 use std::f64::consts::TAU;
 
@@ -63,8 +63,8 @@ pub struct TurnRate(Vec<u64>);
 impl TurnRate {
     /// The rate of an angular velocity in rad, to within 2 units.
     ///
-    /// With coordinates mᵢ·2ᵉ, of one e, the rate is √(Σ mᵢ²)·2ᵉ/2π. The root is rounded
-    /// down to a unit. The error of 1/2π adds less than 1 to its product, as the other factor is below
+    /// With coordinates mᵢ·2ᵉ, of one e, the rate is √(Σ mᵢ²)·2ᵉ/2π. The root is rounded down
+    /// to a unit. The error of 1/2π adds less than 1 to its product, as the other factor is below
     /// 2¹⁰²⁵⁺¹²¹⁶.
     pub fn new(angular: [f64; 3]) -> Self {
         let parts = angular.map(parts);
@@ -94,17 +94,17 @@ fn sin_cos_of(rate: &[u64], time: f64) -> (f64, f64) {
     let turned = fraction(rate, time);
     let quarter = turned.wrapping_add(1 << 125) >> 126;
     let rest = turned.wrapping_sub(quarter << 126) as i128;
-    // Three roundings of r ≤ π/4, 3u in all, move sine and cosine by less than 0.75u each beyond the
-    // error that `sin_cos` allows in r itself.
+    // Three roundings of r ≤ π/4, 3u in all, move sine and cosine by less than 0.75u each beyond the error
+    // that `sin_cos` allows in r itself.
     let (sin, cos) = sin_cos_from_quarter(rest as f64 / 2.0_f64.powi(128) * TAU, quarter as i64);
     (if time < 0.0 { -sin } else { sin }, cos)
 }
 
-/// The fraction of |time| times a rate, in units of 2⁻¹²⁸; for an exact rate, less than 2⁻¹⁰ of
-/// a unit too low.
+/// The fraction of |time| times a rate, in units of 2⁻¹²⁸; for an exact rate, less than 2⁻¹⁰ of a
+/// unit too low.
 ///
-/// With time = m·2ᵉ and `window` the bits of the rate worth 2⁻ᵉ⁻¹ to 2⁻ᵉ⁻¹⁹², the
-/// product m·window is off by less than m units of 2⁻¹⁹².
+/// With time = m·2ᵉ and `window` the bits of the rate worth 2⁻ᵉ⁻¹ to 2⁻ᵉ⁻¹⁹², the product
+/// m·window is off by less than m units of 2⁻¹⁹².
 fn fraction(rate: &[u64], time: f64) -> u128 {
     let (m, e) = parts(time);
     let first = (PLACES - 192 - e) as usize;
@@ -152,8 +152,7 @@ mod tests {
         let bytes: Vec<u8> = PER_RADIAN.iter().flat_map(|limb| limb.to_le_bytes()).collect();
         let digits = BigInt::from(BigUint::from_bytes_le(&bytes));
         let bits = 64 * PER_RADIAN.len() as u64;
-        // digits·2π = 2ᵇ less the truncation, up to 2π; π has 64 more bits, which the division
-        // removes.
+        // digits·2π = 2ᵇ less the truncation, up to 2π; π has 64 more bits, which the division removes.
         let short: BigInt = (BigInt::from(1) << (bits + 64)) - ((digits * pi(bits + 64) * 2) >> bits);
         assert!(short > BigInt::ZERO && short < BigInt::from(7) << 64, "{short}");
     }

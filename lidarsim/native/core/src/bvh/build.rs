@@ -1,5 +1,5 @@
-//! Building by the binned surface area heuristic (I. Wald, On fast construction of SAH-based bounding
-//! volume hierarchies, 2007).
+//! Building by the binned surface area heuristic (I. Wald, On fast construction of SAH-based bounding volume
+//! hierarchies, 2007).
 //!
 //! A binary tree is grown first and then collapsed into wide nodes by its optimal cut (H. Ylitie et al.,
 //! Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, 2017). The hierarchy does not
@@ -341,8 +341,8 @@ fn fill(items: &[Item], grid: &Grid, keys: usize) -> Bins {
     bins
 }
 
-/// Orders `items` into two parts that minimize surface area times leaves. Returns the length of the first
-/// and the extents of both.
+/// Orders `items` into two parts that minimize surface area times leaves. Returns the length of the first and
+/// the extents of both.
 fn split(items: &mut [Item], extent: &Extent, most: usize) -> Option<(usize, [Extent; 2])> {
     let grid = Grid::over(extent);
     let keys = if items.len() < SIZED { Grid::SIZE } else { Grid::KEYS };

@@ -16,8 +16,7 @@ const U: f32 = f32::EPSILON / 2.0;
 
 /// A slope is the float32 reciprocal of a direction rounded to float32. The direction is off by u, or, if
 /// subnormal, by 2⁻¹⁵⁰, which is 4u of 2⁻¹²⁸; with the reciprocal, 5u. A subtraction and two
-/// products, including the product with this factor, add 1u each: 8u, and the factor has half as much
-/// again.
+/// products, including the product with this factor, add 1u each: 8u, and the factor has half as much again.
 ///
 /// Reciprocals of numbers below 2⁻¹²⁸ overflow. The true one is then at least 2¹²⁸·(1 − 4u),
 /// more than the largest number times `SHRINK`.
@@ -113,8 +112,7 @@ impl Packet {
         Packet { subpackets, count: 0, scale: 1.0, offset, has_offsets: false, octant }
     }
 
-    /// Sets up rays of one octant, relative to the center of a hierarchy, from t_min ≥ 0 to one limit
-    /// each.
+    /// Sets up rays of one octant, relative to the center of a hierarchy, from t_min ≥ 0 to one limit each.
     #[inline(always)]
     pub fn enter<I: Isa>(
         &mut self,
@@ -126,9 +124,9 @@ impl Packet {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
-        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents are far from the limits of
-        // float64 (see `RayPacket::gather`). Components of rays much shorter than the longest may
-        // underflow; see `SHRINK`.
+        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents are far from the limits of float64
+        // (see `RayPacket::gather`). Components of rays much shorter than the longest may underflow; see
+        // `SHRINK`.
         let mut largest = I::F64x8::splat(0.0);
         for eight in 0..self.count.div_ceil(8) {
             for axis in 0..3 {
@@ -163,8 +161,8 @@ impl Packet {
         let offset = self.has_offsets.then_some(&self.offset);
         let subpacket = &mut self.subpackets[g];
         subpacket.set_limits::<I>(g, limits, offset, I::F64x8::splat(self.scale));
-        // By axis: bounds of the distance between origin and center, and of |d|; and the rays whose
-        // direction has an uncertain sign.
+        // By axis: bounds of the distance between origin and center, and of |d|; and the rays whose direction
+        // has an uncertain sign.
         let (mut distance, mut slowest, mut fastest, mut unsigned) =
             ([zero; 3], [zero; 3], [zero; 3], [0; 3]);
         let (low, high) = halves::<I>(&rays.origin_error, g);
@@ -398,8 +396,8 @@ impl Frustum {
         (firsts, lasts)
     }
 
-    /// The slab test of the boxes of a node: bounds of t at which rays of the frustum may enter, and by
-    /// which they have left.
+    /// The slab test of the boxes of a node: bounds of t at which rays of the frustum may enter, and by which
+    /// they have left.
     #[inline(always)]
     pub(super) fn slabs<I: Isa>(&self, octant: &Octant, node: &Node, limit: f32) -> Slabs<I> {
         let mut near = I::F32x8::splat(octant.start);
@@ -550,8 +548,8 @@ mod tests {
         assert!((1.0..3.0).contains(&limits), "{limits}");
     }
 
-    /// The ray has directions 0.9 ∓ e along y and 0 ± e along x, in a hierarchy that reaches to 1:
-    /// before it leaves, it moves back by at most e/(0.9 − e).
+    /// The ray has directions 0.9 ∓ e along y and 0 ± e along x, in a hierarchy that reaches to 1: before
+    /// it leaves, it moves back by at most e/(0.9 − e).
     #[test]
     fn rays_of_uncertain_sign_may_go_back_as_far_as_they_can_and_little_farther() {
         let mut next = crate::testing::numbers();
@@ -560,8 +558,8 @@ mod tests {
             let n = Dyadic::exact;
             for d in [0.0, -0.0, 1e-300] {
                 let far = f64::from(packet(o, d, error, 1e9).subpackets[0].far_origin[0][0]);
-                // The distance back, times 0.9 − e, against e: with 4u of the origin, 12u each in t and
-                // in the distance, and the outward rounding.
+                // The distance back, times 0.9 − e, against e: with 4u of the origin, 12u each in t and in
+                // the distance, and the outward rounding.
                 let way = n(o).minus(&n(far)).times(&n(0.9).minus(&n(error)));
                 let more = way.minus(&n(error)).split().0 / f64::from(U);
                 assert!(0.0 <= more && more <= 8.0 * o.abs() + 64.0 * error, "{o}, {error}: {more}");
@@ -577,8 +575,8 @@ mod tests {
             let d = 2.0_f64.powi(-130 + k % 6) * (1.0 + f64::from(k) / 40_000.0);
             let subpacket = packet(0.0, d, 0.0, 1.0).subpackets[0];
             let (near, far) = (f64::from(subpacket.near_slope[0][0]), f64::from(subpacket.far_slope[0][0]));
-            // Products with a power of two, of 77 bits, rounded once: 2⁻⁵³ is far below the roundoff
-            // of float32.
+            // Products with a power of two, of 77 bits, rounded once: 2⁻⁵³ is far below the roundoff of
+            // float32.
             least = least.min((1.0 - near * d) / f64::from(U)).min((far * d - 1.0) / f64::from(U));
         }
         assert!((6.5..8.0).contains(&least), "{least}");
@@ -605,8 +603,8 @@ mod tests {
         }
     }
 
-    /// If direction and error both round down by half a subnormal, that is 8u of their sum, 2⁻¹²⁸.
-    /// Were the error not rounded up, only four of the 12u would remain for the reciprocal and the later
+    /// If direction and error both round down by half a subnormal, that is 8u of their sum, 2⁻¹²⁸. Were
+    /// the error not rounded up, only four of the 12u would remain for the reciprocal and the later
     /// operations.
     #[test]
     fn slopes_of_vague_directions_that_underflow_are_on_the_safe_side() {

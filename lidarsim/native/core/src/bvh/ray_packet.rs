@@ -89,9 +89,9 @@ impl RayPacket {
         }
     }
 
-    /// Gathers the first rays of an order, up to the first of another octant. If the very first does not
-    /// fit into packets, `count` is 0 and it is in lane 0, to be traced singly as a `TraversalRay`.
-    /// `one_origin` says that all have the same origin, to the bit.
+    /// Gathers the first rays of an order, up to the first of another octant. If the very first does not fit
+    /// into packets, `count` is 0 and it is in lane 0, to be traced singly as a `TraversalRay`. `one_origin`
+    /// says that all have the same origin, to the bit.
     #[inline(always)]
     pub fn gather<I: Isa>(
         &mut self,
@@ -188,9 +188,9 @@ impl RayPacket {
 
     /// Moves the start of each ray along it to a point in front of a hierarchy.
     ///
-    /// Any t will do. The fused multiply-add rounds the point o + t·d once: it is off by u of itself, by
-    /// the error of o, and by t times the error of d. The bound has 3u in place of u, and 8u more of the
-    /// other two, for its own roundings.
+    /// Any t will do. The fused multiply-add rounds the point o + t·d once: it is off by u of itself, by the
+    /// error of o, and by t times the error of d. The bound has 3u in place of u, and 8u more of the other
+    /// two, for its own roundings.
     #[inline(always)]
     pub fn start_near<I: Isa>(&mut self, center: Point, reach: f64) {
         let middle = lanes::splat::<I::F64x8, 8>(center);
@@ -246,9 +246,9 @@ impl RayPacket {
             return;
         }
         let mut left = self.starts_of_runs::<I>();
-        // The hash of an origin maps to the first lane of a group, and that lane to the group. On a
-        // collision the later origin takes the slot; later runs of the other then form a new group.
-        // Branchless, as it is unpredictable which run starts a group; lane 0 starts the first.
+        // The hash of an origin maps to the first lane of a group, and that lane to the group. On a collision
+        // the later origin takes the slot; later runs of the other then form a new group. Branchless, as it
+        // is unpredictable which run starts a group; lane 0 starts the first.
         let (mut known, mut group_of) = ([0_u8; 1 << HASH], [0_u8; LANES]);
         let Origins { groups, count } = &mut self.origins;
         (groups[0], *count) = (0, 1);
@@ -661,8 +661,8 @@ mod tests {
         ] {
             let (share, distance) = starts(away, errors[0], errors[1]);
             assert_slack(&format!("{away}, {errors:?}"), share, known);
-            // Two reaches before the center, one beside it, and the margin of `before` for the rounding of
-            // t: 8ε of no more than 2 · away.
+            // Two reaches before the center, one beside it, and the margin of `before` for the rounding of t:
+            // 8ε of no more than 2 · away.
             assert!(distance < 4.0 + 16.0 * f64::EPSILON * away, "{away}: {distance}");
         }
     }

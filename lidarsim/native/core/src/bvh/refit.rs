@@ -6,8 +6,8 @@ use super::node::{Node, WIDTH};
 use crate::arith::number::Interval;
 
 impl<L: Clone> Bvh<L> {
-    /// The same hierarchy, around leaves with these bounds. `None` if the number of leaves differs or a
-    /// leaf has no bounds.
+    /// The same hierarchy, around leaves with these bounds. `None` if the number of leaves differs or a leaf
+    /// has no bounds.
     pub fn refitted(&self, leaves: usize, bounds: impl Fn(&L) -> Option<[Interval; 3]>) -> Option<Self> {
         if self.leaves.len() != leaves {
             return None;

@@ -17,9 +17,9 @@ pub struct Entry {
 /// The number of interleaved traversals of single rays.
 pub const SINGLE_RAYS: usize = 16;
 
-/// Traversal stacks, reused from cast to cast: one for packets, and one for each interleaved single ray.
-/// They are deep enough for two levels of hierarchies, objects and triangles: each level of nodes pops one
-/// entry and pushes at most `WIDTH`.
+/// Traversal stacks, reused from cast to cast: one for packets, and one for each interleaved single ray. They
+/// are deep enough for two levels of hierarchies, objects and triangles: each level of nodes pops one entry
+/// and pushes at most `WIDTH`.
 pub struct Stack {
     /// `push_if` writes one entry past the end.
     entries: [Entry; Stack::SIZE + 1],
@@ -37,8 +37,7 @@ pub struct RayStack {
 }
 
 impl RayStack {
-    /// With an end for each of two hierarchies. A push always writes `WIDTH` entries, not all of which
-    /// count.
+    /// With an end for each of two hierarchies. A push always writes `WIDTH` entries, not all of which count.
     const SIZE: usize = Stack::SIZE + 2 + WIDTH;
 
     /// Pushes the children whose boxes the ray enters before it leaves them.

@@ -94,9 +94,9 @@ impl<L> Bvh<L> {
         stack.len > before
     }
 
-    /// As `traverse`, for the rays of a packet one by one. `SINGLE_RAYS` traversals are interleaved, one
-    /// step each in turn, which hides the latency of memory. Rays at nodes and rays at leaves are stepped
-    /// in separate loops, so no branch depends on where a single ray goes.
+    /// As `traverse`, for the rays of a packet one by one. `SINGLE_RAYS` traversals are interleaved, one step
+    /// each in turn, which hides the latency of memory. Rays at nodes and rays at leaves are stepped in
+    /// separate loops, so no branch depends on where a single ray goes.
     #[inline(always)]
     pub fn traverse_single<I: Isa>(
         &self,
@@ -285,8 +285,7 @@ mod tests {
         high: Whole,
     }
 
-    /// The numerator and the positive denominator of the t at which a ray enters a box; `None` if it
-    /// misses.
+    /// The numerator and the positive denominator of the t at which a ray enters a box; `None` if it misses.
     fn entry(cube: &Cube, origin: Whole, direction: Whole) -> Option<(i64, i64)> {
         let (mut near, mut far) = ((0, 1), (i64::MAX, 1));
         for axis in 0..3 {
@@ -488,8 +487,8 @@ mod tests {
                             let count = found.len();
                             found.sort_unstable();
                             found.dedup();
-                            // If the sign of no axis is known, absent children are visited, too, and lead
-                            // to the first leaf.
+                            // If the sign of no axis is known, absent children are visited, too, and lead to
+                            // the first leaf.
                             assert!(errors[1] > 0 || found.len() == count, "a leaf comes twice");
                             if first_only {
                                 let t =

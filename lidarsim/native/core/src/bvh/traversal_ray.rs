@@ -5,8 +5,8 @@ use super::node::WIDTH;
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 
-/// Covers the roundings of a subtraction, a product and the padding product itself: 2⁻²⁴ each, three
-/// in all, so a factor of four suffices (Ize has the same two-ulp padding).
+/// Covers the roundings of a subtraction, a product and the padding product itself: 2⁻²⁴ each, three in
+/// all, so a factor of four suffices (Ize has the same two-ulp padding).
 const SHRINK: f32 = 1.0 - 4.0 * (f32::EPSILON / 2.0);
 const STRETCH: f32 = 1.0 + 4.0 * (f32::EPSILON / 2.0);
 
@@ -18,8 +18,7 @@ struct Axis {
     /// The origin, rounded so that the near plane moves nearer and the far plane farther.
     near_origin: f32,
     far_origin: f32,
-    /// Bounds of 1/|direction|: from below (finite), and from above (infinite if the direction may be
-    /// zero).
+    /// Bounds of 1/|direction|: from below (finite), and from above (infinite if the direction may be zero).
     near_slope: f32,
     far_slope: f32,
     /// The sign of the direction is unknown: the axis culls nothing.
@@ -61,8 +60,7 @@ impl TraversalRay {
         t_max: f64,
     ) -> Self {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.low.abs()).max(d.high.abs()));
-        // largest·2^−exponent lies in [½, 1); a subnormal one gives less, which only weakens the
-        // bounds.
+        // largest·2^−exponent lies in [½, 1); a subnormal one gives less, which only weakens the bounds.
         let exponent = ((largest.to_bits() >> 52) as i64 - 1022).clamp(-1021, 1023);
         let shrink = (power(-exponent / 2), power(-exponent - -exponent / 2));
         let axes = std::array::from_fn(|i| {

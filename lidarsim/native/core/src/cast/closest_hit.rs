@@ -103,8 +103,8 @@ impl<'a> ClosestHit<'a> {
         }
     }
 
-    /// Keeps a hit, with bounds of t, if it is in range and the closest so far. Returns whether t ≥
-    /// t_min, which makes later hits of the same primitive irrelevant.
+    /// Keeps a hit, with bounds of t, if it is in range and the closest so far. Returns whether t ≥ t_min,
+    /// which makes later hits of the same primitive irrelevant.
     fn accept(&mut self, at: RootId, t: Interval) -> bool {
         // The range applies to the rounded t. Rounding is monotone, so bounds of t decide except within the
         // last ulps.
@@ -280,8 +280,8 @@ impl<'a> ClosestHits<'a> {
         bounds(self.low[lane], self.limit[lane])
     }
 
-    /// As `bounds`, for eight lanes. The upper bound is at least the next number above the limit, which is
-    /// at most 2⁻⁵² of the limit away, or the smallest subnormal.
+    /// As `bounds`, for eight lanes. The upper bound is at least the next number above the limit, which is at
+    /// most 2⁻⁵² of the limit away, or the smallest subnormal.
     #[inline(always)]
     pub fn bounds_of_eight<I: Isa>(&self, eight: usize) -> Interval<I::F64x8> {
         let limit: I::F64x8 = lanes::load(&self.limit, eight);

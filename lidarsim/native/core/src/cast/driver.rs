@@ -21,8 +21,8 @@ use crate::stop;
 const POLL: usize = 16;
 
 /// The closest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; times may be missing if
-/// nothing moves. The result is false if any ray has a number that is not finite or a zero direction; such
-/// a ray is a miss.
+/// nothing moves. The result is false if any ray has a number that is not finite or a zero direction; such a
+/// ray is a miss.
 pub struct Cast<'a, S: Sink + ?Sized> {
     pub world: &'a World<'a>,
     pub rays: Rays<'a>,
@@ -85,8 +85,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 }
 
 impl World<'_> {
-    /// The closest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Equal t are ordered by
-    /// object, then by primitive. False if there was an illegal ray (see [`Cast`]).
+    /// The closest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Equal t are ordered by object,
+    /// then by primitive. False if there was an illegal ray (see [`Cast`]).
     pub fn cast(&self, level: Level, rays: Rays, range: TRange, hits: &mut (impl Sink + ?Sized)) -> bool {
         simd::dispatch(level, Cast { world: self, rays, range, hits })
     }
@@ -254,8 +254,8 @@ mod tests {
     use crate::scene::{RootId, Scene};
     use crate::testing::with_large_frames;
 
-    /// Straight down on the points of a grid, some on the edges: the weight of the last vertex there is
-    /// y/8, exactly.
+    /// Straight down on the points of a grid, some on the edges: the weight of the last vertex there is y/8,
+    /// exactly.
     fn rays() -> (Vec<Point>, Vec<Point>) {
         let points = (0..81).map(|k| [k % 9, k / 9].map(f64::from)).filter(|[x, y]| x + y <= 8.0);
         let origins: Vec<Point> = points.map(|[x, y]| [x, y, 3.0]).collect();
@@ -316,8 +316,8 @@ mod tests {
             let scene = Scene::new(vec![object(FLAT, 9)]);
             let (mut origins, mut directions) = rays();
             let hitting = origins.len();
-            // Rays next to the triangle and away from it, one that does not fit into packets, and an
-            // illegal one.
+            // Rays next to the triangle and away from it, one that does not fit into packets, and an illegal
+            // one.
             for (origin, direction) in
                 [([-1.0, 2.0, 3.0], [0.0, 0.0, -1.0]), ([1.0, 2.0, 3.0], [0.0, 0.0, 1.0])]
             {

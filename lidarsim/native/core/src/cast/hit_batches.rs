@@ -1,5 +1,5 @@
-//! Hits on surfaces and on moving meshes, refined in batches: an interval Newton step in double-double
-//! yields t and the normal. Lanes that stay uncertain are refined ray by ray.
+//! Hits on surfaces and on moving meshes, refined in batches: an interval Newton step in double-double yields
+//! t and the normal. Lanes that stay uncertain are refined ray by ray.
 
 use std::cell::Cell;
 
@@ -40,8 +40,8 @@ const BATCHES: usize = 32;
 /// Hits of a batch: two of the widest registers, so that each hides the latency of the other's divisions.
 pub const BATCH_SIZE: usize = 2 * WIDEST;
 
-/// At least this many hits of `BATCH_SIZE` adjacent lanes form their own batch; measurements show that
-/// fewer are better collected.
+/// At least this many hits of `BATCH_SIZE` adjacent lanes form their own batch; measurements show that fewer
+/// are better collected.
 const MANY: u32 = 8;
 
 /// A hit that is to be refined.
@@ -125,8 +125,8 @@ impl HitBatches {
     }
 
     /// Refines the hits of adjacent lanes: those of `lanes`, among the `BATCH_SIZE` lanes from `start` on,
-    /// that hit the same part of the same object as the first of them, if there are many. Returns the
-    /// refined lanes.
+    /// that hit the same part of the same object as the first of them, if there are many. Returns the refined
+    /// lanes.
     #[inline(always)]
     pub fn refine_neighbors<I: Isa>(
         &mut self,

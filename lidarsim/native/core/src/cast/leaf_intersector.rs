@@ -91,8 +91,8 @@ impl LeafIntersector<'_, '_> {
             }
             let first = left.trailing_zeros() as usize;
             let edges = leaf.edges(&vertices, self.rays.origin(first), self.rays.origin_error[first]);
-            // Not in transformed meshes, whose visits are too many and too short to bound the directions
-            // for each.
+            // Not in transformed meshes, whose visits are too many and too short to bound the directions for
+            // each.
             if left.count_ones() >= MANY && !self.rays.has_offsets && self.deferred.is_some() {
                 let reachable = leaf.reachable(&edges, &self.directions::<I>());
                 let eights = (0..LANES / 8).filter(|&eight| part_of_mask::<8>(left, eight) != 0).count();

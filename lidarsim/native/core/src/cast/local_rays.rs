@@ -91,8 +91,8 @@ impl<const M: usize> LocalRays<M> {
     pub const UNSET: Self =
         LocalRays { origin: [Stored::UNSET; 3], direction: [Stored::UNSET; 3], weight: Stored::UNSET };
 
-    /// Transforms the registers that contain rays of `mask`, in one kind of number. False if registers have
-    /// a single lane. `one_origin` says that all rays start at one point.
+    /// Transforms the registers that contain rays of `mask`, in one kind of number. False if registers have a
+    /// single lane. `one_origin` says that all rays start at one point.
     #[inline(always)]
     pub fn localize<I: Isa, K: Kind>(
         &mut self,

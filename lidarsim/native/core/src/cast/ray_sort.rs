@@ -1,6 +1,6 @@
 //! Ray sorting: an order in which adjacent rays are coherent, by octant, origin and a Morton code of the
-//! direction (K. Garanzha, C. Loop, Fast Ray Sorting and Breadth-First Packet Traversal for GPU Ray
-//! Tracing, 2010).
+//! direction (K. Garanzha, C. Loop, Fast Ray Sorting and Breadth-First Packet Traversal for GPU Ray Tracing,
+//! 2010).
 
 use std::ops::Range;
 
@@ -17,8 +17,7 @@ pub const NEAR: usize = 1024;
 /// as their keys have.
 pub const MOST: usize = 1 << 13;
 
-/// Bits of a key per axis, for the direction within its octant and for the origin. The octant is above
-/// them.
+/// Bits of a key per axis, for the direction within its octant and for the origin. The octant is above them.
 const DIRECTION: u32 = 6;
 const ORIGIN: u32 = 3;
 
@@ -149,9 +148,9 @@ impl RaySort {
         }
     }
 
-    /// Reuses the order of the previous group if the next one is similar, as with a rotating sensor: each
-    /// ray is in the same octant, and packets are about as narrow. Only samples of the packets are checked,
-    /// since an unsuitable order is slow, not wrong.
+    /// Reuses the order of the previous group if the next one is similar, as with a rotating sensor: each ray
+    /// is in the same octant, and packets are about as narrow. Only samples of the packets are checked, since
+    /// an unsuitable order is slow, not wrong.
     #[inline(always)]
     fn takes_over<I: Isa>(&mut self, directions: &[Point], group: Range<usize>) -> bool {
         let Some(before) = self.last.start.filter(|_| group.len() == NEAR) else { return false };
@@ -211,10 +210,10 @@ impl RaySort {
     }
 
     /// Finds the octant of each direction and its place on its face of |x| + |y| + |z| = 1: two 16-bit
-    /// coordinates, whose minima and maxima it returns. The second, |z|, depends on the elevation. The
-    /// first is (|x| − |y|)/2 + s·|z|. At the azimuth of the first ray, where (|x| − |y|)/2 = s·(1
-    /// − |z|), it depends on the azimuth alone, so that tiles are upright; it is at most 1/2, as s is.
-    /// For scattered rays, s is 0.
+    /// coordinates, whose minima and maxima it returns. The second, |z|, depends on the elevation. The first
+    /// is (|x| − |y|)/2 + s·|z|. At the azimuth of the first ray, where (|x| − |y|)/2 = s·(1 − |z|),
+    /// it depends on the azimuth alone, so that tiles are upright; it is at most 1/2, as s is. For scattered
+    /// rays, s is 0.
     #[inline(always)]
     fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
         self.places.clear();
@@ -253,8 +252,8 @@ impl RaySort {
         (low, high)
     }
 
-    /// Makes a key of each octant and of the place on a grid over the group, whose cells are `width` times
-    /// as wide as tall.
+    /// Makes a key of each octant and of the place on a grid over the group, whose cells are `width` times as
+    /// wide as tall.
     #[inline(always)]
     fn direction_keys(&mut self, low: [u32; 2], high: [u32; 2], width: f32) {
         const END: u32 = (1 << DIRECTION) - 1;
@@ -271,8 +270,8 @@ impl RaySort {
         }
     }
 
-    /// Finds rays that are near their predecessors. Runs of them are sorted as one and gathered into the
-    /// same packet.
+    /// Finds rays that are near their predecessors. Runs of them are sorted as one and gathered into the same
+    /// packet.
     #[inline(always)]
     fn find_near<const LENGTH: usize>(&mut self, low: [u32; 2], high: [u32; 2], width: f32, tiles: f64) {
         let n = self.places.len();
@@ -292,8 +291,8 @@ impl RaySort {
         }
     }
 
-    /// Inserts the cell of the origin between octant and direction, which becomes coarser, unless the
-    /// origins are close together relative to the scene.
+    /// Inserts the cell of the origin between octant and direction, which becomes coarser, unless the origins
+    /// are close together relative to the scene.
     #[inline(always)]
     fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
         const FINE: u32 = 2 * DIRECTION;
@@ -592,9 +591,9 @@ mod tests {
         order.chunks(LANES).map(size).sum::<f64>() / order.len().div_ceil(LANES) as f64
     }
 
-    /// A sensor that turns once, with its rings then in another order, and then looks anywhere; it moves
-    /// once in between. Similar groups share one order, and packets are as small as if each group were
-    /// sorted alone.
+    /// A sensor that turns once, with its rings then in another order, and then looks anywhere; it moves once
+    /// in between. Similar groups share one order, and packets are as small as if each group were sorted
+    /// alone.
     #[test]
     fn an_order_is_taken_over_by_groups_that_are_like_it() {
         let mut number = numbers();

@@ -37,8 +37,8 @@ impl SurfaceIntersector {
         }
     }
 
-    /// Intersects the rays of `mask` with an object and updates their closest hits. Returns the mask of
-    /// rays whose limits may have decreased.
+    /// Intersects the rays of `mask` with an object and updates their closest hits. Returns the mask of rays
+    /// whose limits may have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(
         &mut self,
@@ -248,9 +248,8 @@ mod tests {
             .collect()
     }
 
-    /// Adjacent rays that hit the same part of an object, as many as are sorted together; and rays from a
-    /// few origins to and past the points of a grid, many of which are corners, on edges, or points of
-    /// tangency.
+    /// Adjacent rays that hit the same part of an object, as many as are sorted together; and rays from a few
+    /// origins to and past the points of a grid, many of which are corners, on edges, or points of tangency.
     fn rays() -> (Vec<Point>, Vec<Point>) {
         let (mut origins, mut directions) = (Vec::new(), Vec::new());
         for k in 0..NEAR as i32 {

@@ -137,8 +137,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.stack
     }
 
-    /// Continues to a node with children that rays may enter, and stops there: the nearest child is next,
-    /// but has only just been prefetched; all others have had time to arrive. False if nothing is left.
+    /// Continues to a node with children that rays may enter, and stops there: the nearest child is next, but
+    /// has only just been prefetched; all others have had time to arrive. False if nothing is left.
     #[inline(always)]
     fn step<I: Isa>(&mut self, surfaces: &mut SurfaceIntersector) -> bool {
         if self.stage == Stage::Ready {

@@ -67,8 +67,8 @@ impl<'a> TriangleHits<'a> {
             let lanes = part_of_mask::<8>(certain, eight);
             let (object, primitive) = (self.object.as_chunks().0[eight], self.primitive.as_chunks().0[eight]);
             let id = object[0];
-            // Lanes without a hit hold arbitrary numbers, so an id is valid only if a lane with a hit has
-            // it, too.
+            // Lanes without a hit hold arbitrary numbers, so an id is valid only if a lane with a hit has it,
+            // too.
             if lanes == 0 || object != [id; 8] {
                 continue;
             }
@@ -97,8 +97,8 @@ impl<'a> TriangleHits<'a> {
     }
 }
 
-/// The planes of eight hits; their unit normals, and the lanes in which these are accurate; and the
-/// triangle, if all hits are on one.
+/// The planes of eight hits; their unit normals, and the lanes in which these are accurate; and the triangle,
+/// if all hits are on one.
 type Latest<I> = (TrianglePlane<I>, ([<I as Isa>::F64x8; 3], u32), Option<(u32, u32)>);
 
 /// Computes t and the normals on triangles as given. Returns the lanes in which both are certain.

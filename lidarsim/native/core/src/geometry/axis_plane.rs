@@ -4,8 +4,7 @@ use crate::arith::error_free::{two_product, two_sum};
 use crate::arith::number::{DoubleDoubles, Lanes, UNIT, Uncertain};
 use crate::arith::simd::Floats;
 
-/// The points whose coordinate `axis` is high + low. 2Sum yields the pair, so it is the same for equal
-/// sums.
+/// The points whose coordinate `axis` is high + low. 2Sum yields the pair, so it is the same for equal sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisPlane {
     pub axis: usize,
@@ -13,8 +12,8 @@ pub struct AxisPlane {
     low: f64,
 }
 
-/// Products above this, and quotients of numbers above it, have residuals that are float64 numbers, as
-/// these are at least 2⁻¹⁰⁶ of them.
+/// Products above this, and quotients of numbers above it, have residuals that are float64 numbers, as these
+/// are at least 2⁻¹⁰⁶ of them.
 const ORDINARY: f64 = f64::from_bits((1023 - 900) << 52);
 
 impl AxisPlane {
@@ -33,8 +32,8 @@ impl AxisPlane {
         if is_exact { AxisPlane::at(axis, quotient, 0.0) } else { None }
     }
 
-    /// The image under x ↦ factor·x + offset of its coordinate, which becomes that of `axis`; `None` if
-    /// no pair represents it.
+    /// The image under x ↦ factor·x + offset of its coordinate, which becomes that of `axis`; `None` if no
+    /// pair represents it.
     #[inline]
     pub fn image(&self, axis: usize, factor: f64, offset: f64) -> Option<Self> {
         let (high, low) = if factor.abs() == 1.0 {
@@ -74,12 +73,12 @@ impl AxisPlane {
     }
 }
 
-/// (s + v)/d, with v within u·|rest| of `rest`, and q = s/d, rounded, which is not subnormal, and |s|
-/// above `ORDINARY`.
+/// (s + v)/d, with v within u·|rest| of `rest`, and q = s/d, rounded, which is not subnormal, and |s| above
+/// `ORDINARY`.
 ///
-/// r = s − q·d is a float64 number, and |r/d| ≤ u·|q|. The quotient is q + (r + v)/d. With w = r +
-/// rest rounded, |rest| ≤ |w|(1 + 2u) + |r|. So the errors of v and w are less than u·(2|w| + |r|)(1 +
-/// 4u); divided by d, with the rounding of that, less than u·(3·|w/d| + u·|q|)(1 + 8u).
+/// r = s − q·d is a float64 number, and |r/d| ≤ u·|q|. The quotient is q + (r + v)/d. With w = r + rest
+/// rounded, |rest| ≤ |w|(1 + 2u) + |r|. So the errors of v and w are less than u·(2|w| + |r|)(1 + 4u);
+/// divided by d, with the rounding of that, less than u·(3·|w/d| + u·|q|)(1 + 8u).
 #[inline(always)]
 fn quotient_of_sum<L: Lanes<N>, const N: usize>(
     s: L::Floats,
@@ -113,8 +112,8 @@ mod tests {
         a.minus(b).sign() == Ok(Ordering::Equal)
     }
 
-    /// Small multiples of powers of two, often with a sum or a product beyond 53 bits, and some tiny or
-    /// huge numbers.
+    /// Small multiples of powers of two, often with a sum or a product beyond 53 bits, and some tiny or huge
+    /// numbers.
     fn draw(next: &mut impl FnMut() -> f64) -> f64 {
         let power = [-1070, -520, -30, 0, 0, 0, 0, 0, 0, 60, 1000][(11.0 * next()) as usize];
         let few = (8.0 * next()).floor() - 4.0;

@@ -8,8 +8,8 @@ use crate::arith::number::{Interval, UNIT};
 /// How far a body reaches from zero along the 26 directions with coordinates −1, 0 and 1: to the sides,
 /// edges and corners of a cube. Direction (x, y, z) has index 13 + x + 3y + 9z.
 ///
-/// For a ball, the resulting box around its image is at most 13 % too large; the box around the image of
-/// its box is up to 73 % too large.
+/// For a ball, the resulting box around its image is at most 13 % too large; the box around the image of its
+/// box is up to 73 % too large.
 #[derive(Clone, Debug)]
 pub struct Dop([f64; 27]);
 
@@ -67,8 +67,8 @@ impl Dop {
 
     /// Adds a margin for rounding, for coordinates up to the largest.
     ///
-    /// A sum x + y + z is off by u·|x + y| + u·|x + y + z|, less than 6u of the largest; adding the
-    /// margin rounds by 4u of it. A single coordinate is exact.
+    /// A sum x + y + z is off by u·|x + y| + u·|x + y + z|, less than 6u of the largest; adding the margin
+    /// rounds by 4u of it. A single coordinate is exact.
     fn rounded_up(mut self, largest: f64) -> Self {
         for (i, reach) in self.0.iter_mut().enumerate() {
             if !is_along_axis(i) {
@@ -90,10 +90,10 @@ impl Dop {
 
     /// Upper bounds of −w·p and of w·p over all points p of the body.
     ///
-    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ +
-    /// sⱼ) + |wₖ|·(sᵢ + sⱼ + sₖ), where s are the signed unit vectors along the axes. A
-    /// difference, a product and two sums round by u of the terms each; the bound has 8u in place of 4u to
-    /// cover its own roundings and second-order terms. Differences do not underflow.
+    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ)
+    /// + |wₖ|·(sᵢ + sⱼ + sₖ), where s are the signed unit vectors along the axes. A difference, a
+    /// product and two sums round by u of the terms each; the bound has 8u in place of 4u to cover its own
+    /// roundings and second-order terms. Differences do not underflow.
     fn along(&self, w: Point) -> [f64; 2] {
         self.terms(w).map(|(sum, size)| sum + 8.0 * UNIT * size + f64::MIN_POSITIVE)
     }

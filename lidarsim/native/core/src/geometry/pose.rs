@@ -18,8 +18,8 @@ pub struct Pose {
 impl Pose {
     /// From the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
     ///
-    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which brings a float32 matrix to
-    /// float64 accuracy and preserves the bits of an exactly orthonormal one.
+    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which brings a float32 matrix to float64
+    /// accuracy and preserves the bits of an exactly orthonormal one.
     pub fn from_rows(rows: [[f64; 4]; 3]) -> Self {
         let mut rotation = rows.map(|r| [r[0], r[1], r[2]]);
         for _ in 0..2 {
@@ -110,8 +110,8 @@ pub enum Path {
 }
 
 /// The motion of a body after a knot, as u grows from 0 to 1: `shift` moves the position, in the world, and
-/// the rotation vector `turn` rotates the orientation, in the frame of the knot. With linear terms alone
-/// this is linear interpolation and Slerp.
+/// the rotation vector `turn` rotates the orientation, in the frame of the knot. With linear terms alone this
+/// is linear interpolation and Slerp.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     pub shift: Cubic,
@@ -293,8 +293,8 @@ impl Motion {
 /// vector. The product with time would round by a share of the whole angle and the whole travel, which is
 /// large compared with one turn and its radius.
 ///
-/// With n along the angular velocity ω, the orientation is exp(θ[n]), θ = |ω|t, and the travel is
-/// (v·n)n t + sin θ v⟂/|ω| + (1 − cos θ) n×v/|ω|.
+/// With n along the angular velocity ω, the orientation is exp(θ[n]), θ = |ω|t, and the travel is (v·n)n
+/// t + sin θ v⟂/|ω| + (1 − cos θ) n×v/|ω|.
 #[derive(Clone, Debug)]
 pub struct Screw {
     rate: TurnRate,
@@ -343,8 +343,8 @@ fn split(v: Point) -> (Point, f64) {
     (v.map(|x| x / length), length * power)
 }
 
-/// a·b as accurate as if computed in twice the precision (T. Ogita, S. Rump, S. Oishi, Accurate sum and
-/// dot product, 2005: Dot2).
+/// a·b as accurate as if computed in twice the precision (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot
+/// product, 2005: Dot2).
 fn accurate_dot(a: Point, b: Point) -> f64 {
     let [(x, x_off), (y, y_off), (z, z_off)] = std::array::from_fn(|i| two_product(a[i], b[i]));
     let (sum, first_off) = two_sum(x, y);
@@ -355,9 +355,9 @@ fn accurate_dot(a: Point, b: Point) -> f64 {
 /// A rotation by θ, as a vector and the factors of its exponential and its Jacobian (T. D. Barfoot, State
 /// Estimation for Robotics, 2017, ch. 7).
 ///
-/// For a rotation vector φ these are a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ
-/// = |φ|. For a large angle, whose square may overflow, the vector is φ/θ, and the factors are
-/// multiplied by θ or θ² accordingly.
+/// For a rotation vector φ these are a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ =
+/// |φ|. For a large angle, whose square may overflow, the vector is φ/θ, and the factors are multiplied by
+/// θ or θ² accordingly.
 struct Turn {
     vector: Point,
     /// a and b.
@@ -477,8 +477,7 @@ mod tests {
     fn a_twist_is_a_screw_where_its_angle_is_large() {
         let (linear, angular) = ([1.0, -2.0, 0.5], [0.3, -0.6, 0.6]);
         let path = Path::twist(Pose::from_rows(ROWS), linear, angular);
-        // 0.9 rad/s, on both sides of 10⁶ rad, where a rotation vector is off by some 10⁻¹⁰ of a
-        // turn.
+        // 0.9 rad/s, on both sides of 10⁶ rad, where a rotation vector is off by some 10⁻¹⁰ of a turn.
         let (before, after) = (LARGEST_ANGLE / 0.9, (LARGEST_ANGLE / 0.9) * (1.0 + 1e-15));
         for (p, q) in [([0.0; 3], [0.0; 3]), ([1.0; 3], [1.0; 3])] {
             let (p, q) = (path.at(before).place(p), path.at(after).place(q));

@@ -27,8 +27,8 @@ impl Path {
     /// A box around all places of a body that moves along the path between two times.
     pub fn sweep(&self, shape: &Dop, span: [f64; 2]) -> [Interval; 3] {
         if let Path::Mounted { body, mount } = self {
-            // The rounded pose of the mount is within the allowance of `during` for the poses of the body
-            // and then of the mount.
+            // The rounded pose of the mount is within the allowance of `during` for the poses of the body and
+            // then of the mount.
             return body.sweep(&Dop::of_box(shape.image(&Affine::from(*mount))), span);
         }
         let mut all = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
@@ -94,7 +94,8 @@ impl Path {
             let u =
                 [first, last].map(|time| ((time - times[i]) / length).abs()).into_iter().fold(1.0, f64::max);
             let [shift, turn] = [&steps[i].shift, &steps[i].turn];
-            // |(I − b[φ] + c[φ]²)·φ̇| ≤ |φ̇|: the matrix is normal, with the eigenvalue 1 and two more of modulus sin(θ/2)/(θ/2).
+            // |(I − b[φ] + c[φ]²)·φ̇| ≤ |φ̇|: the matrix is normal, with the eigenvalue 1 and two
+            // more of modulus sin(θ/2)/(θ/2).
             let angular = length_above(steepest(turn, u)) / length;
             (steepest(shift, u).map(|x| x / length), angular, farthest(shift, u), farthest(turn, u))
         };
@@ -104,14 +105,14 @@ impl Path {
 
     /// A box around all places of a body within a part.
     ///
-    /// From the middle of the part, h before its end, the body moves by at most `linear`·h along each
-    /// axis, and a point at distance r from its origin turns by min(`angular`·h, 2)·r. Poses are rounded.
-    /// With u = 2⁻⁵³, the rotation vector rounds by less than 12u of the sum of its terms; its
-    /// exponential, two products with it, and the deviation of the given rotations from orthonormal come to
-    /// less than 60u together. The position rounds by less than 12u of its terms and u of itself; the
-    /// travel of a twist is off as a rotation is. As a screw, its rotation is off by less than 60u, and its
-    /// travel by as much of `reach`, which exceeds each term. A mount adds one more product. Twice that,
-    /// for the middle and the moment, in three coordinates, is less than 512u of all lengths involved.
+    /// From the middle of the part, h before its end, the body moves by at most `linear`·h along each axis,
+    /// and a point at distance r from its origin turns by min(`angular`·h, 2)·r. Poses are rounded. With u
+    /// = 2⁻⁵³, the rotation vector rounds by less than 12u of the sum of its terms; its exponential, two
+    /// products with it, and the deviation of the given rotations from orthonormal come to less than 60u
+    /// together. The position rounds by less than 12u of its terms and u of itself; the travel of a twist is
+    /// off as a rotation is. As a screw, its rotation is off by less than 60u, and its travel by as much of
+    /// `reach`, which exceeds each term. A mount adds one more product. Twice that, for the middle and the
+    /// moment, in three coordinates, is less than 512u of all lengths involved.
     fn during(&self, part: &Part, shape: &Dop) -> [Interval; 3] {
         let &Part { first, last, linear, angular, reach, turn } = part;
         let there = middle(first, last);

@@ -64,8 +64,8 @@ pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(
     [K::of_rays(x, lanes), K::of_rays(y, lanes), K::of_rays(z, lanes)]
 }
 
-/// An upper bound of |v|, if each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) if that
-/// is a normal number.
+/// An upper bound of |v|, if each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) if that is
+/// a normal number.
 pub fn length_above(v: Point) -> f64 {
     let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     if largest == 0.0 {
@@ -112,8 +112,8 @@ mod tests {
             // The relative error of the length is half that of its square.
             if square > 0.0 { -beyond / (2.0 * square * UNIT) } else { f64::NEG_INFINITY }
         });
-        // Of 8 roundings, six are for the quotients, which are squared, the sums, the root and two
-        // products, and one is for the coordinates.
+        // Of 8 roundings, six are for the quotients, which are squared, the sums, the root and two products,
+        // and one is for the coordinates.
         assert!((1.0..8.0).contains(&-least), "{least}");
     }
 
@@ -126,8 +126,8 @@ mod tests {
         }
     }
 
-    /// A formula with an error of 2⁻⁶⁰ of the largest coordinate may return any smaller number in
-    /// place of zero.
+    /// A formula with an error of 2⁻⁶⁰ of the largest coordinate may return any smaller number in place
+    /// of zero.
     #[test]
     fn unit_vectors_do_not_depend_on_what_cancels() {
         let mut next = numbers();

@@ -101,8 +101,8 @@ mod tests {
         of(Cylinder { start: [1.0, 1.0, base], end: [1.0, 1.0, 3.0], radius: 4.0, capped: true })
     }
 
-    /// Compares `order` with exact arithmetic at each pair of roots, on rays into the middle of the
-    /// objects. Returns how many pairs `order` called equal, how many it ordered, and how many are equal.
+    /// Compares `order` with exact arithmetic at each pair of roots, on rays into the middle of the objects.
+    /// Returns how many pairs `order` called equal, how many it ordered, and how many are equal.
     fn check(x: &Object, y: &Object) -> [usize; 3] {
         let objects = [x.clone(), y.clone()];
         let mut next = numbers();

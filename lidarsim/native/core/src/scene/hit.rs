@@ -48,8 +48,8 @@ pub trait Sink {
     /// Whether any hit of a ray suffices; then `Hit::UNREFINED` is written.
     const ANY: bool = false;
 
-    /// Writes `Hit::MISS` for consecutive rays before their hits are written in any order. This brings
-    /// whole cache lines of the arrays into the cache.
+    /// Writes `Hit::MISS` for consecutive rays before their hits are written in any order. This brings whole
+    /// cache lines of the arrays into the cache.
     fn clear(&mut self, rays: Range<usize>);
     /// Writes the hit of ray i.
     fn write(&mut self, i: usize, hit: Hit);

@@ -64,8 +64,8 @@ impl Scene {
         Scene { objects, movers, index: Once::new(), last_movers: ArcSwapOption::empty() }
     }
 
-    /// As `new`. If the objects differ only in their places, the hierarchy of the other scene is refitted
-    /// to them while it stays about as good, which is much faster than a build.
+    /// As `new`. If the objects differ only in their places, the hierarchy of the other scene is refitted to
+    /// them while it stays about as good, which is much faster than a build.
     pub fn like(other: &Scene, objects: Vec<Object>) -> Self {
         let scene = Scene::new(objects);
         scene.last_movers.store(other.last_movers.load_full());
@@ -118,8 +118,7 @@ impl Scene {
         (unbounded, still)
     }
 
-    /// An index of another scene, refitted to these objects. `None` if the objects differ or it is worn
-    /// out.
+    /// An index of another scene, refitted to these objects. `None` if the objects differ or it is worn out.
     fn refitted(&self, index: &Index) -> Option<Index> {
         let (unbounded, still) = self.sorted();
         let boxes = still.iter().flatten().count();

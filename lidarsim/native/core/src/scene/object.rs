@@ -202,8 +202,8 @@ fn unless_nan(bounds: [Interval; 3]) -> [Interval; 3] {
     })
 }
 
-/// An object at its place at a time. The affine map of a moving object follows exactly from the float64
-/// pose of its motion at that time.
+/// An object at its place at a time. The affine map of a moving object follows exactly from the float64 pose
+/// of its motion at that time.
 #[derive(Clone, Copy)]
 pub struct ObjectAt<'a> {
     object: &'a Object,

@@ -55,8 +55,8 @@ impl Predicate for RootOrder<'_> {
     }
 }
 
-/// Whether the line meets an edge or a corner that two triangles in the same coordinates share. It then
-/// meets their planes at the same t.
+/// Whether the line meets an edge or a corner that two triangles in the same coordinates share. It then meets
+/// their planes at the same t.
 pub fn meets_what_they_share<N: Number>(
     ray: &Ray<N>,
     one: &Triangle,
@@ -194,8 +194,8 @@ mod tests {
         assert!(met > 400 && apart > 400 && passed < met / 8, "{met}, {passed}, {apart}");
     }
 
-    /// Tangent lines of circles and ellipses, within their planes: o = p − k·d, so that t = k at the
-    /// point p with the tangent d.
+    /// Tangent lines of circles and ellipses, within their planes: o = p − k·d, so that t = k at the point
+    /// p with the tangent d.
     #[test]
     fn a_line_that_touches_has_one_root_that_is_known_to() {
         let ellipsoid =

@@ -13,8 +13,7 @@ use crate::{memory, parallel};
 /// The least number of boxes that a thread makes at a time.
 const BOXES: usize = 64;
 
-/// A scene with a hierarchy of its moving objects, in boxes around all of their places during a span of
-/// time.
+/// A scene with a hierarchy of its moving objects, in boxes around all of their places during a span of time.
 #[derive(Debug)]
 pub struct World<'a> {
     pub scene: &'a Scene,
@@ -66,9 +65,9 @@ impl World<'_> {
 }
 
 impl Scene {
-    /// The scene in a span of time (see [`span`]). The hierarchies of meshes and of objects that stand
-    /// still are reused. That of moving objects is refitted from the previous span while it stays about as
-    /// good, since successive frames differ little.
+    /// The scene in a span of time (see [`span`]). The hierarchies of meshes and of objects that stand still
+    /// are reused. That of moving objects is refitted from the previous span while it stays about as good,
+    /// since successive frames differ little.
     pub fn during(&self, span: [f64; 2]) -> World<'_> {
         /// The number of the next world.
         static NUMBER: AtomicU64 = AtomicU64::new(1);

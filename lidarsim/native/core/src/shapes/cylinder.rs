@@ -1,8 +1,8 @@
 //! Cylinder of radius r around the axis from `start` to `end`, A = end − start, which is not normalized.
 //!
 //! With f = o − start: n = d × A, m = f × A, the side is |m + t·n|² = r²·|A|². Its discriminant
-//! (n·m)² − |n|²·(|m|² − r²|A|²) equals |A|²·(r²|n|² − (f·n)²), as n × m =
-//! −A·(f·n), so squares of the distance do not cancel.
+//! (n·m)² − |n|²·(|m|² − r²|A|²) equals |A|²·(r²|n|² − (f·n)²), as n × m = −A·(f·n),
+//! so squares of the distance do not cancel.
 
 use std::cmp::Ordering;
 
@@ -199,9 +199,8 @@ mod tests {
 
     #[test]
     fn the_box_is_close_around_both_circles() {
-        // The expected bounds are off by less than 16 roundings of numbers near 1. The box reaches 16 + 32
-        // ε too far along the share of the radius, and is rounded outward where |end| ≤ 4: 64 ε cover
-        // both.
+        // The expected bounds are off by less than 16 roundings of numbers near 1. The box reaches 16 + 32 ε
+        // too far along the share of the radius, and is rounded outward where |end| ≤ 4: 64 ε cover both.
         let (off, close) = (8.0 * f64::EPSILON, 72.0 * f64::EPSILON);
         for end in [[0.0, 0.0, 2.0], [3.0, 0.0, 4.0], [1.0, -2.0, 2.0], [1e-200, 2e-200, 0.0]] {
             let cylinder = Cylinder { start: [0.0; 3], end, radius: 1.0, capped: true };

@@ -29,8 +29,8 @@ impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
     }
 }
 
-/// t, rounded to the nearest float64, and a normal there, in the coordinates of the surface, as the rays
-/// are. `bounds` enclose a root on part `feature` of the surface.
+/// t, rounded to the nearest float64, and a normal there, in the coordinates of the surface, as the rays are.
+/// `bounds` enclose a root on part `feature` of the surface.
 ///
 /// Let F(t) be the target's implicit function at t, t* the root within the bounds, m their middle, T an
 /// interval around m that contains them, and S ± e an enclosure of F'(T), e < |S|. Then t* − m =

@@ -54,8 +54,8 @@ pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
             intersect(a, b, c, d)
         }
     };
-    // Touching edges overlap along both axes. The sweep runs along the axis with the shorter total extent
-    // of edges.
+    // Touching edges overlap along both axes. The sweep runs along the axis with the shorter total extent of
+    // edges.
     let span = |i: usize, axis: usize| {
         let (a, b) = edge(i);
         [a[axis].min(b[axis]), a[axis].max(b[axis])]

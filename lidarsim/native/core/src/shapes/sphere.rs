@@ -17,8 +17,8 @@ pub struct Sphere {
 /// The roots of |f + t·d|² = r².
 ///
 /// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity the same number without the
-/// cancellation between two squares of the distance (E. Haines et al., Precision Improvements for
-/// Ray/Sphere Intersection, Ray Tracing Gems, 2019).
+/// cancellation between two squares of the distance (E. Haines et al., Precision Improvements for Ray/Sphere
+/// Intersection, Ray Tracing Gems, 2019).
 #[inline(always)]
 pub fn roots_of_ball<N: Number>(f: &Vector<N>, d: &Vector<N>, r: &N) -> Result<Roots<N>, Uncertain> {
     let a = vector::norm2(d);

@@ -11,8 +11,8 @@ use crate::geometry::vector::Vector;
 pub type Roots<N> = [Option<Root<N>>; super::MOST_ROOTS];
 
 /// The roots of a surface with at most two per line. If a surface with more roots is added, only this
-/// function fails to compile; append `None` here then. A copy to a longer array would slow cylinders down
-/// by a quarter.
+/// function fails to compile; append `None` here then. A copy to a longer array would slow cylinders down by
+/// a quarter.
 #[inline(always)]
 pub fn roots<N>(two: [Option<Root<N>>; 2]) -> Roots<N> {
     two
@@ -23,8 +23,8 @@ pub trait Surface {
     /// Every t, of either sign, at which the line intersects the surface: ascending and distinct.
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
-    /// The root of a line known to touch the surface, which is not checked; `None` for surfaces without
-    /// such lines.
+    /// The root of a line known to touch the surface, which is not checked; `None` for surfaces without such
+    /// lines.
     fn touching<N: Number>(&self, _ray: &Ray<N>) -> Option<Root<N>> {
         None
     }
@@ -60,8 +60,8 @@ pub trait Surface {
     /// of `implicit`.
     fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
 
-    /// The plane perpendicular to an axis that contains part `feature` of the surface, if float64
-    /// arithmetic can tell.
+    /// The plane perpendicular to an axis that contains part `feature` of the surface, if float64 arithmetic
+    /// can tell.
     fn axis_plane(&self, _feature: u8) -> Option<AxisPlane> {
         None
     }

@@ -36,9 +36,8 @@ const OVER: f64 = 16.0 * UNIT * UNIT;
 const SQRT: f64 = 4.0 * UNIT * UNIT;
 
 /// Exact arithmetic takes over for quotients and square roots of numbers below 2⁻⁸⁰⁰. The residuals
-/// high − q·b.high and high − s² are multiples of a power of two above u²·|high|/4, so they are
-/// exact down to 2⁻⁹⁶⁰; the rest of a correction loses far less than u²·2⁻⁸⁰⁰ to
-/// underflow.
+/// high − q·b.high and high − s² are multiples of a power of two above u²·|high|/4, so they are exact
+/// down to 2⁻⁹⁶⁰; the rest of a correction loses far less than u²·2⁻⁸⁰⁰ to underflow.
 const SMALL: f64 = f64::from_bits((1023 - 800) << 52);
 
 /// Squares of numbers between 2⁻⁴⁰⁰ and 2⁴⁰⁰ neither overflow nor underflow.
@@ -476,8 +475,8 @@ mod tests {
     }
 
     /// The constants are the proven bounds, rounded up to whole numbers. The search reaches 2.4u² of 3u²
-    /// for a sum, 3.2u² of 4u² for a product, 6.1u² of 15.5u² for a quotient and 2.9u² of 3.125u² for
-    /// a square root.
+    /// for a sum, 3.2u² of 4u² for a product, 6.1u² of 15.5u² for a quotient and 2.9u² of 3.125u² for a
+    /// square root.
     #[test]
     fn operations_are_as_near_as_their_bounds_say() {
         let worst_sum =
@@ -515,8 +514,8 @@ mod tests {
         assert_slack("SQRT", root, 0.733);
     }
 
-    /// Operands that are off by a tenth of themselves, or nearly all for a square root: a single error
-    /// counts in full, and so do two together.
+    /// Operands that are off by a tenth of themselves, or nearly all for a square root: a single error counts
+    /// in full, and so do two together.
     #[test]
     fn errors_of_operands_are_passed_on() {
         let given = |x: f64, off: f64| {
@@ -593,8 +592,8 @@ mod tests {
         assert!(known > 300 && refused > 300, "{known}, {refused}");
     }
 
-    /// The 2u·|low| in `rounded` is twice the rounding error of low ± error. In `sign`, low may take one
-    /// of the 2u from high, and the other is for the product.
+    /// The 2u·|low| in `rounded` is twice the rounding error of low ± error. In `sign`, low may take one of
+    /// the 2u from high, and the other is for the product.
     #[test]
     fn what_a_rounding_could_hide_is_uncertain() {
         let number = |low: f64, error: f64| DoubleDouble {

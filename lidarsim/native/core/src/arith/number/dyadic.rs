@@ -79,8 +79,8 @@ impl Dyadic {
         self.signed(scale((kept + u64::from(up)) as f64, last))
     }
 
-    /// Two float64 numbers whose sum is the number to within u²/2; the second is at most u times the
-    /// first. `None` close to overflow or underflow.
+    /// Two float64 numbers whose sum is the number to within u²/2; the second is at most u times the first.
+    /// `None` close to overflow or underflow.
     pub(super) fn leading_parts(&self) -> Option<(f64, f64)> {
         let top = self.top();
         if !(-800..=1000).contains(&top) {
@@ -247,7 +247,7 @@ impl Number for Dyadic {
                 return order;
             }
         }
-        // t₁ − t₂ has the sign of (b₁a₂ − b₂a₁) + β₁a₂·√disc₁ − β₂a₁·√disc₂, as a₁, a₂ > 0.
+        // t₁ − t₂ has the sign of p + β₁a₂·√d₁ − β₂a₁·√d₂, as a₁, a₂ > 0.
         let p = a.b.times(&b.a).minus(&b.b.times(&a.a));
         let x = Dyadic::exact(f64::from(a.branch)).times(&b.a);
         let y = Dyadic::exact(f64::from(-b.branch)).times(&a.a);
@@ -408,8 +408,8 @@ mod tests {
                 let even = if low.to_bits() & 1 == 0 { low } else { high };
                 let middle = number(1, -1).times(&Dyadic::exact(low).plus(&Dyadic::exact(high)));
                 for away in [-1, -60, -200, -256, -300, -1000, -5000] {
-                    // b ± √disc is the midpoint, or differs from it by less than 2^away of the root of
-                    // the discriminant.
+                    // b ± √disc is the midpoint, or differs from it by less than 2^away of the root of the
+                    // discriminant.
                     let s = number(3, middle.exponent);
                     for (off, expected) in [(-1, [low, high]), (0, [even, even]), (1, [high, low])] {
                         let disc = s.squared().times(&number(1, 0).plus(&number(off, away)));

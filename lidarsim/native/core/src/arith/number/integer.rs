@@ -98,8 +98,8 @@ impl Integer {
         self.limbs().last().map_or(0, |last| 64 * self.length as u64 - u64::from(last.leading_zeros()))
     }
 
-    /// The 128 leading bits of the magnitude, padded with zeros. If the magnitude is longer, the last bit
-    /// is set if any bit beyond it is.
+    /// The 128 leading bits of the magnitude, padded with zeros. If the magnitude is longer, the last bit is
+    /// set if any bit beyond it is.
     pub fn leading(&self) -> u128 {
         let limbs = self.limbs();
         let limb = |k: usize| if k < limbs.len() { limbs[limbs.len() - 1 - k] } else { 0 };

@@ -1,8 +1,8 @@
 //! Lanes: rays whose predicates are evaluated together.
 //!
-//! A branch may be taken in some lanes and not in others. Evaluation then continues for lanes that agree,
-//! and the caller repeats it for the others until every lane has its result: a handful of times at most, as
-//! the rays of a packet are coherent.
+//! A branch may be taken in some lanes and not in others. Evaluation then continues for lanes that agree, and
+//! the caller repeats it for the others until every lane has its result: a handful of times at most, as the
+//! rays of a packet are coherent.
 
 use std::cell::Cell;
 use std::cmp::Ordering;

@@ -1,12 +1,11 @@
 //! Numbers with error bounds, and filtered predicates over them.
 //!
 //! Every formula of the core is written once, over [`Number`], and evaluated in up to three kinds of
-//! arithmetic: [`RunningError`] (float64 with a running error bound), [`DoubleDouble`] (double-double with
-//! a running error bound) and [`Dyadic`] (exact). If one kind cannot certify a predicate, it is
-//! [`Uncertain`], and [`decide`] evaluates it in the next kind; the last is always certain. This is a
-//! floating-point filter, as in J. Shewchuk, Adaptive precision floating-point arithmetic and fast robust
-//! geometric predicates, 1997. No formula needs an epsilon, and every decision is exact for the float64
-//! input.
+//! arithmetic: [`RunningError`] (float64 with a running error bound), [`DoubleDouble`] (double-double with a
+//! running error bound) and [`Dyadic`] (exact). If one kind cannot certify a predicate, it is [`Uncertain`],
+//! and [`decide`] evaluates it in the next kind; the last is always certain. This is a floating-point filter,
+//! as in J. Shewchuk, Adaptive precision floating-point arithmetic and fast robust geometric predicates,
+//! 1997. No formula needs an epsilon, and every decision is exact for the float64 input.
 //!
 //! The first two kinds exist for a single ray and for the lanes of a register ([`RunningErrors`],
 //! [`DoubleDoubles`]).
@@ -84,8 +83,8 @@ pub trait Number: Clone {
     }
 }
 
-/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with branch 0, t
-/// = b/a.
+/// The root t = (b + branch·√disc)/a of a·t² − 2b·t + c = 0, with a > 0 and disc = b² − a·c; with
+/// branch 0, t = b/a.
 ///
 /// Separate formulas keep each coefficient accurate: `disc` is not evaluated as b² − a·c, and c avoids
 /// the cancellation between b and √disc.
@@ -178,7 +177,7 @@ pub const UNIT: f64 = f64::EPSILON / 2.0;
 /// each.
 pub(crate) const PAD: f64 = 1.0 + 8.0 * f64::EPSILON;
 
-/// Covers the underflow of up to 32 operations: half the smallest subnormal, 2⁻¹⁰⁷⁵, each. It is
-/// as large as 2⁻⁹⁰⁰ to keep subnormal numbers, which processors multiply slowly, out of its
-/// products with ordinary numbers.
+/// Covers the underflow of up to 32 operations: half the smallest subnormal, 2⁻¹⁰⁷⁵, each. It is as
+/// large as 2⁻⁹⁰⁰ to keep subnormal numbers, which processors multiply slowly, out of its products
+/// with ordinary numbers.
 pub(crate) const UNDERFLOW: f64 = f64::from_bits((1023 - 900) << 52);

@@ -123,8 +123,8 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
         Ok(RunningErrors { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
     }
 
-    /// The true x must be ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where v ≤ ε, 0
-    /// ≤ √x ≤ √(v + ε).
+    /// The true x must be ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where v ≤ ε, 0 ≤
+    /// √x ≤ √(v + ε).
     #[inline(always)]
     fn sqrt(self) -> Self {
         let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
@@ -211,7 +211,9 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
         Self::rounded(splat::<L, N>(x), 0.0, L::UNIFORM)
     }
 
-    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x + s_y, rounded, as rounding is monotone. A subnormal sum of float64 numbers is exact, so nothing underflows.
+    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x +
+    /// s_y, rounded, as rounding is monotone. A subnormal sum of float64 numbers is exact, so nothing
+    /// underflows.
     #[inline(always)]
     fn plus(&self, other: &Self) -> Self {
         let (value, lanes) = (self.value.add(other.value), self.lanes.or(other.lanes));
@@ -233,7 +235,9 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
         self.plus(&other.negated())
     }
 
-    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s = s_x·s_y, rounded. z may lose half the smallest subnormal to underflow: less than half of what `PAD` adds, as w·s ≥ u·`UNDERFLOW`.
+    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s =
+    /// s_x·s_y, rounded. z may lose half the smallest subnormal to underflow: less than half of what `PAD`
+    /// adds, as w·s ≥ u·`UNDERFLOW`.
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
         let (v, w) = (self.weight, other.weight);
@@ -373,8 +377,7 @@ mod tests {
         largest
     }
 
-    /// Exact operands show the roundings of the operation itself; others show how it propagates their
-    /// errors.
+    /// Exact operands show the roundings of the operation itself; others show how it propagates their errors.
     #[test]
     fn operations_are_as_near_as_their_bounds_say() {
         let kinds: [(Given, [f64; 4]); 2] =
@@ -480,8 +483,8 @@ mod tests {
         assert!((3.0..4.0).contains(&-least), "{least}");
     }
 
-    /// `PAD` covers eight roundings downward and one of its own product. `UNDERFLOW` is far above the loss
-    /// of 32 operations, which keeps subnormal numbers out of products.
+    /// `PAD` covers eight roundings downward and one of its own product. `UNDERFLOW` is far above the loss of
+    /// 32 operations, which keeps subnormal numbers out of products.
     #[test]
     fn pads_cover_what_they_should() {
         let eight = (0..9).fold(Dyadic::exact(PAD), |x, _| x.times(&Dyadic::exact(1.0 - UNIT)));

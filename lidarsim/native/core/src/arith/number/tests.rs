@@ -63,8 +63,8 @@ fn formulas<N: Number>(x: &[N; 4]) -> [N; 12] {
     [ab, cd, difference, cross, square, deep, p, q, r, s, sum.minus(c), sum.times(c)]
 }
 
-/// Roots of rounded numbers: a quotient, both roots of a quadratic equation, and the root of a square that
-/// is mostly rounding error.
+/// Roots of rounded numbers: a quotient, both roots of a quadratic equation, and the root of a square that is
+/// mostly rounding error.
 fn root<N: Number>(which: usize, x: &[N; 4]) -> Result<Root<N>, Uncertain> {
     let [a, b, c, d] = x;
     let positive = a.squared().plus(&d.squared()).plus(&N::exact(1e-30));
@@ -119,8 +119,8 @@ fn stored<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(x: &K) -> Stored<16> {
     stored
 }
 
-/// Returns how many certain numbers and how many roots it has checked. `others` tells whether other forms
-/// of a number contain its exact value.
+/// Returns how many certain numbers and how many roots it has checked. `others` tells whether other forms of
+/// a number contain its exact value.
 fn check<K: Enclosure<N>, const N: usize>(
     active: &Cell<u32>,
     of_rays: impl Fn(&[f64; N]) -> K,

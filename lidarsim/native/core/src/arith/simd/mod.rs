@@ -53,8 +53,7 @@ const PLACE: u32 = 52 - FRACTION;
 const FRACTION_MASK: u64 = ((1 << FRACTION) - 1) << PLACE;
 const ONE: u64 = 1.0_f64.to_bits();
 
-/// The bits of a float32 without its sign and its last three bits, which hold the lane number during
-/// sorting.
+/// The bits of a float32 without its sign and its last three bits, which hold the lane number during sorting.
 const DISTANCE_MASK: u32 = 0x7fff_fff8;
 
 /// An instruction set.
@@ -80,8 +79,8 @@ pub trait Isa: Copy {
     /// The inverse of `deinterleaved`.
     fn interleaved(columns: [Self::F64x8; 3]) -> [Self::F64x8; 3];
     /// Selects the distances with `near` ≤ `far` and sorts them with their payloads, farthest first.
-    /// Returns their number, the distances with the last three bits rounded down, and the payloads; the
-    /// rest of the arrays is unspecified. No distance may be negative.
+    /// Returns their number, the distances with the last three bits rounded down, and the payloads; the rest
+    /// of the arrays is unspecified. No distance may be negative.
     fn by_distance(near: Self::F32x8, far: Self::F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]);
     /// Eight empty masks.
     fn no_masks() -> Self::Masks;
@@ -94,8 +93,8 @@ pub trait Isa: Copy {
     fn put(lanes: u32, number: u32, places: &mut [u32; 8]);
     /// Prefetches the cache line of `address`.
     fn prefetch<T>(address: *const T);
-    /// Runs the task out of line, in a function compiled for this instruction set: code with several
-    /// callers is compiled once, and no function becomes too large.
+    /// Runs the task out of line, in a function compiled for this instruction set: code with several callers
+    /// is compiled once, and no function becomes too large.
     fn call<T: Task>(task: T) -> T::Output;
     /// Runs the task with the widest registers, out of line and never inlined. `None` if registers have a
     /// single lane.

@@ -3,8 +3,7 @@
 //! SAFETY of all intrinsics here: only operations of the types below execute them. The types are private to
 //! this file and reach other code only as the parameter of a task, from `run_avx2` and `run_avx512`, which
 //! `dispatch` calls only on machines with the features. So code that knows such a type runs only where the
-//! features exist. Loads and stores are unaligned and go through references to arrays of the register's
-//! size.
+//! features exist. Loads and stores are unaligned and go through references to arrays of the register's size.
 
 use core::arch::x86_64::*;
 
@@ -369,8 +368,8 @@ impl Isa for Avx512 {
     fn columns([a, b, c, d, e, f, g, h]: [&[f64; 3]; 8]) -> [Self::F64x8; 3] {
         // SAFETY: as above.
         unsafe {
-            // Two points per register: first their coordinates are interleaved with those of the next
-            // points, then the halves are joined.
+            // Two points per register: first their coordinates are interleaved with those of the next points,
+            // then the halves are joined.
             let (ac, bd) = (pair_of_points(a, c), pair_of_points(b, d));
             let (eg, fh) = (pair_of_points(e, g), pair_of_points(f, h));
             let (xz0, xz1) = (_mm512_unpacklo_pd(ac, bd), _mm512_unpacklo_pd(eg, fh));
@@ -417,8 +416,8 @@ impl Isa for Avx512 {
     fn interleaved([Register(x), Register(y), Register(z)]: [F64x8; 3]) -> [F64x8; 3] {
         // SAFETY: as above.
         unsafe {
-            // x and y in their places, with arbitrary values in those of z; then z, whose element k is k +
-            // 8 in the second step.
+            // x and y in their places, with arbitrary values in those of z; then z, whose element k is k + 8
+            // in the second step.
             let xy0 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 8, 0, 1, 9, 0, 2, 10), y);
             let xy1 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 3, 11, 0, 4, 12, 0, 5), y);
             let xy2 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(13, 0, 6, 14, 0, 7, 15, 0), y);

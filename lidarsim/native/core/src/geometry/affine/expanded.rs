@@ -47,8 +47,8 @@ impl ExpandedInverse {
     /// low part is at most 6u of its size.
     ///
     /// The difference of x and the offset is exact. The size F of its sum with the rest includes the rest
-    /// times 1/u and its error times 1/(64u²). So the low part is at most u·F; its error, with its
-    /// rounding and the omitted low part of the rest, is at most 64u²·F. In a product with a row, S =
+    /// times 1/u and its error times 1/(64u²). So the low part is at most u·F; its error, with its rounding
+    /// and the omitted low part of the rest, is at most 64u²·F. In a product with a row, S =
     /// Σ|linear_ij|F_j, the low part is at most 5u·S; the roundings of its partial results come to less
     /// than eight of the whole; and it omits u²·S. With the errors of the row and of the difference, that
     /// is less than 170u²·S.
@@ -99,8 +99,8 @@ mod tests {
     use crate::geometry::ray::Ray;
     use crate::testing::{assert_slack, worst};
 
-    /// The largest share of its bound that the image of a point is off by, under the inverse of one map or
-    /// of two.
+    /// The largest share of its bound that the image of a point is off by, under the inverse of one map or of
+    /// two.
     fn share(x: &[f64; 27], twice: bool, far: f64) -> f64 {
         let vector = |k: usize| -> Point { [x[k], x[k + 1], x[k + 2]] };
         let map =

@@ -46,8 +46,8 @@ impl Affine {
         *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
-    /// A box around the offset. `reach` returns how far it reaches down and up along an axis, from the row
-    /// of that axis.
+    /// A box around the offset. `reach` returns how far it reaches down and up along an axis, from the row of
+    /// that axis.
     pub fn around(&self, reach: impl Fn([f64; 3]) -> [f64; 2]) -> [Interval; 3] {
         std::array::from_fn(|i| {
             let [below, above] = reach(self.linear[i]);
@@ -436,7 +436,8 @@ impl<N: Number> Cofactors<N> {
     }
 }
 
-/// |determinant| times the inverse of an affine map: a negative determinant flips the signs of the cofactors, so that outward normals stay outward through a reflection.
+/// |determinant| times the inverse of an affine map: a negative determinant flips the signs of the cofactors,
+/// so that outward normals stay outward through a reflection.
 #[derive(Clone, Debug)]
 pub struct Adjugate<N> {
     linear: Cofactors<N>,
@@ -462,7 +463,8 @@ impl<N: Number<Floats = f64>> Adjugate<N> {
         }
     }
 
-    /// x = L₂·(L₁·y + t₁) + t₂, so that adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.
+    /// x = L₂·(L₁·y + t₁) + t₂, so
+    /// adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.
     fn after(&self, first: &Self, second: &Affine) -> Self {
         let [r0, r1, r2] = &self.linear.rows;
         let columns: [Vector<N>; 3] = std::array::from_fn(|j| [r0[j].clone(), r1[j].clone(), r2[j].clone()]);

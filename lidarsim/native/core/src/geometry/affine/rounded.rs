@@ -21,9 +21,9 @@ impl RoundedInverse {
     /// `None` if the bounds are uncertain.
     ///
     /// Let B be the largest entry and E the width of the widest interval that encloses one. In units of
-    /// Σ|wᵢ|, the errors of the entries add E to the error of a product, and three products and their
-    /// sums add 3uB; a difference w adds uB, and the sum with the image T another uB, and u·T. The bounds
-    /// have 8uB and 4u·T, which also covers their own roundings.
+    /// Σ|wᵢ|, the errors of the entries add E to the error of a product, and three products and their sums
+    /// add 3uB; a difference w adds uB, and the sum with the image T another uB, and u·T. The bounds have
+    /// 8uB and 4u·T, which also covers their own roundings.
     pub(super) fn of(inverse: &Adjugate<DoubleDouble>) -> Option<Self> {
         let pivot = inverse.offset;
         let (mut linear, mut image) = ([[0.0; 3]; 3], [0.0; 3]);
@@ -102,9 +102,8 @@ mod tests {
         ]
     }
 
-    /// A point and a vector, under one map or two, near and far. Roundings reach 5u of the 8u, or 3u, only
-    /// in a row of equal entries that all round the same way; and entries of equal size are rarely the
-    /// largest.
+    /// A point and a vector, under one map or two, near and far. Roundings reach 5u of the 8u, or 3u, only in
+    /// a row of equal entries that all round the same way; and entries of equal size are rarely the largest.
     #[test]
     fn images_are_off_by_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;

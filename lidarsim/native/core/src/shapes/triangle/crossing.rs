@@ -36,8 +36,8 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
 /// The intersection of a ray with the plane of a triangle: t = n·(a − o)/(n·d), n = (b − a) × (c −
 /// a), by expansions.
 ///
-/// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate
-/// of n is at most 5u·A_i, from fewer than 10 roundings, and omits two products of u²·A_i in all, so the
+/// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of
+/// n is at most 5u·A_i, from fewer than 10 roundings, and omits two products of u²·A_i in all, so the
 /// coordinate is off by less than 52u²·A_i. The low part of n·(a − o) is at most 12u·ΣA_i|r_i|, from
 /// fewer than 16 roundings, and omits 5u²·ΣA_i|r_i|; with the error of n, less than 250u²·ΣA_i|r_i|.
 /// For n·d it is less. 320 covers the roundings of these bounds.
@@ -45,11 +45,11 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
 /// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d). With N, D the high and ν, δ the
 /// low parts of these sums, and p + q = T·D, exactly, ρ = ((N − p) − q) + (ν − T·δ). N − p is
 /// exact by Sterbenz's lemma, as T is within 2 % of t. Each of the other four operations rounds by u of its
-/// result: T·δ, ν − T·δ, N − p − q, which is ρ less that, and ρ. That makes u·(2|ρ| + 2|ν|
-/// + 3|T·δ|). Three more roundings, of D + δ, of its reciprocal and of the product with ρ, add
-/// 3u·|ρ/D|. So the correction is off by less than 5u·(|ν| + |T·δ| + |ρ|)/|D|, up to terms in u².
-/// `ROUNDINGS` is three times that, which covers these terms and the roundings of the bound; the u·|T·D|
-/// beside ν and T·δ covers the rounding of low ± error when t is rounded.
+/// result: T·δ, ν − T·δ, N − p − q, which is ρ less that, and ρ. That makes u·(2|ρ| + 2|ν| +
+/// 3|T·δ|). Three more roundings, of D + δ, of its reciprocal and of the product with ρ, add 3u·|ρ/D|.
+/// So the correction is off by less than 5u·(|ν| + |T·δ| + |ρ|)/|D|, up to terms in u². `ROUNDINGS` is
+/// three times that, which covers these terms and the roundings of the bound; the u·|T·D| beside ν and
+/// T·δ covers the rounding of low ± error when t is rounded.
 pub struct Crossing<I: Isa> {
     t: Expansion<I>,
     error: I::F64x8,
@@ -85,21 +85,21 @@ impl<I: Isa> TrianglePlane<I> {
         TrianglePlane { normal, size, corner, num: Expansion::dot(normal, r), num_error }
     }
 
-    /// As `new`, for triangles in the coordinates of an object, seen from world points; the normals are
-    /// world normals.
+    /// As `new`, for triangles in the coordinates of an object, seen from world points; the normals are world
+    /// normals.
     ///
     /// With the adjugate R and the determinant w of the map that places the object, and the origin o in its
     /// coordinates, t = w·n·(a − o)/(N·d), N = Rᵀ·n.
     ///
     /// The low parts of R and w are at most u of their sizes, with errors of 64u² of these. In a sum of
     /// three products, the roundings of partial results come to less than eight roundings of the whole low
-    /// part. The low part of a coordinate of N is at most 9u·C, C = ΣA_i|R_ij|, and omits 5u²·C; with
-    /// the errors of n and R, less than 200u²·C. That of N·d is at most 12u·ΣC_j|d_j|; with the error
-    /// of N, less than 300u²·ΣC_j|d_j|. The difference a − o, of size Q, has a low part of at most
-    /// 7u·Q, which is off by 180u²·Q and a rounding. So that of n·(a − o) is at most 15u·ΣA_iQ_i,
-    /// and omits 35u²·ΣA_iQ_i; with the errors of n and the difference, less than 400u²·ΣA_iQ_i. The
-    /// product with w adds two roundings of 17u, 15u² that it omits, and 64u²: less than
-    /// 520u²·wΣA_iQ_i. Both take `BOUND` twice, which is 640u².
+    /// part. The low part of a coordinate of N is at most 9u·C, C = ΣA_i|R_ij|, and omits 5u²·C; with the
+    /// errors of n and R, less than 200u²·C. That of N·d is at most 12u·ΣC_j|d_j|; with the error of N,
+    /// less than 300u²·ΣC_j|d_j|. The difference a − o, of size Q, has a low part of at most 7u·Q,
+    /// which is off by 180u²·Q and a rounding. So that of n·(a − o) is at most 15u·ΣA_iQ_i, and omits
+    /// 35u²·ΣA_iQ_i; with the errors of n and the difference, less than 400u²·ΣA_iQ_i. The product with
+    /// w adds two roundings of 17u, 15u² that it omits, and 64u²: less than 520u²·wΣA_iQ_i. Both take
+    /// `BOUND` twice, which is 640u².
     #[inline(always)]
     pub fn placed(
         corners: [V<I>; 3],
@@ -156,8 +156,7 @@ impl<I: Isa> TrianglePlane<I> {
         x.add(y).add(z).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)))
     }
 
-    /// A unit normal, and the lanes in which it is accurate to 2⁻⁶⁰ of its length and three
-    /// roundings.
+    /// A unit normal, and the lanes in which it is accurate to 2⁻⁶⁰ of its length and three roundings.
     #[inline(always)]
     pub fn unit_normal(&self) -> (V<I>, u32) {
         let TrianglePlane { normal: n, .. } = *self;
@@ -201,8 +200,8 @@ impl<I: Isa> Crossing<I> {
         let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(ROUNDINGS));
         let error = num_error.add(first.abs().mul(den_error)).mul(inverse).abs();
         let error = error.add(roundings).mul(I::F64x8::splat(1.0 + 1.0 / 16.0));
-        // den is at least 128 times its error plus its low part, and num at least 8 times its low part, so
-        // T is within 2 % of N/D and 20 % of the true value.
+        // den is at least 128 times its error plus its low part, and num at least 8 times its low part, so T
+        // is within 2 % of N/D and 20 % of the true value.
         let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
         let (num_size, den_size) = (num_high.abs(), den_high.abs());
         let ordinary = tiny.lt(den_size)
@@ -286,8 +285,8 @@ mod tests {
         ([(num, bound(r.map(|r| r.high[0]))), (den, bound(d))], truth)
     }
 
-    /// The bounds count roundings that never all add up: of the derived 250u², and of the 320u² in use,
-    /// the search reaches 10u².
+    /// The bounds count roundings that never all add up: of the derived 250u², and of the 320u² in use, the
+    /// search reaches 10u².
     #[test]
     fn sums_of_triple_products_are_as_near_as_the_bound_says() {
         let found = [0, 1].map(|which| {
@@ -378,8 +377,8 @@ mod tests {
         ]
     }
 
-    /// As `t_is_as_near_as_it_says`, for rays almost in the plane: both sums cancel, and their low parts
-    /// are nearly as large as the rest of the high ones.
+    /// As `t_is_as_near_as_it_says`, for rays almost in the plane: both sums cancel, and their low parts are
+    /// nearly as large as the rest of the high ones.
     #[test]
     fn t_of_grazing_rays_is_as_near_as_it_says() {
         let draw =

@@ -191,14 +191,14 @@ impl Leaf {
     }
 
     /// The candidates, triangles that a ray may hit, and the certain hits among them, one bit each, by the
-    /// three volumes U = d·(c × b), V = d·(a × c), W = d·(b × a). Two different signs are a miss,
-    /// three equal signs a hit. U + V + W is stored in `sums`.
+    /// three volumes U = d·(c × b), V = d·(a × c), W = d·(b × a). Two different signs are a miss, three
+    /// equal signs a hit. U + V + W is stored in `sums`.
     ///
-    /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate
-    /// is off by at most δ = 3u·m + ε, a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m²,
-    /// and the sum of its three products with d by that and 6u·m² per unit of |d|₁. While δ ≤ m,
-    /// which m ≥ ε implies, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction
-    /// adds 6m²·ε_d. The bound has 32, 8 and 8 in these places to cover its own roundings.
+    /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is
+    /// off by at most δ = 3u·m + ε, a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and
+    /// the sum of its three products with d by that and 6u·m² per unit of |d|₁. While δ ≤ m, which m
+    /// ≥ ε implies, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds
+    /// 6m²·ε_d. The bound has 32, 8 and 8 in these places to cover its own roundings.
     #[inline(always)]
     pub fn candidates<I: Isa>(
         &self,
@@ -217,8 +217,8 @@ impl Leaf {
     /// and another one positive for every ray.
     ///
     /// Over the box of the directions, n·d is least and largest at the ends of each coordinate. As in
-    /// `candidates`, three products and two sums round there; they are at most those of a direction with
-    /// the largest coordinates, so the bound is the same with its length.
+    /// `candidates`, three products and two sums round there; they are at most those of a direction with the
+    /// largest coordinates, so the bound is the same with its length.
     #[inline(always)]
     pub fn reachable<I: Isa>(&self, edges: &Edges<I>, rays: &DirectionBounds) -> u32 {
         let (low, high) = (lanes::splat::<F64x8<I>, 8>(rays.low), lanes::splat(rays.high));
@@ -296,18 +296,25 @@ impl Planes {
     /// and, as a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds by 10u·m² per unit of
     /// |d|₁, and the sum of the three by 10u·m² more: 40. `Leaf::planes` has 32 and 64.
     ///
-    /// A vertex is off by at most δ = 3u·m + ε. The hit on the quantized triangle is a convex
-    /// combination of its vertices, so it is at most δ·|N|₁ off the true plane, times |N|: that is
-    /// δ·|N|₁/|N·d| in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While the
-    /// computed |N·d| is at least twice all its errors, the true one is at least half of it; with another
-    /// factor of two, for second-order terms, that makes the four in `planes`.
+    /// A vertex is off by at most δ = 3u·m + ε. The hit on the quantized triangle is a convex combination
+    /// of its vertices, so it is at most δ·|N|₁ off the true plane, times |N|: that is δ·|N|₁/|N·d|
+    /// in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While the computed |N·d| is
+    /// at least twice all its errors, the true one is at least half of it; with another factor of two, for
+    /// second-order terms, that makes the four in `planes`.
     ///
-    /// The product with 1/(N·d), in place of a quotient, and t ± off round by less than 5u·|t|. Nothing
-    /// is added for that: the volumes need 4·40 of the 4·64 in `planes`, which leaves
+    /// The product with 1/(N·d), in place of a quotient, and t ± off round by less than 5u·|t|. Nothing is
+    /// added for that: the volumes need 4·40 of the 4·64 in `planes`, which leaves
     /// 96u·m²·|d|₁·|t|/|N·d|. The computed |N·d| ≤ (2s² + 40u·m²)·|d|₁ with the scale s ≤
     /// m/2, so that is above 180u·|t|.
     ///
-    /// |N·d| is indeed at least twice its errors. The edges as seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As the hit is certain, each volume exceeds its bound, and the sum of the three exceeds |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, up to rounding, so ε < s/24 and u·m² < s²/28. It also exceeds 256u·m²·|d|₁, which is tested here. So it exceeds a tenth of this and nine tenths of that: |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by 2δ, N by 8δ·s + 8δ² per coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
+    /// |N·d| is indeed at least twice its errors. The edges as seen are at most s, the scale, and 2s ≤ m,
+    /// as m is the `reach` here. As the hit is certain, each volume exceeds its bound, and the sum of the
+    /// three exceeds |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, up to rounding, so
+    /// ε < s/24 and u·m² < s²/28. It also exceeds 256u·m²·|d|₁, which is tested here. So it exceeds
+    /// a tenth of this and nine tenths of that: |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d
+    /// differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by
+    /// 2δ, N by 8δ·s + 8δ² per coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than
+    /// |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
     fn intersect<F: Floats<f64, N>, const N: usize>(
         &self,
@@ -363,8 +370,8 @@ fn volumes<F: Floats<f64, 8>>(d: [F; 3], [n0, n1, n2]: [[F; 3]; 3]) -> ([F; 3], 
     ([u, v, w], u.add(v).add(w))
 }
 
-/// The lanes in which two volumes certainly have different signs, and those in which all three certainly
-/// have the same sign.
+/// The lanes in which two volumes certainly have different signs, and those in which all three certainly have
+/// the same sign.
 #[inline(always)]
 fn signs<F: Floats<f64, 8>>([u, v, w]: [F; 3], bound: F) -> (u32, u32) {
     let (least, most) = (Floats::min(Floats::min(u, v), w), Floats::max(Floats::max(u, v), w));
@@ -599,8 +606,8 @@ mod tests {
     #[test]
     fn what_a_leaf_is_certain_of_is_so() {
         let mut next = numbers();
-        // Hits, certain ones among them, and those with bounds of t; misses, those ruled out, and those
-        // ruled out for two rays at once.
+        // Hits, certain ones among them, and those with bounds of t; misses, those ruled out, and those ruled
+        // out for two rays at once.
         let (mut hit, mut sure, mut bounded, mut missed, mut out, mut beyond) = (0, 0, 0, 0, 0, 0);
         for (place, size) in BOXES {
             for round in 0..12 {
@@ -797,8 +804,8 @@ mod tests {
         }
     }
 
-    /// Each source of error alone. The slack comes from `reach`, which exceeds vertices and edges by a
-    /// factor of two or more, and from assuming the worst signs of all terms of a determinant, which cannot
+    /// Each source of error alone. The slack comes from `reach`, which exceeds vertices and edges by a factor
+    /// of two or more, and from assuming the worst signs of all terms of a determinant, which cannot
     /// coincide. In t, roundings of the volumes dominate for far origins, and those of the distance for
     /// origins almost on the triangle.
     #[test]

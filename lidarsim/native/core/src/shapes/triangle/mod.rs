@@ -1,9 +1,9 @@
-//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c relative to the origin of the ray.
+//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c relative to the ray's origin.
 //!
-//! Each is six times the volume of the tetrahedron of the ray and an edge. A shared edge gives two
-//! triangles the same number with opposite signs, and the signs are exact, so no ray slips through between
-//! them (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, use the same signs,
-//! U, V, W, after a shear).
+//! Each is six times the volume of the tetrahedron of the ray and an edge. A shared edge gives two triangles
+//! the same number with opposite signs, and the signs are exact, so no ray slips through between them (S.
+//! Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, use the same signs, U, V, W,
+//! after a shear).
 
 mod crossing;
 mod each;
@@ -55,8 +55,8 @@ impl Triangle {
     }
 }
 
-/// Barycentric coordinates of the origin in the plane of the triangle abc, clamped to ≥ 0, as rounding
-/// may put points of the rim outside.
+/// Barycentric coordinates of the origin in the plane of the triangle abc, clamped to ≥ 0, as rounding may
+/// put points of the rim outside.
 #[inline(always)]
 pub fn barycentric([a, b, c]: [Point; 3]) -> [f64; 3] {
     let normal = cross(sub(b, a), sub(c, a));

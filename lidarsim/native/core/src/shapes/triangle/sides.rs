@@ -1,5 +1,5 @@
-//! The signs of U, V, W (Woop et al.) for one ray and triangle per lane, by expansions: an orientation
-//! filter like Shewchuk's stage B.
+//! The signs of U, V, W (Woop et al.) for one ray and triangle per lane, by expansions: an orientation filter
+//! like Shewchuk's stage B.
 
 use std::cmp::Ordering;
 
@@ -56,10 +56,10 @@ impl Sides {
 
 /// The sides of rays and triangles, where they are certain.
 ///
-/// As an expansion each is accurate to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, like n·d
-/// in `Crossing`. Underflow remains: all given numbers are zero or between 2^±200, so differences are zero
-/// or at least 2⁻²⁵². Then S, if not zero, is at least 2⁻⁷⁰⁴, and u²·S is far above the
-/// loss to underflow; if S is zero, so is the volume.
+/// As an expansion each is accurate to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, like n·d in
+/// `Crossing`. Underflow remains: all given numbers are zero or between 2^±200, so differences are zero or
+/// at least 2⁻²⁵². Then S, if not zero, is at least 2⁻⁷⁰⁴, and u²·S is far above the loss to
+/// underflow; if S is zero, so is the volume.
 #[inline(always)]
 pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
     let ordinary =
@@ -255,8 +255,8 @@ mod tests {
             fibonacci.push(fibonacci[fibonacci.len() - 1] + fibonacci[fibonacci.len() - 2]);
         }
         let point = |n: usize, sign: f64| [sign * fibonacci[n] as f64, sign * fibonacci[n + 1] as f64, 1.0];
-        // The third corner is minus the sum of the others and the ray is inside, or it is the sum and the
-        // ray is outside.
+        // The third corner is minus the sum of the others and the ray is inside, or it is the sum and the ray
+        // is outside.
         let triangles = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
             let (n, sign) = (71 + lane % 4, if lane < 4 { -1.0 } else { 1.0 });
             [point(n, 1.0), point(n + 1, 1.0), point(n + 2, sign)]
