@@ -90,7 +90,7 @@ impl Item {
     }
 }
 
-/// Boxes around items, and around their centers.
+/// Boxes around items, and around their centres.
 #[derive(Clone, Copy)]
 struct Extent {
     bounds: Aabb,
@@ -280,7 +280,7 @@ impl Parts {
     }
 }
 
-/// Sorts items into bins: by their center along an axis, or by surface area, one bin per power of two.
+/// Sorts items into bins: by their centre along an axis, or by surface area, one bin per power of two.
 /// Otherwise a few large items would enlarge the boxes of all others.
 struct Grid {
     low: [f32; 3],

@@ -1,6 +1,6 @@
 //! A bounding volume hierarchy, eight children wide.
 //!
-//! Boxes are float32, relative to a float64 center and rounded outward, and slab tests are conservative (T.
+//! Boxes are float32, relative to a float64 centre and rounded outward, and slab tests are conservative (T.
 //! Ize, Robust BVH Ray Traversal, JCGT 2013): traversal culls primitives, but never one that a ray
 //! intersects. Exact intersection of the float64 input happens elsewhere.
 
@@ -31,7 +31,7 @@ pub const MAX_LEAF_SIZE: usize = 8;
 #[derive(Clone, Debug)]
 pub struct Bvh<L> {
     center: Point,
-    /// How far the boxes reach from the center along each axis; infinity if there are none.
+    /// How far the boxes reach from the centre along each axis; infinity if there are none.
     reach: [f32; 3],
     nodes: Vec<Node>,
     leaves: Vec<L>,
@@ -65,7 +65,7 @@ impl<L> Bvh<L> {
         Bvh { center, reach, nodes, leaves }
     }
 
-    /// How far the boxes reach from the center along any axis; infinity if there are none.
+    /// How far the boxes reach from the centre along any axis; infinity if there are none.
     pub fn longest_reach(&self) -> f64 {
         let [x, y, z] = self.reach;
         x.max(y).max(z).into()

@@ -112,7 +112,7 @@ impl Packet {
         Packet { subpackets, count: 0, scale: 1.0, offset, has_offsets: false, octant }
     }
 
-    /// Sets up rays of one octant, relative to the center of a hierarchy, from t_min ≥ 0 to one limit each.
+    /// Sets up rays of one octant, relative to the centre of a hierarchy, from t_min ≥ 0 to one limit each.
     #[inline(always)]
     pub fn enter<I: Isa>(
         &mut self,
@@ -161,7 +161,7 @@ impl Packet {
         let offset = self.has_offsets.then_some(&self.offset);
         let subpacket = &mut self.subpackets[g];
         subpacket.set_limits::<I>(g, limits, offset, I::F64x8::splat(self.scale));
-        // By axis: bounds of the distance between origin and center, and of |d|; and the rays whose direction
+        // By axis: bounds of the distance between origin and centre, and of |d|; and the rays whose direction
         // has an uncertain sign.
         let (mut distance, mut slowest, mut fastest, mut unsigned) =
             ([zero; 3], [zero; 3], [zero; 3], [0; 3]);

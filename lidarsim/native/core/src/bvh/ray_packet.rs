@@ -198,7 +198,7 @@ impl RayPacket {
             let (o, d) = (self.origins::<I>(eight), self.directions::<I>(eight));
             let way = [middle[0].sub(o[0]), middle[1].sub(o[1]), middle[2].sub(o[2])];
             let (square, off) = (lanes::dot(d, d), lanes::dot(lanes::abs(way), lanes::abs(way)).sqrt());
-            // The t nearest to the center, less twice the reach and the rounding of t.
+            // The t nearest to the centre, less twice the reach and the rounding of t.
             let before = off.mul(I::F64x8::splat(8.0 * f64::EPSILON)).add(I::F64x8::splat(2.0 * reach));
             let t = lanes::dot(way, d).div(square).sub(before.div(square.sqrt()));
             let t = t.max(I::F64x8::splat(0.0)).min(I::F64x8::splat(LARGEST));
@@ -607,7 +607,7 @@ mod tests {
     }
 
     /// The largest share of their bounds that starts are off by, if each axis of the true origin and
-    /// direction is off by its whole error; and their largest distance from the center, in reaches.
+    /// direction is off by its whole error; and their largest distance from the centre, in reaches.
     fn starts(away: f64, origin_error: f64, direction_error: f64) -> (f64, f64) {
         let (mut next, center, reach) = (numbers(), [30.0, -20.0, 5.0], 7.0);
         let (mut share, mut distance) = (0.0_f64, 0.0_f64);
@@ -661,7 +661,7 @@ mod tests {
         ] {
             let (share, distance) = starts(away, errors[0], errors[1]);
             assert_slack(&format!("{away}, {errors:?}"), share, known);
-            // Two reaches before the center, one beside it, and the margin of `before` for the rounding of t:
+            // Two reaches before the centre, one beside it, and the margin of `before` for the rounding of t:
             // 8ε of no more than 2 · away.
             assert!(distance < 4.0 + 16.0 * f64::EPSILON * away, "{away}: {distance}");
         }

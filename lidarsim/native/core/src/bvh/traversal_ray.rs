@@ -177,7 +177,7 @@ mod tests {
         }
     }
 
-    /// The ray enters the box only if its direction has one of both signs.
+    /// The ray enters the box for only one of both signs of its direction.
     #[test]
     fn a_direction_of_unknown_sign_rules_nothing_out() {
         let unknown = Interval { low: -0.1, high: 0.1 };

@@ -179,7 +179,7 @@ impl InstanceRays {
     }
 }
 
-/// The centers of boxes, and the largest distance of any coordinate of a point of the box from it.
+/// The centres of boxes, and the largest distance of any coordinate of a point of the box from it.
 #[inline(always)]
 fn middle<F: Floats<f64, N>, const N: usize>(v: Bounds<F>) -> ([F; 3], F) {
     let (half, mut m, mut error) = (F::splat(0.5), [F::splat(0.0); 3], F::splat(0.0));

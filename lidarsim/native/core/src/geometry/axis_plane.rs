@@ -12,8 +12,7 @@ pub struct AxisPlane {
     low: f64,
 }
 
-/// Products above this, and quotients of numbers above it, have residuals that are float64 numbers, as these
-/// are at least 2⁻¹⁰⁶ of them.
+/// Products and numerators above this leave float64 residuals: at least 2⁻¹⁰⁶ of them.
 const ORDINARY: f64 = f64::from_bits((1023 - 900) << 52);
 
 impl AxisPlane {

@@ -16,7 +16,7 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// From the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
+    /// Takes the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
     ///
     /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which brings a float32 matrix to float64
     /// accuracy and preserves the bits of an exactly orthonormal one.
@@ -523,7 +523,7 @@ mod tests {
 
     #[test]
     fn a_mount_swings_with_its_body() {
-        // A body turns left in place, with a sensor 2 m ahead of its center that looks left.
+        // A body turns left in place, with a sensor 2 m ahead of its centre that looks left.
         let start = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
         let body = Arc::new(Path::twist(start, [0.0; 3], [0.0, 0.0, 0.5]));
         let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);

@@ -1,6 +1,6 @@
 //! The id of a root.
 
-/// Which root of which primitive.
+/// Identifies a root of a line on a primitive.
 #[derive(Clone, Copy, Debug)]
 pub struct RootId {
     pub object: u32,
