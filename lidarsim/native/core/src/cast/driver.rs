@@ -174,7 +174,7 @@ impl PacketSource<'_> {
     }
 }
 
-/// Routes closest hits to their refinement: still triangles one by one, or batches.
+/// Routes closest hits to their refinement: `TriangleHits` for still triangles, batches for all others.
 struct HitRouter<'a, S: ?Sized> {
     world: &'a World<'a>,
     batches: &'a mut HitBatches,

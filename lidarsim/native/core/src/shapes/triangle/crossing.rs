@@ -33,8 +33,8 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
     ]
 }
 
-/// The intersection of a ray with the plane of a triangle: t = n·(a − o)/(n·d), n = (b − a) × (c −
-/// a), by expansions.
+/// The intersection of a ray with the plane of a triangle by expansions: t = n·(a − o)/(n·d) with the
+/// normal n = (b − a) × (c − a).
 ///
 /// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of
 /// n is at most 5u·A_i, from fewer than 10 roundings, and omits two products of u²·A_i in all, so the
@@ -200,7 +200,7 @@ impl<I: Isa> Crossing<I> {
         let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(ROUNDINGS));
         let error = num_error.add(first.abs().mul(den_error)).mul(inverse).abs();
         let error = error.add(roundings).mul(I::F64x8::splat(1.0 + 1.0 / 16.0));
-        // den is at least 128 times its error plus its low part, and num at least 8 times its low part, so T
+        // den is at least 128 times the sum of its error and low part, and num 8 times its low part, so T
         // is within 2 % of N/D and 20 % of the true value.
         let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
         let (num_size, den_size) = (num_high.abs(), den_high.abs());
