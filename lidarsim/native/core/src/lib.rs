@@ -1,7 +1,7 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 //!
-//! Its layers, of which each uses those above it alone: `memory`, `stop`, `once` and `parallel`,
-//! arithmetic, geometry and shapes, the bounding volume hierarchy, scenes, casts, measurement.
+//! Each layer uses only those before it: `memory`, `stop`, `once` and `parallel`, arithmetic, geometry and
+//! shapes, the bounding volume hierarchy, scenes, casts, measurement.
 
 mod arith;
 mod bvh;

@@ -1,22 +1,22 @@
-//! Large arrays on large pages, where the system gives them on request.
+//! Large arrays on huge pages, if the system provides them on request.
 //!
-//! A hierarchy is read all over, so that with small pages most reads also miss the processor's table of
-//! pages; and of an array that is written for the first time, each page is made then.
+//! Reads of a hierarchy are scattered, so with small pages most would also miss the TLB. A newly written
+//! array takes a page fault for each page.
 
 use std::panic::resume_unwind;
 
-/// What work unwinds with that the system gives no memory.
+/// The payload of the panic if memory runs out.
 ///
-/// Every array that grows with what the caller gave is made here: those of the standard library end the
-/// process instead.
+/// This module makes every array whose size the caller determines: those of the standard library would abort
+/// the process.
 #[derive(Debug, PartialEq, Eq)]
 pub struct OutOfMemory {
     pub bytes: usize,
-    /// What they were for.
+    /// What the bytes were for.
     pub purpose: String,
 }
 
-/// An empty vector of this capacity, on large pages if it is large.
+/// An empty vector with this capacity, on huge pages if it is large.
 pub fn with_capacity<T>(capacity: usize) -> Vec<T> {
     let mut vector = Vec::new();
     if vector.try_reserve_exact(capacity).is_err() {
@@ -27,7 +27,7 @@ pub fn with_capacity<T>(capacity: usize) -> Vec<T> {
     vector
 }
 
-/// Makes a vector as long as that, with more of this value.
+/// Resizes a vector, filling it up with this value.
 pub fn resize<T: Clone>(vector: &mut Vec<T>, count: usize, value: T) {
     reserve(vector, count.saturating_sub(vector.len()));
     vector.resize(count, value);
@@ -48,14 +48,14 @@ pub fn boxed<T, const N: usize>(values: [T; N]) -> Box<[T; N]> {
     vector.into_boxed_slice().try_into().unwrap_or_else(|_| unreachable!("it has as many"))
 }
 
-/// Makes room for as many more.
+/// Reserves room for `more` elements.
 pub fn reserve<T>(vector: &mut Vec<T>, more: usize) {
     if vector.try_reserve(more).is_err() {
         refuse::<T>(vector.len().saturating_add(more));
     }
 }
 
-/// Unwinds now, before any work, unless the system would give so many bytes at once.
+/// Unwinds now, before any work, unless the system can provide this many bytes at once.
 pub fn expect_room(bytes: usize, purpose: impl FnOnce() -> String) {
     if Vec::<u8>::new().try_reserve_exact(bytes).is_err() {
         resume_unwind(Box::new(OutOfMemory { bytes, purpose: purpose() }));
@@ -75,8 +75,8 @@ fn advise<T>(vector: &Vec<T>) {
     let start = (vector.as_ptr() as usize).next_multiple_of(4096);
     let end = vector.as_ptr() as usize + vector.capacity() * size_of::<T>();
     if end > start + PAGE {
-        // SAFETY: the pages from `start`, whole ones, lie within the allocation, and the advice does not
-        // change what they hold. A refusal is of no consequence.
+        // SAFETY: the whole pages from `start` on lie within the allocation, and the advice does not change
+        // their contents. A refusal is harmless.
         unsafe { libc::madvise(start as *mut libc::c_void, (end - start) & !4095, libc::MADV_HUGEPAGE) };
     }
 }
@@ -95,7 +95,7 @@ pub fn copy<T: Copy>(slice: &[T]) -> Vec<T> {
     vector
 }
 
-/// What an iterator gives, in large pages.
+/// The values of an iterator, on huge pages.
 pub fn collect<T>(values: impl ExactSizeIterator<Item = T>) -> Vec<T> {
     let mut vector = with_capacity(values.len());
     vector.extend(values);

@@ -1,4 +1,4 @@
-//! Values that are made when they are first asked for, at any number of threads and after a fork.
+//! Values that are made on first use, by any number of threads and after a fork.
 
 use std::cell::Cell;
 use std::fmt;
@@ -9,13 +9,13 @@ use once_cell::race::OnceBox;
 
 use crate::stop;
 
-/// How long to wait between two looks at whether another thread has made the value.
+/// The time between two checks whether another thread has made the value.
 const PAUSE: Duration = Duration::from_millis(1);
 
 /// A value that one thread makes while others wait for it.
 ///
-/// Unlike `OnceLock`, a child that was forked while a thread of its parent made the value makes its own: it
-/// has the memory of that thread's work, but not the thread. So a maker has the number of its process, and
+/// Unlike with `OnceLock`, a child that is forked while a thread of its parent makes the value makes its own:
+/// it inherits the memory of that thread, but not the thread. So a maker has the number of its process, and
 /// there is no lock, only a value or none.
 pub struct Once<T> {
     value: OnceBox<T>,
@@ -47,7 +47,7 @@ impl<T> Once<T> {
         let me = this_thread();
         loop {
             let maker = self.maker.load(Ordering::Acquire);
-            // A thread that comes back here, in a handler of signals, would wait for itself.
+            // A thread that reenters here, in a signal handler, would wait for itself.
             let waits = maker != 0 && maker != me && process_of(maker) == process_of(me);
             if let Some(value) = self.value.get() {
                 return value;
@@ -81,7 +81,7 @@ impl Drop for End<'_> {
     }
 }
 
-/// The number of the process and, in the lower half, one of the thread, above 0.
+/// The process id and, in the lower half, a thread number above 0.
 fn this_thread() -> u64 {
     static LAST: AtomicU32 = AtomicU32::new(0);
     thread_local! {

@@ -12,35 +12,34 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::memory::OutOfMemory;
 use crate::stop::{self, Job};
 
-/// After `fork` the child has the memory of a pool and none of its threads: so a pool knows the process it is
-/// of.
+/// A pool and its process: after `fork` the child has the memory of a pool, but none of its threads.
 struct Pool {
     process: u32,
     threads: usize,
     pool: ThreadPool,
 }
 
-/// Where parallel iterators run: as many threads as work is shared among, and meanwhile the caller sleeps.
+/// The pool of parallel iterators, with all threads; the caller sleeps meanwhile.
 static ITERATING: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
 
-/// Those that help a caller who takes part, so one less. With one more, which has nothing to do, a thread of
-/// the pool that finds work would wake that one as well, and where all processors are then taken, work that
-/// was just handed out waits for milliseconds.
+/// Helpers; the caller also works, so the pool has one thread less. A thread with nothing to do would be
+/// woken whenever another finds work; if all processors are then busy, freshly shared work waits for
+/// milliseconds.
 static HELPING: ArcSwapOption<Pool> = ArcSwapOption::const_empty();
 
-/// How many threads were asked for; 0 for as many as may run at once.
+/// The requested number of threads; 0 for all that may run at once.
 static ASKED: AtomicUsize = AtomicUsize::new(0);
 
-/// Of each thread. It is what the standard library has, where no variable of the environment asks for
-/// another: that would be read here, while other threads may write it.
+/// The stack of each thread: the default of the standard library. Its own default would read the environment
+/// here, which other threads may be writing.
 const STACK: usize = 2 << 20;
 
-/// Sets the number of threads: some, or as many as this process may run at once.
+/// Sets the number of threads; `None` for as many as this process may run at once.
 pub fn use_threads(count: Option<usize>) {
     ASKED.store(count.unwrap_or(0), Ordering::Relaxed);
 }
 
-/// The number of threads that work is shared among.
+/// The number of threads that share work.
 pub fn threads() -> usize {
     match ASKED.load(Ordering::Relaxed) {
         0 => available(),
@@ -48,9 +47,9 @@ pub fn threads() -> usize {
     }
 }
 
-/// As many threads as this process might run at once when it first asked: to find out is to read files.
+/// The parallelism that this process first found; finding it reads files.
 fn available() -> usize {
-    /// The number of the process, and in the lower half that of the threads.
+    /// The process id and, in the lower half, the number of threads.
     static KNOWN: AtomicU64 = AtomicU64::new(0);
     let (known, process) = (KNOWN.load(Ordering::Relaxed), u64::from(std::process::id()));
     if known >> 32 == process {
@@ -61,7 +60,7 @@ fn available() -> usize {
     count
 }
 
-/// The pool that is kept there, of so many threads; none where the system refuses them.
+/// The kept pool with this many threads, made anew if needed; `None` if the system refuses threads.
 fn pool(kept: &ArcSwapOption<Pool>, threads: usize) -> Option<Arc<Pool>> {
     let process = std::process::id();
     let current = kept.load_full();
@@ -75,18 +74,18 @@ fn pool(kept: &ArcSwapOption<Pool>, threads: usize) -> Option<Arc<Pool>> {
     let new = Arc::new(Pool { process, threads, pool });
     let old = kept.swap(Some(new.clone()));
     if old.as_ref().is_some_and(|old| old.process != process) {
-        // Its threads are gone: to end it would wait for them.
+        // Its threads do not exist here: dropping it would wait for them.
         std::mem::forget(old);
         std::mem::forget(current);
     }
     Some(new)
 }
 
-/// What work may need of a stack: casts take some 300 KiB with each instruction set, and exact decisions
-/// little more.
+/// The stack that work may need: casts take some 300 KiB on each instruction set, exact decisions little
+/// more.
 const ROOM: usize = 1 << 20;
 
-/// Does `work` in this thread, or, if little is left of its stack, in another.
+/// Does `work` on this thread, or on a new one if little is left of its stack.
 pub fn with_room<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     if room() >= ROOM {
         return work();
@@ -106,11 +105,11 @@ pub fn with_room<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     })
 }
 
-/// How many bytes are left of the stack of this thread; none are known of systems that do not tell.
+/// The bytes left on this thread's stack, if the system can tell.
 fn room() -> usize {
     thread_local! {
-        /// Where the stack ends, as it grows down; 0 before it is known. To ask for that of the first thread
-        /// is to read a file.
+        /// The end of the stack, which grows down; 0 while unknown. For the first thread, finding it reads a
+        /// file.
         static END: Cell<usize> = const { Cell::new(0) };
     }
     let here = 0_u8;
@@ -129,7 +128,7 @@ fn end_of_stack() -> usize {
     let mut attributes = std::mem::MaybeUninit::uninit();
     let (mut end, mut size) = (std::ptr::null_mut(), 0);
     // SAFETY: the attributes are read after the first function has set them, as 0 says, and destroyed once;
-    // the others are places of their own.
+    // the others are distinct variables.
     unsafe {
         if libc::pthread_getattr_np(libc::pthread_self(), attributes.as_mut_ptr()) == 0 {
             libc::pthread_attr_getstack(attributes.as_ptr(), &raw mut end, &raw mut size);
@@ -141,7 +140,7 @@ fn end_of_stack() -> usize {
 
 #[cfg(target_vendor = "apple")]
 fn end_of_stack() -> usize {
-    // SAFETY: of this thread both are known.
+    // SAFETY: both functions are defined for the calling thread.
     unsafe {
         let thread = libc::pthread_self();
         (libc::pthread_get_stackaddr_np(thread) as usize)
@@ -154,12 +153,12 @@ fn end_of_stack() -> usize {
     0
 }
 
-/// Runs `work` in a pool, so that the parallel iterators in it use its threads; on this thread alone where
-/// the system refuses others.
+/// Runs `work` in a pool, whose threads its parallel iterators use; on this thread alone if the system
+/// refuses threads.
 pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     let Some(pool) = pool(&ITERATING, threads()) else {
-        // From then on this thread is a pool of its own to the iterators. Where it is that already, another
-        // is refused.
+        // From here on iterators treat this thread as a pool of its own. If it already is one, another is
+        // refused.
         let alone = ThreadPoolBuilder::new().num_threads(1).use_current_thread().build();
         std::mem::forget(alone);
         return work();
@@ -177,10 +176,10 @@ pub fn run<R: Send>(work: impl FnOnce() -> R + Send) -> R {
     outcome.unwrap_or_else(|| unreachable!("work that fails unwinds"))
 }
 
-/// Has all of `work` done, a piece at a time, by this thread and others.
+/// Does all of `work`, one piece at a time, on this thread and others.
 ///
-/// This thread takes part: to wake one thread less is faster, above all where others are about to end work of
-/// their own.
+/// This thread takes part: waking one thread less is faster, most of all while others are about to finish
+/// their own work.
 pub fn share<T: Send>(work: impl ExactSizeIterator<Item = T> + Send, act: impl Fn(T) + Sync) {
     let others = threads() - 1;
     let helpers = others.min(work.len().saturating_sub(1));
@@ -239,7 +238,7 @@ mod tests {
             failure(|| true, || share(0..64, |_: i32| work_forever())).is_some_and(|why| why.is::<Stopped>())
         );
         assert!(failure(|| true, || run(|| work_forever())).is_some_and(|why| why.is::<Stopped>()));
-        // The caller has nothing left to do, and waits.
+        // The caller has no work left, and waits.
         let by_another = |i| {
             if i > 0 {
                 work_forever()
@@ -249,7 +248,7 @@ mod tests {
         assert!(failure(|| true, || share(pieces, by_another)).is_some_and(|why| why.is::<Stopped>()));
     }
 
-    /// How far down the stack an array of that size leads.
+    /// Puts an array of this size on the stack.
     #[inline(never)]
     fn deep<const SIZE: usize>() -> usize {
         let array = std::hint::black_box([0_u8; SIZE]);
@@ -270,7 +269,7 @@ mod tests {
         assert!(left < 64 << 10, "{left}");
         assert_eq!(outcome, Ok(Some((1 << 19) + 1)));
         assert_eq!(in_thread(64 << 10, || true, || work_forever()).0, Err(true));
-        // With room enough work stays in its thread.
+        // With enough room the work stays on its thread.
         let (outcome, left) = in_thread(4 << 20, || false, room);
         assert!((3 << 20..4 << 20).contains(&outcome.unwrap().unwrap()) && left < 4 << 20, "{left}");
     }

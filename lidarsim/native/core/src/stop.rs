@@ -1,8 +1,8 @@
 //! Jobs that their caller may stop.
 //!
-//! The caller of a job is asked now and then whether to go on, in its own thread, since only there does
-//! Python run handlers of signals. Where the answer is no, every thread of the job unwinds from the next
-//! place that polls, as nothing in the middle of a cast has a result to give back.
+//! The caller of a job is asked periodically whether to continue, on its own thread, since only there does
+//! Python run signal handlers. If the answer is no, every thread of the job unwinds at its next poll, as an
+//! incomplete cast has no result.
 
 use std::cell::{Cell, RefCell};
 use std::panic::resume_unwind;
@@ -11,20 +11,20 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
 
-/// What a stopped job unwinds with.
+/// The payload of the panic of a stopped job.
 #[derive(Debug)]
 pub struct Stopped;
 
-/// How long the caller is left alone between two questions.
+/// The time between two questions to the caller.
 const PERIOD: Duration = Duration::from_millis(50);
 
-/// Work of one caller, on however many threads.
+/// Work for one caller, on any number of threads.
 #[derive(Debug, Default)]
 pub struct Job {
     is_stopped: AtomicBool,
 }
 
-/// What asks the caller whether to stop, and when next.
+/// The callback that asks the caller whether to stop, and the time of the next question.
 #[derive(Clone, Copy)]
 struct Caller {
     ask: fn() -> bool,
@@ -32,19 +32,19 @@ struct Caller {
 }
 
 thread_local! {
-    /// The job that this thread works for.
+    /// The job of this thread.
     static JOB: RefCell<Option<Arc<Job>>> = const { RefCell::new(None) };
-    /// In the thread of the caller alone.
+    /// Set only on the caller's thread.
     static CALLER: Cell<Option<Caller>> = const { Cell::new(None) };
 }
 
 impl Job {
-    /// That of this thread.
+    /// The job of this thread.
     pub fn current() -> Arc<Job> {
         JOB.with_borrow(Option::clone).unwrap_or_default()
     }
 
-    /// Works for this job. If the work fails, the others of the job may stop too.
+    /// Does work of this job. If it panics, other threads of the job may stop, too.
     pub fn work<R>(self: &Arc<Self>, work: impl FnOnce() -> R) -> R {
         struct Restore<'a>(&'a Job, Option<Arc<Job>>);
         impl Drop for Restore<'_> {
@@ -59,7 +59,7 @@ impl Job {
         work()
     }
 
-    /// As [`poll`], in a thread that may not know of the job.
+    /// As [`poll`], on a thread that may not know of the job.
     #[inline]
     pub fn poll(&self) {
         if self.is_stopped.load(Ordering::Relaxed) {
@@ -68,7 +68,7 @@ impl Job {
     }
 }
 
-/// Does work that stops, and then has no outcome, once `ask` says so. That is called in this thread.
+/// Does work that stops without a result once `ask` returns true. `ask` is called on this thread.
 pub fn until<R>(ask: fn() -> bool, work: impl FnOnce() -> R) -> Option<R> {
     struct Restore(Option<Caller>);
     impl Drop for Restore {
@@ -82,15 +82,14 @@ pub fn until<R>(ask: fn() -> bool, work: impl FnOnce() -> R) -> Option<R> {
     (!job.is_stopped.load(Ordering::Relaxed)).then_some(outcome)
 }
 
-/// Unwinds if the job of this thread is stopped, after asking its caller if this is his thread and it is
-/// time.
+/// Unwinds if this thread's job is stopped; first asks the caller, if on the caller's thread and when due.
 #[inline(never)]
 pub fn poll() {
     ask_in_time();
     JOB.with_borrow(|job| job.as_deref().map(Job::poll));
 }
 
-/// Waits in the thread of the caller until all that the other end is held by is done.
+/// Waits on the caller's thread until all senders are dropped.
 pub fn wait_for(done: &Receiver<()>) {
     while done.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
         ask_in_time();
@@ -125,7 +124,7 @@ mod tests {
         assert_eq!(until(|| false, || 7), Some(7));
         let stopped = catch_unwind(|| until(|| true, work_forever)).unwrap_err();
         assert!(stopped.is::<Stopped>());
-        // Nobody is asked that soon; and work that ends unaware of the answer has no outcome either.
+        // Nobody is asked that soon. Work that ends unaware of a stop has no result either.
         assert_eq!(until(|| true, poll), Some(()));
         let unaware = || {
             std::thread::sleep(2 * PERIOD);

@@ -1,4 +1,4 @@
-//! What unit tests share.
+//! Shared helpers of unit tests.
 
 /// Numbers in [0, 1) from a linear congruential generator.
 pub fn numbers() -> impl FnMut() -> f64 {
@@ -9,14 +9,14 @@ pub fn numbers() -> impl FnMut() -> f64 {
     }
 }
 
-/// Runs a test on a large stack: code that is not optimised has large frames.
+/// Runs a test on a large stack: unoptimized code has large frames.
 pub fn with_large_frames(test: fn()) {
     let thread = std::thread::Builder::new().stack_size(1 << 26).spawn(test);
     assert!(thread.is_ok_and(|thread| thread.join().is_ok()));
 }
 
-/// The largest score that hill climbing finds, and where: from each of some starts so many steps, of which
-/// each changes one number a little, or makes it anew, and counts if the score is no less.
+/// The largest score that hill climbing finds, and its argument. From each of several starts, each step
+/// changes one number a little or redraws it, and is kept if the score does not fall.
 pub fn worst<const N: usize>(
     starts: usize,
     steps: usize,
@@ -49,8 +49,8 @@ pub fn worst<const N: usize>(
     best
 }
 
-/// Asserts that the worst that was found is about as given: bounds hold with so much to spare, and not with
-/// more, so that none is weakened unseen.
+/// Asserts that the worst case is about as known: a bound has this much slack and no more, so that no change
+/// to it goes unnoticed.
 pub fn assert_slack(what: &str, worst: f64, known: f64) {
     assert!(worst <= 1.0, "{what}: the bound is exceeded: {worst}");
     assert!(0.8 * known <= worst && worst <= 1.25 * known, "{what}: {worst} of the bound, {known} was known");

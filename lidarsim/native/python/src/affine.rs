@@ -1,4 +1,4 @@
-//! Affine maps, as transforms are given.
+//! Affine maps, the form of transforms.
 
 use lidarsim_core::{Affine, Object};
 use numpy::ndarray::aview2;
@@ -38,7 +38,7 @@ impl PyAffine {
         PyAffine { rows }
     }
 
-    /// The same of an array in the usual form; none if it is not.
+    /// Fast path for an array in the usual form; `None` for others.
     #[staticmethod]
     fn plain(matrix: &Bound<'_, PyAny>) -> Option<Self> {
         plain::affine(matrix).map(Self::new)

@@ -1,4 +1,4 @@
-//! Point clouds: one call, from the arrays of a scan to those of a cloud.
+//! Point clouds: one call takes the arrays of a scan to those of a cloud.
 
 use lidarsim_core::measure::{
     Coordinates, Copied, Each, Field, Numbers, Origins, PointSource, PointsAndNormals, ReturnCounts,
@@ -31,7 +31,7 @@ macro_rules! columns {
         of_rays { $($(#[$_b:meta])* $ray:ident: $Ray:ty = $_m:expr, $_y:ident, $of_ray:ident;)+ }
         of_pulses $_pulses:tt
     ) => {
-        /// The columns of a scan that a cloud copies. A scan may be without some.
+        /// The columns of a scan that a cloud copies. Some may be absent.
         fn copied_columns<'py>(scan: &Bound<'py, PyAny>) -> PyResult<Vec<Box<dyn Source + 'py>>> {
             let mut columns: Vec<Box<dyn Source>> = Vec::new();
             $(copied!($of_echo, columns, scan, $echo: $Echo);)+
@@ -45,7 +45,7 @@ lidarsim_core::scan_columns!(columns);
 
 /// A column of a scan, of any type.
 trait Source {
-    /// The field of a cloud that is copied from it. `rows`: the number of entries.
+    /// The field of a cloud that copies it. `rows` is the number of entries.
     fn field(&self, rows: usize) -> PyResult<Box<dyn Column + '_>>;
 }
 
@@ -81,8 +81,8 @@ struct AllPulseArrays<'py> {
     column: PyReadonlyArray1<'py, u32>,
 }
 
-/// The fields of `lidarsim.PointCloud`, an entry for each return. `frame`: "sensor" or "world". `moment`: the
-/// time, on the clock of the path, in whose sensor frame all points are given; none for raw points.
+/// The fields of `lidarsim.PointCloud`, one entry per return. `frame` is "sensor" or "world". `moment` is the
+/// time, on the clock of the path, whose sensor frame all points use; `None` for raw points.
 #[pyfunction]
 pub fn points_of<'py>(
     py: Python<'py>,
@@ -137,7 +137,7 @@ pub fn points_of<'py>(
         fields.extend(columns.iter_mut().map(|column| column.field(count)));
         returns.write(&mut fields);
         drop(fields);
-        // SAFETY: the places of all returns were written, or this had unwound.
+        // SAFETY: the places of all returns were written; otherwise this would have unwound.
         unsafe {
             xyz.set_len(3 * count);
             normal.set_len(3 * count);
@@ -155,14 +155,14 @@ pub fn points_of<'py>(
     Ok(fields)
 }
 
-/// A field of a cloud that is copied from a scan.
+/// A field of a cloud that copies a column of a scan.
 trait Column: Send {
-    /// Takes the places of so many returns.
+    /// Reserves the places of `count` returns.
     fn field(&mut self, count: usize) -> Box<dyn Field<'_> + '_>;
 
     /// # Safety
     ///
-    /// The places of so many returns must have been written.
+    /// The places of `count` returns must have been written.
     unsafe fn are_written(&mut self, count: usize);
 
     fn put_in(self: Box<Self>, fields: &Bound<'_, PyDict>) -> PyResult<()>;
@@ -185,7 +185,7 @@ impl<T: Copy + Element + Sync> Column for OfEach<'_, T> {
     }
 
     unsafe fn are_written(&mut self, count: usize) {
-        // SAFETY: there is capacity for as many, and the caller has written them.
+        // SAFETY: there is capacity for `count` values, and the caller has written them.
         unsafe { self.values.set_len(count) };
     }
 
@@ -194,7 +194,7 @@ impl<T: Copy + Element + Sync> Column for OfEach<'_, T> {
     }
 }
 
-/// The elements of a C-contiguous array that has so many.
+/// The elements of a C-contiguous array of n entries.
 fn column<'a, T: Element, D: Dimension>(n: usize, array: &'a PyReadonlyArray<'_, T, D>) -> PyResult<&'a [T]> {
     of_length(n, elements("scan", array)?)
 }

@@ -1,4 +1,4 @@
-//! What Python sees of the core. No Python type goes past these files.
+//! The interface of the core to Python. No Python type leaves these files.
 
 mod affine;
 mod cloud;
@@ -63,10 +63,10 @@ fn isa(py: Python<'_>) -> PyResult<&'static str> {
     level(py).map(Level::name)
 }
 
-/// The instruction set that `LIDARSIM_ISA` asks for, or the best.
+/// The instruction set that `LIDARSIM_ISA` requests, or the best.
 ///
-/// The environment is read in these two functions alone, while the interpreter is held: Python writes it
-/// then.
+/// Only these two functions read the environment, with the interpreter lock held, as Python writes it with
+/// the lock.
 pub fn level(_: Python<'_>) -> PyResult<Level> {
     let Some(name) = env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
     let name = name.to_string_lossy();
@@ -77,19 +77,18 @@ pub fn level(_: Python<'_>) -> PyResult<Level> {
     }
 }
 
-/// As many threads as `LIDARSIM_THREADS` says, if it is a number above 0.
+/// Applies `LIDARSIM_THREADS`, if it is a number above 0.
 fn use_threads(_: Python<'_>) {
     let asked = env::var("LIDARSIM_THREADS").ok().and_then(|n| n.parse().ok()).filter(|&n| n > 0);
     lidarsim_core::use_threads(asked);
 }
 
-/// Does the work of the core, of which all is done here: without the interpreter, which other threads have
-/// meanwhile.
+/// Runs work of the core, and every such call goes through here, with the interpreter lock released.
 ///
 /// # Errors
 ///
-/// What a handler of a signal raises, such as `KeyboardInterrupt`, after which the work is given up.
-/// MemoryError if there is none for an array. RuntimeError if the work panics, which is a fault of the core.
+/// The error that a signal handler raises, such as `KeyboardInterrupt`, which stops the work. MemoryError if
+/// an array cannot be allocated. RuntimeError if the work panics, which is a bug in the core.
 pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyResult<R> {
     use_threads(py);
     match py.detach(|| catch_unwind(AssertUnwindSafe(|| stop::until(has_signal, || with_room(work))))) {
@@ -99,8 +98,7 @@ pub fn detached<R: Send>(py: Python<'_>, work: impl FnOnce() -> R + Send) -> PyR
     }
 }
 
-/// Lets Python handle pending signals, and returns whether a handler raised an error, which is then
-/// [`raised`].
+/// Lets Python handle pending signals. Returns whether a handler raised an error, which is then [`raised`].
 fn has_signal() -> bool {
     let handled = Python::try_attach(|py| py.check_signals().map_err(|error| error.restore(py)));
     handled.is_some_and(|handled| handled.is_err())
@@ -110,7 +108,7 @@ fn raised(py: Python<'_>) -> PyErr {
     PyErr::take(py).unwrap_or_else(|| PyKeyboardInterrupt::new_err(()))
 }
 
-/// The error for what the core unwound with.
+/// The error for the payload of a panic.
 fn explained(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
     if why.is::<Stopped>() {
         return raised(py);
@@ -122,7 +120,7 @@ fn explained(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("a fault in lidarsim, please report it: {}", text.unwrap_or("unknown")))
 }
 
-/// The error that a value is not what an argument has to be; see `lidarsim.errors.ArgumentValueError`.
+/// The error of an argument that cannot be used; see `lidarsim.errors.ArgumentValueError`.
 pub fn argument_error(argument: &str, expected: &str, got: impl Into<String>) -> PyErr {
     let error = |py: Python<'_>| {
         let class = py.import("lidarsim.errors")?.getattr("ArgumentValueError")?;
@@ -131,10 +129,10 @@ pub fn argument_error(argument: &str, expected: &str, got: impl Into<String>) ->
     Python::attach(|py| error(py).unwrap_or_else(|why| why))
 }
 
-/// The elements of an array, which must be aligned and C-contiguous, as the package makes them.
+/// The elements of an array, which must be aligned and C-contiguous; the package ensures this.
 ///
-/// Arrays are read in place. If another thread writes one meanwhile, the values read are unspecified, or the
-/// outcome is a RuntimeError.
+/// Arrays are read in place. If another thread writes to one meanwhile, the values are unspecified, or a
+/// RuntimeError results.
 pub fn elements<'a, T: Element, D: Dimension>(
     name: &str,
     array: &'a PyReadonlyArray<'_, T, D>,
@@ -143,7 +141,7 @@ pub fn elements<'a, T: Element, D: Dimension>(
     array.as_slice().map_err(wrong)
 }
 
-/// The rows of such an array of shape (n, 3).
+/// The rows of such an array, of shape (n, 3).
 pub fn points<'a>(name: &str, array: &'a Points<'_>) -> PyResult<&'a [Point]> {
     let flat = elements(name, array)?;
     match array.shape() {
@@ -152,7 +150,7 @@ pub fn points<'a>(name: &str, array: &'a Points<'_>) -> PyResult<&'a [Point]> {
     }
 }
 
-/// The rays of two arrays, legal ones.
+/// The rays of two arrays, all legal.
 pub fn rays<'a>(origins: &'a Points<'_>, directions: &'a Points<'_>) -> PyResult<(&'a [Point], &'a [Point])> {
     let (o, d) = equal_points(origins, directions)?;
     legal_rays(o, d)?;

@@ -11,7 +11,7 @@ use pyo3::prelude::*;
 
 use crate::{PyAffine, PyPath, PyShape, detached, elements, shape};
 
-/// An object as it was given, which Python has validated, and as the core has it.
+/// An object in two forms: as given and validated in Python, and in the core.
 #[pyclass(frozen, subclass, name = "SceneObject", module = "lidarsim._native")]
 pub struct PySceneObject {
     pub object: Object,
@@ -47,8 +47,8 @@ enum ReflectivityParameter<'py> {
 
 #[pymethods]
 impl PySceneObject {
-    /// The label is one, or one a face; the reflectivity of the material one, or what the material says.
-    /// `like`: an object of the same label, instance and material, which are shared.
+    /// The label is a single one or one per face; the reflectivity is a number or that of the material.
+    /// `like` is an object whose equal label, instance and material are shared.
     #[new]
     #[expect(clippy::too_many_arguments, reason = "the fields, in their order")]
     #[pyo3(
@@ -100,7 +100,7 @@ impl PySceneObject {
         self.transform.map(|map| map.matrix(py))
     }
 
-    /// As of a shape; without its motion.
+    /// As for a shape; without the motion.
     #[getter]
     fn bounds<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         shape::bounds(py, &self.object)
@@ -112,7 +112,7 @@ impl PySceneObject {
     }
 }
 
-/// What a lidar can tell of an object.
+/// The properties of an object that a lidar measures.
 fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAny>) -> PyResult<Appearance> {
     let py = material.py();
     let labels = match label.extract()? {

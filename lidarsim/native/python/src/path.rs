@@ -1,4 +1,4 @@
-//! Poses over time: of sensors, and of what moves in a scene.
+//! Poses over time, of sensors and of moving objects.
 
 use std::sync::Arc;
 
@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 
 use crate::{argument_error, detached, elements};
 
-/// Where the sensor is at each time.
+/// The pose of the sensor at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
 pub struct PyPath {
     pub path: Arc<Path>,
@@ -34,14 +34,14 @@ impl PyPath {
         Path::Still(pose(matrix)).into()
     }
 
-    /// Constant velocities in the moving frame, which is at `matrix` at time 0.
+    /// Constant velocities in the moving frame, whose pose at time 0 is `matrix`.
     #[staticmethod]
     fn twist(matrix: Matrix, linear: Point, angular: Point) -> Self {
         Path::twist(pose(matrix), linear, angular).into()
     }
 
-    /// n rising times; the matrix at each, (n, 16); and how each leads to the next, (n - 1, 18): the three
-    /// coefficients of the way, and those of the rotation vector.
+    /// n ascending times; the matrix at each, (n, 16); and the steps between them, (n - 1, 18): the three
+    /// coefficients of the translation and those of the rotation vector.
     #[staticmethod]
     fn knots(
         py: Python<'_>,
@@ -72,12 +72,12 @@ impl PyPath {
         Ok(path.into())
     }
 
-    /// The path of a sensor that is mounted so on what moves along this one.
+    /// The path of a sensor with this mount on a body that moves along this path.
     fn mounted(&self, matrix: Matrix) -> Self {
         self.path.mounted(&pose(matrix)).into()
     }
 
-    /// The same poses over a span that goes on to `until`, at the velocities of its end.
+    /// The same path over a span that continues to `until`, at the velocities of its end.
     fn held(&self, until: f64) -> PyResult<Self> {
         let path = self.path.held(until);
         if path.at(until).rows().as_flattened().iter().all(|x| x.abs() <= LARGEST) {
@@ -87,12 +87,12 @@ impl PyPath {
         Err(argument_error("pose", "a trajectory within the range of float64", got))
     }
 
-    /// First and last time for which there is a pose.
+    /// The first and last time for which there is a pose.
     fn span(&self) -> (f64, f64) {
         self.path.span().into()
     }
 
-    /// Poses (n, 4, 4) at some times.
+    /// Poses at some times, (n, 4, 4).
     fn at<'py>(&self, py: Python<'py>, times: PyReadonlyArray1<'py, f64>) -> PyResult<Bound<'py, PyAny>> {
         let times = elements("times", &times)?;
         let poses = detached(py, || {
@@ -104,7 +104,7 @@ impl PyPath {
         Ok(poses.into_flattened().into_flattened().into_pyarray(py).reshape([times.len(), 4, 4])?.into_any())
     }
 
-    /// Velocities (n, 2, 3) at times of the span: linear in the world, angular in the moving frame.
+    /// Velocities at times within the span, (n, 2, 3): linear in the world, angular in the moving frame.
     fn velocity<'py>(
         &self,
         py: Python<'py>,

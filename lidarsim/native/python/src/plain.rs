@@ -1,12 +1,11 @@
-//! Arguments in the forms that most have, taken at once. Of all others Python finds out what they are, or
-//! what is wrong with them.
+//! Fast paths for arguments of common types. Python converts all others, or reports what is wrong with them.
 
 use lidarsim_core::Point;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyFloat, PyInt, PyList, PyTuple};
 
-/// The numbers of a tuple, a list or an array of float64, if they are three and finite.
+/// The numbers of a tuple, a list or a float64 array, if they are three and finite.
 #[pyfunction]
 pub fn plain_vector(value: &Bound<'_, PyAny>) -> Option<(f64, f64, f64)> {
     vector(value).map(|[x, y, z]| (x, y, z))
@@ -28,7 +27,7 @@ fn three(count: usize, item: impl Fn(usize) -> Option<f64>) -> Option<Point> {
     if count == 3 { Some([item(0)?, item(1)?, item(2)?]) } else { None }
 }
 
-/// The numbers of vectors, and after them those of numbers, both by name; if all are finite.
+/// The numbers of vectors, followed by single numbers, both by name, if all are finite.
 pub fn numbers(vectors: &Bound<'_, PyDict>, scalars: &Bound<'_, PyDict>) -> Option<Vec<f64>> {
     let mut numbers = Vec::with_capacity(3 * vectors.len() + scalars.len());
     for (_, value) in vectors {
@@ -40,7 +39,7 @@ pub fn numbers(vectors: &Bound<'_, PyDict>, scalars: &Bound<'_, PyDict>) -> Opti
     Some(numbers)
 }
 
-/// A float, or the float nearest to an integer of 64 bits.
+/// A float, or the float nearest to a 64-bit integer.
 fn number(item: &Bound<'_, PyAny>) -> Option<f64> {
     if let Ok(float) = item.cast::<PyFloat>() {
         return Some(float.value());
@@ -48,13 +47,13 @@ fn number(item: &Bound<'_, PyAny>) -> Option<f64> {
     Some(item.cast_exact::<PyInt>().ok()?.extract::<i64>().ok()? as f64)
 }
 
-/// The rows of an array (3, 3) of float64, if they are finite.
+/// The rows of a (3, 3) float64 array, if they are finite.
 #[pyfunction]
 pub fn plain_matrix(value: &Bound<'_, PyAny>) -> Option<[[f64; 3]; 3]> {
     matrix(value)
 }
 
-/// The rows of an array (4, 4) of float64, if they are finite and the last one is (0, 0, 0, 1).
+/// The rows of a (4, 4) float64 array, if they are finite and the last is (0, 0, 0, 1).
 pub fn affine(value: &Bound<'_, PyAny>) -> Option<[[f64; 4]; 4]> {
     matrix(value).filter(|rows| rows[3] == [0.0, 0.0, 0.0, 1.0])
 }

@@ -1,4 +1,4 @@
-//! Scans: one call a frame, from pulses to the arrays of a scan.
+//! Scans: one call per frame takes pulses to the arrays of a scan.
 
 use lidarsim_core::measure::rng::{self, Stream};
 use lidarsim_core::measure::{
@@ -65,7 +65,7 @@ pub struct PulseArrays<'py> {
     ring: PyReadonlyArray1<'py, u16>,
 }
 
-/// The same, of equal length.
+/// The same arrays, checked to be of equal length.
 struct Pulses<'a> {
     directions: &'a [Point],
     origins: Origins<'a>,
@@ -134,7 +134,7 @@ macro_rules! arrays {
             $($(#[$_c:meta])* $pulse:ident: $Pulse:ty = $no_pulse:expr, $has_pulse:ident, $_p:ident;)+
         }
     ) => {
-        /// The columns of a scan by name, without those that the layout does not have.
+        /// The columns of a scan by name, without those absent from the layout.
         fn arrays(py: Python<'_>, columns: ScanColumns) -> PyResult<Bound<'_, PyDict>> {
             let (layout, arrays) = (columns.layout, PyDict::new(py));
             let (pulses, rows) = ([layout.pulses], [layout.pulses, layout.most]);
@@ -150,8 +150,8 @@ macro_rules! arrays {
             Ok(arrays)
         }
 
-        /// The columns of a scan by name: dtype, shape of an entry, whether there is one for each return, and
-        /// the value of an unused entry.
+        /// The columns of a scan by name: dtype, shape of an entry, whether there is one per return, and the
+        /// value of unused entries.
         #[pyfunction]
         pub fn scan_columns(py: Python<'_>) -> PyResult<Bound<'_, PyDict>> {
             let table = PyDict::new(py);
@@ -172,7 +172,7 @@ fn described<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyR
     Ok((numpy::dtype::<T::Number>(py), shape, of_returns, T::array(py, vec![unused], &[])?))
 }
 
-/// Raises MemoryError if there is none for a scan of so many pulses.
+/// Raises MemoryError if a scan of this many pulses does not fit into memory.
 #[pyfunction]
 pub fn expect_room(py: Python<'_>, pulses: usize, lidar: &Bound<'_, PyAny>) -> PyResult<()> {
     let measurement = Measurement::from_parameters(&Attributes(lidar))?;
@@ -180,11 +180,10 @@ pub fn expect_room(py: Python<'_>, pulses: usize, lidar: &Bound<'_, PyAny>) -> P
     detached(py, || ScanColumns::expect_room(Layout { pulses, most, strays, moves: false }))
 }
 
-/// Fires the pulses of a frame and measures what comes back: the arrays of `lidarsim.Scan`, of shape (n,
-/// most).
+/// Fires the pulses of a frame and measures the returns: the arrays of `lidarsim.Scan`, of shape (n, most).
 ///
-/// `indices`: which pulses of the whole frame these are, if they are not all in order.
-/// `draws`: seed, sensor and frame.
+/// `indices` are the pulses' indices in the whole frame, unless they are all of it, in order. `draws` are
+/// seed, sensor and frame.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call a scan")]
 pub fn scan<'py>(
@@ -209,8 +208,8 @@ pub fn scan<'py>(
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(layout);
         scene.scene.prepare();
-        // Rounding keeps the order of times; times that overflow are refused. If nothing moves, time does not
-        // matter.
+        // Rounding preserves the order of times; times that overflow are refused. If nothing moves, times are
+        // irrelevant.
         let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
         let world = scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
         let appearances = &scene.appearances;
@@ -223,7 +222,7 @@ pub fn scan<'py>(
     arrays(py, measured.map_err(|bad| explain(bad, &frame))?)
 }
 
-/// `known`: the number of rings that the sensor has parameters for, if these differ from ring to ring.
+/// `known` is the number of rings with sensor parameters, if these differ between rings.
 fn check_rings(rings: &[u16], known: Option<usize>) -> PyResult<()> {
     let Some(known) = known else { return Ok(()) };
     match rings.iter().position(|ring| usize::from(*ring) >= known) {
@@ -268,7 +267,7 @@ pub fn philox<'py>(
     words.into_flattened().into_pyarray(py).reshape([counters.len(), 4])
 }
 
-/// The inverse of the normal distribution.
+/// The quantile function of the normal distribution.
 #[pyfunction]
 pub fn normal_quantile<'py>(
     py: Python<'py>,

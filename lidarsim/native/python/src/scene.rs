@@ -1,4 +1,4 @@
-//! Scenes, and casts at them.
+//! Scenes, and casts of rays at them.
 
 use std::sync::Arc;
 
@@ -18,14 +18,14 @@ type HitArrays<'py> = (
     Bound<'py, PyArray2<f64>>,
 );
 
-/// Objects, which hits name by their places.
+/// Objects, which hits identify by index.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
 pub struct PyScene {
     pub scene: Scene,
     pub appearances: Vec<Arc<Appearance>>,
 }
 
-/// Rays that are cast at a scene.
+/// Rays to be cast at a scene.
 struct RayCast<'a> {
     world: World<'a>,
     level: Level,
@@ -41,8 +41,8 @@ impl RayCast<'_> {
 }
 
 impl PyScene {
-    /// Runs `work` on rays, which must be legal; `work` tells whether they are. `times`: one a ray, or none
-    /// if nothing moves. `bytes`: of the result, for each ray.
+    /// Runs `work` on rays, which must be legal; `work` tells whether they are. `times` has one per ray, or
+    /// none if nothing moves. `bytes` is the size of the result per ray.
     fn cast_rays<R: Send>(
         &self,
         py: Python<'_>,
@@ -75,7 +75,7 @@ impl PyScene {
 
 #[pymethods]
 impl PyScene {
-    /// `like`: a scene that may have the same objects in other places, whose hierarchy is then refitted.
+    /// `like` is a scene whose hierarchy is refitted if it has the same objects in other places.
     #[new]
     #[pyo3(signature = (items, like=None))]
     fn new(py: Python<'_>, items: &Bound<'_, PyList>, like: Option<&PyScene>) -> PyResult<Self> {
@@ -94,7 +94,7 @@ impl PyScene {
         Ok(PyScene { scene, appearances })
     }
 
-    /// One shape, which can be cast at but not scanned.
+    /// A scene of one shape; it can be cast at but not scanned.
     #[staticmethod]
     fn of_shape(shape: &PyShape) -> Self {
         PyScene { scene: Scene::new(vec![shape.object.clone()]), appearances: Vec::new() }
@@ -105,7 +105,7 @@ impl PyScene {
         detached(py, || self.scene.prepare())
     }
 
-    /// t (n,), object (n,), primitive_id (n,), normal (n, 3). `times`: (n,), or none if nothing moves.
+    /// t (n,), object (n,), primitive_id (n,), normal (n, 3). `times` is (n,), or absent if nothing moves.
     fn cast<'py>(
         &self,
         py: Python<'py>,
@@ -128,7 +128,7 @@ impl PyScene {
                     primitive: &mut primitive.spare_capacity_mut()[..n],
                     normal: &mut normal.spare_capacity_mut()[..3 * n],
                 });
-                // SAFETY: a cast clears the hits of each of its n rays, legal or not, or unwinds.
+                // SAFETY: a cast clears the hit of each of its n rays, legal or not, or unwinds.
                 unsafe {
                     t.set_len(n);
                     object.set_len(n);
@@ -146,7 +146,7 @@ impl PyScene {
         ))
     }
 
-    /// Whether each ray hits anything, (n,). `times`: as of `cast`.
+    /// Whether each ray hits anything, (n,). `times` is as for `cast`.
     fn occluded<'py>(
         &self,
         py: Python<'py>,
@@ -167,7 +167,7 @@ impl PyScene {
                 let n = rays.0.len();
                 let mut occluded = memory::with_capacity(n);
                 let legal = cast.write_to(&mut Occlusion(&mut occluded.spare_capacity_mut()[..n]));
-                // SAFETY: as of `cast`.
+                // SAFETY: as for `cast`.
                 unsafe { occluded.set_len(n) };
                 (occluded, legal)
             },

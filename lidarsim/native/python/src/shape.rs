@@ -1,5 +1,5 @@
-//! Shapes, as Python makes them. What Python has validated is not checked again, but for what exact
-//! arithmetic decides.
+//! Shapes, as constructed from Python. Arguments that Python has validated are not checked again, except by
+//! exact arithmetic.
 
 use std::sync::Arc;
 
@@ -13,18 +13,18 @@ use pyo3::types::{PyDict, PyTuple};
 
 use crate::{Points, PyAffine, argument_error, detached, elements, plain, points, rays};
 
-/// A shape, placed by the maps it went through.
+/// A shape, placed by the maps applied to it.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
 pub struct PyShape {
     pub object: Object,
-    /// The arguments that it was made from, and their numbers; none of a mesh.
+    /// The arguments that define it, and their numbers; none for a mesh.
     form: Form,
     numbers: Vec<f64>,
     transform: Option<PyAffine>,
 }
 
 impl PyShape {
-    /// The shape that has a form of these names, in this order.
+    /// Creates the shape from the form with these argument names, in this order.
     fn of_form<'py>(
         name: &str,
         names: impl Iterator<Item = Bound<'py, PyAny>>,
@@ -52,7 +52,7 @@ impl PyShape {
 
 #[pymethods]
 impl PyShape {
-    /// The shape of this name with these arguments, each a sequence of finite numbers.
+    /// The shape with this name and these arguments, each a sequence of finite numbers.
     #[new]
     fn new(name: &str, arguments: &Bound<'_, PyDict>) -> PyResult<Self> {
         let mut numbers: Vec<f64> = Vec::new();
@@ -62,15 +62,15 @@ impl PyShape {
         Self::of_form(name, arguments.keys().iter(), numbers)
     }
 
-    /// Fast path for arguments of common types: vectors, and after them numbers, by their names. None for
-    /// others.
+    /// Fast path for arguments of common types: vectors, followed by single numbers, by name. `None` for
+    /// other types.
     #[staticmethod]
     fn plain(name: &str, vectors: &Bound<'_, PyDict>, numbers: &Bound<'_, PyDict>) -> Option<Self> {
         let names = vectors.keys().iter().chain(numbers.keys().iter());
         Self::of_form(name, names, plain::numbers(vectors, numbers)?).ok()
     }
 
-    /// Vertices (n, 3) and faces (m, 3). `whole`: the triangles are one primitive.
+    /// Vertices (n, 3) and faces (m, 3). `whole` makes the triangles one primitive.
     #[staticmethod]
     fn triangle_mesh(
         py: Python<'_>,
@@ -98,7 +98,7 @@ impl PyShape {
         self.transform.map(|transform| transform.matrix(py))
     }
 
-    /// The arguments by name, each a tuple of numbers; none of a mesh.
+    /// The arguments by name, each a tuple of numbers; empty for a mesh.
     fn arguments<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let (arguments, mut numbers) = (PyDict::new(py), self.numbers.iter());
         for (name, count) in self.form {
@@ -117,23 +117,23 @@ impl PyShape {
         view(shape, shape.get().mesh().map_or(&[][..], TriangleMesh::faces))
     }
 
-    /// The low and the high corner of a box around the surface; infinite if that is, nan if it is a mesh
+    /// The low and the high corner of a box around the surface; infinite if it is unbounded, NaN for a mesh
     /// without triangles.
     fn bounds<'py>(&self, py: Python<'py>) -> Bound<'py, PyArray2<f64>> {
         bounds(py, &self.object)
     }
 
-    /// The number of primitives that hits tell apart.
+    /// The number of primitives that hits distinguish.
     fn primitives(&self) -> usize {
         self.mesh().map_or(1, TriangleMesh::len)
     }
 
-    /// Triangles of a mesh that have no area.
+    /// The number of triangles of a mesh without area.
     fn degenerate(&self, py: Python<'_>) -> PyResult<usize> {
         self.mesh().map_or(Ok(0), |mesh| detached(py, || mesh.degenerate()))
     }
 
-    /// Bytes held by a mesh and, once it was cast at, its hierarchy.
+    /// Bytes held by a mesh and, after the first cast, its hierarchy.
     fn bytes(&self) -> usize {
         self.mesh().map_or(size_of::<Object>(), TriangleMesh::bytes)
     }
@@ -177,14 +177,13 @@ pub fn bounds<'py>(py: Python<'py>, object: &Object) -> Bound<'py, PyArray2<f64>
 /// A read-only array over rows of a shape, which it keeps alive.
 fn view<'py, T: Element>(shape: &Bound<'py, PyShape>, rows: &[[T; 3]]) -> Bound<'py, PyArray2<T>> {
     let rows = aview2(rows);
-    // SAFETY: the rows are in the shape, which is frozen and which the array owns a reference to.
+    // SAFETY: the rows belong to the shape, which is frozen, and the array owns a reference to it.
     let array = unsafe { PyArray2::borrow_from_array(&rows, shape.clone().into_any()) };
     array.readwrite().make_nonwriteable();
     array
 }
 
-/// The first two edges of a closed outline (n, 2) that touch where they should not; edge i starts at vertex
-/// i.
+/// The first two edges of a closed outline (n, 2) that touch where they must not; edge i starts at vertex i.
 #[pyfunction]
 pub fn self_crossing(py: Python<'_>, outline: PyReadonlyArray2<'_, f64>) -> PyResult<Option<(usize, usize)>> {
     let outline = elements("outline", &outline)?.as_chunks().0;

@@ -1,8 +1,8 @@
 //! Elementary functions whose bits are the same on every platform: additions, multiplications, divisions and
-//! square roots in a written order, where the bits of a C library's functions hang on its version and on the
+//! square roots in a fixed order. The bits of a C library's functions depend on its version and on the
 //! processor.
 //!
-//! The series are Taylor's, cut where the next term is below half an ulp.
+//! The series are Taylor series, truncated where the next term is below half an ulp.
 
 /// Sum of c₀ + c₁x + c₂x² + …, by Horner's rule.
 #[inline(always)]
@@ -10,20 +10,20 @@ pub fn polynomial<const N: usize>(coefficients: [f64; N], x: f64) -> f64 {
     coefficients.iter().rev().fold(0.0, |sum, c| sum * x + c)
 }
 
-/// ln 2 = LN_2_HIGH + LN_2_LOW; the high part has 32 bits, so that an exponent times it is exact.
+/// ln 2 = LN_2_HIGH + LN_2_LOW; the high part has 32 bits, so its product with an exponent is exact.
 const LN_2_HIGH: f64 = f64::from_bits(0x3fe6_2e42_fee0_0000);
 const LN_2_LOW: f64 = f64::from_bits(0x3dea_39ef_3579_3c76);
 
 /// Natural logarithm of a positive, normal number, to within 1 ulp.
 ///
-/// With x = 2ᵏ(1+f), 1+f between √½ and √2, and s = f/(2+f): ln(1+f) = 2 artanh s = f − s(f − 2s²(1/3 + s²/5
-/// + s⁴/7 + …)).
+/// With x = 2ᵏ(1+f), 1+f between √½ and √2, and s = f/(2+f): ln(1+f) = 2 artanh s = f − s(f −
+/// 2s²(1/3 + s²/5 + s⁴/7 + …)).
 ///
-/// f and k·LN_2_HIGH are exact. What s is multiplied by is at most 0.068 with it, and s, that and their
-/// product are off by less than 3.5u together: 0.24u. ln(1+f), at most 0.35, is rounded by ¼u, and the last
-/// sum, where k is not 0, by half an ulp of the result, or not at all where both are in [¼, ½). Results in
-/// [¼, ½), of ulp ½u, are the worst: 0.49u, or where |ln(1+f)| < ¼, s is smaller, and it rounds by ⅛u, (0.11
-/// + ⅛ + ¼)u.
+/// f and k·LN_2_HIGH are exact. The product of s and its factor is at most 0.068; the errors of s, of the
+/// factor and of the product come to less than 3.5u of it: 0.24u. ln(1+f), at most 0.35, rounds by ¼u. The
+/// last sum, if k ≠ 0, rounds by half an ulp of the result, or not at all if ln(1+f) and the result are
+/// both in [¼, ½). Results in [¼, ½), whose ulp is ½u, are the worst: 0.49u, or, where |ln(1+f)| < ¼, s
+/// is smaller, and it rounds by ⅛u, (0.11 + ⅛ + ¼)u.
 #[inline(always)]
 pub fn ln(x: f64) -> f64 {
     let bits = x.to_bits();
@@ -63,13 +63,14 @@ pub const RECIPROCAL_FACTORIALS: [f64; 20] = {
 
 /// eˣ, to within 1 ulp where it is normal.
 ///
-/// x = k·ln 2 + r, |r| ≤ 0.347, of which k·LN_2_HIGH and the difference to x are exact, and what `high − low`
-/// rounds is put back. The worst are r < 0, where the ulp of eʳ is u: eʳ − 1 − r is at most 0.054 there, and
-/// off by three roundings of it and one of the sum with what was put back, 0.19u; the sum with r rounds by
-/// ¼u, and that with 1 by ½u: 0.94u. For r > 0 the ulp is 2u, and the same sums are less than 1.6u.
+/// x = k·ln 2 + r, |r| ≤ 0.347. k·LN_2_HIGH and its difference from x are exact, and the rounding error
+/// of `high − low` is added back. The worst case is r < 0, where the ulp of eʳ is u: eʳ − 1 − r is at
+/// most 0.054; three roundings of it and one of its sum with the correction come to 0.19u; the sum with r
+/// rounds by ¼u and the sum with 1 by ½u: 0.94u. For r > 0 the ulp is 2u, and the errors come to less than
+/// 1.6u.
 #[inline(always)]
 pub fn exp(x: f64) -> f64 {
-    // Past these, float64 holds nothing but 0 and ∞, which is what they give. NaN stays.
+    // Beyond these arguments eˣ underflows to 0 or overflows to ∞. NaN stays NaN.
     let x = x.clamp(-746.0, 710.0);
     let k = (x * std::f64::consts::LOG2_E).round();
     let (high, low) = (x - k * LN_2_HIGH, k * LN_2_LOW);
@@ -84,23 +85,23 @@ pub fn exp(x: f64) -> f64 {
         c
     };
     let e = 1.0 + (r + (((high - r) - low) + r * r * polynomial(TAYLOR, r)));
-    // 2ᵏ itself may not be a float64.
+    // 2ᵏ itself may not be representable.
     let half = whole(k) >> 1;
     let power = |k: i64| f64::from_bits(((k + 1023) as u64) << 52);
     e * power(half) * power(whole(k) - half)
 }
 
-/// The largest angle that [`sin_cos`] is right for; `turns::sin_cos` is so for all.
+/// The largest angle that [`sin_cos`] accepts; `turns::sin_cos` accepts any.
 pub const LARGEST_ANGLE: f64 = 1e6;
 
 /// Sine and cosine, for |x| up to 10⁶, to within 1 ulp of 1.
 ///
-/// x less the nearest multiple of π/2, which is subtracted in three parts of 33 bits and more. The first
-/// difference is exact; the others round by ½u each where |r| > ½, and less below. Sine: that moves it by
-/// 0.71u at most; the terms after r are 0.08 in all, and off by four roundings of it, 0.3u; the sum rounds by
-/// ½u. Cosine: it is moved by 0.71u; the terms after 1 are 0.293 at most, of which r² rounds by ½u times ½,
-/// the polynomial by ¼u times 0.62, and their product by ¼u; the sum rounds by ½u. Both make less than 2u, an
-/// ulp of 1.
+/// The nearest multiple of π/2 is subtracted from x in three parts of at least 33 bits. The first difference
+/// is exact; the others round by ½u each where |r| > ½, and less below. Sine: they move it by 0.71u at
+/// most; the terms after r sum to 0.08, and four roundings of that come to 0.3u; the last sum rounds by ½u.
+/// Cosine: they move it by 0.71u at most; the terms after 1 sum to 0.293 at most: r² rounds by ½u times ½,
+/// the polynomial by ¼u times 0.62, and their product by ¼u; the last sum rounds by ½u. Both come to less
+/// than 2u, an ulp of 1.
 #[inline(always)]
 pub fn sin_cos(x: f64) -> (f64, f64) {
     const PI_2: [f64; 3] = [
@@ -112,7 +113,7 @@ pub fn sin_cos(x: f64) -> (f64, f64) {
     sin_cos_from_quarter(x - k * PI_2[0] - k * PI_2[1] - k * PI_2[2], whole(k))
 }
 
-/// Sine and cosine of the angle r, |r| ≤ π/4, past so many quarters of a turn.
+/// Sine and cosine of r plus `quarter` quarter turns, |r| ≤ π/4.
 #[inline(always)]
 pub fn sin_cos_from_quarter(r: f64, quarter: i64) -> (f64, f64) {
     const fn alternating(first: usize) -> [f64; 9] {
@@ -131,23 +132,23 @@ pub fn sin_cos_from_quarter(r: f64, quarter: i64) -> (f64, f64) {
     let z = r * r;
     let sin = r + r * z * polynomial(const { alternating(3) }, z);
     let cos = 1.0 + z * polynomial(const { alternating(2) }, z);
-    // (sin, cos), (cos, −sin), (−sin, −cos), (−cos, sin): without a branch, for several at once.
+    // (sin, cos), (cos, −sin), (−sin, −cos), (−cos, sin): branchless, so that it vectorizes.
     let (a, b) = if quarter & 1 == 0 { (sin, cos) } else { (cos, sin) };
     let negate = |x: f64, is: i64| f64::from_bits(x.to_bits() ^ ((is & 2) as u64) << 62);
     (negate(a, quarter), negate(b, quarter + 1))
 }
 
-/// A whole number below 2⁵¹ as an integer: beside 3·2⁵¹ it is in the last bits.
+/// A whole number below 2⁵¹ as an integer: adding 3·2⁵¹ moves it to the lowest bits.
 #[inline(always)]
 fn whole(x: f64) -> i64 {
     const BESIDE: f64 = 3.0 * (1_u64 << 51) as f64;
     (x + BESIDE).to_bits() as i64 - BESIDE.to_bits() as i64
 }
 
-/// The angle in [0, π/2] whose sine and cosine are as `sin` to `cos`, both ≥ 0, to within 3e-9 of itself:
-/// good for float32.
+/// The angle in [0, π/2] with this sine and cosine, both ≥ 0 and up to a common factor; its relative error
+/// is below 3e-9, enough for float32.
 ///
-/// arctan(x)/x on [0, 1] as a polynomial in x², fitted at Chebyshev's points.
+/// arctan(x)/x on [0, 1] is a polynomial in x², fitted at the Chebyshev nodes.
 #[inline(always)]
 pub fn first_quadrant_angle(sin: f64, cos: f64) -> f64 {
     let steep = sin > cos;
@@ -177,12 +178,12 @@ mod tests {
     use super::*;
     use crate::testing::worst;
 
-    /// `n` numbers spread evenly from `low` to `high`.
+    /// `n` evenly spaced numbers from `low` to `high`.
     fn spread(low: f64, high: f64, n: usize) -> impl Iterator<Item = f64> {
         (0..n).map(move |i| low + (high - low) * i as f64 / (n - 1) as f64)
     }
 
-    /// Numbers times 2³²⁰, rounded down.
+    /// Fixed-point numbers: multiples of 2⁻³²⁰, rounded down.
     const BITS: u64 = 320;
 
     fn fixed(x: f64) -> BigInt {
@@ -208,8 +209,7 @@ mod tests {
         sign * sum * 2.0_f64.powi(-200)
     }
 
-    /// x/1 + s·x³/3 + x⁵/5 + s·x⁷/7 + … for x = 1/n: the arc tangent (s = −1), and the other way the area
-    /// tangent (s = 1).
+    /// x/1 + s·x³/3 + x⁵/5 + s·x⁷/7 + … for x = 1/n: arctan x (s = −1) or artanh x (s = 1).
     fn arc(n: i64, s: i64) -> BigInt {
         let (mut sum, mut power, mut k) = (BigInt::ZERO, one() / n, 1);
         while power != BigInt::ZERO {
@@ -229,7 +229,7 @@ mod tests {
         arc(26, 1) * 18 - arc(4801, 1) * 2 + arc(8749, 1) * 8
     }
 
-    /// Σ xⁱ/i!, of the terms from `first` on by `step`, with these signs in turn.
+    /// Σ xⁱ/i! over i = `first`, `first` + `step`, …; each sign is `sign` times the one before.
     fn series(x: &BigInt, first: u32, step: u32, sign: i64) -> BigInt {
         let (mut sum, mut term, mut flip) = (BigInt::ZERO, one(), 1);
         for i in 0.. {
@@ -249,13 +249,13 @@ mod tests {
         series(x, 0, 1, 1)
     }
 
-    /// The ulp of a number, which is that of its size.
+    /// The ulp of a number.
     fn ulp(x: f64) -> f64 {
         x.abs().next_up() - x.abs()
     }
 
-    /// Against the series themselves, in numbers of 320 bits: the worst that a search finds is less than what
-    /// is derived above, and not much less.
+    /// Compares with the series in 320-bit numbers: the worst error that a search finds is below the derived
+    /// bound, and not far below.
     #[test]
     fn functions_are_as_near_as_is_derived() {
         let (two, quarter) = (ln_2(), half_pi());
@@ -303,7 +303,7 @@ mod tests {
     fn functions_of_plain_numbers_are_plain() {
         for k in -1022..1023 {
             let x = 1.3 * 2.0_f64.powi(k);
-            // Off by an ulp here and there.
+            // These may differ by an ulp.
             assert!((ln(x) - x.ln()).abs() <= 2.0 * ulp(x.ln()), "{x}: {} {}", ln(x), x.ln());
         }
         for x in spread(-708.0, 709.7, 2_001) {

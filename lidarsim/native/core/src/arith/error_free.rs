@@ -1,6 +1,6 @@
-//! Error-free transformations: the rounded result of an operation and its rounding error, exactly (T. Ogita,
-//! S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005, have them all). They hold
-//! where nothing overflows and no error underflows.
+//! Error-free transformations: the rounded result of an operation and its exact rounding error (collected by
+//! T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J. Sci. Comput. 26, 2005). They hold
+//! unless an operation overflows or an error underflows.
 
 use crate::arith::simd::Floats;
 

@@ -6,18 +6,19 @@ use crate::arith::error_free::{fast_two_sum, two_diff, two_product, two_sum};
 use crate::arith::number::{DoubleDouble, UNIT};
 use crate::arith::simd::{Floats, Isa};
 
-/// By axis.
+/// A vector in eight lanes, by axis.
 pub type V<I> = [<I as Isa>::F64x8; 3];
 
-/// high + low, not renormalized: low is small compared with the terms that were summed to high (the pair
-/// arithmetic of M. Lange, S. Rump, Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
+/// high + low, not renormalized: low is small compared with the terms that high sums (the pair arithmetic of
+/// M. Lange, S. Rump, Faithfully rounded floating-point computations, ACM TOMS 46, 2020).
 #[derive(Clone, Copy)]
 pub struct Expansion<I: Isa> {
     pub high: I::F64x8,
     pub low: I::F64x8,
 }
 
-/// The same number in every lane: high + low, off by at most `CONSTANT`·size, which is at least its size.
+/// A number that is the same in every lane: high + low, off by at most `CONSTANT`·size, with size ≥
+/// |high|.
 #[derive(Clone, Copy, Debug)]
 pub struct Constant {
     pub high: f64,
@@ -25,11 +26,11 @@ pub struct Constant {
     pub size: f64,
 }
 
-/// See `Constant`; a number in double-double is off by no more than a few operations of it, or else its size
-/// is said to be larger.
+/// The relative error of a `Constant`. It covers a few double-double operations; a larger error enlarges the
+/// size.
 pub const CONSTANT: f64 = 64.0 * UNIT * UNIT;
 
-/// What underflow takes from a few products is less than u² of this.
+/// A few products lose less than u² of this to underflow.
 pub const TINY: f64 = f64::MIN_POSITIVE / (UNIT * UNIT);
 
 impl Constant {
@@ -88,7 +89,7 @@ impl<I: Isa> Expansion<I> {
         (Expansion { high, low: low.add(first.sub(second)) }, a.abs().add(b.abs()))
     }
 
-    /// p × q; and for each coordinate, which is a difference of two products, the sum of their sizes.
+    /// p × q; and for each coordinate, a difference of two products, the sum of their absolute values.
     #[inline(always)]
     pub fn cross(p: [Self; 3], q: [Self; 3]) -> ([Self; 3], V<I>) {
         let (x, x_size) = Self::minor(p[1], q[2], p[2], q[1]);
@@ -97,7 +98,7 @@ impl<I: Isa> Expansion<I> {
         ([x, y, z], [x_size, y_size, z_size])
     }
 
-    /// a·b, but for the product of the lower parts.
+    /// a·b without the product of the low parts.
     #[inline(always)]
     pub fn product(a: Self, b: Self) -> Self {
         let (high, low) = two_product(a.high, b.high);
@@ -105,8 +106,8 @@ impl<I: Isa> Expansion<I> {
     }
 
     /// The compensated dot product Dot2 (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, SIAM J.
-    /// Sci. Comput. 26, 2005), with the lower parts of the factors in its correction. Its bound, with that of
-    /// `minor`, is derived in `Crossing`.
+    /// Sci. Comput. 26, 2005), with the low parts of the factors in its correction. `Crossing` derives its
+    /// bound and that of `minor`.
     #[inline(always)]
     pub fn dot(a: [Self; 3], b: [Self; 3]) -> Self {
         let (x, x_low) = two_product(a[0].high, b[0].high);
@@ -130,7 +131,7 @@ impl<I: Isa> Expansion<I> {
         Self::sum_of_three((x, y, z), (x_low, y_low, z_low))
     }
 
-    /// The nearest float64, or the one beside it.
+    /// The nearest float64, or a neighbour of it.
     #[inline(always)]
     pub fn rounded(self) -> I::F64x8 {
         self.high.add(self.low)

@@ -6,7 +6,7 @@ use std::cmp::Ordering;
 pub use super::number::Root;
 use super::number::{Number, Uncertain};
 
-/// The index of the root of a line that touches a surface: there are no two.
+/// The index of the root of a line that touches a surface, which has no second root.
 pub const TOUCHING: u8 = 2;
 
 impl<N: Number> Root<N> {
@@ -25,13 +25,13 @@ impl<N: Number> Root<N> {
         }
     }
 
-    /// t = b/a, a > 0, where a·t² − 2b·t + c = 0 has no other root.
+    /// t = b/a, a > 0: the double root of a·t² − 2b·t + c = 0.
     #[inline(always)]
     pub fn touching(a: N, b: N, feature: u8) -> Self {
         Root { touches: true, ..Root::linear(b, a, feature) }
     }
 
-    /// t = num/den; none where den = 0.
+    /// t = num/den; `None` if den = 0.
     #[inline(always)]
     pub fn ratio(num: N, den: N, feature: u8) -> Result<Option<Self>, Uncertain> {
         Ok(match den.sign()? {
@@ -41,8 +41,8 @@ impl<N: Number> Root<N> {
         })
     }
 
-    /// Both roots of a·t² − 2b·t + c = 0, a > 0, ascending, where disc has sign `order`: one if it is zero,
-    /// none if negative.
+    /// The roots of a·t² − 2b·t + c = 0, a > 0, ascending; disc has sign `order`: one root if zero, none
+    /// if negative.
     #[inline(always)]
     pub fn quadratic(a: N, b: N, c: N, disc: N, order: Ordering, feature: u8) -> Roots<N> {
         match order {
@@ -55,7 +55,7 @@ impl<N: Number> Root<N> {
         }
     }
 
-    /// That of t = (b + branch·√disc)/a, a > 0.
+    /// The sign of t = (b + branch·√disc)/a, a > 0.
     pub fn sign(&self) -> Result<Ordering, Uncertain> {
         match self.branch {
             0 => self.b.sign(),
@@ -69,7 +69,7 @@ impl<N: Number> Root<N> {
         Root { branch: -self.branch, t: None, ..self }
     }
 
-    /// With t computed, in kinds of number that round it.
+    /// Computes t, in kinds of number that round it.
     #[inline(always)]
     fn located(mut self) -> Result<Self, Uncertain> {
         self.t = N::locate(&self)?;
@@ -91,8 +91,8 @@ impl<N: Number> Root<N> {
 /// The roots of a surface of degree two or of a convex solid, ascending and distinct.
 pub type Roots<N> = [Option<Root<N>>; 2];
 
-/// What is left of a line inside a convex solid while one part of its boundary after another cuts it: from
-/// the largest `entry` to the least `exit`.
+/// The part of a line inside a convex solid, from the largest `entry` to the least `exit`, while one part of
+/// the boundary after another cuts it.
 #[derive(Clone)]
 pub struct Chord<N> {
     entry: Option<Root<N>>,

@@ -1,9 +1,9 @@
 //! Sine and cosine of angles of any size, reduced exactly.
 //!
-//! An angle is a rate of turning times a number, as it is for a body that has turned at one rate since time
-//! 0. The rate is kept in turns, as an integer in units of 2⁻¹²¹⁶. Of its product with m·2ᵉ only the bits
-//! just before and after the point are computed: those before are whole turns, and those far behind are too
-//! small to matter (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM SIGNUM
+//! An angle is the product of a turn rate and a number, as for a body that has turned at a constant rate
+//! since time 0. The rate is kept in turns, as an integer in units of 2⁻¹²¹⁶. Of its product with
+//! m·2ᵉ only the bits around the binary point are computed: bits further left are whole turns, and bits
+//! further right are negligible (M. Payne, R. Hanek, Radian reduction for trigonometric functions, ACM SIGNUM
 //! Newsletter 18, 1983).
 
 use std::f64::consts::TAU;
@@ -12,11 +12,11 @@ use num_bigint::BigUint;
 
 use crate::arith::elementary::sin_cos_from_quarter;
 
-/// Bits of a rate after the point: those that the largest float64, below 2¹⁰²⁴, brings to the point, and 192
-/// more.
+/// Fraction bits of a rate: those that the largest float64, below 2¹⁰²⁴, shifts up to the point, and
+/// 192 more.
 const PLACES: i64 = 1216;
 
-/// 1/2π in units of 2⁻²³⁰⁴, rounded down, the least significant digits first.
+/// 1/2π in units of 2⁻²³⁰⁴, rounded down, least significant digits first.
 static PER_RADIAN: [u64; 36] = [
     0xb12b_5053_4b17_4003,
     0xc571_852d_6746_70f0,
@@ -56,15 +56,16 @@ static PER_RADIAN: [u64; 36] = [
     0x28be_60db_9391_054a,
 ];
 
-/// A rate of turning, ≥ 0, in turns a unit of time: the digits of an integer, the least significant first.
+/// A turn rate ≥ 0, in turns per unit of time: the digits of an integer, least significant first.
 #[derive(Clone, Debug)]
 pub struct TurnRate(Vec<u64>);
 
 impl TurnRate {
-    /// That of an angular velocity in rad, to within 2 units.
+    /// The rate of an angular velocity in rad, to within 2 units.
     ///
-    /// With coordinates mᵢ·2ᵉ, of one e, the rate is √(Σ mᵢ²)·2ᵉ/2π: the root is rounded down to a unit, and
-    /// a product of less than 2¹⁰²⁵⁺¹²¹⁶ with 1/2π is off by less than 1 by what 1/2π is off.
+    /// With coordinates mᵢ·2ᵉ, of one e, the rate is √(Σ mᵢ²)·2ᵉ/2π. The root is rounded down
+    /// to a unit. The error of 1/2π adds less than 1 to its product, as the other factor is below
+    /// 2¹⁰²⁵⁺¹²¹⁶.
     pub fn new(angular: [f64; 3]) -> Self {
         let parts = angular.map(parts);
         let least = parts.iter().filter(|(m, _)| *m > 0).map(|(_, e)| *e).min().unwrap_or(0);
@@ -76,7 +77,7 @@ impl TurnRate {
         TurnRate(turns.to_u64_digits())
     }
 
-    /// Sine and cosine of the angle that is reached at a time: as of `sin_cos`.
+    /// Sine and cosine of the angle reached at a time, as accurate as `sin_cos`.
     pub fn sin_cos(&self, time: f64) -> (f64, f64) {
         sin_cos_of(&self.0, time)
     }
@@ -88,22 +89,22 @@ pub fn sin_cos(angle: f64) -> (f64, f64) {
 }
 
 fn sin_cos_of(rate: &[u64], time: f64) -> (f64, f64) {
-    // In units of 2⁻¹²⁸ of a turn, so that a quarter has 126 bits; the rest is at most half a quarter, either
-    // way.
+    // In units of 2⁻¹²⁸ of a turn a quarter has 126 bits; the remainder is at most half a quarter
+    // either way.
     let turned = fraction(rate, time);
     let quarter = turned.wrapping_add(1 << 125) >> 126;
     let rest = turned.wrapping_sub(quarter << 126) as i128;
-    // Of r up to π/4 three roundings, 3u in all, move sine and cosine by less than 0.75u each after what
-    // `sin_cos` allows r itself.
+    // Three roundings of r ≤ π/4, 3u in all, move sine and cosine by less than 0.75u each beyond the error
+    // that `sin_cos` allows in r itself.
     let (sin, cos) = sin_cos_from_quarter(rest as f64 / 2.0_f64.powi(128) * TAU, quarter as i64);
     (if time < 0.0 { -sin } else { sin }, cos)
 }
 
-/// The fraction of |time| times a rate, in units of 2⁻¹²⁸: less than 2⁻¹⁰ of a unit below it for an exact
-/// rate.
+/// The fraction of |time| times a rate, in units of 2⁻¹²⁸; for an exact rate, less than 2⁻¹⁰ of a
+/// unit too low.
 ///
-/// With time = m·2ᵉ and `window` the bits of the rate worth 2⁻ᵉ⁻¹ to 2⁻ᵉ⁻¹⁹², the product m·window is off by
-/// less than m units of 2⁻¹⁹².
+/// With time = m·2ᵉ and `window` the bits of the rate worth 2⁻ᵉ⁻¹ to 2⁻ᵉ⁻¹⁹², the product
+/// m·window is off by less than m units of 2⁻¹⁹².
 fn fraction(rate: &[u64], time: f64) -> u128 {
     let (m, e) = parts(time);
     let first = (PLACES - 192 - e) as usize;
@@ -132,7 +133,7 @@ mod tests {
     use super::*;
     use crate::testing::numbers;
 
-    /// π·2ᵇ, by Machin's formula, off by less than the number of its terms.
+    /// π·2ᵇ, by Machin's formula; the error is below the number of terms.
     fn pi(bits: u64) -> BigInt {
         let arc = |n: i64| {
             let (mut sum, mut power, mut k) = (BigInt::ZERO, (BigInt::from(1) << bits) / n, 1_i64);
@@ -151,12 +152,12 @@ mod tests {
         let bytes: Vec<u8> = PER_RADIAN.iter().flat_map(|limb| limb.to_le_bytes()).collect();
         let digits = BigInt::from(BigUint::from_bytes_le(&bytes));
         let bits = 64 * PER_RADIAN.len() as u64;
-        // digits·2π = 2ᵇ less what is cut off, up to 2π: with π to 64 bits more, and divided by these.
+        // digits·2π = 2ᵇ less the truncation, up to 2π; π has 64 more bits, which the division removes.
         let short: BigInt = (BigInt::from(1) << (bits + 64)) - ((digits * pi(bits + 64) * 2) >> bits);
         assert!(short > BigInt::ZERO && short < BigInt::from(7) << 64, "{short}");
     }
 
-    /// Against the fraction of the same product of integers, and 2π to 2,400 bits.
+    /// Compares with the fraction of the same integer product, and 2π to 2,400 bits.
     #[test]
     fn angles_of_all_sizes_are_reduced() {
         let mut number = numbers();
@@ -172,7 +173,7 @@ mod tests {
             let (m, e) = parts(x);
             let angle = BigInt::from(m) << (2400 + e);
             let rest = &angle - (&angle / &two_pi) * &two_pi;
-            // rest/2²⁴⁰⁰ to 60 bits is a float64 to within rounding, below 2π.
+            // rest/2²⁴⁰⁰ to 60 bits is a float64 up to rounding, below 2π.
             let radians = i128::try_from(&rest >> (2400 - 100)).unwrap() as f64 * 2.0_f64.powi(-100);
             let (sin, cos) = sin_cos(x);
             let (other_sin, other_cos) = crate::arith::elementary::sin_cos(radians);
@@ -196,7 +197,7 @@ mod tests {
                     "{angular:?} {time}"
                 );
             }
-            // (3, 4, 12)·s turns at 13 s.
+            // (3, 4, 12)·s turns at the rate 13 s.
             let s = (1.0 + number()) * 2.0_f64.powi(200);
             let s = f64::from_bits(s.to_bits() & !15);
             let (sin, cos) = TurnRate::new([3.0 * s, -4.0 * s, 12.0 * s]).sin_cos(1.0);

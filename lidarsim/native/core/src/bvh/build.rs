@@ -1,9 +1,9 @@
-//! Building by the surface area heuristic over bins (I. Wald, On fast construction of SAH-based bounding
-//! volume hierarchies, 2007).
+//! Building by the binned surface area heuristic (I. Wald, On fast construction of SAH-based bounding volume
+//! hierarchies, 2007).
 //!
-//! A binary tree is grown first, and the nodes are then the cut of it that is best as a whole (H. Ylitie et
-//! al., Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, 2017). The hierarchy does
-//! not depend on the threads.
+//! A binary tree is grown first and then collapsed into wide nodes by its optimal cut (H. Ylitie et al.,
+//! Efficient Incoherent Ray Traversal on GPUs Through Compressed Wide BVHs, 2017). The hierarchy does not
+//! depend on the number of threads.
 
 use std::ops::Range;
 
@@ -19,19 +19,20 @@ use crate::stop::Job;
 
 const BINS: usize = 16;
 
-/// Levels of the binary tree split by surface; below them ranges are halved.
+/// Levels of the binary tree that are split by surface area; below them ranges are halved.
 const BY_SURFACE: usize = 40;
 
-/// Most levels of nodes: each takes one or more of the binary tree, and 2³⁰ primitives are halved 30 times.
+/// Most levels of nodes. Each takes at least one level of the binary tree, and 2³⁰ primitives are halved
+/// 30 times.
 pub const DEPTH: usize = BY_SURFACE + 30;
 
-/// More primitives than this are built over in parallel, by the threads of the pool that this runs in.
+/// Above this number of primitives the threads of the current pool build in parallel.
 pub const PARALLEL: usize = 4096;
 
-/// Ranges of fewer primitives than this are split by position alone.
+/// Ranges of fewer primitives are split by position alone.
 const SIZED: usize = 4096;
 
-/// A box: its low corner, and its high corner negated, so that to include is to take minima.
+/// A box: its low corner and its negated high corner, so that a union takes minima.
 #[derive(Clone, Copy)]
 pub struct Aabb([f32; 6]);
 
@@ -53,7 +54,7 @@ impl Aabb {
     #[inline]
     pub fn include(&mut self, other: &Aabb) {
         for i in 0..6 {
-            // Keeps what it has where the other is NaN.
+            // A NaN leaves the bound as it is.
             self.0[i] = if other.0[i] < self.0[i] { other.0[i] } else { self.0[i] };
         }
     }
@@ -66,7 +67,7 @@ impl Aabb {
         -self.0[3 + axis]
     }
 
-    /// Half the surface; zero for an empty box.
+    /// Half the surface area; zero for an empty box.
     #[inline]
     pub fn surface(&self) -> f32 {
         let side = |axis| (self.high(axis) - self.low(axis)).max(0.0);
@@ -82,14 +83,14 @@ struct Item {
 }
 
 impl Item {
-    /// Halved first, so that the middle stays finite.
+    /// Halving first keeps it finite.
     #[inline]
     fn middle(&self, axis: usize) -> f32 {
         0.5 * self.bounds.low(axis) + 0.5 * self.bounds.high(axis)
     }
 }
 
-/// Boxes around items, and around their middles.
+/// Boxes around items, and around their centres.
 #[derive(Clone, Copy)]
 struct Extent {
     bounds: Aabb,
@@ -114,7 +115,7 @@ impl Extent {
     }
 }
 
-/// `bounds` are those of each of `count` primitives.
+/// `bounds` returns the bounds of each of `count` primitives.
 pub fn build<L: Send>(
     count: usize,
     bounds: impl Fn(u32) -> Option<[Interval; 3]> + Sync,
@@ -143,7 +144,7 @@ pub fn build<L: Send>(
         Item { bounds, id }
     };
     let mut items = collect(count, shared, item);
-    // What `down` gives is below infinity.
+    // `down` returns less than infinity.
     items.retain(|item| item.bounds.low(0) < f32::INFINITY);
     let mut parts = Parts { nodes: Vec::new(), leaves: Vec::new() };
     if !items.is_empty() {
@@ -163,8 +164,8 @@ pub fn build<L: Send>(
     Bvh::with(center, memory::copy(&parts.nodes), leaves)
 }
 
-/// What `make` gives for the numbers below `count`, in order; by all threads of the pool, if the work is
-/// shared.
+/// The values of `make` for the numbers below `count`, in order. If `shared`, all threads of the pool take
+/// part.
 fn collect<T: Send>(count: usize, shared: bool, make: impl Fn(u32) -> T + Sync) -> Vec<T> {
     let mut made = memory::with_capacity(count);
     let numbers = 0..count as u32;
@@ -180,14 +181,14 @@ fn collect<T: Send>(count: usize, shared: bool, make: impl Fn(u32) -> T + Sync) 
 struct Tree {
     bounds: Aabb,
     len: usize,
-    /// The least surface of the inner nodes that the tree comes to as up to 1, 2, … children of a node.
+    /// The least surface area of the inner nodes if the tree becomes up to 1, 2, … children of a node.
     cost: [f32; WIDTH],
-    /// None for a leaf.
+    /// `None` for a leaf.
     halves: Option<Box<[Tree; 2]>>,
 }
 
 impl Tree {
-    /// Orders `items`.
+    /// Grows a tree over `items`, which it reorders.
     fn grow(items: &mut [Item], extent: Extent, most: usize, depth: usize, job: &Job) -> Tree {
         job.poll();
         let (bounds, len) = (extent.bounds, items.len());
@@ -212,7 +213,7 @@ impl Tree {
         Tree { bounds, len, cost, halves: Some(memory::boxed([a, b])) }
     }
 
-    /// The best cut of the tree's halves into so many children at most.
+    /// The best cut of the tree's halves into at most `slots` children.
     fn cut<'a>(&'a self, slots: usize, children: &mut Vec<&'a Tree>) {
         let Some(halves) = &self.halves else {
             children.push(self);
@@ -236,19 +237,19 @@ impl Tree {
     }
 }
 
-/// The ways to give each of two some of the slots.
+/// The ways to share the slots between two.
 fn shares(slots: usize) -> impl Iterator<Item = (usize, usize)> {
     (1..slots).map(move |i| (i, slots - i))
 }
 
-/// Nodes, the root first, each before those below it; and what leaves hold of the items.
+/// The nodes, the root first and each before its descendants, and the leaves.
 struct Parts {
     nodes: Vec<Node>,
     leaves: Vec<Range<usize>>,
 }
 
 impl Parts {
-    /// Adds a tree, the items of which begin at `start`, as a node.
+    /// Adds a tree as a node; its items begin at `start`.
     fn add(&mut self, tree: &Tree, mut start: usize, job: &Job) {
         job.poll();
         let mut children = Vec::with_capacity(WIDTH);
@@ -279,12 +280,12 @@ impl Parts {
     }
 }
 
-/// Sorts items into bins: by the place of their middle along an axis; or by their surface, a bin a power of
-/// two, for a few that are large would else make every box large that they come into.
+/// Sorts items into bins: by their centre along an axis, or by surface area, one bin per power of two.
+/// Otherwise a few large items would enlarge the boxes of all others.
 struct Grid {
     low: [f32; 3],
     scale: [f32; 3],
-    /// The bits of the largest surface there may be.
+    /// The bits of the largest possible surface area.
     largest: u32,
 }
 
@@ -298,7 +299,7 @@ impl Grid {
         Grid { low, scale, largest: extent.bounds.surface().to_bits() }
     }
 
-    /// Where there is no extent, or none that is a number, NaN becomes bin 0.
+    /// If the extent is zero or not finite, NaN becomes bin 0.
     #[inline]
     fn bin(&self, key: usize, item: &Item) -> usize {
         let bin = if key == Grid::SIZE {
@@ -340,8 +341,8 @@ fn fill(items: &[Item], grid: &Grid, keys: usize) -> Bins {
     bins
 }
 
-/// Orders `items` into two parts of least surface times leaves, and returns the length of the first, and the
-/// extents of both.
+/// Orders `items` into two parts that minimize surface area times leaves. Returns the length of the first and
+/// the extents of both.
 fn split(items: &mut [Item], extent: &Extent, most: usize) -> Option<(usize, [Extent; 2])> {
     let grid = Grid::over(extent);
     let keys = if items.len() < SIZED { Grid::SIZE } else { Grid::KEYS };
@@ -382,7 +383,7 @@ fn split(items: &mut [Item], extent: &Extent, most: usize) -> Option<(usize, [Ex
     Some((at, extents))
 }
 
-/// As `split`, in the middle along the longest axis, between full leaves.
+/// As `split`, but in the middle along the longest axis, between full leaves.
 fn halve(items: &mut [Item], extent: &Extent, most: usize) -> (usize, [Extent; 2]) {
     let length = |axis| extent.middles.high(axis) - extent.middles.low(axis);
     let axis = (1..3).fold(0, |longest, axis| if length(axis) > length(longest) { axis } else { longest });
@@ -391,12 +392,12 @@ fn halve(items: &mut [Item], extent: &Extent, most: usize) -> (usize, [Extent; 2
     (half, [Extent::of(&items[..half]), Extent::of(&items[half..])])
 }
 
-/// A leaf costs the same whether it is full or not.
+/// The number of leaves: a partly filled leaf costs as much as a full one.
 fn leaves(count: usize, most: usize) -> f32 {
     count.div_ceil(most) as f32
 }
 
-/// Brings the items that are `first` to the front, each tested once, and counts them.
+/// Moves the items that are `first` to the front, testing each once, and counts them.
 fn partition(items: &mut [Item], mut first: impl FnMut(&Item) -> bool) -> usize {
     let (mut start, mut end) = (0, items.len());
     loop {
@@ -433,7 +434,7 @@ mod tests {
         points.map(|p| Some(p.map(Interval::point))).collect()
     }
 
-    /// Boxes of all sizes, some of them flat, some very large.
+    /// Boxes of all sizes, some flat, some very large.
     fn mixed(count: usize) -> Boxes {
         let mut next = numbers();
         let mut side = |scale: f64| {
@@ -445,8 +446,8 @@ mod tests {
         (0..count).map(|i| Some([side(scale(i)), side(scale(i)), side(0.1 * scale(i))])).collect()
     }
 
-    /// Checks that every primitive with a box is in one leaf, and in all boxes above; returns the levels of
-    /// nodes.
+    /// Checks that every primitive with a box is in one leaf and inside all boxes above. Returns the levels
+    /// of nodes.
     fn check(boxes: &Boxes, most: usize) -> usize {
         let bvh = built(boxes, most);
         let mut found = Vec::new();

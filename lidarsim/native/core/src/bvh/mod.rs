@@ -2,7 +2,7 @@
 //!
 //! Boxes are float32, relative to a float64 centre and rounded outward, and slab tests are conservative (T.
 //! Ize, Robust BVH Ray Traversal, JCGT 2013): traversal culls primitives, but never one that a ray
-//! intersects. Intersections are decided elsewhere, for the float64 input.
+//! intersects. Exact intersection of the float64 input happens elsewhere.
 
 mod build;
 mod node;
@@ -27,19 +27,19 @@ pub use traversal_ray::TraversalRay;
 /// Most primitives a leaf may hold.
 pub const MAX_LEAF_SIZE: usize = 8;
 
-/// A hierarchy over leaves of whatever kind.
+/// A hierarchy over leaves of any kind.
 #[derive(Clone, Debug)]
 pub struct Bvh<L> {
     center: Point,
-    /// How far from the centre its boxes reach along each axis; without any, infinity.
+    /// How far the boxes reach from the centre along each axis; infinity if there are none.
     reach: [f32; 3],
     nodes: Vec<Node>,
     leaves: Vec<L>,
 }
 
 impl<L: Send> Bvh<L> {
-    /// Over primitives 0 to `count`; those without a box (none) are left out. `leaf` makes a leaf of up to
-    /// `most` primitives, at most `MAX_LEAF_SIZE`.
+    /// Builds a hierarchy of primitives 0 to `count`, without those whose bounds are `None`. `leaf` makes a
+    /// leaf of up to `most` primitives, at most `MAX_LEAF_SIZE`.
     pub fn new(
         count: usize,
         bounds: impl Fn(u32) -> Option<[Interval; 3]> + Sync,
@@ -47,7 +47,7 @@ impl<L: Send> Bvh<L> {
         leaf: impl Fn(&[u32]) -> L + Sync,
     ) -> Self {
         let build = || build::build(count, &bounds, most.min(MAX_LEAF_SIZE), &leaf);
-        // To wake other threads takes as long as to build over some hundreds of primitives.
+        // Waking other threads takes as long as building over some hundreds of primitives.
         if count > build::PARALLEL { parallel::run(build) } else { build() }
     }
 }
@@ -65,13 +65,13 @@ impl<L> Bvh<L> {
         Bvh { center, reach, nodes, leaves }
     }
 
-    /// How far from the centre its boxes reach along any axis; without any, infinity.
+    /// How far the boxes reach from the centre along any axis; infinity if there are none.
     pub fn longest_reach(&self) -> f64 {
         let [x, y, z] = self.reach;
         x.max(y).max(z).into()
     }
 
-    /// The leaf, if there is but one.
+    /// The leaf, if it is the only one.
     pub fn only_leaf(&self) -> Option<&L> {
         if self.leaves.len() == 1 { self.leaves.first() } else { None }
     }

@@ -18,7 +18,7 @@ pub struct Child(pub u32);
 
 impl Child {
     const LEAF_BIT: u32 = 1 << 31;
-    /// End of a stack: no node has the root for a child.
+    /// End of a stack: no node has the root as a child.
     pub const END: Child = Child::node(0);
 
     pub const fn node(index: usize) -> Self {

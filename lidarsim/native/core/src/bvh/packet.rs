@@ -1,10 +1,10 @@
 //! Ray packets prepared for a hierarchy, and their conservative slab tests in float32 (I. Wald et al.,
 //! Interactive Rendering with Coherent Ray Tracing, 2001; T. Ize, Robust BVH Ray Traversal, 2013).
 //!
-//! As in `TraversalRay`, the t of a box's near plane is bounded from below and that of its far plane from
-//! above. The frustum of the packet, interval arithmetic over its origins and reciprocal directions, culls
-//! most boxes for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing Algorithm, 2005; S. Boulos et
-//! al., Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
+//! As in `TraversalRay`, t is bounded from below at a box's near plane and from above at its far plane. The
+//! frustum of the packet, interval arithmetic over its origins and reciprocal directions, culls most boxes
+//! for all rays at once (A. Reshetov et al., Multi-Level Ray Tracing Algorithm, 2005; S. Boulos et al.,
+//! Geometric and Arithmetic Culling Methods for Entire Ray Packets, 2006).
 
 use super::Bvh;
 use super::node::{Node, WIDTH};
@@ -14,12 +14,12 @@ use crate::arith::simd::{Floats, Isa};
 /// Unit roundoff of float32.
 const U: f32 = f32::EPSILON / 2.0;
 
-/// A slope is the float32 reciprocal of a direction that was rounded to float32: that is off by u, or, if it
-/// is subnormal, by 2⁻¹⁵⁰, which is 4u of 2⁻¹²⁸; with the reciprocal 5u. A subtraction and two products more,
-/// that by this factor among them, add 1u each: 8u, and half as much again.
+/// A slope is the float32 reciprocal of a direction rounded to float32. The direction is off by u, or, if
+/// subnormal, by 2⁻¹⁵⁰, which is 4u of 2⁻¹²⁸; with the reciprocal, 5u. A subtraction and two
+/// products, including the product with this factor, add 1u each: 8u, and the factor has half as much again.
 ///
-/// Reciprocals below 2⁻¹²⁸ overflow. Then the true one is at least 2¹²⁸·(1 − 4u), which is above the largest
-/// number times `SHRINK`.
+/// Reciprocals of numbers below 2⁻¹²⁸ overflow. The true one is then at least 2¹²⁸·(1 − 4u),
+/// more than the largest number times `SHRINK`.
 const SHRINK: f32 = 1.0 - 12.0 * U;
 const STRETCH: f32 = 1.0 + 12.0 * U;
 
@@ -27,15 +27,15 @@ const STRETCH: f32 = 1.0 + 12.0 * U;
 pub struct Packet {
     subpackets: [Subpacket; SUBPACKETS],
     count: usize,
-    /// t times this is t here; a power of two.
+    /// The t of a ray times this, a power of two, is t in the packet.
     scale: f64,
-    /// As of `RayPacket`.
+    /// As in `RayPacket`.
     offset: [f64; LANES],
     has_offsets: bool,
     pub(super) octant: Octant,
 }
 
-/// What all rays of a packet have in common: the lower bound of t, and by axis which plane of a box they
+/// Properties that all rays of a packet share: the lower bound of t, and by axis which plane of a box they
 /// enter first.
 #[derive(Clone, Copy)]
 pub(super) struct Octant {
@@ -73,7 +73,7 @@ impl Subpacket {
     ) {
         let (mut low, mut high) = halves::<I>(t, g);
         if let Some(offset) = offset {
-            // A limit before the start is none: nothing is met there.
+            // A limit before the start becomes an empty range.
             let (zero, less) = (I::F64x8::splat(0.0), halves::<I>(offset, g));
             (low, high) = (Floats::max(low.sub(less.0), zero), Floats::max(high.sub(less.1), zero));
         }
@@ -83,7 +83,7 @@ impl Subpacket {
     }
 }
 
-/// Bounds of origins and slopes (reciprocal directions), over all rays or of one of them.
+/// Bounds of origins and slopes (reciprocal directions), over all rays or over one of them.
 #[derive(Clone, Copy)]
 pub(super) struct Frustum {
     near_origin: [f32; 3],
@@ -92,15 +92,15 @@ pub(super) struct Frustum {
     far_slope: [f32; 3],
 }
 
-/// The children of a node whose boxes any ray of a frustum may enter, the farthest first.
+/// The children of a node whose boxes some ray of a frustum may enter, farthest first.
 #[repr(C, align(64))]
 pub(super) struct BoxHits {
     pub count: usize,
-    /// Which child each is of.
+    /// The index of each child.
     pub child: [u32; WIDTH],
     /// Lower bounds of t.
     pub near: [f32; WIDTH],
-    /// By child, from the origins to the near and to the far planes.
+    /// By child, the distances from the origins to the near and far planes.
     first: [[f32; WIDTH]; 3],
     last: [[f32; WIDTH]; 3],
 }
@@ -112,7 +112,7 @@ impl Packet {
         Packet { subpackets, count: 0, scale: 1.0, offset, has_offsets: false, octant }
     }
 
-    /// Rays of one octant about the centre of a hierarchy, from t_min ≥ 0 to a limit each.
+    /// Sets up rays of one octant, relative to the centre of a hierarchy, from t_min ≥ 0 to one limit each.
     #[inline(always)]
     pub fn enter<I: Isa>(
         &mut self,
@@ -124,8 +124,8 @@ impl Packet {
         let octant = rays.octant;
         self.octant.backward = [octant & 1 != 0, octant & 2 != 0, octant & 4 != 0];
         self.count = rays.count;
-        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents stay far inside float64's (see
-        // `RayPacket::gather`). Of rays much shorter than the longest, components may underflow here; see
+        // Powers of two around 2^e ≤ largest < 2^(e+1): their exponents are far from the limits of float64
+        // (see `RayPacket::gather`). Components of rays much shorter than the longest may underflow; see
         // `SHRINK`.
         let mut largest = I::F64x8::splat(0.0);
         for eight in 0..self.count.div_ceil(8) {
@@ -161,16 +161,16 @@ impl Packet {
         let offset = self.has_offsets.then_some(&self.offset);
         let subpacket = &mut self.subpackets[g];
         subpacket.set_limits::<I>(g, limits, offset, I::F64x8::splat(self.scale));
-        // By axis: bounds of how far the origin is from the centre, and of |d|; and the rays whose direction
-        // has no certain sign.
+        // By axis: bounds of the distance between origin and centre, and of |d|; and the rays whose direction
+        // has an uncertain sign.
         let (mut distance, mut slowest, mut fastest, mut unsigned) =
             ([zero; 3], [zero; 3], [zero; 3], [0; 3]);
         let (low, high) = halves::<I>(&rays.origin_error, g);
         let origin_error = I::narrow(low, high).mul(I::F32x16::splat(1.0 + 4.0 * U));
         let origin_error = origin_error.add(I::F32x16::splat(f32::MIN_POSITIVE));
-        // In float64, where errors of rays much shorter than the longest are not yet lost to underflow. What
-        // is lost of them, and of directions, is at most half the smallest subnormal, 2⁻¹⁵⁰, each time; the
-        // least normal number, 2⁻¹²⁶, covers it.
+        // In float64 the errors of rays much shorter than the longest do not underflow yet. Each conversion
+        // of an error or a direction loses at most half the smallest subnormal, 2⁻¹⁵⁰; the least
+        // normal number, 2⁻¹²⁶, covers it.
         let (low, high) = halves::<I>(&rays.direction_error, g);
         let none = I::F64x8::splat(0.0);
         let vague = none.lt(low) | none.lt(high) != 0;
@@ -183,8 +183,8 @@ impl Packet {
             let middle = I::F64x8::splat(hierarchy.center[axis]);
             let (low, high) = halves::<I>(&rays.origin[axis], g);
             let o = I::narrow(low.sub(middle), high.sub(middle));
-            // Conversion and difference: 1u and a trifle. The error of the origin is rounded up along with
-            // it.
+            // Conversion and difference: slightly more than 1u. The error of the origin is rounded up along
+            // with it.
             let error = o.abs().mul(I::F32x16::splat(4.0 * U)).add(origin_error);
             distance[axis] = o.abs().add(error);
             let error = error.mul(sign);
@@ -195,7 +195,7 @@ impl Packet {
             let mut near = one.div(d);
             let mut far = near;
             if vague {
-                // The error also covers what rounded d and the difference may be off.
+                // The error also covers the rounding of d and of the difference.
                 let error = direction_error.add(d.mul(I::F32x16::splat(4.0 * U)));
                 (slowest[axis], fastest[axis]) = (Floats::max(d.sub(error), zero), d.add(error));
                 (near, far) = (one.div(fastest[axis]), one.div(slowest[axis]));
@@ -207,9 +207,9 @@ impl Packet {
             subpacket.far_slope[axis] = far.mul(sign).store();
         }
         if unsigned != [0; 3] {
-            // No hit in the hierarchy is later than when the ray leaves it along any axis. A ray that may go
-            // backward comes as far as that from its origin, to boxes whose far planes are there; to those
-            // ahead it comes no sooner than if it went forward.
+            // No hit is later than the exit of the ray from the hierarchy along any axis. A ray that may go
+            // backward moves at most that far from its origin and reaches boxes whose far planes lie there.
+            // It reaches boxes ahead no sooner than if it went forward.
             let mut latest = I::F32x16::load(&subpacket.limit);
             for axis in 0..3 {
                 let way = distance[axis].add(I::F32x16::splat(hierarchy.reach[axis]));
@@ -227,7 +227,7 @@ impl Packet {
         }
     }
 
-    /// Where the sign of a lane's direction is not certain, `octant` may have either.
+    /// Allows both signs of a direction whose sign is uncertain in some lane.
     #[inline(always)]
     pub(super) fn frustum_of_all<I: Isa>(&self) -> Frustum {
         let mut frustum = Frustum::EMPTY;
@@ -259,7 +259,7 @@ impl Packet {
         frustum
     }
 
-    /// A number after the other: to read back in one piece what was written in several takes long.
+    /// Writes single numbers: reading one wide value back after several narrow stores stalls.
     #[inline(always)]
     pub(super) fn put_frustum_of_one(&self, lane: usize, frustum: &mut Frustum) {
         let (subpacket, lane) = (&self.subpackets[lane / WIDE], lane % WIDE);
@@ -283,7 +283,7 @@ impl Packet {
         (t * self.scale) as f32 * (1.0 + 4.0 * U) + f32::MIN_POSITIVE
     }
 
-    /// Sets the limits of all rays; as `limit_of`.
+    /// Sets the limits of all rays, as `limit_of`.
     #[inline(always)]
     pub(super) fn set_limits<I: Isa>(&mut self, t: &[f64; LANES]) {
         let (scale, offset) = (I::F64x8::splat(self.scale), self.has_offsets.then_some(&self.offset));
@@ -302,8 +302,8 @@ impl Packet {
         within & mask
     }
 
-    /// The rays of `mask` that may enter box i of a node that the frustum has been tested with: by the
-    /// origins of the frustum, and slopes of their own.
+    /// The rays of `mask` that may enter box i of a node, after its test against the frustum. Uses the
+    /// origins of the frustum and the slopes of each ray.
     #[inline(always)]
     pub(super) fn intersect<I: Isa>(&self, mask: Mask, box_hits: &BoxHits, i: usize) -> Mask {
         let mut hit = 0;
@@ -324,11 +324,11 @@ impl Packet {
     }
 }
 
-/// The children of a node whose boxes any of a few rays may enter, the farthest first.
+/// The children of a node whose boxes any of a few rays may enter, farthest first.
 #[repr(C, align(64))]
 pub(super) struct FewBoxHits {
     pub count: usize,
-    /// Which child each is of.
+    /// The index of each child.
     pub child: [u32; WIDTH],
     /// Lower bounds of t.
     pub near: [f32; WIDTH],
@@ -337,7 +337,7 @@ pub(super) struct FewBoxHits {
 }
 
 impl Packet {
-    /// As `Frustum::intersect` and `Packet::intersect`, ray by ray.
+    /// Does the tests of `Frustum::intersect` and `Packet::intersect`, ray by ray.
     #[inline(always)]
     pub(super) fn intersect_few<I: Isa>(&self, mask: Mask, frustum: &Frustum, node: &Node) -> FewBoxHits {
         let (firsts, lasts) = frustum.planes::<I>(&self.octant, node);
@@ -352,7 +352,7 @@ impl Packet {
                 near = firsts[axis].mul(I::F32x8::splat(subpacket.near_slope[axis][at])).max(near);
                 far = lasts[axis].mul(I::F32x8::splat(subpacket.far_slope[axis][at])).min(far);
             }
-            // Finite, to differ from boxes that are missed.
+            // A finite number distinguishes them from missed boxes.
             near = Floats::min(near, largest);
             masks = I::mark(masks, near, far, 1 << lane);
             nearest = Floats::min(near.le_pick(far, near, beyond), nearest);
@@ -379,7 +379,7 @@ impl Frustum {
     pub(super) const EMPTY: Frustum =
         Frustum { near_origin: [0.0; 3], far_origin: [0.0; 3], near_slope: [0.0; 3], far_slope: [0.0; 3] };
 
-    /// From the origins to the near and to the far planes of the boxes of a node.
+    /// Distances from the origins to the near and far planes of the boxes of a node.
     #[inline(always)]
     fn planes<I: Isa>(&self, octant: &Octant, node: &Node) -> ([I::F32x8; 3], [I::F32x8; 3]) {
         let zero = I::F32x8::splat(0.0);
@@ -396,8 +396,8 @@ impl Frustum {
         (firsts, lasts)
     }
 
-    /// The slab test of the boxes of a node: bounds of t where rays of the frustum may enter, and where they
-    /// must have left.
+    /// The slab test of the boxes of a node: bounds of t at which rays of the frustum may enter, and by which
+    /// they have left.
     #[inline(always)]
     pub(super) fn slabs<I: Isa>(&self, octant: &Octant, node: &Node, limit: f32) -> Slabs<I> {
         let mut near = I::F32x8::splat(octant.start);
@@ -424,11 +424,11 @@ impl Frustum {
     }
 }
 
-/// The slab tests of a frustum with the boxes of a node.
+/// The slab tests of a frustum against the boxes of a node.
 pub(super) struct Slabs<I: Isa> {
     pub near: I::F32x8,
     pub far: I::F32x8,
-    /// From the origins to the near and to the far planes.
+    /// Distances from the origins to the near and far planes.
     first: [I::F32x8; 3],
     last: [I::F32x8; 3],
 }
@@ -441,7 +441,7 @@ mod tests {
     use crate::arith::simd::Portable;
     use crate::testing::worst;
 
-    /// A hierarchy about the origin that reaches as far as this along each axis.
+    /// A hierarchy around the origin that reaches `reach` along each axis.
     fn around_origin(reach: f32) -> Bvh<()> {
         let mut root = Node {
             low: [[f32::INFINITY; WIDTH]; 3],
@@ -454,7 +454,7 @@ mod tests {
         Bvh::with([0.0; 3], vec![root], Vec::new())
     }
 
-    /// A packet of one ray, from the origin along (d, 0.9, 0), and it is seen so by a box's axis x.
+    /// A packet of one ray from (o, 0, 0) along (d, 0.9, 0), for tests along x.
     fn packet(o: f64, d: f64, direction_error: f64, t: f64) -> Packet {
         let mut rays = RayPacket::empty();
         rays.count = 1;
@@ -467,18 +467,18 @@ mod tests {
         packet
     }
 
-    /// x/y − 1, in roundings of float32.
+    /// x/y − 1, in units of the float32 roundoff.
     fn roundings(x: &Dyadic, y: &Dyadic) -> f64 {
         x.minus(y).split().0 / (y.split().0 * f64::from(U))
     }
 
-    /// How far each bound is on the safe side at least, in roundings of float32.
+    /// The least margin of each bound, in float32 roundings.
     #[test]
     fn bounds_in_float32_are_on_the_safe_side_by_what_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.25 + 0.25 * next();
         let n = |x: f32| Dyadic::exact(f64::from(x));
         let least = |score: &dyn Fn(&[f64; 2]) -> f64| -worst(6, 3000, draw, |x: &[f64; 2]| -score(x)).0;
-        // The plane is at x, the direction is y; all is in [¼, ½], and `scale` is 1, so that t = x/y.
+        // The plane is at x and the direction is y, both in [¼, ½]; `scale` is 1, so that t = x/y.
         let near = least(&|x| {
             let (subpacket, plane) = (packet(0.0, x[1], 0.0, 1.0).subpackets[0], x[0] as f32);
             let t = (plane - subpacket.near_origin[0][0]) * subpacket.near_slope[0][0];
@@ -511,7 +511,7 @@ mod tests {
             ];
             beyond[0].min(beyond[1])
         });
-        // Nearly as large as the direction itself.
+        // The error is nearly as large as the direction itself.
         let very_vague = least(&|x| {
             let error = 1.8 * x[0] * x[1];
             let subpacket = packet(0.0, x[1], error, 1.0).subpackets[0];
@@ -538,7 +538,7 @@ mod tests {
             ];
             beyond[0].min(beyond[1]).min(beyond[2])
         });
-        // Each loses at most as many as are counted where it is defined, and no more of the rest is kept than
+        // Each bound loses at most the roundings derived at its definition, and keeps no more margin than
         // that.
         assert!((7.0..9.0).contains(&near) && (7.0..9.0).contains(&far), "{near}, {far}");
         assert!((2.0..3.0).contains(&origins), "{origins}");
@@ -548,8 +548,8 @@ mod tests {
         assert!((1.0..3.0).contains(&limits), "{limits}");
     }
 
-    /// The ray goes along y at 0.9 ∓ e and along x at 0 ± e, in a hierarchy that reaches to 1: until it has
-    /// left that, it goes e/(0.9 − e) back at most.
+    /// The ray has directions 0.9 ∓ e along y and 0 ± e along x, in a hierarchy that reaches to 1: before
+    /// it leaves, it moves back by at most e/(0.9 − e).
     #[test]
     fn rays_of_uncertain_sign_may_go_back_as_far_as_they_can_and_little_farther() {
         let mut next = crate::testing::numbers();
@@ -558,8 +558,8 @@ mod tests {
             let n = Dyadic::exact;
             for d in [0.0, -0.0, 1e-300] {
                 let far = f64::from(packet(o, d, error, 1e9).subpackets[0].far_origin[0][0]);
-                // How far back, times 0.9 − e, against e: with 4u of the origin, two of 12u in t and on the
-                // way, and what they are rounded to be above.
+                // The distance back, times 0.9 − e, against e: with 4u of the origin, 12u each in t and in
+                // the distance, and the outward rounding.
                 let way = n(o).minus(&n(far)).times(&n(0.9).minus(&n(error)));
                 let more = way.minus(&n(error)).split().0 / f64::from(U);
                 assert!(0.0 <= more && more <= 8.0 * o.abs() + 64.0 * error, "{o}, {error}: {more}");
@@ -567,7 +567,7 @@ mod tests {
         }
     }
 
-    /// As `bounds_in_float32_...`, of directions that are subnormal numbers in float32.
+    /// As `bounds_in_float32_...`, for directions that are subnormal in float32.
     #[test]
     fn slopes_of_directions_that_underflow_are_on_the_safe_side() {
         let mut least = f64::INFINITY;
@@ -575,14 +575,14 @@ mod tests {
             let d = 2.0_f64.powi(-130 + k % 6) * (1.0 + f64::from(k) / 40_000.0);
             let subpacket = packet(0.0, d, 0.0, 1.0).subpackets[0];
             let (near, far) = (f64::from(subpacket.near_slope[0][0]), f64::from(subpacket.far_slope[0][0]));
-            // Products with a power of two and of 77 bits, rounded once: 2⁻⁵³ is far below a rounding of
+            // Products with a power of two, of 77 bits, rounded once: 2⁻⁵³ is far below the roundoff of
             // float32.
             least = least.min((1.0 - near * d) / f64::from(U)).min((far * d - 1.0) / f64::from(U));
         }
         assert!((6.5..8.0).contains(&least), "{least}");
     }
 
-    /// Of numbers that are subnormal in float32, or less, the least normal number covers what is lost.
+    /// For numbers that are subnormal in float32 or smaller, the least normal number covers the loss.
     #[test]
     fn origins_and_limits_that_underflow_are_on_the_safe_side() {
         let mut next = crate::testing::numbers();
@@ -598,15 +598,14 @@ mod tests {
             let Subpacket { near_origin, far_origin, limit, .. } = packet.subpackets[0];
             assert!(o + error <= f64::from(near_origin[0][0]) && f64::from(far_origin[0][0]) <= o - error);
             assert!(t <= f64::from(limit[0]) && t <= f64::from(packet.limit_of(0, t)));
-            // Above t by half a subnormal at most, which is far below the limit and what planes are behind
-            // origins.
+            // Above t by half a subnormal at most, far below the limit and the distances of planes.
             assert!(f64::from(packet.octant.start) <= t + f64::from(f32::from_bits(1)) / 2.0);
         }
     }
 
-    /// Where direction and error are rounded down by half a subnormal each, that is 8u of their sum, 2⁻¹²⁸:
-    /// of the 12u, only the four would be left that the reciprocal and what follows need, if the error were
-    /// not rounded up.
+    /// If direction and error both round down by half a subnormal, that is 8u of their sum, 2⁻¹²⁸. Were
+    /// the error not rounded up, only four of the 12u would remain for the reciprocal and the later
+    /// operations.
     #[test]
     fn slopes_of_vague_directions_that_underflow_are_on_the_safe_side() {
         let mut least = f64::INFINITY;
@@ -615,7 +614,7 @@ mod tests {
             let subpacket = packet(0.0, d, d, 1.0).subpackets[0];
             least = least.min((1.0 - f64::from(subpacket.near_slope[0][0]) * (d + d)) / f64::from(U));
         }
-        // As many as for directions that are known, at least.
+        // At least the margin of known directions.
         assert!(least >= 6.5, "{least}");
     }
 }

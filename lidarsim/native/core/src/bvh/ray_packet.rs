@@ -4,7 +4,7 @@ use crate::arith::number::{Interval, UNIT};
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
-/// Rays of a subpacket: those that are tested against a box by one instruction.
+/// Rays of a subpacket: one instruction tests them against a box.
 pub(super) const WIDE: usize = 16;
 
 pub(super) const SUBPACKETS: usize = 4;
@@ -12,19 +12,19 @@ pub(super) const SUBPACKETS: usize = 4;
 /// Most rays of a packet.
 pub const LANES: usize = SUBPACKETS * WIDE;
 
-/// Packets hold rays whose numbers are all less than this, errors too, and one of whose direction is more
-/// than that: so their squares, and scaled ones, are ordinary float64 numbers.
+/// All numbers of rays in packets are below this in absolute value, errors too, and some component of each
+/// direction is above `SMALLEST`. So their squares, and scaled squares, are normal float64 numbers.
 pub const LARGEST: f64 = 1e30;
 pub const SMALLEST: f64 = 1e-30;
 
-/// Rays are far from a hierarchy beyond this many times its reach: there float32 tells places apart to 2⁻¹⁴
-/// of the reach at best.
+/// Rays whose distance exceeds the reach of a hierarchy by this factor are far from it: float32 resolves at
+/// best 2⁻¹⁴ of the reach there.
 const FAR: f64 = 1024.0;
 
-/// A bit for each ray of a packet.
+/// One bit for each ray of a packet.
 pub type Mask = u64;
 
-/// Which rays of a packet start at one point: groups of lanes.
+/// Groups of lanes whose rays share an origin.
 #[derive(Clone)]
 struct Origins {
     groups: [Mask; LANES],
@@ -34,28 +34,28 @@ struct Origins {
 /// Bits of a hash of origins.
 const HASH: u32 = 8;
 
-/// A ray packet in float64, a lane each; lanes beyond the last ray, up to a whole subpacket, repeat the
-/// first.
+/// A ray packet in float64, one ray per lane. Lanes from the last ray up to a whole subpacket repeat the
+/// first ray.
 #[derive(Clone)]
 #[repr(C, align(64))]
 pub struct RayPacket {
     pub origin: [[f64; LANES]; 3],
     pub direction: [[f64; LANES]; 3],
-    /// How far each coordinate of origin and direction may be off.
+    /// Bounds of the error of each coordinate of origin and direction.
     pub origin_error: [f64; LANES],
     pub direction_error: [f64; LANES],
-    /// |d|₁, or the number beside it.
+    /// |d|₁, or an adjacent float64.
     pub length: [f64; LANES],
-    /// The t of each ray at which it starts here, if they were moved along; see `start_near`.
+    /// The t of each ray at which it starts here; see `start_near`.
     pub offset: [f64; LANES],
     pub has_offsets: bool,
-    /// When they are cast, if anything moves; of rays in the coordinates of an object unset.
+    /// The times of the rays if anything moves; unset for rays in the coordinates of an object.
     pub time: [f64; LANES],
     /// Their indices among all rays.
     pub at: [u32; LANES],
-    /// The signs of all directions, a bit an axis.
+    /// The signs of all directions, one bit per axis.
     pub octant: u32,
-    /// Whether all rays have the same origin, which is off by the same.
+    /// Whether all rays have the same origin, with the same error.
     pub one_origin: bool,
     origins: Origins,
     pub count: usize,
@@ -89,9 +89,9 @@ impl RayPacket {
         }
     }
 
-    /// Gathers the first rays of an order, up to the first of another octant: none (`count` is 0) if the very
-    /// first does not fit into packets; it is then in lane 0, to be traced by itself as a `TraversalRay`.
-    /// `one_origin`: all have the same, to the bit.
+    /// Gathers the first rays of an order, up to the first of another octant. If the very first does not fit
+    /// into packets, `count` is 0 and it is in lane 0, to be traced singly as a `TraversalRay`. `one_origin`
+    /// says that all have the same origin, to the bit.
     #[inline(always)]
     pub fn gather<I: Isa>(
         &mut self,
@@ -144,13 +144,13 @@ impl RayPacket {
         }
     }
 
-    /// Whether packets may hold the ray: as `gather` asks.
+    /// Whether packets may hold the ray, by the rule of `gather`.
     pub fn fits(origin: Point, direction: Point) -> bool {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.abs()));
         origin.iter().chain(&direction).all(|x| x.abs() < LARGEST) && largest > SMALLEST
     }
 
-    /// Takes over the rays of another packet, as they are.
+    /// Copies the rays of another packet unchanged.
     pub fn take_over(&mut self, others: &RayPacket) {
         self.origin.clone_from(&others.origin);
         self.direction.clone_from(&others.direction);
@@ -160,7 +160,8 @@ impl RayPacket {
         self.one_origin = others.one_origin;
     }
 
-    /// Keeps the rays of `mask`, which are of one octant. `one_origin` may say that all have the same.
+    /// Keeps the rays of `mask`, which are of one octant. `one_origin` may be set for rays that share an
+    /// origin.
     #[inline(always)]
     pub fn keep<I: Isa>(&mut self, mask: Mask, octant: u32) {
         (self.octant, self.has_offsets) = (octant, false);
@@ -176,8 +177,8 @@ impl RayPacket {
         self.find_origins::<I>();
     }
 
-    /// Whether the rays start so far from a hierarchy, for its reach, that its boxes are better tested from
-    /// points near it. The first tells for all.
+    /// Whether the rays start so far from a hierarchy, relative to its reach, that slab tests should start
+    /// near it. The first ray decides for all.
     #[inline(always)]
     pub fn are_far(&self, center: Point, reach: f64) -> bool {
         let [x, y, z] = self.origin(0);
@@ -185,11 +186,11 @@ impl RayPacket {
         distance > FAR * reach && distance < LARGEST
     }
 
-    /// Moves the start of each ray along it, to a point before a hierarchy.
+    /// Moves the start of each ray along it to a point in front of a hierarchy.
     ///
-    /// Any t will do. The point o + t·d there is rounded once, by a fused multiply-add: it is off by u of
-    /// itself, by what o is off, and by t times what d is off. The bound has 3u in place of u, and 8u more of
-    /// the other two, for its own roundings.
+    /// Any t will do. The fused multiply-add rounds the point o + t·d once: it is off by u of itself, by the
+    /// error of o, and by t times the error of d. The bound has 3u in place of u, and 8u more of the other
+    /// two, for its own roundings.
     #[inline(always)]
     pub fn start_near<I: Isa>(&mut self, center: Point, reach: f64) {
         let middle = lanes::splat::<I::F64x8, 8>(center);
@@ -197,7 +198,7 @@ impl RayPacket {
             let (o, d) = (self.origins::<I>(eight), self.directions::<I>(eight));
             let way = [middle[0].sub(o[0]), middle[1].sub(o[1]), middle[2].sub(o[2])];
             let (square, off) = (lanes::dot(d, d), lanes::dot(lanes::abs(way), lanes::abs(way)).sqrt());
-            // Where the ray is nearest to the centre, less twice the reach and what rounding may add to t.
+            // The t nearest to the centre, less twice the reach and the rounding of t.
             let before = off.mul(I::F64x8::splat(8.0 * f64::EPSILON)).add(I::F64x8::splat(2.0 * reach));
             let t = lanes::dot(way, d).div(square).sub(before.div(square.sqrt()));
             let t = t.max(I::F64x8::splat(0.0)).min(I::F64x8::splat(LARGEST));
@@ -219,7 +220,7 @@ impl RayPacket {
         self.find_origins::<I>();
     }
 
-    /// Bounds of the t of a ray, by bounds of t from where it starts here.
+    /// Bounds of the t of a ray, from bounds of t relative to its start here.
     #[inline(always)]
     pub fn t_of_ray(&self, lane: usize, t: Interval) -> Interval {
         if !self.has_offsets {
@@ -236,7 +237,7 @@ impl RayPacket {
         point(&self.origin, lane)
     }
 
-    /// Finds rays that start where others do, for `origin_groups`.
+    /// Groups rays that share an origin, for `origin_groups`.
     #[inline(always)]
     pub fn find_origins<I: Isa>(&mut self) {
         if self.one_origin {
@@ -245,9 +246,9 @@ impl RayPacket {
             return;
         }
         let mut left = self.starts_of_runs::<I>();
-        // By the hash of an origin, the first lane of a group, and by that the group. Of two origins with one
-        // hash the later one takes the place: what comes of the other after that is a group of its own.
-        // Without branches, as nothing tells which run starts a group; lane 0 starts the first.
+        // The hash of an origin maps to the first lane of a group, and that lane to the group. On a collision
+        // the later origin takes the slot; later runs of the other then form a new group. Branchless, as it
+        // is unpredictable which run starts a group; lane 0 starts the first.
         let (mut known, mut group_of) = ([0_u8; 1 << HASH], [0_u8; LANES]);
         let Origins { groups, count } = &mut self.origins;
         (groups[0], *count) = (0, 1);
@@ -265,7 +266,7 @@ impl RayPacket {
         }
     }
 
-    /// All rays, in groups that each start at one point, once `find_origins` has been called.
+    /// All rays in groups that share an origin; `find_origins` must have been called.
     #[inline(always)]
     pub fn origin_groups(&self) -> &[Mask] {
         &self.origins.groups[..self.origins.count]
@@ -277,7 +278,7 @@ impl RayPacket {
         let [x, y, z] = &self.origin;
         let mut starts = 1;
         for eight in 0..self.count.div_ceil(8) {
-            // Each of eight lanes beside the next one, up to the last.
+            // Compares eight lanes with their successors, up to the last.
             let lane = (8 * eight).min(LANES - 9);
             let mut same = 0xff;
             for column in [x, y, z, &self.origin_error] {
@@ -298,13 +299,13 @@ impl RayPacket {
         point(&self.direction, lane)
     }
 
-    /// The origins of the eighth part `eight`, by axis.
+    /// The origins of part `eight` of eight lanes, by axis.
     #[inline(always)]
     pub fn origins<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
         lanes::part(&self.origin, eight)
     }
 
-    /// As `origins`.
+    /// The directions, as `origins`.
     #[inline(always)]
     pub fn directions<I: Isa>(&self, eight: usize) -> [I::F64x8; 3] {
         lanes::part(&self.direction, eight)
@@ -328,7 +329,7 @@ impl RayPacket {
         }
         let mut wide = 0;
         if !self.one_origin {
-            // From the first, so that none is a sixty-fourth of the scene from another.
+            // Measured from the first, so that no two are farther apart than 1/64 of the scene.
             let most = I::F64x8::splat(size / 128.0);
             for axis in 0..3 {
                 let first = I::F64x8::splat(self.origin[axis][0]);
@@ -346,7 +347,7 @@ fn point(columns: &[[f64; LANES]; 3], lane: usize) -> Point {
     [columns[0][lane], columns[1][lane], columns[2][lane]]
 }
 
-/// Of an origin, by multiplication: D. Knuth, The Art of Computer Programming, vol. 3, §6.4.
+/// The hash of an origin, by multiplication: D. Knuth, The Art of Computer Programming, vol. 3, §6.4.
 #[inline(always)]
 fn hash(origin: Point) -> usize {
     let [x, y, z] = origin.map(f64::to_bits);
@@ -354,15 +355,15 @@ fn hash(origin: Point) -> usize {
     (mixed.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> (u64::BITS - HASH)) as usize
 }
 
-/// Fewer than eight numbers, and after them `filler`.
+/// Fewer than eight numbers, padded with `filler`.
 fn padded(some: &[u32], filler: u32) -> [u32; 8] {
     let mut eight = [filler; 8];
     eight[..some.len()].copy_from_slice(some);
     eight
 }
 
-/// The coordinates of these points, an axis after the other. Rays of a sensor are sorted in runs, whose
-/// points lie side by side.
+/// The coordinates of these points, by axis. Rays of a sensor are sorted in runs, whose points are adjacent
+/// in memory.
 #[inline(always)]
 fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
     let [low, high] = [0, 1].map(|half| &at.as_chunks().0[half]);
@@ -386,14 +387,14 @@ fn columns<I: Isa>(points: &[Point], at: &[u32; 8]) -> [I::F64x8; 3] {
     ])
 }
 
-/// Whether four rays follow one another.
+/// Whether four rays are consecutive.
 #[inline(always)]
 pub fn is_run(rays: &[u32; 4]) -> bool {
     let [first, others @ ..] = rays;
     others.iter().zip(1..).fold(true, |run, (ray, k)| run & (*ray == first.wrapping_add(k)))
 }
 
-/// Takes the lowest lane out of a mask.
+/// Removes the lowest lane from a mask.
 #[inline(always)]
 pub fn take(mask: &mut Mask) -> Option<usize> {
     if *mask == 0 {
@@ -404,13 +405,13 @@ pub fn take(mask: &mut Mask) -> Option<usize> {
     Some(lane)
 }
 
-/// A packet's bits of part `i`, as bits of the lanes of a register.
+/// Part `i` of a packet's mask, as bits of the lanes of a register.
 #[inline(always)]
 pub fn part_of_mask<const N: usize>(mask: Mask, i: usize) -> u32 {
     (mask >> (i * N)) as u32 & ((1 << N) - 1)
 }
 
-/// A mask of so many rays.
+/// A mask of the first `count` rays.
 #[inline(always)]
 pub const fn all(count: usize) -> Mask {
     if count < LANES { (1 << count) - 1 } else { Mask::MAX }
@@ -442,7 +443,7 @@ mod tests {
         }
     }
 
-    /// One ray after the other, by scalar comparisons.
+    /// A reference: one ray after the other, by scalar comparisons.
     fn expected(rays: &[(Point, Point)]) -> usize {
         let fits = |(o, d): &(Point, Point)| {
             let small = o.iter().chain(d).all(|x| -1e30 < *x && *x < 1e30);
@@ -467,7 +468,7 @@ mod tests {
             |d| d.map(|x| 1e-30_f64.next_up().copysign(x)),
             |d| d.map(|x| 1e-300 * x),
             |_| [0.0; 3],
-            // Zeros belong to the positive side, whatever their sign.
+            // Zeros count as positive, whatever their sign.
             |d| [d[0], d[1].min(-0.0), d[2]],
             |d| [d[0], d[1].max(0.0), d[2]],
         ];
@@ -485,7 +486,7 @@ mod tests {
                         Some(x) => rays[place].0[odd % 3] = *x,
                         None => rays[place].1 = odd_directions[odd - odd_origins.len()](rays[place].1),
                     }
-                    // What is odd only counts in the first origin.
+                    // If all share an origin, it is the odd one, or else the first.
                     let one_origin = odd % 2 == 0;
                     if one_origin {
                         let first = rays[if odd < odd_origins.len() { place } else { 0 }].0;
@@ -495,7 +496,7 @@ mod tests {
                         let (origins, directions): (Vec<Point>, Vec<Point>) = rays.iter().copied().unzip();
                         let order: Vec<u32> = (0..many).collect();
                         for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
-                            // What was in the lanes before must not matter.
+                            // Earlier contents of the lanes must not matter.
                             let mut found = RayPacket::empty();
                             (0..LANES).for_each(|lane| found.set(lane, [f64::NAN; 3], [-1e300; 3]));
                             let (rays_taken, order) = (&mut found, &order[..]);
@@ -520,7 +521,7 @@ mod tests {
         assert!(whole > 500 && cut > 500 && none > 500, "{whole}, {cut}, {none}");
     }
 
-    /// The rays that were kept are as given, and lanes that a subpacket has beyond them repeat the first.
+    /// The kept rays are as given, and lanes beyond them repeat the first up to a whole subpacket.
     fn check(found: &RayPacket, given: &[(Point, Point)]) {
         for lane in 0..found.count.next_multiple_of(WIDE) {
             let (origin, direction) = given[if lane < found.count { lane } else { 0 }];
@@ -544,7 +545,7 @@ mod tests {
         }
     }
 
-    /// Of rays that are apart in one coordinate, or in the error, in runs or by turns.
+    /// Rays that differ in one coordinate or in the error, in runs or alternating.
     #[test]
     fn rays_are_put_together_that_start_at_one_point() {
         let (mut next, mut apart, mut together) = (numbers(), 0, 0);
@@ -586,8 +587,7 @@ mod tests {
             }
         }
         assert!(together > 50_000 && apart > 50_000, "{together}, {apart}");
-        // But for what hashes confuse, of which there is little among a few origins, there is one group for
-        // each.
+        // Up to hash collisions, which are rare among a few origins, there is one group per origin.
         assert!(
             all_kinds <= all_groups && 5 * all_groups < 6 * all_kinds,
             "{all_kinds}, {all_groups}, {all_runs}"
@@ -606,8 +606,8 @@ mod tests {
         }
     }
 
-    /// The largest share of their bounds that starts are off by, where each axis of the true origin and
-    /// direction is off by as much as it may be; and how far from the centre they are at most, in reaches.
+    /// The largest share of their bounds that starts are off by, if each axis of the true origin and
+    /// direction is off by its whole error; and their largest distance from the centre, in reaches.
     fn starts(away: f64, origin_error: f64, direction_error: f64) -> (f64, f64) {
         let (mut next, center, reach) = (numbers(), [30.0, -20.0, 5.0], 7.0);
         let (mut share, mut distance) = (0.0_f64, 0.0_f64);
@@ -661,7 +661,7 @@ mod tests {
         ] {
             let (share, distance) = starts(away, errors[0], errors[1]);
             assert_slack(&format!("{away}, {errors:?}"), share, known);
-            // Two reaches before the centre and one beside it, and what `before` has for the rounding of t:
+            // Two reaches before the centre, one beside it, and the margin of `before` for the rounding of t:
             // 8ε of no more than 2 · away.
             assert!(distance < 4.0 + 16.0 * f64::EPSILON * away, "{away}: {distance}");
         }

@@ -1,4 +1,4 @@
-//! Refitting: the boxes of a hierarchy, worked out anew for primitives that have moved.
+//! Refitting: the boxes of a hierarchy are recomputed for primitives that have moved.
 
 use super::Bvh;
 use super::build::Aabb;
@@ -6,8 +6,8 @@ use super::node::{Node, WIDTH};
 use crate::arith::number::Interval;
 
 impl<L: Clone> Bvh<L> {
-    /// The same hierarchy, around leaves that have these bounds now; none if it has another number of leaves,
-    /// or one of them has no bounds.
+    /// The same hierarchy, around leaves with these bounds. `None` if the number of leaves differs or a leaf
+    /// has no bounds.
     pub fn refitted(&self, leaves: usize, bounds: impl Fn(&L) -> Option<[Interval; 3]>) -> Option<Self> {
         if self.leaves.len() != leaves {
             return None;
@@ -34,8 +34,8 @@ impl<L: Clone> Bvh<L> {
 }
 
 impl<L> Bvh<L> {
-    /// The surface of all nodes, which the time of a traversal grows with (J. Goldsmith, J. Salmon, Automatic
-    /// creation of object hierarchies for ray tracing, 1987).
+    /// The surface area of all nodes, which determines the cost of a traversal (J. Goldsmith, J. Salmon,
+    /// Automatic creation of object hierarchies for ray tracing, 1987).
     pub fn surface(&self) -> f32 {
         let inner = |node: &Node| {
             let node = *node;
@@ -53,7 +53,7 @@ impl<L> Bvh<L> {
 }
 
 impl Node {
-    /// How many children there are; they come first.
+    /// The number of children, which come first.
     fn children(&self) -> usize {
         (0..WIDTH).position(|k| !(self.low[0][k] < f32::INFINITY)).unwrap_or(WIDTH)
     }

@@ -5,7 +5,7 @@ use super::node::{Child, WIDTH};
 use super::ray_packet::Mask;
 use crate::arith::simd::Isa;
 
-/// A subtree still to be visited, and a lower bound of t at its box.
+/// A subtree yet to be visited, and a lower bound of t at its box.
 #[derive(Clone, Copy)]
 pub struct Entry {
     pub near: f32,
@@ -14,7 +14,7 @@ pub struct Entry {
     pub mask: Mask,
 }
 
-/// Traversals of single rays that are interleaved.
+/// The number of interleaved traversals of single rays.
 pub const SINGLE_RAYS: usize = 16;
 
 /// Traversal stacks, reused from cast to cast: one for packets, and one for each interleaved single ray. They
@@ -27,7 +27,7 @@ pub struct Stack {
     pub(super) ray_stacks: [RayStack; SINGLE_RAYS],
 }
 
-/// The subtrees that a single ray has still to visit, none beyond its limit, with lower bounds of t; of the
+/// The subtrees that a single ray has yet to visit, all within its limit, with lower bounds of t. Of the
 /// children of a node the nearest is on top.
 #[derive(Clone, Copy)]
 pub struct RayStack {
@@ -37,7 +37,7 @@ pub struct RayStack {
 }
 
 impl RayStack {
-    /// With an end for each of two hierarchies. A push writes `WIDTH` entries, whether they count or not.
+    /// With an end for each of two hierarchies. A push always writes `WIDTH` entries, not all of which count.
     const SIZE: usize = Stack::SIZE + 2 + WIDTH;
 
     /// Pushes the children whose boxes the ray enters before it leaves them.
@@ -55,7 +55,7 @@ impl RayStack {
         Child(self.child[self.len])
     }
 
-    /// Drops those from `base` on that are beyond the limit.
+    /// Drops the entries from `base` on that are beyond the limit.
     #[inline(always)]
     pub(super) fn keep_within(&mut self, limit: f32, base: usize) {
         let mut kept = base;

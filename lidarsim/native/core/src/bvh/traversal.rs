@@ -1,4 +1,4 @@
-//! Traversal: by one ray, by a packet, and by single rays of a packet, interleaved.
+//! Traversal: by one ray, by a packet, and by interleaved single rays of a packet.
 
 use super::Bvh;
 use super::node::{Child, Node, WIDTH};
@@ -8,11 +8,10 @@ use super::stack::{Entry, RayStack, SINGLE_RAYS, Stack};
 use super::traversal_ray::TraversalRay;
 use crate::arith::simd::Isa;
 
-/// Intersects single rays with leaves. A trait and not a closure, which would not be compiled for the
-/// instruction set.
+/// Intersects single rays with leaves. A trait, as a closure would not be compiled for the instruction set.
 pub trait Visitor<L> {
-    /// Intersects up to `SINGLE_RAYS` rays, each with a leaf of its own; returns the mask of rays whose limit
-    /// has decreased.
+    /// Intersects up to `SINGLE_RAYS` rays with one leaf each. Returns the mask of rays whose limit has
+    /// decreased.
     fn visit<I: Isa>(&mut self, stack: &mut Stack, lanes: &[usize], leaves: &[&L]) -> Mask;
 
     /// The limit of t of each ray: hits beyond it are not needed.
@@ -20,8 +19,8 @@ pub trait Visitor<L> {
 }
 
 impl<L> Bvh<L> {
-    /// Visits the leaves whose boxes the ray may enter, nearest box first; `visit` returns the new limit of
-    /// t. It may traverse another hierarchy on the same stack.
+    /// Visits the leaves whose boxes the ray may enter, nearest box first. `visit` returns the new limit of
+    /// t; it may traverse another hierarchy on the same stack.
     pub fn traverse(
         &self,
         ray: &mut TraversalRay,
@@ -52,7 +51,7 @@ impl<L> Bvh<L> {
         }
     }
 
-    /// Begins the traversal of a packet that is set up for the hierarchy (`Packet::enter`).
+    /// Begins the traversal of a packet set up for the hierarchy (`Packet::enter`).
     #[inline(always)]
     pub fn start<I: Isa>(&self, traversal: &mut PacketTraversal, active: Mask, stack: &mut Stack) {
         traversal.base = stack.len;
@@ -62,20 +61,20 @@ impl<L> Bvh<L> {
         }
     }
 
-    /// The current leaf of a packet; none if it is at an inner node.
+    /// The current leaf of a packet; `None` at an inner node.
     #[inline(always)]
     pub fn leaf(&self, traversal: &PacketTraversal) -> Option<&L> {
         if traversal.child.is_leaf() { Some(&self.leaves[traversal.child.index()]) } else { None }
     }
 
-    /// Tests the children of a packet's current node, and pushes those that rays may enter; tells whether
+    /// Tests the children of a packet's current node and pushes those that rays may enter. Returns whether
     /// there are any.
     #[inline(always)]
     pub fn open<I: Isa>(&self, traversal: &PacketTraversal, stack: &mut Stack) -> bool {
         let before = stack.len;
         let PacketTraversal { packet, frustum, mask, .. } = traversal;
         let node = &self.nodes[traversal.child.index()];
-        // The farthest first, and branchless: no branch depends on the outcome of a single test.
+        // Farthest first and branchless: no branch depends on the outcome of a single test.
         if mask.count_ones() > FEW {
             let box_hits = frustum.intersect::<I>(&packet.octant, node);
             for (&near, &i) in box_hits.near.iter().zip(&box_hits.child).take(box_hits.count) {
@@ -95,9 +94,9 @@ impl<L> Bvh<L> {
         stack.len > before
     }
 
-    /// As `traverse`, for rays of a packet one by one: `SINGLE_RAYS` traversals are interleaved, a step each
-    /// in turn, which hides the latency of memory; and since those at nodes and those at leaves are stepped
-    /// in separate loops, no branch depends on where a single ray goes.
+    /// As `traverse`, for the rays of a packet one by one. `SINGLE_RAYS` traversals are interleaved, one step
+    /// each in turn, which hides the latency of memory. Rays at nodes and rays at leaves are stepped in
+    /// separate loops, so no branch depends on where a single ray goes.
     #[inline(always)]
     pub fn traverse_single<I: Isa>(
         &self,
@@ -153,7 +152,7 @@ impl<L> Bvh<L> {
         }
     }
 
-    /// Prefetches a node or a leaf, without a branch on which of them it is.
+    /// Prefetches a node or a leaf, without a branch on the kind.
     #[inline(always)]
     fn prefetch<I: Isa>(&self, child: Child) {
         let leaf: *const [u8; 64] = self.leaves.as_ptr().wrapping_add(child.index()).cast();
@@ -172,7 +171,7 @@ pub struct PacketTraversal {
     /// The current node or leaf, and the rays that may enter its box.
     child: Child,
     mask: Mask,
-    /// Rays whose limits have decreased since the packet took them.
+    /// Rays whose limits have decreased since the packet last read them.
     nearer: Mask,
     /// The base of its part of the stack.
     base: usize,
@@ -196,7 +195,7 @@ impl PacketTraversal {
         self.mask
     }
 
-    /// Notes the rays whose limits have decreased.
+    /// Records the rays whose limits have decreased.
     #[inline(always)]
     pub fn lower_limits(&mut self, nearer: Mask) {
         self.nearer = nearer;
@@ -252,8 +251,8 @@ impl RayTraversal {
     }
 }
 
-/// Which of the interleaved traversals have ended and which are at a leaf, a bit each; the others are at
-/// inner nodes.
+/// The interleaved traversals that have ended and those at a leaf, one bit each; the others are at inner
+/// nodes.
 struct Progress {
     idle: Mask,
     at_leaves: Mask,
@@ -267,8 +266,8 @@ impl Progress {
     }
 }
 
-/// Up to this many active rays, a packet tests ray by ray against all boxes at once; above it, box by box
-/// against all rays.
+/// With up to this many active rays, a packet tests ray by ray against all boxes at once; with more, box by
+/// box against all rays.
 const FEW: u32 = 16;
 
 #[cfg(test)]
@@ -280,14 +279,13 @@ mod tests {
 
     type Whole = [i64; 3];
 
-    /// All corners, origins and directions are whole numbers, so that brute force over the boxes is exact.
+    /// All corners, origins and directions are whole numbers, so brute force over the boxes is exact.
     struct Cube {
         low: Whole,
         high: Whole,
     }
 
-    /// The numerator and the denominator, which is positive, of where a ray enters a box; none where it
-    /// passes by.
+    /// The numerator and the positive denominator of the t at which a ray enters a box; `None` if it misses.
     fn entry(cube: &Cube, origin: Whole, direction: Whole) -> Option<(i64, i64)> {
         let (mut near, mut far) = ((0, 1), (i64::MAX, 1));
         for axis in 0..3 {
@@ -324,7 +322,7 @@ mod tests {
         }
     }
 
-    /// Records the leaves that rays visit; in searches for the first box its t is the new limit.
+    /// Records the leaves that rays visit; in searches for the first box its t becomes the limit.
     struct Notes<'a> {
         cubes: &'a [Cube],
         rays: &'a [(Whole, Whole)],
@@ -400,7 +398,7 @@ mod tests {
     }
 
     /// Rays of one octant, from one corner of the scene or from anywhere, close together or many along an
-    /// axis, each as far off as its errors allow.
+    /// axis, each off by its whole error.
     fn rays(
         octant: u32,
         [origin_error, error]: [i64; 2],
@@ -413,7 +411,7 @@ mod tests {
         let ray = |lane: usize| {
             let origin =
                 [0, 1, 2].map(|axis| -300 * sign(axis) + if apart > 0 { next(apart) - 500 } else { 0 });
-            // Of errors alone may a direction be zero where the octant is negative.
+            // Without errors, a direction may not be zero where the octant is negative.
             let least = |axis: usize| i64::from(error == 0 && sign(axis) < 0);
             let mut direction = [0, 1, 2].map(|axis: usize| {
                 let size = if narrow {
@@ -489,8 +487,8 @@ mod tests {
                             let count = found.len();
                             found.sort_unstable();
                             found.dedup();
-                            // Where the sign of no axis is known, absent children are visited, too, and lead
-                            // to the first leaf.
+                            // If the sign of no axis is known, absent children are visited, too, and lead to
+                            // the first leaf.
                             assert!(errors[1] > 0 || found.len() == count, "a leaf comes twice");
                             if first_only {
                                 let t =
@@ -521,11 +519,11 @@ mod tests {
                 }
             }
         }
-        // Many are hit, and few are offered: of boxes that no ray came near, hardly any.
+        // Many boxes are hit, and few others are visited: hardly any that no ray came near.
         assert!(hit > 10_000, "{hit}");
         assert!(20 * offered < possible, "{offered} of {possible}");
     }
-    /// Straight down, as rounding leaves such rays in the coordinates of an object: of no certain sign along
+    /// Straight down, with rounding errors as in the coordinates of an object: the sign is uncertain along
     /// two axes.
     #[test]
     fn directions_of_uncertain_sign_are_offered_little_more() {

@@ -1,38 +1,38 @@
 //! A ray prepared for slab tests: float32 bounds of its origin and of its reciprocal direction, rounded
-//! outward (T. Ize, 2013).
+//! outward (T. Ize, Robust BVH Ray Traversal, JCGT 2013).
 
 use super::node::WIDTH;
 use crate::arith::number::Interval;
 use crate::geometry::vector::Point;
 
-/// Rounding of one subtraction and one product, and of the padding product itself: 3 of 2⁻²⁴ each, so 4 cover
-/// them (T. Ize, Robust BVH Ray Traversal, JCGT 2013, has the same two-ulp padding).
+/// Covers the roundings of a subtraction, a product and the padding product itself: 2⁻²⁴ each, three in
+/// all, so a factor of four suffices (Ize has the same two-ulp padding).
 const SHRINK: f32 = 1.0 - 4.0 * (f32::EPSILON / 2.0);
 const STRETCH: f32 = 1.0 + 4.0 * (f32::EPSILON / 2.0);
 
-/// One axis. Seen along the direction, a box begins at its `near` plane and ends at its `far` plane.
+/// One axis. Along the direction, a box begins at its `near` plane and ends at its `far` plane.
 #[derive(Clone, Copy, Debug)]
 struct Axis {
     /// Whether the direction is negative, so that the near plane is the high one.
     backward: bool,
-    /// The origin, rounded so that the near plane comes nearer, and the far plane farther.
+    /// The origin, rounded so that the near plane moves nearer and the far plane farther.
     near_origin: f32,
     far_origin: f32,
-    /// Bounds of 1/|direction|: below (finite), and above (infinite where the direction may be zero).
+    /// Bounds of 1/|direction|: from below (finite), and from above (infinite if the direction may be zero).
     near_slope: f32,
     far_slope: f32,
-    /// The direction's sign is not known: the axis says nothing.
+    /// The sign of the direction is unknown: the axis culls nothing.
     blind: bool,
 }
 
-/// The part of a ray that is of interest, t from `t_min` ≥ 0 to a limit that shrinks, in units that make the
-/// largest component of the direction lie in [½, 1).
+/// The relevant part of a ray, t from `t_min` ≥ 0 to a shrinking limit, in units that put the largest
+/// component of the direction into [½, 1).
 #[derive(Clone, Debug)]
 pub struct TraversalRay {
     axes: [Axis; 3],
     start: f32,
     limit: f32,
-    /// t in float64 units times this is t here; a product of two powers of two.
+    /// The t of the float64 ray times this is t here; a product of two powers of two.
     scale: (f64, f64),
 }
 
@@ -60,18 +60,17 @@ impl TraversalRay {
         t_max: f64,
     ) -> Self {
         let largest = direction.iter().fold(0.0_f64, |m, d| m.max(d.low.abs()).max(d.high.abs()));
-        // largest·2^−exponent lies in [½, 1); for a subnormal one it is smaller, which only weakens the
-        // bounds.
+        // largest·2^−exponent lies in [½, 1); a subnormal one gives less, which only weakens the bounds.
         let exponent = ((largest.to_bits() >> 52) as i64 - 1022).clamp(-1021, 1023);
         let shrink = (power(-exponent / 2), power(-exponent - -exponent / 2));
         let axes = std::array::from_fn(|i| {
-            // Differences round to nearest in float64, and down() and up() leave half a float32 ulp for that.
+            // Differences round to nearest in float64; down() and up() leave half a float32 ulp for that.
             let (low, high) = (down(origin[i].low - center[i]), up(origin[i].high - center[i]));
             let d = direction[i];
             let backward = d.high <= 0.0 && d.low < 0.0;
             let blind = d.low < 0.0 && d.high > 0.0;
             let (small, large) = if backward { (-d.high, -d.low) } else { (d.low, d.high) };
-            // A component may underflow here; its reciprocal is then only a weaker bound.
+            // A component may underflow here, which only weakens the bound from its reciprocal.
             let near_slope = down(1.0 / (large * shrink.0 * shrink.1).next_up()).clamp(0.0, f32::MAX);
             let far_slope = up(1.0 / (small * shrink.0 * shrink.1).next_down().max(0.0));
             Axis {
@@ -98,7 +97,7 @@ impl TraversalRay {
         self.limit
     }
 
-    /// Where the ray enters and leaves eight boxes: bounds from below and from above.
+    /// Bounds of t from below at the entries into eight boxes, and from above at the exits.
     #[inline(always)]
     pub(super) fn intersect(
         &self,
@@ -114,7 +113,7 @@ impl TraversalRay {
             let sign = if axis.backward { -1.0 } else { 1.0 };
             let (first, last) = if axis.backward { (&high[i], &low[i]) } else { (&low[i], &high[i]) };
             for k in 0..WIDTH {
-                // 0·∞ gives NaN, which max and min pass over.
+                // 0·∞ gives NaN, which max and min ignore.
                 near[k] = near[k].max((first[k] - axis.near_origin) * sign * axis.near_slope * SHRINK);
                 far[k] = far[k].min((last[k] - axis.far_origin) * sign * axis.far_slope * STRETCH);
             }
@@ -129,7 +128,7 @@ mod tests {
     use crate::arith::number::{Dyadic, Number};
     use crate::testing::worst;
 
-    /// The t of a plane in float32: how far its bounds are on the safe side at least, in roundings.
+    /// The t of a plane in float32: the least margin of its bounds, in roundings.
     #[test]
     fn bounds_are_on_the_safe_side_by_what_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.5 + 0.499 * next();
@@ -148,7 +147,7 @@ mod tests {
             let (mut low, mut high) = ([[-1e9; WIDTH]; 3], [[1e9; WIDTH]; 3]);
             (low[0], high[0]) = ([plane; WIDTH], [plane; WIDTH]);
             let (near, far) = ray.intersect(&low, &high);
-            // t·d against the plane; the largest coordinate is in [½, 1), so that t has no scale.
+            // t·d against the plane; the largest coordinate is in [½, 1), so t is not scaled.
             let beyond = |t: f32| {
                 let off = Dyadic::exact(f64::from(t))
                     .times(&Dyadic::exact(d))
@@ -178,7 +177,7 @@ mod tests {
         }
     }
 
-    /// A box that the ray enters if its direction has one sign, and does not if it has the other.
+    /// The ray enters the box for only one of both signs of its direction.
     #[test]
     fn a_direction_of_unknown_sign_rules_nothing_out() {
         let unknown = Interval { low: -0.1, high: 0.1 };

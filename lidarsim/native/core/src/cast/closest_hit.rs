@@ -1,4 +1,4 @@
-//! Closest-hit queries: of one ray, and of the rays of a packet, a lane each.
+//! Closest-hit queries: of one ray, and of the rays of a packet, one per lane.
 
 use std::cmp::Ordering;
 
@@ -14,30 +14,30 @@ pub struct ClosestHit<'a> {
     ray: TimedRay,
     range: TRange,
     cap: f64,
-    /// The closest hit so far, if `low` is finite; its t is between `low` and `limit`.
+    /// The closest hit so far, if `low` is finite; its t lies between `low` and `limit`.
     root: RootId,
     low: f64,
     limit: f64,
 }
 
-/// A t beyond what float64 holds is a miss.
+/// Excludes t beyond float64, which is a miss.
 fn finite(range: TRange) -> TRange {
     TRange { max: range.max.min(f64::MAX), ..range }
 }
 
-/// The largest limit of t after a hit; −∞ for any-hit queries, which then look for no other.
+/// The largest limit of t after a hit; −∞ for any-hit queries, which then stop.
 fn cap(any: bool) -> f64 {
     if any { f64::NEG_INFINITY } else { f64::INFINITY }
 }
 
 impl<'a> ClosestHit<'a> {
-    /// `any`: an any-hit query, which tells only whether there is a hit.
+    /// `any` makes it an any-hit query, which only tells whether there is a hit.
     pub fn new(scene: &'a Scene, ray: TimedRay, range: TRange, any: bool) -> Self {
         let (range, root) = (finite(range), RootId::of_triangle(0, 0));
         ClosestHit { scene, ray, range, cap: cap(any), root, low: f64::INFINITY, limit: range.max }
     }
 
-    /// The nearest hit, with bounds of t.
+    /// The closest hit, with bounds of t.
     pub fn found(&self) -> Option<(RootId, Interval)> {
         if self.low < f64::INFINITY { Some((self.root, bounds(self.low, self.limit))) } else { None }
     }
@@ -78,7 +78,7 @@ impl<'a> ClosestHit<'a> {
         });
     }
 
-    /// Keeps the primitive's first hit in range if it is the nearest so far.
+    /// Keeps the primitive's first hit in range if it is the closest so far.
     fn intersect(&mut self, id: u32, primitive: u32) {
         let found = number::decide(&self.root_intervals(id, primitive));
         self.accept_first(id, primitive, found);
@@ -103,11 +103,11 @@ impl<'a> ClosestHit<'a> {
         }
     }
 
-    /// Keeps a hit, within bounds of t, if it is in range and the nearest so far; tells whether t ≥ t_min, so
-    /// that later hits of the same primitive are of no interest.
+    /// Keeps a hit, with bounds of t, if it is in range and the closest so far. Returns whether t ≥ t_min,
+    /// which makes later hits of the same primitive irrelevant.
     fn accept(&mut self, at: RootId, t: Interval) -> bool {
-        // The range is that of the rounded t: rounding is monotone, so bounds of t settle it but for the last
-        // ulps.
+        // The range applies to the rounded t. Rounding is monotone, so bounds of t decide except within the
+        // last ulps.
         if t.high < self.range.min || (t.low < self.range.min && self.is_early(at)) {
             return false;
         }
@@ -125,7 +125,7 @@ impl<'a> ClosestHit<'a> {
         self.scene.t(&at, &self.ray)
     }
 
-    /// Whether t, rounded, is below t_min; below zero it is even where rounding leaves zero.
+    /// Whether the rounded t is below t_min. A negative t is, even if it rounds to zero.
     fn is_early(&self, at: RootId) -> bool {
         let t = self.rounded(at);
         t < self.range.min || t == 0.0 && self.range.min == 0.0 && self.scene.is_negative(&at, &self.ray)
@@ -147,14 +147,14 @@ pub fn timed_ray(rays: &RayPacket, lane: usize) -> TimedRay {
     TimedRay { origin: rays.origin(lane), direction: rays.direction(lane), time: rays.time[lane] }
 }
 
-/// The rounded t is in range, so that t itself may be beyond the limit by less than an ulp.
+/// The rounded t is in range, so t itself may exceed the limit by less than an ulp.
 #[inline(always)]
 fn bounds(low: f64, limit: f64) -> Interval {
     Interval { low, high: limit.next_up() }
 }
 
-/// What became of a root of eight rays: the lanes whose limits may have decreased, and those in which t <
-/// t_min, so that later hits of the same primitive may be in range.
+/// The effect of a root on eight rays: the lanes whose limits may have decreased, and those with t < t_min,
+/// where later hits of the same primitive may be in range.
 pub struct Accepted {
     pub nearer: u32,
     pub early: u32,
@@ -166,7 +166,7 @@ fn part(root: &RootId) -> u32 {
     u32::from_le_bytes([root.index, root.feature, 0, 0])
 }
 
-/// The closest-hit queries of the rays of a packet, a lane each, with the results of a `ClosestHit` each.
+/// The closest-hit queries of the rays of a packet, one per lane, with the results of single `ClosestHit`s.
 #[repr(C, align(64))]
 pub struct ClosestHits<'a> {
     low: [f64; LANES],
@@ -194,7 +194,7 @@ impl<'a> ClosestHits<'a> {
         }
     }
 
-    /// Restarts with other rays.
+    /// Restarts for other rays.
     #[inline(always)]
     pub fn restart<I: Isa>(&mut self) {
         for eight in 0..LANES / 8 {
@@ -219,13 +219,13 @@ impl<'a> ClosestHits<'a> {
         &self.limit
     }
 
-    /// Objects and primitives of the nearest hits.
+    /// Objects and primitives of the closest hits.
     #[inline(always)]
     pub fn objects_and_primitives(&self) -> ([u32; LANES], [u32; LANES]) {
         (self.object, self.primitive)
     }
 
-    /// Primitives of the nearest hits.
+    /// Primitives of the closest hits.
     #[inline(always)]
     pub fn primitives(&self) -> &[u32; LANES] {
         &self.primitive
@@ -241,13 +241,13 @@ impl<'a> ClosestHits<'a> {
         found
     }
 
-    /// The object that the nearest hit of a lane is on.
+    /// The object of the closest hit of a lane.
     #[inline(always)]
     pub fn object(&self, lane: usize) -> u32 {
         self.object[lane]
     }
 
-    /// The lanes whose nearest hit, if any, is on this object.
+    /// The lanes whose closest hit, if any, is on this object.
     #[inline(always)]
     pub fn lanes_on(&self, object: u32) -> Mask {
         let mut lanes = 0;
@@ -261,8 +261,8 @@ impl<'a> ClosestHits<'a> {
         lanes
     }
 
-    /// The lanes, of N from `N·i` on, whose nearest hit, if any, is on the same part of the same object as
-    /// that of lane `first`.
+    /// The lanes, of N from `N·i` on, whose closest hit, if any, is on the same feature of the same object
+    /// as that of lane `first`.
     #[inline(always)]
     pub fn lanes_like<const N: usize>(&self, first: usize, i: usize) -> Mask {
         let (object, part) = (self.object[first], self.part[first]);
@@ -274,14 +274,14 @@ impl<'a> ClosestHits<'a> {
         lanes << (N * i)
     }
 
-    /// Bounds of t of the nearest hit of a lane.
+    /// Bounds of t of the closest hit of a lane.
     #[inline(always)]
     pub fn bounds(&self, lane: usize) -> Interval {
         bounds(self.low[lane], self.limit[lane])
     }
 
-    /// As `bounds`, of eight lanes. Beyond the limit is at least the next number: that is no farther than
-    /// 2⁻⁵² of it, or the smallest of all.
+    /// As `bounds`, for eight lanes. The upper bound is at least the next number above the limit, which is at
+    /// most 2⁻⁵² of the limit away, or the smallest subnormal.
     #[inline(always)]
     pub fn bounds_of_eight<I: Isa>(&self, eight: usize) -> Interval<I::F64x8> {
         let limit: I::F64x8 = lanes::load(&self.limit, eight);
@@ -302,7 +302,7 @@ impl<'a> ClosestHits<'a> {
         self.part[lane] = part(&root);
     }
 
-    /// As `ClosestHit::accept`, of a root whose primitive has no other; tells whether the limit may have
+    /// As `ClosestHit::accept`, for the only root of a primitive. Returns whether the limit may have
     /// decreased.
     #[inline(always)]
     pub fn accept_only(&mut self, rays: &RayPacket, lane: usize, at: RootId, t: Interval) -> bool {
@@ -318,7 +318,7 @@ impl<'a> ClosestHits<'a> {
         true
     }
 
-    /// As `ClosestHit::accept`, of one root in these lanes of the eight.
+    /// As `ClosestHit::accept`, for one root in these lanes of the eight.
     #[inline(always)]
     pub fn accept_eight<I: Isa>(
         &mut self,
@@ -365,7 +365,7 @@ impl<'a> ClosestHits<'a> {
         accepted
     }
 
-    /// Keeps the primitive's first hit in range if it is the nearest so far.
+    /// Keeps the primitive's first hit in range if it is the closest so far.
     #[inline(never)]
     pub fn intersect(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
         let mut closest = self.of_lane(rays, lane);
@@ -373,7 +373,7 @@ impl<'a> ClosestHits<'a> {
         self.set_lane(lane, &closest);
     }
 
-    /// As `intersect`, of a primitive whose intersection float64 could not decide.
+    /// As `intersect`, for a primitive that float64 arithmetic could not decide.
     #[inline(never)]
     pub fn intersect_exactly(&mut self, rays: &RayPacket, lane: usize, id: u32, primitive: u32) {
         let mut closest = self.of_lane(rays, lane);
@@ -434,8 +434,8 @@ mod tests {
         with_large_frames(take_roots);
     }
 
-    /// Roots on planes at whole t and beside them, and bounds that are exact, close or wide, so that some are
-    /// known to be in range and nearest, and some are so narrowly.
+    /// Roots on planes at whole t and next to them, with exact, close or wide bounds, so that some are
+    /// clearly in range and closest, and others narrowly.
     fn take_roots() {
         let heights: Vec<f64> =
             [1.0, 2.0, 3.0, 4.0, 5.0].iter().flat_map(|t: &f64| [*t, t.next_up(), t + 0.5]).collect();

@@ -1,4 +1,4 @@
-//! Casts of many rays, shared among threads, into arrays.
+//! Casts of many rays into arrays, shared among threads.
 
 use std::mem::MaybeUninit;
 use std::ops::Range;
@@ -10,13 +10,13 @@ use crate::geometry::vector::Point;
 use crate::scene::{Hit, Rays, Run, Sink, TRange, World};
 use crate::{memory, parallel};
 
-/// Arrays that the hits of many rays go to; each thread writes to a part of them.
+/// Arrays that receive the hits of many rays; each thread writes to a part of them.
 pub trait Arrays: Sink + Send + Sized {
     /// Splits off the rows of the first rays.
     fn split_off(&mut self, count: usize) -> Self;
 
-    /// As `World::cast`, on all threads: splits off the rows of these rays. Each row is written, of an
-    /// illegal ray too.
+    /// As `World::cast`, on all threads; splits off the rows of these rays. Every row is written, including
+    /// those of illegal rays.
     fn cast(&mut self, world: &World, level: Level, rays: Rays, range: TRange) -> bool {
         let legal = AtomicBool::new(true);
         let pieces = pieces(rays.directions, 1).into_iter();
@@ -49,16 +49,16 @@ impl<T: Copy> Slot<T> for MaybeUninit<T> {
     }
 }
 
-/// An array for each part of a hit.
+/// One array per component of a hit.
 pub struct Columns<'a, F = MaybeUninit<f64>, N = MaybeUninit<i32>> {
     pub t: &'a mut [F],
     pub object: &'a mut [N],
     pub primitive: &'a mut [N],
-    /// A coordinate after the other.
+    /// The normals, three consecutive coordinates each.
     pub normal: &'a mut [F],
 }
 
-/// The same with memory of its own.
+/// The same arrays with memory of their own.
 #[derive(Default)]
 pub struct HitArrays {
     pub t: Vec<f64>,
@@ -75,7 +75,7 @@ impl HitArrays {
         hits
     }
 
-    /// Makes them as long as that; what is added is no hit.
+    /// Resizes the arrays; new rows are misses.
     pub fn resize(&mut self, count: usize) {
         let Hit { t, normal: [x, ..], object, primitive } = Hit::MISS;
         memory::resize(&mut self.t, count, t);
@@ -109,7 +109,7 @@ impl HitArrays {
     }
 }
 
-/// An uninitialized array of whether each ray hits anything.
+/// An uninitialized array of flags: whether each ray hits anything.
 pub struct Occlusion<'a>(pub &'a mut [MaybeUninit<bool>]);
 
 impl Arrays for Columns<'_> {
@@ -199,7 +199,7 @@ mod tests {
         }
     }
 
-    /// Four lanes follow one another, or but for the first or the last, or end where the arrays do.
+    /// Four consecutive lanes, possibly without the first or the last, or at the end of the arrays.
     #[test]
     fn runs_of_hits_are_put_where_each_would_be() {
         const COUNT: u32 = 40;

@@ -1,6 +1,6 @@
-//! Deferred candidates: pairs of a ray and a triangle that the test in a leaf, on its quantized vertices,
-//! left uncertain. They are tested eight at a time with the vertices as given, by expansions; sides that
-//! these leave open are decided exactly, and where t remains uncertain, the filtered predicates tell.
+//! Deferred candidates: pairs of a ray and a triangle that the quantized test in a leaf left uncertain.
+//! Expansions test eight at a time with the vertices as given. Sides that remain open are decided exactly,
+//! and where t remains uncertain, the filtered predicates decide.
 
 use crate::arith::number::Interval;
 use crate::arith::simd::{Floats, Isa, Task, lanes};
@@ -10,8 +10,8 @@ use crate::geometry::ray::Ray;
 use crate::scene::{RootId, Scene};
 use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners_of, sides};
 
-/// A queue of pairs of a ray and a triangle of an untransformed mesh, whose vertices are prefetched
-/// meanwhile.
+/// A queue of pairs of a ray and a triangle of an untransformed mesh. Their vertices are prefetched while
+/// they wait.
 pub struct DeferredCandidates {
     count: usize,
     lane: [u8; CAPACITY],

@@ -1,8 +1,8 @@
-//! The driver of casts: rays are sorted into coherent packets, the packets traverse the hierarchies, and
-//! their closest hits are refined.
+//! The driver of casts: it sorts rays into coherent packets, which traverse the hierarchies, and refines
+//! their closest hits.
 //!
-//! Results depend neither on how the rays are grouped nor on the instruction set: float32 tests and the
-//! bounds of float64 only cull what is certainly not the closest hit, and what they leave is decided exactly.
+//! Results depend neither on the grouping of rays nor on the instruction set: float32 tests and float64
+//! bounds only cull what is certainly not the closest hit, and the rest is decided exactly.
 
 use std::cell::Cell;
 
@@ -17,12 +17,12 @@ use crate::cast::triangle_hits::TriangleHits;
 use crate::scene::{Hit, Rays, Sink, TRange, World};
 use crate::stop;
 
-/// After how many packets the caller may stop a cast.
+/// Packets between two polls for a stop of the cast.
 const POLL: usize = 16;
 
-/// The nearest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; if nothing moves, there may be
-/// no times. The outcome is false if there was a ray with a number that is not finite, or with a zero
-/// direction; such a ray is a miss.
+/// The closest hit of each ray with t_min ≤ t ≤ t_max, at the time of the ray; times may be missing if
+/// nothing moves. The result is false if any ray has a number that is not finite or a zero direction; such a
+/// ray is a miss.
 pub struct Cast<'a, S: Sink + ?Sized> {
     pub world: &'a World<'a>,
     pub rays: Rays<'a>,
@@ -44,8 +44,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         let mut source = PacketSource { rays, ray_sort, start: 0, done: 0 };
         let mut traversals =
             traversals.each_mut().map(|scratch| Traversal::new(world, range, S::ANY, scratch));
-        // Hits of one packet are refined after the next packet has been traversed: meanwhile their vertices
-        // are prefetched.
+        // Hits of one packet are refined after the traversal of the next, so that their vertices can be
+        // prefetched.
         let (mut triangle_hits, mut previous) = (TriangleHits::new(), previous);
         let mut router = HitRouter { world, batches, hits };
         let mut legal = true;
@@ -59,7 +59,7 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
                     }
                 }
             }
-            // The clock takes as long to read as a ray or two.
+            // Reading the clock takes as long as a ray or two.
             if turn.is_multiple_of(POLL) {
                 stop::poll();
             }
@@ -84,8 +84,8 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
 }
 
 impl World<'_> {
-    /// The nearest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Of equal t the lowest object comes
-    /// first, then the lowest primitive. False if there was an illegal ray (see [`Cast`]).
+    /// The closest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Equal t are ordered by object,
+    /// then by primitive. False if there was an illegal ray (see [`Cast`]).
     pub fn cast(&self, level: Level, rays: Rays, range: TRange, hits: &mut (impl Sink + ?Sized)) -> bool {
         simd::dispatch(level, Cast { world: self, rays, range, hits })
     }
@@ -96,11 +96,11 @@ thread_local! {
     static SCRATCH: Cell<Option<Box<Scratch>>> = const { Cell::new(None) };
 }
 
-/// Scratch memory of a cast; its contents mean nothing to the next.
+/// Scratch memory of a cast; its contents carry no meaning to the next.
 struct Scratch {
-    /// Each in a place of its own: a thread's stack need not hold all of them while they are made.
+    /// Boxed separately, so that a thread's stack need not hold all of them during construction.
     traversals: [Box<TraversalScratch>; TRAVERSALS],
-    /// The rays of the packet whose hits are refined.
+    /// The rays of the packet whose hits are being refined.
     previous: RayPacket,
     batches: HitBatches,
     surfaces: SurfaceIntersector,
@@ -119,18 +119,18 @@ impl Default for Scratch {
     }
 }
 
-/// The source of packets: the rays that are still to be traced, in the order of the ray sort.
+/// The source of packets: rays yet to be traced, in the order of the ray sort.
 struct PacketSource<'a> {
     rays: Rays<'a>,
     ray_sort: &'a mut RaySort,
-    /// How many of the rays sorted last have been gathered into packets, and where those begin.
+    /// How many rays of the last sort are already in packets, and where these rays begin.
     start: usize,
     done: usize,
 }
 
 impl PacketSource<'_> {
-    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if there
-    /// are no more. Hits of rays that are sorted for it are cleared.
+    /// Gathers the next packet, or a single ray that does not fit into packets (`count` is 0); false if no
+    /// rays remain. Clears the hits of the rays that it sorts.
     #[inline(always)]
     fn next_packet<I: Isa>(&mut self, packet: &mut RayPacket, hits: &mut (impl Sink + ?Sized)) -> bool {
         let end = self.ray_sort.sorted().len();
@@ -154,7 +154,7 @@ impl PacketSource<'_> {
     }
 }
 
-/// Routes closest hits to what refines them: triangles that stand still by themselves, or batches.
+/// Routes closest hits to their refinement: `TriangleHits` for still triangles, batches for all others.
 struct HitRouter<'a, S: ?Sized> {
     world: &'a World<'a>,
     batches: &'a mut HitBatches,
@@ -168,7 +168,7 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
         let (mut given, mut placed, mut left) = (0, 0, closest.found::<I>());
         let object = |lane| &self.world.scene.objects()[closest.object(lane) as usize];
         if !S::ANY && left != 0 {
-            // Most packets meet one object.
+            // Most packets hit a single object.
             let first = left.trailing_zeros() as usize;
             let lanes = left & closest.lanes_on(closest.object(first));
             if object(first).is_untransformed_triangle() {
@@ -234,8 +234,8 @@ mod tests {
     use crate::scene::{RootId, Scene};
     use crate::testing::with_large_frames;
 
-    /// Straight down on the points of a grid, some of them on the edges: the weight of the last vertex there
-    /// is y/8, exactly.
+    /// Straight down on the points of a grid, some on the edges: the weight of the last vertex there is y/8,
+    /// exactly.
     fn rays() -> (Vec<Point>, Vec<Point>) {
         let points = (0..81).map(|k| [k % 9, k / 9].map(f64::from)).filter(|[x, y]| x + y <= 8.0);
         let origins: Vec<Point> = points.map(|[x, y]| [x, y, 3.0]).collect();
@@ -271,7 +271,7 @@ mod tests {
                         );
                         assert!(world.cast(level, rays, TRange::RAY, &mut hits.columns()));
                         for (hit, o) in hits.iter().zip(&origins) {
-                            // The surfaces part where the last vertex has a weight.
+                            // The surfaces differ where the last vertex has a weight.
                             let tie = z == 1.0 || o[1] == 0.0;
                             let first = if tie { 0 } else { i32::from((z > 1.0) != swapped) };
                             let RootId { object, primitive, .. } = at[first as usize];
@@ -296,8 +296,8 @@ mod tests {
             let scene = Scene::new(vec![object(FLAT, 9)]);
             let (mut origins, mut directions) = rays();
             let hitting = origins.len();
-            // Rays beside the triangle and away from it, one that does not fit into packets, and one that is
-            // illegal.
+            // Rays next to the triangle and away from it, one that does not fit into packets, and an illegal
+            // one.
             for (origin, direction) in
                 [([-1.0, 2.0, 3.0], [0.0, 0.0, -1.0]), ([1.0, 2.0, 3.0], [0.0, 0.0, 1.0])]
             {

@@ -1,5 +1,5 @@
-//! Hits on surfaces, and on meshes that move, refined in batches: t and the normal by a step of interval
-//! Newton, in double-double. Lanes that stay uncertain are refined ray by ray.
+//! Hits on surfaces and on moving meshes, refined in batches: an interval Newton step in double-double yields
+//! t and the normal. Lanes that stay uncertain are refined ray by ray.
 
 use std::cell::Cell;
 
@@ -19,10 +19,10 @@ use crate::shapes::{Surface, SurfaceTask};
 /// Lanes of the widest register.
 const WIDEST: usize = 8;
 
-/// Batches of hits, each on one part of one object: an implicit surface, or a mesh that moves.
+/// Batches of hits, each on one part of one object: an implicit surface or a moving mesh.
 pub struct HitBatches {
     batches: Vec<HitBatch>,
-    /// Of neighbouring lanes of a packet.
+    /// A batch of adjacent lanes of a packet.
     neighbors: HitBatch,
     scratch: BatchScratch,
 }
@@ -34,23 +34,22 @@ struct BatchScratch {
     refined: Refined,
 }
 
-/// Batches at once, a table indexed by a hash of object and part; on a collision the older batch is flushed.
+/// Concurrent batches: a table indexed by a hash of object and part; a collision flushes the older batch.
 const BATCHES: usize = 32;
 
-/// Hits of a batch: two of the widest registers, so that the latency of one's divisions is hidden by the
-/// other's work.
+/// Hits of a batch: two of the widest registers, so that each hides the latency of the other's divisions.
 pub const BATCH_SIZE: usize = 2 * WIDEST;
 
-/// From so many on, hits of `BATCH_SIZE` neighbouring lanes are a batch of their own: as measured, fewer are
-/// better collected.
+/// At least this many hits of `BATCH_SIZE` adjacent lanes form their own batch; measurements show that fewer
+/// are better collected.
 const MANY: u32 = 8;
 
 /// A hit that is to be refined.
 pub struct BoundedHit {
-    /// The ray's place in the arrays of hits.
+    /// The ray's index in the arrays of hits.
     pub at: u32,
     pub root: RootId,
-    /// Of t.
+    /// Bounds of t.
     pub bounds: Interval,
     pub ray: TimedRay,
 }
@@ -61,15 +60,15 @@ struct HitBatch {
     origin: [[f64; BATCH_SIZE]; 3],
     direction: [[f64; BATCH_SIZE]; 3],
     time: [f64; BATCH_SIZE],
-    /// Of t.
+    /// The bounds of t.
     low: [f64; BATCH_SIZE],
     high: [f64; BATCH_SIZE],
-    /// Of all hits, but for the primitive and the index of the root.
+    /// Common to all hits, except for the primitive and the index of the root.
     root: RootId,
     primitive: [u32; BATCH_SIZE],
     index: [u8; BATCH_SIZE],
     at: [u32; BATCH_SIZE],
-    /// A bit for each slot that holds a hit.
+    /// One bit for each slot that holds a hit.
     slots: Mask,
 }
 
@@ -97,12 +96,12 @@ impl HitBatches {
         HitBatches { batches: vec![empty; BATCHES], neighbors: empty, scratch }
     }
 
-    /// Restarts with another scene.
+    /// Restarts for another scene.
     pub fn restart(&mut self, scene: &Scene) {
         self.scratch.poses.restart(scene.moves());
     }
 
-    /// Adds a hit to its batch, and refines the batch if it is full.
+    /// Adds a hit to its batch, and refines the batch once it is full.
     #[inline(always)]
     pub fn push<I: Isa>(&mut self, scene: &Scene, hit: &BoundedHit, hits: &mut (impl Sink + ?Sized)) {
         let BoundedHit { at, root, bounds, ray: TimedRay { origin, direction, time } } = *hit;
@@ -125,9 +124,9 @@ impl HitBatches {
         }
     }
 
-    /// Refines the hits of neighbours: of those `lanes`, among the `BATCH_SIZE` lanes of a packet from
-    /// `start` on, that hit the same part of the same object as the first of them, if these are many. Returns
-    /// the lanes refined.
+    /// Refines the hits of adjacent lanes: those of `lanes`, among the `BATCH_SIZE` lanes from `start` on,
+    /// that hit the same part of the same object as the first of them, if there are many. Returns the refined
+    /// lanes.
     #[inline(always)]
     pub fn refine_neighbors<I: Isa>(
         &mut self,
@@ -184,7 +183,7 @@ impl HitBatch {
         let world = WorldRays { origin: &self.origin, direction: &self.direction };
         refined.known = 0;
         let stepped = if placements.is_identity() {
-            // Hits on meshes that stand still are refined by `TriangleHits`, unless their maps are extreme.
+            // `TriangleHits` refines hits on still meshes, unless their maps are extreme.
             match &object.geometry {
                 Geometry::Surface(shape) => {
                     shape.dispatch::<I, _>(RefineBatch { rays: world, batch: self, refined })
@@ -198,7 +197,7 @@ impl HitBatch {
                 }
                 Geometry::Mesh(mesh) => {
                     let corners = &self.corners(mesh);
-                    I::apart(RefineTriangleBatch { rays: &*local, corners, batch: self, refined })
+                    I::call_widest(RefineTriangleBatch { rays: &*local, corners, batch: self, refined })
                 }
             }
         } else {
@@ -234,7 +233,7 @@ impl HitBatch {
                 let root = RootId { primitive, index: self.index[slot], ..self.root };
                 let (origin, direction) = (pick(&self.origin, slot), pick(&self.direction, slot));
                 let ray = TimedRay { origin, direction, time: self.time[slot] };
-                // Ray by ray, the same step would fail again.
+                // The same step would fail again for a single ray.
                 hits.write(
                     at,
                     match stepped {
@@ -281,17 +280,17 @@ fn pick(v: &[[f64; BATCH_SIZE]; 3], slot: usize) -> Point {
 
 /// The refined hits of a batch.
 struct Refined {
-    /// A bit for each hit that is certain.
+    /// One bit for each certain hit.
     known: u32,
     t: [f64; BATCH_SIZE],
-    /// In the coordinates of the object, of any length, where these are not those of the world.
+    /// In the coordinates of the object, of any length, if these are not world coordinates.
     local_normal: [Stored<BATCH_SIZE>; 3],
-    /// A unit normal in the coordinates of the world.
+    /// A unit normal in world coordinates.
     normal: [[f64; BATCH_SIZE]; 3],
 }
 
-/// Refines the hits of a batch; where rays are in the coordinates of the object, the normals in the world are
-/// left to `TransformNormals`.
+/// Refines the hits of a batch. For rays in the coordinates of the object, `TransformNormals` computes the
+/// world normals.
 struct RefineBatch<'a, R> {
     rays: R,
     batch: &'a HitBatch,
@@ -333,7 +332,7 @@ impl<R: RayParts> SurfaceTask for RefineBatch<'_, R> {
     }
 }
 
-/// As `RefineBatch`, of hits on triangles of a mesh.
+/// As `RefineBatch`, for hits on triangles of a mesh.
 struct RefineTriangleBatch<'a, R> {
     rays: R,
     corners: &'a [[[f64; BATCH_SIZE]; 3]; 3],
@@ -358,7 +357,7 @@ impl<R: RayParts> LaneTask for RefineTriangleBatch<'_, R> {
     }
 }
 
-/// Works out the normals in the world; hits of which one is uncertain are no longer known.
+/// Computes the world normals; hits with an uncertain normal become unknown.
 struct TransformNormals<'a>(&'a mut Refined);
 
 impl PlacementTask for TransformNormals<'_> {
@@ -374,7 +373,7 @@ impl PlacementTask for TransformNormals<'_> {
                 continue;
             }
             let lanes = Many::<F>::new(&active);
-            // Without closures: these would not be compiled for the instruction set.
+            // Closures would not be compiled for the instruction set.
             let [x, y, z] = &refined.local_normal;
             let normal = [
                 DoubleDoubles::load(x, i, lanes),
@@ -412,7 +411,7 @@ impl Refined {
         }
     }
 
-    /// Stores the unit normals of part `i`, in the world.
+    /// Stores the unit world normals of part `i`.
     #[inline(always)]
     fn store_normals<L: Lanes<N>, const N: usize>(
         &mut self,

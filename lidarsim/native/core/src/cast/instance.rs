@@ -12,12 +12,12 @@ use crate::geometry::vector::Point;
 use crate::geometry::vector::of_rays;
 use crate::scene::Object;
 
-/// The rays of an instance visit, in local coordinates, where they may be of several octants.
+/// The rays of an instance visit in local coordinates, possibly of several octants.
 pub struct InstanceRays {
     all: RayPacket,
-    /// Which of them have a negative direction, by axis.
+    /// Rays with a negative direction, by axis.
     backward: [Mask; 3],
-    /// Those of one octant, if others are left.
+    /// The rays of one octant, if there are others.
     some: RayPacket,
     are_some: bool,
 }
@@ -27,8 +27,8 @@ impl InstanceRays {
         InstanceRays { all: RayPacket::empty(), backward: [0; 3], some: RayPacket::empty(), are_some: false }
     }
 
-    /// Transforms these rays of the world, and returns those that fit into packets. `then`: where an object
-    /// that moves is for each of them.
+    /// Transforms world rays and returns those that fit into packets. `then` holds the per-ray poses of a
+    /// moving object.
     #[inline(always)]
     pub fn gather<I: Isa>(
         &mut self,
@@ -53,7 +53,7 @@ impl InstanceRays {
         held
     }
 
-    /// As `gather`, by an inverse that all rays share.
+    /// As `gather`, with one inverse for all rays.
     #[inline(always)]
     fn gather_still<I: Isa>(&mut self, inverse: &RoundedInverse, world: &RayPacket, mask: Mask) -> Mask {
         let mut held = 0;
@@ -100,7 +100,7 @@ impl InstanceRays {
         if self.are_some { &mut self.some } else { &mut self.all }
     }
 
-    /// Chooses those of `left` that are of the octant of the first, and returns them.
+    /// Chooses the rays of `left` in the octant of the first, and returns them.
     #[inline(always)]
     pub fn next<I: Isa>(&mut self, left: Mask) -> Mask {
         let first = left.trailing_zeros();
@@ -119,8 +119,7 @@ impl InstanceRays {
     }
 }
 
-/// Transforms rays, a register at a time, and returns those whose bounds are certain and that fit into
-/// packets.
+/// Transforms rays, one register at a time. Returns those with certain bounds that fit into packets.
 struct Gather<'a> {
     world: &'a RayPacket,
     mask: Mask,
@@ -155,7 +154,7 @@ impl PlacementTask for Gather<'_> {
 }
 
 impl InstanceRays {
-    /// Stores part `i`, and returns those of its rays that fit into packets: as `RayPacket::fits`.
+    /// Stores part `i` and returns its rays that fit into packets, by the rule of `RayPacket::fits`.
     #[inline(always)]
     fn store<F: Floats<f64, N>, const N: usize>(
         &mut self,
@@ -180,7 +179,7 @@ impl InstanceRays {
     }
 }
 
-/// The middles of boxes, and how far any coordinate of a point of the box is from it.
+/// The centres of boxes, and the largest distance of any coordinate of a point of the box from it.
 #[inline(always)]
 fn middle<F: Floats<f64, N>, const N: usize>(v: Bounds<F>) -> ([F; 3], F) {
     let (half, mut m, mut error) = (F::splat(0.5), [F::splat(0.0); 3], F::splat(0.0));
@@ -222,7 +221,7 @@ mod tests {
         }
     }
 
-    /// Moved once or twice, to places near and far, stretched, and some of them reflected.
+    /// Transformed once or twice, near and far, stretched, and some reflected.
     fn object(round: usize, number: &mut impl FnMut() -> f64) -> Option<Object> {
         let mesh = TriangleMesh::new(Vec::new(), Vec::new())?;
         let mut object = Object::new(Geometry::Mesh(Arc::new(mesh)), false);
@@ -234,7 +233,7 @@ mod tests {
         Some(object)
     }
 
-    /// Intervals of numbers near and far, wide, or of neighbours.
+    /// Intervals of near and far numbers, wide or between neighbours.
     #[test]
     fn middles_are_as_near_both_ends_as_they_say() {
         let mut number = numbers();

@@ -1,4 +1,4 @@
-//! The leaf intersector: rays of a packet against the triangles of a mesh's leaves.
+//! The leaf intersector: tests rays of a packet against the triangles of a mesh's leaves.
 
 use crate::arith::number::UNIT;
 use crate::arith::simd::{Floats, Isa};
@@ -11,8 +11,8 @@ use crate::shapes::triangle::{
     DirectionBounds, Edges, LEAF_SIZE, Leaf, LeafRay, LeafRays, Planes, TriangleTest,
 };
 
-/// From so many rays of one origin on, triangles of a leaf are ruled out for all of them. Of few that are
-/// left each is tested against eight rays at a time.
+/// With at least this many rays of one origin, triangles of a leaf are culled for all of them. If few
+/// triangles remain, each is tested against eight rays at a time.
 const MANY: u32 = 16;
 
 /// Intersects rays of one octant, in the local coordinates of a mesh, with its leaves.
@@ -24,7 +24,7 @@ pub struct LeafIntersector<'a, 's> {
     /// The same rays in world coordinates.
     pub world: &'a RayPacket,
     pub closest: &'a mut ClosestHits<'s>,
-    /// None if the mesh is transformed.
+    /// `None` if the mesh is transformed.
     pub deferred: Option<&'a mut DeferredCandidates>,
     pub scratch: &'a mut LeafScratch,
 }
@@ -32,13 +32,13 @@ pub struct LeafIntersector<'a, 's> {
 /// Scratch memory of the tests in leaves.
 #[repr(C, align(64))]
 pub struct LeafScratch {
-    /// Of the rays with candidates, one after the other, the sums U + V + W by triangle.
+    /// For each ray with candidates, the sums U + V + W by triangle.
     sums: [[f64; LEAF_SIZE]; LANES],
-    /// Those rays.
+    /// The tests of these rays.
     tests: [LeafTest; LANES],
-    /// Of the leaves of single rays, or of one leaf as seen from the origins of a packet.
+    /// The planes of the leaves of single rays, or of one leaf as seen from the origins of a packet.
     planes: [Planes; LANES],
-    /// Of the rays that traverse the mesh, once they are asked for.
+    /// Bounds of the rays that traverse the mesh, computed on first use.
     pub directions: Option<DirectionBounds>,
 }
 
@@ -49,7 +49,7 @@ impl LeafScratch {
         LeafScratch { sums, tests: [nothing; LANES], planes: [Planes::NONE; LANES], directions: None }
     }
 
-    /// Keeps a test, with the next planes, if it has candidates. Without a branch.
+    /// Keeps a test, with the next planes, if it has candidates; branchless.
     #[inline(always)]
     fn keep(&mut self, tests: &mut LeafTests, lane: usize, candidates: u32, sure: u32) {
         let planes = tests.planes as u8;
@@ -59,17 +59,17 @@ impl LeafScratch {
     }
 }
 
-/// The test of a ray in a leaf: masks of the candidates, and of those that are certain hits.
+/// The test of a ray in a leaf: masks of the candidates, and of the certain hits among them.
 #[derive(Clone, Copy)]
 struct LeafTest {
     lane: u8,
     candidates: u8,
     sure: u8,
-    /// The index of the leaf's planes, as seen from the origin of the ray.
+    /// The index of the leaf's planes as seen from the origin of the ray.
     planes: u8,
 }
 
-/// How many tests have candidates, and how many planes there are for them.
+/// The number of tests with candidates, and of planes for them.
 #[derive(Clone, Copy, Default)]
 struct LeafTests {
     count: usize,
@@ -80,7 +80,7 @@ impl LeafIntersector<'_, '_> {
     /// Intersects these rays with a leaf, and returns the mask of those whose limits have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(&mut self, leaf: &Leaf, mask: Mask) -> Mask {
-        // All rays are tested before any result is used, so that no branch depends on a single test.
+        // All rays are tested before any result is used, so no branch depends on a single test.
         let mut tests = LeafTests::default();
         let mut nearer = 0;
         let vertices = leaf.grid_vertices::<I>();
@@ -191,7 +191,8 @@ impl LeafIntersector<'_, '_> {
         LeafRay { direction: self.rays.direction(lane), length: length[lane], error: direction_error[lane] }
     }
 
-    /// Updates the closest hits by tests in leaves, and returns the mask of rays whose limits have decreased.
+    /// Updates the closest hits from tests in leaves, and returns the mask of rays whose limits have
+    /// decreased.
     #[inline(always)]
     fn accept<'l, I: Isa>(&mut self, tests: LeafTests, leaf: impl Fn(usize) -> &'l Leaf) -> Mask {
         let mut nearer = 0;

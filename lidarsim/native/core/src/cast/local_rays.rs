@@ -1,4 +1,4 @@
-//! Rays in the coordinates of an object, worked out once for the formulas of its surface.
+//! Rays in the coordinates of an object, computed once for the formulas of its surface.
 
 use std::cell::Cell;
 use std::marker::PhantomData;
@@ -10,19 +10,19 @@ use crate::geometry::affine::{PlacementTask, Placements, RayPlacement};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::of_rays;
 
-/// M rays, a register at a time.
+/// M rays, one register at a time.
 pub trait RayParts: Copy {
-    /// Whether they are in the coordinates of the world.
+    /// Whether they are in world coordinates.
     const IN_WORLD: bool;
 
-    /// Part `i` of them.
+    /// Part `i` of the rays.
     fn part<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(self, i: usize, lanes: L) -> Ray<K>;
 
-    /// Origins and directions of part `i` along an axis, of rays that are in the coordinates of the world.
+    /// Origins and directions of part `i` along an axis, if the rays are in world coordinates.
     fn along<F: Floats<f64, N>, const N: usize>(self, axis: usize, i: usize) -> Option<(F, F)>;
 }
 
-/// Rays in the coordinates of the world, by axis.
+/// Rays in world coordinates, by axis.
 #[derive(Clone, Copy)]
 pub struct WorldRays<'a, const M: usize> {
     pub origin: &'a [[f64; M]; 3],
@@ -44,7 +44,7 @@ impl<const M: usize> RayParts for WorldRays<'_, M> {
     }
 }
 
-/// Rays in the coordinates of an object, as numbers of one kind.
+/// Rays in the coordinates of an object, in one kind of number.
 pub struct LocalRays<const M: usize> {
     origin: [Stored<M>; 3],
     direction: [Stored<M>; 3],
@@ -91,8 +91,8 @@ impl<const M: usize> LocalRays<M> {
     pub const UNSET: Self =
         LocalRays { origin: [Stored::UNSET; 3], direction: [Stored::UNSET; 3], weight: Stored::UNSET };
 
-    /// Transforms the registers of rays that have any of `mask`, as numbers of one kind. False where
-    /// registers have a single lane. `one_origin`: all rays start at one point.
+    /// Transforms the registers that contain rays of `mask`, in one kind of number. False if registers have a
+    /// single lane. `one_origin` says that all rays start at one point.
     #[inline(always)]
     pub fn localize<I: Isa, K: Kind>(
         &mut self,
@@ -131,7 +131,7 @@ impl<K: Kind, const M: usize> PlacementTask for Localize<'_, K, M> {
             }
             let rays = Many::<F>::new(&active);
             let ray = world.part::<K::Of<Many<F>, N>, _, N>(i, rays);
-            // The origin has been transformed with the first register.
+            // The first register has already transformed the origin.
             if one_origin && i > first / N {
                 let Ray { direction, .. } = placement.part(i).local_rays(ray, rays);
                 for axis in 0..3 {

@@ -1,4 +1,4 @@
-//! Casts: the nearest hits of many rays.
+//! Casts: the closest hits of many rays.
 
 mod closest_hit;
 mod columns;

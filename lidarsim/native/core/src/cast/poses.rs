@@ -1,12 +1,12 @@
-//! Where what moves stands at the times of rays.
+//! The poses of moving objects at the times of rays.
 
 use crate::bvh::{Mask, take};
 use crate::geometry::affine::{Affine, Affines};
 use crate::geometry::vector::Point;
 use crate::scene::Scene;
 
-/// The maps of one moving object at the times of M rays. Maps are kept from object to object and from rays to
-/// rays, since those next to each other share many times.
+/// The maps of a moving object at the times of M rays. Maps are cached across objects and rays, since
+/// adjacent rays share many times.
 pub struct Poses<const M: usize> {
     maps: Affines<M>,
     /// A table indexed by a hash of object and time; empty until something moves.
@@ -31,7 +31,7 @@ impl<const M: usize> Poses<M> {
         Poses { maps: Affines::UNSET, kept: Vec::new() }
     }
 
-    /// Forgets what is kept, for another scene.
+    /// Clears the cache for another scene.
     pub fn restart(&mut self, moves: bool) {
         self.kept.clear();
         if moves {

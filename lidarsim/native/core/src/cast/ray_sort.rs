@@ -1,4 +1,4 @@
-//! Ray sorting: an order of rays in which neighbours are coherent, by octant, origin and a Morton code of the
+//! Ray sorting: an order in which adjacent rays are coherent, by octant, origin and a Morton code of the
 //! direction (K. Garanzha, C. Loop, Fast Ray Sorting and Breadth-First Packet Traversal for GPU Ray Tracing,
 //! 2010).
 
@@ -9,55 +9,55 @@ use crate::bvh::LANES;
 use crate::geometry::vector::Point;
 use crate::memory;
 
-/// Rays that are sorted together where neighbours are coherent: they and their hits stay in the first caches.
+/// Rays that are sorted together if adjacent rays are coherent: they and their hits stay in the first-level
+/// cache.
 pub const NEAR: usize = 1024;
 
-/// Most rays that are sorted together: they stay in the second cache, and their indices have 16 bits as their
-/// keys have.
+/// Most rays that are sorted together: they stay in the second-level cache, and their indices have 16 bits,
+/// as their keys have.
 pub const MOST: usize = 1 << 13;
 
-/// Bits of a key for the direction within its octant, an axis, and for the origin, an axis. Above them is the
-/// octant.
+/// Bits of a key per axis, for the direction within its octant and for the origin. The octant is above them.
 const DIRECTION: u32 = 6;
 const ORIGIN: u32 = 3;
 
-/// Bits of the direction that count where origins differ.
+/// Bits of the direction that count if origins differ.
 const COARSE: u32 = 4;
 
-/// Groups of rays, one after the other, each in a coherent order. Kept from some rays to others, so that its
-/// memory is used again.
+/// Consecutive groups of rays, each in a coherent order. The struct is reused from cast to cast to keep its
+/// memory.
 #[derive(Default)]
 pub struct RaySort {
     /// The longest side of the scene.
     size: f64,
-    /// Which world the rays are cast at.
+    /// The number of the world at which the rays are cast.
     world: u64,
     has_times: bool,
     group: usize,
     start: usize,
-    /// Of the rays in order.
+    /// The number of sorted rays.
     count: usize,
-    /// Whether these have one origin, to the bit.
+    /// Whether these share one origin, to the bit.
     has_one_origin: bool,
     last: LastSorted,
     places: Vec<u32>,
     octants: Vec<u32>,
     keys: Vec<u32>,
-    /// Whether a ray is near the one before it.
+    /// Whether a ray is near its predecessor.
     near: Vec<u32>,
     items: Vec<u32>,
     sorted: Vec<u32>,
     order: Vec<u32>,
 }
 
-/// The group of `NEAR` rays of one origin that was sorted last, whose order may serve others.
+/// The last sorted group of `NEAR` rays of one origin; its order may suit later groups.
 #[derive(Default)]
 struct LastSorted {
-    /// Where the group in order begins; none if none was sorted.
+    /// Where the sorted group begins; `None` if there is none.
     start: Option<usize>,
-    /// Which coordinates are negative, a bit each.
+    /// The signs of the coordinates, one bit each.
     signs: Vec<u8>,
-    /// How large its packets are.
+    /// The size of its packets.
     spread: f64,
 }
 
@@ -77,8 +77,8 @@ impl Task for Advance<'_> {
 }
 
 impl RaySort {
-    /// Begins anew with other rays, which point this way; whether each has a time, at which it meets what
-    /// moves. The order of a group before, if that was cast at the same world, may serve these, too.
+    /// Restarts for rays with these directions. `has_times` says that each has a time, at which it meets
+    /// moving objects. The last order is kept if it was for the same world.
     pub fn restart(&mut self, directions: &[Point], (world, size): (u64, f64), has_times: bool) {
         self.group = if are_scattered(directions) { MOST } else { NEAR };
         self.has_times = has_times;
@@ -95,8 +95,8 @@ impl RaySort {
         memory::reserve(order, room);
     }
 
-    /// Takes the next group of rays, if there is one, sorted by octant, by the cell of the origin where
-    /// origins differ, and by direction along a Morton curve, so that tiles of directions stay together.
+    /// Takes the next group of rays, if any, sorted by octant, by the cell of the origin if origins differ,
+    /// and by direction along a Morton curve, so that tiles of directions stay together.
     #[inline(always)]
     pub fn advance<I: Isa>(&mut self, origins: &[Point], directions: &[Point]) -> bool {
         I::call(Advance { ray_sort: self, origins, directions })
@@ -134,7 +134,7 @@ impl RaySort {
         true
     }
 
-    /// Keeps what tells which groups are like the one that has just been sorted.
+    /// Records what identifies groups similar to the one just sorted.
     #[inline(always)]
     fn keep<I: Isa>(&mut self, directions: &[Point], group: Range<usize>) {
         if group.len() < NEAR {
@@ -148,9 +148,9 @@ impl RaySort {
         }
     }
 
-    /// Takes over the order of the group before if the next one is like it, as those of a sensor that turns
-    /// are: each ray in the same octant, and the packets about as narrow. Of these only samples are looked
-    /// at, for an order that serves badly is slow, not wrong.
+    /// Reuses the order of the previous group if the next one is similar, as with a rotating sensor: each ray
+    /// is in the same octant, and packets are about as narrow. Only samples of the packets are checked, since
+    /// an unsuitable order is slow, not wrong.
     #[inline(always)]
     fn takes_over<I: Isa>(&mut self, directions: &[Point], group: Range<usize>) -> bool {
         let Some(before) = self.last.start.filter(|_| group.len() == NEAR) else { return false };
@@ -171,12 +171,12 @@ impl RaySort {
         self.spread::<I>(directions) <= 1.25 * self.last.spread
     }
 
-    /// The sum of the squares of the sizes of packets, by some directions of each: the same if the sensor has
-    /// turned.
+    /// The sum of the squared sizes of packets, from a sample of directions; a rotation of the sensor
+    /// preserves it.
     #[inline(always)]
     fn spread<I: Isa>(&self, directions: &[Point]) -> f64 {
         let mut sum = I::F64x8::splat(0.0);
-        // A packet in each lane.
+        // One packet per lane.
         for packets in self.order[..NEAR].as_chunks::<{ 8 * LANES }>().0 {
             let (mut low, mut high) =
                 ([I::F64x8::splat(f64::INFINITY); 3], [I::F64x8::splat(f64::NEG_INFINITY); 3]);
@@ -203,16 +203,17 @@ impl RaySort {
         &self.order[..self.count]
     }
 
-    /// Whether all rays of the group have one origin, to the bit; of scattered rays that is not looked for.
+    /// Whether all rays of the group have one origin, to the bit; not checked for scattered rays.
     #[inline(always)]
     pub fn has_one_origin(&self) -> bool {
         self.has_one_origin
     }
 
-    /// Finds the octant of each direction, and its place on its face of |x| + |y| + |z| = 1: two coordinates
-    /// of 16 bits, of which it returns the least and the largest. The second, |z|, goes by the elevation. So
-    /// that tiles are upright, the first, (|x| − |y|)/2 + s·|z|, goes by the azimuth alone at that of the
-    /// first ray, where (|x| − |y|)/2 = s·(1 − |z|); it is at most 1/2, as s is. Of scattered rays s is 0.
+    /// Finds the octant of each direction and its place on its face of |x| + |y| + |z| = 1: two 16-bit
+    /// coordinates, whose minima and maxima it returns. The second, |z|, depends on the elevation. The first
+    /// is (|x| − |y|)/2 + s·|z|. At the azimuth of the first ray, where (|x| − |y|)/2 = s·(1 − |z|),
+    /// it depends on the azimuth alone, so that tiles are upright; it is at most 1/2, as s is. For scattered
+    /// rays, s is 0.
     #[inline(always)]
     fn find_places<I: Isa>(&mut self, directions: &[Point]) -> ([u32; 2], [u32; 2]) {
         self.places.clear();
@@ -227,7 +228,7 @@ impl RaySort {
             let (mut least, mut most) = ([[0_u32; BLOCK]; 2], [[0_u32; BLOCK]; 2]);
             for k in 0..BLOCK {
                 let [x, y, z] = [d[0][k], d[1][k], d[2][k]];
-                // What overflows or is no number gives some key: extreme directions only sort badly.
+                // Overflows and NaN give arbitrary keys: extreme directions only sort badly.
                 let scale = 65535.0 / (x.abs() + y.abs() + z.abs());
                 let u = ((0.5 * (x.abs() - y.abs()) + slope * z.abs()) * scale + 32767.5 + WHOLE).to_bits()
                     & 0xffff;
@@ -250,8 +251,8 @@ impl RaySort {
         (low, high)
     }
 
-    /// Makes a key of each octant, and of the place on a grid over what the group covers, whose cells are
-    /// `width` times as wide as they are tall.
+    /// Makes a key of each octant and of the place on a grid over the group, whose cells are `width` times as
+    /// wide as tall.
     #[inline(always)]
     fn direction_keys(&mut self, low: [u32; 2], high: [u32; 2], width: f32) {
         const END: u32 = (1 << DIRECTION) - 1;
@@ -268,12 +269,12 @@ impl RaySort {
         }
     }
 
-    /// Finds which rays are near the ones before them: runs of them are sorted as one, and gathered by the
-    /// same packet.
+    /// Finds rays that are near their predecessors. Runs of them are sorted as one and gathered into the same
+    /// packet.
     #[inline(always)]
     fn find_near<const LENGTH: usize>(&mut self, low: [u32; 2], high: [u32; 2], width: f32, tiles: f64) {
         let n = self.places.len();
-        // As far as a run may reach across the tiles that packets have of what the group covers.
+        // The largest extent of a run, in tiles: the share of the group's area that a packet covers.
         let area =
             (f64::from(high[0] - low[0]) / f64::from(width) + 1.0) * (f64::from(high[1] - low[1]) + 1.0);
         let tile = (area * LANES as f64 / n as f64).sqrt();
@@ -289,8 +290,8 @@ impl RaySort {
         }
     }
 
-    /// Puts the cell of the origin between octant and direction, which becomes coarser, unless the origins
-    /// are close together, against the size of the scene.
+    /// Inserts the cell of the origin between octant and direction, which becomes coarser, unless the origins
+    /// are close together relative to the scene.
     #[inline(always)]
     fn add_cells<I: Isa>(&mut self, origins: &[Point]) {
         const FINE: u32 = 2 * DIRECTION;
@@ -319,7 +320,7 @@ impl RaySort {
             let [x, y, z] = narrow::<I>(halves);
             let mut cells = [0; BLOCK];
             for k in 0..BLOCK {
-                // A half more is rounded to the number of the cell, from 1 on.
+                // Adding a half makes rounding yield the number of the cell, counted from 1.
                 let cell = |x: f32| ((x + 0.5 + WHOLE).to_bits() & 0xffff).clamp(1, CELLS) - 1;
                 cells[k] = spread3(cell(x[k])) | spread3(cell(y[k])) << 1 | spread3(cell(z[k])) << 2;
             }
@@ -330,13 +331,13 @@ impl RaySort {
         }
     }
 
-    /// Sorts the indices by their keys; equal keys keep their order.
+    /// Sorts the indices by key; the sort is stable.
     #[inline(always)]
     fn radix_sort<const LENGTH: usize>(&mut self, first: usize) {
         const DIGITS: usize = 2;
         let digit = |item: u32, k: usize| (item >> (16 + 8 * k)) as usize & 0xff;
         let mut ends = [[0_u32; 1 << 8]; DIGITS];
-        // An index, with a bit that tells whether it is of a run or of a single ray.
+        // An index, and a bit that distinguishes runs from single rays.
         self.items.clear();
         for (run, keys) in self.keys.chunks(LENGTH).enumerate() {
             let start = LENGTH * run;
@@ -353,7 +354,7 @@ impl RaySort {
         self.sorted.clear();
         self.sorted.resize(self.items.len(), 0);
         for k in 0..DIGITS {
-            // All of one digit: in order already.
+            // All have the same digit: already in order.
             if ends[k][digit(self.items[0], k)] as usize == self.items.len() {
                 continue;
             }
@@ -368,7 +369,7 @@ impl RaySort {
             }
             std::mem::swap(&mut self.items, &mut self.sorted);
         }
-        // What a run would have beyond a single ray is written over by the next.
+        // The next ray overwrites the excess of a run over a single ray.
         self.order.resize(self.keys.len() + LENGTH - 1, 0);
         let mut end = 0;
         for item in &self.items {
@@ -381,27 +382,26 @@ impl RaySort {
     }
 }
 
-/// How many times as wide as they are tall the tiles are that packets of a sensor at rest cover: most of what
-/// it sees is ground, whose triangles look flat from afar. Where sensor or scene move, such a packet would
-/// start at more points, or at more times, than a square one.
+/// The ratio of width to height of the tiles that packets of a sensor at rest cover: it mostly sees ground,
+/// whose triangles look flat from afar. If sensor or scene move, such a packet would have more origins, or
+/// more times, than a square one.
 const WIDTH: f32 = 4.0;
 
-/// Most rays of a run, which may reach across two tiles.
+/// Most rays of a run, which may extend across two tiles.
 const RUN: usize = 4;
 
-/// The same where origins or times differ, as sensor or scene move: then a packet has fewer of them. Such a
-/// run may reach across three tiles.
+/// The same if origins or times differ, as sensor or scene move; longer runs give a packet fewer of them.
+/// Such a run may extend across three tiles.
 const LONG_RUN: usize = 16;
 
-/// A float32 of this size has no bits behind the point: to add it is to round, and the sum's last bits are
-/// the integer.
+/// A float32 of this size has no fraction bits: adding it rounds, and the last bits of the sum are the
+/// integer.
 const WHOLE: f32 = 8_388_608.0;
 
-/// Points that are processed together.
+/// Points per block.
 const BLOCK: usize = 16;
 
-/// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point
-/// fills it.
+/// The coordinates of both halves of a block, by axis; the first point pads a partial block.
 #[inline(always)]
 fn halves<I: Isa>(block: &[Point]) -> [[I::F64x8; 3]; 2] {
     match block.first_chunk() {
@@ -419,7 +419,7 @@ fn columns<I: Isa>([a, b, c, d, e, f, g, h, i, j, k, l, m, n, o, p]: &[Point; BL
     [I::columns([a, b, c, d, e, f, g, h]), I::columns([i, j, k, l, m, n, o, p])]
 }
 
-/// As float32, an axis after the other.
+/// The coordinates as float32, by axis.
 #[inline(always)]
 fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
     [
@@ -429,7 +429,7 @@ fn narrow<I: Isa>([low, high]: [[I::F64x8; 3]; 2]) -> [[f32; BLOCK]; 3] {
     ]
 }
 
-/// Whether neighbours are incoherent: then it is worth sorting rays in larger numbers.
+/// Whether adjacent rays are incoherent, so that sorting larger groups pays off.
 pub fn are_scattered(directions: &[Point]) -> bool {
     const SAMPLES: usize = 16;
     let n = directions.len();
@@ -439,7 +439,7 @@ pub fn are_scattered(directions: &[Point]) -> bool {
         // More than 30°.
         dot(a, b) < 0.866 * (dot(a, a) * dot(b, b)).sqrt()
     };
-    // Knuth's multiplicative hash: equal steps could fall on the ends of all columns.
+    // Knuth's multiplicative hash: equal steps might always hit the ends of columns.
     let somewhere = |k: usize| (k as u32).wrapping_mul(2_654_435_769) as usize % (n - 1);
     n > 1 && (0..SAMPLES).filter(|&k| diverges(somewhere(k))).count() > SAMPLES / 2
 }
@@ -455,13 +455,13 @@ fn are_equal(points: &[Point]) -> bool {
     different == 0
 }
 
-/// Which of eight numbers are negative.
+/// The sign bits of eight numbers.
 #[inline(always)]
 fn negative<I: Isa>(numbers: &[f64; 8]) -> u8 {
     I::F64x8::load(numbers).lt(I::F64x8::splat(0.0)) as u8
 }
 
-/// A zero between any two of the lowest 16 bits.
+/// Inserts a zero between any two of the lowest 16 bits.
 #[inline(always)]
 fn spread2(x: u32) -> u32 {
     let x = (x | x << 8) & 0x00ff_00ff;
@@ -470,7 +470,7 @@ fn spread2(x: u32) -> u32 {
     (x | x << 1) & 0x5555_5555
 }
 
-/// Two zeros between any two of the lowest 4 bits.
+/// Inserts two zeros between any two of the lowest 4 bits.
 #[inline(always)]
 fn spread3(x: u32) -> u32 {
     (x & 1) | (x & 2) << 2 | (x & 4) << 4 | (x & 8) << 6
@@ -482,7 +482,7 @@ mod tests {
     use crate::arith::simd::{Level, Task, dispatch};
     use crate::testing::numbers;
 
-    /// A sensor that turns: neighbours point nearly the same way.
+    /// A rotating sensor: adjacent rays point nearly the same way.
     fn sweep(n: usize) -> Vec<Point> {
         let azimuth = |i: usize| i as f64 * 0.01;
         (0..n).map(|i| [azimuth(i).cos(), azimuth(i).sin(), 0.3 - (i % 16) as f64 * 0.04]).collect()
@@ -493,7 +493,7 @@ mod tests {
         (0..n).map(|_| [0; 3].map(|_: u8| number() - 0.5)).collect()
     }
 
-    /// Anywhere in a cube, whatever the directions.
+    /// Anywhere in a cube, independent of the directions.
     fn places(n: usize, side: f64) -> Vec<Point> {
         scattered(2 * n)[n..].iter().map(|p| p.map(|x| side * x)).collect()
     }
@@ -508,7 +508,7 @@ mod tests {
             let All(origins, directions, size) = self;
             let mut groups = Vec::new();
             let mut order = RaySort::default();
-            // Whatever it was used for before.
+            // Some earlier use.
             order.restart(&[[1.0, 0.0, 0.0]; 2], (1, 1.0), false);
             assert!(order.advance::<I>(&[[0.0; 3]; 2], &[[1.0, 0.0, 0.0]; 2]));
             order.restart(directions, (2, size), false);
@@ -553,7 +553,7 @@ mod tests {
         }
     }
 
-    /// A packet of square tiles has eight columns of this sensor.
+    /// A packet of square tiles covers eight columns of this sensor.
     #[test]
     fn packets_of_a_sensor_that_moves_start_at_few_points() {
         let direction = |i: usize| {
@@ -582,9 +582,9 @@ mod tests {
         order.chunks(LANES).map(size).sum::<f64>() / order.len().div_ceil(LANES) as f64
     }
 
-    /// Of a sensor that turns once, whose rings are then in another order, and which then looks anywhere;
-    /// once it moves in between. Groups that are alike have one order, and packets are as small as if each
-    /// group had been sorted alone.
+    /// A sensor that turns once, with its rings then in another order, and then looks anywhere; it moves once
+    /// in between. Similar groups share one order, and packets are as small as if each group were sorted
+    /// alone.
     #[test]
     fn an_order_is_taken_over_by_groups_that_are_like_it() {
         let mut number = numbers();
@@ -623,7 +623,7 @@ mod tests {
         assert!((100..140).contains(&taken_over), "{taken_over}");
     }
 
-    /// The orders of two pieces of `NEAR` rays of one origin, one after the other, each cast at a world.
+    /// The orders of two consecutive pieces of `NEAR` rays of one origin, each cast at a world.
     struct Pieces<'a>([&'a [Point]; 2], [u64; 2]);
 
     impl Task for Pieces<'_> {
@@ -665,7 +665,7 @@ mod tests {
             let order = groups(&origins, &directions, 100.0).concat();
             let sorted: Vec<Point> = order.iter().map(|&i| directions[i as usize]).collect();
             assert!(!are_scattered(&sorted));
-            // And start near each other where they start apart: closer than the mean distance in a cube, 0.66
+            // If origins differ, they are close to each other, too: below the mean distance in a cube, 0.66
             // of its side.
             let step = |pair: &[u32]| {
                 let [a, b] = [pair[0], pair[1]].map(|i| origins[i as usize]);

@@ -1,4 +1,4 @@
-//! How many rays are cast at a time.
+//! The number of rays that are cast at a time.
 
 use std::ops::Range;
 
@@ -6,10 +6,10 @@ use super::ray_sort::{MOST, NEAR, are_scattered};
 use crate::geometry::vector::Point;
 use crate::{memory, parallel};
 
-/// Which pulses threads take at a time, one piece after the other, where each takes so many `rays`: enough
-/// that neighbours can be sorted together, few enough that the rays and their hits stay in the second cache,
-/// and fewer and fewer towards the end, so that all threads end together. Incoherent rays are worth sorting
-/// in larger numbers, as many for each thread.
+/// Consecutive pieces of pulses for the threads; a pulse has `rays` rays. Pieces are large enough to sort
+/// neighbours together and small enough to keep the rays and their hits in the second-level cache. They
+/// shrink towards the end, so that all threads finish together. Incoherent rays are sorted in larger pieces
+/// of equal size.
 pub fn pieces(directions: &[Point], rays: usize) -> Vec<Range<usize>> {
     let (threads, all) = (parallel::threads(), directions.len() * rays);
     let turns = all.div_ceil(threads * MOST).max(1);

@@ -1,5 +1,5 @@
-//! The surface intersector: packets against implicit surfaces, a register of rays at a time. It bounds roots
-//! in float64 with running errors; lanes that stay uncertain are decided ray by ray.
+//! The surface intersector: tests packets against implicit surfaces, one register of rays at a time. It
+//! bounds roots in float64 with running errors; lanes that stay uncertain are decided ray by ray.
 
 use std::cell::Cell;
 
@@ -18,7 +18,7 @@ use crate::shapes::{MOST_ROOTS, Surface, SurfaceTask};
 pub struct PacketQuery<'t, 'a> {
     pub rays: &'t RayPacket,
     pub closest: &'t mut ClosestHits<'a>,
-    /// Where moving objects are at the times of the rays.
+    /// The poses of moving objects at the times of the rays.
     pub poses: &'t mut Poses<LANES>,
 }
 
@@ -37,8 +37,8 @@ impl SurfaceIntersector {
         }
     }
 
-    /// Intersects the rays of `mask` with an object, updates their closest hits, and returns the mask of
-    /// those whose limits may have decreased.
+    /// Intersects the rays of `mask` with an object and updates their closest hits. Returns the mask of rays
+    /// whose limits may have decreased.
     #[inline(always)]
     pub fn intersect<I: Isa>(
         &mut self,
@@ -100,10 +100,10 @@ struct SurfaceHits {
 /// Lanes of the packet whose roots took the same branches.
 #[derive(Clone, Copy)]
 struct AgreeingLanes {
-    /// Of which eight lanes of the packet, and a bit for each.
+    /// The index of the eight lanes in the packet, and one bit for each.
     eight: usize,
     lanes: u32,
-    /// The roots up to the first that lies in the range or beyond it in all lanes.
+    /// The roots up to the first that is in or beyond the range in all lanes.
     roots: [RootBounds; MOST_ROOTS],
     count: usize,
 }
@@ -111,7 +111,7 @@ struct AgreeingLanes {
 /// Lanes of the widest register.
 const WIDEST: usize = 8;
 
-/// Bounds of a root of each of eight lanes, on one part of the surface.
+/// Bounds of one root per lane, for eight lanes on one part of the surface.
 #[derive(Clone, Copy)]
 #[repr(C, align(64))]
 struct RootBounds {
@@ -131,7 +131,7 @@ impl RootBounds {
     }
 }
 
-/// Bounds the roots of the rays that `hits` is unsure of.
+/// Bounds the roots of the rays that are unsure in `hits`.
 struct BoundRoots<'a, R> {
     rays: R,
     t_min: f64,
@@ -178,7 +178,7 @@ impl SurfaceHits {
         let Some(first) = first else { return Ok(()) };
         let t = Number::enclose(&first)?;
         let mut behind = t.low.lt(F::splat(t_min)) & active.get();
-        // There are as many as rays, and each ray is in one of them alone: the index is in range.
+        // There are as many entries as rays, and each ray is in only one: the index is in range.
         let agreeing = &mut self.agreeing[self.count];
         let part = i % (WIDEST / N);
         agreeing.roots[0].set(part, first.feature, t);
@@ -248,9 +248,8 @@ mod tests {
             .collect()
     }
 
-    /// Side by side, so that neighbours meet the same part of an object, as many as are sorted together. And
-    /// from a few origins to the points of a grid, of which many are corners, on edges, or where a line
-    /// touches; and past them.
+    /// Adjacent rays that hit the same part of an object, as many as are sorted together; and rays from a few
+    /// origins to and past the points of a grid, many of which are corners, on edges, or points of tangency.
     fn rays() -> (Vec<Point>, Vec<Point>) {
         let (mut origins, mut directions) = (Vec::new(), Vec::new());
         for k in 0..NEAR as i32 {
@@ -318,7 +317,7 @@ mod tests {
         assert!(hit > 5_000 && missed > 5_000, "{hit}, {missed}");
     }
 
-    /// Its normal, a product, is too small for a float64 number; it points down.
+    /// Its normal, a product, underflows float64 and points down.
     #[test]
     fn a_plane_through_points_close_together_has_the_normal_that_single_rays_find() {
         with_large_frames(|| {

@@ -1,5 +1,5 @@
-//! The two-level traversal of a scene by packets: the hierarchy of its objects, and within it those of its
-//! meshes.
+//! The two-level traversal of a scene by packets: through the hierarchy of objects, and inside it the
+//! hierarchies of meshes.
 
 use crate::arith::simd::{Isa, Task};
 use crate::bvh::{Bvh, LANES, Mask, Packet, PacketTraversal, RayPacket, Stack, Visitor, all, take};
@@ -13,7 +13,7 @@ use crate::geometry::vector::Point;
 use crate::scene::{Geometry, Object, Scene, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
 
-/// Packets whose traversals are interleaved, so that one goes on while the other waits for memory.
+/// The number of interleaved packets: one goes on while the other waits for memory.
 pub const TRAVERSALS: usize = 2;
 
 /// Scratch memory of the traversal of a packet, reused from packet to packet.
@@ -21,9 +21,9 @@ pub struct TraversalScratch {
     rays: RayPacket,
     near_rays: Option<Box<RayPacket>>,
     stack: Stack,
-    /// Among the objects.
+    /// Through the objects.
     outer: PacketTraversal,
-    /// Within a mesh.
+    /// Inside a mesh.
     inner: PacketTraversal,
     deferred: DeferredCandidates,
     instance_rays: Option<Box<InstanceRays>>,
@@ -51,15 +51,15 @@ impl TraversalScratch {
 pub struct Traversal<'a, 'b> {
     pub state: PacketState<'a, 'b>,
     world: &'a World<'a>,
-    /// The hierarchy of objects that is traversed, and the one after it: what moves comes after what stands
+    /// The hierarchy of objects being traversed, and the next one: moving objects follow those that stand
     /// still.
     hierarchy: &'a Bvh<u32>,
     later: Option<&'a Bvh<u32>>,
     stage: Stage,
     stack: &'b mut Stack,
-    /// Among the objects.
+    /// Through the objects.
     outer: &'b mut PacketTraversal,
-    /// Within a mesh.
+    /// Inside a mesh.
     inner: &'b mut PacketTraversal,
     visit: Option<InstanceVisit<'a>>,
 }
@@ -126,7 +126,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.stage == Stage::Idle
     }
 
-    /// The packet has been filled with new rays.
+    /// Marks the packet as filled with new rays.
     pub fn make_ready(&mut self) {
         self.stage = Stage::Ready;
     }
@@ -136,8 +136,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.stack
     }
 
-    /// Goes on up to a node with children that rays may enter: the nearest comes next, and has only just been
-    /// prefetched, while all others have had time to arrive. False if nothing is left.
+    /// Continues to a node with children that rays may enter, and stops there: the nearest child is next, but
+    /// has only just been prefetched; all others have had time to arrive. False if nothing is left.
     #[inline(always)]
     fn step<I: Isa>(&mut self, surfaces: &mut SurfaceIntersector) -> bool {
         if self.stage == Stage::Ready {
@@ -191,7 +191,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.start_in::<I>(&world.index.bounded);
     }
 
-    /// Begins with a hierarchy of objects.
+    /// Begins the traversal of a hierarchy of objects.
     #[inline(always)]
     fn start_in<I: Isa>(&mut self, hierarchy: &'a Bvh<u32>) {
         self.hierarchy = hierarchy;
@@ -199,7 +199,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         let active = all(state.rays.count);
         state.approach::<I>(hierarchy);
         match hierarchy.only_leaf() {
-            // The root of the mesh's own hierarchy does the test that the one above would do.
+            // The root of the mesh's own hierarchy does the same test as the hierarchy of objects.
             Some(&id) if !state.scene.objects()[id as usize].is_surface() => self.enter::<I>(id, active),
             _ => {
                 state.fill::<I>(&mut outer.packet, hierarchy);
@@ -226,7 +226,7 @@ impl<'a, 'b> Traversal<'a, 'b> {
         self.inner.stop(self.stack);
     }
 
-    /// Traverses the mesh with the next rays; ends the visit if there are no more.
+    /// Traverses the mesh with the next rays, or ends the visit if none are left.
     #[inline(always)]
     fn start_within<I: Isa>(&mut self, visit: InstanceVisit<'a>) {
         let Traversal { state, stack, outer, inner, .. } = self;
@@ -243,8 +243,8 @@ impl<'a, 'b> Traversal<'a, 'b> {
     }
 }
 
-/// Interleaves the traversals of packets, a step each in turn, which hides the latency of memory. Returns one
-/// that has ended; none if all were idle.
+/// Interleaves the traversals of packets, one step each in turn, which hides the latency of memory. Returns
+/// one that has ended; `None` if all were idle.
 pub struct Advance<'t, 'a, 'b> {
     pub traversals: &'t mut [Traversal<'a, 'b>],
     pub surfaces: &'t mut SurfaceIntersector,
@@ -281,12 +281,12 @@ impl Task for Advance<'_, '_, '_> {
 pub struct PacketState<'a, 'b> {
     scene: &'a Scene,
     pub rays: &'b mut RayPacket,
-    /// As they start near the hierarchy that they traverse, if they are far from it.
+    /// The rays with starts near the traversed hierarchy, if they come from far away.
     near_rays: &'b mut Option<Box<RayPacket>>,
     are_far: bool,
     pub closest: ClosestHits<'a>,
     deferred: &'b mut DeferredCandidates,
-    /// Rays that have yet to traverse the mesh that is visited.
+    /// Rays yet to traverse the visited mesh.
     pending: Mask,
     instance_rays: &'b mut Option<Box<InstanceRays>>,
     poses: &'b mut Poses<LANES>,
@@ -300,7 +300,7 @@ impl<'a> PacketState<'a, '_> {
         surfaces.intersect::<I>(PacketQuery { rays, closest, poses }, id, mask)
     }
 
-    /// Has rays from far away start near a hierarchy of objects.
+    /// Moves the starts of rays from far away close to a hierarchy of objects.
     #[inline(always)]
     fn approach<I: Isa>(&mut self, hierarchy: &Bvh<u32>) {
         let reach = hierarchy.longest_reach();
@@ -315,7 +315,7 @@ impl<'a> PacketState<'a, '_> {
         }
     }
 
-    /// Their rays, near it if they come from far away.
+    /// The rays, with starts near the hierarchy if they come from far away.
     #[inline(always)]
     fn near_rays(&self) -> &RayPacket {
         match &*self.near_rays {
@@ -324,7 +324,7 @@ impl<'a> PacketState<'a, '_> {
         }
     }
 
-    /// Sets up a packet for the hierarchy of the objects.
+    /// Sets up a packet for the hierarchy of objects.
     #[inline(always)]
     fn fill<I: Isa>(&self, packet: &mut Packet, hierarchy: &Bvh<u32>) {
         packet.enter::<I>(self.near_rays(), hierarchy, self.closest.t_min(), self.closest.limits());
@@ -337,8 +337,8 @@ impl<'a> PacketState<'a, '_> {
         packet.enter::<I>(self.rays_in(visit), visit.hierarchy, self.closest.t_min(), self.closest.limits());
     }
 
-    /// Begins an instance visit, with rays in local coordinates; none if the object is not a mesh. Rays that
-    /// do not fit into packets are traced singly.
+    /// Begins an instance visit, with rays in local coordinates; `None` if the object is not a mesh. Rays
+    /// that do not fit into packets are traced singly.
     #[inline(always)]
     fn enter<I: Isa>(&mut self, id: u32, mask: Mask, stack: &mut Stack) -> Option<InstanceVisit<'a>> {
         let object = &self.scene.objects()[id as usize];
@@ -402,7 +402,7 @@ impl<'a> PacketState<'a, '_> {
     }
 }
 
-/// Takes rays from far away, so that they start near a hierarchy.
+/// Copies rays from far away and moves their starts close to a hierarchy.
 struct Approach<'t> {
     rays: &'t RayPacket,
     near_rays: &'t mut Option<Box<RayPacket>>,
@@ -445,7 +445,7 @@ impl Task for SingleRays<'_, '_, '_> {
 struct Incoherent<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
     world: &'a World<'a>,
-    /// Among the objects, and within a mesh.
+    /// Through the objects, and inside a mesh.
     packets: [&'t mut Packet; 2],
     stack: &'t mut Stack,
     surfaces: &'t mut SurfaceIntersector,
@@ -472,10 +472,10 @@ impl Task for Incoherent<'_, '_, '_> {
     }
 }
 
-/// Single rays that traverse the hierarchy of the objects.
+/// Single rays that traverse the hierarchy of objects.
 struct Objects<'t, 'a, 'b> {
     state: &'t mut PacketState<'a, 'b>,
-    /// Within a mesh.
+    /// Inside a mesh.
     packet: &'t mut Packet,
     surfaces: &'t mut SurfaceIntersector,
 }
@@ -506,7 +506,7 @@ impl Visitor<u32> for Objects<'_, '_, '_> {
             for (lane, other) in lanes[k..].iter().zip(&ids[k..]) {
                 mask |= Mask::from(*other == id) << lane;
             }
-            // Rays that reached the same object in the same step visit it together.
+            // Rays that reach the same object in the same step visit it together.
             mask &= !visited;
             if mask & 1 << lanes[k] != 0 {
                 self.intersect::<I>(stack, *id, mask);

@@ -1,4 +1,4 @@
-//! Refines the closest hits on triangles that stand still, by expansions.
+//! Refines the closest hits on still triangles, by expansions.
 
 use crate::arith::simd::{self, Floats, Isa, Task};
 use crate::bvh::{LANES, Mask, RayPacket, part_of_mask, take};
@@ -10,14 +10,14 @@ use crate::shapes::triangle::{Corners, Crossing, NOWHERE, TrianglePlane, corners
 /// The hits of a packet on triangles.
 #[repr(C, align(64))]
 pub struct TriangleHits<'a> {
-    /// As refined.
+    /// The refined t.
     t: [f64; LANES],
     normal: [[f64; LANES]; 3],
     object: [u32; LANES],
     primitive: [u32; LANES],
     corners: Corners<'a, LANES>,
     lanes: Mask,
-    /// Those on triangles that a map has placed.
+    /// Hits on triangles that a map has placed.
     placed: Mask,
 }
 
@@ -28,7 +28,7 @@ impl<'a> TriangleHits<'a> {
         TriangleHits { lanes: 0, placed: 0, object: [0; LANES], primitive: [0; LANES], corners, t, normal }
     }
 
-    /// Takes the nearest hits of these lanes: on triangles as given, and on placed ones.
+    /// Takes the closest hits of these lanes, on given and on placed triangles.
     #[inline(always)]
     pub fn gather(&mut self, closest: &ClosestHits, given: Mask, placed: Mask) {
         (self.lanes, self.placed) = (given | placed, placed);
@@ -55,10 +55,10 @@ impl<'a> TriangleHits<'a> {
         }
     }
 
-    /// Puts the hits of the packet.
+    /// Refines the hits of the packet and writes them.
     #[inline(always)]
     pub fn refine<I: Isa>(&mut self, scene: &Scene, rays: &RayPacket, hits: &mut (impl Sink + ?Sized)) {
-        // All are calculated before the first is put: that waits for long chains of operations.
+        // All are computed before the first is written, which would wait for long dependency chains.
         let mut certain = I::call(Refine { triangle_hits: self, rays });
         if self.placed != 0 {
             certain |= I::call(RefinePlaced { triangle_hits: self, scene, rays });
@@ -67,7 +67,8 @@ impl<'a> TriangleHits<'a> {
             let lanes = part_of_mask::<8>(certain, eight);
             let (object, primitive) = (self.object.as_chunks().0[eight], self.primitive.as_chunks().0[eight]);
             let id = object[0];
-            // Lanes without a hit may hold any number: of one that a hit has, there is an object.
+            // Lanes without a hit hold arbitrary numbers, so an id is valid only if a lane with a hit has it,
+            // too.
             if lanes == 0 || object != [id; 8] {
                 continue;
             }
@@ -83,7 +84,7 @@ impl<'a> TriangleHits<'a> {
         }
         while let Some(lane) = take(&mut self.lanes) {
             let (at, object, primitive) = (rays.at[lane] as usize, self.object[lane], self.primitive[lane]);
-            // No hit is put together first: to read back in one piece what was written in two takes long.
+            // No `Hit` is assembled first: reading several stores back as one load would stall.
             if certain & 1 << lane != 0 {
                 let normal = [self.normal[0][lane], self.normal[1][lane], self.normal[2][lane]];
                 let primitive = scene.objects()[object as usize].reported(primitive);
@@ -96,11 +97,11 @@ impl<'a> TriangleHits<'a> {
     }
 }
 
-/// The planes of eight hits; their unit normals, and the lanes in which these are right; and the triangle, if
-/// all hits are on one.
+/// The planes of eight hits; their unit normals, and the lanes in which these are accurate; and the triangle,
+/// if all hits are on one.
 type Latest<I> = (TrianglePlane<I>, ([<I as Isa>::F64x8; 3], u32), Option<(u32, u32)>);
 
-/// Works out t and the normals on triangles as given, and returns the lanes in which both are certain.
+/// Computes t and the normals on triangles as given. Returns the lanes in which both are certain.
 struct Refine<'t, 'a> {
     triangle_hits: &'t mut TriangleHits<'a>,
     rays: &'t RayPacket,
@@ -117,7 +118,7 @@ impl Task for Refine<'_, '_> {
         } = self;
         let given = *lanes & !*placed;
         let (mut certain, mut left) = (0, given);
-        // If the last eight hits were on one triangle, the next eight may be there, too.
+        // If the last eight hits were on one triangle, the next eight may be on it, too.
         let mut latest: Option<Latest<I>> = None;
         while left != 0 {
             let first = left.trailing_zeros() as usize;
@@ -155,7 +156,7 @@ impl Task for Refine<'_, '_> {
     }
 }
 
-/// As `Refine`, of hits on placed triangles.
+/// As `Refine`, for hits on placed triangles.
 struct RefinePlaced<'t, 'a> {
     triangle_hits: &'t mut TriangleHits<'a>,
     scene: &'t Scene,

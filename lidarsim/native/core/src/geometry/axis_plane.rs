@@ -1,11 +1,10 @@
-//! Planes perpendicular to an axis, as floors, roofs and walls are, exactly.
+//! Exact planes perpendicular to an axis, such as floors, roofs and walls.
 
 use crate::arith::error_free::{two_product, two_sum};
 use crate::arith::number::{DoubleDoubles, Lanes, UNIT, Uncertain};
 use crate::arith::simd::Floats;
 
-/// The points whose coordinate `axis` is high + low. The pair is what 2Sum gives, so that it is the same for
-/// equal sums.
+/// The points whose coordinate `axis` is high + low. 2Sum yields the pair, so it is the same for equal sums.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AxisPlane {
     pub axis: usize,
@@ -13,19 +12,18 @@ pub struct AxisPlane {
     low: f64,
 }
 
-/// Products above this, and quotients of numbers above it, leave residuals that are float64 numbers: these
-/// are at least 2⁻¹⁰⁶ of them.
+/// Products and numerators above this leave float64 residuals: at least 2⁻¹⁰⁶ of them.
 const ORDINARY: f64 = f64::from_bits((1023 - 900) << 52);
 
 impl AxisPlane {
-    /// At a + b; none if that is too large.
+    /// The plane at a + b; `None` if that is too large.
     #[inline]
     pub fn at(axis: usize, a: f64, b: f64) -> Option<Self> {
         let (high, low) = two_sum(a, b);
         (high.is_finite() && low.is_finite()).then_some(AxisPlane { axis, high, low })
     }
 
-    /// At a/b, if that is a float64.
+    /// The plane at a/b, if that is a float64.
     #[inline]
     pub fn at_ratio(axis: usize, a: f64, b: f64) -> Option<Self> {
         let quotient = a / b;
@@ -33,8 +31,8 @@ impl AxisPlane {
         if is_exact { AxisPlane::at(axis, quotient, 0.0) } else { None }
     }
 
-    /// The image under x ↦ factor·x + offset of its coordinate, which becomes that of `axis`; none if it has
-    /// no such pair.
+    /// The image under x ↦ factor·x + offset of its coordinate, which becomes that of `axis`; `None` if no
+    /// pair represents it.
     #[inline]
     pub fn image(&self, axis: usize, factor: f64, offset: f64) -> Option<Self> {
         let (high, low) = if factor.abs() == 1.0 {
@@ -51,7 +49,7 @@ impl AxisPlane {
         if beyond == 0.0 { AxisPlane::at(axis, sum, rest) } else { None }
     }
 
-    /// The t at which rays meet the plane, correctly rounded; they start at `origin` along the axis and have
+    /// The correctly rounded t at which rays meet the plane. They start at `origin` along the axis and have
     /// the component `direction`, which is not zero.
     #[inline(always)]
     pub fn t<L: Lanes<N>, const N: usize>(
@@ -74,11 +72,11 @@ impl AxisPlane {
     }
 }
 
-/// (s + v)/d, where v is within u·|rest| of `rest`, and q is s/d, rounded; q is no subnormal number, and |s|
-/// above `ORDINARY`.
+/// (s + v)/d, with v within u·|rest| of `rest`, and q = s/d, rounded, which is not subnormal, and |s| above
+/// `ORDINARY`.
 ///
 /// r = s − q·d is a float64 number, and |r/d| ≤ u·|q|. The quotient is q + (r + v)/d. With w = r + rest
-/// rounded, |rest| ≤ |w|(1 + 2u) + |r|; so what v and w are off by is less than u·(2|w| + |r|)(1 + 4u), and
+/// rounded, |rest| ≤ |w|(1 + 2u) + |r|. So the errors of v and w are less than u·(2|w| + |r|)(1 + 4u);
 /// divided by d, with the rounding of that, less than u·(3·|w/d| + u·|q|)(1 + 8u).
 #[inline(always)]
 fn quotient_of_sum<L: Lanes<N>, const N: usize>(
@@ -113,8 +111,8 @@ mod tests {
         a.minus(b).sign() == Ok(Ordering::Equal)
     }
 
-    /// Small multiples of powers of two, often with a sum or a product beyond 53 bits, and some numbers that
-    /// are tiny or huge.
+    /// Small multiples of powers of two, often with a sum or a product beyond 53 bits, and some tiny or huge
+    /// numbers.
     fn draw(next: &mut impl FnMut() -> f64) -> f64 {
         let power = [-1070, -520, -30, 0, 0, 0, 0, 0, 0, 60, 1000][(11.0 * next()) as usize];
         let few = (8.0 * next()).floor() - 4.0;
@@ -172,7 +170,7 @@ mod tests {
         }
         assert!(exact > 10_000, "{exact}");
         assert_eq!(AxisPlane::at(0, f64::MAX, f64::MAX), None);
-        // A third is no float64, and tiny numbers may seem to have quotients that they have not.
+        // A third is no float64, and the quotients of tiny numbers may only seem exact.
         assert_eq!(AxisPlane::at_ratio(0, 1.0, 3.0), None);
         assert_eq!(AxisPlane::at_ratio(0, 1e-310, 0.3), None);
         assert_ne!(AxisPlane::at(0, 1.0, 0.0), AxisPlane::at(1, 1.0, 0.0));
@@ -185,8 +183,8 @@ mod tests {
         Root::linear(num.times(&Dyadic::exact(sign)), Dyadic::exact(d.abs()), 0)
     }
 
-    /// The rest, a sum that is rounded, is nearly as large as s, or as the remainder of the quotient, or it
-    /// cancels that.
+    /// The rest, a rounded sum, is nearly as large as s or as the remainder of the quotient, or cancels the
+    /// remainder.
     #[test]
     fn quotients_of_sums_are_as_near_as_their_bound_says() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 0.5 + 0.5 * next();
@@ -204,7 +202,7 @@ mod tests {
         }
     }
 
-    /// From near and far, and from planes whose coordinate is no float64.
+    /// From near and far, and planes whose coordinate is no float64.
     #[test]
     fn rays_meet_the_plane_at_t_rounded() {
         let mut next = numbers();
@@ -237,7 +235,7 @@ mod tests {
             }
         }
         assert!(known > 31_000 && single > 5000, "{known}, {single}");
-        // At the plane, and beyond what float64 holds, it is left to others.
+        // At the plane, and beyond the range of float64, the result is uncertain.
         let plane = AxisPlane { axis: 0, high: 1.0, low: 0.0 };
         assert!(plane.t::<One, 1>(1.0, 1.0, One).is_err());
         assert!(AxisPlane { high: 1e300, ..plane }.t::<One, 1>(-1e300, 1e-300, One).is_err());

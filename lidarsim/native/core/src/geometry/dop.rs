@@ -5,11 +5,11 @@ use super::affine::Affine;
 use super::vector::Point;
 use crate::arith::number::{Interval, UNIT};
 
-/// How far a body reaches, from zero, along the 26 directions of coordinates −1, 0 and 1: to the sides, edges
-/// and corners of a cube. Of direction (x, y, z) at index 13 + x + 3y + 9z.
+/// How far a body reaches from zero along the 26 directions with coordinates −1, 0 and 1: to the sides,
+/// edges and corners of a cube. Direction (x, y, z) has index 13 + x + 3y + 9z.
 ///
-/// So a box around its image is at most 13 % too large where the body is a ball; the box around the image of
-/// its box is up to 73 % too large.
+/// For a ball, the resulting box around its image is at most 13 % too large; the box around the image of its
+/// box is up to 73 % too large.
 #[derive(Clone, Debug)]
 pub struct Dop([f64; 27]);
 
@@ -20,16 +20,16 @@ const STEPS: [usize; 3] = [1, 3, 9];
 const LARGEST: f64 = f64::MAX / 4.0;
 
 impl Dop {
-    /// Of a box.
+    /// The polytope of a box.
     pub fn of_box(bounds: [Interval; 3]) -> Self {
         let [x, y, z] = bounds.map(|side| [-side.low, 0.0, side.high]);
         let largest = bounds.iter().fold(0.0_f64, |m, side| m.max(side.low.abs()).max(side.high.abs()));
         Dop(std::array::from_fn(|i| x[i % 3] + y[i / 3 % 3] + z[i / 9])).rounded_up(largest)
     }
 
-    /// Of points; none if there are none.
+    /// The polytope of points; `None` if there are none.
     pub fn of_points(points: impl Iterator<Item = Point>) -> Option<Self> {
-        // A direction each of the half that comes after zero; those of the other half are opposite.
+        // One direction of each opposite pair, from the half after zero.
         let (mut low, mut high, mut largest) = ([f64::INFINITY; ZERO], [f64::NEG_INFINITY; ZERO], 0.0_f64);
         for [x, y, z] in points {
             let (sum, difference) = (x + y, y - x);
@@ -65,10 +65,10 @@ impl Dop {
         (low[0] <= high[0]).then(|| Dop(std::array::from_fn(reach)).rounded_up(largest))
     }
 
-    /// With room for what was rounded, for coordinates up to the largest.
+    /// Adds a margin for rounding, for coordinates up to the largest.
     ///
-    /// A sum of three, x + y + z, is off by u·|x + y| and u·|x + y + z|, and so by less than 6u of the
-    /// largest; what is added here rounds by 4u of it. A single coordinate is as given.
+    /// A sum x + y + z is off by u·|x + y| + u·|x + y + z|, less than 6u of the largest; adding the margin
+    /// rounds by 4u of it. A single coordinate is exact.
     fn rounded_up(mut self, largest: f64) -> Self {
         for (i, reach) in self.0.iter_mut().enumerate() {
             if !is_along_axis(i) {
@@ -88,17 +88,17 @@ impl Dop {
         map.around(|row| self.along(row))
     }
 
-    /// At least −w·p, and at least w·p, for all points p of the body.
+    /// Upper bounds of −w·p and of w·p over all points p of the body.
     ///
-    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ) + |wₖ|·(sᵢ + sⱼ + sₖ), s
-    /// being the unit vectors of these signs along the axes. A difference, a product and two sums round by u
-    /// each of the terms; the bound has 8u in place of 4u to cover its own roundings and those of second
-    /// order. Differences do not underflow.
+    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ)
+    /// + |wₖ|·(sᵢ + sⱼ + sₖ), where s are the signed unit vectors along the axes. A difference, a
+    /// product and two sums round by u of the terms each; the bound has 8u in place of 4u to cover its own
+    /// roundings and second-order terms. Differences do not underflow.
     fn along(&self, w: Point) -> [f64; 2] {
         self.terms(w).map(|(sum, size)| sum + 8.0 * UNIT * size + f64::MIN_POSITIVE)
     }
 
-    /// Of −w and of w, the sum of the three terms of `along`, and that of their sizes.
+    /// For −w and for w, the sum of the three terms of `along` and the sum of their sizes.
     fn terms(&self, w: Point) -> [(f64, f64); 2] {
         let mut axes = [0, 1, 2];
         for (i, j) in [(0, 1), (1, 2), (0, 1)] {
@@ -120,7 +120,7 @@ impl Dop {
     }
 }
 
-/// Whether the sum of a direction is of one coordinate, or of none.
+/// Whether the direction sums at most one coordinate.
 fn is_along_axis(i: usize) -> bool {
     i == ZERO || STEPS.contains(&i.abs_diff(ZERO))
 }
@@ -137,7 +137,7 @@ mod tests {
     fn affine(scale: f64, next: &mut impl FnMut() -> f64) -> Affine {
         let mut three = |scale: f64| [0; 3].map(|_: u8| scale * (2.0 * next() - 1.0));
         let mut linear = [0; 3].map(|_: u8| three(1.0));
-        // Rows with equal entries, and with some that are zero.
+        // Rows with equal entries, and some zero entries.
         linear[0][1] = linear[0][0];
         linear[1][2] = 0.0;
         Affine::new(linear, three(scale))
@@ -181,7 +181,7 @@ mod tests {
         assert!(Dop::of_points(std::iter::empty()).is_none());
     }
 
-    /// Of a ball and of a disc, however they are turned.
+    /// A ball and a disc, in any orientation.
     #[test]
     fn images_are_little_larger_than_they_must_be() {
         let mut next = numbers();
@@ -207,8 +207,8 @@ mod tests {
         }
     }
 
-    /// Of a point, which a box around it holds exactly. Its coordinates are summed with two roundings of
-    /// three at worst, and terms of one sign are off by all that is counted.
+    /// A point, which its own box encloses exactly. Its coordinate sums have at worst two of the three
+    /// roundings, and terms of one sign take every counted rounding.
     #[test]
     fn reaches_are_off_by_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;
@@ -217,13 +217,13 @@ mod tests {
             let dop = Dop::of_box(p.map(Interval::point));
             let largest = p.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
             let truth = |w: Point, p: Point| dot(&exact::<Dyadic>(w), &exact(p));
-            // By how much the sums are below what they are of, before there is room for it.
+            // How far the sums fall short of the exact ones before the margin is added.
             let summed = (0..27).filter(|i| !is_along_axis(*i)).fold(0.0_f64, |worst, i| {
                 let direction = [i % 3, i / 3 % 3, i / 9].map(|k| k as f64 - 1.0);
                 let room = 12.0 * UNIT * largest;
                 worst.max((room - Dyadic::exact(dop.0[i]).minus(&truth(direction, p)).split().0) / room)
             });
-            // As much of the terms.
+            // The same for the terms.
             let [_, (_, size)] = dop.terms(w);
             let room = 8.0 * UNIT * size;
             let rounded = room - Dyadic::exact(dop.along(w)[1]).minus(&dop.exact_terms(w)).split().0;

@@ -1,4 +1,4 @@
-//! Vectors, rays, and the maps that they go through.
+//! Vectors, rays, and the maps that transform them.
 
 pub mod affine;
 pub mod axis_plane;

@@ -1,4 +1,4 @@
-//! Points and directions of plain float64, where rounding is of no consequence.
+//! Points and directions of plain float64, for uses that tolerate rounding.
 
 use crate::geometry::vector::Point;
 

@@ -1,4 +1,4 @@
-//! Rigid poses, sensor to world, and how they change with time.
+//! Rigid poses, sensor to world, and their change over time.
 
 use std::sync::Arc;
 
@@ -16,10 +16,10 @@ pub struct Pose {
 }
 
 impl Pose {
-    /// From the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
+    /// Takes the upper rows of a 4×4 matrix whose rotation part is orthonormal to within 1e-6.
     ///
-    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which takes a matrix kept in float32 to
-    /// rounding, and leave the bits of an exactly orthonormal one.
+    /// Two steps of R ← R(3I − RᵀR)/2 square the error twice, which brings a float32 matrix to float64
+    /// accuracy and preserves the bits of an exactly orthonormal one.
     pub fn from_rows(rows: [[f64; 4]; 3]) -> Self {
         let mut rotation = rows.map(|r| [r[0], r[1], r[2]]);
         for _ in 0..2 {
@@ -66,12 +66,12 @@ impl Pose {
         self.turn_back(sub(p, self.translation))
     }
 
-    /// The pose of what has the pose `inner` in the frame of `self`.
+    /// The world pose of a body whose pose in the frame of `self` is `inner`.
     pub fn then(&self, inner: &Pose) -> Pose {
         Pose { rotation: product(self.rotation, inner.rotation), translation: self.place(inner.translation) }
     }
 
-    /// `self`, as seen from the sensor frame of `base`.
+    /// `self`, seen from the sensor frame of `base`.
     pub fn relative_to(&self, base: &Pose) -> Pose {
         let columns: [Point; 3] =
             std::array::from_fn(|j| base.turn_back(std::array::from_fn(|i| self.rotation[i][j])));
@@ -82,37 +82,36 @@ impl Pose {
     }
 }
 
-/// A pose for each moment.
+/// A pose at each time.
 #[derive(Clone, Debug)]
 pub enum Path {
     Still(Pose),
-    /// Constant velocities in the sensor's own, moving frame, from time 0 on and before. Made by
-    /// [`Path::twist`].
+    /// Constant velocities in the moving frame of the sensor, also before time 0. Made by [`Path::twist`].
     Twist {
         start: Pose,
         linear: Point,
         angular: Point,
         screw: Arc<Screw>,
     },
-    /// Each pose is met at its time, and `steps[i]` leads from pose i to the next. Times rise. From the last
-    /// knot to `end` both velocities stay what they are there; a single knot stays where it is.
+    /// Each pose is reached at its time, and `steps[i]` leads from pose i to the next. Times increase. From
+    /// the last knot to `end` both velocities stay constant; a single knot stands still.
     Knots {
         times: Vec<f64>,
         poses: Vec<Pose>,
         steps: Vec<Step>,
         end: f64,
     },
-    /// Of a sensor mounted on a body: its pose in the frame of the body, which is none of those above
-    /// standing still.
+    /// A sensor mounted on a body, by its pose in the frame of the body. The body itself is neither mounted
+    /// nor still.
     Mounted {
         body: Arc<Path>,
         mount: Pose,
     },
 }
 
-/// How a body moves on from a knot, while u grows from 0 to 1: the position by `shift`, in the world, and the
-/// orientation by the rotation vector `turn`, in the frame of the knot. With linear terms alone that is
-/// linear interpolation and Slerp.
+/// The motion of a body after a knot, as u grows from 0 to 1: `shift` moves the position, in the world, and
+/// the rotation vector `turn` rotates the orientation, in the frame of the knot. With linear terms alone this
+/// is linear interpolation and Slerp.
 #[derive(Clone, Copy, Debug)]
 pub struct Step {
     pub shift: Cubic,
@@ -148,20 +147,20 @@ pub struct Velocity {
     pub angular: Point,
 }
 
-/// Most that coordinates, velocities and the terms of cubics may come to, on paths that move: 2⁹⁸⁰.
+/// The largest allowed coordinates, velocities and terms of cubics on moving paths: 2⁹⁸⁰.
 ///
-/// Then nothing overflows: of all that is computed, the largest is what a twist travels, its rotation vector
-/// of up to 10⁶ < 2²⁰ rad times itself and times a length, which a rotation and a mount multiply and add to
-/// by less than 2⁴.
+/// Then nothing overflows. The largest intermediate result is the travel of a twist: its rotation vector of
+/// up to 10⁶ < 2²⁰ rad, times itself and times a length; a rotation and a mount contribute a factor of
+/// less than 2⁴.
 pub const LARGEST: f64 = f64::from_bits((1023 + 980) << 52);
 
 impl Path {
-    /// That of constant velocities in the moving frame.
+    /// The path of constant velocities in the moving frame.
     pub fn twist(start: Pose, linear: Point, angular: Point) -> Self {
         Path::Twist { start, linear, angular, screw: Arc::new(Screw::new(linear, angular)) }
     }
 
-    /// The times for which there is a pose: of a twist, as long as it does not lead beyond [`LARGEST`].
+    /// The times for which there is a pose; for a twist, as long as it stays within [`LARGEST`].
     pub fn span(&self) -> [f64; 2] {
         match self {
             Path::Still(_) => [f64::NEG_INFINITY, f64::INFINITY],
@@ -174,7 +173,7 @@ impl Path {
         }
     }
 
-    /// The path of a sensor with the pose `mount` on what moves along `self`.
+    /// The path of a sensor with the pose `mount` on a body that moves along `self`.
     pub fn mounted(self: &Arc<Self>, mount: &Pose) -> Path {
         match &**self {
             Path::Still(pose) => Path::Still(pose.then(mount)),
@@ -185,7 +184,7 @@ impl Path {
         }
     }
 
-    /// The same poses, and those of a span that goes on to `until`.
+    /// The same path, with a span that continues to `until`.
     #[must_use]
     pub fn held(&self, until: f64) -> Path {
         let mut path = self.clone();
@@ -197,7 +196,7 @@ impl Path {
         path
     }
 
-    /// The pose at a time, which past the span goes on at the velocities of its end.
+    /// The pose at a time. Past the span the motion continues at the velocities of its end.
     pub fn at(&self, time: f64) -> Pose {
         match self {
             Path::Still(pose) => *pose,
@@ -216,7 +215,7 @@ impl Path {
                 if time == times[i] || steps.is_empty() {
                     return poses[i];
                 }
-                // Past the last knot a linear step just goes on; the terms of a spline would carry it away.
+                // Past the last knot a linear step continues; the terms of a spline would diverge.
                 if i == steps.len() && !steps[i - 1].is_linear() {
                     let (Velocity { linear, angular }, after) = (self.velocity(times[i]), time - times[i]);
                     return Pose {
@@ -238,13 +237,13 @@ impl Path {
         }
     }
 
-    /// The velocity at a time: at a knot that with which it is left, at the last and past it that with which
-    /// it is reached.
+    /// The velocity at a time. At a knot, it is that of departure; at and past the last knot, that of
+    /// arrival.
     pub fn velocity(&self, time: f64) -> Velocity {
         self.motion(time).velocity
     }
 
-    /// `at` and `velocity` together, which is less work.
+    /// `at` and `velocity` together, at a lower cost.
     pub fn motion(&self, time: f64) -> Motion {
         if let Path::Mounted { body, mount } = self {
             let Motion { pose, velocity: Velocity { linear, angular } } = body.motion(time);
@@ -273,7 +272,7 @@ impl Path {
     }
 }
 
-/// The pose and the velocity of a body at a moment.
+/// The pose and the velocity of a body at a time.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     pub pose: Pose,
@@ -281,7 +280,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// The velocity in the world of a point of the body, which is given in its frame.
+    /// The velocity in the world of a point of the body, given in its frame.
     #[inline(always)]
     pub fn velocity_of(&self, point: Point) -> Point {
         let Velocity { linear, angular } = self.velocity;
@@ -290,12 +289,12 @@ impl Motion {
     }
 }
 
-/// A twist as a motion along and about an axis (M. Chasles, 1830), where the angle is too large to be the
-/// length of a rotation vector: there the rounding of a product with time, a share of the whole angle and the
-/// whole way, would be large beside a turn and beside its radius.
+/// A twist as a motion along and about a screw axis (M. Chasles, 1830), for angles too large for a rotation
+/// vector. The product with time would round by a share of the whole angle and the whole travel, which is
+/// large compared with one turn and its radius.
 ///
-/// With n along the angular velocity ω, the orientation is exp(θ[n]), θ = |ω|t, and the way (v·n)n t + sin θ
-/// v⟂/|ω| + (1 − cos θ) n×v/|ω|.
+/// With n along the angular velocity ω, the orientation is exp(θ[n]), θ = |ω|t, and the travel is (v·n)n
+/// t + sin θ v⟂/|ω| + (1 − cos θ) n×v/|ω|.
 #[derive(Clone, Debug)]
 pub struct Screw {
     rate: TurnRate,
@@ -309,7 +308,7 @@ pub struct Screw {
 impl Screw {
     fn new(linear: Point, angular: Point) -> Self {
         let (axis, speed) = split(angular);
-        // Of an axis of which each coordinate is rounded, v·n would not vanish where v is perpendicular.
+        // With a rounded axis, v·n would not vanish for perpendicular v.
         let (scaled, _) = scaled(angular);
         let along = accurate_dot(scaled, linear) / dot(scaled, scaled);
         let advance = scaled.map(|x| along * x);
@@ -330,7 +329,7 @@ impl Screw {
     }
 }
 
-/// v/2ᵏ and 2ᵏ, of which the largest coordinate of v is from one to two times as large.
+/// v/2ᵏ and 2ᵏ; the largest coordinate of v is one to two times 2ᵏ.
 fn scaled(v: Point) -> (Point, f64) {
     let largest = v.iter().fold(f64::MIN_POSITIVE, |most, x| most.max(x.abs()));
     let power = f64::from_bits(largest.to_bits() & 0x7ff << 52);
@@ -344,8 +343,8 @@ fn split(v: Point) -> (Point, f64) {
     (v.map(|x| x / length), length * power)
 }
 
-/// a·b as if computed with twice the digits (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot product, 2005:
-/// Dot2).
+/// a·b as accurate as if computed in twice the precision (T. Ogita, S. Rump, S. Oishi, Accurate sum and dot
+/// product, 2005: Dot2).
 fn accurate_dot(a: Point, b: Point) -> f64 {
     let [(x, x_off), (y, y_off), (z, z_off)] = std::array::from_fn(|i| two_product(a[i], b[i]));
     let (sum, first_off) = two_sum(x, y);
@@ -353,12 +352,12 @@ fn accurate_dot(a: Point, b: Point) -> f64 {
     sum + (((x_off + y_off) + z_off) + (first_off + second_off))
 }
 
-/// A rotation by θ, as a vector and the factors that its exponentials need (T. D. Barfoot, State Estimation
-/// for Robotics, 2017, ch. 7).
+/// A rotation by θ, as a vector and the factors of its exponential and its Jacobian (T. D. Barfoot, State
+/// Estimation for Robotics, 2017, ch. 7).
 ///
-/// Of a rotation vector φ these are a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ|. Of one with
-/// a large angle, whose square may overflow, the vector here is φ/θ, and they are multiplied by θ, or θ²,
-/// accordingly.
+/// For a rotation vector φ these are a = sin θ/θ, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ =
+/// |φ|. For a large angle, whose square may overflow, the vector is φ/θ, and the factors are multiplied by
+/// θ or θ² accordingly.
 struct Turn {
     vector: Point,
     /// a and b.
@@ -376,13 +375,14 @@ impl Turn {
         })
     }
 
-    /// None if the angle is beyond [`LARGEST_ANGLE`].
+    /// `None` if the angle is beyond [`LARGEST_ANGLE`].
     #[inline]
     fn of_vector(vector: Point) -> Option<Self> {
         let square = dot(vector, vector);
         let angle = square.sqrt();
         let [a, b, c] = if angle <= 1.0 {
-            // Where the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! + …, 1/3! − θ²/5! + …
+            // Where the quotients would cancel: 1/1! − θ²/3! + …, 1/2! − θ²/4! + …, 1/3! −
+            // θ²/5! + …
             [1, 2, 3].map(|first| {
                 polynomial::<9>(std::array::from_fn(|i| RECIPROCAL_FACTORIALS[first + 2 * i]), -square)
             })
@@ -402,12 +402,12 @@ impl Turn {
         std::array::from_fn(|i| std::array::from_fn(|j| columns[j][i]))
     }
 
-    /// Where a velocity, constant in the turning frame, leads: (I + b[φ] + c[φ]²)·v.
+    /// The displacement by a velocity that is constant in the turning frame: (I + b[φ] + c[φ]²)·v.
     fn travel(&self, v: Point) -> Point {
         self.series(v, self.travel)
     }
 
-    /// The angular velocity in the turned frame, when the vector changes at `derivative`: (I − b[φ] +
+    /// The angular velocity in the turned frame while the vector changes at `derivative`: (I − b[φ] +
     /// c[φ]²)·φ̇.
     fn rate(&self, derivative: Point) -> Point {
         self.series(derivative, [-self.travel[0], self.travel[1]])
@@ -469,7 +469,7 @@ mod tests {
         {
             assert_close(path.at(time).place([0.0; 3]), [x, y, 0.0]);
         }
-        // On either side of the angle where the series gives way to the quotients.
+        // On both sides of the angle at which the series replaces the quotients.
         assert_close(path.at(2.0).place([1.0; 3]), path.at(2.0_f64.next_up()).place([1.0; 3]));
     }
 
@@ -477,13 +477,13 @@ mod tests {
     fn a_twist_is_a_screw_where_its_angle_is_large() {
         let (linear, angular) = ([1.0, -2.0, 0.5], [0.3, -0.6, 0.6]);
         let path = Path::twist(Pose::from_rows(ROWS), linear, angular);
-        // 0.9 rad/s: on either side of 10⁶ rad, where a rotation vector is off by some 10⁻¹⁰ of a turn.
+        // 0.9 rad/s, on both sides of 10⁶ rad, where a rotation vector is off by some 10⁻¹⁰ of a turn.
         let (before, after) = (LARGEST_ANGLE / 0.9, (LARGEST_ANGLE / 0.9) * (1.0 + 1e-15));
         for (p, q) in [([0.0; 3], [0.0; 3]), ([1.0; 3], [1.0; 3])] {
             let (p, q) = (path.at(before).place(p), path.at(after).place(q));
             assert!((0..3).all(|i| (p[i] - q[i]).abs() < 1e-8), "{p:?} {q:?}");
         }
-        // Half a turn further it is on the other side of the axis, and has gone on along it.
+        // Half a turn later the body is on the other side of the axis and farther along it.
         let half = std::f64::consts::PI / 0.9;
         for time in [2.0_f64.powi(30), -(2.0_f64.powi(30))] {
             let [here, there] = [time, time + half].map(|time| path.at(time).turn([0.6, 0.8, 0.0]));
@@ -497,7 +497,7 @@ mod tests {
         }
         assert_eq!(path.at(1e300).translation.map(f64::is_finite), [true; 3]);
         assert_eq!(path.span(), [-LARGEST / 2.0, LARGEST / 2.0]);
-        // A vector whose square overflows has a direction all the same.
+        // A vector whose square overflows still has a direction.
         let [x, y, z] = Turn::new([3e200, 0.0, -4e200]).matrix();
         assert_close([dot(x, y), dot(y, z), dot(z, z)], [0.0, 0.0, 1.0]);
         assert_close([x, y, z].map(|row| dot(row, [0.6, 0.0, -0.8])), [0.6, 0.0, -0.8]);
@@ -523,8 +523,7 @@ mod tests {
 
     #[test]
     fn a_mount_swings_with_its_body() {
-        // A body that turns to the left in place, and a sensor 2 m ahead of its center, which looks to its
-        // left.
+        // A body turns left in place, with a sensor 2 m ahead of its centre that looks left.
         let start = Pose::from_rows([[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
         let body = Arc::new(Path::twist(start, [0.0; 3], [0.0, 0.0, 0.5]));
         let mount = Pose::from_rows([[0.0, -1.0, 0.0, 2.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]]);
@@ -534,7 +533,7 @@ mod tests {
         assert_close(sensor.at(quarter).turn([1.0, 0.0, 0.0]), [-1.0, 0.0, 0.0]);
         assert_close(sensor.velocity(quarter).linear, [-1.0, 0.0, 0.0]);
         assert_close(sensor.velocity(quarter).angular, [0.0, 0.0, 0.5]);
-        // Mounts on mounts are one mount, and on what stands still they stand still.
+        // Nested mounts combine into one; a mount on a still body is still.
         let twice = sensor.mounted(&mount);
         assert_eq!(twice.at(quarter), body.at(quarter).then(&mount.then(&mount)));
         let Path::Still(pose) = Arc::new(Path::Still(mount)).mounted(&mount) else { panic!("it moves") };

@@ -4,12 +4,12 @@ use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Root;
 use crate::geometry::vector::{self, Point, Vector};
 
-/// Of a vector, an axis each.
+/// Bounds of a vector, by axis.
 pub type Bounds<F> = [Interval<F>; 3];
 
-/// The line (origin + t·direction)/weight, weight > 0; a weight of none is 1.
+/// The line (origin + t·direction)/weight, weight > 0; without a weight, it is 1.
 ///
-/// With a common denominator kept aside, an inverse affine map needs no division, and stays exact.
+/// The separate common denominator lets an inverse affine map avoid division and stay exact.
 #[derive(Clone, Debug)]
 pub struct Ray<N> {
     pub origin: Vector<N>,
@@ -40,7 +40,7 @@ impl<N: Number> Ray<N> {
         Ray { origin: vector::exact(origin), direction: vector::exact(direction), weight: None }
     }
 
-    /// The same line, begun at t.
+    /// The same line, starting at t.
     #[inline(always)]
     pub fn at(&self, t: &N) -> Self {
         let origin = vector::add(&self.origin, &vector::scaled(&self.direction, t));

@@ -1,4 +1,4 @@
-//! Boxes around what moves, over a span of time.
+//! Boxes around moving bodies, over a span of time.
 
 use super::affine::Affine;
 use super::dop::Dop;
@@ -7,19 +7,19 @@ use super::vector::{Point, length_above};
 use crate::arith::elementary::LARGEST_ANGLE;
 use crate::arith::number::{Interval, UNIT};
 
-/// A part of a span of time in which one formula holds, with bounds of how the body moves there.
+/// A part of a span of time in which one formula holds, with bounds of the motion there.
 struct Part {
     first: f64,
     last: f64,
-    /// Most speed along each axis of the world, and most angular speed.
+    /// The largest speed along each world axis, and the largest angular speed.
     linear: Point,
     angular: f64,
-    /// Most that the terms of the formula come to: a length, and an angle.
+    /// The largest values of the terms of the formula: a length, and an angle.
     reach: f64,
     turn: f64,
 }
 
-/// Parts are cut so that a body turns no further than this in one, rad, but into no more pieces than so many.
+/// A body turns by at most this angle, in rad, within one part, unless that takes more than `PIECES` parts.
 const TURN: f64 = 0.25;
 const PIECES: f64 = 64.0;
 
@@ -27,19 +27,19 @@ impl Path {
     /// A box around all places of a body that moves along the path between two times.
     pub fn sweep(&self, shape: &Dop, span: [f64; 2]) -> [Interval; 3] {
         if let Path::Mounted { body, mount } = self {
-            // The pose of the mount, rounded, is within what `during` allows of that of the body and then
-            // that of the mount.
+            // The rounded pose of the mount is within the allowance of `during` for the poses of the body and
+            // then of the mount.
             return body.sweep(&Dop::of_box(shape.image(&Affine::from(*mount))), span);
         }
         let mut all = [Interval { low: f64::INFINITY, high: f64::NEG_INFINITY }; 3];
         for part in self.parts(span) {
-            // At the knots poses are as given, which the formulas meet but for rounding.
+            // At the knots the poses are as given; the formulas reach them up to rounding.
             let ends: &[f64] =
                 if matches!(self, Path::Knots { .. }) { &[part.first, part.last] } else { &[] };
             let ends = ends.iter().map(|&time| shape.image(&Affine::from(self.at(time))));
             for place in ends.chain([self.during(&part, shape)]) {
                 for (all, place) in all.iter_mut().zip(place) {
-                    // What is unknown makes the box endless.
+                    // An unknown bound makes the box infinite.
                     all.low = if all.low <= place.low { all.low } else { place.low };
                     all.high = if all.high >= place.high { all.high } else { place.high };
                 }
@@ -54,12 +54,12 @@ impl Path {
                 let (speed, angular) = (length_above(*linear), length_above(*angular));
                 let longest = first.abs().max(last.abs());
                 let nearest = if first < 0.0 && last > 0.0 { 0.0 } else { first.abs().min(last.abs()) };
-                // Past the largest angle of a rotation vector, rounding does not grow with it. Where poses
-                // change from one to the other is rounded, too.
+                // Beyond the largest angle of a rotation vector, rounding does not grow with the angle. The
+                // time of the switch between both forms is itself rounded.
                 let turn = if angular * nearest > 2.0 * LARGEST_ANGLE { 0.0 } else { angular * longest };
                 let turn = turn.min(2.0 * LARGEST_ANGLE);
                 let part = |[first, last]: [f64; 2]| {
-                    // The velocity is of one length, and turns with the body.
+                    // The velocity has a constant length and turns with the body.
                     let there = self.velocity(middle(first, last)).linear;
                     let aside = speed * (angular * (last - first)).min(2.0);
                     let linear = there.map(|v| v.abs() + aside);
@@ -81,7 +81,7 @@ impl Path {
         }
     }
 
-    /// The parts of a span that belongs to the i-th knot and what is after it.
+    /// The parts of a span that belongs to the i-th knot and the motion after it.
     fn parts_of_step(&self, i: usize, [first, last]: [f64; 2]) -> Vec<Part> {
         let Path::Knots { times, steps, .. } = self else { return Vec::new() };
         let (linear, angular, reach, turn) = if i == steps.len() && !steps[i - 1].is_linear() {
@@ -94,8 +94,8 @@ impl Path {
             let u =
                 [first, last].map(|time| ((time - times[i]) / length).abs()).into_iter().fold(1.0, f64::max);
             let [shift, turn] = [&steps[i].shift, &steps[i].turn];
-            // |(I − b[φ] + c[φ]²)·φ̇| ≤ |φ̇|: the matrix is normal, with the eigenvalues 1 and, of modulus
-            // sin(θ/2)/(θ/2), two more.
+            // |(I − b[φ] + c[φ]²)·φ̇| ≤ |φ̇|: the matrix is normal, with the eigenvalue 1 and two
+            // more of modulus sin(θ/2)/(θ/2).
             let angular = length_above(steepest(turn, u)) / length;
             (steepest(shift, u).map(|x| x / length), angular, farthest(shift, u), farthest(turn, u))
         };
@@ -105,14 +105,14 @@ impl Path {
 
     /// A box around all places of a body within a part.
     ///
-    /// From the middle of the part, h before its end, the body moves by `linear`·h at most along each axis,
-    /// and a point at r from its origin turns by min(`angular`·h, 2)·r. A pose is rounded: with u = 2⁻⁵³, the
-    /// rotation vector by less than 12u of the sum of its terms, its exponential, two products with it, and
-    /// how far the rotations given are from orthonormal, by less than 60u together; its position by less than
-    /// 12u of the terms, and u of itself; what a twist travels is off as a rotation is. As a screw, its
-    /// rotation is off by less than 60u, and what it travels by as much of `reach`, which is more than each
-    /// term. A mount adds a product more. Twice that, for middle and moment, in the three coordinates, is
-    /// less than 512u of all lengths that take part.
+    /// From the middle of the part, h before its end, the body moves by at most `linear`·h along each axis,
+    /// and a point at distance r from its origin turns by min(`angular`·h, 2)·r. Poses are rounded. With u
+    /// = 2⁻⁵³, the rotation vector rounds by less than 12u of the sum of its terms; its exponential, two
+    /// products with it, and the deviation of the given rotations from orthonormal come to less than 60u
+    /// together. The position rounds by less than 12u of its terms and u of itself; the travel of a twist is
+    /// off as a rotation is. As a screw, its rotation is off by less than 60u, and its travel by as much of
+    /// `reach`, which exceeds each term. A mount adds one more product. Twice that, for the middle and the
+    /// moment, in three coordinates, is less than 512u of all lengths involved.
     fn during(&self, part: &Part, shape: &Dop) -> [Interval; 3] {
         let &Part { first, last, linear, angular, reach, turn } = part;
         let there = middle(first, last);
@@ -133,8 +133,7 @@ fn middle(first: f64, last: f64) -> f64 {
     (first + 0.5 * (last - first)).clamp(first, last)
 }
 
-/// Pieces of a span, one after the other, in each of which a body of this angular speed turns by [`TURN`] at
-/// most.
+/// Consecutive pieces of a span; in each, a body with this angular speed turns by at most [`TURN`].
 fn pieces([first, last]: [f64; 2], angular: f64) -> impl Iterator<Item = [f64; 2]> {
     let count = (angular * (last - first) / TURN).ceil().clamp(1.0, PIECES);
     let end = move |k: f64| if k < count { (first + k / count * (last - first)).min(last) } else { last };
@@ -171,7 +170,7 @@ mod tests {
         Pose::from_rows([[x[0], x[1], x[2], p], [y[0], y[1], y[2], q], [z[0], z[1], z[2], r]])
     }
 
-    /// Of each kind; the poses of the knots are not quite those that the steps lead to.
+    /// One path of each kind; the poses of the knots differ slightly from those that the steps lead to.
     fn paths(number: &mut impl FnMut() -> f64, place: f64, speed: f64) -> Vec<Path> {
         let cubic = |number: &mut dyn FnMut() -> f64, curved: f64| {
             let mut three = |scale: f64| [(); 3].map(|()| scale * (2.0 * number() - 1.0));
@@ -199,7 +198,7 @@ mod tests {
         }
         let velocity = |number: &mut dyn FnMut() -> f64| [(); 3].map(|()| speed * (2.0 * number() - 1.0));
         all.push(Path::twist(pose(number, place), velocity(number), velocity(number)));
-        // What it adds for turns is not hidden by what it adds for travel.
+        // The allowance for travel must not hide that for turns.
         all.push(Path::twist(pose(number, place), [0.0; 3], velocity(number)));
         let mounts: Vec<Path> =
             all.iter().map(|path| Arc::new(path.clone()).mounted(&pose(number, place.min(4.0)))).collect();
@@ -236,7 +235,7 @@ mod tests {
                         }
                     }
                     for i in 0..3 {
-                        // The corners here are rounded to their place.
+                        // The corners here are rounded relative to their place.
                         let rounding = 1e-15 * place.max(100.0);
                         assert!(swept[i].low <= hull[i].low + rounding, "{path:?} {a} {b} {i}");
                         assert!(hull[i].high <= swept[i].high + rounding, "{path:?} {a} {b} {i}");
@@ -251,7 +250,7 @@ mod tests {
         assert!(2 * tight > 3 * count, "{tight} of {}", 3 * count);
     }
 
-    /// Whether a box holds another that is placed somewhere, exactly.
+    /// Whether a box contains another box placed by a pose, exactly.
     fn holds(swept: &[Interval; 3], pose: Pose, bounds: &[Interval; 3]) -> bool {
         pose.rows().iter().zip(swept).all(|([x, y, z, offset], swept)| {
             let ends = |from: f64, to: f64, m: f64| if m < 0.0 { to } else { from };
@@ -269,11 +268,11 @@ mod tests {
         })
     }
 
-    /// In so short a time a body moves less than poses are rounded.
+    /// In such a short time a body moves by less than the rounding of poses.
     #[test]
     fn a_sweep_over_a_few_moments_holds_all_places_exactly() {
         let mut number = numbers();
-        // To 10¹² s twists turn by angles that no rotation vector has.
+        // Up to 10¹² s, twists turn by angles beyond any rotation vector.
         for (place, speed, last) in [
             (1.0, 1.0, 1e4),
             (5e6, 2.0, 1e4),

@@ -55,7 +55,7 @@ pub fn is_zero<N: Number>(a: &Vector<N>) -> Result<bool, Uncertain> {
     Ok(a[0].is_zero()? && a[1].is_zero()? && a[2].is_zero()?)
 }
 
-/// Vectors, one for each ray.
+/// Vectors, one per ray.
 #[inline(always)]
 pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(
     [x, y, z]: [L::Floats; 3],
@@ -64,22 +64,22 @@ pub fn of_rays<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(
     [K::of_rays(x, lanes), K::of_rays(y, lanes), K::of_rays(z, lanes)]
 }
 
-/// At least |v|, where each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) where that is a normal
-/// number.
+/// An upper bound of |v|, if each coordinate is off by one rounding; at most |v|·(1 + 2⁻⁴⁸) if that is
+/// a normal number.
 pub fn length_above(v: Point) -> f64 {
     let largest = v.iter().fold(0.0_f64, |m, x| m.max(x.abs()));
     if largest == 0.0 {
         return 0.0;
     }
-    // Fewer than 8 roundings of relative size 2⁻⁵³, and what coordinates lost if they are subnormal.
+    // Fewer than 8 roundings of relative size 2⁻⁵³, and the loss of subnormal coordinates.
     let [x, y, z] = v.map(|x| x / largest);
     largest * ((x * x + y * y + z * z).sqrt() * (1.0 + 4.0 * f64::EPSILON)) + f64::from_bits(1)
 }
 
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
 ///
-/// Coordinates are first rounded to 2⁻⁶⁰ of the largest: where they should cancel, the result does not depend
-/// on how they were computed.
+/// Coordinates are first rounded to 2⁻⁶⁰ of the largest, so that the way they were computed does not
+/// affect coordinates that should cancel.
 #[inline(always)]
 pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
     let large = v[0].abs().max(v[1].abs()).max(v[2].abs()).mul(F::splat(1.0 / 256.0));
@@ -88,7 +88,7 @@ pub fn unit<F: Floats<f64, N>, const N: usize>(v: [F; 3]) -> [F; 3] {
     [v[0].div(length), v[1].div(length), v[2].div(length)]
 }
 
-/// `x` to the last place of `large`, where it is smaller by half.
+/// `x` rounded to the last place of `large`, if at most half of it.
 #[inline(always)]
 fn rounded<F: Floats<f64, N>, const N: usize>(x: F, large: F) -> F {
     x.abs().le_pick(large.mul(F::splat(0.5)), x.add(large).sub(large), x)
@@ -102,18 +102,18 @@ mod tests {
     use crate::arith::number::{Dyadic, UNIT};
     use crate::testing::{numbers, worst};
 
-    /// |v|² (1 + u)² against the square of the length: coordinates may be off by one rounding.
+    /// |v|² (1 + u)² against the square of the length, as coordinates may be off by one rounding.
     #[test]
     fn lengths_are_above_the_true_ones_by_what_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;
         let (least, _) = worst(8, 2000, draw, |v: &[f64; 3]| {
             let square = norm2(&exact::<Dyadic>(*v)).split().0;
             let beyond = Dyadic::exact(length_above(*v)).squared().minus(&norm2(&exact(*v))).split().0;
-            // Half the relative error of the square is that of the length.
+            // The relative error of the length is half that of its square.
             if square > 0.0 { -beyond / (2.0 * square * UNIT) } else { f64::NEG_INFINITY }
         });
-        // Of 8 roundings, six are for a rounding of each quotient, which are squared, the sums, the root and
-        // two products; and one for the coordinates.
+        // Of 8 roundings, six are for the quotients, which are squared, the sums, the root and two products,
+        // and one is for the coordinates.
         assert!((1.0..8.0).contains(&-least), "{least}");
     }
 
@@ -126,8 +126,8 @@ mod tests {
         }
     }
 
-    /// What a formula knows to 2⁻⁶⁰ of the largest coordinate may be anything below that where it should be
-    /// zero.
+    /// A formula with an error of 2⁻⁶⁰ of the largest coordinate may return any smaller number in place
+    /// of zero.
     #[test]
     fn unit_vectors_do_not_depend_on_what_cancels() {
         let mut next = numbers();

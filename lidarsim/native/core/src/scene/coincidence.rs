@@ -1,5 +1,6 @@
-//! Coincident surfaces: roots whose order follows from how the scene is made, whatever the ray. Objects stand
-//! on floors and meshes are exported twice, so such ties are common, and would all go to exact arithmetic.
+//! Coincident surfaces: roots whose order follows from the construction of the scene, for any ray. Objects
+//! stand on floors and meshes are exported twice, so such ties are common, and would all need exact
+//! arithmetic.
 
 use std::cmp::Ordering;
 use std::sync::Arc;
@@ -9,10 +10,10 @@ use crate::arith::root::TOUCHING;
 use crate::geometry::axis_plane::AxisPlane;
 use crate::shapes::Surface;
 
-/// The order of two roots on a line, if it follows from the numbers that their objects were made from.
+/// The order of two roots on a line, if it follows from the numbers that define their objects.
 pub fn order(x: &Object, a: &RootId, y: &Object, b: &RootId) -> Option<Ordering> {
     if x.is_placed_as(y) {
-        // A line is the same in the coordinates of both, and so are the roots of equal surfaces.
+        // A line has the same coordinates in both objects, so equal surfaces have the same roots.
         if are_same_surface(x, a, y, b) {
             let place = |root: &RootId| if root.index == TOUCHING { 0 } else { root.index };
             return Some(place(a).cmp(&place(b)));
@@ -46,8 +47,8 @@ fn are_same_surface(x: &Object, a: &RootId, y: &Object, b: &RootId) -> bool {
     }
 }
 
-/// The plane perpendicular to an axis that the part of a surface with this root lies in, in the coordinates
-/// of the object.
+/// The plane perpendicular to an axis that contains this root's part of the surface, in the coordinates of
+/// the object.
 fn local_plane(object: &Object, at: &RootId) -> Option<AxisPlane> {
     match &object.geometry {
         Geometry::Surface(surface) => surface.axis_plane(at.feature),
@@ -55,7 +56,7 @@ fn local_plane(object: &Object, at: &RootId) -> Option<AxisPlane> {
     }
 }
 
-/// As `local_plane`, in coordinates of the world, of what does not move.
+/// As `local_plane`, in world coordinates, for objects that do not move.
 fn world_plane(object: &Object, at: &RootId) -> Option<AxisPlane> {
     if object.motion().is_some() {
         return None;
@@ -100,9 +101,8 @@ mod tests {
         of(Cylinder { start: [1.0, 1.0, base], end: [1.0, 1.0, 3.0], radius: 4.0, capped: true })
     }
 
-    /// On rays into the middle of what is tested, at each pair of roots: what `order` says is what exact
-    /// arithmetic says. Returns how many pairs were told to be equal, how many to be ordered, and how many
-    /// are equal.
+    /// Compares `order` with exact arithmetic at each pair of roots, on rays into the middle of the objects.
+    /// Returns how many pairs `order` called equal, how many it ordered, and how many are equal.
     fn check(x: &Object, y: &Object) -> [usize; 3] {
         let objects = [x.clone(), y.clone()];
         let mut next = numbers();
@@ -162,7 +162,7 @@ mod tests {
             (turned.clone(), turned),
             (tipped(1.5), tipped(1.5)),
             (placed(&tipped(1.5), SKEW, [0.5; 3]), placed(&tipped(1.5), SKEW, [0.5; 3])),
-            // The same triangle in a mesh, and by itself with its corners in another order.
+            // The same triangle in a mesh, and alone with its corners in another order.
             (tipped(1.5), of(bent)),
             (tipped(1.0), object(FLAT, 0)),
             // Floors, tops and caps in one plane.
@@ -179,7 +179,7 @@ mod tests {
             (ground(), cylinder(0.0)),
             (placed(&ground(), SKEW, [0.0; 3]), placed(&cylinder(0.0), SKEW, [0.0; 3])),
             (placed(&tipped(1.0), SKEW, [0.0; 3]), placed(&object(FLAT, 7), SKEW, [0.0; 3])),
-            // The first of these is put in a place and the other is made there.
+            // The first is transformed to a place, the other is made there.
             (placed(&object(FLAT, 2), [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 0.1]], [0.0; 3]), {
                 let Triangle(a, b, c) = FLAT;
                 of(Triangle([a[0], a[1], 0.1], [b[0], b[1], 0.1], [c[0], c[1], 0.1]))
@@ -190,7 +190,7 @@ mod tests {
         for (k, (x, y)) in pairs.iter().enumerate() {
             let [equal, _, ties] = check(x, y);
             assert!(equal > 10, "pair {k}: {equal}");
-            // But for lines through a rim, where two parts of a surface meet.
+            // Except on lines through a rim, where two parts of a surface meet.
             assert!(10 * equal >= 9 * ties, "pair {k}: {equal} of {ties}");
         }
     }
@@ -215,7 +215,7 @@ mod tests {
                 of(Sphere { center: [0.0, 0.0, 5e-324], radius: 3.0 }),
             ),
             (placed(&slab(4.0), SKEW, [1.0, 0.5, 0.0]), placed(&slab(4.0), SKEW, [1.0, 0.5, 5e-324])),
-            // In one plane, but not across an axis.
+            // In one plane, but not perpendicular to an axis.
             (
                 of(Triangle([0.0; 3], [4.0, 0.0, 4.0], [0.0, 4.0, 4.0])),
                 of(Triangle([0.0; 3], [8.0, 0.0, 8.0], [0.0, 8.0, 8.0])),

@@ -1,4 +1,4 @@
-//! Hits, and the sinks that they are written to.
+//! Hits, and the sinks that receive them.
 
 use std::ops::Range;
 
@@ -11,11 +11,11 @@ use crate::geometry::vector::Point;
 pub struct Hit {
     /// In units of the length of the direction, correctly rounded; infinite for a miss.
     pub t: f64,
-    /// Unit, outward as the shape defines it.
+    /// A unit vector, outward as the shape defines it.
     pub normal: Point,
     /// −1 for a miss.
     pub object: i32,
-    /// Triangle of a mesh; else 0.
+    /// The triangle of a mesh; else 0.
     pub primitive: i32,
 }
 
@@ -34,27 +34,27 @@ pub struct EightHits<'a> {
     pub primitive: [i32; 8],
 }
 
-/// Hits of four rays that follow one another.
+/// Hits of four consecutive rays.
 pub struct Run {
     pub t: [f64; 4],
-    /// The coordinates of the normals, a ray after the other.
+    /// The coordinates of the normals, ray by ray.
     pub normals: [[f64; 4]; 3],
     pub object: [i32; 4],
     pub primitive: [i32; 4],
 }
 
-/// Where the hits of rays go. Rays start as misses; only hits are written.
+/// Receives the hits of rays. Rays start as misses; only hits are written.
 pub trait Sink {
-    /// Whether any hit of a ray suffices: then `Hit::UNREFINED` is written.
+    /// Whether any hit of a ray suffices; then `Hit::UNREFINED` is written.
     const ANY: bool = false;
 
-    /// Writes `Hit::MISS` for some rays, in order, before their hits are written in any order: this brings
-    /// whole lines of the arrays into the cache.
+    /// Writes `Hit::MISS` for consecutive rays before their hits are written in any order. This brings whole
+    /// cache lines of the arrays into the cache.
     fn clear(&mut self, rays: Range<usize>);
     /// Writes the hit of ray i.
     fn write(&mut self, i: usize, hit: Hit);
 
-    /// Writes the hits of four rays, from i on.
+    /// Writes the hits of four consecutive rays, the first of index i.
     #[inline(always)]
     fn write_run(&mut self, i: usize, hits: &Run) {
         let normals = hits.normals.as_flattened().as_chunks().0;
@@ -66,8 +66,8 @@ pub trait Sink {
         }
     }
 
-    /// Writes those hits of eight rays that are runs, and returns their lanes. A run is four of `lanes` whose
-    /// rays are consecutive, as sorted rays of a sensor often are.
+    /// Writes those hits of eight rays that form runs, and returns their lanes. A run is four of `lanes`
+    /// whose rays are consecutive, as sorted rays of a sensor often are.
     #[inline(always)]
     fn write_runs<I: Isa>(&mut self, rays: &[u32; 8], lanes: u32, hits: &EightHits) -> u32 {
         let runs = [0, 1].map(|half| lanes >> (4 * half) & 0xf == 0xf && is_run(&rays.as_chunks().0[half]));

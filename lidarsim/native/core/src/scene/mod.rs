@@ -36,10 +36,10 @@ pub use world::{World, span};
 #[derive(Debug)]
 pub struct Scene {
     objects: Vec<Object>,
-    /// Those that move, in rising order.
+    /// The moving objects, in ascending order.
     movers: Vec<u32>,
     index: Once<Index>,
-    /// Those of the last cast.
+    /// The hierarchy of moving objects of the last cast.
     last_movers: ArcSwapOption<Movers>,
 }
 
@@ -47,15 +47,14 @@ pub struct Scene {
 pub struct Index {
     /// Unbounded objects, which are tested with every ray.
     pub unbounded: Vec<u32>,
-    /// What stands still.
+    /// The hierarchy of the objects that stand still.
     pub bounded: Bvh<u32>,
     size: f64,
-    /// Of `bounded` when it was built.
+    /// The surface area of `bounded` when it was built.
     surface: f32,
 }
 
-/// A refitted hierarchy whose surface is more than this many times what it was when it was built is not worth
-/// keeping.
+/// A refitted hierarchy is discarded if its surface area exceeds that of its build by this factor.
 const WORN: f32 = 1.5;
 
 impl Scene {
@@ -65,8 +64,8 @@ impl Scene {
         Scene { objects, movers, index: Once::new(), last_movers: ArcSwapOption::empty() }
     }
 
-    /// As `new`. The hierarchy that another scene has of its objects is refitted to these, if they differ in
-    /// their places alone and it is still about as good: that takes much less time than to build one.
+    /// As `new`. If the objects differ only in their places, the hierarchy of the other scene is refitted to
+    /// them while it stays about as good, which is much faster than a build.
     pub fn like(other: &Scene, objects: Vec<Object>) -> Self {
         let scene = Scene::new(objects);
         scene.last_movers.store(other.last_movers.load_full());
@@ -78,7 +77,7 @@ impl Scene {
         scene
     }
 
-    /// Whether anything moves, so that rays need their times.
+    /// Whether any object moves, so that rays need times.
     pub fn moves(&self) -> bool {
         !self.movers.is_empty()
     }
@@ -87,7 +86,7 @@ impl Scene {
         &self.objects
     }
 
-    /// Builds the hierarchies that have not been built yet.
+    /// Builds the hierarchies that do not exist yet.
     pub fn prepare(&self) {
         for object in &self.objects {
             if let Geometry::Mesh(mesh) = &object.geometry {
@@ -105,7 +104,7 @@ impl Scene {
         })
     }
 
-    /// The unbounded objects, and of each object the box, if it has one and stands still.
+    /// The unbounded objects; and per object its box, if it has one and stands still.
     fn sorted(&self) -> (Vec<u32>, Vec<Option<[Interval; 3]>>) {
         let mut still = memory::collect(self.objects.iter().map(Object::bounds));
         let endless = |&i: &usize| still[i].is_none() && !self.objects[i].is_empty();
@@ -119,7 +118,7 @@ impl Scene {
         (unbounded, still)
     }
 
-    /// An index of another scene for these objects; none if there are others, or it is worn out.
+    /// An index of another scene, refitted to these objects. `None` if the objects differ or it is worn out.
     fn refitted(&self, index: &Index) -> Option<Index> {
         let (unbounded, still) = self.sorted();
         let boxes = still.iter().flatten().count();
@@ -128,13 +127,13 @@ impl Scene {
         is_good.then(|| Index { unbounded, bounded, size: size(&still), surface: index.surface })
     }
 
-    /// An object where it stands at a time.
+    /// An object at its place at a time.
     #[inline(always)]
     pub fn at(&self, object: u32, time: f64) -> ObjectAt<'_> {
         self.objects[object as usize].at(time)
     }
 
-    /// Every t, ascending and distinct, at which the line intersects the object, which does not move.
+    /// Every t, ascending and distinct, at which the line intersects the object, which must not move.
     pub fn roots(&self, object: u32, origin: Point, direction: Point) -> Vec<f64> {
         let ray = TimedRay { origin, direction, time: 0.0 };
         let primitives = self.primitives_on_line(object, origin, direction);
@@ -152,7 +151,7 @@ impl Scene {
         roots.iter().map(|at| self.t(at, &ray)).collect()
     }
 
-    /// As `roots`, of each of some lines.
+    /// The `roots` of each of several lines.
     pub fn roots_of_lines(&self, object: u32, origins: &[Point], directions: &[Point]) -> Vec<Vec<f64>> {
         const PIECE: usize = 64;
         let mut roots = memory::with_capacity(origins.len());
@@ -209,7 +208,7 @@ impl Scene {
         number::decide_exactly(&RoundedRoot { object: self.at(at.object, time), at, origin, direction })
     }
 
-    /// Whether t is below zero, be it by less than float64 can tell.
+    /// Whether t is below zero, even by less than float64 resolves.
     pub fn is_negative(&self, at: &RootId, ray: &TimedRay) -> bool {
         let TimedRay { origin, direction, time } = *ray;
         number::decide(&NegativeRoot { object: self.at(at.object, time), at, origin, direction })
@@ -246,7 +245,7 @@ impl Scene {
     }
 }
 
-/// The longest side of the box around all of some boxes.
+/// The longest side of the union of the boxes.
 fn size(bounds: &[Option<[Interval; 3]>]) -> f64 {
     let side = |i: usize| {
         let all = bounds.iter().flatten().map(|b| b[i]);
@@ -265,12 +264,12 @@ pub mod tests {
 
     pub const FLAT: Triangle = Triangle([0.0, 0.0, 1.0], [8.0, 0.0, 1.0], [0.0, 8.0, 1.0]);
 
-    /// The same triangle, but for its last vertex.
+    /// The same triangle, with another last vertex.
     pub fn tipped(z: f64) -> Triangle {
         Triangle(FLAT.0, FLAT.1, [0.0, 8.0, z])
     }
 
-    /// A triangle of its own, or among others that no ray hits; the primitive is the last.
+    /// A triangle alone, or as the last primitive after others that no ray hits.
     pub fn object(triangle: Triangle, others: usize) -> Object {
         if others == 0 {
             return Object::new(Geometry::Surface(triangle.into()), false);
@@ -283,7 +282,7 @@ pub mod tests {
         Object::new(mesh.map_or(Geometry::Surface(triangle.into()), Geometry::Mesh), false)
     }
 
-    /// Spheres on a grid, all of them `size` large, but one of them at `place`.
+    /// Spheres of one `size` on a grid, with one of them at `place`.
     fn balls(size: f64, place: Point) -> Vec<Object> {
         let ball = |center| Object::new(Geometry::Surface(Sphere { center, radius: size }.into()), false);
         let grid = (0..1000).map(|i| [i % 10, i / 10 % 10, i / 100].map(f64::from));

@@ -1,4 +1,4 @@
-//! Objects: a geometry, placed by affine maps.
+//! Objects: geometries placed by affine maps.
 
 use std::borrow::Cow;
 use std::ops::Deref;
@@ -22,15 +22,15 @@ pub enum Geometry {
     Mesh(Arc<TriangleMesh>),
 }
 
-/// A geometry, the maps that take it into the world, the first one first, and the motion that it then makes.
+/// A geometry, the maps that take it into the world, in order of application, and its motion after them.
 #[derive(Clone, Debug)]
 pub struct Object {
     pub geometry: Geometry,
     maps: Vec<Affine>,
-    /// Of all maps together; none if there are none.
+    /// The inverse of all maps together; `None` if there are no maps.
     inverse: Option<Arc<Inverse>>,
     motion: Option<Arc<Path>>,
-    /// A mesh whose triangles are parts of one primitive, as those of a polygon are.
+    /// Whether the triangles of a mesh are parts of one primitive, as those of a polygon are.
     whole: bool,
 }
 
@@ -39,7 +39,7 @@ impl Object {
         Object { geometry, maps: Vec::new(), inverse: None, motion: None, whole }
     }
 
-    /// The object under one more map; none if that cannot be inverted.
+    /// The object under one more map; `None` if that cannot be inverted.
     pub fn transformed(&self, map: Affine) -> Option<Self> {
         let mut object = self.clone();
         if !map.is_identity() {
@@ -49,7 +49,7 @@ impl Object {
         Some(object)
     }
 
-    /// The object, which after its maps moves like this.
+    /// The object with a motion after its maps.
     #[must_use]
     pub fn moving(&self, motion: Arc<Path>) -> Self {
         Object { motion: Some(motion), ..self.clone() }
@@ -60,7 +60,7 @@ impl Object {
         self.motion.as_deref()
     }
 
-    /// The object where it stands at a time.
+    /// The object at its place at a time.
     #[inline(always)]
     pub fn at(&self, time: f64) -> ObjectAt<'_> {
         ObjectAt { object: self, then: self.motion().map(|motion| motion.at(time).into()) }
@@ -71,7 +71,7 @@ impl Object {
         self.maps.is_empty() && self.motion.is_none()
     }
 
-    /// Whether both are placed in the world alike, at any time.
+    /// Whether both have the same placement in the world at any time.
     pub fn is_placed_as(&self, other: &Self) -> bool {
         let alike = match (&self.motion, &other.motion) {
             (None, None) => true,
@@ -91,13 +91,13 @@ impl Object {
         matches!(&self.geometry, Geometry::Mesh(_) | Geometry::Surface(AnySurface::Triangle(_)))
     }
 
-    /// Whether hits are on triangles in the coordinates of the world.
+    /// Whether hits are on triangles in world coordinates.
     #[inline(always)]
     pub fn is_untransformed_triangle(&self) -> bool {
         self.is_untransformed() && self.is_triangle()
     }
 
-    /// Whether hits are on triangles that are transformed, by maps that are not extreme, and do not move.
+    /// Whether hits are on transformed triangles that do not move, under maps that are not extreme.
     #[inline(always)]
     pub fn is_placed_triangle(&self) -> bool {
         let is_placed = self.motion.is_none()
@@ -117,7 +117,7 @@ impl Object {
         Triangle(*a, *b, *c)
     }
 
-    /// As `triangle`, by reference.
+    /// The corners of `triangle`, by reference.
     #[inline(always)]
     pub fn corners(&self, primitive: u32) -> [&Point; 3] {
         const NONE: &Point = &[0.0; 3];
@@ -142,13 +142,13 @@ impl Object {
         if self.whole { 0 } else { primitive as i32 }
     }
 
-    /// The inverse of the maps; none if there are none.
+    /// The inverse of the maps; `None` if there are no maps.
     #[inline(always)]
     pub fn inverse(&self) -> Option<&Inverse> {
         self.inverse.as_deref()
     }
 
-    /// A box around the object wherever it is between two times.
+    /// A box around all places of the object between two times.
     pub(super) fn bounds_during(&self, span: [f64; 2]) -> Option<[Interval; 3]> {
         match self.motion() {
             Some(motion) => Some(unless_nan(motion.sweep(&*self.dop_after(&self.maps)?, span))),
@@ -156,7 +156,7 @@ impl Object {
         }
     }
 
-    /// A box around it without its motion; none if it is empty, or there is no such box.
+    /// A box around the object without its motion; `None` if the object is empty or unbounded.
     pub fn bounds(&self) -> Option<[Interval; 3]> {
         match (self.maps.split_last(), &self.geometry) {
             (Some((last, others)), _) => Some(unless_nan(self.dop_after(others)?.image(last))),
@@ -165,7 +165,7 @@ impl Object {
         }
     }
 
-    /// How far it reaches after these first maps of its own.
+    /// The extent of the object under the given first maps.
     fn dop_after(&self, maps: &[Affine]) -> Option<Cow<'_, Dop>> {
         let local = match &self.geometry {
             Geometry::Surface(shape) => Cow::Owned(Dop::of_box(shape.bounds()?)),
@@ -194,7 +194,7 @@ impl Object {
     }
 }
 
-/// A box of which what is unknown is infinite.
+/// Replaces NaN bounds by infinite ones.
 fn unless_nan(bounds: [Interval; 3]) -> [Interval; 3] {
     bounds.map(|b| Interval {
         low: if b.low.is_nan() { f64::NEG_INFINITY } else { b.low },
@@ -202,8 +202,8 @@ fn unless_nan(bounds: [Interval; 3]) -> [Interval; 3] {
     })
 }
 
-/// An object where it stands at a time. What moves is there placed by the affine map that its motion has at
-/// that time, as the numbers of the pose say, and from there on all is exact.
+/// An object at its place at a time. The affine map of a moving object follows exactly from the float64 pose
+/// of its motion at that time.
 #[derive(Clone, Copy)]
 pub struct ObjectAt<'a> {
     object: &'a Object,
@@ -226,7 +226,7 @@ impl ObjectAt<'_> {
         ComposedPlacement { first: self.object.inverse(), then: self.then.as_ref() }
     }
 
-    /// A ray of the world in the coordinates of the object.
+    /// A world ray in the coordinates of the object.
     #[inline(always)]
     pub(super) fn local<N: Number>(&self, ray: Ray<N>) -> Ray<N> {
         self.placement().local(ray)

@@ -1,4 +1,4 @@
-//! The predicates of roots on objects: bounds of roots, their order, roots correctly rounded, and refined
+//! The predicates of roots on objects: bounds of roots, their order, correctly rounded roots, and refined
 //! hits.
 
 use std::cmp::Ordering;
@@ -20,7 +20,7 @@ pub struct RootIntervals<'a> {
 }
 
 impl Predicate for RootIntervals<'_> {
-    /// Bounds of t, and the index and part of the surface as in `RootId`.
+    /// Bounds of t, and the index and feature as in `RootId`.
     type Answer = [Option<(Interval, u8, u8)>; MOST_ROOTS];
 
     fn evaluate<N: Number<Floats = f64>>(&self) -> Result<Self::Answer, Uncertain> {
@@ -55,8 +55,8 @@ impl Predicate for RootOrder<'_> {
     }
 }
 
-/// Whether the line meets an edge or a corner that two triangles, in the same coordinates, share: then it
-/// meets their planes at the same t.
+/// Whether the line meets an edge or a corner that two triangles in the same coordinates share. It then meets
+/// their planes at the same t.
 pub fn meets_what_they_share<N: Number>(
     ray: &Ray<N>,
     one: &Triangle,
@@ -108,7 +108,7 @@ impl Predicate for NegativeRoot<'_> {
     }
 }
 
-/// A hit: t, correctly rounded, and a normal of ordinary length.
+/// A hit: t, correctly rounded, and a normal of moderate length.
 pub struct RefinedHit<'a> {
     pub object: ObjectAt<'a>,
     pub at: &'a RootId,
@@ -131,7 +131,7 @@ impl Predicate for RefinedHit<'_> {
     }
 }
 
-/// t, rounded, and a normal in the world, of a root of a surface; the ray is in its coordinates.
+/// t, rounded, and a world normal at a root of a surface; the ray is in the coordinates of the surface.
 #[inline(always)]
 pub fn refined_hit<N: Number>(
     placement: impl Placement,
@@ -158,9 +158,8 @@ mod tests {
         Object::new(Geometry::Surface(surface.into()), false)
     }
 
-    /// Rays to points of an edge or a corner that two triangles share, and to points of one of them: where
-    /// they meet what is shared, exact arithmetic finds the same t on both, and where they do not, mostly
-    /// another one.
+    /// Rays to points of an edge or a corner that two triangles share, and to points of only one of them.
+    /// Rays that meet the shared part have the same exact t on both; most others do not.
     #[test]
     fn rays_meet_neighbours_at_once_where_they_meet_what_these_share() {
         let mut next = numbers();
@@ -195,8 +194,8 @@ mod tests {
         assert!(met > 400 && apart > 400 && passed < met / 8, "{met}, {passed}, {apart}");
     }
 
-    /// Lines in planes that touch a shape: o = p − k·d, so that t = k, of circles and ellipses through p with
-    /// a tangent d.
+    /// Tangent lines of circles and ellipses, within their planes: o = p − k·d, so that t = k at the point
+    /// p with the tangent d.
     #[test]
     fn a_line_that_touches_has_one_root_that_is_known_to() {
         let ellipsoid =

@@ -1,19 +1,19 @@
-//! Rays and ranges as callers give them.
+//! Rays and ranges as passed by callers.
 
 use std::ops::Range;
 
 use crate::geometry::vector::Point;
 
-/// A ray of the world at a time.
+/// A world ray at a time.
 #[derive(Clone, Copy, Debug)]
 pub struct TimedRay {
     pub origin: Point,
     pub direction: Point,
-    /// Any if nothing moves.
+    /// Arbitrary if nothing moves.
     pub time: f64,
 }
 
-/// Many rays of the world.
+/// World rays.
 #[derive(Clone, Copy)]
 pub struct Rays<'a> {
     pub origins: &'a [Point],
@@ -29,7 +29,7 @@ impl Rays<'_> {
     }
 }
 
-/// The t that a query is about; both ends belong to the range.
+/// The closed range of t of a query.
 #[derive(Clone, Copy, Debug)]
 pub struct TRange {
     pub min: f64,
@@ -37,6 +37,6 @@ pub struct TRange {
 }
 
 impl TRange {
-    /// All of a ray.
+    /// The whole ray.
     pub const RAY: TRange = TRange { min: 0.0, max: f64::INFINITY };
 }

@@ -1,11 +1,11 @@
 //! The id of a root.
 
-/// Which root of which primitive.
+/// Identifies a root of a line on a primitive.
 #[derive(Clone, Copy, Debug)]
 pub struct RootId {
     pub object: u32,
     pub primitive: u32,
-    /// 0 or 1, or `TOUCHING` where the line is known to touch the surface there.
+    /// 0 or 1, or `TOUCHING` if the line is known to touch the surface there.
     pub index: u8,
     /// The part of the surface.
     pub feature: u8,

@@ -16,14 +16,14 @@ pub struct TriangleMesh {
     faces: Vec<[u32; 3]>,
     /// Computed on first use, once for all scenes that share the mesh.
     bounds: Once<Option<[Interval; 3]>>,
-    /// The same, where the mesh is transformed or moves.
+    /// Likewise, if the mesh is transformed or moves.
     dop: Once<Option<Dop>>,
-    /// Built when it is first cast at.
+    /// Built on the first cast.
     hierarchy: Once<Bvh<Leaf>>,
 }
 
 impl TriangleMesh {
-    /// None if a face names a vertex that is not there.
+    /// `None` if a face refers to a missing vertex.
     pub fn new(vertices: Vec<Point>, faces: Vec<[u32; 3]>) -> Option<Self> {
         let known = |i: &u32| (*i as usize) < vertices.len();
         let is_right = faces.iter().flatten().all(known);
@@ -78,10 +78,10 @@ impl TriangleMesh {
     }
 
     pub fn hierarchy(&self) -> &Bvh<Leaf> {
-        // Only what is built runs in the pool: a thread of it that waits for its fellows takes up other work,
-        // and must not come back here.
+        // Only the build runs in the pool: a waiting thread of a pool takes up other work, which must not
+        // reenter here.
         self.hierarchy.get_or_make(|| {
-            // As much as it takes if a leaf holds half of what it may.
+            // Room for leaves that are half full.
             memory::expect_room(2 * self.len().div_ceil(LEAF_SIZE) * size_of::<Leaf>(), || {
                 format!("a hierarchy over {} triangles", self.len())
             });
@@ -107,7 +107,7 @@ impl TriangleMesh {
         })
     }
 
-    /// Of the vertices of the faces; none if there are none.
+    /// The polytope of all vertices that faces use; `None` if there are none.
     pub fn dop(&self) -> Option<&Dop> {
         let dop = self.dop.get_or_make(|| {
             let mut used = memory::with_capacity(self.vertices.len());

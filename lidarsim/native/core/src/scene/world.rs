@@ -1,4 +1,4 @@
-//! A scene during a span of time: what rays are cast at.
+//! A scene during a span of time, at which rays are cast.
 
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -10,33 +10,32 @@ use crate::arith::number::Interval;
 use crate::bvh::Bvh;
 use crate::{memory, parallel};
 
-/// Boxes that a thread makes at a time, at least.
+/// The least number of boxes that a thread makes at a time.
 const BOXES: usize = 64;
 
-/// A scene, with a hierarchy of the objects that move in boxes around all of their places during a span of
-/// time.
+/// A scene with a hierarchy of its moving objects, in boxes around all of their places during a span of time.
 #[derive(Debug)]
 pub struct World<'a> {
     pub scene: &'a Scene,
-    /// Of what does not move.
+    /// The index of the objects that stand still.
     pub index: &'a Index,
     movers: Option<Arc<Movers>>,
     /// The longest side of the box around all bounded objects.
     pub size: f64,
-    /// Another for each world of the process.
+    /// Unique among the worlds of the process.
     pub number: u64,
 }
 
-/// The hierarchy of what moves, during a span of time.
+/// The hierarchy of moving objects during a span of time.
 #[derive(Debug)]
 pub struct Movers {
     hierarchy: Bvh<u32>,
-    /// Of the hierarchy when it was built.
+    /// The surface area of the hierarchy when it was built.
     surface: f32,
 }
 
-/// From the first to the last of some times, but for those that are not finite, at which no ray is cast; of
-/// none it is empty, at 0. Eight at a time, which become vector instructions.
+/// The range of the finite times, as no ray is cast at others; [0, 0] if there are none. Eight at a time,
+/// which vectorizes.
 pub fn span(times: &[f64]) -> [f64; 2] {
     let (mut low, mut high) = ([f64::INFINITY; 8], [f64::NEG_INFINITY; 8]);
     let mut add = |k: usize, time: f64| {
@@ -58,7 +57,7 @@ pub fn span(times: &[f64]) -> [f64; 2] {
 }
 
 impl World<'_> {
-    /// Of what moves; none if nothing does.
+    /// The hierarchy of moving objects; `None` if nothing moves.
     #[inline(always)]
     pub fn movers(&self) -> Option<&Bvh<u32>> {
         self.movers.as_ref().map(|movers| &movers.hierarchy)
@@ -66,11 +65,11 @@ impl World<'_> {
 }
 
 impl Scene {
-    /// The scene in a span of time (see [`span`]). No hierarchy of a mesh or of what stands still is built
-    /// anew for it, and that of what moves is the one of the span before, refitted, while it is about as
-    /// good: frames that follow one another differ little.
+    /// The scene in a span of time (see [`span`]). The hierarchies of meshes and of objects that stand still
+    /// are reused. That of moving objects is refitted from the previous span while it stays about as good,
+    /// since successive frames differ little.
     pub fn during(&self, span: [f64; 2]) -> World<'_> {
-        /// Of the next world.
+        /// The number of the next world.
         static NUMBER: AtomicU64 = AtomicU64::new(1);
         let (index, number) = (self.index(), NUMBER.fetch_add(1, Ordering::Relaxed));
         if !self.moves() {
@@ -95,8 +94,8 @@ impl Scene {
         World { scene: self, index, size: size(&boxes).max(index.size), movers: Some(movers), number }
     }
 
-    /// The hierarchy of the span before, for the boxes of what moves in this one; none if there was none, or
-    /// it is worn out.
+    /// The hierarchy of the previous span, refitted to the boxes of this one. `None` if there is none or it
+    /// is worn out.
     fn refitted_movers(&self, boxes: &[Option<[Interval; 3]>]) -> Option<Movers> {
         let last = self.last_movers.load_full()?;
         let Movers { hierarchy, surface } = &*last;

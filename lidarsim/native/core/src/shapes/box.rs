@@ -16,10 +16,10 @@ pub struct Box {
 }
 
 impl Box {
-    /// What the slab across an axis leaves of the chord; false if nothing is.
+    /// Cuts the chord with the slab across an axis; false if nothing remains.
     #[inline(always)]
     fn cut<N: Number>(&self, axis: usize, ray: &Ray<N>, chord: &mut Chord<N>) -> Result<bool, Uncertain> {
-        // Twice the distances from the origin of the ray to both faces: so the halves of the size need not be
+        // Twice the distances from the ray's origin to both faces, so that halves of the size are not
         // rounded.
         let middle = ray.weighted(N::exact(self.center[axis])).minus(&ray.origin[axis]).doubled();
         let half = ray.weighted(N::exact(self.size[axis]));
@@ -94,7 +94,7 @@ impl Surface for Box {
 
     fn bounds(&self) -> Option<[Interval; 3]> {
         Some(std::array::from_fn(|i| {
-            let half = self.size[i] / 2.0; // may round where the size is subnormal
+            let half = self.size[i] / 2.0; // rounds if the size is subnormal
             Interval {
                 low: (self.center[i] - half.next_up()).next_down(),
                 high: (self.center[i] + half.next_up()).next_up(),

@@ -1,8 +1,8 @@
-//! Cylinder of radius r around the axis from `start` to `end`, A = end − start, which is not normalised.
+//! Cylinder of radius r around the axis from `start` to `end`, A = end − start, which is not normalized.
 //!
-//! With f = o − start: n = d × A, m = f × A, the side is |m + t·n|² = r²·|A|². Its discriminant (n·m)² −
-//! |n|²·(|m|² − r²|A|²) equals |A|²·(r²|n|² − (f·n)²), as n × m = −A·(f·n); so no squares of the distance
-//! cancel.
+//! With f = o − start: n = d × A, m = f × A, the side is |m + t·n|² = r²·|A|². Its discriminant
+//! (n·m)² − |n|²·(|m|² − r²|A|²) equals |A|²·(r²|n|² − (f·n)²), as n × m = −A·(f·n),
+//! so squares of the distance do not cancel.
 
 use std::cmp::Ordering;
 
@@ -22,7 +22,7 @@ pub struct Cylinder {
     pub start: Point,
     pub end: Point,
     pub radius: f64,
-    /// A solid's boundary, with caps at both ends; else the side alone.
+    /// Whether caps close both ends; otherwise there is only the side.
     pub capped: bool,
 }
 
@@ -33,8 +33,8 @@ impl Cylinder {
     }
 }
 
-/// The root if the line is between both ends there, where it is `from_start` + t·rise beyond the start,
-/// `from_end` + t·rise beyond the end.
+/// The root if the line is between both ends there. The line is `from_start` + t·rise past the start and
+/// `from_end` + t·rise past the end.
 #[inline(always)]
 fn between<N: Number>(
     root: Root<N>,
@@ -49,7 +49,7 @@ fn between<N: Number>(
 impl Shape for Cylinder {
     const MOST_ROOTS: usize = 2;
 
-    /// capped: 1 or 0.
+    /// `capped` is 1 or 0.
     const FORMS: &'static [Form] = &[&[("start", 3), ("end", 3), ("radius", 1), ("capped", 1)]];
 
     fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
@@ -109,7 +109,7 @@ impl Surface for Cylinder {
 
         let mut chord = Chord::whole_line();
         if let Some((first, _)) = side {
-            // The same where the line touches the side.
+            // The same root if the line touches the side.
             let exit = first.clone().other();
             chord.cut(first, exit)?;
         }
@@ -160,7 +160,7 @@ impl Surface for Cylinder {
             START => vector::negated(&axis),
             END => axis,
             _ => {
-                // A × (f × A): the part of f across the axis, times |A|².
+                // A × (f × A): the component of f perpendicular to the axis, times |A|².
                 let f = ray.origin_from(vector::exact(self.start));
                 vector::cross(&axis, &vector::cross(&f, &axis))
             }
@@ -200,14 +200,14 @@ mod tests {
 
     #[test]
     fn the_box_is_close_around_both_circles() {
-        // What is expected here is off by less than 16 roundings of numbers near 1. The box reaches 16 + 32 ε
+        // The expected bounds are off by less than 16 roundings of numbers near 1. The box reaches 16 + 32 ε
         // too far along the share of the radius, and is rounded outward where |end| ≤ 4: 64 ε cover both.
         let (off, close) = (8.0 * f64::EPSILON, 72.0 * f64::EPSILON);
         for end in [[0.0, 0.0, 2.0], [3.0, 0.0, 4.0], [1.0, -2.0, 2.0], [1e-200, 2e-200, 0.0]] {
             let cylinder = Cylinder { start: [0.0; 3], end, radius: 1.0, capped: true };
             let length = (end[0] * end[0] + end[1] * end[1] + end[2] * end[2]).sqrt();
             for (i, side) in cylinder.bounds().into_iter().flatten().enumerate() {
-                // Squares of the shortest axis underflow; its circles are as those of (1, 2, 0).
+                // Squares of the shortest axis underflow; its circles are those of (1, 2, 0).
                 let share = if length > 0.0 { end[i] / length } else { [1.0, 2.0, 0.0][i] / 5_f64.sqrt() };
                 let reach = (1.0 - share * share).max(0.0).sqrt();
                 let (low, high) = (end[i].min(0.0) - reach, end[i].max(0.0) + reach);

@@ -1,7 +1,7 @@
 //! Ellipsoid: the image of the unit sphere under u ↦ center + R·diag(radii)·u.
 //!
-//! The ray is taken into the space of the unit sphere, which leaves t as it is. The common denominator of the
-//! inverse map is kept as the radius of the sphere there, so that nothing is divided.
+//! The ray is taken into the space of the unit sphere, which preserves t. The radius of the sphere there is
+//! the common denominator of the inverse map, so nothing is divided.
 
 use std::sync::Arc;
 
@@ -15,10 +15,10 @@ use crate::geometry::vector::{self, Point, Vector};
 
 #[derive(Clone, Debug)]
 pub struct Ellipsoid {
-    /// u ↦ center + R·u, with the entries of R as they were given.
+    /// u ↦ center + R·u, with the entries of R as given.
     placement: Affine,
     radii: Point,
-    /// Of both maps, the stretching and the placement.
+    /// The inverse of both maps, the stretching and the placement.
     inverse: Arc<Inverse>,
 }
 
@@ -29,7 +29,7 @@ impl PartialEq for Ellipsoid {
 }
 
 impl Ellipsoid {
-    /// None if the rotation is singular or a radius zero.
+    /// `None` if the rotation is singular or a radius is zero.
     pub fn new(center: Point, radii: Point, rotation: [[f64; 3]; 3]) -> Option<Self> {
         let [x, y, z] = radii;
         let stretched = Affine::new([[x, 0.0, 0.0], [0.0, y, 0.0], [0.0, 0.0, z]], [0.0; 3]);
@@ -88,7 +88,7 @@ impl Surface for Ellipsoid {
     }
 
     fn bounds(&self) -> Option<[Interval; 3]> {
-        // As far along an axis as that row of R·diag(radii) is long.
+        // Along each axis it reaches the length of that row of R·diag(radii).
         let [x, y, z] = self.radii;
         Some(self.placement.around(|row| [vector::length_above([row[0] * x, row[1] * y, row[2] * z]); 2]))
     }
@@ -100,14 +100,14 @@ mod tests {
 
     #[test]
     fn the_box_touches_a_turned_ellipsoid() {
-        // Turned by the angle of the 3-4-5 triangle: (0.6·2)² + (0.8·1)² = 2.08 and (0.8·2)² + (0.6·1)² =
-        // 2.92.
+        // Rotated by the angle of the 3-4-5 triangle: (0.6·2)² + (0.8·1)² = 2.08 and (0.8·2)² +
+        // (0.6·1)² = 2.92.
         let turn = [[0.6, -0.8, 0.0], [0.8, 0.6, 0.0], [0.0, 0.0, 1.0]];
         let ellipsoid = Ellipsoid::new([1.0, 0.0, 0.0], [2.0, 1.0, 3.0], turn);
         let found = ellipsoid.and_then(|ellipsoid| ellipsoid.bounds());
         let (center, reach) = ([1.0, 0.0, 0.0], [2.08_f64.sqrt(), 2.92_f64.sqrt(), 3.0]);
         assert!(found.is_some());
-        // Lengths up to 3, 16 ε too long at most, and fewer than 16 roundings of numbers up to 4.
+        // Lengths up to 3, at most 16 ε too long, and fewer than 16 roundings of numbers up to 4.
         let close = 64.0 * f64::EPSILON;
         for (i, side) in found.into_iter().flatten().enumerate() {
             let (low, high) = (center[i] - reach[i], center[i] + reach[i]);

@@ -1,6 +1,6 @@
-//! The shapes: their mathematics, one file each.
+//! The shapes: their mathematics, one file per shape.
 //!
-//! To add one: write its file with its [`Surface`] and [`Shape`], and name it in `mod`, `pub use` and
+//! To add one, write its file with its [`Surface`] and [`Shape`], and add its name to `mod`, `pub use` and
 //! `surfaces!` below.
 
 mod r#box;
@@ -55,7 +55,7 @@ macro_rules! surfaces {
         })+
 
         impl AnySurface {
-            /// The shape of this name; see [`Shape::from_numbers`].
+            /// Creates the shape with this name; see [`Shape::from_numbers`].
             pub fn new(name: &str, form: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
                 match name {
                     $(stringify!($name) => {
@@ -65,7 +65,7 @@ macro_rules! surfaces {
                 }
             }
 
-            /// The forms of the shape of this name; none if there is no such shape.
+            /// The forms of the shape with this name; empty if there is no such shape.
             pub fn forms(name: &str) -> &'static [Form] {
                 match name {
                     $(stringify!($name) => <$name as Shape>::FORMS,)+
@@ -79,14 +79,14 @@ macro_rules! surfaces {
             }
 
             /// Runs the task in a separate function for each type of shape, which keeps these functions
-            /// small; see `Isa::apart`.
+            /// small; see `Isa::call_widest`.
             #[inline(always)]
             pub fn dispatch<I: Isa, T: SurfaceTask>(&self, task: T) -> Option<T::Output> {
-                match self { $(AnySurface::$name(shape) => I::apart(On(shape, task))),+ }
+                match self { $(AnySurface::$name(shape) => I::call_widest(On(shape, task))),+ }
             }
         }
 
-        /// The most roots that a line has with any surface.
+        /// The most roots that a line has on any surface.
         pub const MOST_ROOTS: usize = {
             let mut most = 0;
             $(if most < <$name as Shape>::MOST_ROOTS {
@@ -148,7 +148,7 @@ mod tests {
         beyond(n(low).minus(&n(side.low))) && beyond(n(side.high).minus(&n(high)))
     }
 
-    /// Against exact arithmetic, of numbers that are far from the origin, subnormal or huge.
+    /// Compares with exact arithmetic, for numbers far from the origin, subnormal or huge.
     #[test]
     fn boxes_hold_the_surfaces() {
         let mut next = numbers();

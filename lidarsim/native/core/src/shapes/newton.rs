@@ -9,7 +9,7 @@ use crate::arith::simd::Floats;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Vector};
 
-/// The surface that rays hit: one for all lanes, or one each.
+/// The surface that rays hit: one for all lanes, or one per lane.
 pub trait Target<L: Lanes<N>, const N: usize> {
     /// As `Surface::implicit`.
     fn implicit<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K;
@@ -29,13 +29,13 @@ impl<S: Surface, L: Lanes<N>, const N: usize> Target<L, N> for S {
     }
 }
 
-/// t, rounded to the nearest float64, and a normal there in the coordinates of the surface, which the rays
-/// are in too. `bounds` hold a root on part `feature` of the surface.
+/// t, rounded to the nearest float64, and a normal there, in the coordinates of the surface, as the rays are.
+/// `bounds` enclose a root on part `feature` of the surface.
 ///
 /// Let F(t) be the target's implicit function at t, t* the root within the bounds, m their middle, T an
-/// interval around m that holds them, and S ± e an enclosure of F'(T), e < |S|. Then t* − m = −F(m)/F'(ξ), ξ
-/// in T. With F(m) = f ± r this is −f/S, off by less than r/(|S| − e), and
-/// |f|·e/(|S|·(|S| − e)), and the rounding of the quotient.
+/// interval around m that contains them, and S ± e an enclosure of F'(T), e < |S|. Then t* − m =
+/// −F(m)/F'(ξ), ξ in T. With F(m) = f ± r this is −f/S, with an error of less than r/(|S| − e) +
+/// |f|·e/(|S|·(|S| − e)) and the rounding of the quotient.
 #[inline(always)]
 pub fn newton_step<L: Lanes<N>, const N: usize>(
     ray: &Ray<DoubleDoubles<L, N>>,
@@ -49,7 +49,7 @@ pub fn newton_step<L: Lanes<N>, const N: usize>(
     Ok((t, target.normal(&near.at(&step), feature, lanes)))
 }
 
-/// The middle of the bounds, t less that, and the ray begun at the middle.
+/// The middle of the bounds, t minus the middle, and the ray starting at the middle.
 type Step<L, const N: usize> = (DoubleDoubles<L, N>, DoubleDoubles<L, N>, Ray<DoubleDoubles<L, N>>);
 
 #[inline(always)]
@@ -71,7 +71,7 @@ fn step_from_middle<L: Lanes<N>, const N: usize>(
     let middle = DoubleDoubles::of_rays(middle, lanes);
     let near = ray.at(&middle);
     let (implicit, implicit_error) = target.implicit(&near, feature, lanes).parts();
-    // The number has a lower half.
+    // F(m) has a low part, too.
     let rest = implicit.abs().fused(unit, implicit_error);
     let slope_size = slope.abs();
     let margin = slope_size.mul(L::Floats::splat(1.0 - 2.0 * UNIT)).sub(slope_error.mul(pad));
@@ -89,8 +89,8 @@ pub(super) mod tests {
     use crate::shapes::Sphere;
     use crate::testing::{assert_slack, worst};
 
-    /// The share of its bound that a step is off by: on a ray into a surface, within bounds so `wide` that
-    /// hold the root `at` some place.
+    /// The error of a step as a share of its bound, on a ray into a surface, with a root within bounds of
+    /// width `wide` at the relative position `at`.
     pub fn share(surface: &impl Surface, [origin, direction]: [Point; 2], at: f64, wide: f64) -> f64 {
         let Ok([Some(root), _]) = surface.roots(&Ray::<Dyadic>::new(origin, direction)) else { return 0.0 };
         let Ok(t) = Dyadic::value(&root) else { return 0.0 };
@@ -105,8 +105,8 @@ pub(super) mod tests {
         t.minus(&Dyadic::exact(middle)).minus(&Dyadic::exact(step)).split().0.abs() / error
     }
 
-    /// The error is that of the slope, which varies, beyond the bounds on their far side, too; that of F
-    /// counts in the test of planes, whose slope does not vary.
+    /// Here the error comes from the slope, which varies up to the far side of the bounds. The test of
+    /// planes, whose slope is constant, covers the error of F.
     #[test]
     fn steps_are_as_near_as_their_bounds_say() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();

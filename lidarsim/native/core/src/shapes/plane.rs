@@ -1,7 +1,7 @@
 //! Plane: t = n·(p − o)/(n·d).
 //!
-//! The plane keeps the numbers it was made from: the point form stays accurate far from the origin of
-//! coordinates, where n·p rounded once has already moved the plane.
+//! The plane keeps the numbers that define it. The point form stays accurate far from the origin of
+//! coordinates, where a single rounding of n·p would already move the plane.
 
 use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, roots};
 use super::triangle::{Triangle, triangle_normal};
@@ -17,7 +17,7 @@ pub enum Plane {
     Distance { normal: Point, distance: f64 },
     /// normal·(x − point) = 0.
     PointNormal { point: Point, normal: Point },
-    /// Through a, b, c, with the normal (b − a) × (c − a), which is not rounded.
+    /// Through a, b and c, with the exact normal (b − a) × (c − a).
     Points(Point, Point, Point),
 }
 
@@ -42,7 +42,7 @@ impl Plane {
         }
     }
 
-    /// As `height` and the slope, where the normal is zero along the other axes.
+    /// `height` and the slope, for a normal that is zero along the other axes.
     #[inline(always)]
     fn along_axis<N: Number, const AXIS: usize>(&self, ray: &Ray<N>) -> (N, N) {
         let (o, d) = (&ray.origin[AXIS], &ray.direction[AXIS]);
@@ -59,7 +59,7 @@ impl Plane {
         }
     }
 
-    /// Of the origin over the plane, times the length of the normal.
+    /// The height of the origin above the plane, times the length of the normal.
     #[inline(always)]
     fn height<N: Number>(&self, ray: &Ray<N>) -> N {
         match *self {
@@ -148,7 +148,7 @@ mod tests {
     use crate::shapes::newton::tests::share;
     use crate::testing::{assert_slack, worst};
 
-    /// The slope does not vary, so that the error of a step from nearby is that of F.
+    /// The slope is constant, so the error of a step from nearby is that of F.
     #[test]
     fn newton_steps_are_as_near_as_their_bounds_say() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();

@@ -1,6 +1,6 @@
-//! Polygon: a set of triangles that share their vertices, hence exact and without leaks as a mesh is.
+//! Polygon: a set of triangles with shared vertices, hence exact and watertight as a mesh is.
 //!
-//! What is its own is the check that the outline does not cross itself.
+//! This file adds the check that the outline does not cross itself.
 
 use std::cmp::Ordering;
 
@@ -38,7 +38,7 @@ fn intersect(a: Point2, b: Point2, c: Point2, d: Point2) -> bool {
         || (turns[3] == Ordering::Equal && between(c, d, b))
 }
 
-/// The first two edges of a closed outline that touch where they should not; edge i runs from vertex i to the
+/// The first two edges of a closed outline that touch where they must not; edge i runs from vertex i to the
 /// next.
 pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
     let n = outline.len();
@@ -46,7 +46,7 @@ pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
     let touch = |i: usize, j: usize| {
         let ((a, b), (c, d)) = (edge(i), edge(j));
         if j == i + 1 {
-            // Neighbours share b = c, and no more: d does not fold back.
+            // Neighbours share only b = c: d must not fold back.
             decide(&Turn(a, b, d)) == Ordering::Equal && (between(a, b, d) || between(c, d, a))
         } else if (j + 1) % n == i {
             decide(&Turn(c, d, b)) == Ordering::Equal && (between(c, d, b) || between(a, b, c))
@@ -54,8 +54,8 @@ pub fn self_crossing(outline: &[Point2]) -> Option<(usize, usize)> {
             intersect(a, b, c, d)
         }
     };
-    // Edges that touch overlap along both axes. They are swept along the one on which they are the shorter,
-    // all in all.
+    // Touching edges overlap along both axes. The sweep runs along the axis with the shorter total extent of
+    // edges.
     let span = |i: usize, axis: usize| {
         let (a, b) = edge(i);
         [a[axis].min(b[axis]), a[axis].max(b[axis])]

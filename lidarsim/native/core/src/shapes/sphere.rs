@@ -16,7 +16,7 @@ pub struct Sphere {
 
 /// The roots of |f + t·d|² = r².
 ///
-/// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity this is the same number without the
+/// disc = b² − a·c = r²·|d|² − |f × d|²: by Lagrange's identity the same number without the
 /// cancellation between two squares of the distance (E. Haines et al., Precision Improvements for Ray/Sphere
 /// Intersection, Ray Tracing Gems, 2019).
 #[inline(always)]

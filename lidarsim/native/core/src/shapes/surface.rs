@@ -7,35 +7,35 @@ use crate::geometry::axis_plane::AxisPlane;
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Vector;
 
-/// The roots on a line, ascending and distinct, those that there are first.
+/// The roots on a line, ascending and distinct; existing roots come first.
 pub type Roots<N> = [Option<Root<N>>; super::MOST_ROOTS];
 
-/// The roots on a line of a surface that has two at most. This is the one place that a surface with more
-/// roots does not compile with: it then has to append `None` here. A copy to a longer array slows cylinders
-/// down by a quarter.
+/// The roots of a surface with at most two per line. If a surface with more roots is added, only this
+/// function fails to compile; append `None` here then. A copy to a longer array would slow cylinders down by
+/// a quarter.
 #[inline(always)]
 pub fn roots<N>(two: [Option<Root<N>>; 2]) -> Roots<N> {
     two
 }
 
-/// A surface that a line intersects a few times.
+/// A surface that a line intersects at a few points.
 pub trait Surface {
     /// Every t, of either sign, at which the line intersects the surface: ascending and distinct.
     fn roots<N: Number>(&self, ray: &Ray<N>) -> Result<Roots<N>, Uncertain>;
 
-    /// The root of a line that touches the surface, which is not checked; none of a surface without such
+    /// The root of a line known to touch the surface, which is not checked; `None` for surfaces without such
     /// lines.
     fn touching<N: Number>(&self, _ray: &Ray<N>) -> Option<Root<N>> {
         None
     }
 
-    /// The root of a line that intersects the surface, which is not checked; none of a surface that a line
-    /// may intersect twice.
+    /// The root of a line known to intersect the surface, which is not checked; `None` if a line may
+    /// intersect the surface twice.
     fn only_root<N: Number>(&self, _ray: &Ray<N>) -> Option<Result<Root<N>, Uncertain>> {
         None
     }
 
-    /// The root of this index, as in `RootId`, which there is.
+    /// The existing root with this index, as in `RootId`.
     #[inline(always)]
     fn root<N: Number>(&self, ray: &Ray<N>, index: u8) -> Result<Root<N>, Uncertain> {
         if let Some(root) = self.only_root(ray) {
@@ -60,25 +60,25 @@ pub trait Surface {
     /// of `implicit`.
     fn normal<N: Number>(&self, ray: &Ray<N>, feature: u8) -> Vector<N>;
 
-    /// The plane perpendicular to an axis that part `feature` of the surface lies in, where there is one and
-    /// float64 arithmetic tells it.
+    /// The plane perpendicular to an axis that contains part `feature` of the surface, if float64 arithmetic
+    /// can tell.
     fn axis_plane(&self, _feature: u8) -> Option<AxisPlane> {
         None
     }
 
-    /// An axis-aligned bounding box; none if the surface is unbounded.
+    /// An axis-aligned bounding box; `None` if the surface is unbounded.
     fn bounds(&self) -> Option<[Interval; 3]>;
 }
 
-/// A surface that is made from its parameters.
+/// A surface that is constructed from parameters.
 pub trait Shape: Surface + Sized {
     /// Most roots on a line.
     const MOST_ROOTS: usize;
 
-    /// The sets of arguments that the shape is made from, one or more.
+    /// The sets of arguments that define the shape, at least one.
     const FORMS: &'static [Form];
 
-    /// The shape with the arguments of a form, which are finite, in its order. The error names an illegal
+    /// Creates the shape from the finite arguments of a form, in its order. The error names an invalid
     /// argument.
     fn from_numbers(form: usize, numbers: &[f64]) -> Result<Self, IllegalArgument>;
 }
@@ -96,10 +96,10 @@ impl IllegalArgument {
     }
 }
 
-/// The names of some arguments, and how many numbers each has.
+/// The names of arguments, and how many numbers each has.
 pub type Form = &'static [(&'static str, usize)];
 
-/// The numbers of arguments as an array; an error if there are not N.
+/// The numbers of arguments as an array; an error unless there are N.
 pub fn parameters<const N: usize>(numbers: &[f64]) -> Result<[f64; N], IllegalArgument> {
     let wrong = |_| IllegalArgument::new("numbers", "as many as the form has", numbers.len().to_string());
     numbers.try_into().map_err(wrong)

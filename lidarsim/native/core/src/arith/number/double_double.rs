@@ -16,9 +16,10 @@
 //! | quotient | DWDivDW2 (17), with 9 in the place of 7 | 16u² |
 //! | square root | SQRTDWtoDW | 25/8·u² |
 //!
-//! The quotient's own bound is 15u² + 56u³; its inner product is off by 2u² instead of 1.5u², and the
-//! quotient by as much more. The constants below round these up. They hold where nothing overflows (then the
-//! bound is infinite or NaN) or underflows (covered by `UNDERFLOW`, or refused below `SMALL`).
+//! The quotient's own bound is 15u² + 56u³; the inner product used here is off by 2u² instead of 1.5u²,
+//! which adds as much to the quotient. The constants below round these up. They hold unless an operation
+//! overflows (the bound is then infinite or NaN) or underflows (covered by `UNDERFLOW`, or refused below
+//! `SMALL`).
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -34,22 +35,22 @@ const TIMES: f64 = 5.0 * UNIT * UNIT;
 const OVER: f64 = 16.0 * UNIT * UNIT;
 const SQRT: f64 = 4.0 * UNIT * UNIT;
 
-/// Quotients and square roots of numbers below 2⁻⁸⁰⁰ are left to exact arithmetic. The residuals high −
-/// q·b.high and high − s² are multiples of a power of two above u²·|high|/4, so that they are exact down to
-/// 2⁻⁹⁶⁰; what underflow takes from the rest of a correction is far below u²·2⁻⁸⁰⁰.
+/// Exact arithmetic takes over for quotients and square roots of numbers below 2⁻⁸⁰⁰. The residuals
+/// high − q·b.high and high − s² are multiples of a power of two above u²·|high|/4, so they are exact
+/// down to 2⁻⁹⁶⁰; the rest of a correction loses far less than u²·2⁻⁸⁰⁰ to underflow.
 const SMALL: f64 = f64::from_bits((1023 - 800) << 52);
 
 /// Squares of numbers between 2⁻⁴⁰⁰ and 2⁴⁰⁰ neither overflow nor underflow.
 const SHORT: f64 = f64::from_bits((1023 - 400) << 52);
 const LONG: f64 = f64::from_bits((1023 + 400) << 52);
 
-/// Real numbers, a lane each, within `error` of `high + low`, with |low| ≤ ½ ulp(high).
+/// One real number per lane, within `error` of `high + low`, with |low| ≤ ½ ulp(high).
 #[derive(Clone, Copy, Debug)]
 pub struct DoubleDoubles<L: Lanes<N>, const N: usize> {
     high: L::Floats,
-    /// None: zero in every lane; then there is no error either.
+    /// `None`: zero in every lane, and so is the error.
     low: Option<L::Floats>,
-    /// None: exact in every lane.
+    /// `None`: exact in every lane.
     error: Option<L::Floats>,
     lanes: L,
 }
@@ -94,7 +95,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         DoubleDoubles { high, low: Some(low), error: Some(error), lanes }
     }
 
-    /// The number to float64, and how far the whole of it may be off.
+    /// The number rounded to float64, and a bound of its whole error.
     #[inline(always)]
     pub fn parts(self) -> (L::Floats, L::Floats) {
         (self.high, self.error())
@@ -110,7 +111,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         self.error.unwrap_or(splat::<L, N>(0.0))
     }
 
-    /// Zero where the number is exactly zero, and only there.
+    /// Zero only where the number is exactly zero.
     #[inline(always)]
     fn size(self) -> L::Floats {
         match self.error {
@@ -119,7 +120,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         }
     }
 
-    /// `a` where 0 ≤ `by`, else `b`.
+    /// `a` where 0 ≤ `by`, `b` elsewhere.
     #[inline(always)]
     fn pick(by: L::Floats, a: Self, b: Self) -> Self {
         let zero = splat::<L, N>(0.0);
@@ -131,7 +132,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         }
     }
 
-    /// To the nearest float64.
+    /// Rounded to the nearest float64.
     #[inline(always)]
     pub fn rounded(self) -> Result<L::Floats, Uncertain> {
         // Rounding is monotone: if both ends of the interval round to `high`, so does the true value.
@@ -146,7 +147,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         Ok(high)
     }
 
-    /// 2Sum, DWPlusFP or AccurateDWPlusDW, by which lower parts there are.
+    /// 2Sum, DWPlusFP or AccurateDWPlusDW, depending on which operands have low parts.
     #[inline(always)]
     fn sum(self, other: Self) -> Self {
         let lanes = self.lanes.or(other.lanes);
@@ -169,11 +170,11 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         DoubleDoubles { high, low: Some(low), error: Some(error.mul(splat::<L, N>(PAD))), lanes }
     }
 
-    /// 2Prod, DWTimesFP3 or DWTimesDW3, by which lower parts there are.
+    /// 2Prod, DWTimesFP3 or DWTimesDW3, depending on which operands have low parts.
     #[inline(always)]
     fn product(self, other: Self) -> Self {
         let lanes = self.lanes.or(other.lanes);
-        // What is exactly zero stays so.
+        // An exact zero stays exact.
         let zero = splat::<L, N>(0.0);
         let underflow = self.size().min(other.size()).le_pick(zero, zero, splat::<L, N>(UNDERFLOW));
         let (ph, pl) = two_product(self.high, other.high);
@@ -197,18 +198,18 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         DoubleDoubles { high, low: Some(low), error: Some(error.mul(pad).add(underflow)), lanes }
     }
 
-    /// Out of line for a single ray, which is the rare case, to keep the code small.
+    /// Out of line for a single ray, the rare case, to keep the code small.
     #[inline(never)]
-    fn sum_apart(self, other: Self) -> Self {
+    fn sum_out_of_line(self, other: Self) -> Self {
         self.sum(other)
     }
 
     #[inline(never)]
-    fn product_apart(self, other: Self) -> Self {
+    fn product_out_of_line(self, other: Self) -> Self {
         self.product(other)
     }
 
-    /// DWDivDW2. The error of the operands is propagated as in `RunningErrors::over`.
+    /// DWDivDW2. The errors of the operands propagate as in `RunningErrors::over`.
     #[inline(always)]
     fn over(self, b: Self) -> Result<Self, Uncertain> {
         let pad = splat::<L, N>(PAD);
@@ -228,7 +229,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
         Ok(DoubleDoubles { high, low: Some(low), error: Some(error), lanes })
     }
 
-    /// SQRTDWtoDW, for a true x ≥ 0.
+    /// SQRTDWtoDW. The true x must be ≥ 0.
     #[inline(always)]
     fn sqrt(self) -> Result<Self, Uncertain> {
         let pad = splat::<L, N>(PAD);
@@ -267,7 +268,7 @@ impl<L: Lanes<N>, const N: usize> DoubleDoubles<L, N> {
     }
 }
 
-/// A lower part is at most u·|high|, and its sum with a bound is rounded once.
+/// A low part is at most u·|high|, and its sum with a bound is rounded once.
 impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L, N> {
     #[inline(always)]
     fn from(x: &DoubleDoubles<L, N>) -> Self {
@@ -281,19 +282,19 @@ impl<L: Lanes<N>, const N: usize> From<&DoubleDoubles<L, N>> for RunningErrors<L
 }
 
 impl DoubleDouble {
-    /// The higher and the lower part, and how far their sum may be off.
+    /// The high and the low part, and a bound of the error of their sum.
     pub fn terms(&self) -> (f64, f64, f64) {
         (self.high, self.low(), self.error())
     }
 }
 
-/// With a lower part and a bound in any case, so that the compiler knows that there are.
+/// Always with a low part and a bound, so that the compiler knows that both are there.
 impl<L: Lanes<N>, const N: usize> From<&DoubleDouble> for DoubleDoubles<L, N> {
     #[inline(always)]
     fn from(x: &DoubleDouble) -> Self {
         let low = Some(splat::<L, N>(x.low()));
         let error = Some(splat::<L, N>(x.error()));
-        DoubleDoubles { high: splat::<L, N>(x.high), low, error, lanes: L::OF_NO_RAY }
+        DoubleDoubles { high: splat::<L, N>(x.high), low, error, lanes: L::UNIFORM }
     }
 }
 
@@ -302,12 +303,12 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
 
     #[inline(always)]
     fn exact(x: f64) -> Self {
-        DoubleDoubles { high: splat::<L, N>(x), low: None, error: None, lanes: L::OF_NO_RAY }
+        DoubleDoubles { high: splat::<L, N>(x), low: None, error: None, lanes: L::UNIFORM }
     }
 
     #[inline(always)]
     fn plus(&self, other: &Self) -> Self {
-        if N == 1 { self.sum_apart(*other) } else { self.sum(*other) }
+        if N == 1 { self.sum_out_of_line(*other) } else { self.sum(*other) }
     }
 
     #[inline(always)]
@@ -317,7 +318,7 @@ impl<L: Lanes<N>, const N: usize> Number for DoubleDoubles<L, N> {
 
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
-        if N == 1 { self.product_apart(*other) } else { self.product(*other) }
+        if N == 1 { self.product_out_of_line(*other) } else { self.product(*other) }
     }
 
     #[inline(always)]
@@ -423,7 +424,7 @@ mod tests {
         }
     }
 
-    /// |x − found| against its bound.
+    /// The error |x − found| as a share of its bound.
     fn share(found: DoubleDouble, x: &Dyadic) -> f64 {
         let off = x.minus(&Dyadic::exact(found.high)).minus(&Dyadic::exact(found.low()));
         off.split().0.abs() / found.error()
@@ -448,7 +449,7 @@ mod tests {
 
     #[test]
     fn exact_numbers_of_all_sizes_are_held_or_refused() {
-        // Of 157 bits, so that more than the two parts hold is left out.
+        // 157 bits, more than the two parts hold.
         let [a, b, c] = [1.2345678912345677, -1.3578246813579247, 1.0192837465564738].map(Dyadic::exact);
         let long = a.times(&b).times(&c);
         let (mut held, mut refused) = (0, 0);
@@ -457,7 +458,7 @@ mod tests {
             let exact = long.times(&power(k / 2)).times(&power(k - k / 2));
             let found = nearly(&exact);
             if found.error() < f64::INFINITY {
-                // Scaled, so that no bound underflows.
+                // Scaled so that no bound underflows.
                 let scaled = |x: f64| Dyadic::exact(x).times(&power(400));
                 let off = exact.times(&power(400)).minus(&scaled(found.high)).minus(&scaled(found.low()));
                 let bound = scaled(found.high.abs()).times(&power(-106));
@@ -473,8 +474,8 @@ mod tests {
         assert_eq!(nearly(&Dyadic::exact(-0.0)).sign(), Ok(Ordering::Equal));
     }
 
-    /// The constants are the proven bounds, rounded up to whole numbers. Of these the search finds 2.4u² of
-    /// 3u² for a sum, 3.2u² of 4u² for a product, 6.1u² of 15.5u² for a quotient and 2.9u² of 3.125u² for a
+    /// The constants are the proven bounds, rounded up to whole numbers. The search reaches 2.4u² of 3u²
+    /// for a sum, 3.2u² of 4u² for a product, 6.1u² of 15.5u² for a quotient and 2.9u² of 3.125u² for a
     /// square root.
     #[test]
     fn operations_are_as_near_as_their_bounds_say() {
@@ -513,8 +514,8 @@ mod tests {
         assert_slack("SQRT", root, 0.733);
     }
 
-    /// Operands that are off by a tenth of themselves, a square root's by nearly all: an error counts in
-    /// full, and two of them together.
+    /// Operands that are off by a tenth of themselves, or nearly all for a square root: a single error counts
+    /// in full, and so do two together.
     #[test]
     fn errors_of_operands_are_passed_on() {
         let given = |x: f64, off: f64| {
@@ -556,13 +557,13 @@ mod tests {
         }
     }
 
-    /// Down to where they are refused, quotients and square roots are as near as they are elsewhere.
+    /// Quotients and square roots keep their accuracy down to the size at which they are refused.
     #[test]
     fn small_operands_are_as_near_or_refused() {
         let (mut known, mut refused) = (0, 0);
         let mut next = crate::testing::numbers();
         for exponent in (-1010..-700).step_by(2) {
-            // The divisor is as small, or barely large enough, so that their quotient is an ordinary number.
+            // The divisor is as small, or just large enough for an ordinary quotient.
             for beside in [exponent, exponent, -790, -720] {
                 let mut operand = |exponent: i32| {
                     let (x, fraction, scale) = (1.0 + next(), next() - 0.5, 2.0_f64.powi(exponent / 2));
@@ -591,8 +592,8 @@ mod tests {
         assert!(known > 300 && refused > 300, "{known}, {refused}");
     }
 
-    /// The 2u·|low| in `rounded` is twice what low ± error rounds. Of the 2u in `sign` low may take one from
-    /// high, and the other is for the product.
+    /// The 2u·|low| in `rounded` is twice the rounding error of low ± error. In `sign`, low may take one of
+    /// the 2u from high, and the other is for the product.
     #[test]
     fn what_a_rounding_could_hide_is_uncertain() {
         let number = |low: f64, error: f64| DoubleDouble {
@@ -600,14 +601,14 @@ mod tests {
             error: Some(error),
             ..DoubleDouble::exact(1.0)
         };
-        // The midpoint of 1 and the number above, or within less than half an ulp of `low` of it.
+        // The midpoint of 1 and its successor, or within less than half an ulp of `low` of it.
         assert_eq!(number(UNIT, UNIT * UNIT / 2.0).rounded(), Err(Uncertain));
         assert_eq!(number(UNIT, 0.0).rounded(), Err(Uncertain));
         assert_eq!(number(UNIT * (1.0 - 4.0 * UNIT), 0.0).rounded(), Ok(1.0));
-        // What may be off counts in full.
+        // The error counts in full.
         assert_eq!(number(0.75 * UNIT, 0.25 * UNIT).rounded(), Err(Uncertain));
         assert_eq!(number(0.75 * UNIT, 0.24 * UNIT).rounded(), Ok(1.0));
-        // Down to zero.
+        // The interval reaches down to zero.
         assert_eq!(number(-UNIT, 1.0 - UNIT).sign(), Err(Uncertain));
         assert_eq!(number(-UNIT, 1.0 - 4.0 * UNIT).sign(), Ok(Ordering::Greater));
     }
@@ -622,7 +623,7 @@ mod tests {
         }
     }
 
-    /// As they are to make a vector of length 1: from 2⁻⁴⁰⁰ to 2⁴⁰⁰.
+    /// Proportions of vectors whose lengths range from 2⁻⁴⁰⁰ to 2⁴⁰⁰.
     #[test]
     fn proportions_can_be_squared() {
         let mut known = Vec::new();

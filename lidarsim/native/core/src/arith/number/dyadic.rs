@@ -1,4 +1,4 @@
-//! Exact arithmetic on dyadic rationals, integers times powers of two: every float64 is one, and they are
+//! Exact arithmetic on dyadic rationals, integers times powers of two. Every float64 is one, and they are
 //! closed under sums and products.
 
 use std::borrow::Cow;
@@ -14,7 +14,7 @@ pub struct Dyadic {
     exponent: i64,
 }
 
-/// Bits of an approximate root: rounded to float64, it is the nearest or one beside that.
+/// Bits of an approximate root: rounded to float64, it is the nearest number or a neighbour of it.
 const NEAR_BITS: i64 = 64;
 
 /// Bits of a root beyond those of the longest coefficient; see `value`.
@@ -34,7 +34,7 @@ impl Dyadic {
         self.mantissa.bits() as i64 + self.exponent
     }
 
-    /// The sum, or the difference if so.
+    /// The sum, or the difference if `minus`.
     fn sum(&self, other: &Self, minus: bool) -> Self {
         if other.mantissa.is_zero() {
             return self.clone();
@@ -65,7 +65,7 @@ impl Dyadic {
         if top > 1024 {
             return if self.mantissa.is_negative() { f64::NEG_INFINITY } else { f64::INFINITY };
         }
-        let last = (top - 53).max(-1074); // exponent of the last bit that a float64 of this size has
+        let last = (top - 53).max(-1074); // exponent of the last bit of a float64 of this size
         let leading = self.mantissa.leading();
         let keep = top - last;
         let (kept, rest) = match keep {
@@ -75,12 +75,12 @@ impl Dyadic {
         };
         const HALF: u128 = 1 << 127;
         let up = rest > HALF || rest == HALF && kept & 1 != 0;
-        // At most 2^53, so exact; the product is exact too, or overflows.
+        // At most 2^53, so exact; the product is exact, too, or overflows.
         self.signed(scale((kept + u64::from(up)) as f64, last))
     }
 
-    /// Two float64 numbers whose sum is the number to within u²/2, of which the second is at most u of the
-    /// first; none where that is near to over- or underflow.
+    /// Two float64 numbers whose sum is the number to within u²/2; the second is at most u times the first.
+    /// `None` close to overflow or underflow.
     pub(super) fn leading_parts(&self) -> Option<(f64, f64)> {
         let top = self.top();
         if !(-800..=1000).contains(&top) {
@@ -88,7 +88,7 @@ impl Dyadic {
         }
         let leading = self.mantissa.leading();
         let high = (leading >> 64) as u64;
-        // What the first leaves is at most 2^10, so exact.
+        // The remainder of the first is at most 2^10, so exact.
         let rest = (i128::from(high) - (high as f64) as i128) as f64 + scale(leading as u64 as f64, -64);
         Some((self.signed(scale(high as f64, top - 64)), self.signed(scale(rest, top - 64))))
     }
@@ -97,7 +97,7 @@ impl Dyadic {
         if self.mantissa.is_negative() { -magnitude } else { magnitude }
     }
 
-    /// √self for self ≥ 0: exact where the root is dyadic, else cut after this many bits or more.
+    /// √self for self ≥ 0: exact if the root is dyadic, else truncated to at least this many bits.
     fn sqrt(&self, bits: i64) -> Self {
         if self.mantissa.is_zero() {
             return Dyadic::zero();
@@ -110,7 +110,7 @@ impl Dyadic {
         Dyadic { mantissa: Integer::from_magnitude(false, &root), exponent: (self.exponent - shift) / 2 }
     }
 
-    /// The quotient, cut after this many bits or more, and whether it is exact.
+    /// The quotient, truncated to at least this many bits, and whether it is exact.
     fn quotient(&self, den: &Self, bits: i64) -> (Self, bool) {
         let shift = (den.mantissa.bits() as i64 - self.mantissa.bits() as i64 + bits).max(0);
         let (n, d) = (self.mantissa.magnitude() << shift as u64, den.mantissa.magnitude());
@@ -122,7 +122,7 @@ impl Dyadic {
 
     /// The quotient rounded to the nearest float64, ties to even; ±∞ on overflow.
     fn ratio(&self, den: &Self) -> f64 {
-        // At least 66 bits, and a bit below them that tells whether there are more.
+        // At least 66 bits, and a sticky bit below them.
         let (quotient, is_exact) = self.quotient(den, 66);
         let sticky = Integer::new(quotient.mantissa.is_negative(), u64::from(!is_exact));
         Dyadic {
@@ -132,8 +132,8 @@ impl Dyadic {
         .nearest()
     }
 
-    /// The root as a quotient of sums in which nothing cancels, as in `RunningError::of_root`, with its
-    /// square root cut after `bits`.
+    /// The root as a quotient of sums without cancellation, as in `RunningError::of_root`, with its square
+    /// root truncated to `bits`.
     fn fraction(root: &Root<Self>, bits: i64) -> (Self, Self) {
         if root.branch == 0 {
             return (root.b.clone(), root.a.clone());
@@ -148,19 +148,19 @@ impl Dyadic {
         }
     }
 
-    /// How the root compares with x: the sign of (b − x·a) + branch·√disc, as a > 0.
+    /// The order of the root and x: the sign of (b − x·a) + branch·√disc, as a > 0.
     fn compare_with(root: &Root<Self>, x: &Self) -> Ordering {
         Self::surd(&root.b.minus(&x.times(&root.a)), &Self::exact(f64::from(root.branch)), &root.disc)
     }
 
-    /// How the root compares with the number halfway between two neighbours, of which infinity counts as
-    /// ±2¹⁰²⁴, as it does where numbers are rounded.
+    /// The order of the root and the midpoint of two neighbours; an infinite neighbour counts as
+    /// ±2¹⁰²⁴, as in rounding.
     fn compare_with_middle(root: &Root<Self>, low: f64, high: f64) -> Ordering {
         Self::compare_with(root, &Self::exact(low).plus(&Self::exact(high)).times(&Self::exact(0.5)))
     }
 
-    /// Sign of p + x·√d + y·√e, for d, e ≥ 0: once both sides of a comparison have the same sign, they may be
-    /// squared.
+    /// Sign of p + x·√d + y·√e, for d, e ≥ 0. Once both sides of a comparison have the same sign,
+    /// they may be squared.
     fn sign_of_two_surds(p: &Self, x: &Self, d: &Self, y: &Self, e: &Self) -> Ordering {
         let left = Self::surd(p, x, d);
         let right = surd_term(&y.negated(), e);
@@ -200,7 +200,7 @@ fn scale(x: f64, k: i64) -> f64 {
 impl Number for Dyadic {
     type Floats = f64;
 
-    /// Of ±∞ this makes ±2¹⁰²⁴.
+    /// ±∞ becomes ±2¹⁰²⁴.
     fn exact(x: f64) -> Self {
         let bits = x.to_bits();
         let biased = ((bits >> 52) & 0x7ff) as i64;
@@ -247,7 +247,7 @@ impl Number for Dyadic {
                 return order;
             }
         }
-        // t₁ − t₂ has the sign of (b₁a₂ − b₂a₁) + β₁a₂·√disc₁ − β₂a₁·√disc₂, as a₁, a₂ > 0.
+        // t₁ − t₂ has the sign of p + β₁a₂·√d₁ − β₂a₁·√d₂, as a₁, a₂ > 0.
         let p = a.b.times(&b.a).minus(&b.b.times(&a.a));
         let x = Dyadic::exact(f64::from(a.branch)).times(&b.a);
         let y = Dyadic::exact(f64::from(-b.branch)).times(&a.a);
@@ -258,8 +258,8 @@ impl Number for Dyadic {
         Ok(None)
     }
 
-    /// No number of bits of a root tells which side of a midpoint of two float64 numbers it is on, if it is
-    /// near enough to that. So the root itself is compared with the midpoints around a float64 near it.
+    /// Near a midpoint of two float64 numbers no number of bits of a root tells which side it is on. So the
+    /// root itself is compared with the midpoints around a float64 near it.
     fn round(root: &Root<Self>) -> Result<f64, Uncertain> {
         let t = Number::round(&approximate(root));
         if t.is_ok() {
@@ -283,8 +283,7 @@ impl Number for Dyadic {
         })
     }
 
-    /// What is left of the origin and t·d in a normal may be smaller than these by as many bits as the
-    /// longest coefficient has.
+    /// In a normal, the origin and t·d may cancel by as many bits as the longest coefficient has.
     fn value(root: &Root<Self>) -> Result<Self, Uncertain> {
         let longest =
             [&root.a, &root.b, &root.c, &root.disc].map(|x| x.mantissa.bits() as i64).into_iter().max();
@@ -345,7 +344,7 @@ mod tests {
         }
     }
 
-    /// A quotient that is beside a midpoint of two float64 numbers by less than 2⁻³⁰⁰ of itself.
+    /// A quotient whose distance from a midpoint of two float64 numbers is below 2⁻³⁰⁰ of itself.
     #[test]
     fn quotients_next_to_midpoints_are_rounded_to_nearest() {
         let divisor =
@@ -370,7 +369,7 @@ mod tests {
 
     #[test]
     fn roots_without_an_end_are_rounded_like_those_of_the_processor() {
-        // Of such sizes, too, that double-double does not tell them.
+        // Some sizes are beyond what double-double resolves.
         for (k, scale) in (2..2000).zip([1.0, 2.0_f64.powi(-450), 2.0_f64.powi(505)].into_iter().cycle()) {
             let x = f64::from(k) * 1.1;
             let disc = Dyadic::exact(x).times(&Dyadic::exact(scale).squared());
@@ -409,13 +408,13 @@ mod tests {
                 let even = if low.to_bits() & 1 == 0 { low } else { high };
                 let middle = number(1, -1).times(&Dyadic::exact(low).plus(&Dyadic::exact(high)));
                 for away in [-1, -60, -200, -256, -300, -1000, -5000] {
-                    // b ± √disc is the midpoint, or beside it by less than 2^away of the root of the
+                    // b ± √disc is the midpoint, or differs from it by less than 2^away of the root of the
                     // discriminant.
                     let s = number(3, middle.exponent);
                     for (off, expected) in [(-1, [low, high]), (0, [even, even]), (1, [high, low])] {
                         let disc = s.squared().times(&number(1, 0).plus(&number(off, away)));
-                        // The second root is above b, the first below; both cross the midpoint with the
-                        // discriminant.
+                        // The second root is above b, the first below; both cross the midpoint as the
+                        // discriminant changes.
                         for (branch, b) in [(1, middle.minus(&s)), (0, middle.plus(&s))] {
                             let near = Dyadic::compare_with_middle(
                                 &roots(b.clone(), disc.clone())[branch],

@@ -1,21 +1,20 @@
-//! Integers of any length: the limbs of short ones are in place, so that these cost no allocation.
+//! Integers of any length. The limbs of short ones are stored inline, without an allocation.
 
 use std::cmp::Ordering;
 
 use num_bigint::BigUint;
 
-/// Limbs in place: enough for the predicates of all shapes in one place, where float64 coordinates are of
-/// about one size.
+/// Inline limbs: enough for the predicates of all shapes at float64 coordinates of about one size.
 const LIMBS: usize = 8;
 
 /// Sign and magnitude.
 #[derive(Clone, Debug)]
 pub struct Integer {
-    /// False of zero.
+    /// False for zero.
     negative: bool,
-    /// Without leading zeros.
+    /// The number of limbs, without leading zeros.
     length: usize,
-    /// The least significant limb first; of longer integers, none.
+    /// The least significant limb first; unused by longer integers.
     short: [u64; LIMBS],
     /// All limbs of an integer that has more than `LIMBS`.
     long: Vec<u64>,
@@ -28,7 +27,7 @@ impl Integer {
         Self::of_two_limbs(negative, u128::from(magnitude))
     }
 
-    /// The magnitude of an integer of no more than two limbs.
+    /// The magnitude of an integer of at most two limbs.
     #[inline(always)]
     fn low(&self) -> u128 {
         u128::from(self.short[1]) << 64 | u128::from(self.short[0])
@@ -52,7 +51,7 @@ impl Integer {
         integer
     }
 
-    /// With limbs of zero, to be written and trimmed.
+    /// With zeroed limbs, to be written and trimmed.
     #[inline(always)]
     fn of_length(negative: bool, length: usize) -> Self {
         let long = if length > LIMBS { vec![0; length] } else { Vec::new() };
@@ -69,7 +68,7 @@ impl Integer {
         if self.length > LIMBS { &mut self.long[..self.length] } else { &mut self.short[..self.length] }
     }
 
-    /// Without leading zeros, nor a sign of zero.
+    /// Removes leading zeros, and the sign of zero.
     #[inline(always)]
     fn trim(&mut self) {
         let length = self.limbs().iter().rposition(|limb| *limb != 0).map_or(0, |last| last + 1);
@@ -80,7 +79,7 @@ impl Integer {
         self.negative &= length > 0;
     }
 
-    /// How it compares with zero.
+    /// The order of the integer and zero.
     pub fn sign(&self) -> Ordering {
         if self.negative { Ordering::Less } else { 0.cmp(&self.length).reverse() }
     }
@@ -93,14 +92,14 @@ impl Integer {
         self.negative
     }
 
-    /// Bits of the magnitude.
+    /// The length of the magnitude in bits.
     #[inline(always)]
     pub fn bits(&self) -> u64 {
         self.limbs().last().map_or(0, |last| 64 * self.length as u64 - u64::from(last.leading_zeros()))
     }
 
-    /// The 128 leading bits of the magnitude, zeros after the last, and of more than 128 the last one set if
-    /// any beyond it is.
+    /// The 128 leading bits of the magnitude, padded with zeros. If the magnitude is longer, the last bit is
+    /// set if any bit beyond it is.
     pub fn leading(&self) -> u128 {
         let limbs = self.limbs();
         let limb = |k: usize| if k < limbs.len() { limbs[limbs.len() - 1 - k] } else { 0 };
@@ -118,7 +117,7 @@ impl Integer {
         self.negative = !self.negative && self.length > 0;
     }
 
-    /// self · 2^shift + other, or − other if so.
+    /// self · 2^shift + other, or − other if `minus`.
     pub fn shifted_plus(&self, shift: u64, other: &Self, minus: bool) -> Self {
         let bits = (self.bits() + shift).max(other.bits()) + 1;
         if bits <= 128 {
@@ -161,7 +160,7 @@ impl Integer {
                 (*x, carry) = (total, under | again);
             }
             if carry {
-                // The other is larger: what is left is 2^(64·length) less the difference.
+                // The other is larger: the remainder is 2^(64·length) less the difference.
                 for x in limbs.iter_mut() {
                     (*x, carry) = (!*x).overflowing_add(u64::from(carry));
                 }
@@ -201,8 +200,8 @@ mod tests {
 
     use super::*;
 
-    /// Magnitudes of all lengths around limbs and the longest short integer: powers of two, what is below
-    /// them, and others.
+    /// Magnitudes of lengths around limbs and around the longest short integer: powers of two, their
+    /// predecessors, and others.
     fn integers() -> Vec<BigInt> {
         let mut state = 0x9e37_79b9_7f4a_7c15_u64;
         let mut next = move || {
@@ -231,7 +230,7 @@ mod tests {
         Integer::from_magnitude(x.sign() == Sign::Minus, x.magnitude())
     }
 
-    /// The same number, in as few limbs as can be and in the right place.
+    /// The same number, with the fewest limbs and in the right storage.
     fn assert_is(found: &Integer, expected: &BigInt) {
         assert_eq!(found.limbs(), expected.iter_u64_digits().collect::<Vec<_>>());
         assert_eq!(found.negative, expected.sign() == Sign::Minus);

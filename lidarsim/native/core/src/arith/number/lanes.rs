@@ -1,7 +1,7 @@
 //! Lanes: rays whose predicates are evaluated together.
 //!
 //! A branch may be taken in some lanes and not in others. Evaluation then continues for lanes that agree, and
-//! the caller repeats it for the rest, until every lane has its result: a handful of times at most, as the
+//! the caller repeats it for the others until every lane has its result: a handful of times at most, as the
 //! rays of a packet are coherent.
 
 use std::cell::Cell;
@@ -15,15 +15,15 @@ use crate::arith::simd::Floats;
 pub trait Lanes<const N: usize>: Copy {
     type Floats: Floats<f64, N>;
 
-    /// For constants, which are the same in every lane.
-    const OF_NO_RAY: Self;
+    /// For uniform numbers, which are the same in every lane.
+    const UNIFORM: Self;
 
     fn or(self, other: Self) -> Self;
-    /// The active lanes, a bit each.
+    /// The active lanes, one bit each.
     fn active(self) -> u32;
     fn restrict_to(self, lanes: u32);
 
-    /// Deactivates the lanes outside `known`; uncertain if none is left.
+    /// Deactivates the lanes outside `known`; uncertain if none remains.
     #[inline(always)]
     fn keep(self, known: u32) -> Result<(), Uncertain> {
         let lanes = self.active() & known;
@@ -34,7 +34,7 @@ pub trait Lanes<const N: usize>: Copy {
         Ok(())
     }
 
-    /// Keeps active the lanes of one sign, given the lanes of each.
+    /// Keeps only lanes of one sign active, given the lanes of each sign.
     #[inline(always)]
     fn agree(self, less: u32, equal: u32, greater: u32) -> Result<Ordering, Uncertain> {
         if self.keep(greater).is_ok() {
@@ -47,13 +47,13 @@ pub trait Lanes<const N: usize>: Copy {
     }
 }
 
-/// A number that may differ from lane to lane.
+/// A varying number: it may differ from lane to lane.
 pub trait OfRays<L: Lanes<N>, const N: usize>: Number {
     /// These numbers, exactly.
     fn of_rays(value: L::Floats, lanes: L) -> Self;
-    /// Part `i` of stored numbers, a register of them.
+    /// Part `i` of stored numbers: one register.
     fn load<const M: usize>(stored: &Stored<M>, i: usize, lanes: L) -> Self;
-    /// Stores them as part `i`, to be loaded as the same kind of number.
+    /// Stores part `i`, to be loaded as the same kind of number.
     fn store<const M: usize>(&self, i: usize, stored: &mut Stored<M>);
 }
 
@@ -64,7 +64,7 @@ pub struct One;
 impl Lanes<1> for One {
     type Floats = f64;
 
-    const OF_NO_RAY: Self = One;
+    const UNIFORM: Self = One;
 
     #[inline(always)]
     fn or(self, _: Self) -> Self {
@@ -80,7 +80,7 @@ impl Lanes<1> for One {
     fn restrict_to(self, _: u32) {}
 }
 
-/// As many rays as a register has lanes. None for numbers of no ray.
+/// As many rays as a register has lanes; `None` for uniform numbers.
 #[derive(Clone, Copy)]
 pub struct Many<'a, F>(Option<&'a Cell<u32>>, PhantomData<F>);
 
@@ -94,7 +94,7 @@ impl<'a, F> Many<'a, F> {
 impl<F: Floats<f64, N>, const N: usize> Lanes<N> for Many<'_, F> {
     type Floats = F;
 
-    const OF_NO_RAY: Self = Many(None, PhantomData);
+    const UNIFORM: Self = Many(None, PhantomData);
 
     #[inline(always)]
     fn or(self, other: Self) -> Self {

@@ -1,7 +1,7 @@
 //! Float64 with a running error bound (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002).
 //!
-//! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running error
-//! μ is; weights, small multiples of u, depend on the formula alone, so that they are compile-time constants.
+//! The bound is weight·size. Sizes are summed and multiplied along with the values, as Higham's running
+//! error μ is; weights, small multiples of u, depend on the formula alone and are compile-time constants.
 
 use std::borrow::Cow;
 use std::cmp::Ordering;
@@ -10,23 +10,23 @@ use super::lanes::{Lanes, OfRays, One};
 use super::{Interval, Kinds, Number, PAD, Root, Stored, UNDERFLOW, UNIT, Uncertain};
 use crate::arith::simd::Floats;
 
-/// Real numbers, a lane each, within `weight`·`size` of `value`. An infinite or NaN bound means: unknown.
+/// One real number per lane, within `weight`·`size` of `value`. An infinite or NaN bound means unknown.
 #[derive(Clone, Copy, Debug)]
 pub struct RunningErrors<L: Lanes<N>, const N: usize> {
     value: L::Floats,
-    /// |value| at least.
+    /// At least |value|.
     size: L::Floats,
     /// 0 if the numbers are exact, else at least the unit roundoff.
     weight: f64,
-    /// Of lanes whose number is exactly zero the bit is clear.
+    /// Bits of the lanes whose number is not known to be exactly zero.
     nonzero: u32,
     lanes: L,
 }
 
 pub type RunningError = RunningErrors<One, 1>;
 
-/// The weight where a bound is given: a power of two near that of ordinary formulas, so that the size remains
-/// near the value. Products of several sizes that were much larger would be larger by as many factors.
+/// The weight for given bounds: a power of two close to that of ordinary formulas, so that the size stays
+/// close to the value. With larger sizes, products would be larger by as many factors.
 const GIVEN: f64 = 8.0 * UNIT;
 
 impl<L: Lanes<N>, const N: usize> OfRays<L, N> for RunningErrors<L, N> {
@@ -58,19 +58,19 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     /// Numbers within `error` of `value`; exactly zero where both are.
     #[inline(always)]
     pub fn within(value: L::Floats, error: L::Floats, lanes: L) -> Self {
-        // In this order, a NaN for an error stays one.
+        // This order propagates a NaN error.
         let size = value.abs().max(error.mul(splat::<L, N>(1.0 / GIVEN)));
         RunningErrors { value, size, weight: GIVEN, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
     }
 
-    /// Numbers that are exact, or rounded once, and zero only where the truth is.
+    /// Numbers that are exact or rounded once, and zero only where the true value is.
     #[inline(always)]
     fn rounded(value: L::Floats, weight: f64, lanes: L) -> Self {
         let size = value.abs();
         RunningErrors { value, size, weight, nonzero: !size.le(splat::<L, N>(0.0)), lanes }
     }
 
-    /// The number and how far it may be off.
+    /// The number and a bound of its error.
     #[inline(always)]
     pub fn parts(self) -> (L::Floats, L::Floats) {
         (self.value, self.error())
@@ -81,7 +81,7 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
         if self.weight == 0.0 { splat::<L, N>(0.0) } else { self.size.mul(splat::<L, N>(self.weight * PAD)) }
     }
 
-    /// `a` where 0 ≤ `by`, else `b`.
+    /// `a` where 0 ≤ `by`, `b` elsewhere.
     #[inline(always)]
     fn pick(by: L::Floats, a: Self, b: Self) -> Self {
         let zero = splat::<L, N>(0.0);
@@ -94,9 +94,9 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
         }
     }
 
-    /// With ρ = 1/b rounded and q ≥ ε_b/|b|, q ≤ ½: |a/b − v| ≤ (ε_a + |a/b|·ε_b)/(|b| − ε_b) + 3u·|v| for v
-    /// = a·ρ, rounded, and 1/(|b| − ε_b) ≤ |1/b|·(1 + 2q). A ρ so small that it might have lost bits is
-    /// refused. The size is that sum in units of 3u.
+    /// With ρ = 1/b rounded and q ≥ ε_b/|b|, q ≤ ½: |a/b − v| ≤ (ε_a + |a/b|·ε_b)/(|b| −
+    /// ε_b) + 3u·|v| for v = a·ρ, rounded, and 1/(|b| − ε_b) ≤ |1/b|·(1 + 2q). A ρ so small that
+    /// it might have lost bits is refused. The size is that sum in units of 3u.
     #[inline(always)]
     fn over(self, b: Self) -> Result<Self, Uncertain> {
         const WEIGHT: f64 = 3.0 * UNIT;
@@ -123,7 +123,8 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
         Ok(RunningErrors { value, size, weight: WEIGHT, nonzero: self.nonzero, lanes })
     }
 
-    /// For a true x ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where v ≤ ε, 0 ≤ √x ≤ √(v + ε).
+    /// The true x must be ≥ 0. |√x − √v| = |x − v|/(√x + √v) ≤ ε/√v; where v ≤ ε, 0 ≤
+    /// √x ≤ √(v + ε).
     #[inline(always)]
     fn sqrt(self) -> Self {
         let (pad, underflow) = (splat::<L, N>(PAD), splat::<L, N>(UNDERFLOW));
@@ -164,20 +165,20 @@ impl<L: Lanes<N>, const N: usize> RunningErrors<L, N> {
     }
 }
 
-/// As `f64::max`, where there are no NaN.
+/// As `f64::max`, for numbers that are not NaN.
 #[inline(always)]
 const fn larger(x: f64, y: f64) -> f64 {
     if x > y { x } else { y }
 }
 
-/// One number for every lane.
+/// One number for all lanes.
 #[inline(always)]
 pub(super) fn splat<L: Lanes<N>, const N: usize>(x: f64) -> L::Floats {
     L::Floats::splat(x)
 }
 
-/// [value − error, value + error], rounded outward: with m = (ε + 4u·|v|)·PAD the rounding of v ± m, at most
-/// u·(|v| + m), is within m − ε.
+/// [value − error, value + error], rounded outward: with m = (ε + 4u·|v|)·PAD, the rounding of v ± m,
+/// at most u·(|v| + m), is within m − ε.
 #[inline(always)]
 pub(super) fn interval<L: Lanes<N>, const N: usize>(
     value: L::Floats,
@@ -190,7 +191,7 @@ pub(super) fn interval<L: Lanes<N>, const N: usize>(
     Ok(Interval { low: value.sub(margin), high: value.add(margin) })
 }
 
-/// With the same weight in any case, so that the compiler knows it.
+/// Always with the same weight, so that the compiler knows it.
 impl<L: Lanes<N>, const N: usize> From<&RunningError> for RunningErrors<L, N> {
     #[inline(always)]
     fn from(x: &RunningError) -> Self {
@@ -198,7 +199,7 @@ impl<L: Lanes<N>, const N: usize> From<&RunningError> for RunningErrors<L, N> {
         let size = larger(size, size * (weight * PAD / GIVEN));
         let nonzero = if nonzero & 1 == 0 { 0 } else { u32::MAX };
         let (value, size) = (splat::<L, N>(value), splat::<L, N>(size));
-        RunningErrors { value, size, weight: GIVEN, nonzero, lanes: L::OF_NO_RAY }
+        RunningErrors { value, size, weight: GIVEN, nonzero, lanes: L::UNIFORM }
     }
 }
 
@@ -207,12 +208,12 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
 
     #[inline(always)]
     fn exact(x: f64) -> Self {
-        Self::rounded(splat::<L, N>(x), 0.0, L::OF_NO_RAY)
+        Self::rounded(splat::<L, N>(x), 0.0, L::UNIFORM)
     }
 
-    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x + s_y,
-    /// rounded: rounding is monotone. A sum of float64 numbers that is subnormal is exact, so that nothing is
-    /// lost to underflow.
+    /// |(x + y) − z| ≤ max(w_x, w_y)·(s_x + s_y) + u·|z| for z = x + y, rounded, and |z| ≤ s = s_x +
+    /// s_y, rounded, as rounding is monotone. A subnormal sum of float64 numbers is exact, so nothing
+    /// underflows.
     #[inline(always)]
     fn plus(&self, other: &Self) -> Self {
         let (value, lanes) = (self.value.add(other.value), self.lanes.or(other.lanes));
@@ -234,9 +235,9 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
         self.plus(&other.negated())
     }
 
-    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s = s_x·s_y,
-    /// rounded. The half of the smallest subnormal that z may lose to underflow is less than half of what
-    /// `PAD` adds, as w·s ≥ u·`UNDERFLOW`.
+    /// |x·y − z| ≤ (w_x + w_y + w_x·w_y)·s_x·s_y + u·|z| for z = x·y, rounded, and |z| ≤ s =
+    /// s_x·s_y, rounded. z may lose half the smallest subnormal to underflow: less than half of what `PAD`
+    /// adds, as w·s ≥ u·`UNDERFLOW`.
     #[inline(always)]
     fn times(&self, other: &Self) -> Self {
         let (v, w) = (self.weight, other.weight);
@@ -254,7 +255,7 @@ impl<L: Lanes<N>, const N: usize> Number for RunningErrors<L, N> {
         RunningErrors { value: self.value.negated(), ..*self }
     }
 
-    /// What overflows has an infinite size, too.
+    /// The size overflows if the value does.
     #[inline(always)]
     fn doubled(&self) -> Self {
         RunningErrors { value: self.value.add(self.value), size: self.size.add(self.size), ..*self }
@@ -337,7 +338,7 @@ mod tests {
         1.0 + next()
     }
 
-    /// Off by all that it may be, which is eight roundings.
+    /// Off by its whole bound, eight roundings.
     fn given(x: f64, up: bool) -> (RunningError, Dyadic) {
         let error = GIVEN * x;
         let truth = Dyadic::exact(x).plus(&Dyadic::exact(if up { error } else { -error }));
@@ -376,7 +377,7 @@ mod tests {
         largest
     }
 
-    /// Exact operands show the roundings of the operation itself, others what it makes of their errors.
+    /// Exact operands show the roundings of the operation itself; others show how it propagates their errors.
     #[test]
     fn operations_are_as_near_as_their_bounds_say() {
         let kinds: [(Given, [f64; 4]); 2] =
@@ -402,8 +403,8 @@ mod tests {
         }
     }
 
-    /// Operands that are off by any share of themselves: of quotients up to half of the divisor, where the
-    /// bound is met, of roots all.
+    /// Operands with large relative errors: up to half of the divisor in quotients, where the bound is
+    /// reached, and up to all of the operand in roots.
     #[test]
     fn large_errors_of_operands_are_passed_on() {
         let vague = |x: f64, share: f64, sign: f64| {
@@ -419,7 +420,7 @@ mod tests {
                 _ => 0.0,
             }
         });
-        // Down to zero, where the root of what it is at most is the bound.
+        // Down to zero, where the root of the upper end is the bound.
         let root = worst(4, 1000, draw, |&[x, y]: &[f64; 2]| {
             let error = x * (1.0 + y.abs());
             let p = Dyadic::exact(x).plus(&Dyadic::exact(error));
@@ -435,7 +436,7 @@ mod tests {
         assert_slack("root", root.0, 1.0);
     }
 
-    /// Reciprocals of divisors from 2¹⁰²² on are subnormal numbers, which hold fewer bits.
+    /// Reciprocals of divisors from 2¹⁰²² on are subnormal and hold fewer bits.
     #[test]
     fn quotients_by_huge_numbers_are_as_near_or_refused() {
         let (mut known, mut refused) = (0, 0);
@@ -455,7 +456,7 @@ mod tests {
         assert!(known > 4000 && refused > 400, "{known}, {refused}");
     }
 
-    /// One number for all lanes keeps its bound.
+    /// A uniform number keeps its bound.
     #[test]
     fn a_number_for_all_lanes_is_within_the_same_bound() {
         for weight in [UNIT, GIVEN, 1000.0 * UNIT] {
@@ -465,8 +466,8 @@ mod tests {
         }
     }
 
-    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside of v ± m,
-    /// where one may be lost.
+    /// The rounding of v ± m is covered four times: the ends are at least three roundings outside v ± m,
+    /// and may lose one.
     #[test]
     fn an_interval_reaches_beyond_its_ball() {
         let (least, _) = worst(2, 1000, draw, |x: &[f64; 2]| {
@@ -482,8 +483,8 @@ mod tests {
         assert!((3.0..4.0).contains(&-least), "{least}");
     }
 
-    /// `PAD` makes up for eight roundings downward and one of its own product; `UNDERFLOW` is far above what
-    /// 32 operations may lose, so that processors need not multiply by subnormal numbers.
+    /// `PAD` covers eight roundings downward and one of its own product. `UNDERFLOW` is far above the loss of
+    /// 32 operations, which keeps subnormal numbers out of products.
     #[test]
     fn pads_cover_what_they_should() {
         let eight = (0..9).fold(Dyadic::exact(PAD), |x, _| x.times(&Dyadic::exact(1.0 - UNIT)));

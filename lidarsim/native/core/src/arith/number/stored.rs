@@ -1,6 +1,6 @@
-//! Numbers in memory, between one function that computes with them and the next.
+//! Numbers in memory, passed from one function that computes with them to the next.
 
-/// Numbers of M rays, each within `error` of `high + low`, and exactly zero where all three are zero.
+/// Numbers of M rays, each within `error` of `high + low`, and exactly zero if all three are zero.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct Stored<const M: usize> {
@@ -12,7 +12,7 @@ pub struct Stored<const M: usize> {
 impl<const M: usize> Stored<M> {
     pub const UNSET: Self = Stored { high: [0.0; M], low: [0.0; M], error: [0.0; M] };
 
-    /// Sets all numbers to the one in a lane.
+    /// Sets all numbers to that of one lane.
     #[inline(always)]
     pub fn repeat(&mut self, lane: usize) {
         let Stored { high, low, error } = self;

@@ -1,4 +1,4 @@
-//! Every kind of number holds what exact arithmetic says, in every lane and with every instruction set.
+//! Every kind of number contains the exact result, in every lane and on every instruction set.
 
 use std::cell::Cell;
 use std::cmp::Ordering;
@@ -6,15 +6,15 @@ use std::cmp::Ordering;
 use super::*;
 use crate::arith::simd::{Floats, Isa, LaneTask, Level, Task, dispatch};
 
-/// A kind of number whose error bounds the tests may read.
+/// A kind of number whose error bounds the tests can read.
 pub(super) trait Enclosure<const N: usize>: Number {
-    /// Whether the bounds of a lane hold x; true where they are infinite or NaN.
+    /// Whether the bounds of a lane contain x; true if they are infinite or NaN.
     fn holds(&self, lane: usize, x: &Dyadic) -> bool;
-    /// Whether the bounds of a lane are finite and shut zero out.
+    /// Whether the bounds of a lane are finite and exclude zero.
     fn is_certain(&self, lane: usize) -> bool;
 }
 
-/// Whether |x − (high + low)| ≤ error; true where that says nothing.
+/// Whether |x − (high + low)| ≤ error; true if the error is infinite or NaN.
 pub(super) fn within(x: &Dyadic, high: f64, low: f64, error: f64) -> bool {
     if !(high.is_finite() && low.is_finite() && error.is_finite()) {
         return !(error < f64::INFINITY) || !high.is_finite();
@@ -24,7 +24,7 @@ pub(super) fn within(x: &Dyadic, high: f64, low: f64, error: f64) -> bool {
     off.minus(&bound).sign() != Ok(Ordering::Greater) && off.plus(&bound).sign() != Ok(Ordering::Less)
 }
 
-/// Numbers of every size, and neighbours whose difference is small.
+/// Numbers of every size, and neighbours with a small difference.
 fn numbers() -> impl FnMut() -> f64 {
     let mut state = 0x9e37_79b9_7f4a_7c15_u64;
     let mut next = move || {
@@ -50,7 +50,7 @@ fn numbers() -> impl FnMut() -> f64 {
     }
 }
 
-/// Sums and products of sums and products, and what the processor has to say of them.
+/// Sums, differences and products of each other.
 fn formulas<N: Number>(x: &[N; 4]) -> [N; 12] {
     let [a, b, c, d] = x;
     let (ab, cd) = (a.times(b), c.times(d));
@@ -63,8 +63,8 @@ fn formulas<N: Number>(x: &[N; 4]) -> [N; 12] {
     [ab, cd, difference, cross, square, deep, p, q, r, s, sum.minus(c), sum.times(c)]
 }
 
-/// A quotient, both roots of a quadratic equation, and the root of a square that is mostly rounding, of
-/// numbers that were rounded.
+/// Roots of rounded numbers: a quotient, both roots of a quadratic equation, and the root of a square that is
+/// mostly rounding error.
 fn root<N: Number>(which: usize, x: &[N; 4]) -> Result<Root<N>, Uncertain> {
     let [a, b, c, d] = x;
     let positive = a.squared().plus(&d.squared()).plus(&N::exact(1e-30));
@@ -112,15 +112,15 @@ impl LaneTask for DoubleDoubled {
     }
 }
 
-/// As the second part of more.
+/// Stores a number as the second part.
 fn stored<K: OfRays<L, N>, L: Lanes<N>, const N: usize>(x: &K) -> Stored<16> {
     let mut stored = Stored::UNSET;
     x.store(1, &mut stored);
     stored
 }
 
-/// Returns how many certain numbers and how many roots it has checked. `others`: whether other forms of a
-/// number hold what it shall hold.
+/// Returns how many certain numbers and how many roots it has checked. `others` tells whether other forms of
+/// a number contain its exact value.
 fn check<K: Enclosure<N>, const N: usize>(
     active: &Cell<u32>,
     of_rays: impl Fn(&[f64; N]) -> K,
@@ -163,7 +163,7 @@ impl<T: LaneTask> Task for Each<T> {
     type Output = Option<T::Output>;
 
     fn run<I: Isa>(self) -> Self::Output {
-        I::apart(self.0())
+        I::call_widest(self.0())
     }
 }
 
@@ -222,7 +222,7 @@ fn exact_zeros_stay_so_when_they_are_stored() {
     }
 }
 
-/// Where the bound alone is as wide as that of a running error at least.
+/// With a bound at least as wide as that of a running error.
 #[test]
 fn a_lower_part_counts_beside_a_bound() {
     let x = DoubleDouble::within(1.0, 8.0 * UNIT, One).plus(&DoubleDouble::exact(UNIT));
@@ -230,7 +230,7 @@ fn a_lower_part_counts_beside_a_bound() {
     assert!(x.holds(0, &farthest) && RunningError::from(&x).holds(0, &farthest));
 }
 
-/// Signs that differ are settled lane by lane, and what is not known is left.
+/// Differing signs are settled lane by lane; unknown signs remain.
 #[test]
 fn lanes_that_disagree_are_asked_in_turn() {
     let values = [[3.0, -1.0, 0.0, 2.0, 1e-200, -4.0, 0.0, -0.0]];
@@ -240,7 +240,7 @@ fn lanes_that_disagree_are_asked_in_turn() {
         let active = Cell::new(left);
         let lanes = Many::<[f64; 8]>::new(&active);
         let x = RunningErrors::<_, 8>::of_rays(values[0], lanes);
-        // The square of what is tiny is lost.
+        // The square of a tiny number underflows.
         let answer = x.times(&x).times(&x).sign();
         for lane in (0..8).filter(|lane| active.get() & 1 << lane != 0) {
             answers[lane] = Some(answer);

@@ -1,7 +1,7 @@
 //! SIMD registers of floats: one trait, and one implementation per instruction set.
 //!
 //! Algorithms are written once, over [`Isa`], as functions that are always inlined; [`dispatch`] compiles
-//! them for each instruction set and picks one at run time. Only these files speak to the processor.
+//! them for each instruction set and picks one at run time. Only these files use processor-specific code.
 
 mod portable;
 #[cfg(target_arch = "x86_64")]
@@ -35,9 +35,9 @@ pub trait Floats<T, const N: usize>: Copy {
     fn le(self, other: Self) -> u32;
     /// Mask of the lanes in which self < other; clear where one is NaN.
     fn lt(self, other: Self) -> u32;
-    /// The largest of all, none of them NaN.
+    /// The largest lane; no lane may be NaN.
     fn largest(self) -> T;
-    /// The smallest of all, none of them NaN.
+    /// The smallest lane; no lane may be NaN.
     fn smallest(self) -> T;
     /// `then` where self ≤ other, else `otherwise`.
     fn le_pick(self, other: Self, then: Self, otherwise: Self) -> Self;
@@ -46,15 +46,14 @@ pub trait Floats<T, const N: usize>: Copy {
 /// Bits of the integers that [`Isa::fraction`] converts.
 pub const FRACTION: u32 = 21;
 
-/// Their shift within a float64: to the top of its 52 bits of fraction.
+/// Their shift within a float64, to the top of its 52 fraction bits.
 const PLACE: u32 = 52 - FRACTION;
 
-/// These, and the bits of 1.
+/// The fraction bits, and the bits of 1.
 const FRACTION_MASK: u64 = ((1 << FRACTION) - 1) << PLACE;
 const ONE: u64 = 1.0_f64.to_bits();
 
-/// The bits of a float32 but for its sign and the last three, which hold the number of a lane where lanes are
-/// sorted.
+/// The bits of a float32 without its sign and its last three bits, which hold the lane number during sorting.
 const DISTANCE_MASK: u32 = 0x7fff_fff8;
 
 /// An instruction set.
@@ -69,40 +68,40 @@ pub trait Isa: Copy {
     fn fraction<const FIRST: u32>(x: &[u64; 8]) -> Self::F64x8;
     /// a·b + c, rounded once or twice, whichever is faster.
     fn fused(a: f64, b: f64, c: f64) -> f64;
-    /// Two halves, rounded to float32.
+    /// Both halves, rounded to float32.
     fn narrow(low: Self::F64x8, high: Self::F64x8) -> Self::F32x16;
-    /// The coordinates of eight points, an axis after the other.
+    /// The coordinates of eight points, by axis.
     fn columns(points: [&[f64; 3]; 8]) -> [Self::F64x8; 3];
-    /// As `columns`, of two runs of points that lie side by side.
+    /// As `columns`, for two runs of adjacent points.
     fn columns_of_runs(runs: [&[[f64; 3]; 4]; 2]) -> [Self::F64x8; 3];
-    /// As `columns`, of points whose coordinates these are, a point after the other.
+    /// As `columns`, for points given as consecutive coordinates.
     fn deinterleaved(points: [Self::F64x8; 3]) -> [Self::F64x8; 3];
-    /// From `columns` back to the coordinates, a point after the other.
+    /// The inverse of `deinterleaved`.
     fn interleaved(columns: [Self::F64x8; 3]) -> [Self::F64x8; 3];
-    /// Selects the distances with `near` ≤ `far` and sorts them with their payloads, the farthest first:
-    /// their number, the distances with the last three bits rounded down, and the payloads; the rest of the
-    /// arrays is unspecified. No distance is negative.
+    /// Selects the distances with `near` ≤ `far` and sorts them with their payloads, farthest first.
+    /// Returns their number, the distances with the last three bits rounded down, and the payloads; the rest
+    /// of the arrays is unspecified. No distance may be negative.
     fn by_distance(near: Self::F32x8, far: Self::F32x8, what: &[u32; 8]) -> (usize, [f32; 8], [u32; 8]);
     /// Eight empty masks.
     fn no_masks() -> Self::Masks;
     /// Sets a bit in the masks where `near` ≤ `far`.
     fn mark(masks: Self::Masks, near: Self::F32x8, far: Self::F32x8, bit: u64) -> Self::Masks;
     fn masks(masks: Self::Masks) -> [u64; 8];
-    /// `then` in these lanes, else `otherwise`.
+    /// `then` in these lanes, `otherwise` elsewhere.
     fn pick(lanes: u32, then: Self::F64x8, otherwise: Self::F64x8) -> Self::F64x8;
-    /// Writes a number to these of eight places.
+    /// Writes a number to the places of these lanes.
     fn put(lanes: u32, number: u32, places: &mut [u32; 8]);
     /// Prefetches the cache line of `address`.
     fn prefetch<T>(address: *const T);
     /// Runs the task out of line, in a function compiled for this instruction set: code with several callers
     /// is compiled once, and no function becomes too large.
     fn call<T: Task>(task: T) -> T::Output;
-    /// Runs the task with the widest registers, out of line and never inlined; none where registers have a
+    /// Runs the task with the widest registers, out of line and never inlined. `None` if registers have a
     /// single lane.
-    fn apart<T: LaneTask>(task: T) -> Option<T::Output>;
+    fn call_widest<T: LaneTask>(task: T) -> Option<T::Output>;
 }
 
-/// The coordinates of points in a row, an axis after the other.
+/// The coordinates of consecutive points, by axis.
 #[inline(always)]
 pub fn load_points<I: Isa>(points: &[[f64; 3]; 8]) -> [I::F64x8; 3] {
     let (registers, _) = points.as_flattened().as_chunks();
@@ -113,7 +112,7 @@ pub fn load_points<I: Isa>(points: &[[f64; 3]; 8]) -> [I::F64x8; 3] {
     ])
 }
 
-/// The inverse of `load_points`, a coordinate after the other.
+/// The inverse of `load_points`.
 #[inline(always)]
 pub fn store_points<I: Isa>(columns: [I::F64x8; 3], places: &mut [f64; 24]) {
     for (places, register) in places.as_chunks_mut().0.iter_mut().zip(I::interleaved(columns)) {
@@ -121,7 +120,7 @@ pub fn store_points<I: Isa>(columns: [I::F64x8; 3], places: &mut [f64; 24]) {
     }
 }
 
-/// Prefetches a value that may lie across two lines of the cache.
+/// Prefetches a value that may straddle two cache lines.
 #[inline(always)]
 pub fn prefetch_across<I: Isa, T>(value: &T) {
     let start: *const u8 = std::ptr::from_ref(value).cast();
@@ -161,7 +160,7 @@ impl Level {
         }
     }
 
-    /// The best that this machine has.
+    /// The best level of this machine.
     pub fn best() -> Level {
         static BEST: AtomicU8 = AtomicU8::new(0);
         let known = BEST.load(Ordering::Relaxed);
@@ -173,7 +172,7 @@ impl Level {
         level
     }
 
-    /// That of a name.
+    /// The level with this name.
     pub fn named(name: &str) -> Option<Level> {
         Level::ALL.into_iter().find(|level| level.name() == name)
     }
@@ -199,7 +198,7 @@ fn detect() -> Level {
     Level::Scalar
 }
 
-/// Runs the task, compiled for `level`, which must be one that this machine has: `Level::best()` or below.
+/// Runs the task, compiled for `level`, which this machine must support: `Level::best()` or below.
 pub fn dispatch<T: Task>(level: Level, task: T) -> T::Output {
     #[cfg(target_arch = "x86_64")]
     match level.min(Level::best()) {
@@ -213,7 +212,7 @@ pub fn dispatch<T: Task>(level: Level, task: T) -> T::Output {
     Portable::call(task)
 }
 
-/// Vectors of lanes, without closures: these would not be compiled for the instruction set.
+/// Vectors of lanes, without closures, which would not be compiled for the instruction set.
 pub mod lanes {
     use super::Floats;
 
@@ -222,13 +221,13 @@ pub mod lanes {
         [F::splat(v[0]), F::splat(v[1]), F::splat(v[2])]
     }
 
-    /// Part `i` of many numbers.
+    /// Part `i` of an array of numbers.
     #[inline(always)]
     pub fn load<F: Floats<f64, N>, const N: usize>(x: &[f64], i: usize) -> F {
         F::load(&x.as_chunks().0[i])
     }
 
-    /// The coordinates of part `i` of vectors, an axis each.
+    /// The coordinates of part `i` of vectors, by axis.
     #[inline(always)]
     pub fn part<F: Floats<f64, N>, const N: usize, const M: usize>(
         [x, y, z]: &[[f64; M]; 3],
@@ -306,7 +305,7 @@ mod tests {
         fn run<I: Isa>(self) -> Self::Output {
             let columns = I::columns(self.at.map(|i| &self.points[i]));
             let interleaved = I::interleaved(columns);
-            // From the first point asked for on, and from the second, where there are as many.
+            // Runs from the first and the second point asked for, or the last four points if fewer follow.
             let run = |i: usize| &self.points[self.at[i].min(self.points.len() - 4)..].as_chunks().0[0];
             let runs = I::columns_of_runs([run(0), run(1)]);
             [columns, interleaved, I::deinterleaved(interleaved), runs]

@@ -1,4 +1,4 @@
-//! Arrays, for any processor.
+//! A portable implementation on arrays.
 
 use super::{DISTANCE_MASK, FRACTION_MASK, Floats, Isa, LaneTask, ONE, PLACE, Task};
 
@@ -103,7 +103,7 @@ impl Isa for Portable {
     }
 
     #[inline(always)]
-    fn apart<T: LaneTask>(_: T) -> Option<T::Output> {
+    fn call_widest<T: LaneTask>(_: T) -> Option<T::Output> {
         None
     }
 }
@@ -195,7 +195,7 @@ arrays!(f32, 8);
 arrays!(f32, 16);
 arrays!(f64, 8);
 
-/// One float, for arithmetic that is written for any number of them.
+/// A single float, for arithmetic over any number of lanes.
 impl Floats<f64, 1> for f64 {
     #[inline(always)]
     fn splat(x: f64) -> Self {

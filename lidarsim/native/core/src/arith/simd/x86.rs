@@ -1,10 +1,9 @@
 //! AVX2 with FMA, and AVX-512.
 //!
-//! SAFETY of all intrinsics here: they are executed by operations of the types below alone. Those are private
-//! to this file and reach others as the parameter of a task, from `run_avx2` and `run_avx512`, which
-//! `dispatch` calls on machines that have the features alone: so where such a type is known, the features are
-//! there. Loads and stores go through references to arrays of the size of the register, and are unaligned
-//! ones.
+//! SAFETY of all intrinsics here: only operations of the types below execute them. The types are private to
+//! this file and reach other code only as the parameter of a task, from `run_avx2` and `run_avx512`, which
+//! `dispatch` calls only on machines with the features. So code that knows such a type runs only where the
+//! features exist. Loads and stores are unaligned and go through references to arrays of the register's size.
 
 use core::arch::x86_64::*;
 
@@ -16,7 +15,7 @@ struct Avx2;
 #[derive(Clone, Copy)]
 struct Avx512;
 
-/// A register of floats. Those of the standard library would be known everywhere.
+/// A register of floats. A type of the standard library would be known everywhere.
 #[derive(Clone, Copy)]
 #[repr(transparent)]
 struct Register<R>(R);
@@ -40,7 +39,7 @@ pub unsafe fn run_avx2<T: Task>(task: T) -> T::Output {
 /// As `run_avx2`.
 #[target_feature(enable = "avx2,fma")]
 #[inline(never)]
-unsafe fn apart_avx2<T: LaneTask>(task: T) -> T::Output {
+unsafe fn call_widest_avx2<T: LaneTask>(task: T) -> T::Output {
     task.run::<F64x4, 4>()
 }
 
@@ -58,7 +57,7 @@ pub unsafe fn run_avx512<T: Task>(task: T) -> T::Output {
 /// As `run_avx512`.
 #[target_feature(enable = "avx2,fma,avx512f,avx512vl,avx512dq,avx512bw")]
 #[inline(never)]
-unsafe fn apart_avx512<T: LaneTask>(task: T) -> T::Output {
+unsafe fn call_widest_avx512<T: LaneTask>(task: T) -> T::Output {
     task.run::<F64x8, 8>()
 }
 
@@ -129,7 +128,7 @@ impl Isa for Avx2 {
         unsafe {
             let hit = _mm256_cmp_ps::<_CMP_LE_OQ>(near, far);
             let keys = keys(near);
-            // Those that are missed are −1, and come last.
+            // Missed boxes get key −1 and come last.
             let missed = _mm256_xor_si256(_mm256_castps_si256(hit), _mm256_set1_epi32(-1));
             let keys = sorted(_mm256_or_si256(keys, missed));
             let (distances, found) = in_order(keys, what);
@@ -208,9 +207,9 @@ impl Isa for Avx2 {
     }
 
     #[inline(always)]
-    fn apart<T: LaneTask>(task: T) -> Option<T::Output> {
+    fn call_widest<T: LaneTask>(task: T) -> Option<T::Output> {
         // SAFETY: as above.
-        Some(unsafe { apart_avx2(task) })
+        Some(unsafe { call_widest_avx2(task) })
     }
 }
 
@@ -228,7 +227,7 @@ fn fraction_of_four<const FIRST: u32>(x: __m256i) -> __m256d {
     }
 }
 
-/// Distances, rounded down by their last three bits, with the numbers of their lanes there.
+/// Distances, rounded down in their last three bits, which hold the lane numbers.
 #[inline(always)]
 fn keys(near: __m256) -> __m256i {
     // SAFETY: as above.
@@ -273,8 +272,7 @@ fn exchanged<const LARGER: i32>(x: __m256i, other: __m256i) -> __m256i {
     unsafe { _mm256_blend_epi32::<LARGER>(_mm256_min_epi32(x, other), _mm256_max_epi32(x, other)) }
 }
 
-/// A point in the lower three lanes. The load of the fourth, beyond the point, is masked out, so that it is
-/// none.
+/// A point in the lower three lanes. The mask suppresses the load of the fourth, beyond the point.
 #[inline(always)]
 fn point(x: &[f64; 3]) -> __m256d {
     // SAFETY: as above; the lanes that are loaded lie within the array.
@@ -292,14 +290,14 @@ fn columns_of_four([a, b, c, d]: [&[f64; 3]; 4]) -> [__m256d; 3] {
     }
 }
 
-/// The coordinates of four points side by side, an axis after the other.
+/// The coordinates of four adjacent points, by axis.
 #[inline(always)]
 fn columns_of_run(run: &[[f64; 3]; 4]) -> [F64x4; 3] {
     let (quarters, _) = run.as_flattened().as_chunks();
     four_deinterleaved(F64x4::load(&quarters[0]), F64x4::load(&quarters[1]), F64x4::load(&quarters[2]))
 }
 
-/// From the coordinates of four points, a point after the other, to those of an axis each.
+/// Four points, from consecutive coordinates to one register per axis.
 #[inline(always)]
 fn four_deinterleaved(Register(a): F64x4, Register(b): F64x4, Register(c): F64x4) -> [F64x4; 3] {
     // SAFETY: as above.
@@ -370,8 +368,8 @@ impl Isa for Avx512 {
     fn columns([a, b, c, d, e, f, g, h]: [&[f64; 3]; 8]) -> [Self::F64x8; 3] {
         // SAFETY: as above.
         unsafe {
-            // Two points a register: first their coordinates come side by side with the next ones', then the
-            // halves together.
+            // Two points per register: first their coordinates are interleaved with those of the next points,
+            // then the halves are joined.
             let (ac, bd) = (pair_of_points(a, c), pair_of_points(b, d));
             let (eg, fh) = (pair_of_points(e, g), pair_of_points(f, h));
             let (xz0, xz1) = (_mm512_unpacklo_pd(ac, bd), _mm512_unpacklo_pd(eg, fh));
@@ -401,7 +399,8 @@ impl Isa for Avx512 {
     fn deinterleaved([Register(a), Register(b), Register(c)]: [F64x8; 3]) -> [F64x8; 3] {
         // SAFETY: as above.
         unsafe {
-            // From a and b first, with anything in the places of what is in c; there its number k is k + 8.
+            // First from a and b, with arbitrary values in the places of c's elements; in the second step
+            // element k of c is k + 8.
             let x = _mm512_permutex2var_pd(a, _mm512_setr_epi64(0, 3, 6, 9, 12, 15, 0, 0), b);
             let y = _mm512_permutex2var_pd(a, _mm512_setr_epi64(1, 4, 7, 10, 13, 0, 0, 0), b);
             let z = _mm512_permutex2var_pd(a, _mm512_setr_epi64(2, 5, 8, 11, 14, 0, 0, 0), b);
@@ -417,8 +416,8 @@ impl Isa for Avx512 {
     fn interleaved([Register(x), Register(y), Register(z)]: [F64x8; 3]) -> [F64x8; 3] {
         // SAFETY: as above.
         unsafe {
-            // x and y in their places, and in those of z anything; then z, of which point k is number k + 8
-            // there.
+            // x and y in their places, with arbitrary values in those of z; then z, whose element k is k + 8
+            // in the second step.
             let xy0 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 8, 0, 1, 9, 0, 2, 10), y);
             let xy1 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(0, 3, 11, 0, 4, 12, 0, 5), y);
             let xy2 = _mm512_permutex2var_pd(x, _mm512_setr_epi64(13, 0, 6, 14, 0, 7, 15, 0), y);
@@ -504,9 +503,9 @@ impl Isa for Avx512 {
     }
 
     #[inline(always)]
-    fn apart<T: LaneTask>(task: T) -> Option<T::Output> {
+    fn call_widest<T: LaneTask>(task: T) -> Option<T::Output> {
         // SAFETY: as above.
-        Some(unsafe { apart_avx512(task) })
+        Some(unsafe { call_widest_avx512(task) })
     }
 }
 
@@ -853,7 +852,7 @@ register!(
     smallest_m512d
 );
 
-/// Two registers as one of twice the lanes.
+/// Two registers as one of twice as many lanes.
 #[derive(Clone, Copy)]
 struct Two<R>(R, R);
 

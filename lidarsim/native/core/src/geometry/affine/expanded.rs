@@ -7,11 +7,11 @@ use crate::arith::root::Root;
 use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::vector::Point;
 
-/// The inverse of affine maps, x ↦ linear·(x − offset − rest), for formulas that bound their own errors; and
-/// its parts before a division.
+/// The inverse of affine maps, x ↦ linear·(x − offset − rest), for formulas that bound their own
+/// errors; and its parts before the division.
 #[derive(Clone, Debug)]
 pub struct ExpandedInverse {
-    /// The rows of the adjugate, which `linear` is over the determinant.
+    /// The rows of the adjugate; `linear` is the adjugate over the determinant.
     pub rows: [[Constant; 3]; 3],
     pub determinant: Constant,
     linear: [[Constant; 3]; 3],
@@ -19,8 +19,8 @@ pub struct ExpandedInverse {
     rest: [Constant; 3],
 }
 
-/// 2^±200: what underflow takes from products with the inverse is then far below the bounds of numbers from
-/// 2⁻⁴⁰⁰ on, which `Crossing` asks for.
+/// Within 2^±200, products with the inverse lose far less to underflow than the bounds of numbers from
+/// 2⁻⁴⁰⁰ on, which `Crossing` requires.
 const ORDINARY_MIN: f64 = f64::from_bits((1023 - 200) << 52);
 const ORDINARY_MAX: f64 = f64::from_bits((1023 + 200) << 52);
 
@@ -43,14 +43,15 @@ impl ExpandedInverse {
         are_ordinary.then_some(ExpandedInverse { rows, determinant, linear, offset: inverse.offset, rest })
     }
 
-    /// The images of points, and their sizes: no coordinate is off by more than 180u² of its size, nor is its
-    /// low part more than 6u of that.
+    /// The images of points, and their sizes: each coordinate is off by at most 180u² of its size, and its
+    /// low part is at most 6u of its size.
     ///
-    /// The difference of x and the offset is exact. The size F of its sum with the rest counts that 1/u
-    /// times, and its error 1/(64u²) times: so the low part is at most u·F, and off by 64u²·F, with what it
-    /// rounds, and the low part of the rest. Of a product with a row, S = Σ|linear_ij|F_j, the low part is at
-    /// most 5u·S; its roundings, of parts of it, come to less than eight of all; and it leaves out u²·S. With
-    /// what the row and the difference are off, that is less than 170u²·S.
+    /// The difference of x and the offset is exact. The size F of its sum with the rest includes the rest
+    /// times 1/u and its error times 1/(64u²). So the low part is at most u·F; its error, with its rounding
+    /// and the omitted low part of the rest, is at most 64u²·F. In a product with a row, S =
+    /// Σ|linear_ij|F_j, the low part is at most 5u·S; the roundings of its partial results come to less
+    /// than eight of the whole; and it omits u²·S. With the errors of the row and of the difference, that
+    /// is less than 170u²·S.
     #[inline(always)]
     pub fn points<I: Isa>(&self, x: V<I>) -> ([Expansion<I>; 3], V<I>) {
         let (from_x, size_x) = self.past_offset::<I>(0, x[0]);
@@ -98,7 +99,7 @@ mod tests {
     use crate::geometry::ray::Ray;
     use crate::testing::{assert_slack, worst};
 
-    /// The largest share of its bound that the image of a point is off by, under the inverse of a map, or of
+    /// The largest share of its bound that the image of a point is off by, under the inverse of one map or of
     /// two.
     fn share(x: &[f64; 27], twice: bool, far: f64) -> f64 {
         let vector = |k: usize| -> Point { [x[k], x[k + 1], x[k + 2]] };
@@ -124,7 +125,7 @@ mod tests {
         shares.fold(0.0, f64::max)
     }
 
-    /// The bound counts roundings that do not come all together, and 64u² of the inverse, which knows better.
+    /// The bound counts roundings that never all add up, and 64u² for the inverse, which is more accurate.
     #[test]
     fn points_are_off_by_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;

@@ -27,7 +27,7 @@ pub struct Affine {
 }
 
 impl Affine {
-    /// From the upper rows of a 4×4 homogeneous matrix.
+    /// Takes the upper rows of a 4×4 homogeneous matrix.
     pub fn from_rows(m: [[f64; 4]; 3]) -> Self {
         Affine { linear: m.map(|r| [r[0], r[1], r[2]]), offset: [m[0][3], m[1][3], m[2][3]] }
     }
@@ -36,7 +36,7 @@ impl Affine {
         Affine { linear, offset }
     }
 
-    /// The columns of the homogeneous matrix, one after the other, and so the offset last.
+    /// The columns of the homogeneous matrix; the last is the offset.
     pub fn columns(&self) -> [Point; 4] {
         let [x, y, z] = self.linear;
         [[x[0], y[0], z[0]], [x[1], y[1], z[1]], [x[2], y[2], z[2]], self.offset]
@@ -46,8 +46,8 @@ impl Affine {
         *self == Affine::new([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], [0.0; 3])
     }
 
-    /// A box around the offset, which reaches as far along each axis, down and up, as `reach` says of the row
-    /// of that axis.
+    /// A box around the offset. `reach` returns how far it reaches down and up along an axis, from the row of
+    /// that axis.
     pub fn around(&self, reach: impl Fn([f64; 3]) -> [f64; 2]) -> [Interval; 3] {
         std::array::from_fn(|i| {
             let [below, above] = reach(self.linear[i]);
@@ -55,9 +55,9 @@ impl Affine {
         })
     }
 
-    /// The image of a plane perpendicular to an axis, if that is known to be such a plane.
+    /// The image of a plane perpendicular to an axis, if it is known to be such a plane.
     pub fn image_of_plane(&self, plane: AxisPlane) -> Option<AxisPlane> {
-        // The coordinate that depends on that of the plane alone.
+        // The one coordinate that depends on that of the plane alone.
         let axis = self.linear.iter().position(|row| (0..3).all(|j| (row[j] != 0.0) == (j == plane.axis)))?;
         plane.image(axis, self.linear[axis][plane.axis], self.offset[axis])
     }
@@ -70,14 +70,14 @@ impl From<Pose> for Affine {
     }
 }
 
-/// The inverse of affine maps, one after the other, in each kind of [`Number`].
+/// The inverse of a sequence of affine maps, in each kind of [`Number`].
 #[derive(Debug)]
 pub struct Inverse {
     running_error: Adjugate<RunningError>,
     double_double: Adjugate<DoubleDouble>,
-    /// Made when it is first needed, which for most objects is never.
+    /// Made on first use; most objects never need it.
     dyadic: Once<Adjugate<Dyadic>>,
-    /// Made when a mesh is first entered; none if its bounds are not certain.
+    /// Made when a mesh is first entered; `None` if its bounds are uncertain.
     rounded: Once<Option<RoundedInverse>>,
     /// Made when a triangle is first hit.
     expanded: Once<Option<ExpandedInverse>>,
@@ -87,7 +87,7 @@ pub struct Inverse {
 }
 
 impl Inverse {
-    /// Of a map, and of those before it. None if there is none: the determinant is zero, exactly.
+    /// The inverse of a map and of those before it. `None` if the determinant is zero, exactly.
     pub fn of(map: &Affine, before: Option<Arc<Inverse>>) -> Option<Self> {
         let reflects = number::decide(&Determinant(map))? == Ordering::Less;
         Some(Inverse {
@@ -102,19 +102,19 @@ impl Inverse {
         })
     }
 
-    /// In float64; none if bounds of its error are not certain.
+    /// In float64; `None` if the bounds of its error are uncertain.
     pub fn rounded(&self) -> Option<&RoundedInverse> {
         self.rounded.get_or_make(|| RoundedInverse::of(&self.double_double)).as_ref()
     }
 
-    /// As expansions; none if there are numbers so large or small that products of several of them may
-    /// overflow or underflow.
+    /// As expansions; `None` if numbers are so large or small that products of several may overflow or
+    /// underflow.
     pub fn expanded(&self) -> Option<&ExpandedInverse> {
         self.expanded.get_or_make(|| ExpandedInverse::of(&self.double_double)).as_ref()
     }
 }
 
-/// The sign of the determinant of a map; none if it is zero.
+/// The sign of the determinant of a map.
 struct Determinant<'a>(&'a Affine);
 
 impl Predicate for Determinant<'_> {
@@ -169,9 +169,9 @@ fn convert<N, M: for<'a> From<&'a N>>(v: &Vector<N>) -> Vector<M> {
 
 /// How a surface is placed in the world.
 pub trait Placement: Copy {
-    /// A ray of the world in the coordinates of the surface.
+    /// A world ray in the coordinates of the surface.
     fn local<N: Number>(self, ray: Ray<N>) -> Ray<N>;
-    /// A normal of the surface in coordinates of the world, of any length.
+    /// A normal of the surface in world coordinates, of any length.
     fn normal<N: Number>(self, normal: Vector<N>) -> Vector<N>;
 }
 
@@ -221,9 +221,9 @@ impl<P: Placement> Placement for Option<P> {
     }
 }
 
-/// How the rays of a packet are placed: all in the same way, or each in its own.
+/// The placement of the rays of a packet: one for all, or one for each.
 pub trait RayPlacement: Copy {
-    /// For the rays of part `i` of the packet, a register of them.
+    /// The placement of part `i` of the packet, a register of rays.
     #[inline(always)]
     fn part(self, _: usize) -> Self {
         self
@@ -247,8 +247,8 @@ impl<P: Placement> RayPlacement for P {
     }
 }
 
-/// ComposedPlacement by `first`, and then by a map that preserves orientation, which is inverted anew for
-/// each ray; by each of them if there is one.
+/// Placement by `first`, and then by a map that preserves orientation and is inverted for each ray. Either
+/// may be absent.
 #[derive(Clone, Copy)]
 pub struct ComposedPlacement<'a> {
     pub first: Option<&'a Inverse>,
@@ -274,7 +274,7 @@ impl Placement for ComposedPlacement<'_> {
     }
 }
 
-/// Out of line, as they would be compiled into each formula for each kind of number.
+/// Out of line; inlined, they would be compiled into each formula for each kind of number.
 impl Affine {
     #[inline(never)]
     fn inverse_of_ray<N: Number>(&self, ray: &Ray<N>) -> Ray<N> {
@@ -288,7 +288,7 @@ impl Affine {
     }
 }
 
-/// As [`ComposedPlacement`], with a map for each of M rays after the placement that all share.
+/// As [`ComposedPlacement`], with one map for each of M rays after the placement that all share.
 #[derive(Clone, Copy)]
 struct ComposedPlacements<'a, P, const M: usize> {
     first: P,
@@ -299,9 +299,9 @@ struct ComposedPlacements<'a, P, const M: usize> {
 /// How an object places rays, M at a time.
 #[derive(Clone, Copy)]
 pub struct Placements<'a, const M: usize> {
-    /// The inverse of the maps that all rays share; none if there are none.
+    /// The inverse of the maps that all rays share; `None` if there are none.
     pub first: Option<&'a Inverse>,
-    /// Where the object moves, the maps that then follow, one for each ray.
+    /// For a moving object, the maps that follow, one per ray.
     pub then: Option<&'a Affines<M>>,
 }
 
@@ -328,19 +328,23 @@ impl<const M: usize> Placements<'_, M> {
         self.first.is_none() && self.then.is_none()
     }
 
-    /// Runs the task in a separate function for each type of placement; see `Isa::apart`.
+    /// Runs the task in a separate function for each type of placement; see `Isa::call_widest`.
     #[inline(always)]
     pub fn dispatch<I: Isa, T: PlacementTask>(self, task: T) -> Option<T::Output> {
         match (self.first, self.then) {
-            (None, None) => I::apart(With(Identity, task)),
-            (Some(placement), None) => I::apart(With(placement, task)),
-            (None, Some(then)) => I::apart(With(ComposedPlacements { first: Identity, then, part: 0 }, task)),
-            (Some(first), Some(then)) => I::apart(With(ComposedPlacements { first, then, part: 0 }, task)),
+            (None, None) => I::call_widest(With(Identity, task)),
+            (Some(placement), None) => I::call_widest(With(placement, task)),
+            (None, Some(then)) => {
+                I::call_widest(With(ComposedPlacements { first: Identity, then, part: 0 }, task))
+            }
+            (Some(first), Some(then)) => {
+                I::call_widest(With(ComposedPlacements { first, then, part: 0 }, task))
+            }
         }
     }
 }
 
-/// M affine maps: the columns of their homogeneous matrices, and of each column its coordinates.
+/// M affine maps: by column of the homogeneous matrix, and by coordinate.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(64))]
 pub struct Affines<const M: usize>([[[f64; M]; 3]; 4]);
@@ -390,7 +394,7 @@ impl<P: Placement, const M: usize> RayPlacement for ComposedPlacements<'_, P, M>
     }
 }
 
-/// The inverse of a linear map without its division: linear⁻¹ = rows/determinant, with the rows of the
+/// The inverse of a linear map before its division: linear⁻¹ = rows/determinant, with the rows of the
 /// adjugate.
 #[derive(Clone, Debug)]
 struct Cofactors<N> {
@@ -399,19 +403,19 @@ struct Cofactors<N> {
 }
 
 impl<N: Number> Cofactors<N> {
-    /// From the rows of the map.
+    /// Takes the rows of the map.
     #[inline(always)]
     fn new([r0, r1, r2]: &[Vector<N>; 3]) -> Self {
         // The columns of the adjugate are the cross products of the rows.
         let [c0, c1, c2] = [vector::cross(r1, r2), vector::cross(r2, r0), vector::cross(r0, r1)];
         let determinant = vector::dot(r0, &c0);
-        // Without closures: these would not be compiled for the instruction set.
+        // Closures would not be compiled for the instruction set.
         let ([a, b, c], [d, e, f], [g, h, i]) = (c0, c1, c2);
         Cofactors { rows: [[a, d, g], [b, e, h], [c, f, i]], determinant }
     }
 
-    /// The ray in the coordinates before the map, for a positive determinant; `from` is its origin less what
-    /// the offset of the map is, times the weight.
+    /// The ray in the coordinates before the map, for a positive determinant; `from` is its origin less the
+    /// offset of the map, times the weight.
     #[inline(always)]
     fn apply(&self, from: Vector<N>, ray: &Ray<N>) -> Ray<N> {
         let weight = ray.weighted(self.determinant.clone());
@@ -432,20 +436,19 @@ impl<N: Number> Cofactors<N> {
     }
 }
 
-/// The inverse of an affine map, with the signs of its cofactors changed where the determinant is negative:
-/// of what is then
-/// |determinant| times the inverse, outward normals stay outward through a reflection.
+/// |determinant| times the inverse of an affine map: a negative determinant flips the signs of the cofactors,
+/// so that outward normals stay outward through a reflection.
 #[derive(Clone, Debug)]
 pub struct Adjugate<N> {
     linear: Cofactors<N>,
-    /// In float64, so that the difference to an origin near it keeps all its digits.
+    /// In float64, so that the difference from a nearby origin keeps all its digits.
     offset: Point,
-    /// What the true offset is beyond that; none if nothing.
+    /// The true offset less `offset`; `None` if they are equal.
     rest: Option<Vector<N>>,
 }
 
 impl<N: Number<Floats = f64>> Adjugate<N> {
-    /// Of a map with a determinant of this sign, and of those before it.
+    /// The adjugate of a map whose determinant is negative if `reflects`, and of the maps before it.
     fn of(map: &Affine, reflects: bool, before: Option<&Self>) -> Self {
         let Cofactors { rows, determinant } = Cofactors::<N>::new(&map.linear.map(vector::exact));
         let (rows, determinant) = if reflects {
@@ -460,7 +463,8 @@ impl<N: Number<Floats = f64>> Adjugate<N> {
         }
     }
 
-    /// x = L₂·(L₁·y + t₁) + t₂, so that adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.
+    /// x = L₂·(L₁·y + t₁) + t₂, so
+    /// adj(L₁)·adj(L₂)·(x − (L₂·t₁ + t₂)) = det L₁·det L₂·y.
     fn after(&self, first: &Self, second: &Affine) -> Self {
         let [r0, r1, r2] = &self.linear.rows;
         let columns: [Vector<N>; 3] = std::array::from_fn(|j| [r0[j].clone(), r1[j].clone(), r2[j].clone()]);

@@ -6,25 +6,24 @@ use crate::arith::simd::{Floats, lanes};
 use crate::geometry::ray::Ray;
 use crate::geometry::vector::Point;
 
-/// The inverse of affine maps in float64, x ↦ linear·(x − pivot) + image, and how far what it gives may be
-/// off.
+/// The inverse of affine maps in float64, x ↦ linear·(x − pivot) + image, and bounds of its errors.
 #[derive(Clone, Copy, Debug)]
 pub struct RoundedInverse {
     linear: [Point; 3],
     pivot: Point,
     image: Point,
-    /// Of a product, for each unit of Σ|wᵢ| of what is multiplied, and of the image.
+    /// The error of a product per unit of Σ|wᵢ| of the vector, and the error of the image.
     linear_error: f64,
     image_error: f64,
 }
 
 impl RoundedInverse {
-    /// None if the bounds are not certain.
+    /// `None` if the bounds are uncertain.
     ///
-    /// With B the largest entry, and E the width of the widest interval that one is within: of a product, in
-    /// units of Σ|wᵢ|, an entry that is off adds E, and three products and their sums 3uB; where w is a
-    /// difference, that adds uB, and the sum with the image T another uB, and u·T. The bounds have 8uB and
-    /// 4u·T, which is room for their own roundings, too.
+    /// Let B be the largest entry and E the width of the widest interval that encloses one. In units of
+    /// Σ|wᵢ|, the errors of the entries add E to the error of a product, and three products and their sums
+    /// add 3uB; a difference w adds uB, and the sum with the image T another uB, and u·T. The bounds have
+    /// 8uB and 4u·T, which also covers their own roundings.
     pub(super) fn of(inverse: &Adjugate<DoubleDouble>) -> Option<Self> {
         let pivot = inverse.offset;
         let (mut linear, mut image) = ([[0.0; 3]; 3], [0.0; 3]);
@@ -44,7 +43,7 @@ impl RoundedInverse {
         known.then_some(RoundedInverse { linear, pivot, image, linear_error, image_error })
     }
 
-    /// Images of points, and how far any coordinate of each may be off.
+    /// Images of points, and bounds of the error of any coordinate.
     #[inline(always)]
     pub fn points<F: Floats<f64, N>, const N: usize>(&self, [x, y, z]: [F; 3]) -> ([F; 3], F) {
         let ([p, q, r], [s, t, u]) = (lanes::splat(self.pivot), lanes::splat(self.image));
@@ -52,7 +51,7 @@ impl RoundedInverse {
         ([x.add(s), y.add(t), z.add(u)], error.add(F::splat(self.image_error)))
     }
 
-    /// As `points`, of vectors.
+    /// As `points`, for vectors.
     #[inline(always)]
     pub fn vectors<F: Floats<f64, N>, const N: usize>(&self, v: [F; 3]) -> ([F; 3], F) {
         let [r0, r1, r2] = self.linear;
@@ -78,8 +77,8 @@ mod tests {
     use crate::geometry::vector::Vector;
     use crate::testing::{assert_slack, worst};
 
-    /// The largest shares of their bounds that the images of a point and of a vector are off by, by the
-    /// inverse of a map, or of two.
+    /// The largest shares of their bounds that the images of a point and of a vector are off by, under the
+    /// inverse of one map or of two.
     fn shares(x: &[f64; 30], twice: bool, far: f64) -> [f64; 2] {
         let vector = |k: usize| -> Point { [x[k], x[k + 1], x[k + 2]] };
         let map =
@@ -103,9 +102,8 @@ mod tests {
         ]
     }
 
-    /// Of a point and of a vector, by a map or two, near and far. That roundings are 5u of the 8u, or 3u,
-    /// takes a row of equal entries, and all of them the same way; and of entries of equal size few are the
-    /// largest.
+    /// A point and a vector, under one map or two, near and far. Roundings reach 5u of the 8u, or 3u, only in
+    /// a row of equal entries that all round the same way; and entries of equal size are rarely the largest.
     #[test]
     fn images_are_off_by_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| 2.0 * next() - 1.0;

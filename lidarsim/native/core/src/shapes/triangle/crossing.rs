@@ -1,4 +1,4 @@
-//! Intersections of rays with the planes of triangles, a triangle per lane, by expansions.
+//! Intersections of rays with the planes of triangles, one triangle per lane, by expansions.
 
 use crate::arith::error_free::two_product;
 use crate::arith::expansion::{Expansion, TINY, V};
@@ -7,20 +7,20 @@ use crate::arith::simd::{Floats, Isa, lanes};
 use crate::geometry::affine::ExpandedInverse;
 use crate::geometry::vector::{self, Point};
 
-/// The corner of no triangle.
+/// The corner of an absent triangle.
 pub const NOWHERE: &Point = &[0.0; 3];
 
-/// The corners of triangles, one for each lane.
+/// The corners of triangles, one triangle per lane.
 pub type Corners<'a, const N: usize> = [[&'a Point; 3]; N];
 
-/// 2^±400: what underflow loses is far below all bounds while numbers are between these.
+/// Between 2^±400, underflow loses far less than all bounds.
 const ORDINARY_MIN: f64 = f64::from_bits((1023 - 400) << 52);
 const ORDINARY_MAX: f64 = f64::from_bits((1023 + 400) << 52);
 
-/// What is left out of a sum of triple products, against these; see `Crossing`.
+/// The omitted part of a sum of triple products, relative to their sizes; see `Crossing`.
 pub const BOUND: f64 = 320.0 * UNIT * UNIT;
 
-/// What the correction of a quotient leaves out, against the parts that it is made of; see `Crossing`.
+/// The omitted part of the correction of a quotient, relative to its components; see `Crossing`.
 const ROUNDINGS: f64 = 16.0 * UNIT;
 
 /// The corners of triangles, by corner and axis.
@@ -33,31 +33,32 @@ pub fn corners_of<I: Isa>([p0, p1, p2, p3, p4, p5, p6, p7]: &Corners<8>) -> [V<I
     ]
 }
 
-/// The intersection of a ray with the plane of a triangle: t = n·(a − o)/(n·d), n = (b − a) × (c − a), by
-/// expansions.
+/// The intersection of a ray with the plane of a triangle by expansions: t = n·(a − o)/(n·d) with the
+/// normal n = (b − a) × (c − a).
 ///
-/// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of n is at most
-/// 5u·A_i, from fewer than 10 roundings, and leaves out two products of u²·A_i in all: so the coordinate is
-/// off by less than 52u²·A_i. The low part of n·(a − o) is at most 12u·ΣA_i|r_i|, from fewer than 16
-/// roundings, and leaves out 5u²·ΣA_i|r_i|: with what n is off, less than 250u²·ΣA_i|r_i|. For n·d it is
-/// less. 320 covers the roundings of these bounds.
+/// The differences are exact. With A_i = |e₁ⱼe₂ₖ| + |e₁ₖe₂ⱼ|, the low part of a coordinate of
+/// n is at most 5u·A_i, from fewer than 10 roundings, and omits two products of u²·A_i in all, so the
+/// coordinate is off by less than 52u²·A_i. The low part of n·(a − o) is at most 12u·ΣA_i|r_i|, from
+/// fewer than 16 roundings, and omits 5u²·ΣA_i|r_i|; with the error of n, less than 250u²·ΣA_i|r_i|.
+/// For n·d it is less. 320 covers the roundings of these bounds.
 ///
-/// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d). With N, D the high and ν, δ the low parts of
-/// these sums, and p + q = T·D, exactly, ρ = ((N − p) − q) + (ν − T·δ). N − p is exact by Sterbenz's lemma,
-/// as T is within 2 % of t. Each of the other four operations rounds by u of what it gives: T·δ, ν − T·δ, N −
-/// p − q, which is ρ less that, and ρ. That makes u·(2|ρ| + 2|ν| + 3|T·δ|). The reciprocal is that of D + δ,
-/// rounded, and rounded itself, and its product with ρ is: 3u·|ρ/D|. So the correction is off by less than
-/// 5u·(|ν| + |T·δ| + |ρ|)/|D|, but for terms in u². `ROUNDINGS` is three times that, which covers these, and
-/// the roundings of the bound; the u·|T·D| beside ν and T·δ covers that of low ± error where t is rounded.
+/// T ≈ t is corrected by its residual ρ = n·(a − o) − T·(n·d). With N, D the high and ν, δ the
+/// low parts of these sums, and p + q = T·D, exactly, ρ = ((N − p) − q) + (ν − T·δ). N − p is
+/// exact by Sterbenz's lemma, as T is within 2 % of t. Each of the other four operations rounds by u of its
+/// result: T·δ, ν − T·δ, N − p − q, which is ρ less that, and ρ. That makes u·(2|ρ| + 2|ν| +
+/// 3|T·δ|). Three more roundings, of D + δ, of its reciprocal and of the product with ρ, add 3u·|ρ/D|.
+/// So the correction is off by less than 5u·(|ν| + |T·δ| + |ρ|)/|D|, up to terms in u². `ROUNDINGS` is
+/// three times that, which covers these terms and the roundings of the bound; the u·|T·D| beside ν and
+/// T·δ covers the rounding of low ± error when t is rounded.
 pub struct Crossing<I: Isa> {
     t: Expansion<I>,
     error: I::F64x8,
-    /// Lanes in which t and its error are of any use.
+    /// Lanes in which t and its error are valid.
     ordinary: u32,
 }
 
-/// What all rays from one point have in common where they cross the plane of a triangle: n, n·(a − o), and
-/// what bounds their errors; see `Crossing`.
+/// What all rays from one point share at the plane of a triangle: n, n·(a − o), and the bounds of their
+/// errors; see `Crossing`.
 #[derive(Clone, Copy)]
 pub struct TrianglePlane<I: Isa> {
     normal: [Expansion<I>; 3],
@@ -84,20 +85,21 @@ impl<I: Isa> TrianglePlane<I> {
         TrianglePlane { normal, size, corner, num: Expansion::dot(normal, r), num_error }
     }
 
-    /// As `new`, of triangles in the coordinates of an object, seen from points of the world: with normals
-    /// there.
+    /// As `new`, for triangles in the coordinates of an object, seen from world points; the normals are world
+    /// normals.
     ///
     /// With the adjugate R and the determinant w of the map that places the object, and the origin o in its
     /// coordinates, t = w·n·(a − o)/(N·d), N = Rᵀ·n.
     ///
-    /// Of R and w the low parts are at most u of their sizes, and off by 64u² of these. The roundings of the
-    /// low part of a sum of three products, of parts of it, come to less than eight of all. That of a
-    /// coordinate of N is at most 9u·C, C = ΣA_i|R_ij|, and leaves out 5u²·C: with what n and R are off, less
-    /// than 200u²·C. That of N·d is at most 12u·ΣC_j|d_j|: with what N is off, less than 300u²·ΣC_j|d_j|. The
-    /// difference a − o, of size Q, has a low part of at most 7u·Q, which is off by 180u²·Q and a rounding.
-    /// So that of n·(a − o) is at most 15u·ΣA_iQ_i, and leaves out 35u²·ΣA_iQ_i: with what n and the
-    /// difference are off, less than 400u²·ΣA_iQ_i. The product with w adds two roundings of 17u, 15u² that
-    /// it leaves out, and 64u²: less than 520u²·wΣA_iQ_i. For both, `BOUND` is taken twice, which is 640u².
+    /// The low parts of R and w are at most u of their sizes, with errors of 64u² of these. In a sum of
+    /// three products, the roundings of partial results come to less than eight roundings of the whole low
+    /// part. The low part of a coordinate of N is at most 9u·C, C = ΣA_i|R_ij|, and omits 5u²·C; with the
+    /// errors of n and R, less than 200u²·C. That of N·d is at most 12u·ΣC_j|d_j|; with the error of N,
+    /// less than 300u²·ΣC_j|d_j|. The difference a − o, of size Q, has a low part of at most 7u·Q,
+    /// which is off by 180u²·Q and a rounding. So that of n·(a − o) is at most 15u·ΣA_iQ_i, and omits
+    /// 35u²·ΣA_iQ_i; with the errors of n and the difference, less than 400u²·ΣA_iQ_i. The product with
+    /// w adds two roundings of 17u, 15u² that it omits, and 64u²: less than 520u²·wΣA_iQ_i. Both take
+    /// `BOUND` twice, which is 640u².
     #[inline(always)]
     pub fn placed(
         corners: [V<I>; 3],
@@ -147,14 +149,14 @@ impl<I: Isa> TrianglePlane<I> {
         Self::of_point(self.normal, self.size, self.corner, o)
     }
 
-    /// What a normal must be longer than to be right to 2⁻⁶⁰ of its length.
+    /// The length above which a normal is accurate to 2⁻⁶⁰ of its length.
     #[inline(always)]
     fn least_length(&self) -> I::F64x8 {
         let [x, y, z] = self.size;
         x.add(y).add(z).mul(I::F64x8::splat(BOUND * 2_f64.powi(60)))
     }
 
-    /// A unit normal, and the lanes in which it is right to 2⁻⁶⁰ of its length, and three roundings.
+    /// A unit normal, and the lanes in which it is accurate to 2⁻⁶⁰ of its length and three roundings.
     #[inline(always)]
     pub fn unit_normal(&self) -> (V<I>, u32) {
         let TrianglePlane { normal: n, .. } = *self;
@@ -167,7 +169,7 @@ impl<I: Isa> TrianglePlane<I> {
         ([n[0].mul(shrink), n[1].mul(shrink), n[2].mul(shrink)], fine)
     }
 
-    /// As `unit_normal`, of placed triangles: rounded as those of other surfaces are.
+    /// As `unit_normal`, for placed triangles: rounded like the normals of other surfaces.
     #[inline(always)]
     pub fn placed_unit_normal(&self) -> (V<I>, u32) {
         let TrianglePlane { normal: n, .. } = *self;
@@ -198,8 +200,8 @@ impl<I: Isa> Crossing<I> {
         let roundings = parts.mul(inverse).abs().add(correction.abs()).mul(I::F64x8::splat(ROUNDINGS));
         let error = num_error.add(first.abs().mul(den_error)).mul(inverse).abs();
         let error = error.add(roundings).mul(I::F64x8::splat(1.0 + 1.0 / 16.0));
-        // den is at least 128 times its error and its low part, and num at least 8 times its low part, so
-        // that T is within 2 % of N/D and 20 % of the truth.
+        // den is at least 128 times the sum of its error and low part, and num 8 times its low part, so T
+        // is within 2 % of N/D and 20 % of the true value.
         let (tiny, huge) = (I::F64x8::splat(ORDINARY_MIN), I::F64x8::splat(ORDINARY_MAX));
         let (num_size, den_size) = (num_high.abs(), den_high.abs());
         let ordinary = tiny.lt(den_size)
@@ -215,17 +217,18 @@ impl<I: Isa> Crossing<I> {
     #[inline(always)]
     pub fn rounded(&self) -> (I::F64x8, u32) {
         let Crossing { t, error, ordinary } = *self;
-        // Rounding is monotone: where both ends of the error round to the same number, so does the truth.
+        // Rounding is monotone: if both ends of the error interval round to one number, so does the true
+        // value.
         let up = t.high.add(t.low.add(error));
         let down = t.high.add(t.low.sub(error));
         (t.high, ordinary & up.le(t.high) & t.high.le(down))
     }
 
-    /// Bounds of t, and the lanes in which they are of any use.
+    /// Bounds of t, and the lanes in which they are valid.
     #[inline(always)]
     pub fn bounds(&self) -> (Interval<I::F64x8>, u32) {
         let Expansion { high, low } = self.t;
-        // The last term alone is more than twice what the sum or difference rounds, and this sum.
+        // The last term alone exceeds twice the roundings of the sum or difference and of this sum.
         let off = self.error.add(low.abs()).add(high.abs().mul(I::F64x8::splat(8.0 * UNIT)));
         (Interval { low: high.sub(off), high: high.add(off) }, self.ordinary)
     }
@@ -253,17 +256,17 @@ mod tests {
         Dyadic::exact(x.high[0]).plus(&Dyadic::exact(x.low[0]))
     }
 
-    /// |x| / bound.
+    /// |x| as a share of its bound.
     fn of_bound(x: &Dyadic, bound: f64) -> f64 {
         if bound > 0.0 { x.split().0.abs() / bound } else { 0.0 }
     }
 
-    /// Triangles with edges that are not float64 numbers: lows of differences, where errors come from.
+    /// Triangles with edges that are not float64 numbers, as errors come from the low parts of differences.
     fn draw(_: usize, next: &mut dyn FnMut() -> f64) -> f64 {
         (next() - 0.5) * 2.0_f64.powi((4.0 * next()) as i32)
     }
 
-    /// n·d, n·(a − o), and what bounds their errors, as `Crossing` has them.
+    /// n·d and n·(a − o) as in `Crossing`, and the bounds of their errors.
     fn sums(x: &[f64; 15]) -> ([(Expansion<Portable>, f64); 2], [Dyadic; 2]) {
         let [a, b, c, o, d] = points(x);
         let lanes = [a, b, c, o, d].map(in_lanes);
@@ -282,8 +285,8 @@ mod tests {
         ([(num, bound(r.map(|r| r.high[0]))), (den, bound(d))], truth)
     }
 
-    /// The bounds count roundings, which do not come all together: of the 250u² that were derived, and 320u²
-    /// are kept, the search finds 10u².
+    /// The bounds count roundings that never all add up: of the derived 250u², and of the 320u² in use, the
+    /// search reaches 10u².
     #[test]
     fn sums_of_triple_products_are_as_near_as_the_bound_says() {
         let found = [0, 1].map(|which| {
@@ -297,7 +300,7 @@ mod tests {
         assert_slack("n·d", found[1], 0.0233);
     }
 
-    /// Of t against the quotient of the two sums as they are.
+    /// t against the quotient of both computed sums.
     #[test]
     fn a_corrected_quotient_is_as_near_as_the_bound_says() {
         let (found, _) = worst(6, 1500, draw, |x| {
@@ -318,7 +321,7 @@ mod tests {
         assert_slack("ROUNDINGS", found, 0.163);
     }
 
-    /// Of t against the truth: what `bounds` and the rounding of t go by.
+    /// t against the true value, for `bounds` and the rounding of t.
     #[test]
     fn t_is_as_near_as_it_says() {
         let (found, _) = worst(6, 1500, draw, |x| {
@@ -334,7 +337,7 @@ mod tests {
         assert_slack("error", found, 0.0149);
     }
 
-    /// Of a placed triangle: N·d and w·n·(a − o) against their bounds, and t against its own.
+    /// Placed triangles: N·d and w·n·(a − o) against their bounds, and t against its own.
     #[test]
     fn placed_triangles_are_off_by_the_shares_of_their_bounds_that_are_known() {
         let found = [0, 1, 2].map(|which| worst(6, 1500, draw, |x: &[f64; 27]| placed(x)[which]).0);
@@ -357,7 +360,7 @@ mod tests {
             expanded,
             expanded.points::<Portable>(in_lanes(o)),
         );
-        // Of what is |determinant| times the ray in the coordinates of the triangle.
+        // |determinant| times the ray in the coordinates of the triangle.
         let ray: Ray<Dyadic> = inverse.local(Ray::new(o, d));
         let normal: [Dyadic; 3] =
             crate::shapes::triangle::normal_through(&vector::exact(a), &vector::exact(b), &vector::exact(c));
@@ -374,8 +377,8 @@ mod tests {
         ]
     }
 
-    /// As `t_is_as_near_as_it_says`, of rays that all but lie in the plane: both sums cancel, and their low
-    /// parts are nearly as large as what is left of the high ones.
+    /// As `t_is_as_near_as_it_says`, for rays almost in the plane: both sums cancel, and their low parts are
+    /// nearly as large as the rest of the high ones.
     #[test]
     fn t_of_grazing_rays_is_as_near_as_it_says() {
         let draw =
@@ -406,7 +409,7 @@ mod tests {
         assert_slack("error", found, 0.0166);
     }
 
-    /// Down to where it is not `ordinary`, so that products of three coordinates underflow.
+    /// Down to numbers that are not `ordinary`, so that products of three coordinates underflow.
     #[test]
     fn t_among_tiny_numbers_is_as_near_or_of_no_use() {
         let mut next = crate::testing::numbers();
@@ -433,13 +436,13 @@ mod tests {
         assert!(known > 100 && refused > 1000, "{known}, {refused}");
     }
 
-    /// A crossing at a t with an error.
+    /// A crossing at t with an error.
     fn crossing(t: [f64; 2], error: f64) -> Crossing<Portable> {
         let t = Expansion { high: [t[0]; 8], low: [t[1]; 8] };
         Crossing { t, error: [error; 8], ordinary: 0xff }
     }
 
-    /// The ends are at least seven roundings outside: eight, but for the one of the sum itself.
+    /// The ends are at least seven roundings outside: eight less the rounding of the sum itself.
     #[test]
     fn bounds_reach_beyond_the_error() {
         let draw =
@@ -457,7 +460,7 @@ mod tests {
         assert!((7.0..7.5).contains(&-least), "{least}");
     }
 
-    /// With a length of 1, normals are known to `BOUND`·size.
+    /// A normal of length 1 is accurate to `BOUND`·size.
     #[test]
     fn normals_are_known_to_what_is_promised() {
         let promised = 2.0_f64.powi(-60) / BOUND;

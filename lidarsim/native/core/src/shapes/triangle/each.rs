@@ -1,4 +1,4 @@
-//! A triangle for each of the rays in a register.
+//! One triangle per ray of a register.
 
 use super::normal_through;
 use crate::arith::number::{Lanes, OfRays};
@@ -6,10 +6,10 @@ use crate::geometry::ray::Ray;
 use crate::geometry::vector::{self, Vector, of_rays};
 use crate::shapes::newton::Target;
 
-/// A triangle for each ray, by corner and axis.
+/// One triangle per ray, by corner and axis.
 pub struct Triangles<F>(pub [[F; 3]; 3]);
 
-/// As of `Triangle`.
+/// As for `Triangle`.
 impl<L: Lanes<N>, const N: usize> Target<L, N> for Triangles<L::Floats> {
     #[inline(always)]
     fn implicit<K: OfRays<L, N>>(&self, ray: &Ray<K>, feature: u8, lanes: L) -> K {

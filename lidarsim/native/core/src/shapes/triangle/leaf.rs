@@ -1,4 +1,4 @@
-//! Leaves of a mesh: eight triangles as a structure of arrays, their vertices quantized to a grid.
+//! Leaves of a mesh: eight triangles as a structure of arrays, with vertices quantized to a grid.
 
 use super::Triangle;
 use crate::arith::number::{Interval, UNIT};
@@ -6,13 +6,13 @@ use crate::arith::simd::{self, Floats, Isa, lanes};
 use crate::geometry::point::cross;
 use crate::geometry::vector::Point;
 
-/// Most triangles of a leaf: a register has a lane for each.
+/// Most triangles in a leaf: one per lane of a register.
 pub const LEAF_SIZE: usize = 8;
 
-/// Up to eight triangles, their vertices on a grid.
+/// Up to eight triangles with their vertices on a grid.
 ///
-/// What is decided here is certain for the vertices as given, since every bound includes the error of the
-/// grid; uncertain candidates are deferred.
+/// Decisions here are certain for the vertices as given, since every bound includes the error of the grid;
+/// uncertain candidates are deferred.
 #[derive(Clone, Debug)]
 #[repr(C, align(64))]
 pub struct Leaf {
@@ -21,11 +21,11 @@ pub struct Leaf {
     grid: [[u64; LEAF_SIZE]; 3],
     id: [u32; LEAF_SIZE],
     anchor: Point,
-    /// How far any coordinate is off.
+    /// A bound of the error of any coordinate.
     error: f32,
     exponent: i16,
     count: u8,
-    /// No triangle has an |N|₁, N = (b − a) × (c − a), above 8·2^(2·exponent − thinness).
+    /// Every triangle has |N|₁ ≤ 8·2^(2·exponent − thinness), N = (b − a) × (c − a).
     thinness: u8,
 }
 
@@ -34,7 +34,7 @@ const GRID: u32 = simd::FRACTION;
 
 type F64x8<I> = <I as Isa>::F64x8;
 
-/// The triangles of a leaf on its grid, by vertex: 1 + k/2²¹ of each coordinate.
+/// The triangles of a leaf on its grid, by vertex: 1 + k/2²¹ for each coordinate.
 pub struct GridVertices<I: Isa>([[F64x8<I>; 3]; 3]);
 
 /// The triangles of a leaf relative to the origin of a ray.
@@ -43,12 +43,12 @@ pub struct Edges<I: Isa> {
     vertices: [[F64x8<I>; 3]; 3],
     /// c × b, a × c, b × a.
     normals: [[F64x8<I>; 3]; 3],
-    /// At least the largest coordinate of an edge, on the grid.
+    /// An upper bound of the coordinates of edges, on the grid.
     scale: f64,
-    /// At least the largest coordinate of a vertex, and the error of any of them.
+    /// Upper bounds of the coordinates of vertices, and of their error.
     reach: f64,
     error: f64,
-    /// How far the volumes may be off, for each unit of a direction's length and of its error.
+    /// The error of the volumes, per unit of a direction's length and of its error.
     bound: [f64; 2],
 }
 
@@ -57,14 +57,13 @@ pub struct Edges<I: Isa> {
 pub struct Planes {
     /// a·(c × b), with the sign of the volumes.
     distance: [f64; LEAF_SIZE],
-    /// Four times as much as the volumes' sum may be off, for each unit of a direction's length and of its
-    /// error.
+    /// Four times the error of the sum of the volumes, per unit of a direction's length and of its error.
     turned: [f64; 2],
-    /// The same of the distance.
+    /// The same for the distance.
     moved: f64,
 }
 
-/// A ray's direction, at least |d|₁, and how far any coordinate is off.
+/// A ray's direction, an upper bound of |d|₁, and the error of any coordinate.
 #[derive(Clone, Copy)]
 pub struct LeafRay {
     pub direction: Point,
@@ -72,7 +71,7 @@ pub struct LeafRay {
     pub error: f64,
 }
 
-/// What `Leaf::test` needs of `Edges`, by triangle.
+/// The data of `Edges` that `Leaf::test` needs, by triangle.
 #[repr(C, align(64))]
 pub struct StoredEdges {
     normals: [[[f64; LEAF_SIZE]; 3]; 3],
@@ -86,8 +85,8 @@ pub struct LeafRays<I: Isa> {
     pub error: F64x8<I>,
 }
 
-/// Bounds of the directions of many rays: of each coordinate, the sum of the largest |dᵢ| or a number above
-/// it, and how far any coordinate is off.
+/// Bounds of the directions of many rays: of each coordinate, of the sum of the largest |dᵢ|, and of the
+/// error of any coordinate.
 #[derive(Clone, Copy)]
 pub struct DirectionBounds {
     pub low: Point,
@@ -96,8 +95,8 @@ pub struct DirectionBounds {
     pub error: f64,
 }
 
-/// Eight rays against one triangle: those that may hit it, those that certainly hit it at a t within bounds,
-/// and these.
+/// Eight rays against one triangle: the rays that may hit it, those that certainly hit it at a t with known
+/// bounds, and these bounds.
 pub struct TriangleTest<I: Isa> {
     pub candidates: u32,
     pub known: u32,
@@ -105,7 +104,7 @@ pub struct TriangleTest<I: Isa> {
 }
 
 impl Leaf {
-    /// Of up to `LEAF_SIZE` triangles.
+    /// A leaf of up to `LEAF_SIZE` triangles.
     pub fn new(ids: &[u32], triangle: impl Fn(u32) -> Triangle) -> Self {
         const STEPS: f64 = (1 << GRID) as f64;
         let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
@@ -120,12 +119,12 @@ impl Leaf {
         let side = larger(high[0] - low[0], larger(high[1] - low[1], high[2] - low[2]));
         // A box this large leaves every decision to exact arithmetic.
         let (side, mut error) = if side < f64::MAX / 4.0 { (side, 0.0) } else { (1.0, f64::INFINITY) };
-        // The power of two above the side, so that k < 2²¹ reaches over it.
+        // The power of two above the side, so that k < 2²¹ covers it.
         let exponent = (side.to_bits() >> 52) as i16 - 1022;
         let scale = power_of_two(exponent);
         let anchor = low.map(|x| x - scale);
         let (mut grid, mut all) = ([[0; LEAF_SIZE]; 3], [0; LEAF_SIZE]);
-        // The largest |N|₁, of sides in units of the scale: they are at most 1, so that less than 32
+        // The largest |N|₁, of sides in units of the scale, which are at most 1, so that less than 32
         // roundings are u each.
         let mut thickness = 0.0;
         for (lane, &id) in ids.iter().enumerate() {
@@ -168,7 +167,7 @@ impl Leaf {
         let [a, b, c] = vertices;
         let farthest = larger(shift[0].abs(), larger(shift[1].abs(), shift[2].abs()));
         let error = f64::from(self.error) + origin_error;
-        // The sum rounds; a trifle more is as good.
+        // The sum rounds; a slightly larger value is as good.
         let reach = (farthest + 2.0 * scale + error) * (1.0 + 4.0 * UNIT);
         Edges {
             vertices,
@@ -176,7 +175,7 @@ impl Leaf {
             scale,
             reach,
             error,
-            // In place of m: `reach` holds ε.
+            // The bound of `candidates` with `reach` in place of m: `reach` includes ε.
             bound: [reach * (32.0 * UNIT * reach + 8.0 * error), 8.0 * reach * reach],
         }
     }
@@ -191,15 +190,15 @@ impl Leaf {
         ])
     }
 
-    /// The candidates, triangles that a ray may hit, and those of them that it certainly hits, a bit each: by
-    /// the three volumes U = d·(c × b), V = d·(a × c), W = d·(b × a). Two different signs are a miss, three
+    /// The candidates, triangles that a ray may hit, and the certain hits among them, one bit each, by the
+    /// three volumes U = d·(c × b), V = d·(a × c), W = d·(b × a). Two different signs are a miss, three
     /// equal signs a hit. U + V + W is stored in `sums`.
     ///
     /// With m ≥ all coordinates of a, b, c, and ε the error of the grid and of the origin: a coordinate is
-    /// off by δ = 3u·m + ε at most, a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and the sum of its
-    /// three products with d by that and 6u·m² a unit of |d|₁. While δ ≤ m, which m ≥ ε brings about, this is
-    /// less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds 6m²·ε_d. The bound has 32, 8 and 8
-    /// in these places to cover its own roundings.
+    /// off by at most δ = 3u·m + ε, a minor p·q − r·s of two of them by 4mδ + 2δ² + 4u·m², and
+    /// the sum of its three products with d by that and 6u·m² per unit of |d|₁. While δ ≤ m, which m
+    /// ≥ ε implies, this is less than |d|₁·m·(28u·m + 6ε). An error ε_d of the direction adds
+    /// 6m²·ε_d. The bound has 32, 8 and 8 in these places to cover its own roundings.
     #[inline(always)]
     pub fn candidates<I: Isa>(
         &self,
@@ -214,12 +213,12 @@ impl Leaf {
         (candidates, candidates & equal)
     }
 
-    /// The triangles that any of many rays may hit: all but those of which one volume is negative for every
-    /// ray, and another positive.
+    /// The triangles that any of many rays may hit: all except those with one volume negative for every ray
+    /// and another one positive for every ray.
     ///
-    /// Over the box that the directions are in, n·d is least and largest at the ends of each coordinate. As
-    /// in `candidates`, three products and two sums round there; they are at most those of a direction of the
-    /// largest coordinates, so that the bound is the same with its length.
+    /// Over the box of the directions, n·d is least and largest at the ends of each coordinate. As in
+    /// `candidates`, three products and two sums round there; they are at most those of a direction with the
+    /// largest coordinates, so the bound is the same with its length.
     #[inline(always)]
     pub fn reachable<I: Isa>(&self, edges: &Edges<I>, rays: &DirectionBounds) -> u32 {
         let (low, high) = (lanes::splat::<F64x8<I>, 8>(rays.low), lanes::splat(rays.high));
@@ -237,7 +236,7 @@ impl Leaf {
         !(negative & positive) & self.all()
     }
 
-    /// `candidates` and `intersect` of triangle i and eight rays.
+    /// `candidates` and `intersect` for triangle i and eight rays.
     #[inline(always)]
     pub fn test<I: Isa>(
         i: usize,
@@ -267,7 +266,7 @@ impl Leaf {
     #[inline(always)]
     pub fn planes<I: Isa>(&self, edges: &Edges<I>) -> Planes {
         let off = edges.off();
-        // Where the square underflows, |N|₁ is less than what is added.
+        // If the square underflows, |N|₁ is less than the added number.
         let size = edges.scale * edges.scale * power_of_two(3 - i16::from(self.thinness)) + f64::MIN_POSITIVE;
         let square = edges.reach * edges.reach;
         Planes {
@@ -281,39 +280,41 @@ impl Leaf {
 impl Planes {
     pub const NONE: Planes = Planes { distance: [0.0; LEAF_SIZE], turned: [0.0; 2], moved: 0.0 };
 
-    /// Bounds of t of a ray on triangle i, a certain hit, by the sums of `Leaf::candidates`; none if they
-    /// would be of no use.
+    /// Bounds of t at a certain hit of a ray on triangle i, from the sums of `Leaf::candidates`; `None` if
+    /// they would be useless.
     #[inline(always)]
     pub fn intersect_one(&self, i: usize, ray: &LeafRay, sums: &[f64; LEAF_SIZE]) -> Option<Interval> {
         let (known, t) = self.intersect::<f64, 1>(self.distance[i], sums[i], ray.length, ray.error);
         if known != 0 { Some(t) } else { None }
     }
 
-    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), and the lanes in which these are of use, where the hit
-    /// is certain.
+    /// Bounds of t = N·a/(N·d), N = (b − a) × (c − a), and the lanes in which they are valid, for
+    /// certain hits.
     ///
-    /// N is the negated sum of c × b, a × c and b × a, so that t is a·(c × b) over the sum of the volumes.
-    /// With m as above, for the triangle as it is seen: a minor rounds by 4u·m², so the distance by 12u·m³
-    /// and, as it is a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds by 10u·m² a unit of |d|₁,
-    /// and the sum of the three by 10u·m² more: 40. `Leaf::planes` has 32 and 64.
+    /// N is the negated sum of c × b, a × c and b × a, so t is a·(c × b) over the sum of the volumes.
+    /// With m as above, for the triangle as seen: a minor rounds by 4u·m², so the distance by 12u·m³
+    /// and, as a sum of products of 2m³, by 16u·m³ more: 28. A volume rounds by 10u·m² per unit of
+    /// |d|₁, and the sum of the three by 10u·m² more: 40. `Leaf::planes` has 32 and 64.
     ///
-    /// A vertex is off by δ = 3u·m + ε at most. The quantized triangle is hit in a convex combination of its
-    /// vertices, so at most δ·|N|₁ off the true plane, |N| times: that is δ·|N|₁/|N·d| in t, and an error ε_d
-    /// of the direction adds |t|·|N|₁·ε_d/|N·d|. While |N·d| as calculated is at least twice all its errors,
-    /// the true one is at least half of it; with another factor of two, for second-order terms, that makes
-    /// the four in `planes`.
+    /// A vertex is off by at most δ = 3u·m + ε. The hit on the quantized triangle is a convex combination
+    /// of its vertices, so it is at most δ·|N|₁ off the true plane, times |N|: that is δ·|N|₁/|N·d|
+    /// in t, and an error ε_d of the direction adds |t|·|N|₁·ε_d/|N·d|. While the computed |N·d| is
+    /// at least twice all its errors, the true one is at least half of it; with another factor of two, for
+    /// second-order terms, that makes the four in `planes`.
     ///
     /// The product with 1/(N·d), in place of a quotient, and t ± off round by less than 5u·|t|. Nothing is
-    /// added for that: the volumes need 4·40 of the 4·64 in `planes`, which leaves 96u·m²·|d|₁·|t|/|N·d|. As
-    /// calculated, |N·d| ≤ (2s² + 40u·m²)·|d|₁ with the scale s ≤ m/2: that is above 180u·|t|.
+    /// added for that: the volumes need 4·40 of the 4·64 in `planes`, which leaves
+    /// 96u·m²·|d|₁·|t|/|N·d|. The computed |N·d| ≤ (2s² + 40u·m²)·|d|₁ with the scale s ≤
+    /// m/2, so that is above 180u·|t|.
     ///
-    /// It is that large. The edges seen are at most s, the scale, and 2s ≤ m, as m is the `reach` here. As
-    /// the hit is certain, each volume is beyond its bound, and the sum of the three beyond |d|₁·m·(96u·m +
-    /// 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, but for rounding, so that ε < s/24 and u·m² < s²/28. And it
-    /// is beyond 256u·m²·|d|₁, as is tested here. So it is beyond a tenth of this and nine of that:
-    /// |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than
-    /// 2m²·ε_d; and as an edge is off by 2δ, N by 8δ·s + 8δ² a coordinate, by less than 8.4δ·s·|d|₁. Twice
-    /// all that is less than |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
+    /// |N·d| is indeed at least twice its errors. The edges as seen are at most s, the scale, and 2s ≤ m,
+    /// as m is the `reach` here. As the hit is certain, each volume exceeds its bound, and the sum of the
+    /// three exceeds |d|₁·m·(96u·m + 24ε) + 24m²·ε_d; it is at most 2s²·|d|₁, up to rounding, so
+    /// ε < s/24 and u·m² < s²/28. It also exceeds 256u·m²·|d|₁, which is tested here. So it exceeds
+    /// a tenth of this and nine tenths of that: |d|₁·m·(112u·m + 21ε) + 21m²·ε_d. The true N·d
+    /// differs from it by 40u·m²·|d|₁; by ε_d·|N|₁, less than 2m²·ε_d; and as an edge is off by
+    /// 2δ, N by 8δ·s + 8δ² per coordinate, by less than 8.4δ·s·|d|₁. Twice all that is less than
+    /// |d|₁·m·(106u·m + 9ε) + 4m²·ε_d.
     #[inline(always)]
     fn intersect<F: Floats<f64, N>, const N: usize>(
         &self,
@@ -334,12 +335,12 @@ impl Planes {
 }
 
 impl<I: Isa> Edges<I> {
-    /// How far any coordinate of a vertex may be off.
+    /// The largest error of any coordinate of a vertex.
     fn off(&self) -> f64 {
         3.0 * UNIT * self.reach + self.error
     }
 
-    /// How far the volumes may be off, for a direction of this length and error.
+    /// The largest error of the volumes, for a direction of this length and error.
     #[inline(always)]
     fn bound_of(&self, length: f64, error: f64) -> f64 {
         I::fused(length, self.bound[0], I::fused(error, self.bound[1], f64::MIN_POSITIVE))
@@ -370,7 +371,7 @@ fn volumes<F: Floats<f64, 8>>(d: [F; 3], [n0, n1, n2]: [[F; 3]; 3]) -> ([F; 3], 
 }
 
 /// The lanes in which two volumes certainly have different signs, and those in which all three certainly have
-/// the same.
+/// the same sign.
 #[inline(always)]
 fn signs<F: Floats<f64, 8>>([u, v, w]: [F; 3], bound: F) -> (u32, u32) {
     let (least, most) = (Floats::min(Floats::min(u, v), w), Floats::max(Floats::max(u, v), w));
@@ -378,7 +379,7 @@ fn signs<F: Floats<f64, 8>>([u, v, w]: [F; 3], bound: F) -> (u32, u32) {
     (least.lt(below) & bound.lt(most), bound.lt(least) | most.lt(below))
 }
 
-/// The lesser and the larger one.
+/// The smaller and the larger number.
 #[inline(always)]
 fn ends<F: Floats<f64, 8>>(x: F, y: F) -> (F, F) {
     (Floats::min(x, y), Floats::max(x, y))
@@ -416,20 +417,20 @@ mod tests {
     use crate::shapes::Surface;
     use crate::testing::{assert_slack, numbers, worst};
 
-    /// Up to eight triangles over points in a box of sides `size` at `place`, some of them slivers and some
-    /// without area.
+    /// Up to eight triangles over points in a box of side `size` at `place`; some are slivers and some have
+    /// no area.
     fn mesh(place: f64, size: f64, count: usize, next: &mut impl FnMut() -> f64) -> Vec<Triangle> {
         let flat = if next() < 0.3 { 0.0 } else { 1.0 };
         let mut vertices: Vec<Point> =
             (0..9).map(|_| [1.0, 0.7, flat].map(|side| place + size * side * (next() - 0.5))).collect();
-        // Beside the first, by an ulp.
+        // One ulp from the first.
         vertices.push([vertices[0][0].next_up(), vertices[0][1], vertices[0][2]]);
         let mut vertex = || vertices[(10.0 * next()) as usize];
         (0..count).map(|_| Triangle(vertex(), vertex(), vertex())).collect()
     }
 
     fn leaf(mesh: &[Triangle]) -> Leaf {
-        // Ids need be neither sorted nor complete.
+        // Ids need be neither sorted nor consecutive.
         let ids: Vec<u32> = (0..mesh.len() as u32).rev().collect();
         let leaf = Leaf::new(&ids, |id| mesh[id as usize]);
         assert_eq!(leaf.ids(), ids);
@@ -479,8 +480,7 @@ mod tests {
                     assert!(size.max(place) > 1e44, "{place}, {size}");
                     continue;
                 }
-                // Half a step of the grid, but for what numbers at that place are rounded to, and float32
-                // holds.
+                // Half a step of the grid, plus the rounding of numbers at that place and of float32.
                 let half = power_of_two(leaf.exponent) / 4_194_304.0;
                 let rounded = place.abs() * (8.0 * UNIT) + f64::from(f32::MIN_POSITIVE);
                 assert!(error <= 1.01 * half + rounded && half <= size + rounded, "{place}, {size}: {error}");
@@ -502,13 +502,13 @@ mod tests {
         }
     }
 
-    /// What a leaf tells of a ray.
+    /// The results of a leaf for a ray.
     struct Said {
-        /// By this ray and the one beside it.
+        /// For this ray and its neighbour.
         reachable: u32,
         candidates: u32,
         sure: u32,
-        /// Of those that are sure.
+        /// For certain hits.
         t: [Option<Interval>; LEAF_SIZE],
     }
 
@@ -519,8 +519,8 @@ mod tests {
     }
 
     impl Task for Probe<'_> {
-        /// Vertices as they are seen from the origin, and how far they may be off; what is told of the rays
-        /// one by one, and again eight at a time.
+        /// Vertices as seen from the origin and a bound of their error; and the results for the rays, first
+        /// one by one, then eight at a time.
         type Output = ([[[f64; LEAF_SIZE]; 3]; 3], f64, Vec<Said>);
 
         #[inline(always)]
@@ -593,7 +593,7 @@ mod tests {
         DirectionBounds { low, high, length, error: rays.iter().fold(0.0, |most, ray| ray.1.max(most)) }
     }
 
-    /// A point of the triangle, often of its edges or a corner.
+    /// A point of the triangle, often on an edge or at a corner.
     fn target(corners: [Point; 3], next: &mut impl FnMut() -> f64) -> Point {
         let mut weights = [0; 3].map(|_: u8| if next() < 0.25 { 0.0 } else { next() });
         if weights == [0.0; 3] {
@@ -606,15 +606,15 @@ mod tests {
     #[test]
     fn what_a_leaf_is_certain_of_is_so() {
         let mut next = numbers();
-        // Hit, and of these certain, and of these with bounds of t; not hit, and of these ruled out, and for
-        // two rays at once.
+        // Hits, certain ones among them, and those with bounds of t; misses, those ruled out, and those ruled
+        // out for two rays at once.
         let (mut hit, mut sure, mut bounded, mut missed, mut out, mut beyond) = (0, 0, 0, 0, 0, 0);
         for (place, size) in BOXES {
             for round in 0..12 {
                 let mesh = mesh(place, size, [8, 5, 1][round % 3], &mut next);
                 let leaf = leaf(&mesh);
                 let distance = size.max(place.abs() * 1e-12) * [0.3, 3.0, 1e3, 1e6][round % 4];
-                // The true ray is somewhere within the errors of the one that the leaf is given.
+                // The true ray lies within the errors of the given ray.
                 let vague = if round % 2 == 0 { 0.0 } else { 1e-9 * size };
                 let off = |next: &mut dyn FnMut() -> f64, by: f64| 0.9 * by * (2.0 * next() - 1.0);
                 let origin: Point = [0; 3].map(|_: u8| place + distance * (next() - 0.5));
@@ -698,18 +698,19 @@ mod tests {
         assert!(missed > 100_000 && out > 40_000 && beyond > 10_000, "{missed}, {out}, {beyond}");
     }
 
-    /// A triangle in a box of side 1, a ray towards a mean of its vertices, and how it is shown.
+    /// A triangle in a box of side 1, a ray towards a weighted mean of its vertices, and both as the leaf
+    /// sees them.
     struct Shown {
         leaf: Leaf,
-        /// Of the vertices, as the true ray sees them, and of the true direction.
+        /// The exact vertices relative to the true origin, and the true direction.
         vertices: [[Dyadic; 3]; 3],
         direction: [Dyadic; 3],
         edges: Edges<Portable>,
         ray: LeafRay,
     }
 
-    /// What errors come from: the numbers are given on the grid, or anywhere, with an origin or a direction
-    /// that is off by so much. The origin is up to `distance` along each axis from where the ray hits.
+    /// Sources of error: the vertices are on the grid or anywhere, and the origin or the direction has an
+    /// error. The origin is up to `distance` along each axis from the hit.
     #[derive(Clone, Copy)]
     struct From {
         on_grid: bool,
@@ -759,7 +760,7 @@ mod tests {
             }
         }
 
-        /// The largest share of its bound that a vertex is off by.
+        /// The largest error of a vertex as a share of its bound.
         fn places(&self) -> f64 {
             let off = |k: usize, axis: usize| {
                 let seen = Dyadic::exact(self.edges.vertices[k][axis][0]);
@@ -768,7 +769,7 @@ mod tests {
             (0..9).fold(0.0, |largest, i| off(i / 3, i % 3).max(largest))
         }
 
-        /// The largest share of its bound that a volume is off by.
+        /// The largest error of a volume as a share of its bound.
         fn volumes(&self) -> f64 {
             let [a, b, c] = &self.vertices;
             let bound = self.ray.length * self.edges.bound[0] + self.ray.error * self.edges.bound[1];
@@ -782,7 +783,7 @@ mod tests {
             largest
         }
 
-        /// The share of its bound that t is off by, where there is one.
+        /// The error of t as a share of its bound, if there is one.
         fn t(&self) -> f64 {
             let mut sums = [0.0; LEAF_SIZE];
             let (_, sure) = self.leaf.candidates::<Portable>(&self.edges, &self.ray, &mut sums);
@@ -803,10 +804,10 @@ mod tests {
         }
     }
 
-    /// Where each error alone counts. The bounds go by `reach`, which is twice a side of the box or more
-    /// above what vertices and edges may be, and by the worst signs of all terms of a determinant, which
-    /// cannot come equal: that is what they have to spare. In t, rounding counts by the volumes where the
-    /// origin is far, and by the distance from the plane where it is all but on the triangle.
+    /// Each source of error alone. The slack comes from `reach`, which exceeds vertices and edges by a factor
+    /// of two or more, and from assuming the worst signs of all terms of a determinant, which cannot
+    /// coincide. In t, roundings of the volumes dominate for far origins, and those of the distance for
+    /// origins almost on the triangle.
     #[test]
     fn errors_of_a_leaf_are_the_share_of_their_bounds_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
@@ -826,8 +827,8 @@ mod tests {
         }
     }
 
-    /// On the grid and from afar, a vertex is off by two roundings of the three that are counted: of the
-    /// anchor, less the origin, and of the sum with it.
+    /// On the grid and from afar, a vertex is off by two of the three counted roundings: of the anchor less
+    /// the origin, and of the sum with it.
     #[test]
     fn vertices_are_off_by_the_share_of_their_bound_that_is_known() {
         let draw = |_: usize, next: &mut dyn FnMut() -> f64| next();
@@ -836,7 +837,7 @@ mod tests {
         assert_slack("vertex", worst(8, 3000, draw, |x| Shown::new(x, from).places()).0, 0.6);
     }
 
-    /// |N|₁ just above a power of two, which sides that are rounded down make a number just below.
+    /// |N|₁ just above a power of two, which sides rounded down would move just below it.
     #[test]
     fn normals_are_no_longer_than_a_leaf_says() {
         let (x, y) = (1.0 - UNIT, 0.5);

@@ -1,9 +1,9 @@
-//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c relative to the origin of the ray.
+//! Triangle: the signs of d·(c × b), d·(a × c), d·(b × a), with a, b, c relative to the ray's origin.
 //!
-//! Each is six times the volume of a tetrahedron between the ray and an edge. An edge that two triangles
-//! share gives both the same number with opposite signs, and the signs are exact: so no ray slips through
-//! between them (S. Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, has the same
-//! signs, U, V, W, after a shear).
+//! Each is six times the volume of the tetrahedron of the ray and an edge. A shared edge gives two triangles
+//! the same number with opposite signs, and the signs are exact, so no ray slips through between them (S.
+//! Woop, C. Benthin, I. Wald, Watertight Ray/Triangle Intersection, JCGT 2013, use the same signs, U, V, W,
+//! after a shear).
 
 mod crossing;
 mod each;
@@ -36,7 +36,7 @@ impl Triangle {
             type Answer = bool;
             fn evaluate<N: Number<Floats = f64>>(&self) -> Result<bool, Uncertain> {
                 let Triangle(a, b, c) = *self.0;
-                // A certain non-zero settles it; an uncertain one does not unless all others are zero.
+                // A certain non-zero decides; otherwise all three must be certain zeros.
                 let signs = triangle_normal::<N>(a, b, c).map(|x| x.is_zero());
                 if signs.contains(&Ok(false)) { Ok(false) } else { Ok(signs[0]? && signs[1]? && signs[2]?) }
             }
@@ -44,7 +44,7 @@ impl Triangle {
         crate::arith::number::decide(&Degenerate(self))
     }
 
-    /// Whether all corners are corners of the other, in any order.
+    /// Whether both triangles have the same corners, in any order.
     pub fn has_corners_of(&self, other: &Triangle) -> bool {
         let Triangle(a, b, c) = other;
         [a, b, c].into_iter().all(|corner| self.has_corner(corner))
@@ -55,8 +55,8 @@ impl Triangle {
     }
 }
 
-/// Barycentric coordinates of the origin in the plane of the triangle abc, each ≥ 0: a point on the rim may
-/// be outside by rounding.
+/// Barycentric coordinates of the origin in the plane of the triangle abc, clamped to ≥ 0, as rounding may
+/// put points of the rim outside.
 #[inline(always)]
 pub fn barycentric([a, b, c]: [Point; 3]) -> [f64; 3] {
     let normal = cross(sub(b, a), sub(c, a));
@@ -66,7 +66,7 @@ pub fn barycentric([a, b, c]: [Point; 3]) -> [f64; 3] {
     areas.map(|area| area / all)
 }
 
-/// d·(p × q), of corners relative to the origin of a ray: six times the volume between the ray and an edge.
+/// d·(p × q), of corners relative to the origin of a ray: six times the volume of the ray and an edge.
 #[inline(always)]
 pub fn volume<N: Number>(d: &Vector<N>, p: &Vector<N>, q: &Vector<N>) -> N {
     vector::dot(d, &vector::cross(p, q))
@@ -84,7 +84,7 @@ pub fn triangle_normal<N: Number>(a: Point, b: Point, c: Point) -> Vector<N> {
 }
 
 impl Triangle {
-    /// Where the ray is in the plane, with a relative to its origin; none if it is parallel.
+    /// The root where the ray meets the plane, with a relative to its origin; `None` if they are parallel.
     #[inline(always)]
     fn crossing<N: Number>(&self, a: Vector<N>, d: &Vector<N>) -> Result<Option<Root<N>>, Uncertain> {
         let normal: Vector<N> = triangle_normal(self.0, self.1, self.2);
@@ -116,7 +116,7 @@ impl Surface for Triangle {
         let b = vector::negated(&ray.origin_from(vector::exact(self.1)));
         let c = vector::negated(&ray.origin_from(vector::exact(self.2)));
         let d = &ray.direction;
-        // Outside as soon as two signs differ, whatever the third may be.
+        // The ray misses as soon as two signs differ, whatever the third.
         let mut positive = false;
         let mut negative = false;
         let mut unsure = false;
@@ -138,7 +138,7 @@ impl Surface for Triangle {
         Ok(roots([self.crossing(a, d)?, None]))
     }
 
-    /// Without the signs, as there is one.
+    /// Skips the signs, as the root is known to exist.
     #[inline(always)]
     fn only_root<N: Number>(&self, ray: &Ray<N>) -> Option<Result<Root<N>, Uncertain>> {
         let a = vector::negated(&ray.origin_from(vector::exact(self.0)));

@@ -1,5 +1,5 @@
-//! The signs of U, V, W (Woop et al.) of rays and triangles, a triangle per lane, by expansions: an
-//! orientation filter as Shewchuk's stage B.
+//! The signs of U, V, W (Woop et al.) for one ray and triangle per lane, by expansions: an orientation filter
+//! like Shewchuk's stage B.
 
 use std::cmp::Ordering;
 
@@ -15,7 +15,7 @@ use crate::stop;
 /// The signs of the volumes d·(c × b), d·(a × c), d·(b × a), as in `Triangle`.
 pub struct Sides {
     signs: [Side; 3],
-    /// Lanes whose numbers are zero or of a size between 2^±200; of others nothing is said.
+    /// Lanes whose numbers are zero or between 2^±200 in size; the results of other lanes are unknown.
     ordinary: u32,
 }
 
@@ -29,14 +29,14 @@ impl Sides {
         (self.ordinary & known & (below ^ above), self.ordinary & below & above)
     }
 
-    /// The lanes that `decide` can say more of.
+    /// The lanes that `decide` can settle.
     #[inline(always)]
     pub fn unsure(&self) -> u32 {
         let (hit, missed) = self.hit_and_missed();
         self.ordinary & !(hit | missed)
     }
 
-    /// Decides in exact arithmetic those signs of a lane that are not known.
+    /// Decides the unknown signs of a lane in exact arithmetic.
     #[cold]
     #[inline(never)]
     pub fn decide(&mut self, lane: usize, corners: [&Point; 3], ray: &Ray<Dyadic>) {
@@ -56,10 +56,10 @@ impl Sides {
 
 /// The sides of rays and triangles, where they are certain.
 ///
-/// As an expansion each is right to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, as n·d is in `Crossing`.
-/// That leaves underflow. All numbers given are zero or between 2^±200, so that differences are zero or at
-/// least 2⁻²⁵². Then S, if it is not zero, is at least 2⁻⁷⁰⁴ and its u²-th part far above what underflow
-/// loses; and if S is zero, so is the volume.
+/// As an expansion each is accurate to `BOUND`·S, with S = Σ(|pⱼqₖ| + |pₖqⱼ|)·|d_i|, like n·d in
+/// `Crossing`. Underflow remains: all given numbers are zero or between 2^±200, so differences are zero or
+/// at least 2⁻²⁵². Then S, if not zero, is at least 2⁻⁷⁰⁴, and u²·S is far above the loss to
+/// underflow; if S is zero, so is the volume.
 #[inline(always)]
 pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
     let ordinary =
@@ -72,7 +72,7 @@ pub fn sides<I: Isa>([a, b, c]: [V<I>; 3], o: V<I>, d: V<I>) -> Sides {
     Sides { signs: [side::<I>(c, b, d), side::<I>(a, c, d), side::<I>(b, a, d)], ordinary }
 }
 
-/// Lanes by the sign of a volume, where it is certain.
+/// Lanes by the sign of a volume, if it is certain.
 struct Side {
     below: u32,
     zero: u32,
@@ -94,7 +94,7 @@ fn side<I: Isa>(p: [Expansion<I>; 3], q: [Expansion<I>; 3], d: V<I>) -> Side {
     Side { below: volume.lt(bound.negated()), zero: bound.le(I::F64x8::splat(0.0)), above: bound.lt(volume) }
 }
 
-/// Lanes in which all coordinates are zero or of a size between 2^±200.
+/// Lanes in which all coordinates are zero or between 2^±200 in size.
 #[inline(always)]
 fn ordinary<I: Isa>(v: V<I>) -> u32 {
     let (tiny, huge) = (
@@ -117,15 +117,15 @@ mod tests {
     use crate::shapes::Surface;
     use crate::testing::numbers;
 
-    /// Eight rays and a triangle each.
+    /// Eight pairs of a ray and a triangle.
     struct Probe<'a> {
         triangles: &'a [[Point; 3]; 8],
         rays: &'a [(Point, Point); 8],
     }
 
     impl Task for Probe<'_> {
-        /// What `sides` says; who hits once all is decided, of which lanes; and bounds of t with the lanes in
-        /// which they are known.
+        /// The result of `sides`; the hits after all decisions, and the valid lanes; and bounds of t, with
+        /// the lanes in which they are known.
         type Output = ((u32, u32), (u32, u32), [f64; 8], [f64; 8], u32);
 
         #[inline(always)]
@@ -145,7 +145,7 @@ mod tests {
         }
     }
 
-    /// A mean of the corners, often one on an edge, of weights that are exact.
+    /// A mean of the corners with exact weights, often on an edge.
     fn target([a, b, c]: [Point; 3], next: &mut impl FnMut() -> f64) -> Point {
         let [u, v, w] =
             [[4.0, 4.0, 0.0], [8.0, 0.0, 0.0], [2.0, 4.0, 2.0], [5.0, 6.0, -3.0]][(4.0 * next()) as usize];
@@ -206,7 +206,8 @@ mod tests {
                         );
                         (hit, missed) = (hit + usize::from(is(hits)), missed + usize::from(is(misses)));
                         unsure += usize::from(!is(hits | misses));
-                        // All is decided, but that a ray in the plane of a triangle, on no side, has no root.
+                        // All is decided, except that a ray in the plane of a triangle, on no side, has no
+                        // root.
                         if is(ordinary) {
                             assert_eq!(
                                 is(decided),
@@ -229,25 +230,24 @@ mod tests {
                                 "{level:?}: {:?}",
                                 triangles[lane]
                             );
-                            // And they are of use.
+                            // The bounds are tight.
                             let middle = low[lane].abs().max(high[lane].abs());
                             assert!(high[lane] - low[lane] <= 64.0 * f64::EPSILON * middle);
                             bounded += 1;
                         }
-                        // Numbers beyond 2^±200 are left to others.
+                        // Numbers beyond 2^±200 are not decided here.
                         assert!(!(size == 1e-70 || size == 1e100) || !is(hits | misses));
                     }
                 }
             }
         }
         assert!(hit > 5_000 && missed > 3_000 && bounded > 4_000, "{hit}, {missed}, {bounded}");
-        // Those on edges, where coordinates are not whole, but for the rays that rounding puts aside far
-        // enough.
+        // Rays to edges with fractional coordinates, except those that rounding moves far enough aside.
         assert!(unsure > 3_000, "{unsure}");
     }
 
-    /// Of neighbours among the Fibonacci numbers, xₙ·xₙ₊₂ − xₙ₊₁² = ±1: far below what expansions can tell of
-    /// so large products.
+    /// For consecutive Fibonacci numbers, xₙ·xₙ₊₂ − xₙ₊₁² = ±1: far below the resolution
+    /// of expansions at such large products.
     #[test]
     fn signs_that_expansions_leave_open_are_decided() {
         let mut fibonacci = vec![1_u64, 1];
@@ -255,8 +255,8 @@ mod tests {
             fibonacci.push(fibonacci[fibonacci.len() - 1] + fibonacci[fibonacci.len() - 2]);
         }
         let point = |n: usize, sign: f64| [sign * fibonacci[n] as f64, sign * fibonacci[n + 1] as f64, 1.0];
-        // The third corner is minus the sum of the others, and the ray is between all, or it is the sum, and
-        // the ray is beyond the edge.
+        // The third corner is minus the sum of the others and the ray is inside, or it is the sum and the ray
+        // is outside.
         let triangles = [0, 1, 2, 3, 4, 5, 6, 7].map(|lane: usize| {
             let (n, sign) = (71 + lane % 4, if lane < 4 { -1.0 } else { 1.0 });
             [point(n, 1.0), point(n + 1, 1.0), point(n + 2, sign)]
@@ -270,8 +270,8 @@ mod tests {
 
     #[test]
     fn an_exact_zero_is_certain() {
-        // Whole numbers in a plane through the origin: the ray lies in the plane of an edge and the axis,
-        // exactly.
+        // Whole numbers in a plane through the origin: the ray lies exactly in the plane of an edge and the
+        // axis.
         let triangles = [[[0.0, 4.0, -1.0], [0.0, 4.0, 3.0], [5.0, 4.0, 0.0]]; 8];
         let rays = [[0.0, 1.0, 0.0]; 8].map(|direction| ([0.0, 0.0, 0.5], direction));
         for level in Level::ALL.into_iter().filter(|level| *level <= Level::best()) {
