@@ -1,4 +1,4 @@
-"""The few exceptions of our own; everything else is a plain ``ValueError`` or ``TypeError``."""
+"""lidarsim's own exceptions; other errors in arguments are plain ``ValueError`` or ``TypeError``."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ class LidarsimError(Exception):
 
 
 class ConfigError(LidarsimError, ValueError):
-    """A configuration that cannot be used; the message names file, line and key."""
+    """Invalid configuration; the message names the file, line and key."""
 
 
 class FileFormatError(LidarsimError, ValueError):
-    """A file that is not what its name or its content promises, or that cannot be read."""
+    """Unreadable file, or one that is not of the format that its name or signature indicates."""
 
 
 class MissingExtraError(LidarsimError, ImportError):
-    """An optional package is needed; the message names the extra that installs it."""
+    """Missing optional package; the message names the extra that installs it."""
