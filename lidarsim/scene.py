@@ -262,8 +262,8 @@ class Scene(Pickled, Plotted):
             Affine map, object to world; it may shear and reflect. It is applied after the shape's own transform, if
             any.
         motion : Trajectory, optional
-            Rigid motion over time, applied after `transform`. Casts at time t are exact for the float64 pose of the
-            motion at t. The motion must cover the times of all casts and scans.
+            Rigid motion over time, applied after `transform`. At time t the object is at the float64 pose of the motion
+            at t, for which casts are exact. The motion must cover the times of all casts and scans.
 
         Returns
         -------
