@@ -101,13 +101,13 @@ class Beam(Immutable):
 
     Notes
     -----
-    As a function of range, the waveform is a sum of Gaussians, one per sub-ray, with standard deviation σ =
-    c/2·`pulse_length`/2.355: the usual model of full-waveform lidar (W. Wagner et al., Gaussian decomposition and
-    calibration of a novel small-footprint full-waveform digitising airborne laser scanner, ISPRS J. 60, 2006). Two
-    surfaces of equal power are resolved if they are more than 2σ apart, 0.64 m at 5 ns; surfaces of unequal power need
-    a greater distance. On a slanted surface, the Gaussian of a sub-ray is widened by the spread in range of its part of
-    the footprint. A slanted wall therefore gives one echo, as do stairs whose steps are too short to be resolved. As
-    `rays` grows, the number of echoes converges to the number of peaks of the waveform.
+    The waveform over range is a sum of Gaussians, one per sub-ray, of standard deviation σ = c/2·`pulse_length`/2.355:
+    the usual model of full-waveform lidar (W. Wagner et al., Gaussian decomposition and calibration of a novel
+    small-footprint full-waveform digitising airborne laser scanner, ISPRS J. 60, 2006). Two surfaces of equal power are
+    resolved if they are more than 2σ apart, 0.64 m at 5 ns; surfaces of unequal power need a greater distance. On a
+    slanted surface, the Gaussian of a sub-ray is widened by the spread in range of its part of the footprint. A slanted
+    wall therefore gives one echo, as do stairs whose steps are too short to be resolved. As `rays` grows, the number of
+    echoes converges to the number of peaks of the waveform.
 
     Examples
     --------
