@@ -219,7 +219,7 @@ class PointCloud(Pickled, Plotted):
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Names of the fields present: those of lidarsim in their fixed order, then the others by name."""
+        """Names of the existing fields: lidarsim's own in fixed order, then the others by name."""
         own = self.__dict__
         return (*(name for name in CANONICAL if name in own), *sorted(own.keys() - CANONICAL.keys()))
 
@@ -480,7 +480,7 @@ class PointCloud(Pickled, Plotted):
         Raises
         ------
         FileFormatError
-            If the format is unknown, or the file is damaged, not what its suffix says, or not a point cloud.
+            If the format is unknown, or the file is damaged, does not match its suffix, or is not a point cloud.
         MissingExtraError
             If the format needs a package that is not installed.
         OSError

@@ -98,7 +98,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
 
     @property
     def rate(self) -> float:
-        """Frame rate of the rig, Hz: that of its fastest sensor."""
+        """Frame rate of the rig, Hz: the rate of its fastest sensor."""
         return max(sensor.lidar.pattern.rate for sensor in self._sensors.values())
 
     def frames(

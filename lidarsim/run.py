@@ -250,7 +250,7 @@ class Run:
         output : path-like
             The file, ``.mcap`` or ``.db3``.
         layout : str, optional
-            Layout of the points, one of `lidarsim.io.rosbag.LAYOUTS`. Default: that of each sensor's vendor.
+            Layout of the points, one of `lidarsim.io.rosbag.LAYOUTS`. Default: the layout of each sensor's vendor.
 
         Returns
         -------
