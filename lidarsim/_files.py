@@ -22,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import short
-from lidarsim.errors import FileFormatError, LidarsimError
+from lidarsim.errors import ArgumentValueError, FileFormatError, LidarsimError
 
 PathLike = str | os.PathLike[str]
 
@@ -52,18 +52,18 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
 
 
 def name_problem(name: str) -> str:
-    """Return why a name cannot be part of a path on some file system, or "" if it can."""
+    """Return what is expected of a name that cannot be part of a path on some file system, or "" if it can."""
     if not _NAME.fullmatch(name):
-        return "expected a name of letters, digits, _ and -"
+        return "a name of letters, digits, _ and -"
     if len(name) > NAME_LENGTH:
-        return f"expected a name of at most {NAME_LENGTH} characters"
-    return "expected another name than that of a Windows device" if _DEVICE.fullmatch(name) else ""
+        return f"a name of at most {NAME_LENGTH} characters"
+    return "another name than that of a Windows device" if _DEVICE.fullmatch(name) else ""
 
 
 def check_name(argument: str, name: str) -> str:
     """Return `name`; raise `ValueError` if it cannot be part of a path."""
-    if problem := name_problem(name):
-        raise ValueError(f"{argument}: {problem}, got {short(ascii(name))}")
+    if expected := name_problem(name):
+        raise ArgumentValueError(argument, expected, short(ascii(name)))
     return name
 
 
@@ -73,7 +73,7 @@ def check_names(argument: str, names: Iterable[str]) -> None:
     for name in names:
         other = seen.setdefault(check_name(argument, name).lower(), name)
         if other != name:
-            raise ValueError(f"{argument}: expected names that differ in more than case, got {other!r} and {name!r}")
+            raise ArgumentValueError(argument, "names that differ in more than case", f"{other!r} and {name!r}")
 
 
 def check_regular(path: PathLike) -> None:

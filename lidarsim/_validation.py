@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim import _native
+from lidarsim.errors import ArgumentError, ArgumentTypeError, ArgumentValueError
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -30,8 +31,8 @@ Transform: TypeAlias = "RigidTransform | npt.ArrayLike"
 UINT32 = 2**32 - 1
 """Largest label or instance."""
 
-DEGREES = "; degrees?"
-"""End of the error for an angle that is too large to be in radians."""
+WIDEST_BEAM = 0.1
+"""Largest divergence of a beam, rad; lidar beams have milliradians."""
 
 
 def real(
@@ -48,26 +49,26 @@ def real(
         number = float(value)  # numpy.float64 is a float, but compares slowly
         if at_least <= number <= at_most and above < number < math.inf:
             return number
-    wrong: type[TypeError | ValueError] = TypeError
+    wrong: type[ArgumentError] = ArgumentTypeError
     got = ""
     if _is_real(value):
         try:
             number = float(value)  # type: ignore[arg-type]
         except OverflowError:
-            wrong, got = ValueError, "a number beyond float64"
+            wrong, got = ArgumentValueError, "a number beyond float64"
         except (TypeError, ValueError):
             pass
         else:
             inside = at_least <= number <= at_most and (number > above or above == -math.inf)
             if inside and (infinite or math.isfinite(number)):
                 return number
-            wrong, got = ValueError, repr(number)
+            wrong, got = ArgumentValueError, repr(number)
     expected = "a real number" if infinite else "a finite number"
     if above > -math.inf:
         expected += f" > {above:g}" if at_most == math.inf else f" > {above:g} and <= {at_most:g}"
     else:
         expected += _between(*(f"{end:g}" if math.isfinite(end) else None for end in (at_least, at_most)))
-    raise wrong(f"{name}: expected {expected}, got {got or shown(value)}")
+    raise wrong(name, expected, got or shown(value))
 
 
 def _is_real(value: object) -> bool:
@@ -83,7 +84,7 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
     """Return `value` as an int within the bounds."""
     if type(value) is int and (at_least is None or value >= at_least) and (at_most is None or value <= at_most):
         return value
-    wrong: type[TypeError | ValueError] = TypeError
+    wrong: type[ArgumentError] = ArgumentTypeError
     if not isinstance(value, bool):
         try:  # arrays have `__index__`, which fails unless they hold a single integer
             number = operator.index(value)  # type: ignore[arg-type]
@@ -92,16 +93,16 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
         else:
             if (at_least is None or number >= at_least) and (at_most is None or number <= at_most):
                 return number
-            wrong, value = ValueError, number
+            wrong, value = ArgumentValueError, number
     expected = "an integer" + _between(*(None if end is None else str(end) for end in (at_least, at_most)))
-    raise wrong(f"{name}: expected {expected}, got {shown(value)}")
+    raise wrong(name, expected, shown(value))
 
 
 def one_of(name: str, value: object, options: Sequence[str]) -> None:
     """Check that `value` is one of `options`."""
     if not (isinstance(value, str) and value in options):
         *others, last = map(repr, options)
-        raise ValueError(f"{name}: expected {', '.join(others)} or {last}, got {shown(value)}")
+        raise ArgumentValueError(name, f"{', '.join(others)} or {last}", shown(value))
 
 
 def items(name: str, value: object, kind: str) -> list[Any]:
@@ -109,13 +110,13 @@ def items(name: str, value: object, kind: str) -> list[Any]:
     try:
         return list(value)  # type: ignore[call-overload, no-any-return]
     except TypeError:
-        raise TypeError(f"{name}: expected a sequence of {kind}, got {shown(value)}") from None
+        raise ArgumentTypeError(name, f"a sequence of {kind}", shown(value)) from None
 
 
 def flag(name: str, value: object) -> bool:
     """Return `value`, True or False, as a bool."""
     if not isinstance(value, bool | np.bool_):
-        raise TypeError(f"{name}: expected True or False, got {shown(value)}")
+        raise ArgumentTypeError(name, "True or False", shown(value))
     return bool(value)
 
 
@@ -124,7 +125,7 @@ def frames(first: object, count: object, *, at_least: int = 0) -> range:
     number = integer("count", count, at_least=at_least)
     start = integer("first", first, at_least=0)
     if number > 1 << 32:
-        raise ValueError(f"count: expected at most {1 << 32} frames, got {shown(number)}")
+        raise ArgumentValueError("count", f"at most {1 << 32} frames", shown(number))
     integer("first" if start > UINT32 else "frame", start + max(number - 1, 0), at_least=0, at_most=UINT32)
     return range(start, start + number)
 
@@ -137,7 +138,7 @@ def frequency(name: str, value: object, *, at_most: float = math.inf) -> float:
     """Return a rate, Hz, as a float within `SLOWEST`, `FASTEST` and `at_most`."""
     number = real(name, value, above=0.0, at_most=at_most)
     if not SLOWEST <= number <= FASTEST:
-        raise ValueError(f"{name}: expected a rate from {SLOWEST:g} to {FASTEST:g} Hz, got {number}")
+        raise ArgumentValueError(name, f"a rate from {SLOWEST:g} to {FASTEST:g} Hz", number)
     return number
 
 
@@ -147,14 +148,24 @@ def angle(
     """Return an angle, rad, as a float within the bounds; the error for one beyond `at_most` suggests degrees."""
     try:
         return real(name, value, at_least=at_least, above=above, at_most=at_most)
-    except ValueError as error:
-        try:
-            number = float(value)  # type: ignore[arg-type]
-        except OverflowError:
-            number = math.inf
-        if not at_most < abs(number) < math.inf:
-            raise
-        raise ValueError(f"{error}{DEGREES}") from None
+    except ArgumentValueError as error:
+        raise ArgumentValueError(name, error.expected, error.got, _meant(value, at_most, "degrees?")) from None
+
+
+def beam_angle(name: str, value: object) -> float:
+    """Return the divergence of a beam, rad, as a float; the error for one beyond `WIDEST_BEAM` suggests mrad."""
+    try:
+        return real(name, value, at_least=0.0, at_most=WIDEST_BEAM)
+    except ArgumentValueError as error:
+        raise ArgumentValueError(name, error.expected, error.got, _meant(value, WIDEST_BEAM, "mrad?")) from None
+
+
+def _meant(value: Any, at_most: float, unit: str) -> str:
+    """Return the hint that a finite number beyond `at_most` rad may be in another unit."""
+    try:
+        return unit if at_most < abs(float(value)) < math.inf else ""
+    except OverflowError:
+        return ""
 
 
 def angles(name: str, values: Floats, *, at_most: float) -> Floats:
@@ -162,9 +173,8 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
     wrong = np.abs(values) > at_most
     if wrong.any():
         i = int(np.argmax(wrong))
-        raise ValueError(
-            f"{name}: expected numbers from {-at_most:g} to {at_most:g}, got {name}[{i}] = {values[i]:g}{DEGREES}"
-        )
+        expected = f"numbers from {-at_most:g} to {at_most:g}"
+        raise ArgumentValueError(name, expected, f"{name}[{i}] = {values[i]:g}", "degrees?")
     return values
 
 
@@ -173,7 +183,7 @@ def as_array(name: str, value: object, expected: str) -> npt.NDArray[Any]:
     try:
         return np.asarray(value)
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected {expected}, got a ragged sequence") from None
+        raise ArgumentValueError(name, expected, "a ragged sequence") from None
 
 
 def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool = True) -> Floats:
@@ -181,18 +191,18 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
     given = as_array(name, value, f"numbers of {_shape(shape)}")
     if given.dtype.kind not in "fiu" and given.size:
         got = f"dtype {given.dtype}" if given.ndim else shown(value)
-        raise TypeError(f"{name}: expected real numbers of {_shape(shape)}, got {got}")
+        raise ArgumentTypeError(name, f"real numbers of {_shape(shape)}", got)
     if given.shape != shape and (
         given.ndim != len(shape)
         or any(isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=True))
     ):
-        raise ValueError(f"{name}: expected {_shape(shape)}, got {given.shape}{_shape_hint(name, given.shape, shape)}")
+        raise ArgumentValueError(name, _shape(shape), given.shape, _shape_hint(name, given.shape, shape))
     with np.errstate(over="ignore"):  # wider floats may overflow
         result: Floats = in_order(given, np.float64)
     if finite and np.count_nonzero(np.isfinite(result)) < result.size:
         index = np.argwhere(~np.isfinite(result))[0]
         where = "".join(f"[{i}]" for i in index)
-        raise ValueError(f"{name}: expected finite numbers, got {name}{where} = {result[tuple(index)]}")
+        raise ArgumentValueError(name, "finite numbers", f"{name}{where} = {result[tuple(index)]}")
     return result
 
 
@@ -241,7 +251,7 @@ def nonzero_vectors(name: str, vectors: Floats) -> Floats:
     zero = ~vectors.any(axis=-1)
     if zero.any():
         where = f"[{int(np.argmax(zero))}]" if vectors.ndim == 2 else ""
-        raise ValueError(f"{name}: expected non-zero vectors, got {name}{where} = (0, 0, 0)")
+        raise ArgumentValueError(name, "non-zero vectors", f"{name}{where} = (0, 0, 0)")
     return vectors
 
 
@@ -249,7 +259,7 @@ def positive(name: str, values: Sequence[float]) -> Sequence[float]:
     """Return `values` after checking that each is > 0."""
     if min(values) <= 0:
         i = next(i for i, value in enumerate(values) if value <= 0)
-        raise ValueError(f"{name}: expected numbers > 0, got {name}[{i}] = {values[i]}")
+        raise ArgumentValueError(name, "numbers > 0", f"{name}[{i}] = {values[i]}")
     return values
 
 
@@ -280,8 +290,8 @@ def pose(name: str, value: Transform) -> Floats:
         determinant = np.linalg.det(rotation)
     if not error <= 1e-6 or determinant < 0:
         kind = "a reflection" if error <= 1e-6 else f"one {error:.3g} away from it"
-        raise ValueError(
-            f"{name}: expected a rigid transform (orthonormal rotation), got {kind}, determinant {determinant:.6g}"
+        raise ArgumentValueError(
+            name, "a rigid transform (orthonormal rotation)", f"{kind}, determinant {determinant:.6g}"
         )
     return matrix
 
@@ -291,13 +301,13 @@ def affine(name: str, value: Transform) -> Floats:
     if hasattr(value, "as_matrix"):
         if not hasattr(type(value), "rotation"):  # of the value, SciPy would compute it, slowly
             kind = type(value).__name__
-            raise TypeError(f"{name}: expected a RigidTransform or an array of shape (4, 4), got a {kind}")
+            raise ArgumentTypeError(name, "a RigidTransform or an array of shape (4, 4)", f"a {kind}")
         value = value.as_matrix()
     matrix = array(name, value, (4, 4))
     last = matrix[3].tolist()
     if last != _LAST:
-        hint = "; transposed?" if matrix[:, 3].tolist() == _LAST else ""
-        raise ValueError(f"{name}: expected a last row of (0, 0, 0, 1), got {tuple(last)}{hint}")
+        hint = "transposed?" if matrix[:, 3].tolist() == _LAST else ""
+        raise ArgumentValueError(name, "a last row of (0, 0, 0, 1)", tuple(last), hint)
     return matrix
 
 
@@ -317,15 +327,15 @@ def _shape_hint(name: str, given: tuple[int, ...], wanted: Sequence[int | str]) 
     """Return a hint at the likely mistake behind an array of the wrong shape."""
     if list(wanted) == [4, 4]:
         return {
-            (3,): f"; a position is the last column, {name}[:3, 3]",
-            (3, 3): f"; a rotation is {name}[:3, :3]",
-            (3, 4): "; its last row is (0, 0, 0, 1)",
+            (3,): f"a position is the last column, {name}[:3, 3]",
+            (3, 3): f"a rotation is {name}[:3, :3]",
+            (3, 4): "its last row is (0, 0, 0, 1)",
         }.get(given, "")
     if len(wanted) == 2 and isinstance(wanted[0], str) and wanted[1] == 3:
         if given == (3,):
-            return "; of one, [[x, y, z]]"
+            return "of one, [[x, y, z]]"
         if len(given) == 2 and given[0] == 3:
-            return "; transposed?"
+            return "transposed?"
     return ""
 
 
@@ -334,11 +344,11 @@ def named_labels(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
     if value is None:
         return {}
     if not isinstance(value, Mapping):
-        raise TypeError(f"{name}: expected a mapping from labels to their names, got {shown(value)}")
+        raise ArgumentTypeError(name, "a mapping from labels to their names", shown(value))
     for label, text in value.items():
         integer(f"{name}, its keys", label, at_least=0, at_most=UINT32)
         if not isinstance(text, str):
-            raise TypeError(f"{name}[{label}]: expected a string, got {shown(text)}")
+            raise ArgumentTypeError(f"{name}[{label}]", "a string", shown(text))
     return {int(label): text for label, text in value.items()}
 
 

@@ -8,7 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Value
-from lidarsim._validation import array, frozen, one_of, real
+from lidarsim._validation import array, frozen, one_of, real, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Material"]
 
@@ -48,13 +49,14 @@ class Material(Value):
         self._reflectivity: float | npt.NDArray[np.float64]
         if per == "object":
             if isinstance(reflectivity, (np.ndarray, list, tuple)):
-                raise TypeError("reflectivity: expected one number, or an array with per='face' or per='vertex'")
+                expected = "one number, or an array with per='face' or per='vertex'"
+                raise ArgumentTypeError("reflectivity", expected, shown(reflectivity))
             self._reflectivity = real("reflectivity", reflectivity, at_least=0.0)
             return
         values = array("reflectivity", reflectivity, ("n",))
         if (values < 0.0).any():
             index = int(np.argmax(values < 0.0))
-            raise ValueError(f"reflectivity: expected numbers >= 0, got reflectivity[{index}] = {values[index]}")
+            raise ArgumentValueError("reflectivity", "numbers >= 0", f"reflectivity[{index}] = {values[index]}")
         self._reflectivity = frozen(values)
 
     @property
@@ -101,13 +103,13 @@ class Material(Value):
         try:
             given = np.asarray(colors)
         except ValueError:
-            raise ValueError("colors: expected shape (n, 3) or (n, 4), got a ragged sequence") from None
+            raise ArgumentValueError("colors", "shape (n, 3) or (n, 4)", "a ragged sequence") from None
         scale = 255.0 if given.dtype.kind in "iu" else 1.0
         if given.ndim != 2 or given.shape[1] not in {3, 4}:
-            raise ValueError(f"colors: expected shape (n, 3) or (n, 4), got {given.shape}")
+            raise ArgumentValueError("colors", "shape (n, 3) or (n, 4)", given.shape)
         encoded = array("colors", given[:, :3], ("n", 3)) / scale
         if ((encoded < 0.0) | (encoded > 1.0)).any():
-            raise ValueError(f"colors: expected numbers from 0 to {scale:g}, got {given.min()} to {given.max()}")
+            raise ArgumentValueError("colors", f"numbers from 0 to {scale:g}", f"{given.min()} to {given.max()}")
         # IEC 61966-2-1
         linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
         return cls(reflectivity=linear @ (0.2126, 0.7152, 0.0722), per=per)

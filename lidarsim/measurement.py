@@ -23,7 +23,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._pickling import Immutable
-from lidarsim._validation import angle, array, integer, real
+from lidarsim._validation import angle, array, beam_angle, integer, real
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 __all__ = ["Beam", "Detection", "Measurement"]
 
@@ -88,7 +89,7 @@ class Beam(Immutable):
     ----------
     divergence_azimuth, divergence_elevation : float
         Full angles, horizontal and vertical, between the directions where the intensity is 1/e² of that on the axis,
-        rad, 0 to 1. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
+        rad, 0 to 0.1. (The full angle at half maximum is 0.589 times that.) If only one is given, the beam is round.
     pulse_length : float
         Duration of the pulse, full width at half maximum, s, > 0 and at most 1e-6.
     rays : int
@@ -132,11 +133,11 @@ class Beam(Immutable):
         """Check the arguments."""
         elevation = self.divergence_azimuth if self.divergence_elevation is None else self.divergence_elevation
         for name, value in (("divergence_azimuth", self.divergence_azimuth), ("divergence_elevation", elevation)):
-            object.__setattr__(self, name, angle(name, value, at_least=0.0, at_most=1.0))
+            object.__setattr__(self, name, beam_angle(name, value))
         object.__setattr__(self, "pulse_length", real("pulse_length", self.pulse_length, above=0.0, at_most=1e-6))
         object.__setattr__(self, "rays", integer("rays", self.rays))
         if self.rays not in {7, 19, 37, 61, 91}:
-            raise ValueError(f"rays: expected 7, 19, 37, 61 or 91, got {self.rays}")
+            raise ArgumentValueError("rays", "7, 19, 37, 61 or 91", self.rays)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -233,9 +234,9 @@ class Measurement(Immutable):
         if is_table:
             object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
         if self.detection is not None and not isinstance(self.detection, Detection):
-            raise TypeError(f"detection: expected a Detection or None, got {self.detection!r}")
+            raise ArgumentTypeError("detection", "a Detection or None", repr(self.detection))
         if self.beam is not None and not isinstance(self.beam, Beam):
-            raise TypeError(f"beam: expected a Beam or None, got {self.beam!r}")
+            raise ArgumentTypeError("beam", "a Beam or None", repr(self.beam))
         object.__setattr__(self, "returns", _returns(self.returns, self.beam))
 
     @property
@@ -260,16 +261,16 @@ _NUMBERS = {
 def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]:
     table = array("range_sigma", rows, ("n", 2))
     if slope != 0.0:
-        raise ValueError(f"range_sigma_slope: expected 0 with a table of range_sigma, got {slope!r}")
+        raise ArgumentValueError("range_sigma_slope", "0 with a table of range_sigma", repr(slope))
     if not len(table):
-        raise ValueError("range_sigma: expected at least one row (range, sigma), got none")
+        raise ArgumentValueError("range_sigma", "at least one row (range, sigma)", "none")
     if (table < 0.0).any():
         i, j = np.argwhere(table < 0.0)[0]
-        raise ValueError(f"range_sigma: expected numbers >= 0, got range_sigma[{i}][{j}] = {table[i, j]}")
+        raise ArgumentValueError("range_sigma", "numbers >= 0", f"range_sigma[{i}][{j}] = {table[i, j]}")
     falling = np.diff(table[:, 0]) <= 0.0
     if falling.any():
         i = int(np.argmax(falling)) + 1
-        raise ValueError(f"range_sigma: expected rising ranges, got {table[i, 0]} after {table[i - 1, 0]} in row {i}")
+        raise ArgumentValueError("range_sigma", "rising ranges", f"{table[i, 0]} after {table[i - 1, 0]} in row {i}")
     return tuple((float(r), float(sigma)) for r, sigma in table)
 
 
@@ -277,12 +278,12 @@ def _returns(value: object, beam: Beam | None) -> ReturnMode | int:
     names = get_args(ReturnMode)
     if isinstance(value, str):
         if value not in names:
-            raise ValueError(f"returns: expected {', '.join(map(repr, names))} or a number, got {value!r}")
+            raise ArgumentValueError("returns", f"{', '.join(map(repr, names))} or a number", repr(value))
         number = 2 if value == "dual" else 1
     else:
         number = value = integer("returns", value, at_least=1)
     most = 1 if beam is None else beam.rays
     if number > most:
         reason = "a pulse has one echo without a beam" if beam is None else f"the beam has {most} rays"
-        raise ValueError(f"returns: expected at most {most}, since {reason}, got {value!r}")
+        raise ArgumentValueError("returns", f"at most {most}, since {reason}", repr(value))
     return value  # type: ignore[return-value]

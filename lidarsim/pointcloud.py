@@ -21,7 +21,7 @@ from lidarsim._pickling import Pickled
 from lidarsim._shown import html_table, text_table
 from lidarsim._validation import Transform, named_labels
 from lidarsim._views import Plotted, view
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 if TYPE_CHECKING:
     import open3d
@@ -165,9 +165,9 @@ class PointCloud(Pickled, Plotted):
         self._place(in_sensor_frame=False)
         for name in given:
             if not isinstance(name, str):
-                raise TypeError(f"fields: expected strings as names of fields, got {_validation.shown(name)}")
+                raise ArgumentTypeError("fields", "strings as names of fields", _validation.shown(name))
         if "xyz" not in given:
-            raise TypeError(f"PointCloud: expected a field 'xyz', got {', '.join(given) or 'no fields'}")
+            raise ArgumentTypeError("PointCloud", "a field 'xyz'", ", ".join(given) or "no fields")
         for name in sorted(given, key=lambda name: name != "xyz"):  # xyz first, which sets the length
             setattr(self, name, given[name])
 
@@ -201,10 +201,10 @@ class PointCloud(Pickled, Plotted):
             object.__setattr__(self, name, values)
             return
         if not _is_name(name):
-            raise ValueError(f"PointCloud: {name!r} cannot be the name of a field")
+            raise ArgumentValueError("PointCloud", "names that a field can have", repr(name))
         array = _field(name, values)
         if "xyz" in self.__dict__ and len(array) != len(self):
-            raise ValueError(f"{name}: expected one entry for each of the {len(self)} points, got {len(array)}")
+            raise ArgumentValueError(name, f"one entry for each of the {len(self)} points", len(array))
         self.__dict__[name] = array
 
     def __getattr__(self, name: str) -> npt.NDArray[Any]:
@@ -230,9 +230,9 @@ class PointCloud(Pickled, Plotted):
     def __getitem__(self, index: int | slice | npt.ArrayLike) -> PointCloud:
         """Return the cloud of the points selected by a slice, a mask, an array of indices or one index."""
         if isinstance(index, str):
-            raise TypeError(f"index: expected indices, a mask or a slice, got {index!r}; a field is cloud.{index}")
+            raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), f"a field is cloud.{index}")
         if isinstance(index, tuple):
-            raise TypeError(f"index: expected one index, got {len(index)}; a field such as cloud.xyz takes two")
+            raise ArgumentTypeError("index", "one index", len(index), "a field such as cloud.xyz takes two")
         if isinstance(index, int | np.integer) and not isinstance(index, bool):
             if not -len(self) <= index < len(self):
                 raise IndexError(f"index: expected one of {len(self)} points, got {index}")
@@ -323,7 +323,7 @@ class PointCloud(Pickled, Plotted):
         arrays["xyz"] = _mapped(linear, self.xyz) + shift
         determinant = float(np.linalg.det(linear))
         if determinant == 0.0 or not math.isfinite(determinant):
-            raise ValueError(f"transform: expected an invertible matrix, got determinant {determinant:g}")
+            raise ArgumentValueError("transform", "an invertible matrix", f"determinant {determinant:g}")
         if "normal" in arrays:
             # The cofactors are the inverse transpose times the determinant, which is negative for a reflection.
             cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
@@ -358,22 +358,22 @@ class PointCloud(Pickled, Plotted):
         2
         """
         if isinstance(clouds, PointCloud):
-            raise TypeError("clouds: expected a sequence of clouds, got one")
+            raise ArgumentTypeError("clouds", "a sequence of clouds", "one")
         given = _validation.items("clouds", clouds, "clouds")
         if not given:
-            raise ValueError("clouds: expected at least one, got none")
+            raise ArgumentValueError("clouds", "at least one", "none")
         names: dict[int, str] = {}
         for i, cloud in enumerate(given):
             if not isinstance(cloud, PointCloud):
-                raise TypeError(f"clouds[{i}]: expected a PointCloud, got {type(cloud).__name__}")
+                raise ArgumentTypeError(f"clouds[{i}]", "a PointCloud", type(cloud).__name__)
             odd = sorted(set(cloud.fields) ^ set(given[0].fields))
             if odd:
                 has = "has" if odd[0] in cloud.fields else "has no"
-                raise ValueError(f"clouds: expected the same fields in all, got clouds[{i}], which {has} {odd[0]!r}")
+                raise ArgumentValueError("clouds", "the same fields in all", f"clouds[{i}], which {has} {odd[0]!r}")
             for label, name in cloud.class_names.items():
                 if names.setdefault(label, name) != name:
-                    raise ValueError(
-                        f"clouds: expected one name for each label, got {names[label]!r} and {name!r} for {label}"
+                    raise ArgumentValueError(
+                        "clouds", "one name for each label", f"{names[label]!r} and {name!r} for {label}"
                     )
         arrays = {name: np.concatenate([getattr(cloud, name) for cloud in given]) for name in given[0].fields}
         return cls(arrays, class_names=names)._place(in_sensor_frame=any(cloud._in_sensor_frame for cloud in given))
@@ -498,7 +498,8 @@ class PointCloud(Pickled, Plotted):
                 suffix = _recognised(file.read(_HEAD), path)
                 load = _FORMATS[suffix].load
                 if not options.keys() <= inspect.signature(load).parameters.keys():
-                    raise ValueError(f"columns: expected none for {path}, since {suffix} files name their columns")
+                    expected = f"none, since {suffix} files name their columns"
+                    raise ArgumentValueError("columns", expected, f"some for {path}")
                 file.seek(0)
                 with parsing(path, f"{suffix} point cloud"):
                     return cls(adopted(load(file, **options)))
@@ -602,20 +603,19 @@ def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
     try:
         given = np.asarray(value)
     except (TypeError, ValueError):
-        raise ValueError(
-            "fields: expected an array of shape (n, 3), or fields by name, got a ragged sequence"
-        ) from None
+        raise ArgumentValueError("fields", "an array of shape (n, 3), or fields by name", "a ragged sequence") from None
     if given.dtype.kind in "fiu" and given.ndim == 2 and given.shape[1] == 3:
         return given
-    expected = "PointCloud: expected an array of shape (n, 3), or fields by name"
+    expected = "an array of shape (n, 3), or fields by name"
     if given.dtype.kind == "V" or given.dtype == object:
-        raise TypeError(f"{expected}, such as PointCloud(xyz=…, intensity=…), got {type(value).__name__}")
+        example = "such as PointCloud(xyz=…, intensity=…)"
+        raise ArgumentTypeError("PointCloud", f"{expected}, {example}", type(value).__name__)
     hint = ""
     if given.ndim == 2 and given.shape[0] == 3:
-        hint = "; transposed?"
+        hint = "transposed?"
     elif given.ndim == 2 and given.shape[1] > 3:
-        hint = "; PointCloud(xyz=a[:, :3], intensity=a[:, 3]) takes its columns apart"
-    raise ValueError(f"{expected}, got shape {given.shape}{hint}")
+        hint = "PointCloud(xyz=a[:, :3], intensity=a[:, 3]) takes its columns apart"
+    raise ArgumentValueError("PointCloud", expected, f"shape {given.shape}", hint)
 
 
 def _mapped(linear: npt.NDArray[np.float64], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
@@ -629,25 +629,25 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
     shape, dtype = CANONICAL.get(name, (None, None))
     expected = "shape (n,) or (n, m)" if shape is None else "shape (n, 3)" if shape else "shape (n,)"
     if np.ma.is_masked(values):
-        raise ValueError(f"{name}: expected a number for each point, got a masked array; fill it")
+        raise ArgumentValueError(name, "a number for each point", "a masked array", "fill it")
     try:
         given = np.asarray(values)
     except (TypeError, ValueError):
-        raise ValueError(f"{name}: expected numbers of {expected}, got a ragged sequence") from None
+        raise ArgumentValueError(name, f"numbers of {expected}", "a ragged sequence") from None
     fits = (
         given.ndim in {1, 2} and 0 not in given.shape[1:]
         if shape is None
         else given.shape == (*given.shape[:1], *shape)
     )
     if not fits:
-        raise ValueError(f"{name}: expected {expected}, got {given.shape}")
+        raise ArgumentValueError(name, expected, given.shape)
     given = given.astype(given.dtype.newbyteorder("="), copy=False)
     if dtype is None:
         if given.dtype not in _EXTRA_DTYPES:
-            raise TypeError(f"{name}: expected bool, integers, float32 or float64, got dtype {given.dtype}")
+            raise ArgumentTypeError(name, "bool, integers, float32 or float64", f"dtype {given.dtype}")
         return np.ascontiguousarray(given)
     if given.dtype.kind not in "fiu":
-        raise TypeError(f"{name}: expected real numbers, got dtype {given.dtype}")
+        raise ArgumentTypeError(name, "real numbers", f"dtype {given.dtype}")
     wrong = _misfits(given, dtype)
     if wrong.any():
         index = np.argwhere(wrong)[0]
@@ -656,7 +656,7 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
             kind = f"integers from {np.iinfo(dtype).min} to {np.iinfo(dtype).max}"
         else:
             kind = f"numbers that {np.dtype(dtype)} can hold"
-        raise ValueError(f"{name}: expected {kind}, got {name}{where} = {given[tuple(index)]}")
+        raise ArgumentValueError(name, kind, f"{name}{where} = {given[tuple(index)]}")
     return np.ascontiguousarray(given, dtype)
 
 
@@ -752,10 +752,10 @@ def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any
 def _columns(names: Sequence[str]) -> list[str]:
     """Return column names after checking that x, y and z are among them and that none but "_" is repeated."""
     if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
-        raise TypeError(f"columns: expected a sequence of names, got {_validation.shown(names)}")
+        raise ArgumentTypeError("columns", "a sequence of names", _validation.shown(names))
     for name in (*"xyz", *names):
         if name != "_" and list(names).count(name) != 1:
-            raise ValueError(f"columns: expected {name!r} once, got {_validation.shown(list(names))}")
+            raise ArgumentValueError("columns", f"{name!r} once", _validation.shown(list(names)))
     return list(names)
 
 
@@ -771,12 +771,12 @@ def _extent(array: npt.NDArray[Any]) -> str:
 def _chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
     """Return the fields to write besides `xyz`, in order, after checking that they exist."""
     if isinstance(names, str):
-        raise TypeError(f"fields: expected a sequence of names, got {names!r}")
+        raise ArgumentTypeError("fields", "a sequence of names", repr(names))
     names = _validation.items("fields", names, "names")
     for name in names:
         if not (isinstance(name, str) and name in known):
-            expected = f"expected fields of this point cloud ({', '.join(known)})"
-            raise ValueError(f"fields: {expected}, got {_validation.shown(name)}")
+            expected = f"fields of this point cloud ({', '.join(known)})"
+            raise ArgumentValueError("fields", expected, _validation.shown(name))
     return [name for name in known if name in names and name != "xyz"]
 
 
@@ -847,9 +847,8 @@ def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     if low >= -(2**31) and high < 2**31:
         return array.astype(np.int32)
     if low < -(2**53) or high > 2**53:
-        raise ValueError(
-            f"{name}: expected integers from -2**53 to 2**53, the most that Open3D's types hold, "
-            f"got {low if low < -(2**53) else high}"
+        raise ArgumentValueError(
+            name, "integers from -2**53 to 2**53, the most that Open3D's types hold", low if low < -(2**53) else high
         )
     return array.astype(np.float64)
 

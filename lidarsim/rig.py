@@ -13,6 +13,7 @@ import numpy as np
 from lidarsim import _validation
 from lidarsim._pickling import Pickled
 from lidarsim._validation import Floats, Transform, frames, integer, real, short
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.scan import check_coverage, sensor_id
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory, mounted
@@ -84,16 +85,16 @@ class Rig(Pickled, Mapping[str, RigSensor]):
 
     def __init__(self, sensors: Mapping[str, Part]) -> None:
         if not isinstance(sensors, Mapping):
-            raise TypeError(f"sensors: expected a mapping from names to sensors, got {type(sensors).__name__}")
+            raise ArgumentTypeError("sensors", "a mapping from names to sensors", type(sensors).__name__)
         if not sensors:
-            raise ValueError("sensors: expected at least one, got none")
+            raise ArgumentValueError("sensors", "at least one", "none")
         self._sensors = {name: _sensor(name, parts) for name, parts in sensors.items()}
         names: dict[int, str] = {}
         for name in self._sensors:
             other = names.setdefault(sensor_id(name), name)
             if other != name:
-                raise ValueError(
-                    f"sensors: expected names of different CRC-32, by which noise is drawn, got {other!r} and {name!r}"
+                raise ArgumentValueError(
+                    "sensors", "names of different CRC-32, by which noise is drawn", f"{other!r} and {name!r}"
                 )
 
     @property
@@ -252,17 +253,17 @@ class Rig(Pickled, Mapping[str, RigSensor]):
 
 def _sensor(name: str, parts: Part) -> RigSensor:
     if not isinstance(name, str):
-        raise TypeError(f"sensors: expected strings as names, got {name!r}")
+        raise ArgumentTypeError("sensors", "strings as names", repr(name))
     if not name:
-        raise ValueError("sensors: expected names, got an empty one")
+        raise ArgumentValueError("sensors", "names", "an empty one")
     if not name.isascii() and any("\ud800" <= character <= "\udfff" for character in name):
-        raise ValueError(f"sensors: expected names that UTF-8 can hold, got {short(ascii(name))}")
+        raise ArgumentValueError("sensors", "names that UTF-8 can hold", short(ascii(name)))
     what = f"sensors[{name!r}]"
     if not isinstance(parts, tuple) or len(parts) not in (2, 3):
-        raise TypeError(f"{what}: expected (lidar, mount) or (lidar, mount, offset), got {_what(parts)}")
+        raise ArgumentTypeError(what, "(lidar, mount) or (lidar, mount, offset)", _what(parts))
     lidar, mount, offset = (*parts, 0.0)[:3]
     if not isinstance(lidar, Lidar):
-        raise TypeError(f"{what}: expected a Lidar first, got {type(lidar).__name__}")
+        raise ArgumentTypeError(what, "a Lidar first", type(lidar).__name__)
     matrix = _pose(f"{what}, mount", mount)
     matrix.setflags(write=False)
     return RigSensor(dataclasses.replace(lidar, name=name), matrix, real(f"{what}, offset", offset))

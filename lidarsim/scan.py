@@ -19,6 +19,7 @@ from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
 from lidarsim._validation import Floats, Transform, as_array, integer, one_of, real, shown
 from lidarsim._views import Plotted
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
 from lidarsim.patterns._pulses import pulses_of
@@ -230,8 +231,8 @@ class Scan(Pickled, Plotted):
         first, last = self.pose._native.span()
         # The start, the period, their sum and the end are each rounded by at most half an ulp of the largest.
         if moment is not None and not first <= moment <= last + 2.0 * math.ulp(last):
-            raise ValueError(
-                f"deskew: expected a moment within the trajectory, {first} to {last} s, got {deskew!r}, at {moment} s"
+            raise ArgumentValueError(
+                "deskew", f"a moment within the trajectory, {first} to {last} s", f"{deskew!r}, at {moment} s"
             )
         return self._cloud(self.pose._native, frame, moment)
 
@@ -250,8 +251,8 @@ class Scan(Pickled, Plotted):
             return real("deskew", deskew)
         except TypeError:
             expected = "True, False, 'start', 'middle', 'end' or seconds from the start of the scan"
-            error = ValueError if isinstance(deskew, str) else TypeError
-            raise error(f"deskew: expected {expected}, got {deskew!r}") from None
+            wrong = ArgumentValueError if isinstance(deskew, str) else ArgumentTypeError
+            raise wrong("deskew", expected, repr(deskew)) from None
 
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None
@@ -303,7 +304,7 @@ class Scan(Pickled, Plotted):
         """
         own, of_pulses = _arrays(self), _arrays(self.pulses)
         if not (isinstance(field, str) and field in own | of_pulses):
-            raise ValueError(f"field: expected one of {', '.join(own | of_pulses)}, got {shown(field)}")
+            raise ArgumentValueError("field", f"one of {', '.join(own | of_pulses)}", shown(field))
         entry = integer("return_number", return_number, at_least=1, at_most=self.range.shape[1]) - 1
         values = of_pulses[field] if field in of_pulses else own[field]
         if field in own and values.ndim > 1:
@@ -420,7 +421,7 @@ def scan(
         If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene: expected a Scene, got {shown(scene)}")
+        raise ArgumentTypeError("scene", "a Scene", shown(scene))
     time = real("time", time)
     frame = integer("frame", frame, at_least=0, at_most=2**32 - 1)
     seed = integer("seed", seed, at_least=0, at_most=2**64 - 1)
@@ -487,7 +488,7 @@ def check_coverage(
         If an argument is of the wrong type, or the sensor or an object has no pose at the time of a pulse.
     """
     if not isinstance(scene, Scene):
-        raise TypeError(f"scene: expected a Scene, got {shown(scene)}")
+        raise ArgumentTypeError("scene", "a Scene", shown(scene))
     where = _where(pose)
     world, period = scene._snapshot(), 1.0 / lidar.pattern.rate
     for frame in sorted({frames[0], frames[-1]}) if frames else ():
@@ -500,9 +501,10 @@ def check_coverage(
             (first, last), until = where.span, _carried_on(where.span[1], pulses, start, period)
             for i in (int(fired.argmin()), int(fired.argmax())):
                 if not first <= fired[i] <= max(last, until):
-                    raise ValueError(
-                        f"pose: expected a trajectory over all pulses, got one from {first} to {last} s"
-                        f" and pulse {i} at {fired[i]} s"
+                    raise ArgumentValueError(
+                        "pose",
+                        "a trajectory over all pulses",
+                        f"one from {first} to {last} s and pulse {i} at {fired[i]} s",
                     )
         if world.movers:
             carried_on = partial(_carried_on, pulses=pulses, start=start, period=period)
@@ -583,9 +585,9 @@ def _arrays(what: Scan | Pulses) -> dict[str, npt.NDArray[Any]]:
 def _indices(value: npt.ArrayLike, pulses: int) -> npt.NDArray[np.uint64]:
     given = as_array("indices", value, "integers of shape (m,)")
     if given.ndim != 1 or (given.dtype.kind not in "iu" and given.size):
-        raise ValueError(f"indices: expected integers of shape (m,), got {given.dtype} of shape {given.shape}")
+        raise ArgumentValueError("indices", "integers of shape (m,)", f"{given.dtype} of shape {given.shape}")
     outside = (given < 0) | (given >= pulses)
     if outside.any():
         i = int(np.argmax(outside))
-        raise ValueError(f"indices: expected 0 to {pulses - 1}, got indices[{i}] = {given[i]}")
+        raise ArgumentValueError("indices", f"0 to {pulses - 1}", f"indices[{i}] = {given[i]}")
     return given.astype(np.uint64)

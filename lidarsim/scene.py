@@ -29,7 +29,7 @@ from lidarsim._validation import (
     t_range,
 )
 from lidarsim._views import Plotted, view
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.materials import Material
 from lidarsim.shapes import Hits, Shape, TriangleMesh
 from lidarsim.trajectory import Trajectory
@@ -103,13 +103,13 @@ def _checked(  # noqa: PLR0917 - the fields, in their order
 ) -> SceneObject:
     """Return an object after checking its fields; `like` is one with the same label, instance and material."""
     if not isinstance(shape, Shape):
-        raise TypeError(f"shape: expected a lidarsim shape, got {_kind(shape)}")
+        raise ArgumentTypeError("shape", "a lidarsim shape", _kind(shape))
     if not isinstance(name, str):
-        raise TypeError(f"name: expected a string, got {name!r}")
+        raise ArgumentTypeError("name", "a string", repr(name))
     if not isinstance(material, Material):
-        raise TypeError(f"material: expected a Material, got {_kind(material)}")
+        raise ArgumentTypeError("material", "a Material", _kind(material))
     if motion is not None and not isinstance(motion, Trajectory):
-        raise TypeError(f"motion: expected a Trajectory, got {_kind(motion)}")
+        raise ArgumentTypeError("motion", "a Trajectory", _kind(motion))
     if material._per != "object":
         _check_reflectivity(material, shape)
     if type(label) is not int or not 0 <= label <= UINT32:
@@ -153,7 +153,7 @@ class _Snapshot:
         """Return the checked time of each of `count` rays, or None if nothing moves."""
         when = one_or_each("time", time, "n")
         if when.ndim and len(when) != count:
-            raise ValueError(f"time: expected one number or one for each of {count} rays, got {len(when)}")
+            raise ArgumentValueError("time", f"one number or one for each of {count} rays", len(when))
         if not self.movers:
             return None
         times = np.broadcast_to(when, count).copy()
@@ -172,9 +172,10 @@ class _Snapshot:
             start, end = motion._native.span()
             if first < start or (last > end and last > until(end)):
                 name = f" ({item.name!r})" if item.name else ""
-                raise ValueError(
-                    f"time: expected times within the motion of object {item.id}{name}, {start} to {end} s,"
-                    f" got {first} to {last} s"
+                raise ArgumentValueError(
+                    "time",
+                    f"times within the motion of object {item.id}{name}, {start} to {end} s",
+                    f"{first} to {last} s",
                 )
 
 
@@ -283,7 +284,7 @@ class Scene(Pickled, Plotted):
         """
         number = self._next
         if number > MOST:
-            raise ValueError(f"expected at most {MOST + 1} objects in the life of a scene")
+            raise ArgumentValueError("shape", f"at most {MOST + 1} objects in the life of a scene", "one more")
         if instance is None:
             instance = number + 1
         if material is None:
@@ -329,7 +330,7 @@ class Scene(Pickled, Plotted):
         allowed = _Changes.__annotations__
         for name in changes:
             if name not in allowed:
-                raise TypeError(f"{name}: expected one of {', '.join(allowed)}")
+                raise ArgumentTypeError(name, f"a keyword of {', '.join(allowed)}", repr(name))
         given: dict[str, Any] = dict(changes)
         if given.get("material", DIFFUSE) is None:
             given["material"] = DIFFUSE
@@ -370,7 +371,7 @@ class Scene(Pickled, Plotted):
             Ids in ascending order; empty if there are none.
         """
         if not isinstance(name, str):
-            raise TypeError(f"name: expected a string, got {name!r}")
+            raise ArgumentTypeError("name", "a string", repr(name))
         return [item.id for item in self if item.name == name]
 
     @classmethod
@@ -431,7 +432,7 @@ class Scene(Pickled, Plotted):
 
     def _item(self, object_id: object) -> SceneObject:
         if isinstance(object_id, str):
-            raise TypeError(f"object_id: expected an integer, got {object_id!r}; scene.find gives the ids of a name")
+            raise ArgumentTypeError("object_id", "an integer", repr(object_id), "scene.find gives the ids of a name")
         number = integer("object_id", object_id)
         try:
             return self._items[number]
@@ -682,17 +683,17 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
     if given.ndim == 0:
         return integer("label", value, at_least=0, at_most=UINT32)
     if not isinstance(shape, TriangleMesh):
-        raise TypeError(f"label: expected one integer, or a TriangleMesh for one per face, got {_kind(shape)}")
+        raise ArgumentTypeError("label", "one integer, or a TriangleMesh for one per face", _kind(shape))
     if given.dtype.kind not in "iu" or given.shape != (len(shape),):
-        raise ValueError(
-            f"label: expected one integer, or {len(shape)}, one per face, got {given.dtype} of shape {given.shape}"
+        raise ArgumentValueError(
+            "label", f"one integer, or {len(shape)}, one per face", f"{given.dtype} of shape {given.shape}"
         )
     if given.dtype == np.uint32 and not given.flags.writeable:  # already checked here
         return given
     wrong = (given < 0) | (given > UINT32)
     if wrong.any():
         i = int(np.argmax(wrong))
-        raise ValueError(f"label: expected integers from 0 to {UINT32}, got label[{i}] = {given[i]}")
+        raise ArgumentValueError("label", f"integers from 0 to {UINT32}", f"label[{i}] = {given[i]}")
     labels = np.array(given, dtype=np.uint32)
     labels.setflags(write=False)
     return labels
@@ -706,8 +707,8 @@ def _check_reflectivity(material: Material, shape: Shape) -> None:
     """Raise an error if the reflectivities per face or vertex do not fit the shape."""
     per = material.per
     if not isinstance(shape, TriangleMesh):
-        raise TypeError(f"material: expected a TriangleMesh for a reflectivity per {per}, got {type(shape).__name__}")
+        raise ArgumentTypeError("material", f"a TriangleMesh for a reflectivity per {per}", type(shape).__name__)
     wanted = len(shape) if per == "face" else len(shape.vertices)
     given = np.size(material.reflectivity)
     if given != wanted:
-        raise ValueError(f"material: expected {wanted} reflectivities, one per {per}, got {given}")
+        raise ArgumentValueError("material", f"{wanted} reflectivities, one per {per}", given)

@@ -17,7 +17,7 @@ from lidarsim._files import check_regular
 from lidarsim._pickling import Pickled
 from lidarsim._shown import short, text_table
 from lidarsim._validation import Transform, array, frames, integer, real, shown
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern
 from lidarsim.patterns._pulses import check_pattern, pulses_of
@@ -98,10 +98,10 @@ class Lidar(Pickled):
         """Check the arguments."""
         check_pattern(self.pattern)
         if not isinstance(self.measurement, Measurement):
-            raise TypeError(f"measurement: expected a Measurement, got {self.measurement!r}")
+            raise ArgumentTypeError("measurement", "a Measurement", repr(self.measurement))
         for what in ("name", "model"):
             if not isinstance(getattr(self, what), str):
-                raise TypeError(f"{what}: expected a string, got {getattr(self, what)!r}")
+                raise ArgumentTypeError(what, "a string", repr(getattr(self, what)))
         object.__setattr__(self, "model", self.model or self.name)
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
@@ -296,9 +296,10 @@ class Lidar(Pickled):
         for kind, (recognise, read) in _readers.items():
             if recognise(path, text):
                 known = [name for name in inspect.signature(read).parameters if name != "path"]
-                for name in options:
+                for name, value in options.items():
                     if name not in known:
-                        raise TypeError(f"{name}: not an option of {kind}; expected {', '.join(known) or 'none'}")
+                        expected = f"none, since {kind} has {', '.join(known) or 'nothing'} as options"
+                        raise ArgumentTypeError(name, expected, shown(value))
                 return read(path, **options)
         raise FileFormatError(f"{path}: expected a file of one of these kinds: {', '.join(sorted(_readers))}")
 
@@ -309,7 +310,7 @@ def _range_offset(value: object, pattern: Pattern) -> float | tuple[float, ...]:
     offsets = array("range_offset", value, ("rings",))
     rings = pattern.shape[0]
     if len(offsets) != rings:
-        raise ValueError(f"range_offset: expected one number, or one per ring ({rings}), got {len(offsets)}")
+        raise ArgumentValueError("range_offset", f"one number, or one per ring ({rings})", len(offsets))
     return tuple(offsets.tolist())
 
 
@@ -332,11 +333,11 @@ def preset_path(name: str) -> Path:
         If there is no preset of that name.
     """
     if not isinstance(name, str):
-        raise TypeError(f"preset: expected the name of a sensor, got {shown(name)}")
+        raise ArgumentTypeError("preset", "the name of a sensor", shown(name))
     known = Lidar.presets()
     if name not in known:
         near = [preset for preset in known if name.lower() in preset][:3] if name else []
         near = near or difflib.get_close_matches(name, known, n=3, cutoff=0.4)
-        hint = f"did you mean {' or '.join(near)}?" if near else f"expected one of {', '.join(known)}"
-        raise ValueError(f"preset: unknown sensor {name!r}; {hint}")
+        hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
+        raise ArgumentValueError("preset", "the name of a sensor", repr(name), hint)
     return PRESETS / f"{name}.yaml"

@@ -19,7 +19,7 @@ from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix
 from lidarsim._pickling import Immutable
 from lidarsim._rotation_spline import NoSplineError, rotation_steps
 from lidarsim._validation import Floats, Transform, array
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 
 if TYPE_CHECKING:
     from scipy.spatial.transform import RigidTransform
@@ -99,11 +99,11 @@ class Trajectory(Immutable):
     ) -> None:
         rising = np.array(array("times", times, ("n",)))
         if not len(rising):
-            raise ValueError("times: expected at least one, got none")
+            raise ArgumentValueError("times", "at least one", "none")
         late = rising[1:] <= rising[:-1]
         if late.any():
             i = int(np.argmax(late)) + 1
-            raise ValueError(f"times: expected rising times, got times[{i}] = {rising[i]} after {rising[i - 1]}")
+            raise ArgumentValueError("times", "rising times", f"times[{i}] = {rising[i]} after {rising[i - 1]}")
         given: Any = poses.as_matrix() if hasattr(poses, "as_matrix") else poses
         try:
             shape = np.shape(given)
@@ -111,7 +111,7 @@ class Trajectory(Immutable):
             shape = ()
         if len(shape) != 3 or shape[0] != len(rising):
             got = shape or "a ragged sequence"
-            raise ValueError(f"poses: expected shape ({len(rising)}, 4, 4), one per time, got {got}")
+            raise ArgumentValueError("poses", f"shape ({len(rising)}, 4, 4), one per time", got)
         matrices = _rigid(np.array(array("poses", given, ("n", 4, 4))))
         _validation.one_of("interpolation", interpolation, INTERPOLATIONS)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
@@ -121,7 +121,8 @@ class Trajectory(Immutable):
             largest = np.max([np.abs(part).max(initial=0.0) for part in (matrices[:, :3, 3], steps, velocities)])
             length = rising[-1] - rising[0]
         if not (largest <= LARGEST and np.isfinite(length)):
-            raise ValueError("times, poses: expected times, positions and velocities within the range of float64")
+            expected = "times, positions and velocities within the range of float64"
+            raise ArgumentValueError("times, poses", expected, "others")
         rising.setflags(write=False)
         self._times = rising
         self._recipe: _Recipe = "knots", (rising, matrices.reshape(-1, 16), steps.reshape(-1, 18)), ()
@@ -225,22 +226,22 @@ class Trajectory(Immutable):
             own, poses = form.read(chain([first], lines))
         if own is not None:
             if times is not None:
-                raise ValueError(f"times: expected none for {path}, which is {form.name} and has its own, got some")
+                raise ArgumentValueError("times", f"none for {path}, which is {form.name} and has its own", "some")
             return cls(lines.rising(own), poses, interpolation=interpolation)
         if times is None:
-            raise ValueError(f"times: expected those of {path}, since {form.name} has none of its own, got none")
-        wrong: type[ValueError]
+            raise ArgumentValueError("times", f"those of {path}, since {form.name} has none of its own", "none")
         if isinstance(times, str | os.PathLike):
             lines = _LineReader(times)
             with lines.refusals():
                 stamps = np.array([numbers(line.split(), 1)[0] for line in lines])
-            what, wrong = str(lines.path), FileFormatError
-            stamps = lines.rising(stamps)
+            what, stamps = str(lines.path), lines.rising(stamps)
         else:
-            what, wrong = "times", ValueError
-            stamps = array("times", times, ("n",))
+            what, stamps = "times", array("times", times, ("n",))
         if len(stamps) != len(poses):
-            raise wrong(f"{what}: expected {len(poses)} times, one for each pose of {path}, got {len(stamps)}")
+            expected = f"{len(poses)} times, one for each pose of {path}"
+            if what != "times":
+                raise FileFormatError(f"{what}: expected {expected}, got {len(stamps)}")
+            raise ArgumentValueError(what, expected, len(stamps))
         return cls(stamps, poses, interpolation=interpolation)
 
     def save(self, path: PathLike) -> None:
@@ -267,8 +268,8 @@ class Trajectory(Immutable):
         forms = {suffix: form for form in _FORMATS for suffix in form.suffixes}
         form = forms[check_suffix(path, forms)]
         if self._recipe[0] == "twist":
-            raise ValueError(
-                "trajectory: expected one of given poses, got a constant twist; sample it before it is saved"
+            raise ArgumentValueError(
+                "trajectory", "one of given poses", "a constant twist", "sample it before it is saved"
             )
         with atomic_writer(path) as file:
             form.write(self.times, self._native.at(self._times), file)
@@ -368,13 +369,13 @@ class Trajectory(Immutable):
         if outside.any():
             i = int(np.argmax(outside))
             which = f"times[{i}]" if when.ndim else "times"
-            raise ValueError(f"times: expected times from {first} to {last} s, got {which} = {flat[i]}")
+            raise ArgumentValueError("times", f"times from {first} to {last} s", f"{which} = {flat[i]}")
         return when
 
     def __matmul__(self, mount: Transform) -> Trajectory:
         """Return the trajectory of a sensor mounted on the body of this trajectory; `mount` is sensor to body."""
         if isinstance(mount, Trajectory):
-            raise TypeError("mount: expected a pose, got a Trajectory")
+            raise ArgumentTypeError("mount", "a pose", "a Trajectory")
         matrix = _in_range("mount", _validation.pose("mount", mount)).tolist()
         kind, arguments, mounts = self._recipe
         return self._made(self._times, (kind, arguments, (*mounts, matrix)), self._native.mounted(matrix))
@@ -430,14 +431,14 @@ def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
         return pose @ mount
     still: Floats = _native.Path.still(pose.tolist()).mounted(mount.tolist()).at(np.zeros(1))[0]
     if not np.isfinite(still).all():
-        raise ValueError("mount, pose: expected positions within the range of float64, got a sum beyond it")
+        raise ArgumentValueError("mount, pose", "positions within the range of float64", "a sum beyond it")
     return still
 
 
 def _in_range(name: str, values: Floats) -> Floats:
     """Return `values`, coordinates or velocities, after checking that none is beyond `LARGEST`."""
     if np.abs(values).max() > LARGEST:
-        raise ValueError(f"{name}: expected numbers up to {LARGEST:.3g} of what moves, got {np.abs(values).max():.3g}")
+        raise ArgumentValueError(name, f"numbers up to {LARGEST:.3g} of what moves", f"{np.abs(values).max():.3g}")
     return values
 
 
@@ -489,9 +490,11 @@ def _spline_steps(times: Floats, matrices: Floats) -> Floats:
     try:
         steps[:, 1] = rotation_steps(lengths, _turns(matrices))
     except NoSplineError as error:
-        raise ValueError(
-            f"poses: expected orientations that a spline can join, got ones whose spline was not found near"
-            f" times[{error.knot}] = {times[error.knot]}; use more even times, smaller turns or interpolation='linear'"
+        raise ArgumentValueError(
+            "poses",
+            "orientations that a spline can join",
+            f"ones whose spline was not found near times[{error.knot}] = {times[error.knot]}",
+            "use more even times, smaller turns or interpolation='linear'",
         ) from None
     return steps
 

@@ -473,7 +473,8 @@ MISTAKES = {
     "view folder.pcd --screenshot a.png": "folder.pcd: expected a folder of point clouds, got none in it",
     # sensors
     "sensors velodyne-vlp17": (
-        "preset: unknown sensor 'velodyne-vlp17'; did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
+        "preset: expected the name of a sensor, got 'velodyne-vlp17'; "
+        "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
     ),
     "sensors --yaml": "--yaml, --screenshot: expected the NAME of a sensor with them, got none",
 }

@@ -240,7 +240,7 @@ def test_what_others_quote_is_left_out(error: Exception, text: str) -> None:
 
 
 def test_what_lidarsim_says_is_kept() -> None:
-    with pytest.raises(ValueError, match="unknown sensor") as caught:
+    with pytest.raises(ValueError, match="name of a sensor") as caught:
         ls.Lidar.preset("nobody's")
     assert '"nobody\'s"' in str(caught.value)
     assert unquoted(caught.value) == str(caught.value)

@@ -49,7 +49,7 @@ def test_colours_become_luminance() -> None:
         (
             {"reflectivity": [0.1, 0.2]},
             TypeError,
-            "reflectivity: expected one number, or an array with per='face' or per='vertex'",
+            "reflectivity: expected one number, or an array with per='face' or per='vertex', got [0.1, 0.2]",
         ),
         ({"reflectivity": 0.5, "per": "face"}, ValueError, "reflectivity: expected shape (n,), got ()"),
         (

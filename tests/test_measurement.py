@@ -1029,8 +1029,8 @@ def test_wrong_types_are_refused(parameters: dict[str, Any], message: str) -> No
     [
         (lambda: ls.Detection(0.0, 10.0), "reflectivity: expected a finite number > 0, got 0.0"),
         (lambda: ls.Detection(0.1, -1.0), "range: expected a finite number > 0, got -1.0"),
-        (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number from 0 to 1, got -0.001"),
-        (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number from 0 to 1, got inf"),
+        (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number from 0 to 0.1, got -0.001"),
+        (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number from 0 to 0.1, got inf"),
         (lambda: ls.Beam(1e-3, pulse_length=0.0), "pulse_length: expected a finite number > 0 and <= 1e-06, got 0.0"),
         (lambda: ls.Beam(1e-3, rays=10), "rays: expected 7, 19, 37, 61 or 91, got 10"),
     ],

@@ -10,6 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import lidarsim as ls
+from lidarsim.errors import ArgumentError
 
 T = np.eye(4)
 T[:3, 3] = (1, 2, 3)
@@ -40,7 +41,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "divergence in mrad": (
         lambda: ls.Beam(3.0),
         ValueError,
-        "divergence_azimuth: expected a finite number from 0 to 1, got 3.0; degrees?",
+        "divergence_azimuth: expected a finite number from 0 to 0.1, got 3.0; mrad?",
     ),
     "jitter in degrees": (
         lambda: ls.Measurement(azimuth_sigma=2.0),
@@ -65,7 +66,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "colour as reflectivity": (
         lambda: ls.Material(reflectivity=(0.5, 0.5, 0.5)),
         TypeError,
-        "reflectivity: expected one number, or an array with per='face' or per='vertex'",
+        "reflectivity: expected one number, or an array with per='face' or per='vertex', got (0.5, 0.5, 0.5)",
     ),
     "sphere, radius first": (
         lambda: ls.Sphere(1.0, (0, 0, 0)),
@@ -273,7 +274,10 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "preset spelled otherwise": (
         lambda: ls.Lidar.preset("Ouster OS1-128"),
         ValueError,
-        "preset: unknown sensor 'Ouster OS1-128'; did you mean ouster-os1-128 or ouster-os2-128 or ouster-os0-128?",
+        (
+            "preset: expected the name of a sensor, got 'Ouster OS1-128'; "
+            "did you mean ouster-os1-128 or ouster-os2-128 or ouster-os0-128?"
+        ),
     ),
     "preset without a name": (
         lambda: ls.Lidar.preset(None),
@@ -388,7 +392,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "update of a typo": (
         lambda: SCENE.update(0, transfrom=T),
         TypeError,
-        "transfrom: expected one of shape, name, label, instance, material, transform, motion",
+        "transfrom: expected a keyword of shape, name, label, instance, material, transform, motion, got 'transfrom'",
     ),
     "update by name": (
         lambda: SCENE.update("ball", transform=T),
@@ -562,7 +566,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "angle beyond float64": (
         lambda: ls.Beam(10**400),
         ValueError,
-        "divergence_azimuth: expected a finite number from 0 to 1, got a number beyond float64",
+        "divergence_azimuth: expected a finite number from 0 to 0.1, got a number beyond float64",
     ),
     "fraction beyond float64": (
         lambda: ls.Sphere((0, 0, 0), Fraction(10**400)),
@@ -660,8 +664,9 @@ def test_there_are_sixty() -> None:
 def test_a_mistake_is_explained(mistake: Callable[[], Any], kind: type[Exception], message: str) -> None:
     with pytest.raises(kind) as raised:
         mistake()
-    assert type(raised.value) is kind
-    assert raised.value.args[-1] == message or str(raised.value) == message
+    if kind in (TypeError, ValueError) and "missing 1 required" not in message:  # which is Python's own
+        assert isinstance(raised.value, ArgumentError)
+    assert message in (raised.value.args[-1], str(raised.value))
 
 
 @pytest.mark.parametrize("half", [Fraction(1, 2), Decimal("0.5"), np.array(0.5), np.float16(0.5), np.longdouble(0.5)])

@@ -105,12 +105,12 @@ def test_presets_are_listed_by_name() -> None:
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("vlp16", "preset: unknown sensor 'vlp16'; did you mean velodyne-vlp16?"),
-        ("os1", "preset: unknown sensor 'os1'; did you mean ouster-os1-128 or ouster-os1-64?"),
+        ("vlp16", "preset: expected the name of a sensor, got 'vlp16'; did you mean velodyne-vlp16?"),
+        ("os1", "preset: expected the name of a sensor, got 'os1'; did you mean ouster-os1-128 or ouster-os1-64?"),
         (
             "velodine-hdl64",
             (
-                "preset: unknown sensor 'velodine-hdl64'; "
+                "preset: expected the name of a sensor, got 'velodine-hdl64'; "
                 "did you mean velodyne-hdl64e-s3 or velodyne-hdl64e-s2 or velodyne-hdl32e?"
             ),
         ),
@@ -123,7 +123,7 @@ def test_unknown_preset_suggests_the_nearest(name: str, message: str) -> None:
 
 def test_unknown_preset_unlike_any_lists_all() -> None:
     with pytest.raises(
-        ValueError, match=r"^preset: unknown sensor ''; expected one of hesai-at128, .*velodyne-vls128$"
+        ValueError, match=r"^preset: expected the name of a sensor, got ''; there are hesai-at128, .*velodyne-vls128$"
     ):
         ls.Lidar.preset("")
 

@@ -421,15 +421,15 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
         ),
         (
             lambda: ls.Trajectory([0, 1], [moved(-1.5e308), moved(1.5e308)]),
-            "times, poses: expected times, positions and velocities within the range of float64",
+            "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
             lambda: ls.Trajectory([-1.5e308, 1.5e308], [np.eye(4)] * 2),
-            "times, poses: expected times, positions and velocities within the range of float64",
+            "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
             lambda: ls.Trajectory([0, 1e-200, 1], [moved(x) for x in (0, 1e200, 2)], interpolation="spline"),
-            "times, poses: expected times, positions and velocities within the range of float64",
+            "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
             lambda: ls.Trajectory([0], [np.eye(4)], interpolation="cubic"),
@@ -461,7 +461,7 @@ def test_bad_mounts(mount: object, error: type[Exception], message: str) -> None
         ),
         (
             lambda: ls.Trajectory([0, 1], [moved(0), moved(1e300)]),
-            "times, poses: expected times, positions and velocities within the range of float64",
+            "times, poses: expected times, positions and velocities within the range of float64, got others",
         ),
         (
             lambda: ls.Trajectory(TIMES, [[1], [2, 3]]),

@@ -26,6 +26,7 @@ import numpy as np
 import lidarsim
 from lidarsim.bench import report, scenes
 from lidarsim.bench.scenes import Rays, Spec, World
+from lidarsim.errors import ArgumentValueError
 
 __all__ = ["Cast", "Comparison", "casts", "compare", "main"]
 
@@ -183,12 +184,12 @@ def _unpacked(path: Path) -> Iterator[Path]:
     with ExitStack() as stack:
         if path.is_file():
             if not zipfile.is_zipfile(path):
-                raise ValueError(f"--against: expected a wheel or a folder, got {path}")
+                raise ArgumentValueError("--against", "a wheel or a folder", path)
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             stack.enter_context(zipfile.ZipFile(path)).extractall(folder)
             path = folder
         if not list(path.glob("lidarsim/_native*")):
-            raise ValueError(f"--against: expected a build of lidarsim with its native module, got {path}")
+            raise ArgumentValueError("--against", "a build of lidarsim with its native module", path)
         yield path.resolve()
 
 

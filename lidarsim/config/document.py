@@ -20,8 +20,8 @@ from typing import Any, TypeVar
 import yaml
 
 from lidarsim._files import check_regular, told
-from lidarsim._validation import DEGREES, short, shown
-from lidarsim.errors import ConfigError, FileFormatError, LidarsimError
+from lidarsim._validation import short, shown
+from lidarsim.errors import ArgumentError, ArgumentTypeError, ConfigError, FileFormatError, LidarsimError
 
 Node = yaml.Node
 T = TypeVar("T")
@@ -267,7 +267,7 @@ def written(value: object, place: Node) -> Node:
         return yaml.SequenceNode(f"{_TAG}seq", [written(item, place) for item in value], *marks)
     kinds = {float: "float", int: "int", str: "str", bool: "bool", type(None): "null"}
     if type(value) not in kinds:
-        raise TypeError(f"value: expected numbers, text, or lists or mappings of them, got {shown(value)}")
+        raise ArgumentTypeError("value", "numbers, text, or lists or mappings of them", shown(value))
     return yaml.ScalarNode(f"{_TAG}{kinds[type(value)]}", str(value), *marks)
 
 
@@ -359,17 +359,21 @@ class Place:
     def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
         """Turn an error from within the block into one at this place.
 
-        Our errors begin with the argument: if `keys` has it, its key stands there instead, and what to add to numbers.
+        If `keys` has the argument that cannot be used, its key stands for it; beside the key is the unit that follows
+        numbers where the key has another, so that a hint at units does not apply.
         """
         try:
             yield
         except ConfigError:
             raise
+        except ArgumentError as error:
+            if not keys or error.argument not in keys:
+                raise self.error(told(error)) from error
+            key, unit = keys[error.argument]
+            after = unit if re.search(r"\d", error.problem) else ""
+            hint = f"; {error.hint}" if error.hint and not unit else ""
+            raise (self / key).error(f"{error.problem}{after}{hint}") from error
         except (LidarsimError, OSError, TypeError, ValueError) as error:
-            argument, _, problem = told(error).removesuffix(DEGREES).partition(": ")
-            if keys and argument in keys:
-                key, addition = keys[argument]
-                raise (self / key).error(problem + (addition if re.search(r"\d", problem) else "")) from error
             raise self.error(told(error)) from error
 
     def file(self, name: str) -> Path:

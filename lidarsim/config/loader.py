@@ -24,6 +24,7 @@ from lidarsim.config.schema import (
     build_rig,
     labelled,
 )
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.rig import Rig
 from lidarsim.run import Run
 from lidarsim.scene import Scene
@@ -45,10 +46,10 @@ Change = tuple[list[str], Node]
 def load(path: Path, overrides: Sequence[str]) -> Run:
     """Return the run that a file describes; see `lidarsim.config.load`."""
     if isinstance(overrides, str) or not isinstance(overrides, Sequence):
-        raise TypeError(f"overrides: expected a sequence of assignments, got {shown(overrides)}")
+        raise ArgumentTypeError("overrides", "a sequence of assignments", shown(overrides))
     for i, text in enumerate(overrides):
         if not isinstance(text, str):
-            raise TypeError(f"overrides: expected texts such as 'frames=2', got overrides[{i}] = {shown(text)}")
+            raise ArgumentTypeError("overrides", "texts such as 'frames=2'", f"overrides[{i}] = {shown(text)}")
     return built(whole(read(path), [assigned(text) for text in overrides]))
 
 
@@ -178,14 +179,14 @@ def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
     if mode is not None:
         modes = entries(found["modes"][1]) if "modes" in found else {}
         if not (isinstance(mode, str) and mode in modes):
-            expected = f"expected one of {', '.join(modes)}" if modes else "the sensor has no modes"
-            raise ValueError(f"mode: {expected}, got {shown(mode)}")
+            expected = f"one of {', '.join(modes)}" if modes else "none, since the sensor has no modes"
+            raise ArgumentValueError("mode", expected, shown(mode))
         sensor = merge(sensor, modes[mode][1])
     if noise is not None and not (isinstance(noise, str) and noise in {"none", "datasheet"}):
-        raise ValueError(f"noise: expected none or datasheet, got {shown(noise)}")
+        raise ArgumentValueError("noise", "none or datasheet", shown(noise))
     if noise == "datasheet":
         if "datasheet_noise" not in found:
-            raise ValueError("noise: the sensor has no datasheet_noise, got 'datasheet'")
+            raise ArgumentValueError("noise", "none, since the sensor has no datasheet_noise", "'datasheet'")
         measurement = found["datasheet_noise"][1]
         if "measurement" in found:
             measurement = merge(found["measurement"][1], measurement)

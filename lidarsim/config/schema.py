@@ -598,8 +598,8 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
     parts = {}
     for name, mounted in sensors.items():
         there = place / name
-        if problem := name_problem(name):  # since files are named by it
-            raise there.error(problem)
+        if expected := name_problem(name):  # since files are named by it
+            raise there.error(f"expected {expected}")
         parts[name] = mounted.sensor.build(there / "sensor"), _rigid(mounted, there), mounted.offset_s
     with place.refusals():
         check_names("sensors", parts)

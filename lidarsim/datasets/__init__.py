@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from lidarsim._shown import counted
 from lidarsim._validation import integer, named_labels, shown
-from lidarsim.errors import LidarsimError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,13 +146,13 @@ def generate(
     from lidarsim.datasets.run import run
 
     if not callable(recipe) and not isinstance(recipe, str | os.PathLike):
-        raise TypeError(f"recipe: expected a path or a function, got {shown(recipe)}")
+        raise ArgumentTypeError("recipe", "a path or a function", shown(recipe))
     part = _part(part)
     pictures = integer("pictures", pictures, at_least=0)
     _check_client(client)
     texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
     if not texts or not all(isinstance(text, str) for text in overrides):
-        raise TypeError(f"overrides: expected a sequence of strings, got {shown(overrides)}")
+        raise ArgumentTypeError("overrides", "a sequence of strings", shown(overrides))
     most = {"sequences": recipes.MOST, "frames": recipes.MOST, "seed": 2**64 - 1, "shard_frames": recipes.MOST**2}
     given: dict[str, Any] = {"sequences": sequences, "frames": frames, "seed": seed, "shard_frames": shard_frames}
     for name, value in given.items():
@@ -162,7 +162,7 @@ def generate(
     chosen = None if layout is None else layout_of(layout)
     if callable(recipe):
         if overrides:
-            raise ValueError("overrides: expected none with a function")
+            raise ArgumentValueError("overrides", "none with a function", shown(overrides))
         defaults = {"sequences": 1, "frames": 1, "seed": 0}
         settings = {key: defaults.get(key) if value is None else value for key, value in given.items()}
         made = recipes.from_function(recipe, names, layout=chosen or layout_of("shards"), **settings)
@@ -183,8 +183,8 @@ def generate(
 def _part(part: object) -> tuple[int, int]:
     """Return the number of a part, and of all parts."""
     if not isinstance(part, tuple | list) or len(part) != 2:
-        wrong = ValueError if isinstance(part, tuple | list) else TypeError
-        raise wrong(f"part: expected (i, n), part i of n, got {shown(part)}")
+        wrong = ArgumentValueError if isinstance(part, tuple | list) else ArgumentTypeError
+        raise wrong("part", "(i, n), part i of n", shown(part))
     count = integer("part[1]", part[1], at_least=1)
     return integer("part[0]", part[0], at_least=0, at_most=count - 1), count
 
@@ -193,7 +193,7 @@ def _check_client(client: object) -> None:
     """Raise an error unless `client` is one of Dask: whoever has one has imported its package."""
     distributed = sys.modules.get("distributed")
     if client is not None and (distributed is None or not isinstance(client, distributed.Client)):
-        raise TypeError(f"client: expected a dask.distributed.Client, got {shown(client)}")
+        raise ArgumentTypeError("client", "a dask.distributed.Client", shown(client))
 
 
 def verify(output: PathLike) -> list[str]:

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._files import told
+from lidarsim.errors import ArgumentTypeError
 
 __all__ = ["fingerprint", "name_of"]
 
@@ -55,9 +56,10 @@ def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
         try:
             hashes[name] = _Hasher().digest(value).hex()
         except Exception as error:  # whatever a class does when it is pickled
-            raise TypeError(
-                f"recipe: expected a function that is made of values that can be pickled, got {name}, "
-                f"a {type(value).__name__}: {told(error)}"
+            raise ArgumentTypeError(
+                "recipe",
+                "a function that is made of values that can be pickled",
+                f"{name}, a {type(value).__name__}: {told(error)}",
             ) from error
     return hashes
 

@@ -38,6 +38,7 @@ from lidarsim.datasets.fingerprint import fingerprint, name_of
 from lidarsim.datasets.layouts import AnyLayout, Layout
 from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.datasets.sources import hashes, located, paths
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.rig import Rig
 from lidarsim.run import Run
 from lidarsim.scene import Scene
@@ -306,11 +307,11 @@ class Function:
         del frame
         parts: Any = self.function(np.random.Generator(Stream(self.seed, "", sequence).bits), sequence)
         if not isinstance(parts, tuple) or len(parts) != 3:
-            raise TypeError(f"recipe: expected it to return (scene, rig, trajectory), got {type(parts).__name__}")
+            raise ArgumentTypeError("recipe", "it to return (scene, rig, trajectory)", type(parts).__name__)
         scene, sensor, pose = parts
         if not isinstance(scene, Scene) or not isinstance(sensor, Lidar | Rig):
             got = f"{type(scene).__name__}, {type(sensor).__name__}"
-            raise TypeError(f"recipe: expected it to return a Scene and a Lidar or a Rig first, got {got}")
+            raise ArgumentTypeError("recipe", "it to return a Scene and a Lidar or a Rig first", got)
         still = np.eye(4) if pose is None else pose
         seed = noise_seed(self.seed, sequence)
         return Run(scene, sensor, still, seed, range(self.frames), {"frame": "sensor", "deskew": False})
@@ -341,20 +342,18 @@ def from_function(function: MakeRun, class_names: dict[int, str], **settings: An
     }
     for kind, holds in kinds.items():
         if holds(function):
-            raise TypeError(f"recipe: expected a path or a function, got the {kind} {name_of(function)}")
+            raise ArgumentTypeError("recipe", "a path or a function", f"the {kind} {name_of(function)}")
     try:
         inspect.signature(function).bind(None, 0)
     except ValueError:  # one of C, without a signature
         pass
     except TypeError as error:
-        raise TypeError(
-            f"recipe: expected a function of a generator and a number, got one with {told(error)}"
-        ) from None
+        raise ArgumentTypeError("recipe", "a function of a generator and a number", f"one with {told(error)}") from None
     known = Settings.model_construct(**settings)
     made_of = fingerprint(function)  # before it is called, which may change what it holds
     made = _recipe(Function(function, known.frames, known.seed, made_of), known, class_names)
     if made.shards > MOST_SHARDS:
-        raise ValueError(f"shard_frames: expected at most {MOST_SHARDS:,} shards, got {made.shards:,}")
+        raise ArgumentValueError("shard_frames", f"at most {MOST_SHARDS:,} shards", f"{made.shards:,}")
     return made
 
 
@@ -362,7 +361,7 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
     """Return the recipe after checking the run of its first frame."""
     run = source.run(0, 0)
     if run.cloud["frame"] == "world":
-        raise ValueError("cloud.frame: expected sensor, since a data set stores the poses separately, got world")
+        raise ArgumentValueError("cloud.frame", "sensor, since a data set stores the poses separately", "world")
     run.check_coverage()
     total, shard_frames = settings.sequences * settings.frames, settings.shard_frames
     if shard_frames is None:
@@ -372,7 +371,7 @@ def _recipe(source: Source, settings: Settings, class_names: dict[int, str]) -> 
     names = dict(run.scene.class_names) | class_names
     for label, name in names.items():
         if re.search("[\ud800-\udfff]", name):
-            raise ValueError(f"class_names[{label}]: expected text, got half a character in {shown(name)}")
+            raise ArgumentValueError(f"class_names[{label}]", "text", f"half a character in {shown(name)}")
     return Recipe(
         source=source,
         sequences=settings.sequences,

@@ -23,7 +23,7 @@ from lidarsim import _files
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, told
 from lidarsim._validation import short
-from lidarsim.errors import FileFormatError, LidarsimError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError, LidarsimError
 
 if sys.platform == "win32":
     fcntl = None
@@ -380,14 +380,13 @@ def open_store(output: PathLike) -> Store:
     """
     text = os.fspath(output) if isinstance(output, str | os.PathLike) else None
     if not isinstance(text, str):
-        raise TypeError(f"output: expected a folder or a URL as text, or a path, got {short(ascii(output))}")
+        raise ArgumentTypeError("output", "a folder or a URL as text, or a path", short(ascii(output)))
     if not text or "\0" in text:
-        raise ValueError(f"output: expected a folder or a URL, got {short(ascii(text))}")
+        raise ArgumentValueError("output", "a folder or a URL", short(ascii(text)))
     scheme = _SCHEME.match(text)
     if scheme and (not text.startswith("://", scheme.end(1)) or not isinstance(output, str)):
-        raise ValueError(
-            f"output: expected a folder, or a URL as text with two slashes, such as 's3://bucket/folder', got "
-            f"{short(ascii(output))}"
+        raise ArgumentValueError(
+            "output", "a folder, or a URL as text with two slashes, such as 's3://bucket/folder'", short(ascii(output))
         )
     if scheme and scheme[1].lower() != "file":
         return Remote(text)
@@ -395,5 +394,5 @@ def open_store(output: PathLike) -> Store:
         return Folder(Path(text).absolute())
     path = Path(text[len("file://") :])
     if not path.is_absolute():
-        raise ValueError(f"output: expected an absolute path after file://, got {short(ascii(text))}")
+        raise ArgumentValueError("output", "an absolute path after file://", short(ascii(text)))
     return Folder(path)

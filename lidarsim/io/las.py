@@ -50,7 +50,7 @@ import numpy.typing as npt
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_regular, check_suffix, parsing
 from lidarsim._validation import short
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io._records import BLOCK, blocks, check_expansion, joined, to_columns, to_fields
 from lidarsim.io._units import fitting, warn_above
 from lidarsim.pointcloud import CANONICAL, Fields, PointCloud, adopted, check_output, register_format
@@ -250,7 +250,7 @@ class _Points:
             self._dtypes, self._targets = dtypes, _targets(columns)
             self._writer = self._open(fields["xyz"], columns)
         elif dtypes != self._dtypes:
-            raise ValueError(f"cloud: expected the fields {', '.join(self._dtypes)}, got {', '.join(dtypes)}")
+            raise ArgumentValueError("cloud", f"the fields {', '.join(self._dtypes)}", ", ".join(dtypes))
         header = self._writer.header
         for number, block in enumerate(blocks(columns)):
             record = self._laspy.ScaleAwarePointRecord.zeros(len(block["x"]), header=header)

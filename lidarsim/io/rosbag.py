@@ -54,7 +54,7 @@ import numpy.typing as npt
 from lidarsim import _validation
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing, replacing
-from lidarsim.errors import FileFormatError, MissingExtraError
+from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
 from lidarsim.io import _mcap
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
 from lidarsim.pointcloud import Fields, PointCloud, register_format
@@ -167,7 +167,7 @@ class Writer:
         self._rate = _validation.real("rate", rate, above=0.0)
         self._world, self._body = _name("world", world), _name("body", body)
         for name in self._mounts.keys() & {self._world, self._body}:
-            raise ValueError(f"sensors: expected names of frames other than those of world and body, got {name!r}")
+            raise ArgumentValueError("sensors", "names of frames other than those of world and body", repr(name))
         self._ros = _typestore()
         self._stack = ExitStack()
         self._bag: Any = None
@@ -237,7 +237,7 @@ class Writer:
             raise ValueError(f"{self._path}: expected to be written in a with block")
         name = self._only() if sensor is None else sensor
         if name not in self._mounts:
-            raise ValueError(f"sensor: expected one of {', '.join(self._mounts)}, got {name!r}")
+            raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(name))
         stamp = self._stamp(time)
         layout = self._layouts.get(name) or layout_of(lidar)
         records, last = to_layout(cloud, layout, lidar, stamp)
@@ -250,13 +250,13 @@ class Writer:
 
     def _only(self) -> str:
         if len(self._mounts) != 1:
-            raise ValueError(f"sensor: expected the name of one of {', '.join(self._mounts)}, got none")
+            raise ArgumentValueError("sensor", f"the name of one of {', '.join(self._mounts)}", "none")
         return next(iter(self._mounts))
 
     def _stamp(self, time: float) -> int:
         stamp = self._start + round(_validation.real("time", time) * 1e9)
         if not 0 <= stamp < 2**31 * 10**9:
-            raise ValueError(f"time: expected a time from 1970 to 2038 on the clock of the bag, got {stamp / 1e9:g} s")
+            raise ArgumentValueError("time", "a time from 1970 to 2038 on the clock of the bag", f"{stamp / 1e9:g} s")
         return stamp
 
     def _advance(self, since: int, until: int) -> None:
@@ -583,7 +583,7 @@ def _quality(*, latched: bool) -> Qos:
 
 def _name(argument: str, name: str) -> str:
     if not isinstance(name, str) or not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
-        raise ValueError(f"{argument}: expected a name of letters, digits and _, got {_validation.short(ascii(name))}")
+        raise ArgumentValueError(argument, "a name of letters, digits and _", _validation.short(ascii(name)))
     return check_name(argument, name)
 
 
@@ -591,9 +591,9 @@ def _layouts(layout: str | Mapping[str, str] | None, names: Mapping[str, object]
     given = layout if isinstance(layout, Mapping) else dict.fromkeys(names, layout) if layout is not None else {}
     for name, value in given.items():
         if name not in names:
-            raise ValueError(f"layout: expected names of the sensors {', '.join(names)}, got {name!r}")
+            raise ArgumentValueError("layout", f"names of the sensors {', '.join(names)}", repr(name))
         if value not in LAYOUTS:
-            raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)}, got {value!r}")
+            raise ArgumentValueError("layout", f"one of {', '.join(LAYOUTS)}", repr(value))
     return dict(given)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, frozen, integer
+from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._pulses import Pulses
 
 TURN = 2.0 * math.pi
@@ -33,7 +34,7 @@ def per_channel(name: str, value: npt.ArrayLike, channels: int, *, width: int | 
 def rings(name: str, count: int, *, at_least: int = 1) -> int:
     """Return the number of rings given by the argument `name`, after checking that their indices fit uint16."""
     if not at_least <= count <= 1 << 16:
-        raise ValueError(f"{name}: expected {at_least} to 65536 of them, got {count}")
+        raise ArgumentValueError(name, f"{at_least} to 65536 of them", count)
     return count
 
 
@@ -41,7 +42,7 @@ def cycles(name: str, rate: float, frame_rate: float) -> int:
     """Return the most firing cycles of a frame, after checking that each can have a uint32, its column."""
     count = math.ceil(Fraction(rate) / Fraction(frame_rate))
     if count > 1 << 32:
-        raise ValueError(f"{name}: expected at most {1 << 32} firing cycles a frame, got {count}")
+        raise ArgumentValueError(name, f"at most {1 << 32} firing cycles a frame", count)
     return count
 
 
@@ -167,9 +168,10 @@ def firing_times_within(cycle: float, firing_times: npt.ArrayLike, channels: int
     outside = (times < 0.0) | (times >= cycle)
     if outside.any():
         first = int(np.argmax(outside))
-        raise ValueError(
-            f"firing_times: expected times >= 0 and < {cycle:g} s, that of a cycle, "
-            f"got firing_times[{first}] = {times[first]:g}"
+        raise ArgumentValueError(
+            "firing_times",
+            f"times >= 0 and < {cycle:g} s, that of a cycle",
+            f"firing_times[{first}] = {times[first]:g}",
         )
     return times
 

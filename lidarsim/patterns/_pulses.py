@@ -11,6 +11,7 @@ import numpy.typing as npt
 from lidarsim._pickling import Immutable
 from lidarsim._shown import extent
 from lidarsim._validation import array, frequency, in_order, integer
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 
 
 class _OfOneOrigin(Immutable):
@@ -104,7 +105,7 @@ def _numbered(name: str, value: Any, count: int, dtype: type[np.unsignedinteger[
     wrong = ~((given >= 0) & (given <= most) & (given == np.floor(given)))
     if wrong.any():
         i = int(np.argmax(wrong))
-        raise ValueError(f"{name}: expected integers from 0 to {most}, got {name}[{i}] = {given[i]:g}")
+        raise ArgumentValueError(name, f"integers from 0 to {most}", f"{name}[{i}] = {given[i]:g}")
     return given.astype(dtype)
 
 
@@ -165,11 +166,11 @@ def check_pattern(pattern: object) -> None:
         If it lacks one of them, its rate is not a number > 0, or its shape not two integers >= 0.
     """
     if not isinstance(pattern, Pattern) or isinstance(pattern, type):
-        raise TypeError(f"pattern: expected a scan pattern (rate, shape, pulses), got {pattern!r}")
+        raise ArgumentTypeError("pattern", "a scan pattern (rate, shape, pulses)", repr(pattern))
     frequency("pattern.rate", pattern.rate)
     shape = pattern.shape
     if not isinstance(shape, tuple | list) or len(shape) != 2:
-        raise TypeError(f"pattern.shape: expected (rings, columns), got {shape!r}")
+        raise ArgumentTypeError("pattern.shape", "(rings, columns)", repr(shape))
     for count in shape:
         integer("pattern.shape", count, at_least=0)
 
@@ -200,7 +201,7 @@ def pulses_of(pattern: Pattern, frame: int) -> Pulses:
     names = [field.name for field in fields(Pulses)]
     missing = [name for name in names if not hasattr(given, name)]
     if missing:
-        raise TypeError(
-            f"pattern.pulses: expected Pulses, with {', '.join(names)}, got {type(given).__name__} without {missing[0]}"
+        raise ArgumentTypeError(
+            "pattern.pulses", f"Pulses, with {', '.join(names)}", f"{type(given).__name__} without {missing[0]}"
         )
     return Pulses(*(getattr(given, name) for name in names))

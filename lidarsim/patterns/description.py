@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarsim._validation import Floats
+from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns._pulses import Pattern, Pulses, check_pattern, pulses_of
 
 FRAMES = 10
@@ -85,7 +86,7 @@ def describe(pattern: Pattern) -> Description:
     check_pattern(pattern)
     first, second = pulses_of(pattern, 0), pulses_of(pattern, 1)
     if not len(first):
-        raise ValueError("pattern: expected one whose first frame has pulses, got none")
+        raise ArgumentValueError("pattern", "one whose first frame has pulses", "none")
     count = len(first) + len(second) + sum(len(pulses_of(pattern, frame)) for frame in range(2, FRAMES))
     azimuth, elevation = angles_of(first)
 

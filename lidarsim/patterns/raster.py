@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, integer
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import TURN
 from lidarsim.patterns._pulses import Pulses
 
@@ -54,7 +55,7 @@ def rows_and_columns(frame: Pulses, pulses: Pulses) -> tuple[Indices, Indices, t
         or (np.diff(column)[within] == 0).any()
         or (around >= TURN).any()
     ):
-        raise ValueError("size: expected (rows, columns) of the image, since the pattern has none of its own, got None")
+        raise ArgumentValueError("size", "(rows, columns) of the image, since the pattern has none of its own", "None")
     row_of = np.empty(len(rings), np.intp)
     row_of[downwards] = np.arange(len(rings))
 
@@ -105,7 +106,7 @@ def projection(frame: Pulses, pulses: Pulses, size: tuple[int, int]) -> tuple[In
         If `size` is not two integers >= 1.
     """
     if not isinstance(size, tuple | list) or len(size) != 2:
-        raise TypeError(f"size: expected (rows, columns), got {size!r}")
+        raise ArgumentTypeError("size", "(rows, columns)", repr(size))
     rows, columns = (integer("size", count, at_least=1) for count in size)
     azimuths, elevations = _angles(frame.directions)
     azimuth, elevation = _angles(pulses.directions)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from lidarsim._pickling import Value
 from lidarsim._validation import FASTEST, Floats, Vector, angle, array, frequency, frozen, items, nonzero_vectors, real
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import TURN, Ticks, cycles, fired_together, joined, rings, unit
 from lidarsim.patterns._pulses import Pulses
 
@@ -61,7 +62,7 @@ class Prism(Value):
         """Check the arguments."""
         rotation_rate = real("rotation_rate", self.rotation_rate)
         if abs(rotation_rate) > FASTEST:
-            raise ValueError(f"rotation_rate: expected one up to {FASTEST:g} Hz either way, got {rotation_rate}")
+            raise ArgumentValueError("rotation_rate", f"one up to {FASTEST:g} Hz either way", rotation_rate)
         object.__setattr__(self, "rotation_rate", rotation_rate)
         for name, most in (("phase", TURN), ("entry_tilt", TURN / 4), ("exit_tilt", TURN / 4)):
             object.__setattr__(self, name, angle(name, getattr(self, name), at_least=-most, at_most=most))
@@ -138,10 +139,10 @@ class Risley(Value):
         set_(self, "prisms", tuple(items("prisms", prisms, "Prism objects")))
         for i, prism in enumerate(self.prisms):
             if not isinstance(prism, Prism):
-                raise TypeError(f"prisms: expected Prism objects, got prisms[{i}] = {prism!r}")
+                raise ArgumentTypeError("prisms", "Prism objects", f"prisms[{i}] = {prism!r}")
         set_(self, "refractive_index", real("refractive_index", refractive_index, at_least=1.0))
         if self.refractive_index > DENSEST:
-            raise ValueError(f"refractive_index: expected one up to {DENSEST:g}, got {self.refractive_index:g}")
+            raise ArgumentValueError("refractive_index", f"one up to {DENSEST:g}", f"{self.refractive_index:g}")
         set_(self, "pulse_rate", frequency("pulse_rate", pulse_rate))
         set_(self, "rate", frequency("rate", rate, at_most=self.pulse_rate))
         set_(self, "beams", frozen(unit(nonzero_vectors("beams", array("beams", beams, ("beams", 3))))))
@@ -195,6 +196,6 @@ def _refracted(direction: Floats, normal: Floats, ratio: float) -> Floats:
     along = x + y + z
     square = 1.0 - ratio**2 * (1.0 - along**2)
     if (square < 0.0).any() or (along <= 0.0).any():
-        raise ValueError("prisms: expected each face to let the beams through, got total reflection")
+        raise ArgumentValueError("prisms", "each face to let the beams through", "total reflection")
     turn = np.sqrt(square) - ratio * along
     return joined(*(ratio * direction[..., axis] + turn * normal[..., axis] for axis in range(3)))

@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from lidarsim._pickling import Value
 from lidarsim._validation import Floats, Vector, angle, angles, array, frequency, frozen, integer, real
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.patterns._parts import (
     TURN,
     Ticks,
@@ -128,7 +129,7 @@ class Spinning(Value):
         set_(self, "azimuth_offsets", angles("azimuth_offsets", offsets, at_most=TURN))
         set_(self, "rate", frequency("rate", rate))
         if columns is not None and column_period is not None:
-            raise ValueError(f"columns, column_period: expected one of them, got {columns!r} and {column_period!r}")
+            raise ArgumentValueError("columns, column_period", "one of them", f"{columns!r} and {column_period!r}")
         if columns is None and column_period is None:
             columns = 1024
         set_(self, "columns", None if columns is None else real("columns", columns, at_least=1.0))
@@ -137,13 +138,13 @@ class Spinning(Value):
         set_(self, "column_period", column_period)
         if self.columns_per_turn > 2.0**32:
             name = "columns" if column_period is None else "column_period"
-            raise ValueError(f"{name}: expected at most {1 << 32} columns a turn, got {self.columns_per_turn:g}")
+            raise ArgumentValueError(name, f"at most {1 << 32} columns a turn", f"{self.columns_per_turn:g}")
         cycle = 1.0 / (self.columns_per_turn * self.rate)
         set_(self, "firing_times", firing_times_within(cycle, firing_times, channels))
         origins = np.zeros(3) if beam_origins is None else beam_origins
         set_(self, "beam_origins", per_channel("beam_origins", origins, channels, width=3))
         if not isinstance(clockwise, bool | np.bool_):
-            raise TypeError(f"clockwise: expected True or False, got {clockwise!r}")
+            raise ArgumentTypeError("clockwise", "True or False", repr(clockwise))
         set_(self, "clockwise", bool(clockwise))
         set_(self, "field_of_view", angle("field_of_view", field_of_view, above=0.0, at_most=TURN))
         if start_azimuth is None:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from lidarsim._files import check_regular, load_array, told
 from lidarsim._pickling import Value
 from lidarsim._validation import Floats, angles, array, frequency, frozen, integer, nonzero_vectors
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.patterns._parts import TURN, directions_of, per_channel, unit
 from lidarsim.patterns._pulses import Pulses
 
@@ -77,19 +77,19 @@ class Table(Value):
         vectors = nonzero_vectors("directions", array("directions", directions, ("n", 3)))
         count = len(vectors)
         if not count:
-            raise ValueError("directions: expected at least one pulse, got none")
+            raise ArgumentValueError("directions", "at least one pulse", "none")
         set_(self, "directions", frozen(unit(vectors)))
         set_(self, "times", per_channel("times", times, count))
         if (self.times < 0.0).any():
             first = int(np.argmax(self.times < 0.0))
-            raise ValueError(f"times: expected times >= 0, got times[{first}] = {self.times[first]:g}")
+            raise ArgumentValueError("times", "times >= 0", f"times[{first}] = {self.times[first]:g}")
         set_(self, "rings", _indices("rings", rings, count, np.uint16))
         set_(self, "columns", None if columns is None else _indices("columns", columns, count, np.uint32))
         set_(self, "origins", per_channel("origins", np.zeros(3) if origins is None else origins, count, width=3))
         set_(self, "rate", frequency("rate", rate))
         last = float(self.times.max())
         if last / 2.0**53 * self.rate >= 1.0:  # each frame has its float64
-            raise ValueError(f"times: expected fewer than {2**53} frames at {self.rate:g} Hz, got {last:g} s")
+            raise ArgumentValueError("times", f"fewer than {2**53} frames at {self.rate:g} Hz", f"{last:g} s")
 
     @classmethod
     def from_file(cls, path: str | Path, *, rate: float, pulse_rate: float | None = None) -> Table:
@@ -145,7 +145,7 @@ class Table(Value):
             if name not in known:
                 raise ValueError(f"column {number}: expected one of {', '.join(known)}, got another")
         if "time_s" in columns and pulse_rate is not None:
-            raise ValueError(f"pulse_rate: expected none with the column time_s, got {pulse_rate!r}")
+            raise ArgumentValueError("pulse_rate", "none with the column time_s", repr(pulse_rate))
         if "elevation_rad" in names:
             angles("azimuth_rad", columns["azimuth_rad"], at_most=TURN)
             angles("elevation_rad", columns["elevation_rad"], at_most=TURN / 4)
@@ -222,7 +222,7 @@ def _indices(name: str, value: npt.ArrayLike, count: int, dtype: type[np.unsigne
     wrong = (values != np.floor(values)) | (values < 0) | (values > largest)
     if wrong.any():
         first = int(np.argmax(wrong))
-        raise ValueError(f"{name}: expected whole numbers from 0 to {largest}, got {name}[{first}] = {values[first]:g}")
+        raise ArgumentValueError(name, f"whole numbers from 0 to {largest}", f"{name}[{first}] = {values[first]:g}")
     indices = values.astype(dtype)
     indices.setflags(write=False)
     return indices

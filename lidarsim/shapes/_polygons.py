@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats
+from lidarsim.errors import ArgumentValueError
 
 Indices = npt.NDArray[np.int64]
 
@@ -45,13 +46,13 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
     finite = np.isfinite(vertices)
     if not finite.all():
         i, j = np.argwhere(~finite)[0]
-        raise ValueError(f"vertices: expected finite numbers, got vertices[{i}][{j}] = {vertices[i, j]}")
+        raise ArgumentValueError("vertices", "finite numbers", f"vertices[{i}][{j}] = {vertices[i, j]}")
     wrong = (corners < 0) | (corners >= len(vertices))
     if wrong.any():
         k = int(np.argmax(wrong))
         i = int(np.searchsorted(starts, k, side="right")) - 1
         last = len(vertices) - 1
-        raise ValueError(f"faces: expected indices from 0 to {last}, got faces[{i}][{k - starts[i]}] = {corners[k]}")
+        raise ArgumentValueError("faces", f"indices from 0 to {last}", f"faces[{i}][{k - starts[i]}] = {corners[k]}")
     of = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))
     faces = np.empty((len(of), 3), np.int64)
     places = np.cumsum(np.maximum(sizes - 2, 0)) - np.maximum(sizes - 2, 0)  # of the first triangle of each face

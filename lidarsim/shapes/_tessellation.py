@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats
+from lidarsim.errors import ArgumentValueError
 
 Triangles: TypeAlias = tuple[Floats, npt.NDArray[np.uint32]]
 """Vertices, shape (n, 3), and faces, shape (m, 3), counter-clockwise seen from outside."""
@@ -43,8 +44,8 @@ def segments(radius: float, chord_error: float | None) -> int:
     count = math.ceil(math.pi / (2.0 * math.asin(math.sqrt(share / 2.0)))) if share > 0.0 else math.inf
     if count > _MOST:
         least = 2.0 * math.sin(math.pi / (2 * _MOST)) ** 2
-        raise ValueError(
-            f"chord_error: expected at least {least:.2g} of the radius of each object, got {share:.2g} of one"
+        raise ArgumentValueError(
+            "chord_error", f"at least {least:.2g} of the radius of each object", f"{share:.2g} of one"
         )
     return max(8, 2 * math.ceil(count / 2))
 

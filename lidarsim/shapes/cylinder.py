@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, Transform, Vector, frozen
+from lidarsim.errors import ArgumentTypeError
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles, segments
 
@@ -62,7 +63,7 @@ class Cylinder(Shape):
         transform: Transform | None = None,
     ) -> None:
         if not isinstance(capped, (bool, np.bool_)):
-            raise TypeError(f"capped: expected a bool, got {capped!r}")
+            raise ArgumentTypeError("capped", "a bool", repr(capped))
         self._set("Cylinder", {"start": start, "end": end}, {"radius": radius, "capped": float(capped)}, transform)
 
     @property

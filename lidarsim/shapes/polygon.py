@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._validation import Floats, Transform, Vector, array
+from lidarsim.errors import ArgumentValueError
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
 
@@ -56,7 +57,7 @@ class Polygon(Shape):
     def __init__(self, vertices: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         points = array("vertices", vertices, ("n", 3))
         if len(points) < 3:
-            raise ValueError(f"vertices: expected at least 3, got {len(points)}")
+            raise ArgumentValueError("vertices", "at least 3", len(points))
         faces = _triangulate(points)
         super().__init__(_native.Shape.triangle_mesh(points, faces, True), transform)
 
@@ -77,9 +78,10 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
     equal = (points == following).all(axis=1)
     if equal.any():
         i = int(np.argmax(equal))
-        raise ValueError(
-            f"vertices: expected neighbours to differ, got {tuple(points[i].tolist())}"
-            f" for vertices {i} and {(i + 1) % len(points)}"
+        raise ArgumentValueError(
+            "vertices",
+            "neighbours to differ",
+            f"{tuple(points[i].tolist())} for vertices {i} and {(i + 1) % len(points)}",
         )
     # The unit of length is a power of two, so that no product overflows or underflows.
     exponent = int(np.frexp(np.abs(points).max())[1])
@@ -89,13 +91,14 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
     normal = np.cross(local, np.roll(local, -1, axis=0)).sum(axis=0)
     length = float(np.linalg.norm(normal))
     if length == 0.0:
-        raise ValueError("vertices: expected a polygon with an area, got area 0")
+        raise ArgumentValueError("vertices", "a polygon with an area", "area 0")
     deviation = float(np.abs(local @ (normal / length)).max())
     allowed = _ROUNDINGS * (np.finfo(np.float64).eps / 2) * float(np.abs(points).max())
     if deviation > allowed:
-        raise ValueError(
-            f"vertices: expected points of one plane to within rounding ({np.ldexp(allowed, exponent):.3g} m),"
-            f" got a deviation of {np.ldexp(deviation, exponent):.3g} m"
+        raise ArgumentValueError(
+            "vertices",
+            f"points of one plane to within rounding ({np.ldexp(allowed, exponent):.3g} m)",
+            f"a deviation of {np.ldexp(deviation, exponent):.3g} m",
         )
     # Project along the axis nearest to the normal, keeping the orientation.
     drop = int(np.argmax(np.abs(normal)))
@@ -106,7 +109,7 @@ def _triangulate(points: Floats) -> npt.NDArray[np.uint32]:
     crossing = _native.self_crossing(outline)
     if crossing is not None:
         i, j = crossing
-        raise ValueError(f"vertices: expected an outline that does not touch itself, got edges {i} and {j} that do")
+        raise ArgumentValueError("vertices", "an outline that does not touch itself", f"edges {i} and {j} that do")
     faces = mapbox_earcut.triangulate_float64(outline, np.array([len(outline)], dtype=np.uint32)).reshape(-1, 3)
     a, b, c = outline[faces[:, 0]], outline[faces[:, 1]], outline[faces[:, 2]]
     left = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0]) > 0

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from lidarsim import _native
 from lidarsim._files import check_regular, reading_as
 from lidarsim._validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.shapes._polygons import Indices, of_strips, triangulated
 from lidarsim.shapes._shape import Shape
 from lidarsim.shapes._tessellation import Triangles
@@ -211,7 +211,7 @@ class TriangleMesh(Shape):
             If its vertices or faces are not those of a valid mesh.
         """
         if not hasattr(mesh, "extract_surface"):
-            raise TypeError(f"mesh: expected a pyvista.DataSet, got {type(mesh).__name__}")
+            raise ArgumentTypeError("mesh", "a pyvista.DataSet", type(mesh).__name__)
         surface: Any = mesh
         if not hasattr(mesh, "GetPolys"):
             try:
@@ -223,7 +223,7 @@ class TriangleMesh(Shape):
         triangles, _ = triangulated(points, *map(np.concatenate, zip(faces, strips, strict=True)))
         left_out = surface.n_verts + surface.n_lines
         if left_out and not len(triangles):
-            raise ValueError(f"mesh: expected faces, got {left_out} points and lines alone")
+            raise ArgumentValueError("mesh", "faces", f"{left_out} points and lines alone")
         if left_out:
             logging.getLogger("lidarsim").warning("mesh: %d points and lines left out, which nothing hits", left_out)
         return cls(points, triangles, transform=transform)
@@ -264,13 +264,13 @@ class TriangleMesh(Shape):
         heights = array("z", z, ("rows", "columns"))
         rows, columns = heights.shape
         if rows < 2 or columns < 2:
-            raise ValueError(f"z: expected at least 2 rows and 2 columns, got shape {heights.shape}")
+            raise ArgumentValueError("z", "at least 2 rows and 2 columns", f"shape {heights.shape}")
         step = positive("spacing", np.broadcast_to(one_or_each("spacing", spacing, 2), (2,)).tolist())
         x0, y0 = array("origin", origin, (2,))
         with np.errstate(over="ignore"):
             x, y = np.meshgrid(x0 + step[0] * np.arange(columns), y0 + step[1] * np.arange(rows))
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
-            raise ValueError("origin, spacing: expected a grid within the range of float64, got one beyond it")
+            raise ArgumentValueError("origin, spacing", "a grid within the range of float64", "one beyond it")
         corner = np.arange(rows * columns).reshape(rows, columns)
         a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
         faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
@@ -319,14 +319,14 @@ def _faces(value: npt.ArrayLike, vertices: int) -> npt.NDArray[np.uint32]:
     if given.size == 0:
         given = given.reshape(-1, 3).astype(np.uint32)
     if given.dtype.kind not in "iu":
-        raise TypeError(f"faces: expected integers of shape (m, 3), got dtype {given.dtype}")
+        raise ArgumentTypeError("faces", "integers of shape (m, 3)", f"dtype {given.dtype}")
     if given.ndim != 2 or given.shape[1] != 3:
-        raise ValueError(f"faces: expected shape (m, 3), got {given.shape}")
+        raise ArgumentValueError("faces", "shape (m, 3)", given.shape)
     wrong = (given < 0) | (given >= vertices)
     if wrong.any():
         i, j = np.argwhere(wrong)[0]
         hint = "; counted from 1?" if given.min() == 1 and given.max() == vertices else ""
-        raise ValueError(f"faces: expected indices from 0 to {vertices - 1}, got faces[{i}][{j}] = {given[i, j]}{hint}")
+        raise ArgumentValueError("faces", f"indices from 0 to {vertices - 1}", f"faces[{i}][{j}] = {given[i, j]}{hint}")
     return in_order(given, np.uint32)
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from lidarsim._shown import plain
 from lidarsim._validation import Floats, shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
 
 BACKGROUND = "#14181d"
@@ -184,14 +185,14 @@ def coloring(
         If `color_by` is no name of a scalar field that all clouds with points have.
     """
     if not isinstance(color_by, str | None):
-        raise TypeError(f"color_by: expected the name of a field, got {shown(color_by)}")
+        raise ArgumentTypeError("color_by", "the name of a field", shown(color_by))
     clouds = [cloud for cloud in clouds if len(cloud)] or clouds  # a rig may have nothing to say in a frame
     fields = [["height", *(name for name in cloud.fields if getattr(cloud, name).ndim == 1)] for cloud in clouds]
     scalars = [name for name in fields[0] if all(name in others for others in fields)]
     if color_by is None:
         color_by = "intensity" if "intensity" in scalars else "height"
     if color_by not in scalars:
-        raise ValueError(f"color_by: expected one of {', '.join(scalars)}, got {shown(color_by)}")
+        raise ArgumentValueError("color_by", f"one of {', '.join(scalars)}", shown(color_by))
     values = np.concatenate([field_of(cloud, color_by) for cloud in clouds])
     if color_by == "height" and not len(values) and heights is not None:
         values = heights

@@ -13,6 +13,7 @@ import numpy as np
 from lidarsim import _validation
 from lidarsim._validation import Floats
 from lidarsim._views import Camera
+from lidarsim.errors import ArgumentValueError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.viewers._colors import SURFACE, Coloring, category_color, round_step
 from lidarsim.viewers._surfaces import Surface
@@ -189,7 +190,7 @@ def checked_camera(camera: object) -> Camera | Floats:
         for name in CAMERAS:
             if camera == name:
                 return name
-        raise ValueError(f"camera: expected {', '.join(CAMERAS)} or three points, got {camera!r}")
+        raise ArgumentValueError("camera", f"{', '.join(CAMERAS)} or three points", repr(camera))
     return _validation.array("camera", camera, (3, 3))
 
 

@@ -13,6 +13,7 @@ from lidarsim import _validation
 from lidarsim._files import PathLike, check_folder, check_suffix
 from lidarsim._validation import Floats, Transform, integer, real
 from lidarsim._views import Camera, Plotted, register_view
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.scene import Scene
@@ -100,7 +101,7 @@ def show(
         argument is not one of the values above.
     """
     if viewer not in {"pyvista", "open3d"}:
-        raise ValueError(f"viewer: expected 'pyvista' or 'open3d', got {viewer!r}")
+        raise ArgumentValueError("viewer", "'pyvista' or 'open3d'", repr(viewer))
     if save is not None:
         check_save(save)
     width, height = checked_size(size)
@@ -112,7 +113,7 @@ def show(
     else:
         given = [what] if isinstance(what, PointCloud | Scan | Mapping) else list(what)
         if not given:
-            raise ValueError("what: expected at least one frame, got none")
+            raise ArgumentValueError("what", "at least one frame", "none")
         poses = _poses(pose, len(given))
         _check_places(given, poses, scene)
         frames = [_shown(frame, where) for frame, where in zip(given, poses, strict=True)]
@@ -175,9 +176,11 @@ def _check_places(given: Sequence[Shown], poses: Sequence[Floats | None], scene:
         "scene" if scene is not None else "scans" if not all(isinstance(what, PointCloud) for what in given) else ""
     )
     if any(lost) and others:
-        raise ValueError(
-            f"what{f'[{lost.index(True)}]' if len(given) > 1 else ''}: expected points in world coordinates beside the"
-            f" {others}, got points in the sensor frame; give pose=, or show the scan or its point_cloud('world')"
+        raise ArgumentValueError(
+            f"what{f'[{lost.index(True)}]' if len(given) > 1 else ''}",
+            f"points in world coordinates beside the {others}",
+            "points in the sensor frame",
+            "give pose=, or show the scan or its point_cloud('world')",
         )
 
 
@@ -189,7 +192,7 @@ def _shown(what: Shown, pose: Floats | None) -> Frame:
     scans = list(what.values()) if isinstance(what, Mapping) else [what]
     for scan in scans:
         if not isinstance(scan, Scan):
-            raise TypeError(f"what: expected point clouds, scans or a scene, got {type(scan).__name__}")
+            raise ArgumentTypeError("what", "point clouds, scans or a scene", type(scan).__name__)
     if not scans:
         return _frame(_nothing(), np.eye(4))
     cloud = PointCloud.concatenate([scan.point_cloud("world") for scan in scans])
@@ -206,7 +209,7 @@ def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence
         return [_validation.pose("pose", several)] * count
     poses = [_validation.pose(f"pose[{i}]", where) for i, where in enumerate(several)]
     if len(poses) != count:
-        raise ValueError(f"pose: expected one for each of the {count} frames, got {len(poses)}")
+        raise ArgumentValueError("pose", f"one for each of the {count} frames", len(poses))
     return poses
 
 
@@ -226,7 +229,7 @@ def _starts(time: float | Sequence[float] | None, given: Sequence[Shown]) -> lis
         return [real("time", time)] * len(given)
     times = [real(f"time[{i}]", moment) for i, moment in enumerate(time)]  # type: ignore[arg-type]
     if len(times) != len(given):
-        raise ValueError(f"time: expected one for each of the {len(given)} frames, got {len(times)}")
+        raise ArgumentValueError("time", f"one for each of the {len(given)} frames", len(times))
     return times
 
 

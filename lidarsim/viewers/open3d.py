@@ -14,7 +14,7 @@ from lidarsim._extras import import_extra
 from lidarsim._shown import plain
 from lidarsim._validation import Floats
 from lidarsim._views import register_view
-from lidarsim.errors import LidarsimError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 from lidarsim.pointcloud import Fields, PointCloud, narrowed
 from lidarsim.scene import Scene
 from lidarsim.viewers._colors import BACKGROUND, NAME
@@ -91,9 +91,9 @@ def from_open3d(points: Any) -> dict[str, Any]:
     if isinstance(points, o3d.geometry.PointCloud):
         points = o3d.t.geometry.PointCloud.from_legacy(points, o3d.core.float64)
     if not isinstance(points, o3d.t.geometry.PointCloud):
-        raise TypeError(f"points: expected an Open3D point cloud, got {type(points).__name__}")
+        raise ArgumentTypeError("points", "an Open3D point cloud", type(points).__name__)
     if "positions" not in points.point:
-        raise ValueError("points: expected a point cloud with positions, got an empty one")
+        raise ArgumentValueError("points", "a point cloud with positions", "an empty one")
     own = sorted(points.point, key=lambda name: (name != "positions", len(name), name))  # columns in their order
     fields: dict[str, Any] = {}
     vectors: dict[str, list[Any]] = {}

@@ -13,6 +13,7 @@ from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer
 from lidarsim._shown import plain
 from lidarsim._validation import Floats, integer
+from lidarsim.errors import ArgumentValueError
 from lidarsim.patterns import OscillatingMirror, Palmer, PolygonMirror
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.viewers._colors import BACKGROUND, SEQUENTIAL
@@ -60,7 +61,7 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     figures = import_extra("matplotlib.figure", "pyvista", "this picture")
     count = sum(map(len, parts))
     if not count:
-        raise ValueError("lidar: expected a sensor that fires pulses, got one without")
+        raise ArgumentValueError("lidar", "a sensor that fires pulses", "one without")
     every = max(1, math.ceil(count / MOST))
     time = np.concatenate([pulses.time + frame / lidar.pattern.rate for frame, pulses in enumerate(parts)])[::every]
     directions = np.concatenate([pulses.directions for pulses in parts])[::every]

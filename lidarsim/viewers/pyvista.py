@@ -17,7 +17,7 @@ from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, atomic_writer, check_folder, check_suffix
 from lidarsim._shown import counted, plain
 from lidarsim._views import register_view
-from lidarsim.errors import LidarsimError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, LidarsimError
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.viewers._colors import AXES, BACKGROUND, GRID, PATH, _channels
@@ -74,7 +74,7 @@ def _encodable(text: str) -> str:
 def from_pyvista(mesh: pyvista.DataSet) -> dict[str, Any]:
     """Return the fields as `PointCloud.from_pyvista` documents."""
     if not (hasattr(mesh, "points") and hasattr(mesh, "point_data")):
-        raise TypeError(f"mesh: expected a PyVista data set, got {type(mesh).__name__}")
+        raise ArgumentTypeError("mesh", "a PyVista data set", type(mesh).__name__)
     fields: dict[str, Any] = {"xyz": np.asarray(mesh.points)}
     for name, array in mesh.point_data.items():
         if array.dtype.kind in "biuf":
@@ -159,9 +159,11 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
     """
     suffix = "" if path is None else Path(path).suffix.lower()
     if suffix == ".png" and len(picture.frames) > 1:
-        raise ValueError(
-            f"save: expected one frame for a PNG, got {len(picture.frames)}; GIF, MP4 and HTML (on the command line"
-            " --gif, --mp4 and --html) show all"
+        raise ArgumentValueError(
+            "save",
+            "one frame for a PNG",
+            len(picture.frames),
+            "GIF, MP4 and HTML (on the command line --gif, --mp4 and --html) show all",
         )
     if path is None:
         require_display()

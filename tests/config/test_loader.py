@@ -249,7 +249,7 @@ def test_range_offset_is_a_number_or_a_list() -> None:
         ("detection: {range_m: 5}", "detection: missing key 'reflectivity'"),
         ("detection: {reflectivity: 0, range_m: 5}", "detection.reflectivity: expected a finite number > 0, got 0.0"),
         ("beam: {divergence_azimuth_mrad: -1}",
-         "beam.divergence_azimuth_mrad: expected a finite number from 0 to 1, got -0.001 (in rad)"),
+         "beam.divergence_azimuth_mrad: expected a finite number from 0 to 0.1, got -0.001 (in rad)"),
         ("beam: {divergence_azimuth_mrad: 1, rays: 8}", "beam.rays: expected 7, 19, 37, 61 or 91, got 8"),
         ("returns: dual", "returns: expected at most 1, since a pulse has one echo without a beam, got 'dual'"),
         ("returns: all", "returns: expected 'strongest', 'first', 'last', 'dual' or a number, got 'all'"),
@@ -583,7 +583,7 @@ def test_a_vendors_file_that_leaves_something_open() -> None:
 
 def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
     assert refusal(f"sensor:\n  file: {OUSTER}\n  rate_hz: 5\nscene: []") == (
-        "run.yaml:3: sensor.rate_hz: not an option of Ouster metadata JSON; expected mode, noise"
+        "run.yaml:3: sensor.rate_hz: expected none, since Ouster metadata JSON has mode, noise as options, got 5.0"
     )
     assert refusal("sensor: {file: run.yaml}\nscene: []").startswith(
         "run.yaml:1: sensor: run.yaml: expected a file of one of these kinds: "
@@ -682,14 +682,16 @@ def test_bad_value(old: str, new: str, message: str) -> None:
         ("5", "run.yaml:1: sensor: expected a mapping with preset, file or pattern, got 5"),
         ("{}", "run.yaml:1: sensor: expected one of the keys preset, file, pattern, got none of them"),
         ("{preset: 5}", "run.yaml:1: sensor.preset: expected text, got 5"),
-        ("{preset: velodyne-vlp17}", f"run.yaml:1: sensor.preset: unknown sensor 'velodyne-vlp17'; {VLP}"),
+        ("{preset: velodyne-vlp17}",
+         f"run.yaml:1: sensor.preset: expected the name of a sensor, got 'velodyne-vlp17'; {VLP}"),
         ("{preset: velodyne-vlp16, file: x}", "run.yaml:1: sensor.file: expected a preset or a file, got both"),
-        ("{preset: velodyne-vlp16, mode: 512x10}", "run.yaml:1: sensor.mode: the sensor has no modes, got '512x10'"),
+        ("{preset: velodyne-vlp16, mode: 512x10}",
+         "run.yaml:1: sensor.mode: expected none, since the sensor has no modes, got '512x10'"),
         ("{preset: ouster-os1-64, mode: 1x1}",
          "run.yaml:1: sensor.mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, got '1x1'"),
         ("{preset: velodyne-vlp16, noise: loud}", "run.yaml:1: sensor.noise: expected none or datasheet, got 'loud'"),
         ("{pattern: {type: mid360}, noise: datasheet}",
-         "run.yaml:1: sensor.noise: the sensor has no datasheet_noise, got 'datasheet'"),
+         "run.yaml:1: sensor.noise: expected none, since the sensor has no datasheet_noise, got 'datasheet'"),
         ("{file: gone.yaml}", "run.yaml:1: sensor.file: cannot read gone.yaml: No such file or directory"),
         ("{file: self.yaml}", "self.yaml:1: file: expected another file, got one that includes this one"),
         ("{pattern: {type: risley, prisms: [{phase_deg: 1}], refractive_index: 1.5, pulse_rate_khz: 1, rate_hz: 1}}",
@@ -789,7 +791,7 @@ def test_a_document_that_is_no_mapping() -> None:
 
 
 def test_reading_a_sensor_says_what_is_wrong_with_its_options() -> None:
-    with pytest.raises(ValueError, match=r"^mode: the sensor has no modes, got 'fast'$"):
+    with pytest.raises(ValueError, match=r"^mode: expected none, since the sensor has no modes, got 'fast'$"):
         ls.Lidar.preset("velodyne-vlp16", mode="fast")
     with pytest.raises(ValueError, match=r"^noise: expected none or datasheet, got 'loud'$"):
         ls.Lidar.preset("velodyne-vlp16", noise="loud")

@@ -182,5 +182,7 @@ def test_columns_by_name(tmp_path: Path) -> None:
         with pytest.raises(error, match=r"^columns: expected"):
             PointCloud.load(path, columns=columns)
     cloud.save(tmp_path / "a.pcd")
-    with pytest.raises(ValueError, match=r"^columns: expected none for .*a\.pcd, since \.pcd files name their columns"):
+    with pytest.raises(
+        ValueError, match=r"^columns: expected none, since \.pcd files name their columns, got some for .*a\.pcd"
+    ):
         PointCloud.load(tmp_path / "a.pcd", columns=list("xyz"))

@@ -159,7 +159,7 @@ def test_ouster_has_its_modes(name: str, mode: str, columns: int, rate: float) -
             {"mode": "4096x10"},
             "mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, got '4096x10'",
         ),
-        ("velodyne-vlp16", {"mode": "512x10"}, "mode: the sensor has no modes, got '512x10'"),
+        ("velodyne-vlp16", {"mode": "512x10"}, "mode: expected none, since the sensor has no modes, got '512x10'"),
         ("velodyne-vlp16", {"noise": "loud"}, "noise: expected none or datasheet, got 'loud'"),
     ],
 )

@@ -13,6 +13,7 @@ from lidarsim.datasets.layouts.bags import Bags
 from lidarsim.datasets.layouts.nuscenes import NuScenes
 from lidarsim.datasets.layouts.semantickitti import SemanticKitti
 from lidarsim.datasets.layouts.shards import Shards
+from lidarsim.errors import ArgumentValueError
 
 __all__ = ["LAYOUTS", "AnyLayout", "Files", "Layout", "Summary", "layout_of"]
 
@@ -45,5 +46,5 @@ def layout_of(value: str | dict[str, Any]) -> Layout:
     try:
         layout: Layout = TypeAdapter(AnyLayout).validate_python(value)
     except ValidationError as invalid:
-        raise ValueError(f"layout: expected one of {', '.join(LAYOUTS)} and its options, got {value!r}") from invalid
+        raise ArgumentValueError("layout", f"one of {', '.join(LAYOUTS)} and its options", repr(value)) from invalid
     return layout

@@ -19,6 +19,7 @@ from lidarsim._validation import UINT32
 from lidarsim.config.schema import Model
 from lidarsim.datasets.samples import Record, Sample
 from lidarsim.datasets.store import Store
+from lidarsim.errors import ArgumentValueError
 from lidarsim.rig import Rig
 
 if TYPE_CHECKING:
@@ -129,7 +130,7 @@ class Layout(Model):
         for argument, given in labels.items():
             for label in given:
                 if label > most:
-                    raise ValueError(f"{argument}: expected labels from 0 to {most} in {self.type}, got {label}")
+                    raise ArgumentValueError(argument, f"labels from 0 to {most} in {self.type}", label)
 
     @abstractmethod
     def names(self, run: Run, sequences: int) -> set[str]:

@@ -37,7 +37,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, array, real
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.patterns import PolygonMirror, Spinning, Table
 from lidarsim.patterns._parts import directions_of
@@ -299,7 +299,7 @@ class _Mirror(NamedTuple):
 def _qt128(noise: str | None) -> Lidar:
     """Return a QT128C2X without the angles of its channels."""
     if noise is not None:
-        raise ValueError(f"noise: expected None, since no datasheet noise is known for the QT128C2X, got {noise!r}")
+        raise ArgumentValueError("noise", "None, since no datasheet noise is known for the QT128C2X", repr(noise))
     # Source: tier4/nebula nebula_hesai_decoders, pandar_qt128.hpp: ranges, and 0.4 degrees a column at 10 Hz; optical
     # centre: HesaiLidar_SDK_2.0, udp3_2_parser.cc.
     pattern = Spinning(np.zeros(128), column_period=1.0 / 9000.0, beam_origins=(0.0354, -0.0072, 0.0))

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from lidarsim._validation import Floats, array, shown
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.patterns import Spinning
 from lidarsim.sensor import Lidar, register_lidar_reader
@@ -86,7 +86,7 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
         product = str(keys.get("prod_line", ""))
         if product[:4] not in PRESETS:
             known = ", ".join(PRESETS)
-            raise ValueError(f"prod_line: expected a product that starts with {known}, got {shown(product)}")
+            raise ArgumentValueError("prod_line", f"a product that starts with {known}", shown(product))
         origin = _beam_origin(keys, product)
         pattern = _pattern(keys, origin, mode)
     preset = Lidar.preset(PRESETS[product[:4]], noise=noise)
@@ -105,13 +105,13 @@ def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning
     data_format = _mapping(keys, "lidar_data_format") or _mapping(keys, "data_format")
     for key, expected in (("pixels_per_column", len(altitudes)), ("columns_per_frame", columns)):
         if data_format.get(key, expected) != expected and not (mode and key == "columns_per_frame"):
-            raise ValueError(f"{key}: expected {expected}, got {shown(data_format[key])}")
+            raise ArgumentValueError(key, str(expected), shown(data_format[key]))
     first, count = 0, columns
     if mode is None and "column_window" in data_format:
         window = array("column_window", data_format["column_window"], (2,))
         if not np.array_equal(window, np.clip(np.floor(window), 0, columns - 1)):
-            raise ValueError(
-                f"column_window: expected columns from 0 to {columns - 1}, got {shown(data_format['column_window'])}"
+            raise ArgumentValueError(
+                "column_window", f"columns from 0 to {columns - 1}", shown(data_format["column_window"])
             )
         first = int(window[0])
         count = int(window[1] - window[0]) % columns + 1
@@ -135,7 +135,7 @@ def _mode(asked: str | None, given: object) -> tuple[int, float]:
     mode = given if asked is None else asked
     if mode not in MODES:
         name = "lidar_mode" if asked is None else "mode"
-        raise ValueError(f"{name}: expected one of {', '.join(MODES)}, got {shown(mode)}")
+        raise ArgumentValueError(name, f"one of {', '.join(MODES)}", shown(mode))
     columns, rate = str(mode).split("x")
     return int(columns), float(rate)
 
@@ -154,7 +154,7 @@ def _beam_origin(keys: dict[str, Any], product: str) -> Floats:
 def _mapping(document: dict[str, Any], key: str) -> dict[str, Any]:
     value = document.get(key, {})
     if not isinstance(value, dict):
-        raise TypeError(f"{key}: expected an object, got {shown(value)}")
+        raise ArgumentTypeError(key, "an object", shown(value))
     return value
 
 

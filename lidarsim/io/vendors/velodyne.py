@@ -27,7 +27,7 @@ import numpy as np
 
 from lidarsim._files import unquoted
 from lidarsim._validation import Floats, array, shown
-from lidarsim.errors import FileFormatError
+from lidarsim.errors import ArgumentValueError, FileFormatError
 from lidarsim.io.vendors._reading import refusals
 from lidarsim.patterns import Spinning
 from lidarsim.patterns._parts import turned
@@ -131,7 +131,7 @@ def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any
         raise ValueError("lasers: expected a list of mappings")
     if document.get("num_lasers") != len(lasers):
         given = shown(document["num_lasers"]) if "num_lasers" in document else "none"
-        raise ValueError(f"num_lasers: expected {len(lasers)}, the number of lasers listed, got {given}")
+        raise ArgumentValueError("num_lasers", f"{len(lasers)}, the number of lasers listed", given)
     ids = _column(lasers, "laser_id")
     if not np.array_equal(np.sort(ids), np.arange(len(lasers))):
         raise ValueError(f"laser_id: expected each of 0 to {len(lasers) - 1} once")
@@ -142,7 +142,7 @@ def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any
 
     name = name or _model(len(lasers), azimuth_offset)
     if name not in MODELS:
-        raise ValueError(f"model: expected one of {', '.join(MODELS)}, got {name!r}")
+        raise ArgumentValueError("model", f"one of {', '.join(MODELS)}", repr(name))
     if MODELS[name].lasers != len(lasers):
         raise ValueError(f"model: {name} has {MODELS[name].lasers} lasers, the file {len(lasers)}")
 
@@ -170,7 +170,7 @@ def _model(lasers: int, azimuth_offset: Floats) -> str:
         if model.lasers == lasers:
             return name
     known = sorted({model.lasers for model in MODELS.values()})
-    raise ValueError(f"lasers: expected as many as a supported model has, {', '.join(map(str, known))}, got {lasers}")
+    raise ArgumentValueError("lasers", f"as many as a supported model has, {', '.join(map(str, known))}", lasers)
 
 
 def _column(lasers: list[dict[str, Any]], key: str, default: float | None = None) -> Floats:

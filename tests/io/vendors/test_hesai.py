@@ -363,6 +363,8 @@ def test_bad_firing_times_are_named(name: str, message: str | None) -> None:
 
 
 def test_unknown_option_is_refused() -> None:
-    message = "mode: not an option of Hesai angle correction CSV; expected firing_times, rate, noise"
+    message = (
+        "mode: expected none, since Hesai angle correction CSV has firing_times, rate, noise as options, got '1024x10'"
+    )
     with pytest.raises(TypeError, match=f"^{message}$"):
         ls.Lidar.from_file(ANGLES, mode="1024x10")

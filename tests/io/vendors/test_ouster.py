@@ -200,6 +200,6 @@ def test_truncated_file_is_named(tmp_path: Path) -> None:
 
 
 def test_unknown_option_is_refused() -> None:
-    message = "rate: not an option of Ouster metadata JSON; expected mode, noise"
+    message = "rate: expected none, since Ouster metadata JSON has mode, noise as options, got 10.0"
     with pytest.raises(TypeError, match=f"^{message}$"):
         ls.Lidar.from_file(FILES[0], rate=10.0)

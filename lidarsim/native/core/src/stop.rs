@@ -8,11 +8,8 @@ use std::cell::{Cell, RefCell};
 use std::panic::resume_unwind;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, RecvTimeoutError, TryRecvError};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::time::{Duration, Instant};
-
-/// About how long it takes to wake a thread that sleeps: so long the caller does not.
-const WAKING: Duration = Duration::from_micros(100);
 
 /// What a stopped job unwinds with.
 #[derive(Debug)]
@@ -95,11 +92,6 @@ pub fn poll() {
 
 /// Waits in the thread of the caller until all that the other end is held by is done.
 pub fn wait_for(done: &Receiver<()>) {
-    // Threads that share work end it at nearly the same time.
-    let start = Instant::now();
-    while done.try_recv() == Err(TryRecvError::Empty) && start.elapsed() < WAKING {
-        std::thread::yield_now();
-    }
     while done.recv_timeout(PERIOD) == Err(RecvTimeoutError::Timeout) {
         ask_in_time();
     }

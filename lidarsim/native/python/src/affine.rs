@@ -3,10 +3,9 @@
 use lidarsim_core::{Affine, Object};
 use numpy::ndarray::aview2;
 use numpy::{PyArray2, PyArrayMethods};
-use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::plain;
+use crate::{argument_error, plain};
 
 /// A 4×4 matrix whose last row is (0, 0, 0, 1).
 #[pyclass(frozen, name = "Affine", module = "lidarsim._native")]
@@ -19,9 +18,9 @@ impl PyAffine {
     /// An object under one more map.
     pub fn image_of(self, object: &Object) -> PyResult<Object> {
         let [x, y, z, _] = self.rows;
-        object.transformed(Affine::from_rows([x, y, z])).ok_or_else(|| {
-            PyValueError::new_err("transform: expected an invertible matrix, got determinant 0")
-        })
+        object
+            .transformed(Affine::from_rows([x, y, z]))
+            .ok_or_else(|| argument_error("transform", "an invertible matrix", "determinant 0"))
     }
 
     /// The matrix, read-only.

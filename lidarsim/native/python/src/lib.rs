@@ -73,9 +73,7 @@ pub fn level(_: Python<'_>) -> PyResult<Level> {
     match Level::named(&name) {
         Some(level) if level <= Level::best() => Ok(level),
         Some(_) => Err(PyValueError::new_err(format!("LIDARSIM_ISA: this machine has no {name}"))),
-        None => {
-            Err(PyValueError::new_err(format!("LIDARSIM_ISA: expected scalar, avx2 or avx512, got {name:?}")))
-        }
+        None => Err(argument_error("LIDARSIM_ISA", "scalar, avx2 or avx512", format!("{name:?}"))),
     }
 }
 
@@ -124,6 +122,15 @@ fn explained(py: Python<'_>, why: &(dyn Any + Send)) -> PyErr {
     PyRuntimeError::new_err(format!("a fault in lidarsim, please report it: {}", text.unwrap_or("unknown")))
 }
 
+/// The error that a value is not what an argument has to be; see `lidarsim.errors.ArgumentValueError`.
+pub fn argument_error(argument: &str, expected: &str, got: impl Into<String>) -> PyErr {
+    let error = |py: Python<'_>| {
+        let class = py.import("lidarsim.errors")?.getattr("ArgumentValueError")?;
+        class.call1((argument, expected, got.into())).map(PyErr::from_value)
+    };
+    Python::attach(|py| error(py).unwrap_or_else(|why| why))
+}
+
 /// The elements of an array, which must be aligned and C-contiguous, as the package makes them.
 ///
 /// Arrays are read in place. If another thread writes one meanwhile, the values read are unspecified, or the
@@ -141,7 +148,7 @@ pub fn points<'a>(name: &str, array: &'a Points<'_>) -> PyResult<&'a [Point]> {
     let flat = elements(name, array)?;
     match array.shape() {
         [_, 3] => Ok(flat.as_chunks().0),
-        other => Err(PyValueError::new_err(format!("{name}: expected shape (n, 3), got {other:?}"))),
+        other => Err(argument_error(name, "shape (n, 3)", format!("{other:?}"))),
     }
 }
 
@@ -161,8 +168,8 @@ pub fn equal_points<'a>(
     if o.len() == d.len() {
         return Ok((o, d));
     }
-    let message = "origins, directions: expected arrays of equal length, got";
-    Err(PyValueError::new_err(format!("{message} {} and {}", o.len(), d.len())))
+    let got = format!("{} and {}", o.len(), d.len());
+    Err(argument_error("origins, directions", "arrays of equal length", got))
 }
 
 /// Names the first ray that is not finite or has a zero direction.
@@ -170,17 +177,15 @@ pub fn legal_rays(o: &[Point], d: &[Point]) -> PyResult<()> {
     for (name, vectors) in [("origins", o), ("directions", d)] {
         if let Some(i) = vectors.iter().position(|v| !v.iter().all(|x| x.is_finite())) {
             let j = vectors[i].iter().position(|x| !x.is_finite()).unwrap_or(0);
-            return Err(PyValueError::new_err(format!(
-                "{name}: expected finite numbers, got {name}[{i}][{j}] = {}",
-                python_float(vectors[i][j])
-            )));
+            let got = format!("{name}[{i}][{j}] = {}", python_float(vectors[i][j]));
+            return Err(argument_error(name, "finite numbers", got));
         }
     }
     match d.iter().position(|v| *v == [0.0; 3]) {
         None => Ok(()),
-        Some(i) => Err(PyValueError::new_err(format!(
-            "directions: expected non-zero vectors, got directions[{i}] = (0, 0, 0)"
-        ))),
+        Some(i) => {
+            Err(argument_error("directions", "non-zero vectors", format!("directions[{i}] = (0, 0, 0)")))
+        }
     }
 }
 

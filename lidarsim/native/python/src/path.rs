@@ -7,7 +7,7 @@ use numpy::{IntoPyArray, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyU
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 
-use crate::{detached, elements};
+use crate::{argument_error, detached, elements};
 
 /// Where the sensor is at each time.
 #[pyclass(frozen, name = "Path", module = "lidarsim._native")]
@@ -83,9 +83,8 @@ impl PyPath {
         if path.at(until).rows().as_flattened().iter().all(|x| x.abs() <= LARGEST) {
             return Ok(path.into());
         }
-        Err(PyValueError::new_err(format!(
-            "pose: expected a trajectory within the range of float64, got one that leaves it by {until} s"
-        )))
+        let got = format!("one that leaves it by {until} s");
+        Err(argument_error("pose", "a trajectory within the range of float64", got))
     }
 
     /// First and last time for which there is a pose.

@@ -13,7 +13,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyPath, PyScene, detached, elements, level, points};
+use crate::{Points, PyPath, PyScene, argument_error, detached, elements, level, points};
 
 /// The attributes of a `lidarsim.Lidar`.
 struct Attributes<'a, 'py>(&'a Bound<'py, PyAny>);
@@ -79,13 +79,9 @@ impl PulseArrays<'_> {
             (points("pulses.directions", &self.directions)?, points("pulses.origins", &self.origins)?);
         let (times, rings) = (elements("pulses.time", &self.time)?, elements("pulses.ring", &self.ring)?);
         if [origins.len(), times.len(), rings.len()] != [directions.len(); 3] {
-            return Err(PyValueError::new_err(format!(
-                "pulses: expected directions, origins, time and ring of equal length, got {}, {}, {} and {}",
-                directions.len(),
-                origins.len(),
-                times.len(),
-                rings.len()
-            )));
+            let [d, o, t, r] = [directions.len(), origins.len(), times.len(), rings.len()];
+            let got = format!("{d}, {o}, {t} and {r}");
+            return Err(argument_error("pulses", "directions, origins, time and ring of equal length", got));
         }
         let origins = self.origin.map_or(Origins::Each(origins), Origins::One);
         Ok(Pulses { directions, origins, times, rings })
@@ -224,7 +220,7 @@ pub fn scan<'py>(
         unsafe { columns.assume_written() };
         Ok(columns)
     })?;
-    arrays(py, measured.map_err(|bad| PyValueError::new_err(explain(bad, &frame)))?)
+    arrays(py, measured.map_err(|bad| explain(bad, &frame))?)
 }
 
 /// `known`: the number of rings that the sensor has parameters for, if these differ from ring to ring.
@@ -232,31 +228,30 @@ fn check_rings(rings: &[u16], known: Option<usize>) -> PyResult<()> {
     let Some(known) = known else { return Ok(()) };
     match rings.iter().position(|ring| usize::from(*ring) >= known) {
         None => Ok(()),
-        Some(i) => Err(PyValueError::new_err(format!(
-            "range_offset: expected an offset for each ring of the pulses, got {known} of them and \
-             pulses.ring[{i}] = {}",
-            rings[i]
-        ))),
+        Some(i) => {
+            let got = format!("{known} of them and pulses.ring[{i}] = {}", rings[i]);
+            Err(argument_error("range_offset", "an offset for each ring of the pulses", got))
+        }
     }
 }
 
-fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> String {
+fn explain(BadPulse { pulse: i, fault }: BadPulse, frame: &Frame) -> PyErr {
     match fault {
         Fault::Direction => {
             let [x, y, z] = frame.directions[i];
-            format!("pulses.directions: expected unit vectors, got pulses.directions[{i}] = ({x}, {y}, {z})")
+            let got = format!("pulses.directions[{i}] = ({x}, {y}, {z})");
+            argument_error("pulses.directions", "unit vectors", got)
         }
         Fault::Origin => {
             let [x, y, z] = frame.origins.of(i);
-            format!("pulses.origins: expected finite numbers, got pulses.origins[{i}] = ({x}, {y}, {z})")
+            let got = format!("pulses.origins[{i}] = ({x}, {y}, {z})");
+            argument_error("pulses.origins", "finite numbers", got)
         }
         Fault::Time => {
             let ([first, last], time) = (frame.path.span(), frame.start + frame.times[i]);
             let pulse = frame.indices.map_or(i as u64, |indices| indices[i]);
-            format!(
-                "pose: expected a trajectory over all pulses, got one from {first} to {last} s and pulse \
-                 {pulse} at {time} s"
-            )
+            let got = format!("one from {first} to {last} s and pulse {pulse} at {time} s");
+            argument_error("pose", "a trajectory over all pulses", got)
         }
     }
 }

@@ -11,7 +11,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyAffine, detached, elements, plain, points, rays};
+use crate::{Points, PyAffine, argument_error, detached, elements, plain, points, rays};
 
 /// A shape, placed by the maps it went through.
 #[pyclass(frozen, name = "Shape", module = "lidarsim._native")]
@@ -34,9 +34,10 @@ impl PyShape {
         let of_names = |form: &Form| form.iter().map(|(name, _)| *name).eq(names.iter().map(String::as_str));
         let forms = AnySurface::forms(name);
         let Some(index) = forms.iter().position(of_names) else {
-            return Err(PyValueError::new_err(format!("{name}: unknown arguments {}", names.join(", "))));
+            return Err(argument_error(name, "the arguments of one of its forms", names.join(", ")));
         };
-        let surface = AnySurface::new(name, index, &numbers).map_err(PyValueError::new_err)?;
+        let surface = AnySurface::new(name, index, &numbers)
+            .map_err(|wrong| argument_error(wrong.argument, wrong.expected, wrong.got))?;
         let object = Object::new(Geometry::Surface(surface), false);
         Ok(PyShape { object, form: forms[index], numbers, transform: None })
     }

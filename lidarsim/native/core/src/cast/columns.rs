@@ -5,7 +5,7 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::schedule::pieces;
-use crate::arith::simd::{self, Isa, Level};
+use crate::arith::simd::Level;
 use crate::geometry::vector::Point;
 use crate::scene::{Hit, Rays, Run, Sink, TRange, World};
 use crate::{memory, parallel};
@@ -157,14 +157,6 @@ impl<F: Slot<f64>, N: Slot<i32>> Sink for Columns<'_, F, N> {
             *place = normals.map(F::of);
         }
     }
-
-    #[inline(always)]
-    fn prefetch<I: Isa>(&self, i: usize) {
-        I::prefetch(&self.t[i]);
-        I::prefetch(&self.object[i]);
-        I::prefetch(&self.primitive[i]);
-        simd::prefetch_across::<I, _>(&self.normal.as_chunks::<3>().0[i]);
-    }
 }
 
 impl Sink for Occlusion<'_> {
@@ -178,11 +170,6 @@ impl Sink for Occlusion<'_> {
     #[inline(always)]
     fn write(&mut self, i: usize, hit: Hit) {
         self.0[i].write(hit.object >= 0);
-    }
-
-    #[inline(always)]
-    fn prefetch<I: Isa>(&self, i: usize) {
-        I::prefetch(&self.0[i]);
     }
 }
 

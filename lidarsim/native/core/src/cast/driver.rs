@@ -10,7 +10,7 @@ use crate::arith::simd::{self, Isa, Level, Task};
 use crate::bvh::{LANES, RayPacket, all, take};
 use crate::cast::closest_hit::{ClosestHit, timed_ray};
 use crate::cast::hit_batches::{BATCH_SIZE, BoundedHit, HitBatches};
-use crate::cast::ray_sort::{NEAR, RaySort};
+use crate::cast::ray_sort::RaySort;
 use crate::cast::surface_intersector::SurfaceIntersector;
 use crate::cast::traversal::{Advance, PacketState, TRAVERSALS, Traversal, TraversalScratch};
 use crate::cast::triangle_hits::TriangleHits;
@@ -52,7 +52,6 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         for turn in 0_usize.. {
             for traversal in &mut traversals {
                 while traversal.is_idle() && source.next_packet::<I>(traversal.state.rays, router.hits) {
-                    source.prefetch::<I>(traversal.state.rays.count, router.hits);
                     if traversal.state.rays.count > 0 {
                         traversal.make_ready();
                     } else {
@@ -152,25 +151,6 @@ impl PacketSource<'_> {
             }
         }
         true
-    }
-
-    /// Prefetches the rays of a coming packet, and the places of their hits unless these have just been
-    /// cleared.
-    #[inline(always)]
-    fn prefetch<I: Isa>(&self, count: usize, hits: &(impl Sink + ?Sized)) {
-        let sorted = self.ray_sort.sorted();
-        if sorted.len() == NEAR {
-            // Of the rays that will be sorted next, as many as were gathered last.
-            let (end, next) = (self.rays.origins.len(), self.done + NEAR + self.start);
-            simd::prefetch::<I, _>(&self.rays.origins[end.min(next - count)..end.min(next)]);
-        } else {
-            for &i in &sorted[self.start..sorted.len().min(self.start + LANES)] {
-                let i = i as usize;
-                simd::prefetch_across::<I, _>(&self.rays.origins[i]);
-                simd::prefetch_across::<I, _>(&self.rays.directions[i]);
-                hits.prefetch::<I>(i);
-            }
-        }
     }
 }
 

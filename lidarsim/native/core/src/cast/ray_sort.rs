@@ -4,7 +4,7 @@
 
 use std::ops::Range;
 
-use crate::arith::simd::{self, Floats, Isa, Task};
+use crate::arith::simd::{Floats, Isa, Task};
 use crate::bvh::LANES;
 use crate::geometry::vector::Point;
 use crate::memory;
@@ -221,8 +221,7 @@ impl RaySort {
         let [x, y, _] = directions[0].map(f64::abs);
         let slope = (0.5 * (x - y) / (x + y)) as f32;
         let slope = if self.group == NEAR && slope.is_finite() { slope } else { 0.0 };
-        for (start, block) in (0..).step_by(BLOCK).zip(directions.chunks(BLOCK)) {
-            prefetch_ahead::<I>(directions, start);
+        for block in directions.chunks(BLOCK) {
             let d = narrow::<I>(halves::<I>(block));
             let (mut place, mut octant) = ([0; BLOCK], [0; BLOCK]);
             let (mut least, mut most) = ([[0_u32; BLOCK]; 2], [[0_u32; BLOCK]; 2]);
@@ -297,8 +296,7 @@ impl RaySort {
         const FINE: u32 = 2 * DIRECTION;
         const CELLS: u32 = 1 << ORIGIN;
         let (mut least, mut most) = (origins[0].map(I::F64x8::splat), origins[0].map(I::F64x8::splat));
-        for (start, block) in (0..).step_by(BLOCK).zip(origins.chunks(BLOCK)) {
-            prefetch_ahead::<I>(origins, start);
+        for block in origins.chunks(BLOCK) {
             for half in halves::<I>(block) {
                 for i in 0..3 {
                     (least[i], most[i]) = (Floats::min(half[i], least[i]), Floats::max(half[i], most[i]));
@@ -401,14 +399,6 @@ const WHOLE: f32 = 8_388_608.0;
 
 /// Points that are processed together.
 const BLOCK: usize = 16;
-
-/// Prefetches a block of points while the one from `start` on is processed, as many before as it takes to
-/// arrive.
-#[inline(always)]
-fn prefetch_ahead<I: Isa>(points: &[Point], start: usize) {
-    let [start, end] = [8, 9].map(|blocks| points.len().min(start + blocks * BLOCK));
-    simd::prefetch::<I, _>(&points[start..end]);
-}
 
 /// The coordinates of both halves of a block, an axis after the other; if it is not full, the first point
 /// fills it.

@@ -13,9 +13,8 @@ use crate::geometry::vector::Point;
 use crate::scene::{Geometry, Object, Scene, TRange, TriangleMesh, World};
 use crate::shapes::triangle::Leaf;
 
-/// Packets whose traversals are interleaved. Of two, both often wait for memory; of four, the first cache no
-/// longer holds what they need.
-pub const TRAVERSALS: usize = 3;
+/// Packets whose traversals are interleaved, so that one goes on while the other waits for memory.
+pub const TRAVERSALS: usize = 2;
 
 /// Scratch memory of the traversal of a packet, reused from packet to packet.
 pub struct TraversalScratch {

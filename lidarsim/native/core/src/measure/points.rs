@@ -5,7 +5,7 @@ use std::ops::Range;
 
 use super::origins::Origins;
 use super::returns::{Field, Piece, Writer};
-use crate::arith::simd::{self, Floats, Isa, Task};
+use crate::arith::simd::{self, Isa, Task};
 use crate::geometry::pose::{Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::split_off;
@@ -40,40 +40,17 @@ impl PointSource<'_> {
     /// The point and the normal of a return. `pose`: of the sensor, in the world; `seen`: the same, relative
     /// to the moment.
     #[inline(always)]
-    fn point_and_normal<F: Floats<f64, N>, const N: usize>(
-        &self,
-        (pose, seen): (&Pose, &Pose),
-        (origin, direction, range): Ray<F>,
-        normal: [F; 3],
-    ) -> ([F; 3], [F; 3]) {
-        let along = [direction[0].mul(range), direction[1].mul(range), direction[2].mul(range)];
-        let local = [origin[0].add(along[0]), origin[1].add(along[1]), origin[2].add(along[2])];
+    fn point_and_normal(&self, (pose, seen): (&Pose, &Pose), row: usize, pulse: usize) -> (Point, Point) {
+        let (origin, direction) = (self.origins.of(pulse), self.directions[pulse]);
+        let local = std::array::from_fn(|axis| origin[axis] + direction[axis] * self.range[row]);
+        let normal = self.normals[row].map(f64::from);
         match &self.coordinates {
             Coordinates::Sensor => (local, pose.turn_back(normal)),
             Coordinates::Moment(at) => (seen.place(local), at.turn_back(normal)),
             Coordinates::World => (pose.place(local), normal),
         }
     }
-
-    #[inline(always)]
-    fn of_one(&self, row: usize, pulse: usize) -> (Ray<f64>, Point) {
-        ((self.origins.of(pulse), self.directions[pulse], self.range[row]), self.normals[row].map(f64::from))
-    }
-
-    /// Of eight pulses of one row each, from `first` on.
-    #[inline(always)]
-    fn of_eight<I: Isa>(&self, first: usize) -> (Ray<I::F64x8>, [I::F64x8; 3]) {
-        let eight = first..first + 8;
-        let directions = simd::load_points::<I>(&self.directions[eight.clone()].as_chunks().0[0]);
-        let range = I::F64x8::load(&self.range[eight.clone()].as_chunks().0[0]);
-        let normals: &[[f32; 8]] = self.normals[eight].as_flattened().as_chunks().0;
-        let normals = [0, 1, 2].map(|k| I::F64x8::load(&normals[k].map(f64::from)));
-        ((self.origins.of_eight::<I>(first), directions, range), I::deinterleaved(normals))
-    }
 }
-
-/// Origin, direction and range.
-type Ray<F> = ([F; 3], [F; 3], F);
 
 /// The fields of points and normals, a coordinate after the other.
 pub struct PointsAndNormals<'a> {
@@ -115,7 +92,7 @@ impl Task for WritePoints<'_, '_> {
             }
             let pose = path.at(start + time);
             let seen = if let Coordinates::Moment(at) = &coordinates { pose.relative_to(at) } else { pose };
-            self.write_from_pose::<I>(first..end, (&pose, &seen));
+            self.write_from_pose(first..end, (&pose, &seen));
             first = end;
         }
     }
@@ -124,34 +101,13 @@ impl Task for WritePoints<'_, '_> {
 impl WritePoints<'_, '_> {
     /// Of returns from one pose.
     #[inline(always)]
-    fn write_from_pose<I: Isa>(&mut self, returns: Range<usize>, poses: (&Pose, &Pose)) {
+    fn write_from_pose(&mut self, returns: Range<usize>, poses: (&Pose, &Pose)) {
         let (rows, pulses) = self.piece.rows_and_pulses();
-        let coordinates = 3 * returns.start..3 * returns.end;
-        let entries =
-            self.points[coordinates.clone()].chunks_mut(24).zip(self.normals[coordinates].chunks_mut(24));
-        let returns = rows[returns.clone()].chunks(8).zip(pulses[returns].chunks(8));
-        for ((rows, pulses), (point_entries, normal_entries)) in returns.zip(entries) {
-            if let ([first, .., last], 1, 8) = (rows, self.piece.most, rows.len())
-                && last - first == 7
-            {
-                let (ray, normal) = self.source.of_eight::<I>(*first);
-                let (point, normal) = self.source.point_and_normal(poses, ray, normal);
-                for (entry, point) in point_entries.as_chunks_mut().0.iter_mut().zip(I::interleaved(point)) {
-                    *entry = point.store().map(MaybeUninit::new);
-                }
-                for (entry, normal) in normal_entries.as_chunks_mut().0.iter_mut().zip(I::interleaved(normal))
-                {
-                    *entry = normal.store().map(|x| MaybeUninit::new(x as f32));
-                }
-                continue;
-            }
-            let entries = point_entries.as_chunks_mut().0.iter_mut().zip(normal_entries.as_chunks_mut().0);
-            for ((&row, &pulse), (point_entry, normal_entry)) in rows.iter().zip(pulses).zip(entries) {
-                let (ray, normal) = self.source.of_one(row, pulse);
-                let (point, normal) = self.source.point_and_normal(poses, ray, normal);
-                *point_entry = point.map(MaybeUninit::new);
-                *normal_entry = normal.map(|x| MaybeUninit::new(x as f32));
-            }
+        let (points, normals) = (self.points.as_chunks_mut().0, self.normals.as_chunks_mut().0);
+        for i in returns {
+            let (point, normal) = self.source.point_and_normal(poses, rows[i], pulses[i]);
+            points[i] = point.map(MaybeUninit::new);
+            normals[i] = normal.map(|x| MaybeUninit::new(x as f32));
         }
     }
 }

@@ -91,7 +91,4 @@ pub trait Sink {
         }
         written
     }
-
-    /// Prefetches the entry of ray i.
-    fn prefetch<I: Isa>(&self, i: usize);
 }

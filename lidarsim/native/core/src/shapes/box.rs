@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Form, Roots, Shape, Surface, all_positive, parameters, roots};
+use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, all_positive, parameters, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root};
 use crate::geometry::axis_plane::AxisPlane;
@@ -49,7 +49,7 @@ impl Shape for Box {
 
     const FORMS: &'static [Form] = &[&[("size", 3), ("center", 3)]];
 
-    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
         let [dx, dy, dz, x, y, z] = parameters(numbers)?;
         let size = [dx, dy, dz];
         all_positive("size", &size)?;

@@ -6,7 +6,7 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Form, Roots, Shape, Surface, parameters, positive, roots};
+use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, positive, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::{Chord, Root};
 use crate::geometry::axis_plane::AxisPlane;
@@ -52,10 +52,11 @@ impl Shape for Cylinder {
     /// capped: 1 or 0.
     const FORMS: &'static [Form] = &[&[("start", 3), ("end", 3), ("radius", 1), ("capped", 1)]];
 
-    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
         let [a, b, c, x, y, z, radius, capped] = parameters(numbers)?;
         if [a, b, c] == [x, y, z] {
-            return Err(format!("end: expected a point other than start, got {:?} for both", (x, y, z)));
+            let both = format!("{:?} for both", (x, y, z));
+            return Err(IllegalArgument::new("end", "a point other than start", both));
         }
         positive("radius", radius)?;
         Ok(Cylinder { start: [a, b, c], end: [x, y, z], radius, capped: capped != 0.0 })

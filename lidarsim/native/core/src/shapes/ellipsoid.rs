@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use super::sphere;
-use super::surface::{Form, Roots, Shape, Surface, all_positive, parameters};
+use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, all_positive, parameters};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Root;
 use crate::geometry::affine::{Affine, Inverse};
@@ -53,12 +53,12 @@ impl Shape for Ellipsoid {
     /// x, y, z: the rows of the rotation.
     const FORMS: &'static [Form] = &[&[("center", 3), ("radii", 3), ("x", 3), ("y", 3), ("z", 3)]];
 
-    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
         let [x, y, z, a, b, c, rotation @ ..] = parameters::<15>(numbers)?;
         all_positive("radii", &[a, b, c])?;
         let [r0, r1, r2, r3, r4, r5, r6, r7, r8] = rotation;
         Ellipsoid::new([x, y, z], [a, b, c], [[r0, r1, r2], [r3, r4, r5], [r6, r7, r8]])
-            .ok_or_else(|| "rotation: expected an invertible matrix, got determinant 0".into())
+            .ok_or_else(|| IllegalArgument::new("rotation", "an invertible matrix", "determinant 0"))
     }
 }
 

@@ -19,7 +19,7 @@ pub use ellipsoid::Ellipsoid;
 pub use plane::Plane;
 pub use polygon::self_crossing;
 pub use sphere::Sphere;
-pub use surface::{Form, Roots, Shape, Surface, SurfaceTask};
+pub use surface::{Form, IllegalArgument, Roots, Shape, Surface, SurfaceTask};
 pub use triangle::Triangle;
 
 use crate::arith::number::{Interval, Number, Uncertain};
@@ -56,12 +56,12 @@ macro_rules! surfaces {
 
         impl AnySurface {
             /// The shape of this name; see [`Shape::from_numbers`].
-            pub fn new(name: &str, form: usize, numbers: &[f64]) -> Result<Self, String> {
+            pub fn new(name: &str, form: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
                 match name {
                     $(stringify!($name) => {
                         <$name as Shape>::from_numbers(form, numbers).map(AnySurface::$name)
                     })+
-                    _ => Err(format!("shape: unknown {name:?}")),
+                    _ => Err(IllegalArgument::new("shape", "a shape of lidarsim", name)),
                 }
             }
 

@@ -3,7 +3,7 @@
 //! The plane keeps the numbers it was made from: the point form stays accurate far from the origin of
 //! coordinates, where n·p rounded once has already moved the plane.
 
-use super::surface::{Form, Roots, Shape, Surface, parameters, roots};
+use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, roots};
 use super::triangle::{Triangle, triangle_normal};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Root;
@@ -79,7 +79,7 @@ impl Shape for Plane {
     const FORMS: &'static [Form] =
         &[&[("normal", 3), ("distance", 1)], &[("point", 3), ("normal", 3)], Triangle::FORMS[0]];
 
-    fn from_numbers(form: usize, numbers: &[f64]) -> Result<Self, String> {
+    fn from_numbers(form: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
         let plane = match form {
             0 => {
                 let [x, y, z, distance] = parameters(numbers)?;
@@ -94,7 +94,7 @@ impl Shape for Plane {
         match plane {
             Plane::Distance { normal: [0.0, 0.0, 0.0], .. }
             | Plane::PointNormal { normal: [0.0, 0.0, 0.0], .. } => {
-                Err("normal: expected non-zero vectors, got normal = (0, 0, 0)".into())
+                Err(IllegalArgument::new("normal", "non-zero vectors", "normal = (0, 0, 0)"))
             }
             plane => Ok(plane),
         }

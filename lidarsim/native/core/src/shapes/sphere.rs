@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-use super::surface::{Form, Roots, Shape, Surface, parameters, positive, roots};
+use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, positive, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Root;
 use crate::geometry::ray::Ray;
@@ -47,7 +47,7 @@ impl Shape for Sphere {
 
     const FORMS: &'static [Form] = &[&[("center", 3), ("radius", 1)]];
 
-    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
         let [x, y, z, radius] = parameters(numbers)?;
         positive("radius", radius)?;
         Ok(Sphere { center: [x, y, z], radius })

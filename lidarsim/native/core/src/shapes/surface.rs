@@ -80,27 +80,46 @@ pub trait Shape: Surface + Sized {
 
     /// The shape with the arguments of a form, which are finite, in its order. The error names an illegal
     /// argument.
-    fn from_numbers(form: usize, numbers: &[f64]) -> Result<Self, String>;
+    fn from_numbers(form: usize, numbers: &[f64]) -> Result<Self, IllegalArgument>;
+}
+
+/// An argument of a shape that cannot be used.
+pub struct IllegalArgument {
+    pub argument: &'static str,
+    pub expected: &'static str,
+    pub got: String,
+}
+
+impl IllegalArgument {
+    pub fn new(argument: &'static str, expected: &'static str, got: impl Into<String>) -> Self {
+        IllegalArgument { argument, expected, got: got.into() }
+    }
 }
 
 /// The names of some arguments, and how many numbers each has.
 pub type Form = &'static [(&'static str, usize)];
 
 /// The numbers of arguments as an array; an error if there are not N.
-pub fn parameters<const N: usize>(numbers: &[f64]) -> Result<[f64; N], String> {
-    numbers.try_into().map_err(|_| format!("numbers: expected {N} of them, got {}", numbers.len()))
+pub fn parameters<const N: usize>(numbers: &[f64]) -> Result<[f64; N], IllegalArgument> {
+    let wrong = |_| IllegalArgument::new("numbers", "as many as the form has", numbers.len().to_string());
+    numbers.try_into().map_err(wrong)
 }
 
 /// An error unless a parameter is > 0.
-pub fn positive(name: &str, number: f64) -> Result<(), String> {
-    if number > 0.0 { Ok(()) } else { Err(format!("{name}: expected a finite number > 0, got {number:?}")) }
+pub fn positive(name: &'static str, number: f64) -> Result<(), IllegalArgument> {
+    if number > 0.0 {
+        return Ok(());
+    }
+    Err(IllegalArgument::new(name, "a finite number > 0", format!("{number:?}")))
 }
 
 /// An error unless all numbers of a parameter are > 0.
-pub fn all_positive(name: &str, numbers: &[f64]) -> Result<(), String> {
+pub fn all_positive(name: &'static str, numbers: &[f64]) -> Result<(), IllegalArgument> {
     match numbers.iter().enumerate().find(|&(_, number)| !(*number > 0.0)) {
         None => Ok(()),
-        Some((i, number)) => Err(format!("{name}: expected numbers > 0, got {name}[{i}] = {number:?}")),
+        Some((i, number)) => {
+            Err(IllegalArgument::new(name, "numbers > 0", format!("{name}[{i}] = {number:?}")))
+        }
     }
 }
 

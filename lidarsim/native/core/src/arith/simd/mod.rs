@@ -121,15 +121,6 @@ pub fn store_points<I: Isa>(columns: [I::F64x8; 3], places: &mut [f64; 24]) {
     }
 }
 
-/// Prefetches a slice.
-#[inline(always)]
-pub fn prefetch<I: Isa, T>(slice: &[T]) {
-    let start: *const [u8; 64] = slice.as_ptr().cast();
-    for line in 0..size_of_val(slice).div_ceil(64) {
-        I::prefetch(start.wrapping_add(line));
-    }
-}
-
 /// Prefetches a value that may lie across two lines of the cache.
 #[inline(always)]
 pub fn prefetch_across<I: Isa, T>(value: &T) {

@@ -12,7 +12,7 @@ mod sides;
 
 use std::cmp::Ordering;
 
-use super::surface::{Form, Roots, Shape, Surface, parameters, roots};
+use super::surface::{Form, IllegalArgument, Roots, Shape, Surface, parameters, roots};
 use crate::arith::number::{Interval, Number, Uncertain};
 use crate::arith::root::Root;
 use crate::geometry::axis_plane::AxisPlane;
@@ -97,14 +97,13 @@ impl Shape for Triangle {
 
     const FORMS: &'static [Form] = &[&[("a", 3), ("b", 3), ("c", 3)]];
 
-    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, String> {
+    fn from_numbers(_: usize, numbers: &[f64]) -> Result<Self, IllegalArgument> {
         let [x0, y0, z0, x1, y1, z1, x2, y2, z2] = parameters(numbers)?;
         let triangle = Triangle([x0, y0, z0], [x1, y1, z1], [x2, y2, z2]);
         if triangle.is_degenerate() {
             let Triangle(a, b, c) = triangle;
-            return Err(format!(
-                "a, b, c: expected three points that are not on one line, got {a:?}, {b:?}, {c:?}"
-            ));
+            let got = format!("{a:?}, {b:?}, {c:?}");
+            return Err(IllegalArgument::new("a, b, c", "three points that are not on one line", got));
         }
         Ok(triangle)
     }
