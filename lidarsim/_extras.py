@@ -1,4 +1,4 @@
-"""Optional packages, imported when they are needed."""
+"""Optional packages, imported on demand."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from lidarsim.errors import MissingExtraError
 
 
 def import_extra(module: str, extra: str, purpose: str) -> ModuleType:
-    """Return the imported `module`, which ``lidarsim[extra]`` installs and which `purpose` needs.
+    """Import and return `module`, which `purpose` needs and ``lidarsim[extra]`` installs.
 
     Raises
     ------
     MissingExtraError
-        If it is not installed, or does not import here.
+        If the module is not installed or cannot be imported.
     """
     try:
         return importlib.import_module(module)

@@ -1,4 +1,4 @@
-"""Files: written whole or not at all, and what is said of those that cannot be read."""
+"""Atomic file writes, checks of paths and names, and errors for unreadable files."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ from lidarsim.errors import ArgumentValueError, FileFormatError, LidarsimError
 PathLike = str | os.PathLike[str]
 
 TEMPORARY = ".lidarsim-", ".tmp"
-"""Beginning and end of the names of folders in which files are written, before they are moved to their places."""
+"""Prefix and suffix of temporary folders, in which files are written before they are moved into place."""
 
 NAME_LENGTH = 64
-"""Characters of a name that becomes part of a path: with what stands around it, it fits all file systems and USTAR."""
+"""Maximum length of a name within a path; the resulting file names fit all file systems and USTAR."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]+")
 _DEVICE = re.compile(r"CON|PRN|AUX|NUL|(?:COM|LPT)[0-9]", re.IGNORECASE)
 
 LONGEST = 1000
-"""Characters of what an error says: what a file holds may be quoted in it."""
+"""Maximum length of an error message, which may quote the content of a file."""
 
 
 def check_suffix(path: PathLike, known: Collection[str]) -> str:
-    """Return the longest of the `known` suffixes that the name of `path` ends in, whatever its case."""
+    """Return the longest of the `known` suffixes that the name of `path` ends with, ignoring case."""
     name = Path(path).name.lower()
     fitting = [suffix for suffix in known if name.endswith(suffix) and name != suffix]
     if not fitting:
@@ -52,7 +52,7 @@ def check_suffix(path: PathLike, known: Collection[str]) -> str:
 
 
 def name_problem(name: str) -> str:
-    """Return what is expected of a name that cannot be part of a path on every file system; "" if it can."""
+    """Return what is expected of a name that cannot be part of a path on some file system, or "" if it can."""
     if not _NAME.fullmatch(name):
         return "a name of letters, digits, _ and -"
     if len(name) > NAME_LENGTH:
@@ -61,14 +61,14 @@ def name_problem(name: str) -> str:
 
 
 def check_name(argument: str, name: str) -> str:
-    """Return a name that can be part of a path; raise `ValueError` if it cannot."""
+    """Return `name`; raise `ValueError` if it cannot be part of a path."""
     if expected := name_problem(name):
         raise ArgumentValueError(argument, expected, short(ascii(name)))
     return name
 
 
 def check_names(argument: str, names: Iterable[str]) -> None:
-    """Raise `ValueError` unless each of the names passes `check_name`, and no two are equal ignoring case."""
+    """Raise `ValueError` unless each name passes `check_name` and no two names differ only in case."""
     seen: dict[str, str] = {}
     for name in names:
         other = seen.setdefault(check_name(argument, name).lower(), name)
@@ -77,13 +77,13 @@ def check_names(argument: str, names: Iterable[str]) -> None:
 
 
 def check_regular(path: PathLike) -> None:
-    """Raise an error if `path` is a pipe or device: these may have no end, and need not give their bytes twice."""
+    """Raise an error if `path` is a pipe or device, which may be endless and may not be readable twice."""
     if _special(path):
         raise FileFormatError(f"{path}: expected a regular file, got a pipe or device")
 
 
 def check_folder(path: PathLike) -> None:
-    """Raise `OSError` unless a file `path` can be written as far as its folder goes: it exists and lets us write."""
+    """Raise `OSError` if `path` is a folder, or if its parent folder does not exist or is not writable."""
     path = Path(path)
     folder = path.parent
     if path.is_dir():
@@ -98,7 +98,7 @@ def check_folder(path: PathLike) -> None:
 
 @contextmanager
 def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
-    """Open a binary file that takes the name `path` when the block ends well; else `path` stays as it was.
+    """Open a binary file that replaces `path` if the block succeeds; otherwise `path` is left unchanged.
 
     Raises
     ------
@@ -111,16 +111,15 @@ def atomic_writer(path: PathLike) -> Iterator[BinaryIO]:
 
 @contextmanager
 def replacing(path: PathLike) -> Iterator[Path]:
-    """Give the name of a file that takes the name `path` when the block ends well, in a folder of its own.
+    """Yield the path of a temporary file, in a folder of its own, that replaces `path` if the block succeeds.
 
-    The folder is removed however the block ends, be it by a SIGTERM that has no other handler and comes while the main
-    thread is in the block. A file that is replaced hands its permissions on; a link keeps pointing to its file, and a
-    pipe or device stays one and gets the content.
+    The folder is always removed, even if the main thread receives a SIGTERM that has no other handler. A replaced file
+    passes on its permissions; a link keeps pointing to its file, and a pipe or device receives the content.
 
     Raises
     ------
     OSError
-        If the file cannot be written, and in place of one that the block raises; the message names `path`.
+        If the file cannot be written, or if the block raises an `OSError`; the message names `path`.
     """
     check_folder(path)
     special, target = _special(path), Path(os.path.realpath(path))
@@ -139,28 +138,28 @@ def replacing(path: PathLike) -> Iterator[Path]:
 
 @contextmanager
 def writing(path: PathLike) -> Iterator[None]:
-    """Let an `OSError` of the block say that the file `path` cannot be written, and why."""
+    """Turn an `OSError` of the block into one that says that `path` cannot be written, and why."""
     try:
         yield
     except OSError as error:
         reason = error.strerror or str(error)
         failure = OSError(f"{path}: cannot be written: {reason}")
-        failure.strerror = reason  # for whoever makes another file of this one
+        failure.strerror = reason  # for callers that word their own error
         raise failure from error
 
 
 def sync(path: Path) -> None:
-    """Have the content of a file on disk before it gets its name."""
+    """Flush the content of a file to disk, before the file gets its name."""
     with path.open("r+b") as file:
         os.fsync(file.fileno())
 
 
 @contextmanager
 def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Iterator[Path]:
-    """Make a folder for the block, and remove it even if SIGTERM or Ctrl-C comes while it is made or removed.
+    """Make a folder for the block; remove it even if SIGTERM or Ctrl-C arrives during creation or removal.
 
-    `tempfile.TemporaryDirectory` leaves it then. Here its name is known before it is made, and what one Ctrl-C keeps
-    the first attempt from removing, the second removes.
+    `tempfile.TemporaryDirectory` would leave it behind. Here its name is chosen before it is made, and a removal that
+    Ctrl-C interrupts is tried again.
     """
     folder = parent / token_hex(8).join(naming)
     with _unwinding_at_sigterm():
@@ -175,7 +174,7 @@ def temporary_folder(parent: Path, naming: tuple[str, str] = TEMPORARY) -> Itera
 
 
 def _special(path: PathLike) -> bool:
-    """Return whether there is something other than a file or folder at `path`, such as a pipe or a device."""
+    """Return whether `path` is something other than a file or folder, such as a pipe or device."""
     try:
         mode = Path(path).stat().st_mode
     except FileNotFoundError:
@@ -185,7 +184,7 @@ def _special(path: PathLike) -> bool:
 
 @contextmanager
 def _unwinding_at_sigterm() -> Iterator[None]:
-    """Let SIGTERM raise `SystemExit`, where it would end the process on the spot and leave what is half written."""
+    """Let SIGTERM raise `SystemExit`; by default it would end the process and leave incomplete files."""
     main = threading.current_thread() is threading.main_thread()
     if not main or signal.getsignal(signal.SIGTERM) is not signal.SIG_DFL:
         yield
@@ -198,30 +197,30 @@ def _unwinding_at_sigterm() -> Iterator[None]:
 
 
 def _exit(number: int, _: object) -> NoReturn:
-    raise SystemExit(128 + number)  # as shells report a process that a signal ended
+    raise SystemExit(128 + number)  # the shells' exit status of a process ended by a signal
 
 
 def told(error: BaseException) -> str:
-    """Return what an error says, on one line and of bounded length, or its kind if it says nothing."""
+    """Return the first line of an error's message, of bounded length, or its type if the message is empty."""
     text = str(error).strip().partition("\n")[0] or type(error).__name__
     return text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
 
 
 def unquoted(error: BaseException) -> str:
-    """Return what an error says, without what Python or another library quotes in it: that may be of any file.
+    """Return an error's message without the text that Python or another library quotes, possibly from a file.
 
-    Whoever lets us read a file by a name from somebody else need not want its lines shown.
+    A file whose name comes from a third party may be private: its lines must not be shown.
     """
     return told(error) if _worded_here(error) else _QUOTED.sub("…", told(error))
 
 
 _QUOTED = re.compile(r"""(?<!\w)b?(['"`])(?:\\.|(?!\1).)*(\1|$)""")
 _CONVERSION = re.compile("could not convert|invalid literal")
-"""What float and int raise, with the text, from within whoever calls them."""
+"""Messages of `float` and `int`, which quote the text and are raised in the frame of the caller."""
 
 
 def _worded_here(error: BaseException) -> bool:
-    """Return whether lidarsim's own code raised an error, or one that quotes nothing of a file."""
+    """Return whether lidarsim worded an error, or its message quotes nothing from a file."""
     place = error.__traceback__
     while place is not None and place.tb_next is not None:
         place = place.tb_next
@@ -232,7 +231,7 @@ def _worded_here(error: BaseException) -> bool:
 
 @contextmanager
 def reading_as(path: PathLike, what: str) -> Iterator[None]:
-    """Raise a `FileFormatError` of one line that names the file, whatever its readers raise."""
+    """Turn any exception of the block into a one-line `FileFormatError` that names the file."""
     try:
         yield
     except Exception as error:
@@ -241,10 +240,10 @@ def reading_as(path: PathLike, what: str) -> Iterator[None]:
 
 @contextmanager
 def parsing(path: PathLike, kind: str) -> Iterator[None]:
-    """Let parsers of a file fail as they will, and raise a `FileFormatError` of one line that names the file.
+    """Turn exceptions of a parser into one-line `FileFormatError` exceptions that name the file.
 
-    A missing package, and a disk that cannot be read, pass as they are; not so a seek to where no file has bytes, which
-    is what a damaged file claims, and the `OSError` of a decompressor, which has no number.
+    Errors for missing packages and unreadable disks pass through. Out-of-range seeks (EINVAL) and the `OSError` of a
+    decompressor, which has no number, are signs of a damaged file and are converted.
     """
     try:
         yield
@@ -255,12 +254,12 @@ def parsing(path: PathLike, kind: str) -> Iterator[None]:
 
 
 def read_array(file: IO[bytes], size: int) -> npt.NDArray[Any]:
-    """Read an array in NumPy's format from a file of `size` bytes, after checking that it claims no more.
+    """Read an array in NumPy's format from a file of `size` bytes, after checking that its header claims no more.
 
     Raises
     ------
     Exception
-        What NumPy raises for a damaged header, of any kind: to be read within `parsing`.
+        Any exception that NumPy raises for a damaged header; call this within `parsing`.
     """
     version = np.lib.format.read_magic(file)
     if version not in {(1, 0), (2, 0)}:
@@ -281,9 +280,9 @@ def load_array(path: PathLike) -> npt.NDArray[Any]:
     Raises
     ------
     FileFormatError
-        If it is not one, or damaged.
+        If the file is not a NumPy file or is damaged.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     check_regular(path)
     with Path(path).open("rb") as file, parsing(path, ".npy file"):
@@ -291,20 +290,20 @@ def load_array(path: PathLike) -> npt.NDArray[Any]:
 
 
 def beside(path: Path, name: str) -> Path:
-    """Return the file that the file `path` names, by a relative path or URI: one beside or below it.
+    """Return the file that the file `path` refers to by a relative path or URI; it must be beside or below `path`.
 
     Raises
     ------
     FileFormatError
-        If the name is an absolute path or that of another place, or leads, links followed, out of the folder of `path`,
-        or to a pipe or device.
+        If `name` is an absolute path or has a URI scheme, or if it leads, after links are followed, to a pipe or device
+        or out of the folder of `path`.
     OSError
-        If there is no such file.
+        If the file does not exist.
     """
     place = unquote(name)
     if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|[/\\]", place) or "\\" in place or "\0" in place:
         raise FileFormatError("it names a file by other than a relative path; only files beside or below it are read")
-    folders = [path.parent.resolve(), path.resolve().parent]  # of its own name, and of what that may be a link to
+    folders = [path.parent.resolve(), path.resolve().parent]  # of the path itself, and of its target if it is a link
     for folder in folders:
         file = (folder / place).resolve()
         if file.is_file() and any(file.is_relative_to(folder) for folder in folders):

@@ -1,4 +1,4 @@
-"""Pickles and copies of public objects: without caches, with the number of their format."""
+"""Pickles and copies of public objects, without caches and with a format number."""
 
 from __future__ import annotations
 
@@ -12,34 +12,34 @@ import numpy as np
 from lidarsim._shown import short
 
 FORMAT = 1
-"""Format of the pickles, raised whenever the contents of a public class change."""
+"""Format number of pickles, incremented whenever the contents of a public class change."""
 
 
-SHORT = 64  # numbers of an array that take part in a hash
+SHORT = 64  # maximum size of an array whose numbers are hashed
 
 
 class Pickled:
-    """Base of the public classes: a pickle holds what `_contents` gives, which of a dataclass are its fields.
+    """Base of the public classes: a pickle holds the result of `_contents`, by default the fields of a dataclass.
 
-    Arrays are given as they are, so that protocol 5 can take their memory out of band.
+    Arrays are not copied, so that protocol 5 can transfer their buffers out of band.
     """
 
     __slots__ = ()
 
     def _contents(self) -> dict[str, Any]:
-        """Return by name what an equal object is made of."""
+        """Return the values that an equal object is made from, by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}  # type: ignore[arg-type]
 
     @classmethod
     def _restored(cls, contents: dict[str, Any]) -> Self:
-        """Return the object of these contents, which were checked when the first one was made."""
+        """Return an object with these contents, which were checked when the original was made."""
         made = cls.__new__(cls)
         for name, value in contents.items():
             object.__setattr__(made, name, value)
         return made
 
     def __repr__(self) -> str:
-        """Return the class and its contents, long arrays in short."""
+        """Return the class and its contents, with long arrays abbreviated."""
         return (
             f"{type(self).__name__}({', '.join(f'{name}={short(value)}' for name, value in self._contents().items())})"
         )
@@ -49,12 +49,12 @@ class Pickled:
         return _restore, (FORMAT, type(self), self._contents())
 
     def __copy__(self) -> Self:
-        """Return a copy that shares nothing which can change."""
+        """Return a copy that shares no mutable state."""
         return copy.deepcopy(self)
 
 
 class Immutable(Pickled):
-    """Base of the public classes whose objects never change: copies are the object itself."""
+    """Base of the immutable public classes; copying returns the object itself."""
 
     __slots__ = ()
 
@@ -73,7 +73,7 @@ class Immutable(Pickled):
 
 
 class Value(Immutable):
-    """Base of the public classes whose objects are equal if all that they are made of is."""
+    """Base of the immutable public classes whose objects are equal if their contents are."""
 
     __slots__ = ()
 
@@ -90,7 +90,7 @@ class Value(Immutable):
 
 
 def _hashable(value: object) -> object:
-    """Return something of which equal values have the same: of a long array no more than its shape."""
+    """Return a hash key of a value; for a long array, only its shape."""
     if not isinstance(value, np.ndarray):
         return value
     return tuple(value.ravel().tolist()) if value.size <= SHORT else value.shape

@@ -1,24 +1,24 @@
 """Splines of rotations: orientations with continuous angular velocity and angular acceleration.
 
-From one rotation to the next, while u = (t − tᵢ)/(tᵢ₊₁ − tᵢ) grows from 0 to 1, the orientation is Rᵢ exp(φ(u)), where
-φ is a cubic from 0 to the rotation vector of RᵢᵀRᵢ₊₁. With ω the angular velocity in the turning frame and A = J⁻¹,
+Between two rotations, with u = (t − tᵢ)/(tᵢ₊₁ − tᵢ) from 0 to 1, the orientation is Rᵢ exp(φ(u)), where φ is a cubic
+from 0 to the rotation vector of RᵢᵀRᵢ₊₁. With ω the angular velocity in the rotating frame and A = J⁻¹,
 
     ω = J(φ)φ̇,   J(φ) = I − b[φ] + c[φ]²,   b = (1 − cos θ)/θ²,   c = (θ − sin θ)/θ³,   θ = |φ|,
 
-and the angular acceleration is J(φ)φ̈ + N(φ, φ̇), N = J̇φ̇. A step with the turn r and the length h begins with φ̇ = ω and
-ends with φ̇ = A(r)ω of its ends. As J(r)r = r, the acceleration is continuous at knot i, where the step (r, h) meets
-(r′, h′), if
+and the angular acceleration is J(φ)φ̈ + N(φ, φ̇), N = J̇φ̇. A step with rotation vector r and duration h has φ̇ = ω at its
+start and φ̇ = A(r)ω at its end. As J(r)r = r, the angular acceleration is continuous at knot i, between the steps (r, h)
+and (r′, h′), if
 
     ½α J(r)ωᵢ₋₁ + ωᵢ + ½β A(r′)ωᵢ₊₁ + g N(r, A(r)ωᵢ) = 3/2 (α r/h + β r′/h′),
     α = h′/(h + h′),   β = h/(h + h′),   g = hh′/(4(h + h′)).
 
-The first and the last angular velocity are the means of their steps, r/h.
+The first and the last angular velocity are the mean velocities r/h of the first and the last step.
 
 These are the splines of `scipy.spatial.transform.RotationSpline` (N. Mayorov, Smooth Attitude Interpolation, 2019:
 https://github.com/scipy/scipy/files/2932755/attitude_interpolation.pdf), which takes ten steps of a fixed-point
-iteration and does not say whether they converged. Here Newton's method solves the equations to rounding. They are
-linear but for N, which is quadratic in ω: where the method does not converge from the solution without N, N is switched
-on by degrees (numerical continuation: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., §11.3).
+iteration and does not report whether they converged. Here Newton's method solves the equations to rounding. They are
+linear except for N, which is quadratic in ω. If the method does not converge from the solution without N, N is
+introduced gradually (numerical continuation: J. Nocedal and S. J. Wright, Numerical Optimization, 2nd ed., §11.3).
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ __all__ = ["NoSplineError", "rotation_steps"]
 EPS = float(np.finfo(float).eps)
 
 SMALLEST_STEP = 2.0**-10
-"""Of the continuation: a limit of work, not of accuracy."""
+"""Smallest step of the continuation; it limits the work, not the accuracy."""
 
 MOST_ITERATIONS = 50
-"""Of Newton's method: a limit of work, too. Where it converges, each iteration doubles the number of right digits."""
+"""Maximum number of Newton iterations, another limit of work; once converging, each doubles the correct digits."""
 
 
 class NoSplineError(Exception):
-    """No solution of the equations was found; `knot` is that where they are off by most."""
+    """No solution of the equations was found; `knot` is the one with the largest residual."""
 
     def __init__(self, knot: int) -> None:
         super().__init__(knot)
@@ -57,12 +57,12 @@ def rotation_steps(lengths: Floats, turns: Floats) -> Floats:
     lengths : ndarray of float64, shape (n,)
         Time from each knot to the next, s; n >= 2.
     turns : ndarray of float64, shape (n, 3)
-        Rotation vector from each knot to the next, its length at most π.
+        Rotation vector from each knot to the next, of length at most π.
 
     Returns
     -------
     ndarray of float64, shape (n, 3, 3)
-        Terms in u, u² and u³ of each step.
+        Coefficients of u, u² and u³ for each step.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def rotation_steps(lengths: Floats, turns: Floats) -> Floats:
         If no solution of the equations was found.
     """
     h = (lengths / lengths.max())[:, None]
-    with np.errstate(all="ignore"):  # numbers that overflow solve no equation
+    with np.errstate(all="ignore"):  # infinity and NaN never pass as a solution
         equations = _Equations(h, turns)
         rates = equations.solution()
         start, end = h * rates[:-1], h * _times(equations.inverses, rates[1:])
@@ -78,7 +78,7 @@ def rotation_steps(lengths: Floats, turns: Floats) -> Floats:
 
 
 class _Equations:
-    """The equations at the inner knots, for the angular velocities at all knots, (n + 1, 3)."""
+    """The equations at the inner knots for the angular velocities at all knots, shape (n + 1, 3)."""
 
     def __init__(self, h: Floats, turns: Floats) -> None:
         self.means = turns / h
@@ -107,7 +107,7 @@ class _Equations:
         raise NoSplineError(1 + int(np.argmax(self.excess(rates, 1.0))))
 
     def improved(self, rates: Floats, share: float) -> Floats | None:
-        """Return the solution with this share of N to which Newton's method converges; None if it does not."""
+        """Return the solution for this share of N by Newton's method, or None if it does not converge."""
         from scipy.linalg import solve_banded
 
         shrunk = math.inf
@@ -122,7 +122,7 @@ class _Equations:
             rates[1:-1] -= change
             if is_solved:
                 return rates
-            # From √ε on, the next change is that of rounding, though not yet where angular velocities are smaller.
+            # Below √ε of the largest velocity, changes need not halve: they are rounding, or in smaller velocities.
             size = float(np.abs(change).max())
             if not size <= max(shrunk / 2, math.sqrt(EPS) * float(np.abs(rates).max())):
                 return None
@@ -130,16 +130,16 @@ class _Equations:
         return None
 
     def residual(self, rates: Floats, share: float) -> Floats:
-        """Return by how much the left sides, with this share of N, exceed the right ones: shape (n - 1, 3)."""
+        """Return the left sides, with this share of N, minus the right sides: shape (n - 1, 3)."""
         linear = _times(self.before, rates[:-2]) + rates[1:-1] + _times(self.after, rates[2:]) - self.right
         return linear + share * self.g * _quadratic(self.turns[:-1], _times(self.inverses[:-1], rates[1:-1]))
 
     def excess(self, rates: Floats, share: float) -> Floats:
         """Return the residual at each inner knot in units of its rounding: shape (n - 1,).
 
-        With u = ε/2, a matrix is off by 8u of its norm, its product with a vector by 3u more, and the sum of terms,
-        right side included, by 5u; N takes five such products. So each term is off by less than 32u of its bound, which
-        is by |J| <= 1, |A| = (θ/2)/sin(θ/2) <= π/2 and |N| <= (θ/12 + θ²/60 + 1/6)θ|φ̇|² < θ|φ̇|².
+        With u = ε/2, the error of a matrix is 8u of its norm; its product with a vector adds 3u, and the sum of the
+        terms, right side included, 5u; N takes five such products. So the error of each term is less than 32u of its
+        bound, which follows from |J| <= 1, |A| = (θ/2)/sin(θ/2) <= π/2 and |N| <= (θ/12 + θ²/60 + 1/6)θ|φ̇|² < θ|φ̇|².
         """
         size = np.linalg.norm(rates, axis=1, keepdims=True)
         curved = (math.pi / 2 * size[1:-1]) ** 2 * np.linalg.norm(self.turns[:-1], axis=1, keepdims=True)
@@ -150,7 +150,7 @@ class _Equations:
         return np.where(off <= bound, 0.0, off / bound)
 
     def jacobian(self, rates: Floats, share: float) -> Floats:
-        """Return the derivatives of the residual by the inner angular velocities, banded as for `solve_banded`."""
+        """Return the Jacobian of the residual for the inner angular velocities, in the band form of `solve_banded`."""
         count = len(self.g)
         inverses = self.inverses[:-1]
         bent = _quadratic_derivative(self.turns[:-1], _times(inverses, rates[1:-1])) @ inverses
@@ -160,7 +160,7 @@ class _Equations:
         for k, side in enumerate((-1, 0, 1)):
             for i in range(3):
                 for j in range(3):
-                    # The element of row 3m + i and column 3(m + side) + j stands at 5 + row - column.
+                    # The element in row 3m + i and column 3(m + side) + j is stored in band 5 + row - column.
                     places = slice(max(side, 0), count + min(side, 0))
                     values = slice(max(-side, 0), count + min(-side, 0))
                     banded[5 + i - j - 3 * side, places, j] = blocks[k, values, i, j]
@@ -170,7 +170,7 @@ class _Equations:
 def _factors(turns: Floats) -> Floats:
     """Return b, c, (db/dθ)/θ and (dc/dθ)/θ of rotation vectors of shape (n, 3): (4, n, 1).
 
-    Power series where the quotients would cancel, up to θ = 1, to where the next term is below 1/22! < ε/2:
+    Up to θ = 1, where the quotients would cancel, power series are used; their first omitted term is below 1/22! < ε/2:
     b = Σ (−θ²)ᵏ/(2k + 2)!, c = Σ (−θ²)ᵏ/(2k + 3)!.
     """
     square = np.sum(turns**2, axis=1, keepdims=True)
@@ -187,7 +187,7 @@ def _factors(turns: Floats) -> Floats:
 
 
 def _rate_matrices(turns: Floats) -> Floats:
-    """Return J of each rotation vector, (n, 3, 3)."""
+    """Return J of each rotation vector, shape (n, 3, 3)."""
     b, c, _, _ = _factors(turns)[..., None]
     cross = _cross_matrices(turns)
     matrices: Floats = np.eye(3) - b * cross + c * (cross @ cross)
@@ -195,7 +195,7 @@ def _rate_matrices(turns: Floats) -> Floats:
 
 
 def _quadratic(turns: Floats, rates: Floats) -> Floats:
-    """Return N: J̇φ̇, of rotation vectors and their derivatives, (n, 3) each."""
+    """Return N = J̇φ̇ for rotation vectors and their derivatives, of shape (n, 3) each."""
     _, c, b_by_angle, c_by_angle = _factors(turns)
     once = np.cross(turns, rates)
     along = np.sum(turns * rates, axis=1, keepdims=True)
@@ -204,7 +204,7 @@ def _quadratic(turns: Floats, rates: Floats) -> Floats:
 
 
 def _quadratic_derivative(turns: Floats, rates: Floats) -> Floats:
-    """Return the derivatives of N by φ̇, (n, 3, 3)."""
+    """Return the derivatives of N with respect to φ̇, shape (n, 3, 3)."""
     _, c, b_by_angle, c_by_angle = _factors(turns)[..., None]
     cross, rate_cross = _cross_matrices(turns), _cross_matrices(rates)
     along = np.sum(turns * rates, axis=1)[:, None, None]
@@ -215,7 +215,7 @@ def _quadratic_derivative(turns: Floats, rates: Floats) -> Floats:
 
 
 def _cross_matrices(vectors: Floats) -> Floats:
-    """Return the matrices [v], [v]w = v × w, (n, 3, 3)."""
+    """Return the matrices [v] with [v]w = v × w, shape (n, 3, 3)."""
     x, y, z = vectors.T
     zero = np.zeros_like(x)
     return np.moveaxis(np.array([[zero, -z, y], [z, zero, -x], [-y, x, zero]]), 2, 0)

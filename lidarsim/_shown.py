@@ -1,4 +1,4 @@
-"""How objects show themselves, in a few lines: in a terminal and in a notebook."""
+"""Short representations of objects for terminals and notebooks."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-FEW = 6  # numbers that are shown one by one
-WIDTH = 60  # characters of any other value
+FEW = 6  # maximum size of an array whose numbers are all shown
+WIDTH = 60  # maximum characters of any other value
 
 _brief = reprlib.Repr()
 _brief.maxother = _brief.maxstring = WIDTH
@@ -19,7 +19,7 @@ _brief.maxtuple = _brief.maxlist = 3
 
 
 def short(value: object) -> str:
-    """Return a value in a few words: of a long array its shape, and the least and the greatest number."""
+    """Return a short text for a value; for a long array, its shape, minimum and maximum."""
     if not isinstance(value, np.ndarray):
         return _brief.repr(value)
     if value.ndim == 1 and value.size <= FEW:
@@ -28,16 +28,16 @@ def short(value: object) -> str:
 
 
 def extent(array: npt.NDArray[Any]) -> str:
-    """Return the least and the greatest finite number, as text; "" if there is none."""
+    """Return the minimum and maximum of the finite numbers as text, or "" if there are none."""
     finite = array[np.isfinite(array)]
     return f"{finite.min():.6g} … {finite.max():.6g}" if finite.size else ""
 
 
 def plain(text: object, *, most: int | None = None) -> str:
-    r"""Return a text with escapes such as ``\x1b`` for what cannot be printed, so that no name controls a terminal.
+    r"""Return a text with unprintable characters escaped, as ``\x1b``, so that no name can control a terminal.
 
-    Printable is what `str.isprintable` says: no control or format characters, which reorder or hide text, no line
-    separators, no surrogates. Of a result longer than `most` characters, the beginning and an ellipsis are left.
+    As for `str.isprintable`, these are control and format characters, which can reorder or hide text, line separators
+    and surrogates. A result longer than `most` characters is truncated and ends in an ellipsis.
     """
     whole = str(text)
     if not whole.isprintable():
@@ -46,18 +46,18 @@ def plain(text: object, *, most: int | None = None) -> str:
 
 
 def counted(count: int, noun: str) -> str:
-    """Return a number of things, as text: "1 frame", "2,000 frames"."""
+    """Return a count with its noun: "1 frame", "2,000 frames"."""
     return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
 def html_table(title: str, rows: Iterable[Sequence[str]]) -> str:
-    """Return a table of a few rows under a title, without a style of its own."""
+    """Return an HTML table with a title and no styling."""
     cells = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows)
     return f"<table><caption>{escape(title)}</caption>{cells}</table>"
 
 
 def text_table(title: str, rows: Sequence[Sequence[str]]) -> str:
-    """Return the same as lines of text."""
+    """Return the same table as lines of text."""
     widths = [max(len(row[i]) for row in rows) for i in range(len(rows[0]))] if rows else []
     lines = ("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) for row in rows)
     return "\n".join((title, *(f"  {line}".rstrip() for line in lines)))

@@ -1,4 +1,4 @@
-"""The terminal: all that the command line prints goes through here, and no text from a file controls it."""
+"""Terminal output: the command line prints only through this module, so that no text can control the terminal."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from lidarsim.errors import LidarsimError
 __all__ = ["facts", "paragraph", "print_line", "say", "standard_streams", "table"]
 
 WIDTH = 200
-"""Columns of the tables in a pipe."""
+"""Width of tables in a pipe, in columns."""
 LONGEST_LINE = 2000
-"""Characters of a message on stderr that are shown."""
+"""Maximum characters of a message on stderr."""
 ASCII = str.maketrans({"…": "...", "°": "deg"})
-"""Our own characters where the terminal lacks them; any others are escaped."""
+"""Replacements for lidarsim's own characters if the terminal lacks them; all others are escaped."""
 
 
 def print_line(text: object) -> None:
@@ -37,31 +37,31 @@ def print_line(text: object) -> None:
     Raises
     ------
     BrokenPipeError
-        If nobody reads it any more.
+        If the reader has closed the pipe.
     LidarsimError
-        If it cannot be written.
+        If stdout cannot be written.
     """
     _write(f"{_fitting(text)}\n")
 
 
 def paragraph(text: object) -> None:
-    """Print a text to stdout, wrapped between words; errors are those of `print_line`."""
+    """Print a text to stdout, wrapped between words; raises the errors of `print_line`."""
     _render(Text(_fitting(text)))
 
 
 def table(
     columns: Sequence[str], rows: Sequence[Sequence[object]], *, left: Sequence[str] = (), whole: Sequence[str] = ()
 ) -> None:
-    """Print a table to stdout; errors are those of `print_line`.
+    """Print a table to stdout; raises the errors of `print_line`.
 
     Parameters
     ----------
     columns : sequence of str
-        Their names.
+        Names of the columns.
     rows : sequence of sequence of object
-        As many cells in each; numbers are printed as `_cell` says.
+        One cell per column in each row; `_cell` formats the values.
     left, whole : sequence of str
-        The columns that are aligned on the left, and those that are never wrapped.
+        Columns that are aligned left, and columns that are never wrapped.
     """
     made = Table(box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True)
     for column in columns:
@@ -73,7 +73,7 @@ def table(
 
 
 def facts(lines: dict[str, str]) -> None:
-    """Print names and values to stdout, side by side; errors are those of `print_line`."""
+    """Print names and values to stdout, side by side; raises the errors of `print_line`."""
     made = Table(box=None, show_header=False)
     for name, value in lines.items():
         made.add_row(name, _fitting(value))
@@ -81,7 +81,7 @@ def facts(lines: dict[str, str]) -> None:
 
 
 def say(text: object) -> None:
-    """Print a message as one line to stderr, if that can be written; of a very long one the middle is left out."""
+    """Print a message as one line to stderr, ignoring write errors; the middle of a very long message is cut."""
     whole = " ".join(part.strip() for part in str(text).strip().split("\n"))
     line = _encodable(plain(whole), sys.stderr)
     if len(line) > LONGEST_LINE:
@@ -93,14 +93,14 @@ def say(text: object) -> None:
 
 @contextmanager
 def standard_streams() -> Iterator[None]:
-    """Let the block print whatever becomes of stdin, stdout and stderr, and warnings and logs go through `say`.
+    """Make the block safe against closed or broken standard streams, and print warnings and logs by `say`.
 
-    A stream that is closed becomes the null device: else the next file that is opened would have its number, and get
-    what libraries print. What a stream could not write is dropped at the end, where Python would complain of it.
+    A closed stream becomes the null device; otherwise the next opened file would get its descriptor, and the output of
+    libraries with it. Unwritten output is dropped at the end, where Python would report an error.
     """
     for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
         if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123 - as long as the process
+            setattr(sys, name, open(os.devnull, mode, encoding="utf-8"))  # noqa: SIM115, PTH123 - kept open
     log = _Log(logging.WARNING)
     try:
         with warnings.catch_warnings():
@@ -114,7 +114,7 @@ def standard_streams() -> Iterator[None]:
 
 
 class _Log(logging.Handler):
-    """What libraries log, as messages."""
+    """Print the log records of libraries as messages."""
 
     def emit(self, record: logging.LogRecord) -> None:
         say(f"warning: {record.getMessage()}")
@@ -142,7 +142,7 @@ def _write(text: str) -> None:
 
 
 def _render(what: Table | Text) -> None:
-    """Print as wide as the terminal, or as wide as it takes if there is none."""
+    """Print at the width of the terminal, or of `WIDTH` columns if there is none."""
     page = _Page()
     width = None if page.isatty() else WIDTH
     Console(file=page, width=width, highlight=False, markup=False, emoji=False).print(what)
@@ -150,7 +150,7 @@ def _render(what: Table | Text) -> None:
 
 
 class _Page(StringIO):
-    """What is to be printed to stdout, as if it were stdout."""
+    """Buffer for stdout that has the encoding of stdout and is a terminal if stdout is one."""
 
     encoding = property(lambda _: sys.stdout.encoding)
 
@@ -159,7 +159,7 @@ class _Page(StringIO):
 
 
 def _fitting(text: object) -> str:
-    """Return a text that stdout can print, in as many columns as it then takes."""
+    """Return a text with all characters escaped that stdout cannot print, before its width is measured."""
     return _encodable(plain(text), sys.stdout)
 
 
@@ -173,7 +173,7 @@ def _encodable(text: str, stream: TextIO) -> str:
 
 
 def _cell(value: object) -> str:
-    """Return what a table shows of a value: nothing of None, numbers with three significant digits."""
+    """Return the text of a cell: empty for None; floats with three significant digits, or as integers from 100 on."""
     if value is None:
         return ""
     if isinstance(value, int | np.integer):

@@ -1,6 +1,6 @@
-"""Checks of arguments, in one place so that every error reads alike.
+"""Argument checks, in one place so that all errors read alike.
 
-Each error names the argument, what was expected and what was got; in an array it names the first offender.
+Each error states the argument, the expectation and the value; for an array, it names the first wrong entry.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float64]
 
 Vector = tuple[float, float, float]
-"""A point or vector, where the type of a value in a configuration is declared."""
+"""A point or vector, as the declared type of a value in a configuration."""
 
 Transform: TypeAlias = "RigidTransform | npt.ArrayLike"
 """A pose or placement: a `scipy.spatial.transform.RigidTransform`, or array_like of shape (4, 4)."""
 
 UINT32 = 2**32 - 1
-"""The greatest label or instance."""
+"""Largest label or instance."""
 
 WIDEST_BEAM = 0.1
-"""The greatest divergence of a beam, rad: beams of lidars have milliradians."""
+"""Largest divergence of a beam, rad; lidar beams have milliradians."""
 
 
 def real(
@@ -44,9 +44,9 @@ def real(
     at_most: float = math.inf,
     infinite: bool = False,
 ) -> float:
-    """Return `value` as a float inside the bounds; NaN never passes, ±inf only with `infinite`."""
+    """Return `value` as a float within the bounds; NaN never passes, ±inf only with `infinite`."""
     if isinstance(value, float):
-        number = float(value)  # a float64 of numpy is one, but slow to compare
+        number = float(value)  # numpy.float64 is a float, but compares slowly
         if at_least <= number <= at_most and above < number < math.inf:
             return number
     wrong: type[ArgumentError] = ArgumentTypeError
@@ -72,7 +72,7 @@ def real(
 
 
 def _is_real(value: object) -> bool:
-    """Return whether `float` does right by `value`, if it takes it: not by truth values, texts and complex numbers."""
+    """Return whether `float` may convert `value`; booleans, texts and complex numbers are not real numbers."""
     if isinstance(value, np.ndarray):
         return value.ndim == 0 and value.dtype.kind in "fiu"
     if isinstance(value, np.generic):
@@ -81,12 +81,12 @@ def _is_real(value: object) -> bool:
 
 
 def integer(name: str, value: object, *, at_least: int | None = None, at_most: int | None = None) -> int:
-    """Return `value` as an int inside the bounds."""
+    """Return `value` as an int within the bounds."""
     if type(value) is int and (at_least is None or value >= at_least) and (at_most is None or value <= at_most):
         return value
     wrong: type[ArgumentError] = ArgumentTypeError
     if not isinstance(value, bool):
-        try:  # that of an array exists, and fails unless it is of a single integer
+        try:  # arrays have `__index__`, which fails unless they hold a single integer
             number = operator.index(value)  # type: ignore[arg-type]
         except TypeError:
             pass
@@ -99,14 +99,14 @@ def integer(name: str, value: object, *, at_least: int | None = None, at_most: i
 
 
 def one_of(name: str, value: object, options: Sequence[str]) -> None:
-    """Check that `value` is one of some words."""
+    """Check that `value` is one of `options`."""
     if not (isinstance(value, str) and value in options):
         *others, last = map(repr, options)
         raise ArgumentValueError(name, f"{', '.join(others)} or {last}", shown(value))
 
 
 def items(name: str, value: object, kind: str) -> list[Any]:
-    """Return what is in `value`, a sequence or another iterable of things of a `kind`, which the error names."""
+    """Return the items of `value`, an iterable, as a list; the error names their `kind`."""
     try:
         return list(value)  # type: ignore[call-overload, no-any-return]
     except TypeError:
@@ -121,7 +121,7 @@ def flag(name: str, value: object) -> bool:
 
 
 def frames(first: object, count: object, *, at_least: int = 0) -> range:
-    """Return the numbers of `count` frames from `first` on, after checking that each has its uint32."""
+    """Return the numbers of `count` frames from `first` on, after checking that all fit uint32."""
     number = integer("count", count, at_least=at_least)
     start = integer("first", first, at_least=0)
     if number > 1 << 32:
@@ -131,11 +131,11 @@ def frames(first: object, count: object, *, at_least: int = 0) -> range:
 
 
 SLOWEST, FASTEST = 1e-9, 1e12
-"""Bounds of rates, Hz, and so of their periods: 30 years, and the time in which light goes 0.3 mm."""
+"""Bounds of rates, Hz; the periods are 30 years and the time in which light travels 0.3 mm."""
 
 
 def frequency(name: str, value: object, *, at_most: float = math.inf) -> float:
-    """Return `value` as a float inside the bounds of rates, Hz; it has to be > 0."""
+    """Return a rate, Hz, as a float within `SLOWEST`, `FASTEST` and `at_most`."""
     number = real(name, value, above=0.0, at_most=at_most)
     if not SLOWEST <= number <= FASTEST:
         raise ArgumentValueError(name, f"a rate from {SLOWEST:g} to {FASTEST:g} Hz", number)
@@ -145,7 +145,7 @@ def frequency(name: str, value: object, *, at_most: float = math.inf) -> float:
 def angle(
     name: str, value: object, *, at_least: float = -math.inf, above: float = -math.inf, at_most: float = math.inf
 ) -> float:
-    """Return `value` as a float inside the bounds, rad; one beyond them may have been meant in degrees."""
+    """Return an angle, rad, as a float within the bounds; the error for one beyond `at_most` suggests degrees."""
     try:
         return real(name, value, at_least=at_least, above=above, at_most=at_most)
     except ArgumentValueError as error:
@@ -153,7 +153,7 @@ def angle(
 
 
 def beam_angle(name: str, value: object) -> float:
-    """Return `value`, the divergence of a beam, as a float, rad; one beyond 0.1 may have been meant in mrad."""
+    """Return the divergence of a beam, rad, as a float; the error for one beyond `WIDEST_BEAM` suggests mrad."""
     try:
         return real(name, value, at_least=0.0, at_most=WIDEST_BEAM)
     except ArgumentValueError as error:
@@ -161,7 +161,7 @@ def beam_angle(name: str, value: object) -> float:
 
 
 def _meant(value: Any, at_most: float, unit: str) -> str:
-    """Return the hint that a finite number beyond `at_most` rad may have been given in another unit."""
+    """Return the hint that a finite number beyond `at_most` rad may be in another unit."""
     try:
         return unit if at_most < abs(float(value)) < math.inf else ""
     except OverflowError:
@@ -169,7 +169,7 @@ def _meant(value: Any, at_most: float, unit: str) -> str:
 
 
 def angles(name: str, values: Floats, *, at_most: float) -> Floats:
-    """Return `values` after checking that each is an angle of `at_most` so many rad, either way."""
+    """Return `values`, rad, after checking that each is from -`at_most` to `at_most`."""
     wrong = np.abs(values) > at_most
     if wrong.any():
         i = int(np.argmax(wrong))
@@ -179,7 +179,7 @@ def angles(name: str, values: Floats, *, at_most: float) -> Floats:
 
 
 def as_array(name: str, value: object, expected: str) -> npt.NDArray[Any]:
-    """Return `value` as NumPy makes an array of it."""
+    """Return `value` as an array, in the dtype that NumPy chooses."""
     try:
         return np.asarray(value)
     except (TypeError, ValueError):
@@ -197,7 +197,7 @@ def array(name: str, value: object, shape: Sequence[int | str], *, finite: bool 
         or any(isinstance(want, int) and want != got for want, got in zip(shape, given.shape, strict=True))
     ):
         raise ArgumentValueError(name, _shape(shape), given.shape, _shape_hint(name, given.shape, shape))
-    with np.errstate(over="ignore"):  # of longer numbers
+    with np.errstate(over="ignore"):  # wider floats may overflow
         result: Floats = in_order(given, np.float64)
     if finite and np.count_nonzero(np.isfinite(result)) < result.size:
         index = np.argwhere(~np.isfinite(result))[0]
@@ -241,13 +241,13 @@ def frozen(values: npt.ArrayLike) -> Floats:
 
 
 def in_order(values: npt.NDArray[Any], dtype: type[np.generic]) -> npt.NDArray[Any]:
-    """Return `values` as the core reads them, C-contiguous and aligned; copied only if they are not."""
+    """Return `values` C-contiguous and aligned, as the core reads them; a copy only if necessary."""
     result = np.asarray(values, dtype, order="C")
     return result if result.flags.aligned else result.copy()
 
 
 def nonzero_vectors(name: str, vectors: Floats) -> Floats:
-    """Return `vectors`, of shape (3,) or (n, 3), after checking that none of them is zero."""
+    """Return `vectors`, of shape (3,) or (n, 3), after checking that none is zero."""
     zero = ~vectors.any(axis=-1)
     if zero.any():
         where = f"[{int(np.argmax(zero))}]" if vectors.ndim == 2 else ""
@@ -256,7 +256,7 @@ def nonzero_vectors(name: str, vectors: Floats) -> Floats:
 
 
 def positive(name: str, values: Sequence[float]) -> Sequence[float]:
-    """Return `values` after checking that each of them is > 0."""
+    """Return `values` after checking that each is > 0."""
     if min(values) <= 0:
         i = next(i for i, value in enumerate(values) if value <= 0)
         raise ArgumentValueError(name, "numbers > 0", f"{name}[{i}] = {values[i]}")
@@ -280,7 +280,7 @@ def t_range(t_min: object, t_max: object) -> tuple[float, float]:
 def pose(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix from a `scipy.spatial.transform.RigidTransform` or a 4×4 rigid matrix.
 
-    Rigid means that the rotation part is orthonormal to within 1e-6, what a float32 pose file keeps, and not a
+    Rigid means that the rotation part is orthonormal to within 1e-6, the accuracy of float32 files, and not a
     reflection.
     """
     matrix = affine(name, value)
@@ -299,7 +299,7 @@ def pose(name: str, value: Transform) -> Floats:
 def affine(name: str, value: Transform) -> Floats:
     """Return a (4, 4) float64 matrix with a last row of (0, 0, 0, 1); the core decides whether it can be inverted."""
     if hasattr(value, "as_matrix"):
-        if not hasattr(type(value), "rotation"):  # scipy would make that of the value itself, and slowly
+        if not hasattr(type(value), "rotation"):  # of the value, SciPy would compute it, slowly
             kind = type(value).__name__
             raise ArgumentTypeError(name, "a RigidTransform or an array of shape (4, 4)", f"a {kind}")
         value = value.as_matrix()
@@ -312,7 +312,7 @@ def affine(name: str, value: Transform) -> Floats:
 
 
 def placement(transform: Transform) -> _native.Affine:
-    """Return the argument `transform` of a shape or an object as the core has it."""
+    """Return the argument `transform` of a shape or object in the core's type."""
     return _native.Affine.plain(transform) or _native.Affine(affine("transform", transform).tolist())
 
 
@@ -324,7 +324,7 @@ def _shape(wanted: Sequence[int | str]) -> str:
 
 
 def _shape_hint(name: str, given: tuple[int, ...], wanted: Sequence[int | str]) -> str:
-    """Return what may have been meant by an array of another shape."""
+    """Return a hint at the likely mistake behind an array of the wrong shape."""
     if list(wanted) == [4, 4]:
         return {
             (3,): f"a position is the last column, {name}[:3, 3]",
@@ -340,7 +340,7 @@ def _shape_hint(name: str, given: tuple[int, ...], wanted: Sequence[int | str]) 
 
 
 def named_labels(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
-    """Return names of labels as a dictionary of its own."""
+    """Return a checked copy of a mapping from labels to names."""
     if value is None:
         return {}
     if not isinstance(value, Mapping):
@@ -353,14 +353,14 @@ def named_labels(name: str, value: Mapping[int, str] | None) -> dict[int, str]:
 
 
 def _between(low: str | None, high: str | None) -> str:
-    """Return what follows the kind of number that is expected, if anything: " from 0 to 1"."""
+    """Return the bounds of an expected number as text, such as " from 0 to 1", or "" without bounds."""
     if low and high:
         return f" from {low} to {high}"
     return f" >= {low}" if low else f" <= {high}" if high else ""
 
 
 def shown(value: object) -> str:
-    """Return what an error shows of a value: all of it only if that is short, and never more than 200 characters."""
+    """Return the text of a value in errors: abbreviated if long, and at most 200 characters."""
     if isinstance(value, np.ndarray) and value.ndim:
         return f"an array of shape {value.shape}"
     if isinstance(value, int) and value.bit_length() > 256:  # Python refuses to print thousands of digits
@@ -369,6 +369,6 @@ def shown(value: object) -> str:
 
 
 def short(text: object) -> str:
-    """Return what an error shows of a text: no more than 200 characters."""
+    """Return the part of a text that errors show: at most 200 characters."""
     whole = str(text)
     return whole if len(whole) <= 200 else f"{whole[:199]}…"

@@ -1,4 +1,4 @@
-"""Views: what can be made of an object to look at it, registered by modules which that object must not import."""
+"""Registry of conversions and plots, filled by modules that the converted classes must not import."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from lidarsim.scene import Scene
 
 Camera = Literal["behind", "birds-eye", "first-person", "orbit"]
-"""Where a picture is taken from."""
+"""Camera position of a picture."""
 
 
 class Looks(TypedDict, total=False):
-    """The keywords of `lidarsim.show`."""
+    """Keyword arguments of `lidarsim.show`."""
 
     scene: Scene | None
     color_by: str | None
@@ -47,42 +47,42 @@ _VIEWS: dict[tuple[type, str], Callable[..., Any]] = {}
 
 
 def register_view(kind: type, name: str, function: Callable[..., Any]) -> None:
-    """Let a method of a class work by a function: ``to_<name>``, ``from_<name>``, or ``plot``.
+    """Register the function behind a method of a class: ``to_<name>``, ``from_<name>`` or ``plot``.
 
     Parameters
     ----------
     kind : type
         The class whose instances are converted or shown.
     name : str
-        Name of the library that they are converted for, "from_" and that name for the way back, or "plot".
+        Name of the library to convert to, "from_" and that name for the reverse, or "plot".
     function : callable
-        Takes what the method takes: an instance, or what it is made from, and keywords.
+        Takes the arguments of the method: an instance, or the object to convert from, and keywords.
     """
     _VIEWS[kind, name] = function
 
 
 def view(kind: type, name: str) -> Callable[..., Any]:
-    """Return the function that is registered for a class by a name."""
+    """Return the function that is registered for a class under a name."""
     return _VIEWS[kind, name]
 
 
 class Plotted:
-    """Base of the public classes whose objects can be looked at."""
+    """Base of the public classes whose objects can be plotted."""
 
     __slots__ = ()
 
     def plot(self, **options: Unpack[Looks]) -> Page | None:
-        """Show this in a window, in a notebook or as a file: a short way to write ``lidarsim.show(this, …)``.
+        """Show this in a window or notebook, or save a picture: short for ``lidarsim.show(this, …)``.
 
         Parameters
         ----------
         **options
-            Those of `lidarsim.show`: `color_by`, `scene`, `save`, `camera` and others.
+            Keyword arguments of `lidarsim.show`: `color_by`, `scene`, `save`, `camera` and others.
 
         Returns
         -------
         Page or None
-            What `lidarsim.show` returns.
+            The result of `lidarsim.show`.
         """
         page: Page | None = view(Plotted, "plot")(self, **options)
         return page

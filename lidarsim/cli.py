@@ -52,16 +52,16 @@ app = typer.Typer(
 Item = TypeVar("Item")
 
 ROWS = 10
-"""Most rows of the table that a scan of many frames prints."""
+"""Maximum rows of the table that a scan of many frames prints."""
 NAME = 60
-"""Most characters of a name in a table."""
+"""Maximum characters of a name in a table."""
 _DRAWN = {
     ".png": ("pyvista", "pyvista"),
     ".html": ("plotly", "html"),
     ".gif": ("pyvista", "pyvista"),
     ".mp4": ("imageio_ffmpeg", "video"),
 }
-"""The package, and the extra that has it, which a kind of picture needs."""
+"""Package that each kind of picture needs, and the extra that installs it."""
 
 
 class Viewer(StrEnum):
@@ -72,7 +72,7 @@ class Viewer(StrEnum):
 
 
 class Camera(StrEnum):
-    """From where a picture is taken."""
+    """Camera position of a picture."""
 
     BEHIND = "behind"
     BIRDS_EYE = "birds-eye"
@@ -81,7 +81,7 @@ class Camera(StrEnum):
 
 
 def _path(text: str) -> Path:
-    if not text:  # which would be the current folder
+    if not text:  # `Path` would make it the current folder
         raise typer.BadParameter("expected a path, got an empty one")
     return Path(text)
 
@@ -106,7 +106,7 @@ ColorBy = Annotated[str | None, _option("--color-by", "FIELD", "Colour the point
 Surfaces = Annotated[
     bool, typer.Option("--surfaces/--no-surfaces", help="Show the surfaces of the scene with the points.")
 ]
-View = Annotated[Camera, _option("--camera", "|".join(Camera), "Where to look from.")]
+View = Annotated[Camera, _option("--camera", "|".join(Camera), "Camera position.")]
 Size = Annotated[str, _option("--size", "WIDTHxHEIGHT", "Size of windows and pictures in pixels; default 1600x1000.")]
 
 
@@ -149,8 +149,8 @@ def scan(
     """Scan the scene in CONFIG and write the point cloud.
 
     With several frames, each frame gets its own numbered file, and the sensor poses (OUT_poses.tum) and the start times
-    of the frames (OUT_times.txt) are written next to them. A pose is taken at the start of its frame, or at the time
-    that the points are deskewed to. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all of
+    of the frames (OUT_times.txt) are written next to them. Each pose is that at the start of its frame, or at the time
+    to which the points are deskewed. With a rig, each sensor gets its own files. A ROS 2 bag (.mcap, .db3) holds all of
     this in one file.
     """
     check_output(output)
@@ -219,7 +219,7 @@ def generate(
     """Make the data set described by RECIPE, or resume it.
 
     Existing files are kept: after a crash, a full disk or Ctrl-C, run the same command again to continue. The files are
-    byte-identical for any number of workers. Dask's dashboard of --workers is reachable from this machine only; from
+    byte-identical for any number of workers. With --workers, Dask's dashboard is reachable only from this machine; from
     another, forward its port: ssh -L PORT:127.0.0.1:PORT.
     """
     if not output:
@@ -267,9 +267,9 @@ def view(
     screenshot: Screenshot = None,
     html: Annotated[Path | None, _file("--html", "HTML", "Write a self-contained web page.")] = None,
     gif: Annotated[
-        Path | None, _file("--gif", "GIF", "Write an animation: all frames, or once around a single one.")
+        Path | None, _file("--gif", "GIF", "Write an animation of all frames, or an orbit around a single one.")
     ] = None,
-    mp4: Annotated[Path | None, _file("--mp4", "MP4", "Same as --gif, as a video.")] = None,
+    mp4: Annotated[Path | None, _file("--mp4", "MP4", "Same as --gif, but as a video.")] = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
     camera: View = Camera.BEHIND,
@@ -368,7 +368,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
 @app.command()
 def sensors(
     name: Annotated[str | None, typer.Argument(metavar="NAME", help="Preset; default: list all.")] = None,
-    yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, as a start for your own.")] = False,
+    yaml: Annotated[bool, typer.Option("--yaml", help="Print the preset's file, a template for your own.")] = False,
     screenshot: Screenshot = None,
 ) -> None:
     """List the sensor presets, or describe one."""
@@ -412,15 +412,15 @@ def bench(context: typer.Context) -> None:
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line and exit: with 0, or with 2 and one line on stderr if something is wrong.
+    """Run the command line and exit with 0, or with 2 and one line on stderr after an error.
 
-    Ctrl-C gives 130, and a pipe that nobody reads any more 141, as shells report what a signal ended. Python's
-    development mode (``python -X dev -m lidarsim``) shows where an error comes from.
+    The exit code is 130 after Ctrl-C and 141 after a broken pipe, as in shells. The traceback of an error is shown in
+    Python's development mode (``python -X dev -m lidarsim``).
 
     Parameters
     ----------
     arguments : sequence of str, optional
-        Default: those of the process.
+        Default: the arguments of the process.
     """
     given = list(sys.argv[1:] if arguments is None else arguments)
     code: object = 0
@@ -432,9 +432,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
             code = end.exit_code if isinstance(end, typer.Exit) else end.code
         except KeyboardInterrupt:
             code = 130
-        except BrokenPipeError:  # of stdout: what fails to write a file says which
+        except BrokenPipeError:  # of stdout; errors of files name the file
             code = 141
-        except BaseException as error:  # a panic of the core is no Exception
+        except BaseException as error:  # a panic of the core is not an `Exception`
             if sys.flags.dev_mode:
                 raise
             say(_reason(error))
@@ -447,14 +447,14 @@ def _run(arguments: list[str]) -> None:
         with get_command(app).make_context("lidarsim", arguments) as context:
             context.command.invoke(context)
     finally:
-        sys.stdout.flush()  # what libraries printed: else the interpreter would fail to, after all
+        sys.stdout.flush()  # output of libraries; a failure must not wait for interpreter exit
 
 
 @contextmanager
 def _insistent_interrupts() -> Iterator[None]:
-    """Let Ctrl-C end the block, and if it does not, come again a second later, or at the end of the block.
+    """Make Ctrl-C end the block; if the exception is lost, raise it again a second later or at the end of the block.
 
-    Python drops what is raised in callbacks, of which imports run many, and some libraries drop whatever is raised.
+    Python drops exceptions in callbacks, of which imports run many, and some libraries drop any exception.
     """
     main = threading.main_thread()
     if threading.current_thread() is not main or signal.getsignal(signal.SIGINT) is not signal.default_int_handler:
@@ -465,7 +465,7 @@ def _insistent_interrupts() -> Iterator[None]:
     def repeat(number: int) -> None:
         if sys.platform == "win32":
             signal.raise_signal(number)
-        else:  # where it also wakes a thread that sleeps
+        else:  # which also wakes a sleeping thread
             signal.pthread_kill(main.ident or 0, number)
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -494,10 +494,10 @@ def _insistent_interrupts() -> Iterator[None]:
 
 
 def _reason(error: BaseException) -> str:
-    """Return what is wrong, in words for whoever gave the command."""
-    if isinstance(error, OSError) and error.strerror:  # of the system; ours have a text alone
+    """Return the message of an error for the user."""
+    if isinstance(error, OSError) and error.strerror:  # from the system; ours have only a message
         return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
-    if hasattr(error, "format_message"):  # as typer's complaints about arguments have, wherever they are defined
+    if hasattr(error, "format_message"):  # typer's errors about arguments, whichever module defines them
         return str(error.format_message())
     text = str(error) or type(error).__name__
     if isinstance(error, MemoryError):
@@ -513,7 +513,7 @@ def _load(config: Path, overrides: list[str] | None, **settings: int | None) -> 
 
 
 def _described(path: Path, overrides: list[str] | None, **settings: int | None) -> tuple[Run, Mapping[int, str] | None]:
-    """Return the run that a configuration describes, or the first of a recipe, with the names of its classes."""
+    """Return the run of a configuration, or the first run of a recipe with its class names."""
     from lidarsim.config.document import entries, read
 
     if "run" not in entries(read(path)):
@@ -533,9 +533,9 @@ def _check_screenshot(path: Path | None) -> None:
 
 
 def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None) -> None:
-    """Raise an error, before any work, unless each file of a scan can be written under a name of its own.
+    """Raise an error, before any work, unless each file of a scan can be written and has a unique path.
 
-    Names that differ in case alone are one on some systems. The numbers of frames make no names equal that are not: one
+    Paths that differ only in case are equal on some systems. Frame numbers cannot make different paths equal, so one
     frame stands for all.
     """
     written = run.files_of_a_frame(output)
@@ -550,15 +550,15 @@ def _check_outputs(run: Run, config: Path, output: Path, screenshot: Path | None
 
 
 def _seen(run: Run) -> Iterator[tuple[ls.PointCloud, Floats, float]]:
-    """Yield the points of each frame in the world, where the sensor was, and when the frame began."""
+    """Yield the points of each frame in world coordinates, the sensor's pose and the start time."""
     for frame in run.measured():
-        if frame.scans:  # of a rig all sensors may have no frame of theirs
+        if frame.scans:  # a frame of a rig may have no scans
             cloud = ls.PointCloud.concatenate(list(frame.in_world().values()))
             yield cloud, next(iter(frame.poses.values())), min(scan.time for scan in frame.scans.values())
 
 
 def _clouds(path: Path) -> list[Path]:
-    """Return the point clouds in a folder in the order of their names, or the one that `path` is."""
+    """Return the point clouds in a folder, sorted by name, or `path` itself if it is a file."""
     if not path.is_dir():
         return [path]
     found = sorted(file for file in path.iterdir() if file.is_file() and is_point_cloud(file))
@@ -568,13 +568,13 @@ def _clouds(path: Path) -> list[Path]:
 
 
 def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
-    """Yield the items with a bar on a terminal, and none in a pipe."""
+    """Yield the items, with a progress bar if stderr is a terminal."""
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         yield from progress.track(items, total=count, description="reading")
 
 
 def _size(text: str) -> tuple[int, int]:
-    """Return the width and the height that a text such as 1600x1000 gives."""
+    """Parse a size such as 1600x1000 as width and height."""
     found = re.fullmatch(r"([0-9]{1,5})x([0-9]{1,5})", text)
     if found is None:
         raise LidarsimError(f"--size: expected WIDTHxHEIGHT in pixels, such as 1600x1000, got {shown(text)}")
@@ -591,7 +591,7 @@ def _times(span: tuple[float, float]) -> str:
 
 
 def _print_sensor(lidar: ls.Lidar) -> None:
-    """Print what a sensor does, one fact per line."""
+    """Print the properties of a sensor, one per line."""
     does = describe(lidar.pattern)
     seconds = does.time[1] - does.time[0]
     exact = ls.Measurement()

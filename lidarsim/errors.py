@@ -1,4 +1,4 @@
-"""The exceptions of lidarsim: each is also the built-in exception that its kind of fault calls for."""
+"""lidarsim's exceptions; each is also a built-in exception of its kind."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ class LidarsimError(Exception):
 
 
 class ArgumentError(LidarsimError):
-    """An argument that cannot be used.
+    """Invalid argument.
 
-    What is raised is an `ArgumentValueError`, which is a ValueError, or an `ArgumentTypeError`, which is a TypeError.
+    Raised as `ArgumentValueError`, which is a ValueError, or as `ArgumentTypeError`, which is a TypeError.
 
     Parameters
     ----------
     argument : str
-        The name of the argument.
+        Name of the argument.
     expected : str
-        What it has to be.
+        The expected value.
     got : object
-        What it is, or what shows the fault, such as the first wrong element of an array.
+        The given value or its wrong part, such as the first wrong element of an array.
     hint : str
-        What may have been meant, or how to go on; empty if there is nothing to say.
+        The likely intention or remedy; empty if there is none.
 
     Attributes
     ----------
@@ -48,29 +48,29 @@ class ArgumentError(LidarsimError):
 
     @property
     def problem(self) -> str:
-        """What is wrong, without the name of the argument and the hint."""
+        """The error without the name of the argument and the hint."""
         return f"expected {self.expected}, got {self.got}"
 
     def __str__(self) -> str:
-        """Return all of it on one line: ``radius: expected a finite number > 0, got -1.0; hint``."""
+        """Return the error on one line: ``radius: expected a finite number > 0, got -1.0; hint``."""
         return f"{self.argument}: {self.problem}{self.hint and f'; {self.hint}'}"
 
 
 class ArgumentValueError(ArgumentError, ValueError):
-    """An argument of the right type with a value that cannot be used."""
+    """Argument of the right type with an invalid value."""
 
 
 class ArgumentTypeError(ArgumentError, TypeError):
-    """An argument of a type that cannot be used."""
+    """Argument of the wrong type."""
 
 
 class ConfigError(LidarsimError, ValueError):
-    """A configuration that cannot be used; the message names file, line and key."""
+    """Invalid configuration; the message names the file, line and key."""
 
 
 class FileFormatError(LidarsimError, ValueError):
-    """A file that is not what its name or its content promises, or that cannot be read."""
+    """Unreadable file, or one that is not of the format that its name or signature indicates."""
 
 
 class MissingExtraError(LidarsimError, ImportError):
-    """An optional package is needed; the message names the extra that installs it."""
+    """Missing optional package; the message names the extra that installs it."""

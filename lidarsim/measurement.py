@@ -1,16 +1,15 @@
 """Measurement effects: noise, intensity, detection, returns.
 
-The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, detection, drop-out, range noise
-and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate, that of
-the `Lidar`, acts on the measured range, noise included, not on the true one.
+The steps for a pulse are, in order: angular jitter, sub-rays of the beam, cast, intensity, echoes, detection, drop-out,
+range noise and biases, quantisation, range gate, choice of returns. Misses stay misses. The range gate of the `Lidar`
+applies to the measured range, noise included, not to the true range.
 
-Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011),
-Gaussian ones by way of the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
+Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011);
+Gaussian numbers use the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
 Statistics 37, 1988). The generator's key is derived from the seed and the sensor's name; its counter consists of pulse,
-frame, effect and draw. So the noise of a pulse depends on these alone: not on threads, on which other pulses are
-fired, or on which other effects are on. The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1
-elevation), 2 drop-out, 3 range noise (one draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in
-place of the pulse).
+frame, effect and draw. The noise of a pulse depends only on these, and not on threads, other pulses or other effects.
+The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevation), 2 drop-out, 3 range noise (one
+draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in place of the pulse).
 """
 
 from __future__ import annotations
@@ -80,11 +79,11 @@ class Beam(Immutable):
     """A diverging beam, sampled by sub-rays over its footprint.
 
     The profile is an elliptical Gaussian, cut off where its intensity is 1/e² of that on the axis. One sub-ray lies on
-    the axis, the others on rings of 6, 12, 18, … about it, each with the energy of the profile in its part of the
-    footprint. Together they give the waveform, the power received over time. Its peaks are the echoes, each of which
-    takes the sub-rays between the valleys on either side. The range of an echo is the mean over its sub-rays, weighted
-    by received power, I/R²; so an echo at an edge lies between the two surfaces: a mixed pixel. Its intensity is the
-    sum over its sub-rays, each weighted by its share of the energy.
+    the axis, the others on rings of 6, 12, 18, … around it, each with the energy of the profile in its part of the
+    footprint. Together they form the waveform, the received power over time. The peaks of the waveform are the echoes;
+    an echo consists of the sub-rays between the valleys on either side of its peak. The range of an echo is the mean
+    over its sub-rays, weighted by received power, I/R²; an echo at an edge therefore lies between the two surfaces (a
+    mixed pixel). Its intensity is the sum over its sub-rays, each weighted by its share of the energy.
 
     Parameters
     ----------
@@ -103,13 +102,13 @@ class Beam(Immutable):
 
     Notes
     -----
-    Over range, the waveform is a sum of Gaussians, one per sub-ray, of standard deviation σ = c/2·`pulse_length`/2.355:
+    The waveform over range is a sum of Gaussians, one per sub-ray, of standard deviation σ = c/2·`pulse_length`/2.355:
     the usual model of full-waveform lidar (W. Wagner et al., Gaussian decomposition and calibration of a novel
     small-footprint full-waveform digitising airborne laser scanner, ISPRS J. 60, 2006). Two surfaces of equal power are
-    resolved if they are more than 2σ apart, 0.64 m at 5 ns; a weak one beside a strong one needs a greater distance.
-    A sub-ray on a slanted surface has a wider Gaussian, by the spread in range of its part of the footprint. So a
-    slanted wall is one echo, and so are stairs whose steps are too short to be resolved. As `rays` grows, the number of
-    echoes converges to that of the peaks of the waveform.
+    resolved if they are more than 2σ apart, 0.64 m at 5 ns; surfaces of unequal power need a greater distance. On a
+    slanted surface, the Gaussian of a sub-ray is widened by the spread in range of its part of the footprint. A slanted
+    wall therefore gives one echo, as do stairs whose steps are too short to be resolved. As `rays` grows, the number of
+    echoes converges to the number of peaks of the waveform.
 
     Examples
     --------
@@ -148,22 +147,22 @@ class Measurement(Immutable):
     Parameters
     ----------
     range_sigma : float or sequence of (range, sigma), shape (n, 2)
-        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it over range, both in m, as datasheets
-        print it: linear between its rows, constant before the first and after the last; the ranges have to rise.
+        Standard deviation of the range, m: a in √(a² + (b·R)²). Or a table of it over range, both in m, as in
+        datasheets: linear between rows, constant before the first and after the last; the ranges must increase.
     range_sigma_slope : float
-        b in √(a² + (b·R)²), m per m: the part that grows with range.
+        b in √(a² + (b·R)²), m per m: the part that is proportional to range.
     range_bias : float
-        Added to every range, m; may be negative.
+        Bias that is added to every range, m; may be negative.
     channel_bias_sigma : float
         Standard deviation of the range bias of each channel (ring), m. A bias depends on the seed, the sensor's name
         and the ring, and is the same in all frames. Together with `range_bias` it models what datasheets call
         accuracy; `range_sigma` models what they call precision or repeatability.
     range_resolution : float
-        Step to whose multiples the sensor's own range is rounded, halves to even, m; 0 for none. The sensor's own range
-        is the measured range plus the `range_offset` of the `Lidar`.
+        Quantisation step of the reported range, m, halves rounded to even; 0 for none. The reported range is the
+        measured range plus the `range_offset` of the `Lidar`.
     azimuth_sigma, elevation_sigma : float
         Standard deviations of the angles by which a pulse deviates from its nominal direction, rad, 0 to 1. Points are
-        still computed from the nominal direction; `Scan.true_points` gives those that the pulses really hit.
+        still computed from the nominal direction; `Scan.true_points` returns the points that the pulses actually hit.
     dropout : float
         Probability that a pulse is lost, 0 to 1.
     detection : Detection, optional
@@ -171,11 +170,11 @@ class Measurement(Immutable):
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
     beam : Beam, optional
-        Divergence of the beam. Default: none, each pulse is a single ray.
+        Diverging beam. Default: none; each pulse is a single ray.
     returns : {"strongest", "first", "last", "dual"} or int
-        Which echoes of a pulse are reported. "dual": the strongest and then the last or, if they are the same, the
-        next strongest. A number: that many at most, the nearest first. More than one requires a `beam`, since a single
-        ray has one echo.
+        Which echoes of a pulse are reported. "dual": the strongest and the last or, if these are the same echo, the two
+        strongest. A number: at most that many, the nearest first. More than one requires a `beam`, since a single ray
+        has one echo.
 
     Raises
     ------
@@ -184,10 +183,10 @@ class Measurement(Immutable):
 
     Notes
     -----
-    Intensity is Lambert's, I = ρ·cos θ·exp(−2αR), with reflectivity ρ and incidence θ: 1 for a white diffuser met at a
-    right angle. It is not divided by R², since sensors report intensity corrected for range; the power that decides
-    detection is I/R², as the lidar equation has it for targets larger than the beam (A. V. Jelalian, Laser Radar
-    Systems, Artech House, 1992).
+    Intensity follows Lambert's law, I = ρ·cos θ·exp(−2αR), with reflectivity ρ and angle of incidence θ: 1 for a white
+    diffuser at normal incidence. It is not divided by R², since sensors report intensity corrected for range; the power
+    that decides detection is I/R², as in the lidar equation for targets larger than the beam (A. V. Jelalian, Laser
+    Radar Systems, Artech House, 1992).
 
     Examples
     --------
@@ -242,7 +241,7 @@ class Measurement(Immutable):
 
     @property
     def max_returns(self) -> int:
-        """Greatest number of returns that a pulse can have: int."""
+        """Maximum number of returns of a pulse: int."""
         return self.returns if isinstance(self.returns, int) else 2 if self.returns == "dual" else 1
 
 
@@ -256,7 +255,7 @@ _NUMBERS = {
     "dropout": 1.0,
     "extinction": math.inf,
 }
-"""Parameters that are numbers >= 0, with the greatest value of each."""
+"""Parameters that are numbers >= 0, with the upper bound of each."""
 
 
 def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]:

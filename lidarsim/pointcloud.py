@@ -1,4 +1,4 @@
-"""Point clouds: named arrays of one length, and the formats and views that are registered for them."""
+"""Point clouds: named arrays of equal length, with registered file formats and conversions."""
 
 from __future__ import annotations
 
@@ -49,9 +49,9 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
     "range_error": ((), np.float64),
     "radial_velocity": ((), np.float32),
 }
-"""Shape per point and dtype of the fields that lidarsim itself gives, in their order."""
+"""Shape per point and dtype of lidarsim's own fields, in order."""
 
-MOST_ROWS = 14  # of a repr, below its title
+MOST_ROWS = 14  # maximum lines of a repr below its title
 
 _EXTRA_DTYPES = tuple(np.dtype(code) for code in ("?", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8"))
 
@@ -61,23 +61,23 @@ class PointCloud(Pickled, Plotted):
 
     Only the given fields exist. Fields can be set and added later (``cloud.cluster = ids``), with the same checks;
     ``cloud[index]`` is the cloud of the points selected by a slice, a mask or an array of indices. Arrays that already
-    have the right dtype and are C-contiguous are kept, not copied.
+    have the right dtype and are C-contiguous are not copied.
 
     Parameters
     ----------
     fields : mapping of array_like, or array_like of shape (n, 3), optional
-        The fields by name, including `xyz`; or `xyz` alone. Those listed below are converted to their dtype: float32
-        rounds, but integers must fit, and a fraction is refused where an integer is expected. A field of any other name
-        has shape (n,) or (n, m), is bool, of any integer type, float32 or float64, and keeps its dtype.
+        The fields by name, including `xyz`; or `xyz` alone. The fields listed below are converted to their dtype:
+        values may be rounded to float32, but integer fields accept only integers that fit. Any other field has shape
+        (n,) or (n, m) and keeps its dtype: bool, any integer type, float32 or float64.
     class_names : mapping of int to str, optional
         Class names by label, for legends and files.
     **more
-        More fields, or all of them, as keywords.
+        More or all fields, as keywords.
 
     Attributes
     ----------
     xyz : ndarray of float64, shape (n, 3)
-        Positions, m. May hold NaN, as organised clouds of other programs do.
+        Positions, m. May contain NaN, as in organised clouds of other programs.
     range, true_range : ndarray of float64, shape (n,)
         Measured and exact distance from the beam's origin along the pulse, m.
     intensity : ndarray of float32, shape (n,)
@@ -93,7 +93,7 @@ class PointCloud(Pickled, Plotted):
     object_id : ndarray of int32, shape (n,)
         Object that was hit.
     instance : ndarray of uint32, shape (n,)
-        Instance of that object: points of one thing share it.
+        Instance of that object, shared by all its parts.
     label : ndarray of uint32, shape (n,)
         Label of that object, or of the face that was hit.
     normal : ndarray of float32, shape (n, 3)
@@ -103,9 +103,9 @@ class PointCloud(Pickled, Plotted):
     range_error : ndarray of float64, shape (n,)
         Measured minus true range, m.
     radial_velocity : ndarray of float32, shape (n,)
-        How fast the range grows, m/s; only where the sensor or an object moves.
+        Rate of change of the range, m/s; only present if the sensor or an object moves.
     class_names : mapping of int to str
-        Names of labels; read-only, but may be set to another.
+        Names of labels; the mapping is read-only but can be replaced.
 
     Raises
     ------
@@ -131,7 +131,7 @@ class PointCloud(Pickled, Plotted):
 
     _class_names: dict[int, str]
     _in_sensor_frame: bool
-    """Whether these are points of a scan in its sensor's frame, which is not that of the world."""
+    """Whether the points are in a sensor frame that differs from the world."""
 
     xyz: npt.NDArray[np.float64]
     range: npt.NDArray[np.float64]
@@ -168,21 +168,21 @@ class PointCloud(Pickled, Plotted):
                 raise ArgumentTypeError("fields", "strings as names of fields", _validation.shown(name))
         if "xyz" not in given:
             raise ArgumentTypeError("PointCloud", "a field 'xyz'", ", ".join(given) or "no fields")
-        for name in sorted(given, key=lambda name: name != "xyz"):  # first xyz, which sets the length
+        for name in sorted(given, key=lambda name: name != "xyz"):  # xyz first, which sets the length
             setattr(self, name, given[name])
 
     @classmethod
     def _of(
         cls, arrays: dict[str, npt.NDArray[Any]], class_names: Mapping[int, str], *, in_sensor_frame: bool
     ) -> PointCloud:
-        """Return the cloud of fields of equal length that are as `_field` makes them."""
+        """Return a cloud of fields of equal length, already in the form that `_field` returns."""
         cloud = cls.__new__(cls)
         cloud.class_names = class_names
         cloud.__dict__.update(arrays)
         return cloud._place(in_sensor_frame=in_sensor_frame)
 
     def _place(self, *, in_sensor_frame: bool) -> Self:
-        """Note whether the points are in the frame of a sensor, and return the cloud."""
+        """Set whether the points are in a sensor frame, and return the cloud."""
         object.__setattr__(self, "_in_sensor_frame", in_sensor_frame)
         return self
 
@@ -208,7 +208,7 @@ class PointCloud(Pickled, Plotted):
         self.__dict__[name] = array
 
     def __getattr__(self, name: str) -> npt.NDArray[Any]:
-        """Raise an error that names the fields present: called only for an absent one."""
+        """Raise an error that names the existing fields; called only for a missing one."""
         raise AttributeError(f"this point cloud has no {name!r}; its fields are {', '.join(self.fields)}")
 
     def __delattr__(self, name: str) -> None:
@@ -219,7 +219,7 @@ class PointCloud(Pickled, Plotted):
 
     @property
     def fields(self) -> tuple[str, ...]:
-        """Names of the fields present: those of lidarsim in their fixed order, then the others by name."""
+        """Names of the existing fields: lidarsim's own in fixed order, then the others by name."""
         own = self.__dict__
         return (*(name for name in CANONICAL if name in own), *sorted(own.keys() - CANONICAL.keys()))
 
@@ -228,7 +228,7 @@ class PointCloud(Pickled, Plotted):
         return len(self.xyz)
 
     def __getitem__(self, index: int | slice | npt.ArrayLike) -> PointCloud:
-        """Return the cloud of the points that a slice, a mask, an array of indices or one index selects."""
+        """Return the cloud of the points selected by a slice, a mask, an array of indices or one index."""
         if isinstance(index, str):
             raise ArgumentTypeError("index", "indices, a mask or a slice", repr(index), f"a field is cloud.{index}")
         if isinstance(index, tuple):
@@ -245,7 +245,7 @@ class PointCloud(Pickled, Plotted):
         return cloud._place(in_sensor_frame=self._in_sensor_frame)
 
     def __repr__(self) -> str:
-        """Return one line per field: dtype, least and greatest finite value."""
+        """Return one line per field: dtype, and minimum and maximum of the finite values."""
         rows = self._rows()
         if len(rows) > MOST_ROWS:
             rest = ", ".join(name for name, *_ in rows[MOST_ROWS - 1 :])
@@ -253,14 +253,14 @@ class PointCloud(Pickled, Plotted):
         return text_table(self._title(), rows)
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: a small table."""
+        """Return a small HTML table for notebooks."""
         return html_table(self._title(), self._rows())
 
     def _title(self) -> str:
         return f"PointCloud: {len(self):,} point{'' if len(self) == 1 else 's'}"
 
     def _rows(self) -> list[tuple[str, str, str]]:
-        """Return of each field its name, its type, and its extent."""
+        """Return the name, type and extent of each field."""
         return [
             (name, f"{array.dtype}{f' × {array.shape[1]}' if array.ndim == 2 else ''}", _extent(array))
             for name, array in self._arrays().items()
@@ -279,30 +279,29 @@ class PointCloud(Pickled, Plotted):
         return cloud._place(in_sensor_frame=contents["in_sensor_frame"])
 
     def copy(self) -> PointCloud:
-        """Return a cloud with arrays of its own.
+        """Return a cloud with its own arrays.
 
         Returns
         -------
         PointCloud
-            Equal in all fields and class names.
+            A copy of all fields and class names.
         """
         arrays = {name: array.copy() for name, array in self._arrays().items()}
         return PointCloud(arrays, class_names=self._class_names)._place(in_sensor_frame=self._in_sensor_frame)
 
     def transformed(self, transform: Transform) -> PointCloud:
-        """Return the cloud under an affine map.
+        """Return the cloud transformed by an affine map.
 
         Parameters
         ----------
         transform : RigidTransform or array_like, shape (4, 4)
-            Affine map, such as the pose of a sensor, which takes points of its frame into the world.
+            Affine map, such as a sensor's pose, which maps points from the sensor frame to the world.
 
         Returns
         -------
         PointCloud
-            With `xyz` mapped, and with `normal` mapped as normals are: by the inverse transpose of the linear part, and
-            of unit length again. All other fields are as they were, `range` and vectors of other names too; arrays
-            that do not change are shared.
+            The cloud with `xyz` transformed, and `normal` transformed by the inverse transpose of the linear part and
+            normalised. All other fields, including `range` and other vectors, are unchanged and share their arrays.
 
         Raises
         ------
@@ -320,13 +319,13 @@ class PointCloud(Pickled, Plotted):
         matrix = _validation.affine("transform", transform)
         linear, shift = matrix[:3, :3], matrix[:3, 3]
         arrays = self._arrays()
-        # Column by column: a matrix product of NumPy's need not have the same bits on every processor.
+        # Column by column: NumPy's matrix product need not give the same bits on every processor.
         arrays["xyz"] = _mapped(linear, self.xyz) + shift
         determinant = float(np.linalg.det(linear))
         if determinant == 0.0 or not math.isfinite(determinant):
             raise ArgumentValueError("transform", "an invertible matrix", f"determinant {determinant:g}")
         if "normal" in arrays:
-            # The cofactors are the inverse transpose times the determinant, whose sign a reflection makes negative.
+            # The cofactors are the inverse transpose times the determinant, which is negative for a reflection.
             cofactors = np.stack([np.cross(linear[i - 2], linear[i - 1]) for i in range(3)])
             turned = _mapped(cofactors, self.normal.astype(np.float64)) * np.sign(determinant)
             length = np.sqrt((turned * turned).sum(axis=-1, keepdims=True))
@@ -335,7 +334,7 @@ class PointCloud(Pickled, Plotted):
 
     @classmethod
     def concatenate(cls, clouds: Iterable[PointCloud]) -> PointCloud:
-        """Join clouds to one.
+        """Concatenate clouds.
 
         Parameters
         ----------
@@ -345,12 +344,12 @@ class PointCloud(Pickled, Plotted):
         Returns
         -------
         PointCloud
-            The points of the first, then of the second, and so on, with the class names of all.
+            The points of all clouds, in order, with the class names of all.
 
         Raises
         ------
         TypeError, ValueError
-            If there are no clouds, one of them is not one, their fields differ, or a label has two names.
+            If there are no clouds, an item is not a cloud, their fields differ, or a label has two names.
 
         Examples
         --------
@@ -380,12 +379,12 @@ class PointCloud(Pickled, Plotted):
         return cls(arrays, class_names=names)._place(in_sensor_frame=any(cloud._in_sensor_frame for cloud in given))
 
     def to_structured(self) -> npt.NDArray[np.void]:
-        """Return the points as records.
+        """Return the points as a structured array.
 
         Returns
         -------
         ndarray of a structured dtype, shape (n,)
-            A copy, with a part for each field: ``points["ring"]`` has shape (n,), ``points["xyz"]`` (n, 3).
+            A copy, with one entry per field: ``points["ring"]`` has shape (n,), ``points["xyz"]`` has shape (n, 3).
 
         Examples
         --------
@@ -401,7 +400,7 @@ class PointCloud(Pickled, Plotted):
         return records
 
     def _arrays(self) -> Fields:
-        """Return the fields by name, as they are."""
+        """Return the fields by name, without copies."""
         return {name: getattr(self, name) for name in self.fields}
 
     def save(
@@ -412,10 +411,10 @@ class PointCloud(Pickled, Plotted):
         float32: bool = False,
         pose: Transform | None = None,
     ) -> None:
-        """Write the points to a file, whose suffix says the format.
+        """Write the points to a file; its suffix determines the format.
 
-        Which fields a format can hold, in which types and units, is documented in its module in `lidarsim.io`. The file
-        gets its name once it is complete: a failure leaves the old file, or none.
+        The module of a format in `lidarsim.io` documents which fields it holds, in which types and units. The file gets
+        its name once it is complete: a failure leaves the old file, or none.
 
         Parameters
         ----------
@@ -424,11 +423,11 @@ class PointCloud(Pickled, Plotted):
         fields : sequence of str, optional
             The fields to write besides `xyz`. Default: all.
         float32 : bool
-            Write `xyz` as float32, the only type that the Point Cloud Library's own point types and viewer accept, in
-            formats that allow both.
+            Write `xyz` as float32 in formats that also allow float64. The Point Cloud Library's own point types and
+            viewer accept only float32.
         pose : RigidTransform or array_like, shape (4, 4), optional
-            Rigid transform from the coordinates of the points to the world: the sensor's pose, if they are in its
-            frame. It becomes the VIEWPOINT of a PCD file; other formats cannot hold it and leave it out.
+            Rigid transform from the coordinates of the points to the world: the sensor's pose if they are in the sensor
+            frame. It becomes the VIEWPOINT of a PCD file; other formats cannot hold it and omit it.
 
         Raises
         ------
@@ -439,7 +438,7 @@ class PointCloud(Pickled, Plotted):
         OSError
             If the file cannot be written.
         TypeError, ValueError
-            If `fields` is not a sequence of names of fields, or the pose is not rigid.
+            If `fields` is not a sequence of field names, or the pose is not rigid.
         """
         arrays = self._arrays()
         if fields is not None:
@@ -456,7 +455,7 @@ class PointCloud(Pickled, Plotted):
 
     @classmethod
     def load(cls, path: PathLike, *, columns: Sequence[str] | None = None) -> PointCloud:
-        """Read a file that `save` or another program wrote.
+        """Read a point cloud file from `save` or another program.
 
         The format is determined by the first bytes of the file if they are a signature, else by the suffix.
 
@@ -472,22 +471,22 @@ class PointCloud(Pickled, Plotted):
         Returns
         -------
         PointCloud
-            With all fields of the file. Those with lidarsim's names get lidarsim's dtypes (float32 coordinates become
-            float64; units stay those of the file); the others keep theirs. Where lidarsim's dtype cannot hold a value,
-            such as -1 or NaN in `label`, the field is 0, and the values of the file are in a field ``<name>_raw``. A
-            name that a field cannot have is changed, and a number is appended to one that another column has:
-            ``a b``, ``a-b`` and ``save`` become ``a_b``, ``a_b_2`` and ``save_``.
+            The cloud with all fields of the file. Fields with lidarsim's names get lidarsim's dtypes (float32
+            coordinates become float64; units stay as in the file); the others keep their dtypes. Where lidarsim's dtype
+            cannot hold a value, such as -1 or NaN in `label`, the field is 0, and the values of the file are in a field
+            ``<name>_raw``. Invalid names are changed, and duplicates get a number: ``a b``, ``a-b`` and ``save`` become
+            ``a_b``, ``a_b_2`` and ``save_``.
 
         Raises
         ------
         FileFormatError
-            If the format is unknown, or the file is damaged, not what its suffix says, or not a point cloud.
+            If the format is unknown, or the file is damaged, does not match its suffix, or is not a point cloud.
         MissingExtraError
             If the format needs a package that is not installed.
         OSError
             If the file cannot be read.
         TypeError, ValueError
-            If `columns` are not names of columns, or the format names its own.
+            If `columns` is not a sequence of column names, or files of the format name their columns.
         """
         path = Path(path)
         options = {} if columns is None else {"columns": _columns(columns)}
@@ -512,11 +511,11 @@ class PointCloud(Pickled, Plotted):
     def to_open3d(self) -> open3d.t.geometry.PointCloud:
         """Return an Open3D tensor point cloud with all fields as attributes.
 
-        `xyz` becomes ``positions`` and `normal` ``normals``, Open3D's names; the others keep theirs, with shape (n, 1)
-        where it was (n,), and other vector fields become their columns ``flow.0``, ``flow.1``, …, as Open3D's own
-        algorithms and writers require. These also restrict the types: normals are widened to float64 like the
-        positions, booleans are uint8, and integers but uint8 and uint16 are int32 or, where they do not fit, float64.
-        There is no place for the names of classes.
+        `xyz` becomes ``positions`` and `normal` becomes ``normals``; the others keep their names. As Open3D's own
+        algorithms and writers require, fields of shape (n,) get shape (n, 1), and other vector fields are split into
+        columns ``flow.0``, ``flow.1``, …. The types are also restricted: normals are widened to float64 like the
+        positions, booleans become uint8, and integers other than uint8 and uint16 become int32 or, if they do not fit,
+        float64. Class names are omitted.
 
         Returns
         -------
@@ -528,7 +527,7 @@ class PointCloud(Pickled, Plotted):
         MissingExtraError
             If Open3D is not installed.
         ValueError
-            If an integer is beyond 2⁵³, which none of these types holds.
+            If the magnitude of an integer exceeds 2⁵³, which none of these types can hold.
         """
         converted: open3d.t.geometry.PointCloud = view(PointCloud, "open3d")(self)
         return converted
@@ -536,12 +535,13 @@ class PointCloud(Pickled, Plotted):
     def to_pyvista(self) -> pyvista.PolyData:
         """Return a PyVista data set with one vertex per point and all fields but `xyz` as point data of the same dtype.
 
-        Names of classes become the field data ``class_label`` and ``class_name``.
+        Class names become the field data ``class_label`` and ``class_name``.
 
         Returns
         -------
         pyvista.PolyData
-            It shares its arrays with this cloud. VTK does not tell shape (n, 1) from (n,), which it comes back as.
+            It shares its arrays with this cloud. VTK does not distinguish shape (n, 1) from (n,); both convert back to
+            (n,).
 
         Raises
         ------
@@ -553,53 +553,53 @@ class PointCloud(Pickled, Plotted):
 
     @classmethod
     def from_open3d(cls, points: open3d.t.geometry.PointCloud | open3d.geometry.PointCloud) -> PointCloud:
-        """Take over an Open3D point cloud with all its attributes.
+        """Convert an Open3D point cloud with all its attributes.
 
         Parameters
         ----------
         points : open3d.t.geometry.PointCloud or open3d.geometry.PointCloud
-            Its ``positions`` become `xyz` and its ``normals`` `normal`; other attributes keep their names, and the
-            columns that `to_open3d` made of vectors are joined again.
+            Its ``positions`` become `xyz` and its ``normals`` become `normal`; other attributes keep their names, and
+            vectors that `to_open3d` split into columns are joined again.
 
         Returns
         -------
         PointCloud
-            A copy. Fields of lidarsim's names have lidarsim's dtypes again; others have those that Open3D left them.
-            Names and values that do not fit are kept as `load` keeps them.
+            A copy. Fields with lidarsim's names get lidarsim's dtypes; others keep the dtypes of Open3D. Names and
+            values that do not fit are treated as in `load`.
 
         Raises
         ------
         TypeError, ValueError
-            If it is no point cloud, or an attribute cannot be a field.
+            If `points` is not a point cloud, or an attribute cannot be a field.
         """
         return cls(adopted(view(PointCloud, "from_open3d")(points)))
 
     @classmethod
     def from_pyvista(cls, mesh: pyvista.DataSet) -> PointCloud:
-        """Take over the points of a PyVista data set with all their data.
+        """Convert the points of a PyVista data set with all their data.
 
         Parameters
         ----------
         mesh : pyvista.DataSet
-            Its points become `xyz`, and its point data fields of their names, normals as VTK names them `normal`. Data
-            of cells, and text, is left out, but for the names of classes that `to_pyvista` wrote.
+            Its points become `xyz`, and its point data become fields of the same names; VTK's normals become `normal`.
+            Cell data and text are omitted, except for the class names from `to_pyvista`.
 
         Returns
         -------
         PointCloud
-            Arrays that already have the right dtype are shared. Names and values that do not fit are kept as `load`
-            keeps them.
+            Arrays that already have the right dtype are shared. Names and values that do not fit are treated as in
+            `load`.
 
         Raises
         ------
         TypeError, ValueError
-            If it is no data set, or an array cannot be a field.
+            If `mesh` is not a data set, or an array cannot be a field.
         """
         return cls(adopted(view(PointCloud, "from_pyvista")(mesh)))
 
 
 def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
-    """Return what is given in place of fields, after checking that it can be `xyz`."""
+    """Return an array given in place of `fields`, after checking that it can be `xyz`."""
     try:
         given = np.asarray(value)
     except (TypeError, ValueError):
@@ -619,7 +619,7 @@ def _positions(value: npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def _mapped(linear: npt.NDArray[np.float64], points: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Return points, shape (n, 3), under a linear map."""
+    """Return points, shape (n, 3), transformed by a linear map."""
     x, y, z = points.T
     return np.stack([row[0] * x + row[1] * y + row[2] * z for row in linear], axis=-1)
 
@@ -661,7 +661,7 @@ def _field(name: str, values: npt.ArrayLike) -> npt.NDArray[Any]:
 
 
 def _misfits(given: npt.NDArray[Any], dtype: type[np.number[Any]]) -> npt.NDArray[np.bool_]:
-    """Return where `dtype` cannot hold real numbers: a float may round one, but not make it infinite."""
+    """Return a mask of the numbers that `dtype` cannot hold; rounding to a float is allowed, overflow is not."""
     if np.can_cast(given.dtype, dtype):
         return np.broadcast_to(np.False_, given.shape)
     if issubclass(dtype, np.integer):
@@ -679,17 +679,17 @@ def _is_name(name: str) -> bool:
 
 
 def field_names(names: Sequence[str]) -> list[str]:
-    """Return for each name of a file's columns that of its field, each another.
+    """Return a unique field name for each column name of a file.
 
-    A name that can be a field's stays. Else letters, digits and underscores stay, and all other characters become
-    underscores. A name that is taken then gets a number: ``a_b_2``.
+    A valid field name is kept. In any other name, all characters except letters, digits and underscores become
+    underscores. If the result is taken, it gets a number: ``a_b_2``.
     """
     taken = set(filter(_is_name, names))
     own, numbers = set(taken), dict[str, int]()
     fields = []
     for name in names:
         if name in own:
-            own.discard(name)  # the first of several
+            own.discard(name)  # the first of equal names
             fields.append(name)
             continue
         base = re.sub(r"\W|^(?=\d)", "_", name, flags=re.ASCII) or "unnamed"
@@ -703,18 +703,18 @@ def field_names(names: Sequence[str]) -> list[str]:
 
 
 def adopted(fields: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a file or another library holds as fields that a cloud can have, without losing any of it.
+    """Convert the fields of a file or another library to valid fields of a cloud, without loss.
 
     Parameters
     ----------
     fields : mapping of str to ndarray
-        By any names, of any values; names of labels are a mapping ``"class_names"``.
+        Arrays of any values, by any names; class names are a mapping under ``"class_names"``.
 
     Returns
     -------
     dict of str to ndarray
-        By the names of `field_names`. Where the dtype of lidarsim's field of a name cannot hold a value, the field is
-        0, and the given array is there as ``<name>_raw``; an array of another shape than that field's is only there.
+        The fields by the names from `field_names`. Where the dtype of one of lidarsim's fields cannot hold a value, the
+        field is 0, and ``<name>_raw`` is the given array. If the shape does not fit, there is only ``<name>_raw``.
     """
     classes = {name: value for name, value in fields.items() if name == "class_names" and isinstance(value, Mapping)}
     given = {name: np.asarray(value) for name, value in fields.items() if name not in classes}
@@ -735,9 +735,9 @@ def adopted(fields: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any], bool]:
-    """Return numbers of which `dtype` holds each, 0 in place of the others, and whether they tell all of `array`.
+    """Return `array` with 0 for all numbers that `dtype` cannot hold, and whether the conversion is lossless.
 
-    A float may round another, but not an integer.
+    Rounding a float counts as lossless, rounding an integer does not.
     """
     kind: Any = np.dtype(dtype).type
     numbers = array.view(np.uint8) if array.dtype == np.bool_ else array
@@ -750,7 +750,7 @@ def held(array: npt.NDArray[Any], dtype: npt.DTypeLike) -> tuple[npt.NDArray[Any
 
 
 def _columns(names: Sequence[str]) -> list[str]:
-    """Return names of columns after checking that they tell where the coordinates are."""
+    """Return column names after checking that x, y and z are among them and that none but "_" is repeated."""
     if isinstance(names, str) or not isinstance(names, Sequence) or not all(isinstance(name, str) for name in names):
         raise ArgumentTypeError("columns", "a sequence of names", _validation.shown(names))
     for name in (*"xyz", *names):
@@ -760,7 +760,7 @@ def _columns(names: Sequence[str]) -> list[str]:
 
 
 def _extent(array: npt.NDArray[Any]) -> str:
-    """Return the least and greatest finite values, per column of a vector field."""
+    """Return the minimum and maximum of the finite values, per column of a vector field."""
     finite = array[np.isfinite(array).all(axis=tuple(range(1, array.ndim)))]
     if not len(finite):
         return ""
@@ -769,7 +769,7 @@ def _extent(array: npt.NDArray[Any]) -> str:
 
 
 def _chosen(names: Sequence[str], known: Sequence[str]) -> list[str]:
-    """Return the fields to write besides `xyz`, in their order, after checking that they are known."""
+    """Return the fields to write besides `xyz`, in order, after checking that they exist."""
     if isinstance(names, str):
         raise ArgumentTypeError("fields", "a sequence of names", repr(names))
     names = _validation.items("fields", names, "names")
@@ -787,7 +787,7 @@ class _Format:
     signature: bytes
 
 
-_HEAD = 16  # bytes of a file, no fewer than any signature has
+_HEAD = 16  # bytes at the start of a file, enough for any signature
 _FORMATS: dict[str, _Format] = {}
 
 
@@ -798,22 +798,22 @@ def register_format(
     load: Callable[[BinaryIO], Fields],
     signature: bytes = b"",
 ) -> None:
-    """Let `PointCloud.save` and `PointCloud.load` handle files of a suffix.
+    """Let `PointCloud.save` and `PointCloud.load` handle files with a suffix.
 
     Parameters
     ----------
     suffix : str
         With its dot, in lower case; it may have several parts, such as ".pcd.bin".
     save : callable
-        ``save(fields, file)`` writes the fields of a cloud, in their order, into an open binary file. A format that has
-        a place for the pose that `PointCloud.save` is given takes it as the keyword `pose`: a 4×4 array, or None; one
-        that has a place for the names of labels takes them as the keyword `class_names`.
+        ``save(fields, file)`` writes the fields of a cloud, in order, to an open binary file. A format that can hold
+        the pose from `PointCloud.save` takes it as the keyword `pose`: a 4×4 array, or None; a format that can hold
+        class names takes them as the keyword `class_names`.
     load : callable
-        Returns the fields that an open binary file holds, by any names, and the names of labels, if there are any, as
-        ``"class_names"``; the message of any exception says why it cannot. A format whose files need not name their
-        columns takes the names that `PointCloud.load` is given as the keyword `columns`: a list, or None.
+        ``load(file)`` returns the fields in an open binary file, by any names, and class names, if there are any, as
+        ``"class_names"``; the message of any exception becomes the reason in the error. A format whose files need not
+        name their columns takes the names given to `PointCloud.load` as the keyword `columns`: a list, or None.
     signature : bytes
-        First bytes of every file of the format, by which it is known whatever its name; none, if it has none.
+        First bytes of every file of the format, which identify it whatever its name; empty if there are none.
     """
     _FORMATS[suffix] = _Format(save, load, signature)
 
@@ -826,18 +826,18 @@ def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     name : str
         Name of the field, for the error.
     array : ndarray
-        Its values, of any type that a field can have.
+        Values of the field, of any valid type.
 
     Returns
     -------
     ndarray
-        As it is if it is uint8, uint16, int32, float32 or float64. Booleans become uint8; other integers int32 or,
-        where one of them does not fit, float64.
+        Unchanged if uint8, uint16, int32, float32 or float64. Booleans become uint8; other integers become int32 or, if
+        one of them does not fit, float64.
 
     Raises
     ------
     ValueError
-        If an integer is beyond 2⁵³, up to which float64 has them all.
+        If the magnitude of an integer exceeds 2⁵³, up to which float64 is exact.
     """
     if array.dtype.str[1:] in {"u1", "u2", "i4", "f4", "f8"}:
         return array
@@ -854,19 +854,19 @@ def narrowed(name: str, array: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def check_output(path: PathLike) -> None:
-    """Check, before any work, that `PointCloud.save` can write a file: a known suffix, a folder that is there.
+    """Check, before any work, that `PointCloud.save` can write a file: a known suffix and a writable folder.
 
     Parameters
     ----------
     path : path-like
-        The file to be written.
+        The file to write.
 
     Raises
     ------
     FileFormatError
         If the suffix is unknown.
     OSError
-        If the folder does not exist or cannot be written in.
+        If the folder does not exist or is not writable.
     """
     _format(path)
     if Path(path).name.lower().endswith(".copc.laz"):
@@ -875,7 +875,7 @@ def check_output(path: PathLike) -> None:
 
 
 def is_point_cloud(path: PathLike) -> bool:
-    """Return whether the suffix of a file is that of a format that `PointCloud.load` reads."""
+    """Return whether the suffix of a file belongs to a format that `PointCloud.load` reads."""
     return any(Path(path).name.lower().endswith(suffix) for suffix in _FORMATS)
 
 
@@ -884,7 +884,7 @@ def _format(path: PathLike) -> _Format:
 
 
 def _recognised(head: bytes, path: Path) -> str:
-    """Return the suffix of the format of a file, by its first bytes or else by its name."""
+    """Return the suffix of a file's format, from its first bytes or else from its name."""
     told = {suffix for suffix, format_ in _FORMATS.items() if format_.signature and head.startswith(format_.signature)}
     own = path.suffix.lower()
     return own if own in told else min(told) if told else check_suffix(path, _FORMATS)

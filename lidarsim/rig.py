@@ -33,11 +33,11 @@ class RigSensor(NamedTuple):
     Parameters
     ----------
     lidar : Lidar
-        The sensor, under its name in the rig.
+        The sensor, renamed to its name in the rig.
     mount : ndarray of float64, shape (4, 4)
-        Its pose on the body, sensor to body.
+        Its pose on the body (extrinsics), sensor to body.
     offset : float
-        How much after ``k / pattern.rate`` its frame k starts, s.
+        Start of its frame k minus ``k / pattern.rate``, s.
     """
 
     lidar: Lidar
@@ -48,22 +48,21 @@ class RigSensor(NamedTuple):
 class Rig(Pickled, Mapping[str, RigSensor]):
     """Named sensors on one body: a mapping from their names to `RigSensor`.
 
-    The name in the rig becomes the name of the sensor, by which its noise is drawn: two sensors of one kind draw
-    different noise, and ``rig["top"].lidar`` alone draws the same as in the rig. The names given by `Lidar` do not
-    count.
+    The name in the rig replaces `Lidar.name`, from which the noise derives: two sensors of one model draw different
+    noise, and ``rig["top"].lidar`` on its own draws the same noise as in the rig.
 
     Parameters
     ----------
     sensors : mapping of str to tuple
-        For each name a `Lidar` and its mount, its pose on the body (sensor to body) as a RigidTransform, an array of
-        shape (4, 4), or None where sensor and body frame are the same; and, if its frames do not start with those of
-        the others, its offset in s.
+        For each name, a tuple of a `Lidar`, its mount and, optionally, its offset. The mount is the sensor's pose on
+        the body (sensor to body): a RigidTransform, an array of shape (4, 4), or None for the identity. The offset
+        shifts the start of the sensor's frames, s.
 
     Raises
     ------
     TypeError, ValueError
         If there are no sensors, a name is empty or cannot be encoded in UTF-8, two names have the same CRC-32 and so
-        the same noise, or a sensor, mount or offset is not one.
+        the same noise, or a sensor, mount or offset is invalid.
 
     Examples
     --------
@@ -100,7 +99,7 @@ class Rig(Pickled, Mapping[str, RigSensor]):
 
     @property
     def rate(self) -> float:
-        """Frame rate of the rig, Hz: that of its fastest sensor."""
+        """Frame rate of the rig, Hz: the rate of its fastest sensor."""
         return max(sensor.lidar.pattern.rate for sensor in self._sensors.values())
 
     def frames(
@@ -112,33 +111,34 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         first: int = 0,
         seed: int = 0,
     ) -> Iterator[dict[str, Scan]]:
-        """Scan a scene for one frame after the other with all sensors.
+        """Scan a scene frame by frame with all sensors.
 
-        Frame j of the rig is the time from ``j / rate`` to ``(j + 1) / rate``. It has a scan of each sensor of which a
-        frame k begins in it, offset aside: ``j / rate <= k / pattern.rate < (j + 1) / rate``. So with sensors of one
-        rate each frame has all of them, with k = j; of a slower sensor no frame is left out or comes twice, and it is
-        missing where it has not finished the one before. A sensor's frame k starts at ``k / pattern.rate + offset``, s,
-        and is the one that ``lidar.scan(scene, pose @ mount, time=…, frame=k)`` gives.
+        Frame j of the rig lasts from ``j / rate`` to ``(j + 1) / rate``. It contains frame k of a sensor if that frame,
+        without its offset, begins in this interval: ``j / rate <= k / pattern.rate < (j + 1) / rate``. If all sensors
+        have the same rate, each frame contains all of them, with k = j. A slower sensor is missing from some frames,
+        but each of its frames occurs exactly once. A sensor's frame k starts at ``k / pattern.rate + offset``, s, and
+        equals ``lidar.scan(scene, pose @ mount, time=…, frame=k)``.
 
         Frames are scanned lazily: each sees the scene as it is when the frame is requested.
 
         Parameters
         ----------
         scene : Scene
-            What is scanned.
+            The scene to scan.
         pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
-            Body to world; None is the identity. On a trajectory each pulse is fired from where its sensor then is.
+            Body to world; None is the identity. With a trajectory, each pulse is fired from its sensor's pose at that
+            time.
         count : int
             Number of frames of the rig, >= 0.
         first : int
-            Number of the first, >= 0.
+            Number of the first frame, >= 0.
         seed : int
             Seed of the noise.
 
         Returns
         -------
         iterator of dict of str to Scan
-            The scans of a frame by the names of their sensors, in the order of the rig.
+            For each frame, its scans by sensor name, in the order of the rig.
 
         Raises
         ------
@@ -161,29 +161,29 @@ class Rig(Pickled, Mapping[str, RigSensor]):
     def check_coverage(
         self, scene: Scene, pose: Transform | Trajectory | None, count: int, *, first: int = 0
     ) -> dict[str, Floats | Trajectory]:
-        """Check that trajectory and motions cover the first and the last frame of each sensor; return their poses.
+        """Check that trajectory and motions cover the first and last frame of each sensor; return the sensors' poses.
 
         Parameters
         ----------
         scene : Scene
-            What is scanned.
+            The scene to scan.
         pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
             Body to world; None is the identity.
         count : int
             Number of frames of the rig, >= 0.
         first : int
-            Number of the first, >= 0.
+            Number of the first frame, >= 0.
 
         Returns
         -------
         dict of str to ndarray of float64, shape (4, 4), or Trajectory
-            Pose of each sensor, to world.
+            Pose of each sensor, sensor to world.
 
         Raises
         ------
         TypeError, ValueError
-            If an argument has the wrong type or shape or is out of its range, or a pulse is fired when there is no pose
-            of the body or of an object.
+            If an argument has the wrong type or shape or is out of its range, or if the body or an object has no pose
+            at the time of a pulse.
         """
         wanted = frames(first, count)
         body = pose if isinstance(pose, Trajectory) else _pose("pose", pose)
@@ -199,24 +199,24 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         }
 
     def span(self, count: int, *, first: int = 0) -> tuple[float, float]:
-        """Return the time that `frames` takes.
+        """Return the time interval that `frames` covers.
 
         Parameters
         ----------
         count : int
             Number of frames of the rig, >= 1.
         first : int
-            Number of the first, >= 0.
+            Number of the first frame, >= 0.
 
         Returns
         -------
         start, end : float
-            When the first frame of any sensor starts, and when the last ends, s.
+            Start of the first frame of any sensor and end of the last, s.
 
         Raises
         ------
         TypeError, ValueError
-            If `count` is not an integer >= 1, or `first` not one >= 0.
+            If `count` is not an integer >= 1, or `first` is not an integer >= 0.
         """
         wanted = frames(first, count, at_least=1)
         numbers = [(s.offset, s.lidar.pattern.rate, self._numbers(s, wanted.start, wanted.stop)) for s in self.values()]
@@ -224,12 +224,12 @@ class Rig(Pickled, Mapping[str, RigSensor]):
         return min(start for start, _ in ends), max(end for _, end in ends)
 
     def _numbers(self, sensor: RigSensor, start: int, stop: int) -> range:
-        """Return the numbers k of a sensor's frames that begin in frames start to stop - 1 of the rig, exactly."""
+        """Return the exact numbers k of a sensor's frames that begin in frames start to stop - 1 of the rig."""
         rate = Fraction(sensor.lidar.pattern.rate) / Fraction(self.rate)
         return range(*(-(-frame * rate.numerator // rate.denominator) for frame in (start, stop)))
 
     def __getitem__(self, name: str) -> RigSensor:
-        """Return the sensor of a name."""
+        """Return the sensor with this name."""
         return self._sensors[name]
 
     def __iter__(self) -> Iterator[str]:

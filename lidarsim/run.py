@@ -1,4 +1,4 @@
-"""One configured run: frames in, files out."""
+"""A configured run: scan all frames and write them to files."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class CloudArguments(TypedDict):
 
 @dataclass(frozen=True)
 class RunFrame:
-    """What all sensors of a run measured in one frame, by their names in the rig; "" is the sensor of a run without.
+    """The measurements of one frame of a run by sensor name; without a rig, the sensor is named "".
 
     Attributes
     ----------
@@ -49,15 +49,15 @@ class RunFrame:
     scans : dict of str to Scan
         The scans.
     clouds : dict of str to PointCloud
-        Their points, in the coordinates that the run asks for.
+        The points of the scans, in the coordinates `frame`.
     moments : dict of str to float
-        The time to which the points are deskewed, else that at which the scan starts, s.
+        The time to which the points are deskewed, or the start of the scan if they are not, s.
     poses : dict of str to ndarray of float64, shape (4, 4)
-        Pose of each sensor at its moment, to world.
+        Pose of each sensor at its moment, sensor to world.
     frame : {"sensor", "world"}
-        The coordinates of the points.
+        Coordinates of the points.
     seconds : float
-        How long scanning took, s.
+        Computing time of the scans, s.
     """
 
     number: int
@@ -77,22 +77,22 @@ class RunFrame:
 
 @dataclass(frozen=True)
 class Run:
-    """What a configuration describes, built and ready to scan.
+    """A configuration, built and ready to scan.
 
     Attributes
     ----------
     scene : Scene
-        What is scanned.
+        The scene to scan.
     sensor : Lidar or Rig
-        What scans it.
+        The sensor or the rig.
     pose : ndarray of float64, shape (4, 4), or Trajectory
-        Pose of the sensor, or of the body of the rig, to world.
+        Pose of the sensor or of the rig's body, to world.
     seed : int
         Seed of all random numbers.
     frames : range
         Numbers of the frames to scan.
     cloud : dict
-        Arguments of `Scan.point_cloud`: the coordinates of the points.
+        Arguments of `Scan.point_cloud`, which set the coordinates of the points.
     """
 
     scene: Scene
@@ -117,19 +117,19 @@ class Run:
 
     @property
     def lidars(self) -> dict[str, Lidar]:
-        """The sensors by their names in the rig; without a rig there is one, named ""."""
+        """The sensors by name; without a rig, the one sensor is named ""."""
         if isinstance(self.sensor, Rig):
             return {name: part.lidar for name, part in self.sensor.items()}
         return {"": self.sensor}
 
     @property
     def rate(self) -> float:
-        """RunFrame rate, Hz."""
+        """Frame rate, Hz."""
         return self.sensor.rate if isinstance(self.sensor, Rig) else self.sensor.pattern.rate
 
     @property
     def span(self) -> tuple[float, float]:
-        """When the first frame of any sensor starts, and when the last ends, s."""
+        """Start of the first frame of any sensor and end of the last, s."""
         if isinstance(self.sensor, Rig):
             return self.sensor.span(len(self.frames), first=self.frames.start)
         return self.time(self.frames.start), self.time(self.frames.stop)
@@ -145,17 +145,17 @@ class Run:
         Returns
         -------
         float
-            Time since frame 0 started, s.
+            Time since the start of frame 0, s.
         """
         return frame / self.rate
 
     def body_pose(self, moment: float) -> Floats:
-        """Return the pose of the body of the rig, or of the sensor of a run without.
+        """Return the pose of the rig's body, or of the sensor without a rig.
 
         Parameters
         ----------
         moment : float
-            A time that the trajectory covers, s.
+            Time within the span of the trajectory, s.
 
         Returns
         -------
@@ -165,12 +165,12 @@ class Run:
         return affine("pose", self.pose.at(moment) if isinstance(self.pose, Trajectory) else self.pose)
 
     def check_coverage(self) -> None:
-        """Check that trajectory and motions cover the first and the last frame of each sensor.
+        """Check that trajectory and motions cover the first and last frame of each sensor.
 
         Raises
         ------
         ValueError
-            If they do not; the message has the times.
+            If they do not; the message states the times.
         """
         if isinstance(self.sensor, Rig):
             self.sensor.check_coverage(self.scene, self.pose, len(self.frames), first=self.frames.start)
@@ -178,7 +178,7 @@ class Run:
             check_coverage(self.sensor, self.scene, self.pose, self.frames)
 
     def scan(self, frame: int | None = None) -> Scan:
-        """Scan one frame with the one sensor, from the time at which it starts.
+        """Scan one frame with the only sensor, at the frame's start time.
 
         Parameters
         ----------
@@ -188,7 +188,7 @@ class Run:
         Returns
         -------
         Scan
-            What the sensor measured; ``scan.point_cloud(**run.cloud)`` are its points as the configuration wants them.
+            The scan; ``scan.point_cloud(**run.cloud)`` returns its points in the configured coordinates.
 
         Raises
         ------
@@ -199,13 +199,12 @@ class Run:
         return self.lidar.scan(self.scene, self.pose, time=self.time(frame), frame=frame, seed=self.seed)
 
     def scans(self) -> Iterator[dict[str, Scan]]:
-        """Scan all frames one after the other, with all sensors.
+        """Scan all frames in order, with all sensors.
 
         Returns
         -------
         iterator of dict of str to Scan
-            For each frame its scans by the names of the sensors in the rig, as `Rig.frames` gives them; without a rig
-            there is one, named "".
+            For each frame, its scans by sensor name, as from `Rig.frames`; without a rig, the sensor is named "".
 
         Raises
         ------
@@ -218,12 +217,12 @@ class Run:
         return ({"": scan} for scan in self.sensor.frames(*what, first=first, seed=self.seed))
 
     def measured(self) -> Iterator[RunFrame]:
-        """Scan all frames one after the other, and work out the points in the coordinates that the run asks for.
+        """Scan all frames in order, and compute the points in the configured coordinates.
 
         Returns
         -------
         iterator of RunFrame
-            The frames in their order.
+            The frames in order.
 
         Raises
         ------
@@ -244,14 +243,14 @@ class Run:
         return RunFrame(number, found, clouds, moments, poses, self.cloud["frame"], seconds)
 
     def bag(self, output: PathLike, *, layout: str | None = None) -> rosbag.Writer:
-        """Return the writer of a ROS 2 bag for scans of this run, with its sensors and its trajectory.
+        """Return a writer of a ROS 2 bag for scans of this run, with its sensors and its trajectory.
 
         Parameters
         ----------
         output : path-like
             The file, ``.mcap`` or ``.db3``.
         layout : str, optional
-            Layout of the points, one of `lidarsim.io.rosbag.LAYOUTS`. Default: that of each sensor's vendor.
+            Layout of the points, one of `lidarsim.io.rosbag.LAYOUTS`. Default: the layout of each sensor's vendor.
 
         Returns
         -------
@@ -261,7 +260,7 @@ class Run:
         Raises
         ------
         FileFormatError, MissingExtraError, TypeError, ValueError
-            As of `lidarsim.io.rosbag.Writer`.
+            As in `lidarsim.io.rosbag.Writer`.
         """
         sensors = self.sensor if isinstance(self.sensor, Rig) else None
         return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, layout=layout)
@@ -271,18 +270,18 @@ class Run:
     ) -> list[Path]:
         """Scan all frames, and write point clouds or a ROS 2 bag.
 
-        A bag holds all frames in one file. Of clouds each frame gets a file of its own, numbered if there are several
-        frames, and with the sensor's name if there is a rig; of several frames the poses of each sensor at its moments
-        are written beside them (OUTPUT_poses.tum), and the times at which its scans start (OUTPUT_times.txt).
+        A bag holds all frames in one file. Otherwise each point cloud gets its own file, numbered if there are several
+        frames, and with the sensor's name if there is a rig. With several frames, the poses of each sensor at its
+        moments (OUTPUT_poses.tum) and the start times of its scans (OUTPUT_times.txt) are written next to them.
 
         Parameters
         ----------
         output : path-like
-            The file; its suffix says the format.
+            The file; its suffix determines the format.
         layout : str, optional
-            Layout of the points in a bag, as of `bag`.
+            Layout of the points in a bag, as in `bag`.
         each : callable, optional
-            Called with each `RunFrame` after it was written.
+            Called with each `RunFrame` after it has been written.
 
         Returns
         -------
@@ -292,7 +291,7 @@ class Run:
         Raises
         ------
         FileFormatError
-            If the suffix is unknown, or a cloud cannot be held by the format.
+            If the suffix is unknown, or the format cannot hold a cloud.
         OSError
             If a file cannot be written.
         ValueError
@@ -309,7 +308,7 @@ class Run:
         with ExitStack() as stack:
             bag = stack.enter_context(self.bag(output, layout=layout)) if is_bag else None
             for frame in frames:
-                if bag:  # as the sensors' drivers publish it, however the run wants its clouds
+                if bag:  # raw, as drivers publish scans, whatever `cloud` is
                     bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])
                 else:
                     written += self._save(frame, output)
@@ -326,17 +325,17 @@ class Run:
         return written
 
     def files_of_a_frame(self, output: Path) -> list[Path]:
-        """Return the files that `write` makes for the first frame, and those for all frames together.
+        """Return the files that `write` makes for the first frame and for the run as a whole.
 
         Parameters
         ----------
         output : Path
-            As of `write`.
+            As in `write`.
 
         Returns
         -------
         list of Path
-            The files. Those of other frames have the same names with other numbers.
+            The files; those of other frames differ only in their numbers.
         """
         if output.suffix.lower() in rosbag.SUFFIXES:
             return [output]
@@ -345,16 +344,16 @@ class Run:
         return files + (tracks if len(self.frames) > 1 else [])
 
     def path_of(self, output: Path, name: str, number: int | str) -> Path:
-        """Return the path of what belongs to one sensor and frame.
+        """Return the path of the output of one sensor and frame.
 
         Parameters
         ----------
         output : Path
-            The path that the user gave.
+            The path given by the user.
         name : str
-            The sensor's name, which stands in the path if there is a rig.
+            Name of the sensor; part of the path if there is a rig.
         number : int or str
-            Number of the frame, which stands in the path if there are several.
+            Number of the frame; part of the path if there are several frames.
 
         Returns
         -------
@@ -372,7 +371,7 @@ class Run:
 
 
 def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]]) -> Iterator[Path]:
-    """Write the poses of a sensor and the times at which its scans start; yield the paths."""
+    """Write the poses of a sensor and the start times of its scans; yield the paths."""
     starts, moments, matrices = zip(*track, strict=True)
     poses, times = _track_paths(output, name)
     Trajectory(moments, np.array(matrices)).save(poses)
@@ -383,10 +382,10 @@ def _save_track(output: Path, name: str, track: list[tuple[float, float, Floats]
 
 
 def _track_paths(output: Path, name: str) -> tuple[Path, Path]:
-    """Return the paths of the poses and of the times of a sensor."""
+    """Return the paths of the poses and times of a sensor."""
     return _named(output, name, "poses").with_suffix(".tum"), _named(output, name, "times").with_suffix(".txt")
 
 
 def _named(path: Path, *parts: str) -> Path:
-    """Return `path` with those of `parts` that are not empty before its suffix."""
+    """Return `path` with the non-empty `parts` inserted before its suffix."""
     return path.with_stem("_".join([path.stem, *filter(None, parts)]))

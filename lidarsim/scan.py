@@ -1,4 +1,4 @@
-"""One scan: fire the pulses of a frame at a scene, and keep the measurement beside the truth."""
+"""Scans: fire the pulses of a frame at a scene, and keep the measurements with the ground truth."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ __all__ = ["Scan", "Status", "Summary", "check_coverage", "moment_and_pose", "sc
 
 
 class Sensor(Protocol):
-    """The part of a `lidarsim.Lidar`, which is a layer above, that a scan uses."""
+    """The attributes of `lidarsim.Lidar`, which is in a higher layer, that a scan uses."""
 
     @property
     def pattern(self) -> Pattern: ...
@@ -51,10 +51,10 @@ class Sensor(Protocol):
 
 
 class Status(enum.IntEnum):
-    """Whether a pulse gave a point, and if not, why.
+    """Outcome of a pulse: a point, or the reason why there is none.
 
-    ``below_threshold`` is an echo weaker than the detection limit (`lidarsim.Detection`), ``dropped`` one that random
-    drop-out removed, and the two range gates are those of the `Lidar`.
+    ``below_threshold`` is an echo weaker than the detection limit (`lidarsim.Detection`), and ``dropped`` one that
+    random drop-out removed. `Lidar.min_range` and `Lidar.max_range` are the limits of the range gate.
     """
 
     hit = 0
@@ -69,7 +69,7 @@ class Summary(dict[str, int]):
     """Number of pulses for each `Status`, by its name; prints as a table."""
 
     note: str = ""
-    """What to look at, if all pulses that hit anything hit one object nearer than the sensor's least range."""
+    """A warning if all hits are on one object that is nearer than the sensor's minimum range."""
 
     def __str__(self) -> str:
         """Return one line for each status, with its share of all pulses."""
@@ -81,7 +81,7 @@ class Summary(dict[str, int]):
 
 
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
-"""Moments of a scan that `deskew` may name, in periods of the pattern."""
+"""Named values of `deskew`, in periods of the pattern since the start of the scan."""
 
 _UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_columns().items()}
 """Value of the unused entries of each array, and of pixels without a pulse."""
@@ -89,60 +89,59 @@ _UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_colu
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Scan(Pickled, Plotted):
-    """A frame of a sensor: for each of n pulses, in firing order, up to k returns, and why there is none.
+    """One frame of a sensor: up to k returns for each of n pulses, in firing order.
 
     k is `Measurement.max_returns`, 1 by default. Unused entries are nan, -1 for `object_id`, 0 for `instance` and
-    `label`. If a pulse hit something but gave no point, the first entry still holds the truth about its strongest echo.
+    `label`. If a pulse hit something but gave no point, its first entry holds the ground truth of its strongest echo.
 
     Attributes
     ----------
     range : ndarray of float64, shape (n, k)
         Measured distance from the beam's origin along the pulse, m; nan where there is no return.
     true_range : ndarray of float64, shape (n, k)
-        Distance along the direction that the pulse really took, m, exact to a relative 2.3e-16: two roundings, of the
-        ray parameter and of its product with the length of the direction.
+        Distance along the actual direction of the pulse, m, to a relative error of 2.3e-16: two roundings, of the ray
+        parameter and of its product with the length of the direction.
     range_error : ndarray of float64, shape (n, k)
         Measured minus true range, m.
     intensity : ndarray of float32, shape (n, k)
         Received intensity; 1 is a white diffuser at normal incidence.
     object_id : ndarray of int32, shape (n, k)
-        Object that was hit.
+        Id of the object that was hit.
     instance : ndarray of uint32, shape (n, k)
         Instance of that object.
     label : ndarray of uint32, shape (n, k)
         Label of that object, or of the face that was hit.
     normal : ndarray of float32, shape (n, k, 3)
-        Unit outward normal there, in the world.
+        Unit outward normal at the hit, in world coordinates.
     incidence : ndarray of float32, shape (n, k)
         Angle between pulse and normal, 0 to π/2 rad.
     status : ndarray of uint8, shape (n,)
-        A `Status` for each pulse.
+        `Status` of each pulse.
     return_count : ndarray of uint8, shape (n,)
-        Returns of each pulse.
+        Number of returns of each pulse.
     pulses : Pulses
-        The pulses as the pattern gives them, in the sensor frame.
+        The nominal pulses of the pattern, in the sensor frame.
     lidar : Lidar
         The sensor.
     pose : ndarray of float64, shape (4, 4), or Trajectory
-        Where the sensor was.
+        Pose of the sensor, sensor to world.
     time : float
         Start of the scan, s.
     frame : int
         Number of the frame.
     radial_velocity : ndarray of float32, shape (n, k), or None
-        How fast the true range grows, m/s, as an FMCW lidar measures it: the velocity of the point of the surface less
-        that of the beam's origin, along the direction that the pulse really took. None where neither the sensor nor
-        any object moves.
+        Rate of change of the true range, m/s, as an FMCW lidar measures it: the velocity of the surface point relative
+        to the beam's origin, along the actual direction of the pulse. None if neither the sensor nor any object moves.
     true_direction : ndarray of float64, shape (n, k, 3), or None
-        Direction from the beam's origin to the point that each return really came from, in the sensor frame; None if
-        there is neither angular jitter nor a beam, since it is then the direction of the pulse.
+        Direction from the beam's origin to the true point of each return, in the sensor frame. None if there is neither
+        angular jitter nor a beam; it is then the nominal direction of the pulse.
     class_names : mapping of int to str
-        Names of labels, those of the scene.
+        Names of labels, from the scene.
 
     Notes
     -----
-    With a diverging beam, the truth about an echo is that of the object that returns most of its power, at the sub-ray
-    nearest to the axis that hits it.
+    With a diverging beam, the ground truth of an echo is taken from the object that returns most of its power, at the
+    sub-ray nearest to the axis that hits this object.
     """
 
     range: npt.NDArray[np.float64]
@@ -170,11 +169,11 @@ class Scan(Pickled, Plotted):
         return len(self.status)
 
     def __repr__(self) -> str:
-        """Return what was scanned with what, and how many pulses gave points."""
+        """Return the sensor, frame and time, and the number of pulses by status."""
         return text_table(*self._facts())
 
     def _repr_html_(self) -> str:
-        """Return what notebooks show: a small table."""
+        """Return a small HTML table for notebooks."""
         return html_table(*self._facts())
 
     def _facts(self) -> tuple[str, list[tuple[str, str]]]:
@@ -187,10 +186,10 @@ class Scan(Pickled, Plotted):
 
     @property
     def poses(self) -> Floats:
-        """Pose of the sensor when it fired each pulse, sensor to world: ndarray of float64, shape (n, 4, 4)."""
+        """Pose of the sensor at the time of each pulse, sensor to world: ndarray of float64, shape (n, 4, 4)."""
         if isinstance(self.pose, Trajectory):
             return self.pose._native.at(self.time + self.pulses.time)
-        still = _native.Path.still(self.pose.tolist()).at(np.zeros(1))  # orthonormal to rounding, as pulses are fired
+        still = _native.Path.still(self.pose.tolist()).at(np.zeros(1))  # orthonormalised, as for the cast
         return np.broadcast_to(still[0], (len(self), 4, 4))
 
     def point_cloud(
@@ -204,20 +203,20 @@ class Scan(Pickled, Plotted):
         Parameters
         ----------
         frame : {"sensor", "world"}
-            Coordinates of points and normals. "sensor": as a driver gives them, each point in the sensor frame at the
-            time of its pulse, so that the cloud of a moving sensor is skewed. "world": transformed by the pose at that
-            time, and so not skewed.
+            Coordinates of points and normals. "sensor": as a driver outputs them, each point in the sensor frame at the
+            time of its pulse, so that the cloud of a moving sensor is skewed. "world": each point is transformed by the
+            pose at the time of its pulse, so that the cloud is not skewed.
         deskew : bool, {"start", "middle", "end"} or float
-            Transform the points of frame "sensor", by the true poses, to the sensor frame at one moment. "start" or
-            True: the start of the scan. "end": one period of the pattern, 1/rate, later, whenever the last pulse was
-            fired. "middle": half a period after the start. A number: that many seconds after the start. It has no
-            effect on frame "world" or on a sensor that does not move.
+            Deskew the points of frame "sensor": transform them, by the true poses, to the sensor frame at one moment.
+            "start" or True: the start of the scan. "middle": half a period of the pattern, 1/rate, later. "end": a
+            whole period later, whenever the last pulse was fired. A number: that many seconds after the start. This has
+            no effect on frame "world" or on a static sensor.
 
         Returns
         -------
         PointCloud
-            In firing order, the returns of a pulse one after the other. A point lies at the measured range from the
-            beam's origin, in the nominal direction of the pulse, without angular jitter.
+            The points in firing order; the returns of a pulse are consecutive. A point lies at the measured range from
+            the beam's origin, in the nominal direction of the pulse, without angular jitter.
 
         Raises
         ------
@@ -230,7 +229,7 @@ class Scan(Pickled, Plotted):
             return self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
         moment = None if offset is None or frame == "world" else self.time + offset
         first, last = self.pose._native.span()
-        # The start, the period, their sum and the end are each rounded, by half an ulp of the greatest at most.
+        # The start, the period, their sum and the end are each rounded by at most half an ulp of the largest.
         if moment is not None and not first <= moment <= last + 2.0 * math.ulp(last):
             raise ArgumentValueError(
                 "deskew", f"a moment within the trajectory, {first} to {last} s", f"{deskew!r}, at {moment} s"
@@ -243,7 +242,7 @@ class Scan(Pickled, Plotted):
         return PointCloud._of(arrays, self.class_names, in_sensor_frame=frame == "sensor" and elsewhere)
 
     def _moment(self, deskew: object) -> float | None:
-        """Return the moment that `deskew` names, s after the start of the scan; None for raw points."""
+        """Return the moment of `deskew` after the start of the scan, s; None for raw points."""
         if isinstance(deskew, bool | np.bool_):
             return 0.0 if deskew else None
         if isinstance(deskew, str) and deskew in _MOMENTS:
@@ -258,40 +257,40 @@ class Scan(Pickled, Plotted):
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None
     ) -> npt.NDArray[Any]:
-        """Return a field as an image from the sensor's point of view: upright, and destaggered.
+        """Return a field as an image from the sensor's point of view, upright and destaggered.
 
-        A row is a ring, the highest first. A column is a step of azimuth, which decreases from left to right; rings
-        with azimuth offsets are shifted by whole columns so that pixels in one column look the same way. A sensor that
-        looks all around has as many columns as a turn, with azimuth 0 in the middle and the seam behind. This
-        requires a pattern whose rings each keep to one elevation, or to a band of elevations that no other ring enters,
-        and turn one way, once around at most.
+        Rows are rings, the highest first. Columns are steps of azimuth, which decreases from left to right; rings with
+        azimuth offsets are shifted by whole columns so that all pixels of a column have the same azimuth. The columns
+        of a 360° sensor span a full turn, with azimuth 0 in the middle and the seam behind the sensor. This requires a
+        pattern in which each ring has one elevation, or a band of elevations that no other ring enters, and turns in
+        one direction, once around at most.
 
-        Other patterns, and any for which `size` is given, are projected: rows and columns are equal steps of elevation
-        and azimuth between the outermost pulses of the frame. A pixel shows the nearest of the returns that fall into
-        it.
+        Other patterns, and all patterns if `size` is given, are projected: rows and columns are equal steps of
+        elevation and azimuth between the outermost pulses of the frame. A pixel shows the nearest return that falls
+        into it.
 
         Parameters
         ----------
         field : str
-            An array of this scan or of its pulses: "range", "label", "normal", "status", "time" (of firing, since the
-            start of the scan), …; normals are in the world, directions and origins in the sensor frame.
+            An array of this scan or of its pulses: "range", "label", "normal", "status", "time" (firing time since the
+            start of the scan), …. Normals are in world coordinates, directions and origins in the sensor frame.
         return_number : int
-            Which return of each pulse, counted from 1. In a projection, the nearest is chosen among these.
+            Which return of each pulse, counted from 1. A projection chooses the nearest among these.
         size : tuple of int, optional
             Rows and columns of a projection.
 
         Returns
         -------
         ndarray, shape (rows, columns) or (rows, columns, 3)
-            Of the dtype of the field. Unused entries of the scan keep their values. Pixels without a pulse are nan in
-            floating-point fields, 0 in "label", "instance" and "return_count", -1 in "object_id", and the greatest
-            number of the type in any other field of integers.
+            The image, in the dtype of the field. Unused entries of the scan keep their values. Pixels without a pulse
+            are nan in floating-point fields, 0 in "label", "instance" and "return_count", -1 in "object_id", and the
+            largest value of the dtype in any other integer field.
 
         Raises
         ------
         TypeError, ValueError
-            If there is no such field or return, `size` is not two integers >= 1, or it is missing and the pattern has
-            no rows and columns.
+            If there is no such field or return, `size` is not two integers >= 1, or `size` is missing and the pattern
+            has no rows and columns.
 
         Examples
         --------
@@ -317,40 +316,40 @@ class Scan(Pickled, Plotted):
             row, column, shape = projection(frame, self.pulses, size)
         unset = np.iinfo(values.dtype).max if values.dtype.kind in "iu" else np.nan
         image = np.full((*shape, *values.shape[1:]), _UNUSED.get(field, unset), values.dtype)
-        if size is None:  # to each pulse its pixel
+        if size is None:  # one pixel per pulse
             image[row, column] = values
-        else:  # what is written last shows: the nearest return, after the farther ones and the pulses without one
+        else:  # the last write wins: pulses without a return come first, the nearest return comes last
             order = np.argsort(self.range[:, entry], kind="stable")[::-1]
             image[row[order], column[order]] = values[order]
         return image
 
     def true_points(self, frame: Literal["sensor", "world"] = "sensor") -> Floats:
-        """Return the points that the returns really came from, whatever angular jitter, beam and noise did.
+        """Return the true points of the returns, as opposed to the measured points of `point_cloud`.
 
         Parameters
         ----------
         frame : {"sensor", "world"}
-            Coordinates, as in `point_cloud`: those of the sensor at the time of the pulse, or of the world.
+            Coordinates, as in `point_cloud`: the sensor frame at the time of the pulse, or the world.
 
         Returns
         -------
         ndarray of float64, shape (m, 3)
-            One point for each of `point_cloud`, in the same order, m. It lies on the surface of the object
-            `object_id`, at `true_range` in the direction that the pulse really took; with a beam, on the sub-ray that
-            the truth is taken from (see `Scan`).
+            One point for each point of `point_cloud`, in the same order, m. It lies on the surface of the object
+            `object_id`, at `true_range` along the actual direction of the pulse; with a beam, along the sub-ray that
+            the ground truth is taken from (see `Scan`).
 
         Raises
         ------
         ValueError
-            If `frame` is neither of them.
+            If `frame` is neither.
         """
         one_of("frame", frame, ("sensor", "world"))
         returned = np.arange(self.range.shape[1]) < self.return_count[:, None]
         pulse = np.nonzero(returned)[0]
         took = self.pulses.directions[pulse] if self.true_direction is None else self.true_direction[returned]
-        # A direction may be of unit length to float32 only, and the range is a distance.
+        # The length of a direction may be 1 only to float32 precision, but the range is a distance.
         reach = self.true_range[returned] / np.linalg.norm(took, axis=1)
-        with np.errstate(over="ignore", invalid="ignore"):  # of points at the end of float64
+        with np.errstate(over="ignore", invalid="ignore"):  # points near the limit of float64
             points: Floats = self.pulses.origins[pulse] + reach[:, None] * took
             if frame == "sensor":
                 return points
@@ -359,13 +358,13 @@ class Scan(Pickled, Plotted):
             return turned + poses[:, :3, 3]
 
     def summary(self) -> Summary:
-        """Return the number of pulses for each status, which prints as a table.
+        """Return the number of pulses for each status; it prints as a table.
 
         Returns
         -------
         Summary
-            A mapping from the name of each `Status` to a number. Its `note` says so if the sensor may be inside of an
-            object, for all that it sees is one object, nearer than its least range.
+            A mapping from the name of each `Status` to the number of pulses. Its `note` warns if the sensor may be
+            inside an object: all hits are on one object, nearer than `min_range`.
         """
         counts = np.bincount(self.status, minlength=len(Status))
         summary = Summary({status.name: int(counts[status]) for status in Status})
@@ -388,25 +387,25 @@ def scan(
     seed: int = 0,
     indices: npt.ArrayLike | None = None,
 ) -> Scan:
-    """Fire the pulses of a frame at a scene and measure what comes back.
+    """Fire the pulses of a frame at a scene and measure the returns.
 
     Parameters
     ----------
     lidar : Lidar
         The sensor.
     scene : Scene
-        What it looks at.
+        The scene to scan.
     pose : RigidTransform, array_like of shape (4, 4), or Trajectory, optional
-        Sensor to world; default the identity. With a trajectory each pulse is fired from the pose at its own time.
-        Objects that move are where they are at that time.
+        Sensor to world; default the identity. With a trajectory, each pulse is fired from the pose at its own time, and
+        moving objects are at their poses at that time.
     time : float
-        When the frame starts, s: the pulse fired at t in the frame is fired at `time` + t.
+        Start of the frame, s; a pulse at time t of the pattern is fired at `time` + t.
     frame : int
         Number of the frame, 0 to 2³² − 1.
     seed : int
         Seed of all noise, 0 to 2⁶⁴ − 1. The same seed, sensor name and frame give the same bits.
     indices : array_like of int, shape (m,), optional
-        Fire these pulses of the frame only, in this order. Their noise is the same as in the whole frame.
+        Fire only these pulses of the frame, in this order. Their noise is the same as in the whole frame.
 
     Returns
     -------
@@ -416,10 +415,10 @@ def scan(
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong type or out of its range, if the trajectory or the motion of an object does
-        not cover all pulses, or if a pulse of the pattern is not finite or its direction not of unit length.
+        If an argument is of the wrong type or out of its range, if the trajectory or the motion of an object does not
+        cover all pulses, or if a pulse of the pattern is not finite or its direction is not of unit length.
     MemoryError
-        If there is none for the returns; before the pulses are made, and with the number of bytes.
+        If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
     """
     if not isinstance(scene, Scene):
         raise ArgumentTypeError("scene", "a Scene", shown(scene))
@@ -429,7 +428,7 @@ def scan(
     where = _where(pose)
     if indices is None:
         count = math.prod(lidar.pattern.shape)
-        _native.expect_room(min(count, sys.maxsize), lidar)  # before the pattern makes pulses in vain
+        _native.expect_room(min(count, sys.maxsize), lidar)  # fail before the pattern makes pulses
     pulses = pulses_of(lidar.pattern, frame)
     period = 1.0 / lidar.pattern.rate
     path = _path(where, pulses, time, period)
@@ -467,7 +466,7 @@ def check_coverage(
     *,
     offset: float = 0.0,
 ) -> Floats | Trajectory:
-    """Check that trajectory and motions cover all pulses of the first and the last frame, and return the pose.
+    """Check that trajectory and motions cover all pulses of the first and last frame, and return the pose.
 
     Parameters
     ----------
@@ -481,12 +480,12 @@ def check_coverage(
     Returns
     -------
     ndarray of float64, shape (4, 4), or Trajectory
-        The pose; a copy of an array, so that it is the same for all frames.
+        The pose; an array is copied, so that it stays the same for all frames.
 
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong type, or a pulse is fired when there is no pose of the sensor or of an object.
+        If an argument is of the wrong type, or the sensor or an object has no pose at the time of a pulse.
     """
     if not isinstance(scene, Scene):
         raise ArgumentTypeError("scene", "a Scene", shown(scene))
@@ -519,20 +518,19 @@ def moment_and_pose(
     *,
     deskew: bool | Literal["start", "middle", "end"] | float = False,
 ) -> tuple[float, Floats]:
-    """Return the moment that a point cloud is of, and where the sensor then was.
+    """Return the reference time of a point cloud, and the sensor's pose at that time.
 
     Parameters
     ----------
     scan : Scan
         The scan.
     frame, deskew
-        As `Scan.point_cloud` was given them.
+        As given to `Scan.point_cloud`.
 
     Returns
     -------
     moment : float
-        That of the sensor frame that the points are in, s; the start of the scan if they are not in one, since they are
-        in the world or raw.
+        The time to which the points are deskewed, s; the start of the scan if they are raw or in world coordinates.
     pose : ndarray of float64, shape (4, 4)
         Sensor to world at that moment.
     """
@@ -545,7 +543,7 @@ def moment_and_pose(
 
 
 def sensor_id(name: str) -> int:
-    """Return the number by which a sensor draws its noise: the CRC-32 of its name in UTF-8."""
+    """Return the id that selects a sensor's noise: the CRC-32 of its name in UTF-8."""
     return zlib.crc32(name.encode())
 
 
@@ -556,7 +554,7 @@ def _where(pose: Transform | Trajectory | None) -> Floats | Trajectory:
 
 
 def _path(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float) -> _native.Path:
-    """Return where the sensor is while it fires a frame."""
+    """Return the path of the sensor while it fires a frame."""
     if not isinstance(pose, Trajectory):
         return _native.Path.still(pose.tolist())
     end = pose.span[1]
@@ -565,10 +563,10 @@ def _path(pose: Floats | Trajectory, pulses: Pulses, start: float, period: float
 
 
 def _carried_on(last: float, pulses: Pulses, start: float, period: float) -> float:
-    """Return to which time a trajectory whose last is `last` may be carried on for a frame.
+    """Return the time up to which a trajectory that ends at `last` may be extrapolated for a frame.
 
-    A trajectory up to the end of the frame is enough: it is extrapolated, at its final velocities, for the rest of a
-    firing cycle that begins before the end of the frame.
+    The trajectory need only cover the frame's period. For the rest of a firing cycle that begins within the period, it
+    is extrapolated at its final velocities.
     """
     end: float = start + pulses.time.max(initial=-math.inf)
     if end > last:
@@ -579,7 +577,7 @@ def _carried_on(last: float, pulses: Pulses, start: float, period: float) -> flo
 
 
 def _arrays(what: Scan | Pulses) -> dict[str, npt.NDArray[Any]]:
-    """Return by name the arrays that have one entry per pulse."""
+    """Return the arrays that have one entry per pulse, by name."""
     values = {field.name: getattr(what, field.name) for field in fields(what) if field.name != "pose"}
     return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
 

@@ -1,4 +1,4 @@
-"""The world: shapes with names, labels and materials."""
+"""Scenes: shapes with names, labels, materials and motions."""
 
 from __future__ import annotations
 
@@ -42,9 +42,9 @@ __all__ = ["Scene", "SceneObject", "register_scene_reader"]
 Label = int | npt.NDArray[np.uint32]
 
 DIFFUSE = Material()
-HEAD = 1 << 16  # bytes of a file by which its kind is recognised
-MOST_LINES = 12  # of a repr
-MOST = 2**31 - 1  # ids are int32 in hits
+HEAD = 1 << 16  # bytes at the start of a file that determine its kind
+MOST_LINES = 12  # maximum lines of a repr
+MOST = 2**31 - 1  # maximum id: hits store ids as int32
 
 
 FIELDS = ("id", "shape", "name", "label", "instance", "material", "transform", "motion")
@@ -56,21 +56,21 @@ class SceneObject(core.SceneObject, Immutable):
     Attributes
     ----------
     id : int
-        Its number in the scene, which hits refer to.
+        Id in the scene, which hits refer to.
     shape : Shape
         The shape in its own coordinates.
     name : str
-        For people; it need not be unique.
+        Name for people; it need not be unique.
     label : int or ndarray of uint32, shape (m,)
         Class of the object, 0 to 2³² − 1, or of each face of a `TriangleMesh`.
     instance : int
-        Number that tells things of one class apart, 0 to 2³² − 1; objects that are parts of one thing share it.
+        Number that distinguishes instances of a class, 0 to 2³² − 1; objects that are parts of one instance share it.
     material : Material
         How its surface returns light.
     transform : ndarray of float64, shape (4, 4), or None
         Affine map, object to world; None for the identity.
     motion : Trajectory or None
-        Rigid motion over time, after `transform`; None for what stands still.
+        Rigid motion over time, applied after `transform`; None for a static object.
     """
 
     __slots__ = ()
@@ -83,7 +83,7 @@ class SceneObject(core.SceneObject, Immutable):
         return _checked(**contents)
 
     def __repr__(self) -> str:
-        """Return what it is and where."""
+        """Return the id, name, shape, label and instance."""
         label = f"{len(np.unique(self.label))} labels" if isinstance(self.label, np.ndarray) else f"label {self.label}"
         name = f" {self.name!r}" if self.name else ""
         moves = "" if self.motion is None else ", moves"
@@ -101,7 +101,7 @@ def _checked(  # noqa: PLR0917 - the fields, in their order
     motion: Trajectory | None,
     like: SceneObject | None = None,
 ) -> SceneObject:
-    """Return the object of these fields after checking them; `like`: one of the same label, instance and material."""
+    """Return an object after checking its fields; `like` is one with the same label, instance and material."""
     if not isinstance(shape, Shape):
         raise ArgumentTypeError("shape", "a lidarsim shape", _kind(shape))
     if not isinstance(name, str):
@@ -120,7 +120,7 @@ def _checked(  # noqa: PLR0917 - the fields, in their order
 
 
 class _Changes(TypedDict, total=False):
-    """What of an object can be changed."""
+    """The fields of an object that can be changed."""
 
     shape: Shape
     name: str
@@ -135,8 +135,8 @@ class _Changes(TypedDict, total=False):
 class _Snapshot:
     """The objects at one moment, in the core.
 
-    `ids` are those of its objects, the first to the last, and -1 for none; None where they count up from 0. `span`
-    is the time that the motions of all movers cover.
+    `ids` are the ids of its objects in order, followed by -1 for "no object"; None if the ids are 0, 1, 2, …. `span` is
+    the time interval that the motions of all movers cover.
     """
 
     version: object
@@ -146,11 +146,11 @@ class _Snapshot:
     span: tuple[float, float]
 
     def ids_of(self, places: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
-        """Return the ids of objects by their places in the core; of -1, -1."""
+        """Return the ids of objects by their places in the core; -1 stays -1."""
         return places if self.ids is None else self.ids[places]
 
     def times(self, time: npt.ArrayLike, count: int) -> Floats | None:
-        """Return the time of each of some rays, checked; None if nothing moves."""
+        """Return the checked time of each of `count` rays, or None if nothing moves."""
         when = one_or_each("time", time, "n")
         if when.ndim and len(when) != count:
             raise ArgumentValueError("time", f"one number or one for each of {count} rays", len(when))
@@ -164,7 +164,7 @@ class _Snapshot:
     def check_motions(self, first: float, last: float, until: Callable[[float], float] = float) -> None:
         """Raise an error that names the first object whose motion does not cover these times.
 
-        `until` says to which time a motion may be carried on, by its last.
+        `until` maps the end of a motion to the time up to which it may be extrapolated.
         """
         if self.span[0] <= first and last <= self.span[1]:
             return
@@ -180,10 +180,10 @@ class _Snapshot:
 
 
 class Scene(Pickled, Plotted):
-    """The objects that rays are cast at.
+    """A collection of objects to cast rays at.
 
-    Iterating over a scene yields its objects in the order of their ids; ``len(scene)`` is their number and
-    ``scene[id]`` one of them. A scene can be copied and pickled: a copy has the same objects under the same ids, and
+    Iterating over a scene yields its objects in the order of their ids; ``len(scene)`` is the number of objects and
+    ``scene[id]`` is one object. Scenes can be copied and pickled: a copy has the same objects under the same ids, and
     changing one does not change the other. Shapes and materials are immutable, so copies share them.
 
     Parameters
@@ -194,7 +194,7 @@ class Scene(Pickled, Plotted):
     Attributes
     ----------
     class_names : mapping of int to str
-        Read-only.
+        Read-only class names by label.
 
     Raises
     ------
@@ -206,8 +206,8 @@ class Scene(Pickled, Plotted):
     One thread may change a scene while others cast rays at it or scan it: each cast and each scan sees the scene as it
     was before or after a change, never in between. Only one thread at a time may change a scene.
 
-    After a change, the next cast rebuilds the hierarchy over the objects, or refits it if they have only moved, and not
-    far. The hierarchy over the triangles of a mesh is built once, when rays are first cast at it, however often the
+    After a change, the next cast rebuilds the bounding volume hierarchy over the objects, or refits it if they have
+    only moved a little. The hierarchy over the triangles of a mesh is built once, at the first cast, however often the
     mesh is added or moved.
 
     Examples
@@ -251,21 +251,20 @@ class Scene(Pickled, Plotted):
         shape : Shape
             A mesh may be added many times; its triangles and their hierarchy are shared.
         name : str
-            A name for people, and for `find`.
+            Name for people and for `find`.
         label : int or array_like of int, shape (m,)
             Class of the object, 0 to 2³² − 1; for a `TriangleMesh` of m faces, optionally one per face.
         instance : int, optional
-            Number that tells instances of a class apart, 0 to 2³² − 1; objects that are parts of one instance share it.
-            Default: the object's id + 1.
+            Number that distinguishes instances of a class, 0 to 2³² − 1; objects that are parts of one instance share
+            it. Default: the object's id + 1.
         material : Material, optional
             How its surface returns light. Default: a perfect diffuser.
         transform : array_like, shape (4, 4), or RigidTransform, optional
             Affine map, object to world; it may shear and reflect. It is applied after the shape's own transform, if
-            that has one.
+            any.
         motion : Trajectory, optional
-            Rigid motion over time, applied after `transform`: at time t the object is where its pose at t, in float64,
-            takes it. For that pose, casts are as exact as for any other. It must cover the times of all casts and
-            scans.
+            Rigid motion over time, applied after `transform`. At time t the object is at the float64 pose of the motion
+            at t, for which casts are exact. The motion must cover the times of all casts and scans.
 
         Returns
         -------
@@ -277,8 +276,8 @@ class Scene(Pickled, Plotted):
         ------
         TypeError
             If `shape` is not a shape, `name` not a string, `label` or `instance` not an integer, `motion` not a
-            trajectory, or `material` not a material; or if there is a label or reflectivity per face or vertex and the
-            shape is no mesh.
+            trajectory, or `material` not a material; or if labels or reflectivities per face or vertex are given for a
+            shape that is not a mesh.
         ValueError
             If a label or the instance is out of range, the transform is singular, or the number of labels or
             reflectivities does not match the faces or vertices of the mesh.
@@ -301,17 +300,17 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         object_id : int
-            Its id, which it keeps.
+            Id of the object, which does not change.
         **changes
             Any of `shape`, `name`, `label`, `instance`, `material`, `transform` and `motion`, as in `add`; the others
-            stay as they are.
+            stay unchanged.
 
         Raises
         ------
         KeyError
             If there is no such object.
         TypeError, ValueError
-            What `add` raises; the object is then as it was.
+            As in `add`; the object is then unchanged.
 
         Examples
         --------
@@ -338,7 +337,7 @@ class Scene(Pickled, Plotted):
         if given.get("instance", 0) is None:
             given["instance"] = item.id + 1
         looks = {"label", "instance", "material"}
-        like = None if given.keys() & looks else item  # of a mesh there may be a label a face
+        like = None if given.keys() & looks else item  # a mesh may have one label per face, which is then shared
         self._items[item.id] = _checked(**(item._contents() | given), like=like)
         self._changed()
 
@@ -348,7 +347,7 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         object_id : int
-            Its id.
+            Id of the object.
 
         Raises
         ------
@@ -369,7 +368,7 @@ class Scene(Pickled, Plotted):
         Returns
         -------
         list of int
-            In ascending order; empty if there are none.
+            Ids in ascending order; empty if there are none.
         """
         if not isinstance(name, str):
             raise ArgumentTypeError("name", "a string", repr(name))
@@ -382,11 +381,11 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         path : path-like
-            A scene in YAML, as in configurations, or a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE, or
-            a mesh file: OBJ, OFF, PLY or STL. Their units are taken as metres; each instance of a mesh becomes an
-            object named after its node, and all instances share the mesh. In an OBJ file each object (or group) of one
-            material becomes one, in an STL file each solid. Of the files that it names, only those beside or below it
-            are read.
+            A scene in YAML, as in configurations; a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE; or a
+            mesh file: OBJ, OFF, PLY or STL. Units are taken as metres. Each instance of a mesh becomes an object named
+            after its node, and all instances share the mesh. In an OBJ file, each object (or group) of one material
+            becomes an object; in an STL file, each solid. Files that it refers to are read only if they are beside or
+            below it.
 
         Returns
         -------
@@ -421,9 +420,9 @@ class Scene(Pickled, Plotted):
 
     @property
     def bounds(self) -> Floats:
-        """Low and high corner of a box around all bounded objects, m: ndarray of float64, shape (2, 3).
+        """Minimum and maximum corner of a box around all bounded objects, m: ndarray of float64, shape (2, 3).
 
-        nan if there are none. A plane, for one, is not bounded.
+        The corners are nan if no object is bounded. A plane, for example, is unbounded.
         """
         boxes = [box for box in (item.bounds for item in self) if np.isfinite(box).all()]
         if not boxes:
@@ -443,14 +442,14 @@ class Scene(Pickled, Plotted):
             raise KeyError(f"object_id: expected an id below {self._next}, got {number}") from None
 
     def _changed(self) -> None:
-        """Note that the objects are no longer those of the snapshot."""
+        """Bump the version, which makes the snapshot outdated."""
         self._version = object()
 
     def _snapshot(self) -> _Snapshot:
-        """Return the objects as they are now, in the core.
+        """Return the current objects in the core, and keep them for the next cast.
 
-        It is kept for the next cast. A change is made before it is noted, so that a snapshot under the version that was
-        read before has all of the changes noted by then.
+        Objects are changed before the version is bumped, and the version is read before the objects. So a snapshot
+        contains every change up to its version.
         """
         version = self._version
         kept = self._kept
@@ -485,21 +484,21 @@ class Scene(Pickled, Plotted):
         origins, directions : array_like, shape (n, 3)
             Rays ``origin + t * direction``. A direction may have any length but zero.
         t_min, t_max : float
-            Range of t, in units of the length of the direction; 0 <= t_min <= t_max. Both ends belong to it.
+            Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float or array_like, shape (n,)
-            When the rays are cast, s: each meets every object where it then is.
+            Time of each ray, s: the ray meets every object at its pose at that time.
 
         Returns
         -------
         Hits
-            One entry per ray. Which object and primitive is nearest is decided exactly; of equal t the lowest object id
-            comes first, then the lowest primitive id.
+            One entry per ray. The nearest object and primitive are decided exactly; at equal t, the lowest object id
+            and then the lowest primitive id win.
 
         Raises
         ------
         ValueError
-            If a shape is wrong, a number is not finite, a direction is zero, the range is not one, or the motion of an
-            object does not cover the times.
+            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, or the
+            motion of an object does not cover the times.
         """
         now = self._snapshot()
         o, d = rays(origins, directions)
@@ -515,17 +514,17 @@ class Scene(Pickled, Plotted):
         t_max: float = math.inf,
         time: npt.ArrayLike = 0.0,
     ) -> npt.NDArray[np.bool_]:
-        """Tell whether each ray hits anything: the same as ``scene.cast(...).hit``, and faster.
+        """Return whether each ray hits anything: the same as ``scene.cast(...).hit``, but faster.
 
         Parameters
         ----------
         origins, directions : array_like, shape (n, 3)
-            Rays ``origin + t * direction``. A direction may have any length but zero: with that from one point to
-            another, and a `t_max` of 1, it is a line of sight between them.
+            Rays ``origin + t * direction``. A direction may have any length but zero; the vector from one point to
+            another, with a `t_max` of 1, tests the line of sight between them.
         t_min, t_max : float
-            Range of t, in units of the length of the direction; 0 <= t_min <= t_max. Both ends belong to it.
+            Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
         time : float, or array_like, shape (n,)
-            When, as in `cast`, s.
+            Time of each ray, s, as in `cast`.
 
         Returns
         -------
@@ -535,8 +534,8 @@ class Scene(Pickled, Plotted):
         Raises
         ------
         ValueError
-            If a shape is wrong, a number is not finite, a direction is zero, the range is not one, or the motion of an
-            object does not cover the times.
+            If a shape is wrong, a number is not finite, a direction is zero, the interval of t is invalid, or the
+            motion of an object does not cover the times.
 
         Examples
         --------
@@ -563,32 +562,32 @@ class Scene(Pickled, Plotted):
     def to_pyvista(
         self, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None
     ) -> pyvista.MultiBlock:
-        """Return the surfaces of the objects as triangles, in the world, to look at.
+        """Return the surfaces of the objects as triangles in world coordinates, for display.
 
         Parameters
         ----------
         chord_error : float, optional
-            Greatest distance of a triangle from the surface that it stands for, m. By default a 200th of the radius of
-            each sphere, ellipsoid and cylinder; all other shapes are exact.
+            Maximum distance of a triangle from the surface that it approximates, m. Default: 1/200 of the radius of
+            each sphere, ellipsoid and cylinder. All other shapes are exact.
         bounds : array_like, shape (2, 3), optional
-            Least and greatest coordinates of what else is seen, m. A plane is clipped to a box around all other objects
-            and these, widened by a tenth of its size, and so far that it holds the point of the plane nearest to its
-            middle.
+            Minimum and maximum coordinates of everything else in the view, m. A plane is clipped to a box around these
+            and all other objects, enlarged by a tenth of its size and until it contains the plane's point nearest to
+            its centre.
 
         Returns
         -------
         pyvista.MultiBlock
-            A block for each object, in their order and by their names; empty where an object has no triangles. A block
-            has the cell data ``object_id`` and ``label`` and the field data ``name``. Objects of one mesh share the
-            connectivity of its triangles.
+            One named block per object, in order; empty if the object has no triangles. A block has the cell data
+            ``object_id`` and ``label`` and the field data ``name``. Objects of one mesh share the connectivity of its
+            triangles.
 
         Raises
         ------
         MissingExtraError
             If PyVista is not installed.
         TypeError, ValueError
-            If `chord_error` is no positive number, or less than a millionth of the radius of an object, or `bounds`
-            are not finite numbers of that shape.
+            If `chord_error` is not a positive number or is less than a millionth of the radius of an object, or
+            `bounds` are not finite numbers of that shape.
         """
         converted: pyvista.MultiBlock = view(Scene, "pyvista")(self, chord_error=chord_error, bounds=bounds)
         return converted
@@ -596,7 +595,7 @@ class Scene(Pickled, Plotted):
     def to_open3d(
         self, *, chord_error: float | None = None, bounds: npt.ArrayLike | None = None
     ) -> list[dict[str, Any]]:
-        """Return the surfaces of the objects as triangles, in the world, to look at.
+        """Return the surfaces of the objects as triangles in world coordinates, for display.
 
         Parameters
         ----------
@@ -608,16 +607,16 @@ class Scene(Pickled, Plotted):
         Returns
         -------
         list of dict
-            What ``open3d.visualization.draw`` takes: for each object that has triangles its ``name``, with its id
-            before it so that it is unique, and the ``geometry``, an ``open3d.t.geometry.TriangleMesh`` with the
-            attributes ``object_id`` and ``label`` of each triangle.
+            Argument of ``open3d.visualization.draw``: for each object with triangles, its ``name``, made unique by its
+            id in front, and its ``geometry``, an ``open3d.t.geometry.TriangleMesh`` with the triangle attributes
+            ``object_id`` and ``label``.
 
         Raises
         ------
         MissingExtraError
             If Open3D is not installed.
         TypeError, ValueError
-            As in `to_pyvista`; or if a label is beyond 2⁵³.
+            As in `to_pyvista`.
         """
         converted: list[dict[str, Any]] = view(Scene, "open3d")(self, chord_error=chord_error, bounds=bounds)
         return converted
@@ -627,7 +626,7 @@ class Scene(Pickled, Plotted):
         return len(self._items)
 
     def __repr__(self) -> str:
-        """Return how many objects there are of which shape and label, and where."""
+        """Return the number of objects of each shape and label, and the bounds."""
         kinds: dict[str, int] = {}
         for item in self:
             label = item.label if isinstance(item.label, int) else None
@@ -667,9 +666,9 @@ def register_scene_reader(name: str, recognise: Callable[[Path, bytes], bool], r
     Parameters
     ----------
     name : str
-        What errors call the kind of file, such as "lidarsim YAML".
+        Name of the kind of file in errors, such as "lidarsim YAML".
     recognise : callable
-        ``recognise(path, head)`` says whether a file is of this kind; `head` is its first 64 KiB.
+        ``recognise(path, head)`` returns whether a file is of this kind; `head` is its first 64 KiB.
     read : callable
         ``read(path)`` returns the `Scene`.
     """
@@ -689,7 +688,7 @@ def _label(value: npt.ArrayLike, shape: Shape) -> Label:
         raise ArgumentValueError(
             "label", f"one integer, or {len(shape)}, one per face", f"{given.dtype} of shape {given.shape}"
         )
-    if given.dtype == np.uint32 and not given.flags.writeable:  # as it comes from here
+    if given.dtype == np.uint32 and not given.flags.writeable:  # already checked here
         return given
     wrong = (given < 0) | (given > UINT32)
     if wrong.any():
@@ -705,7 +704,7 @@ def _kind(value: object) -> str:
 
 
 def _check_reflectivity(material: Material, shape: Shape) -> None:
-    """Raise an error where a reflectivity per face or vertex does not fit the shape."""
+    """Raise an error if the reflectivities per face or vertex do not fit the shape."""
     per = material.per
     if not isinstance(shape, TriangleMesh):
         raise ArgumentTypeError("material", f"a TriangleMesh for a reflectivity per {per}", type(shape).__name__)

@@ -1,4 +1,4 @@
-"""A lidar: a scan pattern, a range gate and measurement errors; from a preset, a file or its parts."""
+"""Lidar sensors: a scan pattern, a range gate and measurement errors, from a preset, a file or parts."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
 __all__ = ["Lidar", "preset_path", "register_lidar_reader"]
 
 HEAD = 1 << 16
-"""Bytes of a file by which its kind is recognised."""
+"""Bytes at the start of a file that determine its kind."""
 
-MOST_ROWS = 14  # of a repr, below its title
+MOST_ROWS = 14  # maximum lines of a repr below its title
 
 PRESETS = Path(__file__).parent / "presets"
 
@@ -46,10 +46,10 @@ def register_lidar_reader(name: str, recognise: Callable[[Path, str], bool], rea
     Parameters
     ----------
     name : str
-        What errors call the kind of file, such as "Ouster metadata JSON".
+        Name of the kind of file in errors, such as "Ouster metadata JSON".
     recognise : callable
-        ``recognise(path, text)`` says by its content whether a file is of this kind; `text` is its first 64 KiB,
-        without a byte order mark and with bytes that are not UTF-8 replaced.
+        ``recognise(path, text)`` returns whether a file is of this kind; `text` is its first 64 KiB, without a byte
+        order mark and with invalid UTF-8 replaced.
     read : callable
         ``read(path, **options)`` returns the `Lidar`; its keyword arguments are the options that `from_file` takes.
     """
@@ -65,18 +65,19 @@ class Lidar(Pickled):
     Parameters
     ----------
     pattern : Pattern
-        Which pulses a frame fires: one of `lidarsim.patterns` or anything that has `rate`, `shape` and `pulses`.
+        Scan pattern: one of `lidarsim.patterns` or any object with `rate`, `shape` and `pulses`.
     measurement : Measurement
         Noise and other effects; all of them are off by default.
     min_range, max_range : float
-        Range gate, m, both ends included. It applies to the measured range as the sensor counts it.
+        Range gate, m, both ends included. It applies to the range that the sensor reports.
     range_offset : float or sequence of float, one per ring
-        Range as the sensor counts it minus range from the beam's origin, m, for sensors that count from another zero.
-        Quantisation and the gate apply to the range as the sensor counts it; `Scan.range` is from the beam's origin.
+        Range that the sensor reports minus range from the beam's origin, m, for sensors with another zero of range.
+        Quantisation and range gate apply to the reported range; `Scan.range` is measured from the beam's origin.
     name : str
         Name of the sensor. Sensors with different names draw different noise from the same seed.
     model : str
-        The kind of sensor, such as "ouster-os1-128". Its vendor determines the point layout in bags. Default: the name.
+        Model of the sensor, such as "ouster-os1-128". Its vendor determines the point layout in bags. Default: the
+        name.
 
     Raises
     ------
@@ -107,7 +108,7 @@ class Lidar(Pickled):
         object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
 
     def __repr__(self) -> str:
-        """Return the numbers that a datasheet begins with, and which effects are on."""
+        """Return the main figures of the datasheet and the active effects."""
         rings, columns = self.pattern.shape
         azimuth, elevation = field_of_view(pulses_of(self.pattern, 0))
         effects = [
@@ -140,28 +141,29 @@ class Lidar(Pickled):
         Parameters
         ----------
         scene : Scene
-            What is scanned.
+            The scene to scan.
         pose : RigidTransform, array_like of shape (4, 4) or Trajectory, optional
-            Sensor to world; on a trajectory each pulse is fired from where the sensor then is. Default: identity.
+            Sensor to world; with a trajectory, each pulse is fired from the pose at its time. Default: identity.
         time : float
-            Time of the start of the frame, s, on the clock of the trajectory and of moving objects.
+            Start of the frame, s, on the clock of the trajectory and of moving objects.
         frame : int
-            Number of the frame, 0 to 2³² − 1: non-repetitive patterns and noise go on from frame to frame.
+            Number of the frame, 0 to 2³² − 1; non-repetitive patterns and noise differ between frames.
         seed : int
             Seed of the noise, 0 to 2⁶⁴ − 1. The same seed, frame and name of the sensor give the same bits.
 
         Returns
         -------
         Scan
-            One entry for each pulse, in firing order, and return.
+            One entry per pulse, in firing order, and return.
 
         Raises
         ------
         TypeError, ValueError
             If an argument has the wrong type or shape or is out of its range, if the trajectory or the motion of an
-            object does not cover all pulses, or if the pattern's pulses are not finite or not of unit length.
+            object does not cover all pulses, or if a pulse of the pattern is not finite or its direction is not of unit
+            length.
         MemoryError
-            If there is no memory for the returns; before the pulses are made, and with the number of bytes.
+            If there is no memory for the returns; raised before the pulses are made, with the number of bytes.
         """
         return _scan.scan(self, scene, pose, time=time, frame=frame, seed=seed)
 
@@ -174,15 +176,15 @@ class Lidar(Pickled):
         first: int = 0,
         seed: int = 0,
     ) -> Iterator[Scan]:
-        """Scan a scene for one frame after the other: frame k starts at ``k / pattern.rate``, s.
+        """Scan a scene frame by frame; frame k starts at ``k / pattern.rate``, s.
 
-        Time, frame and noise are in step. Frames are scanned lazily: each sees the scene as it is when it is
-        requested.
+        Pattern, noise and time advance together. Frames are scanned lazily: each sees the scene at the time of the
+        request.
 
         Parameters
         ----------
         scene : Scene
-            What is scanned.
+            The scene to scan.
         pose : RigidTransform, array_like of shape (4, 4), Trajectory or None
             Sensor to world, as in `scan`; None is the identity.
         count : int
@@ -222,32 +224,32 @@ class Lidar(Pickled):
 
     @staticmethod
     def presets() -> list[str]:
-        """Return the names of the sensors that `preset` knows.
+        """Return the names of the sensor presets.
 
         Returns
         -------
         list of str
-            In alphabetical order.
+            Names in alphabetical order.
         """
         return sorted(path.stem for path in PRESETS.glob("*.yaml"))
 
     @classmethod
     def preset(cls, name: str, *, mode: str | None = None, noise: str | None = None) -> Lidar:
-        """Return a real sensor by name.
+        """Return the preset of a real sensor.
 
         Parameters
         ----------
         name : str
             One of `presets()`.
         mode : str, optional
-            One of the sensor's modes, such as "1024x20" of an Ouster. Default: the mode that its file describes.
+            One of the sensor's modes, such as "1024x20" for an Ouster. Default: the mode that its file describes.
         noise : {"datasheet"}, optional
-            "datasheet" switches on the noise that the sensor's datasheet gives. Default: none.
+            "datasheet" enables the noise stated in the sensor's datasheet. Default: none.
 
         Returns
         -------
         Lidar
-            The sensor as lidarsim/presets/NAME.yaml describes it, with the source of each number.
+            The sensor described in lidarsim/presets/NAME.yaml, which gives the source of each number.
 
         Raises
         ------
@@ -266,10 +268,10 @@ class Lidar(Pickled):
         path : path-like
             The file.
         **options
-            What the file leaves open. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata JSON:
-            `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle correction CSV
-            or DAT: `firing_times` (the other CSV), `rate`, `noise`. RoboSense angle CSV: `rate`, `noise`. Livox scan
-            pattern CSV: `rate`, `pulse_rate`, `noise`.
+            Settings that are not in the file. lidarsim's YAML: `mode` and `noise`, as in `preset`. Ouster metadata
+            JSON: `mode`, `noise`. Velodyne calibration YAML: `model` (a preset), `rate`, `noise`. Hesai angle
+            correction CSV or DAT: `firing_times` (the other CSV), `rate`, `noise`. RoboSense angle CSV: `rate`,
+            `noise`. Livox scan pattern CSV: `rate`, `pulse_rate`, `noise`.
 
         Returns
         -------

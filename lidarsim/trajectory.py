@@ -1,4 +1,4 @@
-"""Poses over time."""
+"""Trajectories: poses over time."""
 
 from __future__ import annotations
 
@@ -29,51 +29,51 @@ __all__ = ["Trajectory", "mounted", "numbers", "register_trajectory_format"]
 INTERPOLATIONS = ("linear", "spline")
 
 LARGEST = 2.0**980
-"""Most that coordinates and velocities may come to, with which nothing overflows that the core computes from them."""
+"""Maximum of coordinates and velocities; up to it, nothing overflows in the core."""
 
 LONGEST_LINE = 1 << 16
 MOST_LINES = 10_000_000
-"""Bounds on the lines of a file, in bytes, and on their number: a day of poses at 100 Hz has 8.64 million."""
+"""Maximum bytes per line and lines per file; a day of poses at 100 Hz has 8.64 million."""
 
 
 class Trajectory(Immutable):
-    """Rigid poses over time: where a sensor, or an object, is at each moment.
+    """Rigid pose of a sensor or an object over time.
 
-    Each given pose is met exactly at its time. From one to the next, while u = (t − tᵢ)/(tᵢ₊₁ − tᵢ) grows from 0 to 1,
-    the position is pᵢ + s(u) and the orientation Rᵢ exp(φ(u)), where s and φ are polynomials of u without constant
-    term. With "linear" interpolation both have one term alone: the position is linear in time, and the orientation
-    turns at a constant rate about a fixed axis (Slerp). With "spline" both are cubic, and velocity and acceleration,
-    angular ones too, are continuous.
+    The trajectory passes exactly through each given pose. Between two poses, with u = (t − tᵢ)/(tᵢ₊₁ − tᵢ) from 0 to 1,
+    the position is pᵢ + s(u) and the orientation Rᵢ exp(φ(u)), where s and φ are polynomials in u without constant
+    term. With "linear" interpolation both are linear: the position moves at constant velocity, and the orientation
+    turns at a constant rate about a fixed axis (slerp). With "spline" both are cubic, and linear and angular velocity
+    and acceleration are continuous.
 
-    For a scan it has to last to the end of the frame, 1/rate after its start: a firing cycle that is then under way is
-    completed at the velocities that the trajectory ends with.
+    For a scan, the trajectory must cover the frame up to its end, 1/rate after its start. A firing cycle that is then
+    incomplete is completed at the final velocities of the trajectory.
 
     Parameters
     ----------
     times : array_like, shape (n,)
-        Strictly rising times, s; at least one.
+        Strictly increasing times, s; at least one.
     poses : RigidTransform of n, or array_like, shape (n, 4, 4)
         Pose at each time: rigid transform from the moving frame to the world, positions in m.
     interpolation : {"linear", "spline"}
-        How poses between the given ones are found.
+        Interpolation between the given poses.
 
     Raises
     ------
     TypeError, ValueError
-        If the times do not rise, a pose is not rigid to within 1e-6, the numbers of times and poses differ, there is no
-        such interpolation, or no spline is found: where turns are large and one step lasts hundreds of times as long
-        as the next.
+        If the times do not increase, a pose is not rigid to within 1e-6, the numbers of times and poses differ, there
+        is no such interpolation, or no spline is found. This can happen if rotations are large and one step lasts
+        hundreds of times as long as the next.
 
     Notes
     -----
-    Splines are those of `scipy.interpolate.CubicSpline` (with its default, the not-a-knot condition at the ends) for
-    the position and of `scipy.spatial.transform.RotationSpline` for the orientation (N. Mayorov, Smooth Attitude
-    Interpolation, 2019), which begins and ends at the mean angular velocity of the first and the last step. The
-    equations of the latter are solved to rounding, where SciPy ends after ten iterations.
+    Splines are those of `scipy.interpolate.CubicSpline` (with its default, not-a-knot end conditions) for the position
+    and of `scipy.spatial.transform.RotationSpline` for the orientation (N. Mayorov, Smooth Attitude Interpolation,
+    2019), which begins and ends at the mean angular velocity of the first and the last step. The equations of the
+    latter are solved to rounding, whereas SciPy stops after ten iterations.
 
-    ``trajectory @ mount`` is the trajectory of a sensor mounted on the body that `trajectory` moves; `mount`, a 4×4
-    array or a RigidTransform, is the sensor's pose on the body, sensor to body. It holds between the given poses as
-    well: a sensor far from the center of a body that turns moves on an arc.
+    ``trajectory @ mount`` is the trajectory of a sensor mounted on the body that follows `trajectory`; `mount`, a 4×4
+    array or a RigidTransform, is the sensor's pose on the body (extrinsics), sensor to body. It also holds between the
+    given poses: a sensor away from the centre of a turning body moves on an arc.
 
     Examples
     --------
@@ -116,7 +116,7 @@ class Trajectory(Immutable):
         _validation.one_of("interpolation", interpolation, INTERPOLATIONS)
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             steps = (_spline_steps if interpolation == "spline" else _linear_steps)(rising, matrices)
-            # A velocity is at most three times the sum of the terms over the length of the step.
+            # A velocity is at most three times the sum of the coefficients over the duration of the step.
             velocities = np.abs(steps).sum(axis=2) / np.diff(rising)[:, None, None]
             largest = np.max([np.abs(part).max(initial=0.0) for part in (matrices[:, :3, 3], steps, velocities)])
             length = rising[-1] - rising[0]
@@ -135,7 +135,7 @@ class Trajectory(Immutable):
         linear: npt.ArrayLike = (0.0, 0.0, 0.0),
         angular: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> Trajectory:
-        """Return the trajectory of constant velocity, without beginning or end.
+        """Return an unbounded trajectory of constant velocity and angular velocity.
 
         Parameters
         ----------
@@ -150,17 +150,17 @@ class Trajectory(Immutable):
         -------
         Trajectory
             pose·exp(t·twist), with the exponential map of SE(3) (T. D. Barfoot, State Estimation for Robotics, 2017,
-            ch. 7): with both velocities a circle or a screw.
+            ch. 7): a circle or a screw if both velocities are non-zero.
 
         Raises
         ------
         TypeError, ValueError
-            If the pose is not rigid or a velocity not finite, or beyond 2⁹⁸⁰.
+            If the pose is not rigid, or a position or velocity is not finite or beyond 2⁹⁸⁰.
 
         Notes
         -----
-        The angle |angular|·t is computed exactly and then reduced to one turn, so that orientations are as right at any
-        time as in the first turn.
+        The angle |angular|·t is computed exactly and then reduced to one turn, so that orientations are as accurate at
+        any time as in the first turn.
 
         Examples
         --------
@@ -187,34 +187,34 @@ class Trajectory(Immutable):
     ) -> Trajectory:
         """Read a file of poses, whose format is determined by its content.
 
-        - TUM: ``t x y z qx qy qz qw`` in each line, s and m.
-        - KITTI poses: the upper three rows of a 4×4 matrix in each line, 12 numbers.
-        - CSV whose first line names its columns, ``time_s,x_m,y_m,z_m,qx,qy,qz,qw`` among them in any order.
+        - TUM: ``t x y z qx qy qz qw`` per line, in s and m.
+        - KITTI poses: the upper three rows of a 4×4 matrix per line, 12 numbers.
+        - CSV with a header line that includes the columns ``time_s,x_m,y_m,z_m,qx,qy,qz,qw`` in any order.
 
-        Empty lines and those that begin with ``#`` are skipped. Quaternions have to be of unit length and matrices
-        orthonormal as far as two decimals tell; they are then made so to rounding.
+        Empty lines and lines that begin with ``#`` are skipped. Quaternions must have unit length and matrices must be
+        orthonormal, to two decimals; they are then normalised to rounding.
 
         Parameters
         ----------
         path : path-like
             The file.
         times : path-like or array_like, shape (n,), optional
-            Times of KITTI poses, which have none of their own, s: an array, or a file with a number in each line.
+            Times of KITTI poses, which have none of their own, s: an array, or a file with one number per line.
         interpolation : {"linear", "spline"}
-            How poses between the given ones are found.
+            Interpolation between the given poses.
 
         Returns
         -------
         Trajectory
-            Through the poses of the file. Those of the KITTI data set are of the left camera; with the matrix ``Tr``
-            of its calibration, ``trajectory @ Tr`` is that of the lidar.
+            Trajectory through the poses of the file. Poses of the KITTI data set are those of the left camera; with the
+            matrix ``Tr`` of its calibration, ``trajectory @ Tr`` is the trajectory of the lidar.
 
         Raises
         ------
         FileFormatError
-            If a file cannot be read, or is not one of these; the message names the line.
+            If a file cannot be read or has none of these formats; the message names the line.
         TypeError, ValueError
-            If `times` are missing, not needed, or of another number than the poses.
+            If `times` are missing, superfluous, or not as many as the poses.
         """
         lines = _LineReader(path)
         with lines.refusals():
@@ -245,12 +245,11 @@ class Trajectory(Immutable):
         return cls(stamps, poses, interpolation=interpolation)
 
     def save(self, path: PathLike) -> None:
-        """Write the given poses to a file whose suffix says the format.
+        """Write the given poses to a file; its suffix determines the format.
 
-        ``.tum`` and ``.txt`` are TUM, ``.csv`` is CSV and ``.kitti`` KITTI poses, which leave out the times; `load`
-        reads them all. Each number is written in full. What is between the poses is not in the file: a spline has to
-        be read as one, and a mounted sensor's poses are joined to each other when they are read back, not by way of
-        its body.
+        ``.tum`` and ``.txt`` are TUM, ``.csv`` is CSV and ``.kitti`` KITTI poses, which omit the times; `load` reads
+        all of them. Numbers are written at full precision. The interpolation is not stored: a spline must be loaded
+        with ``interpolation="spline"``, and poses of a mounted sensor are interpolated directly, not through its body.
 
         Parameters
         ----------
@@ -262,7 +261,7 @@ class Trajectory(Immutable):
         FileFormatError
             If the suffix is unknown.
         ValueError
-            If this is a constant twist, whose one pose does not tell where it leads.
+            If this is a constant twist, which its one pose does not describe.
         OSError
             If the file cannot be written.
         """
@@ -277,20 +276,20 @@ class Trajectory(Immutable):
 
     @property
     def span(self) -> tuple[float, float]:
-        """First and last time at which there is a pose, s: tuple of float; -inf and inf of a constant twist.
+        """First and last time at which there is a pose, s: tuple of float; -inf and inf for a constant twist.
 
-        The poses of a twist end where its positions are beyond the range of float64.
+        A twist has no poses where its positions would exceed the range of float64.
         """
         return (-math.inf, math.inf) if self._recipe[0] == "twist" else self._native.span()
 
     @property
     def times(self) -> Floats:
-        """Times of the given poses, s: read-only ndarray of float64, shape (n,); of a constant twist 0 alone."""
+        """Times of the given poses, s: read-only ndarray of float64, shape (n,); only 0 for a constant twist."""
         return self._times
 
     @property
     def poses(self) -> RigidTransform:
-        """The given poses, moving frame to world: RigidTransform of n; of a mounted sensor, those of the sensor."""
+        """The given poses, moving frame to world: RigidTransform of n; for a mounted sensor, the sensor's poses."""
         return self.at(self._times)
 
     def at(self, times: npt.ArrayLike) -> RigidTransform:
@@ -330,8 +329,8 @@ class Trajectory(Immutable):
         linear : ndarray of float64, shape (3,) or (n, 3)
             Velocity of the origin of the moving frame, in the world, m/s.
         angular : ndarray of float64, shape (3,) or (n, 3)
-            Angular velocity in the moving frame, rad/s. Where linear interpolation has a bend, both are those after it;
-            at the last pose, those before.
+            Angular velocity in the moving frame, rad/s. Linear interpolation has jumps at the given poses: both
+            velocities are those after the pose, or before it at the last pose.
 
         Raises
         ------
@@ -340,10 +339,10 @@ class Trajectory(Immutable):
 
         Notes
         -----
-        Derivatives of the formulas of the class. With φ a rotation vector that changes at φ̇, the angular velocity is
-        (I − b[φ] + c[φ]²)φ̇, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ| (T. D. Barfoot, State Estimation for
-        Robotics, 2017, ch. 7). A sensor mounted at m on a body with the orientation R moves by R(ω × m) more than the
-        body.
+        The velocities are the derivatives of the formulas of the class. For a rotation vector φ with derivative φ̇, the
+        angular velocity is (I − b[φ] + c[φ]²)φ̇, b = (1 − cos θ)/θ², c = (θ − sin θ)/θ³, θ = |φ| (T. D. Barfoot, State
+        Estimation for Robotics, 2017, ch. 7). A sensor mounted at m on a body with orientation R has the body's
+        velocity plus R(ω × m).
 
         Examples
         --------
@@ -374,7 +373,7 @@ class Trajectory(Immutable):
         return when
 
     def __matmul__(self, mount: Transform) -> Trajectory:
-        """Return the trajectory of a sensor mounted on the body that this one moves; `mount`: sensor to body."""
+        """Return the trajectory of a sensor mounted on the body of this trajectory; `mount` is sensor to body."""
         if isinstance(mount, Trajectory):
             raise ArgumentTypeError("mount", "a pose", "a Trajectory")
         matrix = _in_range("mount", _validation.pose("mount", mount)).tolist()
@@ -414,7 +413,7 @@ def _built(recipe: _Recipe) -> _native.Path:
 
 
 def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
-    """Return where a sensor is that is mounted on a body, which stands still or moves.
+    """Return the pose of a sensor that is mounted on a static or moving body.
 
     Parameters
     ----------
@@ -426,7 +425,7 @@ def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
     Returns
     -------
     ndarray of float64, shape (4, 4), or Trajectory
-        Sensor to world, with the same bits on every processor, which a matrix product of NumPy's need not have.
+        Sensor to world, with the same bits on every processor, unlike a matrix product in NumPy.
     """
     if isinstance(pose, Trajectory):
         return pose @ mount
@@ -437,14 +436,14 @@ def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
 
 
 def _in_range(name: str, values: Floats) -> Floats:
-    """Return `values`, of anything that moves, after checking that none is beyond `LARGEST`."""
+    """Return `values`, coordinates or velocities, after checking that none is beyond `LARGEST`."""
     if np.abs(values).max() > LARGEST:
         raise ArgumentValueError(name, f"numbers up to {LARGEST:.3g} of what moves", f"{np.abs(values).max():.3g}")
     return values
 
 
 def _rigid(matrices: Floats) -> Floats:
-    """Return `matrices`, of shape (n, 4, 4), after checking that each is rigid as `_validation.pose` understands it."""
+    """Return `matrices`, of shape (n, 4, 4), after checking that each is rigid in the sense of `_validation.pose`."""
     rotations = matrices[:, :3, :3]
     with np.errstate(over="ignore", invalid="ignore"):
         error = np.abs(rotations @ rotations.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2), initial=0.0)
@@ -455,7 +454,7 @@ def _rigid(matrices: Floats) -> Floats:
 
 
 def _turns(matrices: Floats) -> Floats:
-    """Return the rotation vectors from each pose to the next, in the frame of the first of both."""
+    """Return the rotation vector from each pose to the next, in the frame of the former."""
     from scipy.spatial.transform import Rotation
 
     rotations = Rotation.from_matrix(matrices[:, :3, :3])
@@ -464,7 +463,7 @@ def _turns(matrices: Floats) -> Floats:
 
 
 def _linear_steps(times: Floats, matrices: Floats) -> Floats:
-    """Return the steps from pose to pose, (n - 1, 2, 3, 3): of way and rotation vector the terms in u, u² and u³."""
+    """Return, per step, the coefficients of u, u² and u³ of translation and rotation vector: (n - 1, 2, 3, 3)."""
     del times
     steps = np.zeros((len(matrices) - 1, 2, 3, 3))
     steps[:, 0, 0] = np.diff(matrices[:, :3, 3], axis=0)
@@ -473,18 +472,18 @@ def _linear_steps(times: Floats, matrices: Floats) -> Floats:
 
 
 def _spline_steps(times: Floats, matrices: Floats) -> Floats:
-    """Return the steps from pose to pose as `_linear_steps` does, those of splines."""
+    """Return the coefficients of splines, in the form of `_linear_steps`."""
     from scipy.interpolate import CubicSpline
 
     if len(times) < 3:
-        return _linear_steps(times, matrices)  # which the splines then are
-    # Of times scaled by a power of two the terms have the same bits, and squares of them do not overflow.
+        return _linear_steps(times, matrices)  # a spline through two poses is linear
+    # Scaling the times by a power of two keeps the bits of the coefficients, and squares do not overflow.
     scaled = np.ldexp(times, -math.frexp(times[-1] - times[0])[1])
     lengths = np.diff(scaled)
     steps = np.full((len(lengths), 2, 3, 3), np.nan)
     try:
         position = CubicSpline(scaled, matrices[:, :3, 3]).c  # terms in (t - t_i)³, (t - t_i)², …, 1
-    except (ValueError, np.linalg.LinAlgError):  # as it says of what overflows
+    except (ValueError, np.linalg.LinAlgError):  # raised on overflow
         return steps
     for power in (1, 2, 3):
         steps[:, 0, power - 1] = position[3 - power] * lengths[:, None] ** power
@@ -530,42 +529,42 @@ def register_trajectory_format(
     Parameters
     ----------
     name : str
-        What errors call it, such as "TUM".
+        Name of the format in errors, such as "TUM".
     looks : str
-        How a file looks, in a few words.
+        Short description of a file.
     recognise : callable
-        ``recognise(line)`` says by its first line whether a file is of this format.
+        ``recognise(line)`` returns whether a file with this first line is of this format.
     read : callable
-        ``read(lines)`` returns times, shape (n,), or None if the format has none, and poses, shape (n, 4, 4), of the
-        lines of a file, the first included. Empty lines and comments are left out. An error that it raises is
-        reported with the line that it took last.
+        ``read(lines)`` returns times, shape (n,), or None if the format has none, and poses, shape (n, 4, 4). `lines`
+        are the lines of the file, from the first on, without empty lines and comments. An error is reported with the
+        number of the last line read.
     suffixes : tuple of str
-        Suffixes by which `save` chooses the format, with their dot, in lower case.
+        Suffixes for which `save` chooses this format, with their dot, in lower case.
     write : callable
-        ``write(times, poses, file)`` writes times, shape (n,), and poses, shape (n, 4, 4), into an open binary file.
+        ``write(times, poses, file)`` writes times, shape (n,), and poses, shape (n, 4, 4), to an open binary file.
     """
     _FORMATS.append(_Format(name, looks, recognise, read, suffixes, write))
 
 
 def numbers(texts: Sequence[str], count: int) -> list[float]:
-    """Return the numbers that some texts are.
+    """Parse texts as finite numbers.
 
     Parameters
     ----------
     texts : sequence of str
-        The texts.
+        Texts of the numbers.
     count : int
-        How many there have to be.
+        Expected number of texts.
 
     Returns
     -------
     list of float
-        As many finite numbers.
+        The `count` numbers.
 
     Raises
     ------
     ValueError
-        If there are more or fewer, or one is not a finite number.
+        If the number of texts differs from `count`, or one is not a finite number.
     """
     if len(texts) != count:
         raise ValueError(f"expected {count} number{'s' * (count > 1)}, got {len(texts)}")
@@ -576,18 +575,18 @@ def numbers(texts: Sequence[str], count: int) -> list[float]:
         except ValueError:
             value = math.nan
         if not math.isfinite(value) or "_" in text:
-            raise ValueError("expected finite numbers, got something else")  # not shown: it may be of any file
+            raise ValueError("expected finite numbers, got something else")  # not quoted: it may come from any file
         values.append(value)
     return values
 
 
 class _LineReader:
-    """The lines of a text file one by one, without empty ones and comments; bounded, whatever the file holds."""
+    """Iterator over the lines of a text file, without empty lines and comments, bounded in length and number."""
 
     def __init__(self, path: PathLike) -> None:
         self.path = Path(path)
         self.numbers: list[int] = []
-        """Of the lines given so far."""
+        """Line numbers of the lines yielded so far."""
         self._number = 0
         self._lines = self._read()
 
@@ -608,7 +607,7 @@ class _LineReader:
 
     @contextmanager
     def refusals(self) -> Iterator[None]:
-        """Turn an error from within the block into one that names the file and the line taken last."""
+        """Turn an error of the block into one that names the file and the last line read."""
         try:
             yield
         except FileFormatError:
@@ -620,7 +619,7 @@ class _LineReader:
             raise FileFormatError(f"{self.path}{line}: {error}") from None
 
     def rising(self, times: Floats) -> Floats:
-        """Return `times`, those of the last lines, after checking that they rise."""
+        """Return `times`, read from the last lines, after checking that they increase."""
         late = times[1:] <= times[:-1]
         if late.any():
             i = int(np.argmax(late)) + 1

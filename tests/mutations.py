@@ -1,13 +1,12 @@
-"""Weaken the bounds of the core one by one, and say which tests notice.
+"""Weaken the bounds of the core one by one, and report which tests fail.
 
-Run by hand, from anywhere: ``python tests/mutations.py [--only WORDS] [--target DIR]``. It takes about half a minute a
-mutant, and leaves the working tree as it is: the core is copied to a temporary folder, patched there and built without
+Run by hand, from anywhere: ``python tests/mutations.py [--only WORDS] [--target DIR]``. It takes about half a minute
+per mutant. The working tree is not changed: the core is copied to a temporary folder, patched there and built without
 optimisation.
 
-A mutant replaces a text of the core's sources, in whichever of them it is; `tests/test_mutations.py` holds that it is
-there exactly once. The unit tests of the core are asked, and for mutants that concern whole casts, where these do not
-notice, tests of the Python package with the patched core. The exit code is 1 if there is a mutant that no test notices
-and that has no reason why none need.
+A mutant replaces a text in the core's sources; `tests/test_mutations.py` checks that the text occurs exactly once. The
+unit tests of the core run first. If they pass, mutants that concern whole casts are also tested by tests of the Python
+package with the patched core. The exit code is 1 if a mutant passes all tests and states no reason for it.
 """
 
 from __future__ import annotations

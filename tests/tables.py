@@ -1,10 +1,10 @@
-"""Measure how far each ray caster is from the exact answer, and write the tables of `lidarsim/bench/README.md` anew.
+"""Measure the errors of each ray caster against the exact answer, and rewrite the tables of `lidarsim/bench/README.md`.
 
 Run by hand: ``python tests/tables.py [out/speed.json]``. It takes minutes, prints the tables on accuracy and writes
-them into the page. Given the figures of a run of ``lidarsim bench -o out``, it writes the section on speed and its
-pictures as well. With ``--random N`` it judges lidarsim on N random adversarial rays instead, and writes nothing.
+them to the page. Given the results of ``lidarsim bench -o out``, it also writes the section on speed and its pictures.
+With ``--random N`` it checks lidarsim on N random adversarial rays instead, and writes nothing.
 
-The exit code is 1 if lidarsim decides wrongly, leaks or rounds a range wrongly.
+The exit code is 1 if lidarsim makes a wrong decision, leaks or rounds a range wrongly.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The command line: what it writes, prints and returns, and its one line for each mistake."""
+"""Command line: files, output, exit codes and one-line errors."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""The checklists of `.github/CONTRIBUTING.md`, followed for toys in a copy of the tree.
+"""The checklists of `.github/CONTRIBUTING.md`, applied to toys in a copy of the tree.
 
-A toy is the twin of something that exists, under another name. Its files are those of its checklist and no others, and
-the tests of the copy have to pass with all of them and to fail without any one.
+A toy is a copy of an existing shape, pattern, format or preset under another name. It needs exactly the files of its
+checklist: the tests of the copy must pass with all of them, and fail if any one is missing.
 """
 
 from __future__ import annotations

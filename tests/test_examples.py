@@ -1,4 +1,4 @@
-"""Every example runs as it stands, without a display and away from the checkout."""
+"""Every example runs unmodified, without a display and outside the checkout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Optional packages: what an error says when one is missing or does not import."""
+"""Optional packages: errors if one is missing or cannot be imported."""
 
 import sys
 from pathlib import Path

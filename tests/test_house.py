@@ -1,4 +1,4 @@
-"""What holds for the project as a whole: its layout, its packaging, its README, its public docstrings."""
+"""Project-wide checks: layout, packaging, README and public docstrings."""
 
 from __future__ import annotations
 

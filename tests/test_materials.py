@@ -1,4 +1,4 @@
-"""Materials: values, colours, and what is refused."""
+"""Materials: values, colours and invalid arguments."""
 
 from __future__ import annotations
 

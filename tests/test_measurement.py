@@ -1,4 +1,4 @@
-"""Each effect of a measurement, recovered from scans as a user would, and parameters that cannot be."""
+"""Measurement effects, each recovered from scans by the public API, and invalid parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mistakes that people make, and what each is told: which argument, what was expected, and what was given."""
+"""Common mistakes: each error names the argument, the expectation and the value."""
 
 from collections.abc import Callable
 from decimal import Decimal

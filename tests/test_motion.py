@@ -1,4 +1,4 @@
-"""Objects that move: each ray meets each where it is at the time of the ray."""
+"""Moving objects: each ray meets each object at its pose at the time of the ray."""
 
 from __future__ import annotations
 

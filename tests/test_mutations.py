@@ -1,4 +1,4 @@
-"""The mutants of the core are still mutants of it."""
+"""The mutants in `mutations.py` match the sources of the core."""
 
 from __future__ import annotations
 

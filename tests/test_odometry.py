@@ -1,4 +1,4 @@
-"""Odometry on simulated drives: KISS-ICP, where it is installed, finds the way from points of each pulse's own time.
+"""Odometry on simulated drives: KISS-ICP, if installed, recovers the trajectory from points with firing times.
 
 I. Vizzo et al., KISS-ICP: In Defense of Point-to-Point ICP, IEEE Robotics and Automation Letters 8, 2023.
 """

@@ -1,4 +1,4 @@
-"""The pages name every shape, pattern, layout, effect and format that there is, and the package loads each."""
+"""The pages name every shape, pattern, layout, effect and format, and the package loads each."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Copies and pickles of everything public: small, without caches, in other processes, and with the same bits."""
+"""Copies and pickles of all public objects: small, without caches, across processes, and bit-identical."""
 
 import copy
 import io

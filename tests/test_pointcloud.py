@@ -1,4 +1,4 @@
-"""Point clouds: their fields, and what saving and loading promise whatever the format."""
+"""Point clouds: fields, and the guarantees of saving and loading for all formats."""
 
 import copy
 import pickle

@@ -1,7 +1,7 @@
-"""Meshes that nobody here made, scanned by configuration and from Python, against brute force in integers.
+"""Third-party meshes, scanned by configuration and from Python, against brute force in integers.
 
-PyVista's wheel brings an airplane and an ant. Their vertices and the rays are floats, so integers over a power of two:
-every triangle is tried on every ray of a sample without any rounding.
+PyVista's wheel contains an airplane and an ant. Vertices and rays are floats, that is, integers over a power of two:
+every triangle is tested against every ray of a sample without rounding.
 """
 
 from __future__ import annotations

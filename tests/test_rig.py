@@ -1,4 +1,4 @@
-"""Rigs and sequences: the same scans as one by one, where and when each sensor is, and what is refused."""
+"""Rigs and sequences: equality with single scans, poses and times of each sensor, and invalid arguments."""
 
 from __future__ import annotations
 

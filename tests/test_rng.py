@@ -1,4 +1,4 @@
-"""The random numbers of the core: their generator, their law, and that no two of them hang together."""
+"""Random numbers of the core: generator, distribution and independence."""
 
 from __future__ import annotations
 

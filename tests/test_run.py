@@ -1,4 +1,4 @@
-"""A configured run in Python: it writes the same files as the command line."""
+"""A configured run in Python writes the same files as the command line."""
 
 from __future__ import annotations
 

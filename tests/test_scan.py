@@ -1,4 +1,4 @@
-"""Scans: what each pulse gives, the truth beside it, points in their frames, motion, and the same bits every time."""
+"""Scans: measurements, ground truth, coordinate frames of points, motion, and reproducibility to the bit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scenes: objects that are added, found, changed and removed, and lines of sight between them."""
+"""Scenes: adding, finding, changing and removing objects, and lines of sight between them."""
 
 import copy
 import threading

@@ -1,4 +1,4 @@
-"""Worked examples of lecture notes on ray intersection, done by hand, held against lidarsim and the textbook."""
+"""Worked examples from lecture notes on ray intersection: hand results against lidarsim and `bench.textbook`."""
 
 from __future__ import annotations
 

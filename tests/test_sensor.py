@@ -1,3 +1,5 @@
+"""Sensors: arguments, presets and files."""
+
 from __future__ import annotations
 
 import dataclasses

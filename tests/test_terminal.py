@@ -1,4 +1,4 @@
-"""What is printed: escaped, aligned, and to streams of every kind."""
+"""Terminal output: escaping, alignment and streams of every kind."""
 
 from __future__ import annotations
 

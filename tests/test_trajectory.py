@@ -1,4 +1,4 @@
-"""Trajectories: poses met, poses between, circles, splines, mounts, velocities, and what is refused."""
+"""Trajectories: given poses, interpolation, circles, splines, mounts, velocities and invalid arguments."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What type checkers say of a user's script: nothing where it is right, and something where it is not."""
+"""Type checkers accept correct user scripts and report errors in incorrect ones."""
 
 import shutil
 import subprocess
