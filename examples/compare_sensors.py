@@ -11,7 +11,7 @@ DISTANCES = [10, 20, 40, 80]
 
 scene = ls.Scene()
 scene.add(ls.Plane((0, 0, 1), 0.0), name="ground")
-for number, distance in enumerate(DISTANCES):  # none behind another
+for number, distance in enumerate(DISTANCES):  # none hides another
     azimuth = np.radians(20 * number)
     x, y = distance * np.cos(azimuth), distance * np.sin(azimuth)
     scene.add(ls.Ellipsoid((x, y, 0.85), (0.2, 0.25, 0.85)), name=f"pedestrian at {distance} m", label=30)

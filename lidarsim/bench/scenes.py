@@ -294,7 +294,7 @@ def _uneven_ball(triangles: int, rng: np.random.Generator) -> Triangles:
 
 
 def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0), seed: int = 4) -> World:
-    """Return a quarter each of spheres, boxes, cylinders and ellipsoids, 0.3 m to 2 m in radius, over a plane."""
+    """Return equally many spheres, boxes, cylinders and ellipsoids, 0.3 m to 2 m in radius, over a plane."""
     rng = np.random.default_rng(seed)
     shift = np.asarray(offset, dtype=np.float64)
     specs = [Spec("Plane.from_point", (shift.copy(), np.array([0.0, 0.0, 1.0])))]

@@ -97,7 +97,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def recognise(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is from a sensor in lidarsim's own YAML."""
+    """Return whether `text`, the head of the file `path`, describes a sensor in lidarsim's own YAML."""
     own = re.search(r"^(pattern|preset|file)\s*:", text, re.MULTILINE)
     return path.suffix.lower() in (".yaml", ".yml") and own is not None
 

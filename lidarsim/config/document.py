@@ -432,7 +432,7 @@ def _short(text: str) -> str:
 
 @dataclass(frozen=True)
 class _Extent:
-    """Number of values in a value, itself included, with their characters of text and their depth."""
+    """Number of values within a value, including itself, their characters of text and their depth."""
 
     values: int
     characters: int

@@ -119,11 +119,11 @@ def _built(value: object, place: Place) -> object:
 
 
 class Part(Model):
-    """A mapping from whose keys alone an object is constructed."""
+    """A mapping whose keys are the arguments of a constructor."""
 
     constructor: ClassVar[Callable[..., Any]]
     alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
-    """Groups of keys of which one is required: one argument in different units."""
+    """Groups of keys for one required argument in different units; one key must be given."""
 
     def build(self, place: Place) -> Any:
         """Return the object that it describes."""

@@ -3,8 +3,8 @@
 ``manifest/start.json`` records the sources and versions of the data set. It claims the place: it is created only if
 there is none, so if two data sets begin at once, one is refused. ``manifest/000000.json`` records that a shard is done.
 ``manifest.jsonl`` is written last. Its first line is the claim with the number and the SHA-256 of the lines after it;
-each of these has a file with its SHA-256, size and contents: points, the time of the frame in its sequence, the seed of
-its noise. Once it exists, the data set is complete, and any call that sees it removes the other notes.
+each of these names a file with its SHA-256, size and contents: points, the time of the frame in its sequence, the seed
+of its noise. Once it exists, the data set is complete, and any call that sees it removes the other notes.
 
 After a kill at any moment, the same call can resume. Parts depend only on the recipe, so concurrent writers replace
 files by equal ones and need not wait for each other.

@@ -172,7 +172,7 @@ class Document:
 
     @property
     def by_frame(self) -> bool:
-        """Whether anything is drawn anew for each frame."""
+        """Whether any value is drawn per frame."""
         return any(draw.per == "frame" for draw in self.settings.vary.values())
 
     def run(self, sequence: int, frame: int | None = None) -> Run:

@@ -106,7 +106,7 @@ def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
 
 
 def _named_in(path: Path) -> list[Path]:
-    """Return the files that a mesh file names, resolved like its reader does; empty if the reader refuses the file."""
+    """Return the files that a mesh file names, resolved as its reader does; empty if the reader refuses the file."""
     names: list[str] = []
     suffix = path.suffix.lower()
     with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError), path.open("rb") as file:

@@ -348,7 +348,7 @@ class Remote:
 
 
 def _is_unmet(error: BaseException | None) -> bool:
-    """Return whether a store reports that the condition of a put is not met, like S3's clients do."""
+    """Return whether a store reports that the condition of a put is not met, as S3's clients do."""
     while error is not None:
         response = getattr(error, "response", None)
         code = response.get("Error", {}).get("Code") if isinstance(response, dict) else None

@@ -221,7 +221,7 @@ def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
 
 
 def _parsed_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
-    """Return the columns of lines of which NumPy cannot parse some."""
+    """Return the columns of lines that NumPy cannot parse as a block."""
     names = dtype.names or ()
     sizes = [math.prod(dtype[name].shape) for name in names]
     columns: dict[str, list[list[float]]] = {name: [] for name in names}

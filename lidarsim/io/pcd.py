@@ -92,7 +92,7 @@ def _viewpoint(pose: Floats | None) -> str:
 
 
 def load(file: BinaryIO) -> dict[str, Any]:
-    """Read the points in the coordinates of the file: like in other readers, VIEWPOINT is not applied."""
+    """Read the points in the coordinates of the file: as in other readers, VIEWPOINT is not applied."""
     header = _header(file)
     points, dtype = _points(header), _layout(header)
     encoding = header["DATA"][0].lower()

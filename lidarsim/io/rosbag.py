@@ -397,7 +397,7 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
     Raises
     ------
     FileFormatError
-        If the bag is damaged, or has no point clouds under that topic.
+        If the bag is damaged or has no point clouds, or none under that topic.
     MissingExtraError
         If rosbags is not installed.
     OSError

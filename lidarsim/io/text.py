@@ -15,7 +15,7 @@ columns  fields
 3        x y z
 4        x y z intensity
 6        x y z and, if the other three are unit vectors, the normal, or, if they are colours, red green blue
-7        x y z, and intensity and red green blue in the order in which the three can be colours, if only one order is
+7        x y z, and intensity and red green blue in the order in which the three can be colours, if only one order fits
 =======  ==============================================================================================================
 
 All others are x y z ``column_4`` ``column_5`` and so on. Colours are integers from 0 to 255; each channel must exceed

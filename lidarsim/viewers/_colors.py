@@ -37,8 +37,8 @@ NAME = 40
 # Colours of categories 0 to 259; from 260 on they repeat. The first eight are distinct with any kind of colour vision
 # (M. Okabe and K. Ito, Color universal design, 2008, without black). Each later one is the farthest in OKLab
 # (B. Ottosson, 2020) from all chosen before, among the 4096 colours of three hexadecimal digits that have a contrast of
-# at least 3:1 with the background. 8 to 33 and the classes of SemanticKITTI are chosen first, then the rest. The search
-# takes longer than drawing a picture, so its result is stored here; the tests repeat it.
+# at least 3:1 with the background. Categories 8 to 33 and the classes of SemanticKITTI are chosen first, then the rest.
+# The search takes longer than drawing a picture, so its result is stored here; the tests repeat it.
 # fmt: off
 _CATEGORIES = (
     "e69f0056b4e9009e73f0e4420072b2d55e00cc79a7bbbbbb9900ff00dd00ff22ffffffff00ffddbb0099776600ff99ffff00667777ff"

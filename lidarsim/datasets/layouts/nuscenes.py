@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 VERSION, COLORS, LABELS = "v1.0-lidarsim", "colormap.json", "lidarseg"
 POINTS, MAPS = "samples", "maps"
 START, APART = 1_577_836_800_000_000, 3_600_000_000
-"""Time 0 of the first sequence, the start of 2020, and time between sequences, µs: the kit sorts scenes by time, which
-must differ."""
+"""Time 0 of the first sequence, the start of 2020, and time between sequences, µs: the kit sorts scenes by their times,
+which must differ."""
 
 VISIBILITY = {"1": (0, 40), "2": (40, 60), "3": (60, 80), "4": (80, 100)}
 """Visibility levels of nuScenes by token, %."""

@@ -109,9 +109,7 @@ def _yaml(path: Path) -> Any:
     try:
         for event in yaml.parse(text, loader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > DEPTH or isinstance(
-                event, yaml.AliasEvent
-            ):  # would exhaust the loader's stack or the memory
+            if depth > DEPTH or isinstance(event, yaml.AliasEvent):  # would exhaust the loader's stack or the memory
                 raise ValueError("expected a list of lasers, got deeper nesting or an alias")
         return yaml.load(text, loader)  # noqa: S506 - a safe loader
     except yaml.MarkedYAMLError as error:
