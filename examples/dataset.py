@@ -1,4 +1,4 @@
-"""Make a labelled data set of a drive, check that a seed makes the same bits again, and show it: writes dataset.gif."""
+"""Make a labelled data set of a drive, check that a seed reproduces the same bits, and show it; writes dataset.gif."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ out.mkdir(exist_ok=True)
 poses, scans = [], []
 for frame in range(FRAMES):
     pose = np.eye(4)
-    pose[:3, 3] = -20 + 4 * frame, -1.8, 1.9  # 4 m further on each time
+    pose[:3, 3] = -20 + 4 * frame, -1.8, 1.9  # 4 m per frame
     scan = run.lidar.scan(run.scene, pose, frame=frame, seed=run.seed)
-    cloud = scan.point_cloud()  # in the sensor's frame, as a driver gives it
+    cloud = scan.point_cloud()  # in the sensor frame, like a driver's
     cloud.save(out / f"{frame:04}.npz")
     poses.append(pose)
     scans.append(scan)
@@ -28,7 +28,7 @@ for frame in range(FRAMES):
     print(f"frame {frame}: {len(cloud)} points, by label {dict(zip(labels.tolist(), counts.tolist(), strict=True))}")
 np.save(out / "poses.npy", poses)
 
-# A draw depends on seed, sensor, frame and pulse alone: one frame can be made again without the others.
+# Noise depends only on seed, sensor, frame and pulse: one frame can be reproduced without the others.
 again = run.lidar.scan(run.scene, poses[3], frame=3, seed=run.seed).point_cloud()
 stored = ls.PointCloud.load(out / "0003.npz")
 same = all(np.array_equal(getattr(again, field), getattr(stored, field)) for field in stored.fields)

@@ -1,4 +1,4 @@
-"""Build a scene, scan it, and see what became of every pulse; writes scan.pcd and first_scan.png."""
+"""Build a scene, scan it, and see what happened to every pulse; writes scan.pcd and first_scan.png."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 
 import lidarsim as ls
 
-# Objects get their ids in the order in which they are added: 0, 1, 2, …
+# Objects get the ids 0, 1, 2, … in the order of their addition.
 scene = ls.Scene()
 scene.add(ls.Plane((0, 0, 1), 0.0), name="ground", label=1, material=ls.Material(reflectivity=0.2))
 scene.add(ls.Sphere((8, 2, 1), 1.0), name="ball", label=2, material=ls.Material(reflectivity=0.8))
 scene.add(ls.Cylinder((6, -3, 0), (6, -3, 4), 0.3), name="post", label=3)
 scene.add(ls.Box((1, 4, 2), center=(12, 0, 1)), name="wall", label=4)
 
-# A shape can be placed by any affine map: here a tent, lying on its long side.
+# Any affine transform can place a shape, here a tent.
 tent = ls.TriangleMesh(
     [(0, -1, 0), (0, 1, 0), (0, 0, 1.5), (3, -1, 0), (3, 1, 0), (3, 0, 1.5)],
     [(0, 2, 1), (3, 4, 5), (0, 3, 5), (0, 5, 2), (1, 2, 5), (1, 5, 4)],
@@ -21,7 +21,7 @@ tent = ls.TriangleMesh(
 turn = np.array([[0, -1, 0, 4], [1, 0, 0, 4], [0, 0, 1, 0], [0, 0, 0, 1.0]])
 scene.add(tent, name="tent", label=5, transform=turn)
 
-# The sensor stands on a mast of 1.7 m. The noise of its data sheet is off by default.
+# The sensor is on a mast of 1.7 m. The noise of its data sheet is off by default.
 mast = np.eye(4)
 mast[2, 3] = 1.7
 lidar = ls.Lidar.preset("ouster-os1-64", noise="datasheet")

@@ -1,6 +1,6 @@
-"""A junction with moving cars, seen from a moving car by two lidars: a cloud of each frame, and a picture of the last.
+"""A junction with moving cars, scanned by two lidars on a moving car: writes clouds of all frames and a picture.
 
-Points carry the label and the instance of what they are on, and the radial velocity that an FMCW lidar would measure.
+Points have the label and instance of the object that was hit, and the radial velocity that an FMCW lidar would measure.
 Usage: python junction.py [FOLDER]
 """
 
@@ -19,7 +19,7 @@ FRAMES = 5
 
 
 def place(x: float, y: float, heading: float = 0.0, z: float = 0.0) -> RigidTransform:
-    """Return a pose on the ground, the heading in degrees."""
+    """Return a pose at the height z, with the heading in degrees."""
     return RigidTransform.from_components((x, y, z), Rotation.from_euler("z", heading, degrees=True))
 
 
@@ -30,7 +30,7 @@ for x in (-30.0, 30.0):
     for y in (-28.0, 28.0):
         scene.add(ls.Box((40, 36, 14), (x, y, 7)), name="building", label=BUILDING)
 
-# From the left and the right, a queue that waits, and one that turns off to its left.
+# Cars from the left and the right, a waiting queue, and a car that turns left.
 for x, speed in ((-45.0, 13.0), (-28.0, 12.0), (-8.0, 12.5)):
     motion = ls.Trajectory.from_twist(place(x, -4.0), linear=(speed, 0, 0))
     scene.add(car, name="from the left", label=CAR, motion=motion)
@@ -46,7 +46,7 @@ turning = ls.Trajectory(
 )
 scene.add(car, name="turning", label=CAR, motion=turning)
 
-# The car that looks comes from the south: one lidar on its roof, one behind its grille.
+# The sensor car comes from the south, with one lidar on its roof and one behind its grille.
 rig = ls.Rig(
     {
         "roof": (ls.Lidar.preset("ouster-os1-64", noise="datasheet"), place(0.0, 0.0, z=1.8)),

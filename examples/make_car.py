@@ -1,4 +1,4 @@
-"""Make a mesh from a few curves: the car of configs/scenes/car.ply.
+"""Make the car of configs/scenes/car.ply, a mesh from a few curves.
 
 The body is a stack of rounded cross-sections along x, whose top, bottom and half width follow the curves below; the
 wheels are cylinders. Usage: python make_car.py [FILE]; also writes make_car.png.
@@ -14,7 +14,7 @@ import trimesh
 
 import lidarsim as ls
 
-# Length, top, bottom and half width of the body, m: the car drives towards +x and stands on z = 0.
+# Curves of the body, m: x, top, bottom and half width. The car faces +x and stands on z = 0.
 X = [-2.15, -2.10, -1.90, -1.45, -0.95, -0.30, 0.25, 0.85, 1.20, 1.85, 2.10, 2.15]
 TOP = [0.55, 0.80, 1.00, 1.22, 1.42, 1.46, 1.40, 1.05, 0.96, 0.84, 0.70, 0.50]
 BOTTOM = [0.42, 0.34, 0.28, 0.24, 0.24, 0.24, 0.24, 0.24, 0.24, 0.26, 0.32, 0.40]
@@ -22,7 +22,7 @@ HALF_WIDTH = [0.60, 0.76, 0.84, 0.87, 0.88, 0.88, 0.88, 0.88, 0.87, 0.84, 0.74, 
 
 
 def body(sections: int = 64, corners: int = 40) -> trimesh.Trimesh:
-    """Return the body: `sections` cross-sections of `corners` vertices each, closed at both ends."""
+    """Return the body: `sections` cross-sections with `corners` vertices each, closed at both ends."""
     x = np.linspace(X[0], X[-1], sections)
     top, bottom, half = (np.interp(x, X, curve)[:, None] for curve in (TOP, BOTTOM, HALF_WIDTH))
     turn = np.linspace(0, 2 * np.pi, corners, endpoint=False)

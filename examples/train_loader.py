@@ -1,4 +1,4 @@
-"""Feed clouds to a training, from the shards of a data set or scanned on the fly; with PyTorch if it is there."""
+"""Load training data from the shards of a data set or scan it on the fly, with PyTorch if it is installed."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ def table(rng: np.random.Generator, number: int) -> tuple[ls.Scene, ls.Lidar, Ri
 
 
 def chosen(xyz: np.ndarray, label: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return as many points of each cloud as of any other, so that they make a batch."""
+    """Return a random sample of POINTS points of a cloud, so that clouds form batches."""
     index = np.random.default_rng(number).choice(len(xyz), POINTS)
     return xyz[index].astype(np.float32), label[index].astype(np.int64)
 
 
 class FromShards:
-    """Clouds of a data set, each read from its place in a tar file: what PyTorch calls a map-style dataset."""
+    """Clouds of a data set, each read from its place in a tar file: a map-style dataset of PyTorch."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -53,7 +53,7 @@ class FromShards:
 
 
 class OnTheFly:
-    """The same clouds without files: each is scanned when a worker asks for it."""
+    """The same clouds without files: each is scanned on request."""
 
     def __len__(self) -> int:
         return CLOUDS

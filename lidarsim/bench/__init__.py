@@ -1,4 +1,4 @@
-"""Speed and accuracy, measured: lidarsim beside other ray casters, on the same rays, in the same run."""
+"""Benchmarks of speed and accuracy: lidarsim and other ray casters on the same rays in the same run."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ __all__ = ["main"]
 
 
 def main(arguments: Sequence[str]) -> int:
-    """Run ``lidarsim bench``: the ray casters' speed and errors, or the speed of this build beside another one.
+    """Run ``lidarsim bench``: measure speed and errors of ray casters, or compare this build with another one.
 
     Parameters
     ----------
     arguments : sequence of str
-        What follows ``lidarsim bench``.
+        Arguments after ``lidarsim bench``.
 
     Returns
     -------

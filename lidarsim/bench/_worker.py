@@ -1,7 +1,7 @@
-"""Casts on request with the build of lidarsim on the path. It runs as a script, so that any build can be measured.
+"""Script that casts on request with the build of lidarsim on the path, so that any build can be measured.
 
 Its argument is a file of pickled casts; see `lidarsim.bench.against`. Each line of its input is the number of a cast.
-The answer to the first request for a cast is the hash of its hits; to each further request, the time it took, s.
+The answer to the first request for a cast is the hash of its hits; to each further request, its duration, s.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""Two builds of lidarsim compared: the same casts in two processes, in turns.
+"""Comparison of two builds of lidarsim: the same casts in two processes, in turns.
 
-``lidarsim bench --against WHEEL`` reports how many times as fast this build is as the other, for each instruction set
-of the machine, and whether both find the same bits. It measures the casts of ``lidarsim bench`` and some that are
-dominated by the fixed cost of a ray. It takes about a minute on two cores.
+``lidarsim bench --against WHEEL`` reports the speed of this build relative to the other for each instruction set of the
+machine, and whether both give the same bits. It measures the casts of ``lidarsim bench`` and some that are dominated by
+the fixed cost of a ray. It takes about a minute on two cores.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ LEVELS = ("avx512", "avx2", "scalar")
 
 @dataclass(frozen=True, eq=False)
 class Cast:
-    """Rays, and the shapes that they are cast at."""
+    """Rays and their target shapes."""
 
     name: str
     shapes: tuple[Spec, ...]
@@ -51,7 +51,7 @@ class Comparison:
     name, level : str
         The cast and the instruction set.
     before, now : float
-        Median times a ray of the other build and of this one, ns.
+        Median times per ray of the other build and of this one, ns.
     ratio : float
         Speed of this build relative to the other: the median over the turns.
     same : bool
@@ -180,7 +180,7 @@ def compare(before: Path, now: Path, these: Sequence[Cast], levels: Sequence[str
 
 @contextmanager
 def _unpacked(path: Path) -> Iterator[Path]:
-    """Yield a folder that contains the package of a wheel, or of a checkout with its module built."""
+    """Yield a folder with the package from a wheel, or from a checkout with its built module."""
     with ExitStack() as stack:
         if path.is_file():
             if not zipfile.is_zipfile(path):
@@ -208,7 +208,7 @@ def main(arguments: Sequence[str]) -> int:
     try:
         with _unpacked(options.against) as before:
             these = list(casts(quick=options.quick))
-            sys.stdout.write(f"{machine['cpu']}, {machine['cores']} cores; ns a ray\n\n")
+            sys.stdout.write(f"{machine['cpu']}, {machine['cores']} cores; ns per ray\n\n")
             sys.stdout.write(f"{'':28}{'':8}{'before':>10}{'now':>10}{'ratio':>8}  bits\n")
             for row in compare(before, now, these, levels, 5 if options.quick else 21):
                 rows.append(row)

@@ -24,7 +24,7 @@ Drawn = tuple[type[ls.Shape], tuple[Any, ...], int, float, Floats | None]
 
 
 def rows(count: int, rounds: int) -> list[dict[str, Any]]:
-    """Measure building random scenes and scanning each once; the first scan builds the hierarchy.
+    """Time building random scenes and scanning each once; the first scan builds the hierarchy.
 
     Parameters
     ----------

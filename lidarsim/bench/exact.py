@@ -1,9 +1,9 @@
-"""The exact first hit of each ray in a world, in rational numbers: what the errors of ray casters are measured against.
+"""The exact first hit of each ray in rational numbers: the reference for the errors of ray casters.
 
 Every float64 is a rational number. The solids of these worlds are intersections of slabs, 0 ≤ n·(x − p) ≤ h, and of
 balls under affine maps, |A·(x − p)|² ≤ s. Along a ray each of these holds on an interval of t, whose ends are rational
-or solve a quadratic equation with rational coefficients; the ray meets the surface at the ends of the interval that is
-left. Hits and misses are therefore decided exactly. Square roots, and with them t, are rounded to 255 bits.
+or solve a quadratic equation with rational coefficients; the ray meets the surface at the ends of the intersection of
+these intervals. So hits and misses are decided exactly. Square roots, and with them t, are rounded to 255 bits.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Interval: TypeAlias = tuple[Fraction | float, Fraction | float]
 
 ROUND = {"Sphere", "Cylinder", "Ellipsoid"}
 GROUP = 256  # triangles that share a bounding box in the search for candidates
-ROOT_BITS = 256  # of a square root
+ROOT_BITS = 256  # precision of a square root
 NOWHERE: Interval = (math.inf, -math.inf)
 EVERYWHERE: Interval = (-math.inf, math.inf)
 
@@ -42,9 +42,9 @@ class Truth:
     t : list of Fraction or None
         Ray parameter of the hit, None for a miss.
     surface : ndarray of int64, shape (n,)
-        Triangle of a mesh or else object that is hit, -1 for a miss.
+        Index of the triangle (for a mesh) or object that is hit, -1 for a miss.
     telling : ndarray of bool, shape (n,)
-        Hits whose range tells ray casters apart: those on round shapes if there are any shapes but triangles.
+        Hits whose range distinguishes ray casters: all on meshes, else only those on round shapes.
     """
 
     t: list[Fraction | None]
@@ -53,7 +53,7 @@ class Truth:
 
 
 def first_hits(world: World, rays: Rays) -> Truth:
-    """Return the exact first hits: of all objects or triangles that float64 bounds do not rule out, the nearest."""
+    """Return the exact first hits, among the objects or triangles that float64 bounds do not exclude."""
     find = _first_object if world.mesh is None else _first_triangle
     found = [find(world, o, d) for o, d in zip(rays.origins, rays.directions, strict=True)]
     surface = np.array([surface for _, surface in found], dtype=np.int64)
@@ -80,7 +80,7 @@ def _first_object(world: World, origin: Floats, direction: Floats) -> tuple[Frac
 
 
 def _first_triangle(world: World, origin: Floats, direction: Floats) -> tuple[Fraction | None, int]:
-    assert world.mesh is not None  # noqa: S101 - its only caller asks
+    assert world.mesh is not None  # noqa: S101 - checked by the only caller
     vertices, faces = world.mesh
     groups, low, high = _parts(world)
     near = np.flatnonzero(_may_meet(low, high, origin, direction))
@@ -97,7 +97,7 @@ def _first_triangle(world: World, origin: Floats, direction: Floats) -> tuple[Fr
 
 
 def solid_hit(spec: Spec, origin: Vector, direction: Vector) -> Fraction | None:
-    """Return the least t ≥ 0 at which a ray meets the surface of a plane or of a solid, None if there is none.
+    """Return the least t ≥ 0 at which a ray meets the surface of a plane or solid, or None.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def solid_hit(spec: Spec, origin: Vector, direction: Vector) -> Fraction | None:
     Returns
     -------
     Fraction or None
-        Exact, but for square roots of 255 bits.
+        The exact t, except for square roots, which have 255 bits.
     """
     entry, leave = EVERYWHERE
     for low, high in _intervals(spec, origin, direction):
@@ -120,7 +120,7 @@ def solid_hit(spec: Spec, origin: Vector, direction: Vector) -> Fraction | None:
 
 
 def _intervals(spec: Spec, origin: Vector, d: Vector) -> list[Interval]:
-    """Return the intervals of t whose intersection is where the line is inside the solid."""
+    """Return intervals of t; the line is inside the solid on their intersection."""
     match spec.kind, spec.args:
         case "Plane.from_point", (point, normal):
             n = _vector(normal)
@@ -144,7 +144,7 @@ def _intervals(spec: Spec, origin: Vector, d: Vector) -> list[Interval]:
 
 
 def _slab(at: Fraction, rate: Fraction, width: Fraction) -> Interval:
-    """Return where 0 ≤ at + rate·t ≤ width."""
+    """Return the interval of t on which 0 ≤ at + rate·t ≤ width."""
     if rate == 0:
         return EVERYWHERE if 0 <= at <= width else NOWHERE
     ends = -at / rate, (width - at) / rate
@@ -152,9 +152,9 @@ def _slab(at: Fraction, rate: Fraction, width: Fraction) -> Interval:
 
 
 def _ball(f: Vector, g: Vector, square: Fraction) -> Interval:
-    """Return where |f + t·g|² ≤ square.
+    """Return the interval of t on which |f + t·g|² ≤ square.
 
-    The two roots of a·t² + 2·b·t + c are q/a and c/q for q = −b ∓ √(b² − a·c), with the sign of b, so that nothing
+    The two roots of a·t² + 2·b·t + c are q/a and c/q for q = −b ∓ √(b² − a·c), with − for b > 0, so that nothing
     cancels and t is as precise as the square root.
     """
     a, b, c = _dot(g, g), _dot(f, g), _dot(f, f) - square
@@ -176,7 +176,7 @@ def _root(square: Fraction) -> Fraction:
 
 
 def _triangle_hit(corners: Floats, origin: Vector, d: Vector) -> Fraction | None:
-    """Return the t ≥ 0 of a ray at a closed triangle, None if it misses it or runs in its plane."""
+    """Return the t ≥ 0 at which a ray hits a closed triangle; None if it misses it or lies in its plane."""
     a, b, c = (_minus(_vector(corner), origin) for corner in corners)
     n = _cross(_minus(b, a), _minus(c, a))
     slope = _dot(n, d)
@@ -209,7 +209,7 @@ def _times(a: Vector, factor: Fraction) -> Vector:
 
 
 def _solved(columns: list[Vector], v: Vector) -> Vector:
-    """Return the coefficients of v in three vectors, by Cramer's rule."""
+    """Return the coefficients of v in the basis of three vectors, by Cramer's rule."""
     a, b, c = columns
     determinant = _dot(a, _cross(b, c))
     return _dot(v, _cross(b, c)) / determinant, _dot(v, _cross(c, a)) / determinant, _dot(v, _cross(a, b)) / determinant
@@ -217,7 +217,7 @@ def _solved(columns: list[Vector], v: Vector) -> Vector:
 
 @lru_cache(maxsize=1)
 def _parts(world: World) -> tuple[list[Integers], Floats, Floats]:
-    """Return the parts of a world, objects or groups of triangles, and the corners of a box around each."""
+    """Return the parts of a world, objects or groups of triangles, and the corners of their bounding boxes."""
     if world.mesh is None:
         low, high = zip(*map(_box, world.shapes), strict=True)
         return [np.array([index]) for index in range(len(low))], np.array(low), np.array(high)
@@ -228,14 +228,14 @@ def _parts(world: World) -> tuple[list[Integers], Floats, Floats]:
 
 
 def _groups(centers: Floats) -> list[Integers]:
-    """Return indices of triangles that lie close together, by the Morton order of their centres."""
+    """Return groups of indices of neighbouring triangles, by the Morton order of their centres."""
     cells = (1023 * (centers - centers.min(axis=0)) / np.maximum(np.ptp(centers, axis=0), 1e-300)).astype(np.int64)
     code = sum((cells[:, axis] >> bit & 1) << (3 * bit + axis) for bit in range(10) for axis in range(3))
     return np.array_split(np.argsort(code, kind="stable"), math.ceil(len(centers) / GROUP))
 
 
 def _box(spec: Spec) -> tuple[Floats, Floats]:
-    """Return corners of a box around a shape."""
+    """Return the corners of a bounding box of a shape."""
     match spec.kind, spec.args:
         case (("Sphere" | "Ellipsoid"), (center, radius, *_)):
             reach = np.full(3, np.max(radius))
@@ -248,7 +248,7 @@ def _box(spec: Spec) -> tuple[Floats, Floats]:
 
 
 def _may_meet(low: Floats, high: Floats, origin: Floats, direction: Floats) -> npt.NDArray[np.bool_]:
-    """Say which boxes the ray may meet: they are widened by 1e-9 of the coordinates, which float64 keeps to 1.2e-16."""
+    """Return which boxes the ray may meet, widened by 1e-9 of the coordinates, which float64 keeps to 1.2e-16."""
     slack = 1e-9 * (1 + np.abs(origin).max())
     with np.errstate(all="ignore"):
         t = np.stack([low - slack - origin, high + slack - origin]) / direction
@@ -259,9 +259,9 @@ def _may_meet(low: Floats, high: Floats, origin: Floats, direction: Floats) -> n
 
 
 def _may_pierce(corners: Floats, direction: Floats) -> npt.NDArray[np.bool_]:
-    """Say which triangles the line may pass through; corners, (n, 3, 3), are relative to the origin of the line.
+    """Return which triangles the line may pierce; corners, (n, 3, 3), are relative to the origin of the line.
 
-    A sign d·(b × c) sums six products of three numbers, each with at most eight roundings on its way; |d| is about 1.
+    d·(b × c) is a sum of six products of three numbers, each with at most eight roundings; |d| is about 1.
     """
     a, b, c = np.moveaxis(corners, 1, 0)
     signs = np.stack([np.cross(b, c) @ direction, np.cross(c, a) @ direction, np.cross(a, b) @ direction])

@@ -1,4 +1,4 @@
-"""The cost of motion and of changes: scans of moving scenes relative to the same scenes at rest, in turns."""
+"""The cost of motion and of changes: scans of moving scenes and of the same scenes at rest, in turns."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ PERIOD = 0.1
 
 
 def instances(count: int, *, moving: bool) -> ls.Scene:
-    """Return instances of one mesh around the origin, at rest or each on its own course.
+    """Return instances of one mesh around the origin, at rest or each with its own motion.
 
     Parameters
     ----------
     count : int
         Number of instances.
     moving : bool
-        Whether they move. In the middle of the first frame they are where the instances at rest are.
+        Whether they move. In the middle of the first frame, they are at the poses of the instances at rest.
 
     Returns
     -------
@@ -71,7 +71,7 @@ def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[s
     Returns
     -------
     dict of str to (str, callable)
-        For each name, the name that it is compared with and the call to time.
+        By name: the name of the call to compare with, and the call to time.
     """
     lidar, still = ls.Lidar(pattern), np.eye(4)
     still[:3, 3] = place
@@ -121,7 +121,7 @@ def calls(scene: ls.Scene, place: Floats, pattern: Pattern) -> dict[str, tuple[s
 
 
 def over(times: dict[str, float], what: dict[str, tuple[str, Callable[[], Any]]]) -> list[dict[str, Any]]:
-    """Return a row for each of `calls` with its time and its ratio to the call that it is compared with."""
+    """Return a row per call, with its time and its ratio to the call that it is compared with."""
     return [
         {"what": name, "over": base, "seconds": times[name], "ratio": times[name] / times[base]}
         for name, (base, _) in what.items()

@@ -28,12 +28,12 @@ __all__ = ["ABSENT", "CASTERS", "FAILING", "Caster", "Found", "installed", "thre
 Floats = npt.NDArray[np.float64]
 Integers = npt.NDArray[np.int64]
 
-#: t of each ray, inf for a miss, and the triangle or, among shapes, the object that it hit, if the caster reports it.
+#: t of each ray, inf for a miss, and the triangle (for a mesh) or object that it hit, if the caster reports it.
 Found = tuple[Floats, Integers | None]
 
 
 class Caster(ABC):
-    """A world made ready for casting.
+    """A world prepared for casting.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ class Open3D(Caster):
 
 
 class Embreex(Caster):
-    """`EmbreeScene.run` of embreex, which trimesh uses: Embree in float32, one ray at a time, one thread."""
+    """`EmbreeScene.run` of embreex, used by trimesh: Embree in float32, one ray at a time, one thread."""
 
     package = "embreex"
     meshes = one_thread = True
@@ -238,7 +238,7 @@ def _geom(spec: Spec) -> str:
         case "Ellipsoid", (center, radii, rotation):
             axes = _text(rotation[:, :2].T.ravel())
             form = f'type="ellipsoid" size="{_text(radii)}" pos="{_text(center)}" xyaxes="{axes}"'
-        case _, (point, normal):  # a plane; MuJoCo-LiDAR's trees need it to be bounded
+        case _, (point, normal):  # a plane, bounded for MuJoCo-LiDAR's trees
             form = f'type="plane" size="4000 4000 1" pos="{_text(point)}" zaxis="{_text(normal)}"'
     return f"<geom {form}/>"
 
@@ -277,7 +277,7 @@ class MuJoCoLidar(MuJoCo):
 
 
 class MuJoCoLidarWarp(MuJoCoLidar):
-    """The same by NVIDIA Warp on the CPU: float32, one thread."""
+    """The same with NVIDIA Warp on the CPU: float32, one thread."""
 
     backend = "warp"
     arguments: ClassVar[dict[str, Any]] = {"device": "cpu"}
@@ -292,7 +292,7 @@ class MuJoCoLidarWarp(MuJoCoLidar):
 
 
 class MuJoCoLidarTaichi(MuJoCoLidar):
-    """The same by Taichi on the CPU: float32; the number of threads is set once, when Taichi starts."""
+    """The same with Taichi on the CPU: float32; the number of threads is set once, when Taichi starts."""
 
     backend = "taichi"
     one_thread = False
@@ -358,17 +358,17 @@ CASTERS: dict[str, type[Caster]] = {
 
 
 def installed() -> tuple[dict[str, type[Caster]], dict[str, str]]:
-    """Return the casters that can run here, and for each caster its version or the reason why it cannot run."""
+    """Return the casters that can run, and for each caster its version or the reason why it cannot."""
     casters, states = {}, {}
     for name, caster in CASTERS.items():
         try:
-            # ignore the warnings and greetings of other packages
+            # Hide the warnings and greetings of other packages.
             with warnings.catch_warnings(action="ignore"), redirect_stdout(io.StringIO()), threads_kept():
                 caster.load()
                 _try(caster)
         except (ImportError, OSError) as error:
             states[name] = f"{ABSENT} ({getattr(error, 'name', None) or caster.package})"
-        except Exception as error:  # noqa: BLE001 - whatever a package raises whose interface has changed
+        except Exception as error:  # noqa: BLE001 - a package whose interface has changed may raise anything
             states[name] = f"{FAILING} ({type(error).__name__}: {error})"
         else:
             casters[name], states[name] = caster, version(caster.package)

@@ -1,4 +1,4 @@
-"""The figures of `lidarsim.bench.speed` as JSON, as tables in Markdown, and as plots."""
+"""The figures of `lidarsim.bench.speed` as JSON, Markdown tables and plots."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def to_markdown(results: Results) -> str:
         ),
         "## More triangles",
         "A terrain of one size in ever finer triangles, 128 channels.",
-        "![Time a ray against the number of triangles](growth.png)",
+        "![Time per ray against the number of triangles](growth.png)",
         _table(
             "triangles | threads | method | ns per ray | × Open3D",
             (
@@ -164,7 +164,7 @@ def to_markdown(results: Results) -> str:
         "## Instances",
         INSTANCES.format(**results["instances"][0]),
         _table(
-            "what | ns a ray | × Open3D | on another triangle | farthest off, mm",
+            "what | ns per ray | × Open3D | on another triangle | farthest off, mm",
             (
                 [row["what"], _short(row["ns"]), _short(row["ratio"]), f"{row['other']:,}", _short(row["off_mm"])]
                 for row in results["instances"]
@@ -173,7 +173,7 @@ def to_markdown(results: Results) -> str:
         "## Coincident surfaces",
         COINCIDENT,
         _table(
-            "scene | ns a ray | × without the second surface | wrong",
+            "scene | ns per ray | × without the second surface | wrong",
             (
                 [row["what"], _short(row["ns"]), _short(row["ratio"]), f"{row['wrong']} of {row['rays']:,}"]
                 for row in results["coincident"]
@@ -191,7 +191,7 @@ def to_markdown(results: Results) -> str:
         "## Lines of sight",
         "In the city: `Scene.occluded`, whether there is a hit, beside `Scene.cast`, which finds the nearest.",
         _table(
-            "rays | cast, ns a ray | occluded, ns a ray | × as fast | wrong",
+            "rays | cast, ns per ray | occluded, ns per ray | × as fast | wrong",
             (
                 [row["rays"], _short(row["cast"]), _short(row["occluded"]), _short(row["ratio"]), str(row["wrong"])]
                 for row in results["sight"]
@@ -236,14 +236,14 @@ def to_markdown(results: Results) -> str:
 
 
 def overview(results: Results, pictures: str = "") -> str:
-    """Return the tables that sum the report up: lidarsim beside Open3D on meshes, every method on the analytic shapes.
+    """Return the summary tables: lidarsim and Open3D on meshes, every method on the analytic shapes.
 
     Parameters
     ----------
     results : dict
         The figures.
     pictures : str
-        What stands before the names of the pictures, such as ``"../images/"``.
+        Prefix of the pictures' names, such as ``"../images/"``.
 
     Returns
     -------
@@ -358,7 +358,7 @@ def _analytic(results: Results) -> list[Row]:
 
 
 def _once(rows: Iterable[Row]) -> list[Row]:
-    """Return the rows without repetitions of single-threaded methods for other numbers of threads."""
+    """Return the rows without repetitions of single-threaded methods for more threads."""
     seen: dict[tuple[str, ...], Row] = {}
     for row in rows:
         seen.setdefault((row["scene"], row["rays"], row["method"], _threads(row)), row)
@@ -408,7 +408,7 @@ def _rounded(value: float) -> str:
 
 
 def plot_speed(results: Results, path: Path) -> None:
-    """Draw speed against error on the analytic shapes: the median of each method, and a line to its maximum."""
+    """Plot speed against error on the analytic shapes: the median of each method, and a line to its maximum."""
     rows = [row for row in _analytic(results) if row["error"]["median_mm"] is not None]
 
     def draw(axes: Any) -> None:
@@ -437,7 +437,7 @@ def plot_speed(results: Results, path: Path) -> None:
 
 
 def plot_growth(results: Results, path: Path) -> None:
-    """Draw the time per ray against the number of triangles."""
+    """Plot the time per ray against the number of triangles."""
 
     def draw(axes: Any) -> None:
         labels = []
@@ -459,7 +459,7 @@ def plot_growth(results: Results, path: Path) -> None:
 
 
 def plot_distance(results: Results, path: Path) -> None:
-    """Draw the greatest error of the range against the distance from the origin of coordinates."""
+    """Plot the greatest range error against the distance from the origin of coordinates."""
 
     def draw(axes: Any) -> None:
         labels = []
@@ -497,7 +497,7 @@ RIGHT = tuple(((9, 8 * rise), "left", "center") for rise in (0, -1, -2))
 
 
 def _label(axes: Any, labels: Iterable[tuple[str, float, float, str, str]], places: Iterable[Any] = AROUND) -> None:
-    """Put each label (text, x, y, color, weight) beside its mark where it covers no mark and no earlier label."""
+    """Put each label (text, x, y, color, weight) beside its mark, so that it covers no mark or earlier label."""
     renderer = axes.figure.canvas.get_renderer()
     axes.figure.draw_without_rendering()
     marks = axes.transData.transform([mark for line in axes.lines for mark in line.get_xydata()])

@@ -1,8 +1,8 @@
-"""Scenes to measure speed on, generated from seeds, and their rays.
+"""Benchmark scenes, generated from seeds, and their rays.
 
 Three meshes represent typical lidar simulations: a city (a few large triangles beside finely meshed round objects),
-terrain (a height field), and scans (closed surfaces of uneven triangles). The analytic scene holds curved shapes and
-boxes; casters of triangles get its tessellations.
+terrain (a height field), and scans (closed surfaces of uneven triangles). The analytic scene has curved shapes and
+boxes; casters that need triangles get its tessellations.
 """
 
 from __future__ import annotations
@@ -53,11 +53,11 @@ class Spec:
     Attributes
     ----------
     kind : str
-        Such as ``"Sphere"`` or ``"Plane.from_point"``.
+        Class or constructor, such as ``"Sphere"`` or ``"Plane.from_point"``.
     args : tuple
         Arguments of the constructor.
     transform : ndarray of float64, shape (4, 4), optional
-        Affine map that the shape goes through.
+        Affine transform of the shape.
     """
 
     kind: str
@@ -97,8 +97,7 @@ class Rays:
 class World:
     """A scene, the position of its sensor, and the box in which random rays start.
 
-    A world of one mesh may be the tessellation of another world: `owner` is then the object of that world for each
-    triangle.
+    A world of one mesh may be the tessellation of another world; `owner` then has the object of each triangle.
     """
 
     name: str
@@ -121,11 +120,11 @@ class World:
 
     @property
     def far(self) -> bool:
-        """Whether the world stands far from the origin of coordinates."""
+        """Whether the world is far from the origin of coordinates."""
         return self.name.endswith(" at UTM")
 
     def tessellated(self, level: int) -> World:
-        """Return this world in triangles: round shapes as icospheres of this level and prisms of similar edges."""
+        """Return this world as triangles: round shapes become icospheres of this level or prisms of similar edges."""
         vertices, faces, owner = _join(_tessellate(spec, level) for spec in self.shapes)
         return replace(self, shapes=(Spec("TriangleMesh", (vertices, faces)),), owner=owner)
 
@@ -138,12 +137,12 @@ def lidar(world: World, channels: int, columns: int, field_of_view: float) -> Ra
 
 
 def spinning(channels: int, columns: int, field_of_view: float) -> Spinning:
-    """Return the pattern of `lidar`: channels in equal steps over a vertical field of view, rad, about the horizon."""
+    """Return the pattern of `lidar`: channels equally spaced over a vertical field of view, rad, about the horizon."""
     return Spinning(np.linspace(-field_of_view / 2, field_of_view / 2, channels), columns=columns)
 
 
 def random_rays(world: World, count: int, seed: int = 0) -> Rays:
-    """Return rays of uniform directions from uniform origins in the box of the world."""
+    """Return rays with uniform directions and uniform origins in the world's box."""
     rng = np.random.default_rng((seed, 7))
     directions = rng.normal(size=(count, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -151,7 +150,7 @@ def random_rays(world: World, count: int, seed: int = 0) -> Rays:
 
 
 def downward(count: int, reach: float = 14.0, seed: int = 0) -> Rays:
-    """Return rays from one point 40 m up to points of a disc of radius `reach` about the origin, row by row."""
+    """Return rays from a point at a height of 40 m to points of a disc of radius `reach` at the origin, row by row."""
     rng = np.random.default_rng((seed, 11))
     radius, angle = rng.uniform(0, reach, count), rng.uniform(0, 2 * np.pi, count)
     targets = np.column_stack([radius * np.cos(angle), radius * np.sin(angle), np.zeros(count)])
@@ -162,7 +161,7 @@ def downward(count: int, reach: float = 14.0, seed: int = 0) -> Rays:
 
 
 def coincident(triangles: int = 130_000) -> dict[str, tuple[list[Spec], list[Spec]]]:
-    """Return scenes for `downward` rays, by name: without and with a second surface that lies in the first."""
+    """Return scenes for `downward` rays by name: without and with a second surface that coincides with the first."""
     turn = np.eye(4)
     turn[:3] = np.column_stack([Rotation.from_rotvec((0.5, -0.7, 1.1)).as_matrix(), (1.0, 2.0, 3.0)])
     lowered = np.eye(4)
@@ -195,7 +194,7 @@ def coincident(triangles: int = 130_000) -> dict[str, tuple[list[Spec], list[Spe
 
 
 def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
-    """Return streets of boxes and poles, and 36 finely meshed spheres with nearly all of the triangles."""
+    """Return streets of boxes and poles, and 36 finely meshed spheres with nearly all triangles."""
     rng = np.random.default_rng(1)
     level = max(0, round(math.log(triangles / (36 * 20), 4)))
     sphere, faces = _icosphere(level)
@@ -216,10 +215,10 @@ def city(triangles: int = 740_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> W
 
 
 def terrain(triangles: int = 1_000_000, offset: npt.ArrayLike = (0.0, 0.0, 0.0)) -> World:
-    """Return a fractal height field, 700 m wide, seen from a mast of 20 m.
+    """Return a fractal height field, 700 m wide, with the sensor on a mast of 20 m.
 
-    It is a sum of random heights on lattices, each twice as fine and 0.55 times as high as the previous one. A terrain
-    of more triangles is the same terrain with finer lattices added.
+    It is a sum of random heights on lattices, each twice as fine and 0.55 times as high as the previous one. More
+    triangles add finer lattices to the same terrain.
     """
     n = round(math.sqrt(triangles / 2)) + 1
     rng = np.random.default_rng(2)
@@ -267,7 +266,7 @@ def instances(triangles: int = 64_618) -> World:
 
 
 def merged(world: World) -> World:
-    """Return a world of placed meshes merged into one mesh; the owner of a triangle is its object."""
+    """Merge a world of placed meshes into one mesh; the owner of a triangle is its object."""
     parts = [(*spec.args, np.eye(4) if spec.transform is None else spec.transform) for spec in world.shapes]
     vertices, faces, owner = _join((v @ place[:3, :3].T + place[:3, 3], f) for v, f, place in parts)
     return replace(world, shapes=(Spec("TriangleMesh", (vertices, faces.astype(np.uint32))),), owner=owner)
@@ -281,7 +280,7 @@ def body(triangles: int) -> Triangles:
 
 
 def _uneven_ball(triangles: int, rng: np.random.Generator) -> Triangles:
-    """Return points on the unit sphere, unevenly dense, and the faces of their convex hull, oriented outward."""
+    """Return points of uneven density on the unit sphere, and the faces of their convex hull, oriented outward."""
     from scipy.spatial import ConvexHull
 
     points = rng.normal(size=(triangles // 2, 3))  # a closed mesh has about two triangles per vertex
@@ -295,7 +294,7 @@ def _uneven_ball(triangles: int, rng: np.random.Generator) -> Triangles:
 
 
 def analytic(shapes: int = 400, offset: npt.ArrayLike = (0.0, 0.0, 0.0), seed: int = 4) -> World:
-    """Return a quarter each of spheres, boxes, cylinders and ellipsoids, 0.3 m to 2 m in radius, over a plane."""
+    """Return equally many spheres, boxes, cylinders and ellipsoids, 0.3 m to 2 m in radius, over a plane."""
     rng = np.random.default_rng(seed)
     shift = np.asarray(offset, dtype=np.float64)
     specs = [Spec("Plane.from_point", (shift.copy(), np.array([0.0, 0.0, 1.0])))]
@@ -331,7 +330,7 @@ def _place(name: str, shift: Floats) -> str:
 
 
 def _join(parts: Iterable[Triangles]) -> tuple[Floats, Integers, Integers]:
-    """Return meshes merged into one: vertices, faces, and for each face its part."""
+    """Merge meshes into one: vertices, faces, and the part of each face."""
     vertices, faces = zip(*parts, strict=True)
     starts = np.cumsum([0, *(len(v) for v in vertices[:-1])])
     owner = np.repeat(np.arange(len(faces)), [len(f) for f in faces])
@@ -366,6 +365,6 @@ def _tessellate(spec: Spec, level: int) -> Triangles:
         case "Cylinder", (start, end, radius):
             prism = trimesh.creation.cylinder(radius, sections=6 * 2**level, segment=[np.zeros(3), end - start])
             return start + prism.vertices, np.array(prism.faces)
-    point, _ = spec.args  # the ground, farther than any ray of the lidars reaches
+    point, _ = spec.args  # the ground; no ray of the lidars passes its edge
     vertices, faces = _quad(4000.0, 0.0)
     return point + vertices, faces

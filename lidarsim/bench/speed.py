@@ -47,7 +47,7 @@ class Plan:
     Attributes
     ----------
     triangles : int or None
-        Size of the three meshes; None for the nominal size of each.
+        Size of the three meshes; None for their nominal sizes.
     shapes : int
         Number of shapes of the analytic scene, without its ground.
     columns : tuple of int
@@ -57,7 +57,7 @@ class Plan:
     levels : tuple of int
         Icosphere levels of the tessellations.
     sizes : tuple of int
-        Triangles of the terrains that show the growth of the cost.
+        Triangles of the terrains, for the growth of the cost.
     distances : tuple of float
         Distances from the origin of coordinates at which errors are measured, m.
     threads : tuple of int
@@ -65,7 +65,7 @@ class Plan:
     rounds : int
         Turns of each method; the median counts.
     seconds : float
-        A method that has used up this time in a comparison skips its further turns.
+        A method that has used this time in a comparison skips its further turns.
     builds : int
         Number of builds of each mesh.
     scenes : int
@@ -136,7 +136,7 @@ class Error:
 
 @dataclass(frozen=True)
 class Speed:
-    """One method on one set of rays: million rays per second (median cast), the ratio to Open3D, and the errors."""
+    """One method on one set of rays: million rays per second (median cast), ratio to Open3D, and errors."""
 
     scene: str
     triangles: int
@@ -152,7 +152,7 @@ class Speed:
 
 @dataclass(frozen=True)
 class Build:
-    """One method's time from arrays to the first answered ray, Open3D's time over it, and bytes per triangle.
+    """One method's time from arrays to the first answered ray, Open3D's time relative to it, and bytes per triangle.
 
     `resident` is the growth of a fresh process, `counted` the memory counted by lidarsim's core.
     """
@@ -167,7 +167,7 @@ class Build:
 
 
 def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: float) -> dict[str, float]:
-    """Call each in turn, round after round, and return the median time of each.
+    """Run the calls in turns, and return the median time of each.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def interleave(calls: Mapping[str, Callable[[], Any]], rounds: int, seconds: flo
 
 
 def judge(truth: Truth, found: Found) -> Error:
-    """Return the errors of a method by the exact hits of the same rays."""
+    """Compare the hits of a method with the exact hits of the same rays."""
     t, surface = found
     rounded = np.array([math.inf if s is None else float(s) for s in truth.t])
     hit, said = np.isfinite(rounded), np.isfinite(t)
@@ -259,7 +259,7 @@ class _Run:
                 self.speed += self._compare(world, rays, methods, threads)
 
     def _scale(self, world: World, rays: Rays, caster: Caster) -> None:
-        """Measure the speed-up of more threads, in turns."""
+        """Measure the speed-up by more threads, in turns."""
         self.progress(f"{world.name}: threads")
         times = interleave(
             {str(n): partial(caster.cast, caster.prepare(rays), n) for n in self.plan.threads},
@@ -279,7 +279,7 @@ class _Run:
         ]
 
     def sizes(self) -> None:
-        """Measure terrains of increasing numbers of triangles."""
+        """Measure terrains with increasing numbers of triangles."""
         for triangles in self.plan.sizes:
             world = scenes.terrain(triangles)
             methods = self._built(world, 0)
@@ -375,7 +375,7 @@ class _Run:
             )
 
     def coincident_surfaces(self) -> None:
-        """Measure scenes in which one surface lies in another, relative to the scenes without the second surface."""
+        """Measure scenes with coincident surfaces relative to the scenes without the second surface."""
         import lidarsim as ls
 
         rays = scenes.downward(self.plan.columns[0] * 64)
@@ -433,14 +433,14 @@ class _Run:
         self.motion += motion.over(times, what)
 
     def random_scenes(self) -> None:
-        """Measure the share of building in the time of scenes that are scanned once."""
+        """Measure the share of building in the total time of scenes that are scanned once."""
         for threads in self.plan.threads:
             self.progress(f"random scenes, {threads} threads")
             os.environ["LIDARSIM_THREADS"] = str(threads)
             self.scenes += [{"threads": threads, **row} for row in building.rows(self.plan.scenes, self.plan.builds)]
 
     def results(self) -> dict[str, Any]:
-        """Return all figures in types of JSON."""
+        """Return all figures as JSON types."""
         return {
             "machine": report.machine(),
             "plan": asdict(self.plan),
@@ -532,7 +532,7 @@ class _Run:
         return rows
 
     def _reference(self, errors: dict[str, Error]) -> str | None:
-        """Return the method that represents Open3D: for shapes, its coarsest fine or else its finest tessellation."""
+        """Return the method for Open3D: among tessellations, the coarsest within `FINE`, else the finest."""
         if "Open3D" in errors:
             return "Open3D"
         if self.stand_in is None:
@@ -571,7 +571,7 @@ def _at(judged: Any, caster: Caster, answer: Any) -> Found:
 
 
 def _resident(method: str, world: World) -> float | None:
-    """Return the growth of a fresh process that builds the world, bytes per triangle; None where it is not Linux."""
+    """Return the growth of a fresh process that builds the world, bytes per triangle; None except on Linux."""
     if not Path("/proc/self/statm").exists():
         return None
     code = f"from lidarsim.bench import speed; speed.print_growth({method!r}, {world.name!r}, {world.triangles})"
@@ -580,7 +580,7 @@ def _resident(method: str, world: World) -> float | None:
 
 
 def print_growth(method: str, name: str, triangles: int) -> None:
-    """Print the result of `_resident`. Call it in a process of its own."""
+    """Print the result of `_resident`. Call it in a separate process."""
     kind = CASTERS[method]
     kind.load()
 
@@ -589,7 +589,7 @@ def print_growth(method: str, name: str, triangles: int) -> None:
         caster.cast(caster.prepare(scenes.lidar(world, 1, 1, 0.0)), 1)
         return caster
 
-    build(scenes.terrain(100))  # so that one-time allocations of the libraries are not counted
+    build(scenes.terrain(100))  # excludes one-time allocations of the libraries
     world = MESHES[name](triangles)
     before = _pages()
     caster = build(world)
@@ -599,7 +599,7 @@ def print_growth(method: str, name: str, triangles: int) -> None:
 
 
 def _pages() -> int:
-    """Return the resident memory of this process, bytes, after it released unused memory."""
+    """Return the resident memory of this process after releasing unused memory, bytes."""
     gc.collect()
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).malloc_trim(0)

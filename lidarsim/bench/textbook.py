@@ -1,14 +1,14 @@
-"""The formulas that textbooks and lecture notes give for rays and solids, in plain float64: the baseline to beat.
+"""Textbook formulas for rays and solids in plain float64: the baseline to beat.
 
-They are right in exact arithmetic and stand here as they are usually taught, with no care for rounding: the general
-quadratic formula, whose difference cancels, and a plane by its rounded distance from the origin. Two slips that are
-common in such notes are corrected:
+They are correct in exact arithmetic and written as they are usually taught, without care for rounding: the general
+quadratic formula, whose difference cancels, and a plane by its rounded distance from the origin. Two common slips of
+lecture notes are corrected:
 
 - The constant term of the sphere's quadratic is (o − c)·(o − c) − r², sometimes written 2(o − c) − r² (a vector minus a
   number, which has no meaning).
 - The equation of a cylinder's side is |p − c|² = r² across the axis, sometimes written = 0 (which is the axis alone).
 
-Each function takes origins and directions of shape (n, 3), the directions of any length, and the arguments of
+Each function takes origins and directions of shape (n, 3), with directions of any length, and the arguments of
 lidarsim's constructor. It returns every t at which the line meets the surface, (n, k), ascending and padded with NaN.
 """
 
@@ -58,7 +58,7 @@ def sphere(origins: Floats, directions: Floats, center: Any, radius: float) -> F
 
 
 def ellipsoid(origins: Floats, directions: Floats, center: Any, radii: Any, rotation: Any = None) -> Floats:
-    """Return the roots for the unit sphere that the inverse map makes of the ellipsoid and of the ray."""
+    """Return the roots for the unit sphere, to which the inverse map takes the ellipsoid and the ray."""
     axes = np.eye(3) if rotation is None else np.asarray(getattr(rotation, "as_matrix", lambda: rotation)())
     inverse = np.linalg.inv(axes * np.asarray(radii, dtype=np.float64))
     return sphere(
@@ -67,7 +67,7 @@ def ellipsoid(origins: Floats, directions: Floats, center: Any, radii: Any, rota
 
 
 def box(origins: Floats, directions: Floats, size: Any, center: Any = (0.0, 0.0, 0.0)) -> Floats:
-    """Return entry and exit of the slabs |p − center| ≤ size / 2, by division by each component of the direction."""
+    """Return entry and exit of the slabs |p − center| ≤ size / 2, dividing by each component of the direction."""
     f, half = origins - np.asarray(center, dtype=np.float64), np.asarray(size, dtype=np.float64) / 2
     with np.errstate(all="ignore"):
         bounds = np.stack([(-half - f) / directions, (half - f) / directions])
@@ -78,7 +78,7 @@ def box(origins: Floats, directions: Floats, size: Any, center: Any = (0.0, 0.0,
 def cylinder(  # noqa: PLR0917
     origins: Floats, directions: Floats, start: Any, end: Any, radius: float, capped: bool = True
 ) -> Floats:
-    """Return the roots of |(p − s) − ((p − s)·a) a|² = r² between the ends, a the unit axis, and those of the caps."""
+    """Return the roots of |(p − s) − ((p − s)·a) a|² = r² between the ends (a: unit axis), and those of the caps."""
     s, e = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     height = float(np.linalg.norm(e - s))
     axis = (e - s) / height

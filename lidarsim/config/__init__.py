@@ -1,6 +1,6 @@
 """Configurations: YAML files that describe a scene, a sensor and a run.
 
-Importing this is cheap; YAML and its checks are imported with the first file.
+Importing this package is cheap: the YAML reader and schema are imported with the first file.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
     Returns
     -------
     Run
-        Scene, sensor, pose, seed and frames, ready to scan.
+        Scene, sensor, pose, seed and frames.
 
     Raises
     ------
@@ -45,16 +45,16 @@ def load(path: str | Path, overrides: Sequence[str] = ()) -> Run:
 
 
 def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None = None) -> Lidar:
-    """Return the sensor that a YAML file describes; `Lidar.from_file` and `Lidar.preset` come here.
+    """Return the sensor that a YAML file describes; called by `Lidar.from_file` and `Lidar.preset`.
 
     Parameters
     ----------
     path : path-like
-        A YAML file with a ``pattern``, or with a ``preset`` or ``file`` and the differences from it.
+        A YAML file with a ``pattern``, or with a ``preset`` or ``file`` and changes to it.
     mode : str, optional
         One of the ``modes`` in the file.
     noise : {"none", "datasheet"}, optional
-        Whether the file's ``datasheet_noise`` is switched on.
+        Whether to enable the file's ``datasheet_noise``.
 
     Returns
     -------
@@ -74,12 +74,12 @@ def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None =
 
 
 def read_scene(path: Path) -> Scene:
-    """Return the scene that a YAML file describes; `Scene.from_file` comes here.
+    """Return the scene that a YAML file describes; called by `Scene.from_file`.
 
     Parameters
     ----------
     path : Path
-        A YAML file: a list of objects, or a configuration whose ``scene`` is one.
+        A YAML file: a list of objects, or a configuration with a ``scene``.
 
     Returns
     -------
@@ -97,7 +97,7 @@ def read_scene(path: Path) -> Scene:
 
 
 def recognise(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is that of a sensor in lidarsim's own YAML."""
+    """Return whether `text`, the head of the file `path`, describes a sensor in lidarsim's own YAML."""
     own = re.search(r"^(pattern|preset|file)\s*:", text, re.MULTILINE)
     return path.suffix.lower() in (".yaml", ".yml") and own is not None
 

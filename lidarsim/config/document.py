@@ -1,10 +1,10 @@
-"""YAML whose every value knows the file and line that it was written on.
+"""YAML documents in which every value keeps its file and line.
 
-Documents stay YAML nodes until they are whole: a preset and the differences from it are merged, and ``--set`` is
-applied, as nodes, so an error always names the place where the offending value was written. Scalars are read by the
-core schema of YAML 1.2: ``1e-3`` is a number, ``no`` is text. Keys are words, each at most once in a mapping.
+Documents stay YAML nodes until they are complete: presets and changes are merged, and ``--set`` is applied, as nodes,
+so an error always names the place where the offending value was written. Scalars follow the core schema of YAML 1.2:
+``1e-3`` is a number, ``no`` is text. Keys are words, and a mapping has each at most once.
 
-`parse` checks all of a document, so the functions after it meet only values that `plain` can return.
+`parse` checks the entire document, so that the other functions only see values that `plain` can return.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ Node = yaml.Node
 T = TypeVar("T")
 
 MOST_BYTES, MOST_VALUES, MOST_DEPTH = 1 << 24, 1_000_000, 100
-"""Limits of a document; values, and the characters of texts, count each time that an alias repeats them."""
+"""Limits of a document; values and characters of text count again each time an alias repeats them."""
 
 MOST_DIGITS = 400
-"""Characters of an integer that may be within float64's range, which ends at 309 decimal digits."""
+"""Longest text of an integer that is parsed; float64's range ends at 309 decimal digits."""
 
 Loaded = dict[tuple[Path, Callable[[Path], object]], Any]
 """Objects read from files, by path and reader."""
@@ -40,7 +40,7 @@ _TAG = "tag:yaml.org,2002:"
 
 
 def _integer(text: str) -> int:
-    if len(text) > MOST_DIGITS:  # Python takes quadratic time, and refuses thousands of digits
+    if len(text) > MOST_DIGITS:  # int takes quadratic time, and refuses thousands of digits
         raise OverflowError
     number = int(text, 0)
     float(number)
@@ -64,7 +64,7 @@ _SCALARS: dict[str, Callable[[str], object]] = {
 
 
 class _Core(yaml.resolver.BaseResolver):
-    """The kinds of plain scalars in YAML 1.2."""
+    """Resolver of the plain scalars of YAML 1.2."""
 
 
 for _name, _pattern, _first in (
@@ -98,7 +98,7 @@ class _Loader(yaml.SafeLoader):
 
 class _Dumper(yaml.SafeDumper):
     def resolve(self, kind: type[Node], value: Any, implicit: Any) -> str:
-        # Text is quoted if either version of YAML would read it as something else.
+        # Quotes text that YAML 1.1 or 1.2 would read as something else.
         tag = str(super().resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
         if kind is yaml.ScalarNode and tag == f"{_TAG}str":
             tag = str(_CORE.resolve(kind, value, implicit))  # type: ignore[no-untyped-call]
@@ -115,24 +115,24 @@ _CORE = _Core()
 
 
 def dump(value: Any) -> str:
-    """Return YAML from which `parse` and `plain` make an equal value, and other readers of YAML, too.
+    """Return YAML from which `parse` and `plain`, and other YAML readers, restore an equal value.
 
     Parameters
     ----------
     value : dict, list, str, int, float, bool or None
-        What to write; the keys of mappings are text.
+        The value; keys of mappings must be text.
     """
     text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=math.inf)
     return text
 
 
 def parse(text: str, name: str) -> Node:
-    """Return the node of the one YAML document in `text`; `name` is what errors call it.
+    """Return the node of the only YAML document in `text`; error messages call it `name`.
 
     Raises
     ------
     ConfigError
-        If the text is not one YAML document, has a key twice, or holds a value that is no text, number, boolean or
+        If the text is not one YAML document, has duplicate keys, or has a value other than text, numbers, booleans and
         null.
     """
     loader: _Loader | None = None
@@ -156,12 +156,12 @@ def parse(text: str, name: str) -> Node:
 
 
 def read(path: Path) -> Node:
-    """Return the node of the one YAML document in the file `path`, a mapping or a list.
+    """Return the node of the only YAML document in the file `path`, a mapping or a list.
 
     Raises
     ------
     ConfigError
-        If the file cannot be read, and as `parse` does.
+        If the file cannot be read, or for the reasons of `parse`.
     """
     try:
         check_regular(path)
@@ -179,7 +179,7 @@ def read(path: Path) -> Node:
     except UnicodeDecodeError as error:
         where = _place(str(path), content.count(b"\n", 0, error.start))
         raise ConfigError(f"{where}: not valid YAML: byte {error.start} is not UTF-8") from None
-    if isinstance(node, yaml.ScalarNode):  # its text is not shown: it may be any file
+    if isinstance(node, yaml.ScalarNode):  # shows no text: it may be any file
         raise ConfigError(f"{_one_line(path)}: expected a mapping or a list in YAML, got plain text")
     return node
 
@@ -194,19 +194,19 @@ def plain(node: Node) -> Any:
 
 
 def entries(node: Node | None) -> dict[str, tuple[Node, Node]]:
-    """Return the (key, value) nodes of a mapping by key; none for any other node."""
+    """Return the (key, value) nodes of a mapping by key; empty for any other node."""
     return {key.value: (key, value) for key, value in node.value} if isinstance(node, yaml.MappingNode) else {}
 
 
 def without(node: Node, *keys: str) -> Node:
-    """Return a mapping less some of its keys."""
+    """Return a mapping without some of its keys."""
     return _mapping({key: entry for key, entry in entries(node).items() if key not in keys}, node)
 
 
 def merge(base: Node, difference: Node) -> Node:
-    """Return `base` with the values of `difference` put over it, mapping by mapping.
+    """Return `base` overridden by `difference`, with mappings merged recursively.
 
-    Anything but a mapping replaces the value there, as does a mapping of another ``type``, whose keys differ.
+    Any other value replaces the one in `base`, and so does a mapping of another ``type``, since its keys differ.
     """
     if not isinstance(base, yaml.MappingNode) or not isinstance(difference, yaml.MappingNode):
         return difference
@@ -219,12 +219,12 @@ def merge(base: Node, difference: Node) -> Node:
 
 
 def override(node: Node, assignment: str) -> Node:
-    """Return `node` with one value replaced or added, as ``scene.0.radius_m=2`` says.
+    """Return `node` with one value replaced or added by an assignment such as ``scene.0.radius_m=2``.
 
     Raises
     ------
     ConfigError
-        If the assignment cannot be read, or leads into a value that has no keys.
+        If the assignment cannot be parsed, or its path enters a value without keys.
     """
     return replace(node, *assigned(assignment))
 
@@ -235,7 +235,7 @@ def assigned(assignment: str) -> tuple[list[str], Node]:
     Raises
     ------
     ConfigError
-        If it cannot be read.
+        If it cannot be parsed.
     """
     name = f"{_OVERRIDE}{assignment}"
     path, equals, text = assignment.partition("=")
@@ -246,18 +246,18 @@ def assigned(assignment: str) -> tuple[list[str], Node]:
 
 
 def path_of(text: str) -> list[str]:
-    """Return the keys and indices in ``scene.0.radius_m``; none if that is no path."""
+    """Return the keys and indices in ``scene.0.radius_m``; empty if the text is no path."""
     keys = text.split(".", MOST_DEPTH)
     return keys if all(keys) and "." not in keys[-1] else []
 
 
 def written(value: object, place: Node) -> Node:
-    """Return the node of a plain value, as if it stood where `place` stands.
+    """Return the node of a plain value, with the position of `place`.
 
     Raises
     ------
     TypeError
-        If it is something else.
+        If the value is of another type.
     """
     marks = place.start_mark, place.end_mark
     if isinstance(value, dict):
@@ -272,13 +272,13 @@ def written(value: object, place: Node) -> Node:
 
 
 def argument(name: str, value: object) -> Node:
-    """Return the node of a plain value that is given from Python, in place of that of a key."""
+    """Return the node of a plain value that a Python argument gives for a key."""
     mark = yaml.Mark(f"{_OVERRIDE}{name}={shown(value)}", 0, 0, 0, None, 0)
     return written(value, yaml.ScalarNode("", "", mark, mark))
 
 
 def replace(node: Node | None, path: list[str], value: Node) -> Node:
-    """Return `node` with `value` at `path`; mappings that are missing on the way are made."""
+    """Return `node` with `value` at `path`; missing mappings on the way are created."""
     if not path:
         return value
     head, *rest = path
@@ -294,7 +294,7 @@ def replace(node: Node | None, path: list[str], value: Node) -> Node:
         raise ConfigError(f"{_written(value.start_mark)}: {shown(node.value)} has no key {shown(head)} to set")
     found = entries(node)
     key, old = found.get(head, (None, None))
-    if key is None or not rest:  # keys on the way to the value stay where they were written
+    if key is None or not rest:  # keys on the way keep their positions
         key = yaml.ScalarNode(f"{_TAG}str", head, value.start_mark, value.end_mark)
     found[head] = (key, replace(old, rest, value))
     return _mapping(found, node or value)
@@ -314,15 +314,15 @@ class Place:
     _entries: dict[Node, dict[str, tuple[Node, Node]]] = field(default_factory=dict, repr=False, compare=False)
 
     def __truediv__(self, key: int | str) -> Place:
-        """Return the place of `key` in the value here."""
+        """Return the place of `key` in the value at this place."""
         return self.at((key,))
 
     def at(self, keys: tuple[int | str, ...]) -> Place:
-        """Return the place that these keys lead to from here."""
+        """Return the place at the end of a path of keys from here."""
         return Place(self.root, (*self.keys, *keys), self._loaded, self._entries)
 
     def _walk(self) -> tuple[yaml.Mark, list[str]]:
-        # Keys that are not in the document are passed over: a missing one, or pydantic's tag of a union's member.
+        # Keys that are not in the document are skipped: missing ones, and pydantic's tags of union members.
         node, mark, keys = self.root, self.root.start_mark, []
         for key in self.keys:
             if isinstance(node, yaml.SequenceNode) and isinstance(key, int):
@@ -337,19 +337,19 @@ class Place:
         return mark, keys
 
     def _found(self, node: Node) -> dict[str, tuple[Node, Node]]:
-        """Return the entries of a mapping, which many errors may ask for."""
+        """Return the entries of a mapping, cached for documents with many errors."""
         if node not in self._entries:
             self._entries[node] = entries(node)
         return self._entries[node]
 
     @property
     def order(self) -> tuple[str, int]:
-        """Sorts places as they are written."""
+        """Sort key that orders places by their positions in the document."""
         mark, _ = self._walk()
         return mark.name, mark.index
 
     def error(self, problem: object) -> ConfigError:
-        """Return the error that `problem` was met here: ``file:line: key.key: problem``."""
+        """Return the error for a `problem` at this place: ``file:line: key.key: problem``."""
         mark, keys = self._walk()
         key = ".".join(keys)
         told = not key or mark.name.startswith(f"{_OVERRIDE}{key}=")
@@ -357,10 +357,10 @@ class Place:
 
     @contextmanager
     def refusals(self, keys: Mapping[str, tuple[str, str]] | None = None) -> Iterator[None]:
-        """Turn an error from within the block into one at this place.
+        """Turn an error in the block into one at this place.
 
-        If `keys` has the argument that cannot be used, its key stands for it; beside the key is the unit that follows
-        numbers where the key has another, so that a hint at units does not apply.
+        `keys` maps an argument that cannot be used to its key, and to the unit to append to numbers if the key has
+        another unit: a hint about units does not apply then.
         """
         try:
             yield
@@ -377,7 +377,7 @@ class Place:
             raise self.error(told(error)) from error
 
     def file(self, name: str) -> Path:
-        """Return the path of the file `name`, which is relative to the folder of the file in which this place is.
+        """Return the path of the file `name`, relative to the folder of the document that contains this place.
 
         Raises
         ------
@@ -396,7 +396,7 @@ class Place:
         return path
 
     def load(self, name: str, read: Callable[[Path], T]) -> T:
-        """Return what `read` makes of the file `name`: the same object wherever the document names that file.
+        """Return the object that `read` makes of the file `name`, shared by all places that name the file.
 
         Raises
         ------
@@ -412,7 +412,7 @@ class Place:
 
 
 def folder_of(mark: yaml.Mark) -> Path:
-    """Return the folder to which paths that are written at `mark` are relative."""
+    """Return the base folder of relative paths that are written at `mark`."""
     return Path() if mark.name.startswith(_OVERRIDE) else Path(mark.name).parent
 
 
@@ -425,7 +425,7 @@ def _place(name: str, line: int) -> str:
 
 
 def _one_line(text: object) -> str:
-    """Return `text` without characters that would break a line or rule a terminal."""
+    """Return `text` with line breaks and control characters escaped."""
     whole = str(text)
     return whole if whole.isprintable() else repr(whole)[1:-1]
 
@@ -436,7 +436,7 @@ def _short(text: str) -> str:
 
 @dataclass(frozen=True)
 class _Extent:
-    """How many values and characters of text a value holds, itself included, and how deep they are."""
+    """Number of values within a value, including itself, their characters of text and their depth."""
 
     values: int
     characters: int
@@ -444,9 +444,9 @@ class _Extent:
 
 
 def _check(node: Node, keys: tuple[str, ...], known: dict[Node, _Extent | None]) -> _Extent:
-    """Return the extent of `node`, which `keys` lead to, after checking that it may be used.
+    """Return the extent of `node`, found at `keys`, after checking it.
 
-    `known` has the extents of the nodes seen so far, each of which is looked at once, and None while it is looked at.
+    `known` has the extents of the nodes visited so far, and None for nodes that are being visited.
     """
     if isinstance(node, yaml.ScalarNode):
         _check_scalar(node, keys)
@@ -469,7 +469,7 @@ def _check(node: Node, keys: tuple[str, ...], known: dict[Node, _Extent | None])
             raise ConfigError(
                 f"{where}: expected at most {MOST_BYTES:,} characters, counting aliases, got {extent.characters:,}"
             )
-        if extent.depth > MOST_DEPTH:  # by aliases
+        if extent.depth > MOST_DEPTH:  # through aliases
             raise ConfigError(f"{where}: not valid YAML: nested too deeply")
         known[node] = extent
     found = known[node]
@@ -479,7 +479,7 @@ def _check(node: Node, keys: tuple[str, ...], known: dict[Node, _Extent | None])
 
 
 def _check_scalar(node: Node, keys: tuple[str, ...]) -> None:
-    """Check that a scalar is one of the kinds of `_SCALARS`, and in its range."""
+    """Check that a scalar has a type in `_SCALARS` and is within its range."""
     where = _written(node.start_mark)
     try:
         _SCALARS[node.tag](node.value)
@@ -499,7 +499,7 @@ def _check_text(node: Node) -> None:
 
 
 def _children(node: Node) -> list[tuple[str, Node]]:
-    """Return the values in `node` by key or index, after checking that its keys are words and differ."""
+    """Return the values in `node` by key or index, after checking that its keys are distinct words."""
     kind = "map" if isinstance(node, yaml.MappingNode) else "seq"
     if node.tag != f"{_TAG}{kind}":
         tag = _short(node.tag.removeprefix(_TAG))

@@ -36,11 +36,11 @@ if TYPE_CHECKING:
 
 M = TypeVar("M", bound=Model)
 
-# These choose what a document includes, so they are overridden first, and all others once it is complete.
+# These keys choose what a document includes, so they are overridden first, and all others once it is complete.
 CHOICES = re.compile(r"rig(\.[^.]+(\.sensor)?)?|sensor|(rig\.[^.]+\.)?sensor\.(preset|file|mode|noise)|scene(\.file)?")
 
 Change = tuple[list[str], Node]
-"""Where a value stands in a document, as keys and indices, and what it becomes."""
+"""Path of a value in a document, as keys and indices, and its new value."""
 
 
 def load(path: Path, overrides: Sequence[str]) -> Run:
@@ -54,7 +54,7 @@ def load(path: Path, overrides: Sequence[str]) -> Run:
 
 
 def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
-    """Return a run's document with the files and presets that it names in their places, and with `changes` made."""
+    """Return the document of a run with its files and presets included and `changes` applied."""
     later = []
     for path, value in changes:
         if CHOICES.fullmatch(".".join(path)):
@@ -68,7 +68,7 @@ def whole(root: Node, changes: Iterable[Change] = ()) -> Node:
 
 
 def built(root: Node, loaded: Loaded | None = None) -> Run:
-    """Return the run that a whole document describes; what it loads from files is kept in `loaded`, and found there."""
+    """Return the run that a complete document describes; `loaded` caches the objects that it loads from files."""
     config, place = checked(Config, root), Place(root, (), {} if loaded is None else loaded)
     if config.first_frame + config.frames > 2**32:
         raise (place / "frames").error(f"expected at most 4294967296 with first_frame, got {config.frames}")
@@ -116,11 +116,11 @@ def read_lidar(path: Path, *, mode: str | None, noise: str | None) -> Lidar:
 
 
 _preset = cache(read)
-"""Read a preset, once: neither its file nor a node ever changes."""
+"""Read a preset once: neither its file nor its nodes ever change."""
 
 
 def _include(root: Node) -> Node:
-    """Return `root` with the files and presets that it names in their places."""
+    """Return `root` with its files and presets included."""
     found, place = entries(root), Place(root)
     if "sensor" in found:
         root = replace(root, ["sensor"], _sensor(found["sensor"][1], place / "sensor"))
@@ -134,7 +134,7 @@ def _include(root: Node) -> Node:
 
 
 def _with_scene(root: Node, scene: Node) -> Node:
-    """Return `root` with the scene of a file: a list of objects, or a mapping with it and the names of classes."""
+    """Return `root` with the scene of a file: a list of objects, or a mapping with the list and class names."""
     if isinstance(scene, yaml.SequenceNode):
         return replace(root, ["scene"], scene)
     checked(SceneDocument, scene)
@@ -146,7 +146,7 @@ def _with_scene(root: Node, scene: Node) -> Node:
 
 
 def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
-    """Return the sensor `node` with its preset or file, mode and noise merged in; a vendor's file stays a ``file``."""
+    """Return the sensor `node` merged with its preset or file, mode and noise; a vendor's file stays a ``file``."""
     if not isinstance(node, yaml.MappingNode):
         raise place.error(f"expected a mapping with preset, file or pattern, got {_describe(plain(node))}")
     preset, file, mode, noise = (_text(node, key, place) for key in ("preset", "file", "mode", "noise"))
@@ -174,7 +174,7 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
 
 
 def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
-    """Return `sensor` in one of its modes, with the noise of its datasheet if configured."""
+    """Return `sensor` in one of its modes, with its datasheet noise if requested."""
     found = entries(sensor)
     if mode is not None:
         modes = entries(found["modes"][1]) if "modes" in found else {}
@@ -205,7 +205,7 @@ def _text(node: Node, key: str, place: Place) -> str | None:
 
 
 def checked(model: type[M], root: Node) -> M:
-    """Return `root` as `model`; an error tells the first problem in the file, and how many more there are."""
+    """Return `root` as `model`; the error names the first problem in the file and counts the others."""
     try:
         return model.model_validate(plain(root))
     except pydantic.ValidationError as invalid:
@@ -237,7 +237,7 @@ _EXPECTED = {
 
 
 def _problem(place: Place, error: ErrorDetails) -> tuple[Place, str]:
-    """Return where pydantic's `error` is and what it is, in our words."""
+    """Return the place of pydantic's `error`, and its message in lidarsim's words."""
     kind, context, got = error["type"], error.get("ctx", {}), error["input"]
     if kind == "missing":
         return place, f"missing key {error['loc'][-1]!r}"
@@ -255,7 +255,7 @@ def _problem(place: Place, error: ErrorDetails) -> tuple[Place, str]:
 
 
 def _keys_of(base: type[Model], name: str) -> Iterator[str]:
-    """Yield the keys of the model of that name."""
+    """Yield the keys of the model `name`."""
     for model in base.__subclasses__():
         yield from model.model_fields if model.__name__ == name else _keys_of(model, name)
 

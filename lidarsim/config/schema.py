@@ -1,8 +1,8 @@
-"""What a configuration may say, and the objects that are built from it.
+"""Schema of configurations, and the objects built from it.
 
 A key is the name of a constructor's argument followed by its unit: ``radius_m`` is the ``radius`` of `Sphere`. Shapes,
-patterns and effects declare their keys themselves, as `configuration`, of which `model_of` makes models; what a value
-must be beyond its type is left to the constructor. Only what takes more than that has a model of its own here.
+patterns and effects declare their own keys as `configuration`, from which `model_of` makes models; the constructor
+checks everything except types. Only classes that need more than that have a model here.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ __all__ = ["PATTERNS", "SHAPES", "Config", "Sensor", "VendorSensor"]
 T = TypeVar("T")
 P = TypeVar("P", bound="Part")
 
-# Small units divide: 55.296 / 1e6 is the float64 nearest to 55.296e-6, because 1e6 is a float64 and 1e-6 is not.
+# Small units are divided: 55.296 / 1e6 is the float64 nearest to 55.296e-6, because 1e6 is a float64 and 1e-6 is not.
 UNITS: dict[str, tuple[str, Callable[[Floats], Floats]]] = {
     "deg_per_s": ("rad/s", np.radians),
     "m_per_s": ("", np.positive),
@@ -82,18 +82,18 @@ class Model(BaseModel):
 
 
 def _in_si(value: float | list[float] | list[list[float]], unit: str) -> float | Floats:
-    with np.errstate(over="ignore"):  # the constructor refuses what is not finite
+    with np.errstate(over="ignore"):  # the constructor refuses infinite values
         converted = UNITS[unit][1](np.asarray(value, dtype=np.float64))
     return converted if isinstance(value, list) else float(converted)
 
 
 def construct(constructor: Callable[..., T], model: Model, keys: Iterable[str], place: Place, **more: object) -> T:
-    """Return what `constructor` makes of `more` and of those of `keys` that are given, in SI units and radians.
+    """Call `constructor` with `more` and the given values of `keys`, in SI units and radians.
 
     Raises
     ------
     ConfigError
-        If the constructor refuses: at the key of the argument that it names, else at `place`.
+        If the constructor raises an error: at the key of the argument that it names, else at `place`.
     """
     arguments: dict[str, object] = {}
     key_of: dict[str, tuple[str, str]] = {}
@@ -119,14 +119,14 @@ def _built(value: object, place: Place) -> object:
 
 
 class Part(Model):
-    """The keys of something that is constructed from them alone."""
+    """A mapping whose keys are the arguments of a constructor."""
 
     constructor: ClassVar[Callable[..., Any]]
     alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
-    """Groups of keys of which one must be given: those of a required argument, in different units."""
+    """Groups of keys for one required argument in different units; one key must be given."""
 
     def build(self, place: Place) -> Any:
-        """Return what it describes."""
+        """Return the object that it describes."""
         for keys in self.alternatives:
             if not self.model_fields_set.intersection(keys):
                 raise place.error(f"missing key {' or '.join(map(repr, keys))}")
@@ -135,16 +135,16 @@ class Part(Model):
 
 
 def model_of(constructor: Any, base: type[Part] = Part, **more: Any) -> Any:
-    """Return the model of what `constructor` makes, by the keys that it declares as its `configuration`.
+    """Return the model for `constructor`, with the keys that it declares as its `configuration`.
 
-    A key is optional if its argument has a default, and may be null if that is None.
+    A key is optional if its argument has a default, and may be null if the default is None.
 
     Parameters
     ----------
     constructor : type
-        With a `configuration` that maps keys to types.
+        A type with a `configuration` that maps keys to types.
     base : type of Part
-        What the model derives from.
+        Base class of the model.
     **more : Any
         Further fields, as (type, default).
 
@@ -177,7 +177,7 @@ def model_of(constructor: Any, base: type[Part] = Part, **more: Any) -> Any:
 
 
 def _kind(declared: Any) -> Any:
-    """Return the type that a value declared as `declared` has in a model."""
+    """Return the type in a model of a value declared as `declared`."""
     if hasattr(declared, "configuration"):
         return model_of(declared)
     (entry,) = getattr(declared, "__args__", (None,)) if getattr(declared, "__origin__", None) is list else (None,)
@@ -196,7 +196,7 @@ def _argument(key: str) -> str:
 
 
 def either(first: Any, second: Any, is_second: Callable[[object], bool]) -> Any:
-    """Return a union of two types whose errors are those of the type that `is_second` chooses, not of both."""
+    """Return a union of two types that only reports errors of the type chosen by `is_second`."""
     tag = Discriminator(lambda value: "second" if is_second(value) else "first")
     return Annotated[Annotated[first, Tag("first")] | Annotated[second, Tag("second")], tag]
 
@@ -251,7 +251,7 @@ _KINDS: dict[Any, Any] = {
 
 
 class Turn(Model):
-    """Turns about the fixed axes, x first: R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Rotations about the fixed axes, x first: R = Rz(yaw) Ry(pitch) Rx(roll)."""
 
     roll: Finite = 0.0
     pitch: Finite = 0.0
@@ -259,7 +259,7 @@ class Turn(Model):
 
 
 class Placement(Model):
-    """Where something stands: position and rotation, or the 4x4 matrix into the world."""
+    """A pose: position and rotation, or the 4x4 matrix into the world."""
 
     position_m: Vector = [0.0, 0.0, 0.0]
     rotation_deg: Turn = Turn()
@@ -287,7 +287,7 @@ class Waypoint(Placement):
 
 
 class Pose(Placement):
-    """A placement, which may go on at a constant twist from time 0."""
+    """A placement that may move with a constant twist from time 0."""
 
     linear_m_per_s: Vector = [0.0, 0.0, 0.0]
     angular_deg_per_s: Vector = [0.0, 0.0, 0.0]
@@ -302,7 +302,7 @@ class TrajectoryFile(Model):
 
 
 def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> Floats | Trajectory:
-    """Return the pose, or the trajectory if it moves."""
+    """Return the pose, or the trajectory of a moving one."""
     if isinstance(value, TrajectoryFile):
         files = {"path": (place / "file").file(value.file)}
         if value.times is not None:
@@ -328,7 +328,7 @@ class Twist(Model):
 
 
 def _moving(start: Floats, twist: Pose | Twist, place: Place) -> Floats | Trajectory:
-    """Return the pose, or the trajectory from there if there are velocities."""
+    """Return the pose, or the trajectory from it if there are velocities."""
     if any(twist.linear_m_per_s) or any(twist.angular_deg_per_s):
         keys = {"linear": ("linear_m_per_s", ""), "angular": ("angular_deg_per_s", " (in rad/s)")}
         with place.refusals(keys):
@@ -348,7 +348,7 @@ else:
 
 
 class Object(Part, Placement):
-    """An object of the scene: a shape, where it stands and what it is made of."""
+    """An object of the scene: a shape with its placement and material."""
 
     name: str = ""
     label: int = 0
@@ -362,7 +362,7 @@ class Object(Part, Placement):
         self._add(self.build(place), scene, place)
 
     def add_at(self, pose: Floats | Trajectory, scale: float, scene: Scene, place: Place) -> None:
-        """Add the object to `scene` at a pose, or moving, and so many times as large."""
+        """Add the object to `scene` at a pose or on a trajectory, scaled by `scale`."""
         sized = np.diag([*np.ones(3) * scale * np.asarray(self.scale), 1.0])
         if isinstance(pose, Trajectory):
             self._add(self.build(place), scene, place, transform=sized, motion=pose)
@@ -378,13 +378,13 @@ class Object(Part, Placement):
         construct(scene.add, self, ["name", "label"], place, shape=shape, material=material, **more)
 
     def _placed(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
-        """Return the transform, and the motion after it."""
+        """Return the transform and the motion that follows it."""
         placed = self.model_fields_set & {"position_m", "rotation_deg", "scale", "matrix"}
         transform = self.to_matrix(place, self.scale) if placed else None
         if self.motion is None:
             return transform, None
         if isinstance(self.motion, Twist):
-            # It starts at the placement and has its axes, so only the scale comes before.
+            # The motion starts at the placement, in its axes, so only the scale precedes it.
             start = _rigid(Placement(**{key: getattr(self, key) for key in placed - {"scale"}}), place)
             motion = _moving(start, self.motion, place / "motion")
             if isinstance(motion, Trajectory):
@@ -395,7 +395,7 @@ class Object(Part, Placement):
 
 
 class Plane(Object):
-    """The plane of the points p with normal·p = distance, or through a point."""
+    """The plane of points p with normal·p = distance, or through a point."""
 
     constructor = shapes.Plane
 
@@ -443,7 +443,7 @@ class Heightfield(Object):
 
 
 class SceneFile(Object):
-    """The meshes of a scene file such as GLB, wherever it has instances of them. The file says which way is up."""
+    """All instances of meshes in a scene file such as GLB. The file determines which way is up."""
 
     constructor = shapes.TriangleMesh
 
@@ -451,7 +451,7 @@ class SceneFile(Object):
     file: str
 
     def add_to(self, scene: Scene, place: Place) -> None:
-        """Add an object to `scene` for each instance, named after its node; the instances of a mesh share it."""
+        """Add one object per instance to `scene`, named after its node; instances of a mesh share it."""
         for item in (place / "file").load(self.file, mesh_scene.read):
             self._add(item.shape, scene, place, inner=item.transform, name=f"{self.name}/{item.name}".lstrip("/"))
 
@@ -461,7 +461,7 @@ def _public(package: ModuleType) -> list[type]:
 
 
 def _models_of(constructors: Iterable[type], tag: str, base: type[P]) -> dict[str, type[P]]:
-    """Return the models of those `constructors` that declare a `configuration`, by the names that `tag` gives them."""
+    """Return the models of the `constructors` that declare a `configuration`, by name; the key `tag` has the name."""
     declaring = [constructor for constructor in constructors if getattr(constructor, "configuration", None)]
     names = [re.sub(r"(?<=[a-z])(?=[A-Z])", "_", constructor.__name__).lower() for constructor in declaring]
     return {
@@ -482,7 +482,7 @@ SHAPES: dict[str, type[Object]] = {
 
 
 class Table(Part):
-    """Directions that a CSV or NPY file lists."""
+    """Directions listed in a CSV or NPY file."""
 
     constructor = patterns.Table
 
@@ -516,10 +516,10 @@ _EXACT = Measurement()
 
 
 class Effects(model_of(Measurement)):  # type: ignore[misc]
-    """Noise and other effects, each off by default."""
+    """Noise and other effects, all off by default."""
 
     def build(self, place: Place, base: Measurement = _EXACT) -> Measurement:
-        """Return `base` with the effects that are given."""
+        """Return `base` with the given effects."""
         return construct(partial(dataclasses.replace, base), self, Measurement.configuration, place)
 
 
@@ -535,7 +535,7 @@ _LIMITS = _Limits.model_fields.keys() - {"measurement"}
 
 
 class Sensor(_Limits):
-    """A lidar. `datasheet_noise` and `modes` are merged in on request; `sources` says where numbers are from."""
+    """A lidar. `datasheet_noise` and `modes` are merged in on request; `sources` cites the numbers."""
 
     pattern: AnyPattern
     model: str = ""
@@ -555,7 +555,7 @@ class Sensor(_Limits):
 
 
 class VendorSensor(_Limits):
-    """A lidar from a vendor's own file: what that kind of file leaves open, and differences from what it says."""
+    """A lidar from a vendor's own file, with values that the file lacks and changes to it."""
 
     file: str
     mode: str | None = None
@@ -587,7 +587,7 @@ else:
 
 
 class Mounted(Placement):
-    """A sensor of a rig: its placement on the body, and how much later than the others its frames start."""
+    """A sensor of a rig: its placement on the body, and the delay of its frames."""
 
     sensor: AnySensor
     offset_s: Finite = 0.0
@@ -598,7 +598,7 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
     parts = {}
     for name, mounted in sensors.items():
         there = place / name
-        if expected := name_problem(name):  # since files are named by it
+        if expected := name_problem(name):  # files get this name
             raise there.error(f"expected {expected}")
         parts[name] = mounted.sensor.build(there / "sensor"), _rigid(mounted, there), mounted.offset_s
     with place.refusals():
@@ -607,7 +607,7 @@ def build_rig(sensors: dict[str, Mounted], place: Place) -> Rig:
 
 
 class Cloud(Model):
-    """Coordinates and deskewing of the points that are written."""
+    """Coordinate frame and deskewing of the written points."""
 
     frame: Literal["sensor", "world"] = "sensor"
     deskew: bool | Literal["start", "middle", "end"] = False
@@ -631,7 +631,7 @@ class Cloud(Model):
 
 
 def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
-    """Return names of classes by their labels, as numbers."""
+    """Return class names by integer label."""
     for label in names:
         if re.fullmatch(r"0|[1-9][0-9]{0,9}", label) is None or int(label) > _validation.UINT32:
             raise (place / label).error("expected a label, 0 to 4294967295")
@@ -639,14 +639,14 @@ def labelled(names: dict[str, str], place: Place) -> dict[int, str]:
 
 
 class SceneDocument(Model):
-    """A scene in a file of its own; its objects are checked as those of the run."""
+    """A scene in a separate file; its objects are checked with the run."""
 
     scene: list[object]
     class_names: dict[str, str] = {}
 
 
 class Config(Model):
-    """A run: what is scanned, with which sensor or sensors, from where."""
+    """A run: scene, sensor or rig, pose and frames."""
 
     scene: list[AnyObject]
     class_names: dict[str, str] = {}

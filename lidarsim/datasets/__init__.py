@@ -1,7 +1,7 @@
-"""Data sets: many frames of scenes that vary, made on one machine or on many, always the same to the last bit.
+"""Data sets: many frames of varying scenes, made on one machine or many, with bit-identical results.
 
-A frame depends on the recipe and on the numbers of its sequence and of the frame alone, so a data set can be made in
-any order and by any number of workers, and what is there already need not be made again.
+A frame depends only on the recipe and on the numbers of its sequence and frame, so a data set can be made in any order
+by any number of workers, and existing frames need not be made again.
 """
 
 from __future__ import annotations
@@ -33,21 +33,21 @@ if TYPE_CHECKING:
 __all__ = ["Generated", "generate", "verify"]
 
 TOLD = 10
-"""Failed shards that an error names, at most."""
+"""Greatest number of failed shards that an error names."""
 
 
 @dataclass(frozen=True)
 class Generated:
-    """What a call of `generate` did.
+    """Result of a call of `generate`.
 
     Attributes
     ----------
     frames, points : int
-        Made by this call; what was there before is not counted.
+        Frames and points made by this call; existing ones are not counted.
     seconds : float
-        How long that took.
+        Duration, s.
     shards_left : int
-        Shards that are still to be made by other parts; 0 when the data set is complete.
+        Shards that other parts still have to make; 0 if the data set is complete.
     """
 
     frames: int
@@ -71,44 +71,43 @@ def generate(
     class_names: dict[int, str] | None = None,
     pictures: int = 3,
 ) -> Generated:
-    """Make a data set, or resume one that is not complete.
+    """Make a data set, or resume an incomplete one.
 
     Existing files of the same data set are kept: after a crash, the same call continues where the last one stopped.
-    Several calls may make the same data set at once. Nothing is written outside of the output, and nothing is replaced
-    or removed there that no data set of the same recipe wrote.
+    Several calls may make the same data set at once. Nothing is written outside the output, and only files that a data
+    set of the same recipe wrote are replaced or removed.
 
     Parameters
     ----------
     recipe : path-like or callable
-        A YAML file (``configs/README.md`` has its keys), or a function that takes a `numpy.random.Generator` and the
-        number of a sequence, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None. A data
-        set is resumed only by the same function: of the same code, with the same values of the defaults, the variables
-        of functions around it and the globals that it reads, and of those of the functions and classes that it calls;
-        of installed packages, names alone count. So these values must be such that they can be pickled, and must not
-        change from call to call. Files that the function reads, and modules that it imports in its body, are not
-        compared.
+        A YAML file (see ``configs/README.md`` for its keys), or a function that takes a `numpy.random.Generator` and a
+        sequence number, and returns a `Scene`, a `Lidar` or `Rig`, and its trajectory, its pose or None. Only the same
+        function resumes a data set: its code must be equal, and so must the values of its defaults, of variables of
+        enclosing functions and of the globals that it reads, also in the functions and classes that it uses; installed
+        packages are compared by name only. These values must be picklable, and must not change between calls. Files
+        that the function reads, and modules that it imports in its body, are not compared.
     output : str or path-like
-        A folder, or as text a URL such as ``s3://bucket/folder``.
+        A folder, or a URL as text, such as ``s3://bucket/folder``.
     client : dask.distributed.Client, optional
-        Client of the cluster whose workers make the data set; they see the files that the recipe names, and a folder as
-        output, under the same paths. Default: this process.
+        Client of the cluster whose workers make the data set; they must see the recipe's files, and an output folder,
+        under the same paths. Default: this process.
     part : tuple of int
         ``(i, n)`` makes only part i of n, counting from 0. The call that completes the data set writes its tables.
     overrides : sequence of str
-        Values of a recipe in YAML to replace or add, such as ``"run.sensor.preset=ouster-os1-64"``.
+        Values of a YAML recipe to replace or add, such as ``"run.sensor.preset=ouster-os1-64"``.
     sequences, frames : int, optional
         Number of sequences, and of frames in each. Default: those of the recipe; 1 for a function.
     seed : int, optional
         Seed of all draws and all noise. Default: that of the recipe; 0 for a function.
     layout : str or dict, optional
-        ``"semantickitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with that as ``type`` and the
+        ``"semantickitti"``, ``"nuscenes"``, ``"shards"`` or ``"bags"``, or a mapping with this as ``type`` and the
         layout's options. Default: that of the recipe; ``"shards"`` for a function.
     shard_frames : int, optional
-        Number of frames made at a time. Default: as many as fire 40 million pulses, but at most a 32nd of all.
+        Number of frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all.
     class_names : dict of int to str, optional
-        Class names by label, in place of the recipe's own, and over those of the scene.
+        Class names by label; they replace those of the recipe and override those of the scene.
     pictures : int
-        Number of frames that the data card shows; without PyVista it shows none.
+        Number of frames that the data card shows; none without PyVista.
 
     Returns
     -------
@@ -120,13 +119,13 @@ def generate(
     ConfigError
         If the recipe cannot be used.
     LidarsimError
-        If the output holds another data set, other files under the names that the data set writes, or damaged notes of
-        it (`FileFormatError`), the scheduler is lost, or shards failed three times; all others are made.
+        If the output holds another data set, other files under names of this one, or damaged notes
+        (`FileFormatError`), if the scheduler is lost, or if shards failed three times; all other shards are made.
     OSError
-        If the disk is full. What is done stays, and the same call resumes.
+        If the disk is full. Finished files stay, and the same call resumes.
     TypeError, ValueError
-        If an argument is of the wrong type or out of its range, a sensor has a name that a file, or in bags a topic,
-        cannot have, or a class or object of the scene a label that the layout cannot hold.
+        If an argument is of the wrong type or out of its range, if a sensor's name cannot be that of a file (in bags:
+        of a topic), or if the layout cannot hold the label of a class or object.
 
     Examples
     --------
@@ -181,7 +180,7 @@ def generate(
 
 
 def _part(part: object) -> tuple[int, int]:
-    """Return the number of a part, and of all parts."""
+    """Return the number of the part, and the number of parts."""
     if not isinstance(part, tuple | list) or len(part) != 2:
         wrong = ArgumentValueError if isinstance(part, tuple | list) else ArgumentTypeError
         raise wrong("part", "(i, n), part i of n", shown(part))
@@ -190,7 +189,7 @@ def _part(part: object) -> tuple[int, int]:
 
 
 def _check_client(client: object) -> None:
-    """Raise an error unless `client` is one of Dask: whoever has one has imported its package."""
+    """Raise an error unless `client` is a Dask client; a caller who has one has imported its package."""
     distributed = sys.modules.get("distributed")
     if client is not None and (distributed is None or not isinstance(client, distributed.Client)):
         raise ArgumentTypeError("client", "a dask.distributed.Client", shown(client))
@@ -202,19 +201,19 @@ def verify(output: PathLike) -> list[str]:
     Parameters
     ----------
     output : str or path-like
-        A folder, or as text a URL such as ``s3://bucket/folder``.
+        A folder, or a URL as text, such as ``s3://bucket/folder``.
 
     Returns
     -------
     list of str
-        What is wrong, one line per file; empty if all is well.
+        The problems, one line per file; empty if all files are intact.
 
     Raises
     ------
     FileFormatError
-        If there is no data set, or an incomplete one, or its manifest is damaged.
+        If the data set does not exist or is incomplete, or its manifest is damaged.
     TypeError, ValueError
-        If `output` is no such thing.
+        If `output` is neither.
     """
     from lidarsim.datasets import manifest
     from lidarsim.datasets.store import open_store

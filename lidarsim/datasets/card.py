@@ -1,4 +1,4 @@
-"""The data card: a README.md that says what is in a data set, with histograms and pictures."""
+"""The data card: a README.md that describes a data set, with histograms and pictures."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ __all__ = ["write"]
 
 BAR = 40
 SPECIAL = re.compile(r"[\\`*\[\]<>&!|~$^{}]|(?<![^\W_])_|_(?![^\W_])|(?<=www)\.|:(?=//)|@", re.IGNORECASE)
-"""What Markdown, HTML and tables take for more than text: an underscore does so at the edge of a word."""
+"""Characters with a meaning in Markdown, HTML and tables; underscores only at the edge of a word."""
 
 
 def write(plan: Plan, labels: Mapping[int, int], ranges: Sequence[int], pictures: int) -> None:
-    """Write the card, and pictures of frames from the first to the last; without PyVista there are none.
+    """Write the card, with pictures of evenly spaced frames; without PyVista there are none.
 
     Parameters
     ----------
     plan : Plan
-        What was made, and where.
+        The data set and its store.
     labels : mapping of int to int
-        How many points have each label.
+        Number of points by label.
     ranges : sequence of int
-        How many points are between each two of `RANGES`.
+        Number of points in each bin of `RANGES`.
     pictures : int
-        How many.
+        Number of pictures.
     """
     recipe = plan.recipe
     points = sum(ranges)
@@ -73,7 +73,7 @@ Sensor{"s" * (len(sensors) != 1)}: {"; ".join(sensors)}.
 
 
 def escaped(text: str) -> str:
-    """Return Markdown that shows `text` as it is, on one line, and nothing else."""
+    """Return Markdown that shows `text` literally, on one line."""
     shown = short("".join(char if char.isprintable() else char.encode("unicode_escape").decode() for char in text))
     return SPECIAL.sub(r"\\\g<0>", shown)
 
@@ -86,7 +86,7 @@ def _sensor(lidar: Lidar) -> str:
 
 
 def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:
-    """Return a table of points: `head` and the first of each row may have several cells, ``a | b``."""
+    """Return a table of points; `head` and the first item of a row may have several cells, ``a | b``."""
     most = max((count for _, count in rows), default=1)
     lines = [f"| {head} | points | share | |", "|---" * (head.count("|") + 1) + "|---:|---:|---|"]
     for what, count in rows:
@@ -96,7 +96,7 @@ def _table(head: str, rows: Sequence[tuple[str, int]], points: int) -> str:
 
 
 def _pictures(plan: Plan, count: int) -> list[tuple[str, str]]:
-    """Draw frames, which are measured again for it, coloured by label; return name and description of each."""
+    """Measure frames again and draw them, coloured by label; return the name and description of each picture."""
     recipe = plan.recipe
     total = recipe.sequences * recipe.frames
     drawn = []

@@ -1,4 +1,4 @@
-"""Random numbers by name: what is drawn for one thing does not depend on what else is drawn, or when."""
+"""Random numbers by name: a draw does not depend on other draws or on their order."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
 __all__ = ["Draw", "DrawOr", "Stream", "drawn"]
 
 MOST_INTEGER = 2**63
-"""Greatest end of a drawn integer in size, so that the words of a stream are enough for all of them."""
+"""Greatest absolute bound of a drawn integer, so that one word of a stream covers the interval."""
 
 MOST_SIGMAS = 8.3
-"""No normal number is further from its mean: -Φ⁻¹(2⁻⁵³), of the least number of `Stream.unit`, is 8.21."""
+"""Bound of normal draws in sigmas: -Φ⁻¹(2⁻⁵³), for the smallest `Stream.unit`, is 8.21."""
 
 KINDS = ("uniform", "log_uniform", "normal", "integer", "choice")
 
 
 class Stream:
-    """The random numbers of one key of a recipe in one sequence or, if it is drawn anew for each frame, in one frame.
+    """The random numbers of one key of a recipe in one sequence, or in one frame if it is drawn per frame.
 
-    They are those of Philox4x64-10 (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, 2011), its key the
-    BLAKE2b hash of seed and name, its counter the sequence and the frame.
+    The generator is Philox4x64-10 (Salmon et al., Parallel random numbers: as easy as 1, 2, 3, 2011), with the BLAKE2b
+    hash of seed and name as key, and the sequence and frame as counter.
 
     Parameters
     ----------
     seed : int
         Seed of the data set, 0 to 2⁶⁴ − 1.
     name : str
-        What is drawn.
+        Name of the draw.
     sequence : int
         Number of the sequence.
     frame : int, optional
@@ -58,7 +58,7 @@ class Stream:
         return int(self.bits.random_raw())
 
     def unit(self) -> float:
-        """Return a number between 0 and 1, both excluded: (k + ½)·2⁻⁵², which is a float64."""
+        """Return a number strictly between 0 and 1: (k + ½)·2⁻⁵², which is a float64."""
         return ((self.word() >> 12) + 0.5) * 2.0**-52
 
     def uniform(self, low: float, high: float) -> float:
@@ -70,7 +70,7 @@ class Stream:
         return low * math.exp(self.unit() * math.log(high / low))
 
     def normal(self, mean: float, sigma: float) -> float:
-        """Return a number of the normal distribution."""
+        """Return a normally distributed number."""
         return mean + sigma * float(_native.normal_quantile(np.array([self.unit()]))[0])
 
     def integer(self, low: int, high: int) -> int:
@@ -78,13 +78,13 @@ class Stream:
         return low + self.word() * (high - low + 1) // 2**64
 
     def index(self, weights: Sequence[float]) -> int:
-        """Return an index, each with a probability in proportion to its weight, which is positive."""
+        """Return an index with a probability proportional to its weight; weights are positive."""
         sums = np.cumsum(weights)
         return int(np.searchsorted(sums[:-1], self.unit() * sums[-1], side="right"))
 
 
 class Draw(Model):
-    """How a value is drawn."""
+    """Distribution of a drawn value."""
 
     uniform: Pair | None = None
     log_uniform: Pair | None = None
@@ -102,7 +102,7 @@ class Draw(Model):
         return self
 
     def check(self, place: Place, *, numbers: bool = False) -> None:
-        """Raise an error if no such draw is possible or, with `numbers`, if it may give anything but a number."""
+        """Raise an error if the draw is impossible or, with `numbers`, if it may not give a number."""
         if numbers:
             self._check_numbers(place)
         for kind in ("uniform", "log_uniform", "integer"):
@@ -148,7 +148,7 @@ class Draw(Model):
 
     @property
     def ends(self) -> tuple[float, float] | None:
-        """The least and the greatest number that it may give; None of a normal distribution, which ends nowhere."""
+        """Least and greatest possible number; None for a normal distribution, which is unbounded."""
         values = self.uniform or self.log_uniform or self.integer or self.choice
         return (min(values), max(values)) if values else None
 
@@ -176,7 +176,7 @@ else:
 
 
 def drawn(value: float | Draw, stream: Stream) -> float:
-    """Return the number itself, or the drawn one."""
+    """Return a number, drawn if `value` is a `Draw`."""
     if not isinstance(value, Draw):
         return value
     number = value.draw(stream)

@@ -1,4 +1,4 @@
-"""Making the shards of a data set: in this process, or on the workers of a Dask cluster."""
+"""Making the shards of a data set, in this process or on the workers of a Dask cluster."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ __all__ = ["RANGES", "Made", "Plan", "cluster", "make"]
 
 TRIES = 3
 WAVE = 1000
-"""Shards that a scheduler is given at a time."""
+"""Shards submitted to the scheduler at a time."""
 
 IGNORE_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
-"""What a worker runs first: Ctrl-C on a terminal goes to all its processes, and ours is the one to end the others."""
+"""Preload code of workers: Ctrl-C reaches all processes of a terminal, but only the main one must end the others."""
 
 LOCAL = {
-    # At Dask's threshold, each array is given back to the system and made anew of pages full of zeros, a sixth of the
-    # time of a worker; this is as a process without Dask does it.
+    # With Dask's threshold, malloc returns each array to the system and gets zeroed pages again, which takes a sixth of
+    # a worker's time; None restores the default of a process without Dask.
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None,
-    # The profiler looks at the work a hundred times a second, a fortieth of the time of a worker.
+    # The profiler samples a hundred times per second, which takes a fortieth of a worker's time.
     "distributed.worker.profile.enabled": False,
 }
 """Dask's settings for workers on this machine."""
@@ -56,7 +56,7 @@ FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 @dataclass(frozen=True)
 class Plan:
-    """All that a worker needs: what is made, where it goes, and what it is made from by which versions."""
+    """Everything that a worker needs: recipe, store, and the data set's head with its sources and versions."""
 
     recipe: Recipe
     store: Store
@@ -64,15 +64,15 @@ class Plan:
 
     @property
     def versions(self) -> dict[str, str]:
-        """Versions of the packages that the bits depend on."""
+        """Versions of the packages that affect the bits."""
         return self.head.versions
 
 
 @dataclass(frozen=True)
 class Made:
-    """What became of a shard: how much was made and, if it failed, the `problem` and the frame that had it.
+    """Result of a shard: what was made and, if it failed, the `problem` and its frame.
 
-    `full`: the disk is full, so nothing more can be made.
+    `full` means that the disk is full, so that nothing more can be made.
     """
 
     shard: int
@@ -90,7 +90,7 @@ class Made:
 
 
 def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Made:
-    """Make the frames of a shard, and then note that it is done."""
+    """Make the frames of a shard, then record that it is done."""
     recipe, files = plan.recipe, Files(plan.store)
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)
@@ -125,7 +125,7 @@ def make_shard(plan: Plan, shard: int, tell: Callable[[int, int], object]) -> Ma
             "ranges": ranges.tolist(),
         }
         manifest.write_part(plan.store, manifest.Part.model_validate(part))
-    except Exception as error:  # noqa: BLE001 - whatever goes wrong is reported with the number of the frame
+    except Exception as error:  # noqa: BLE001 - any error is reported with its frame
         return Made(shard, len(made), sum(made), _told(error), sequence, frame, seed, _full(error))
     return Made(shard, len(made), sum(made))
 
@@ -135,7 +135,7 @@ def _told(error: BaseException) -> str:
 
 
 def _full(error: BaseException | None) -> bool:
-    """Return whether an error is that of a full disk, or comes from one."""
+    """Return whether an error is, or was caused by, a full disk."""
     while error is not None:
         if isinstance(error, OSError) and error.errno in FULL:
             return True
@@ -146,16 +146,16 @@ def _full(error: BaseException | None) -> bool:
 def make(
     plan: Plan, shards: Iterable[int], client: Client | None, tell: Callable[[int, int], object]
 ) -> Iterator[Made]:
-    """Make shards, and yield what became of each as it ends; one that fails is tried three times in all.
+    """Make shards, and yield the result of each as it ends; a failing shard is tried three times in all.
 
     Parameters
     ----------
     plan : Plan
-        What they are shards of.
+        The data set.
     shards : iterable of int
-        Their numbers.
+        Numbers of the shards.
     client : dask.distributed.Client or None
-        Whose workers make them; this process if None.
+        Client whose workers make the shards; None for this process.
     tell : callable
         Called with the numbers of new frames and points.
 
@@ -233,17 +233,17 @@ def _task(pickled: bytes, shard: int) -> Made:
 
 @lru_cache(maxsize=1)
 def _plan(pickled: bytes) -> Plan:
-    """Return a plan, the same from one task to the next: it keeps the meshes that it loads."""
+    """Return a plan, cached between tasks, since it keeps the meshes that it loads."""
     plan: Plan = import_extra("cloudpickle", "cluster", "a cluster").loads(pickled)
     return plan
 
 
 @contextmanager
 def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | None]:
-    """Yield a Dask client: of `workers` processes of one thread each on this machine, or of a scheduler elsewhere.
+    """Yield a Dask client: of `workers` single-threaded processes on this machine, or of an existing scheduler.
 
-    Neither gives None, for this process alone. The processes on this machine, their scheduler and its dashboard listen
-    on the loopback interface.
+    Without both, yield None, which means this process. Local workers, their scheduler and its dashboard listen only on
+    the loopback interface.
 
     Raises
     ------
@@ -260,8 +260,8 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
     if workers is not None:
         integer("--workers", workers, at_least=1)
     distributed = import_extra("distributed", "cluster", "a cluster")
-    for name in ("distributed", "distributed.client"):  # each has a level of its own
-        logging.getLogger(name).setLevel(logging.CRITICAL)  # our errors say it, once
+    for name in ("distributed", "distributed.client"):  # each has its own level
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # lidarsim's own errors report it once
     if scheduler is not None:
         try:
             client = distributed.Client(scheduler)
@@ -273,14 +273,14 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
     config = import_extra("dask.config", "cluster", "a cluster")
     environment = {"LIDARSIM_THREADS": os.environ.get("LIDARSIM_THREADS", "1")}
     with ExitStack() as stack:
-        stack.enter_context(config.set(LOCAL))  # for workers that replace killed ones, too
+        stack.enter_context(config.set(LOCAL))  # stays set for workers that replace killed ones
         local = distributed.LocalCluster(
             n_workers=workers,
             threads_per_worker=1,
             env=environment,
             preload=IGNORE_INTERRUPTS,
             silence_logs="CRITICAL",
-            # Whoever reaches a scheduler or its dashboard runs code and reads logs: both listen on this machine alone.
+            # Anyone who reaches a scheduler can run code, and its dashboard shows logs: both listen only locally.
             host="127.0.0.1",
             dashboard_address="127.0.0.1:0",
         )
@@ -288,13 +288,13 @@ def cluster(workers: int | None, scheduler: str | None) -> Iterator[Client | Non
         try:
             yield client
         finally:
-            with _uninterrupted():  # interrupted again while it stops its workers, a cluster hangs for a while
+            with _uninterrupted():  # a second interrupt while workers stop makes the cluster hang for a while
                 stack.close()
 
 
 @contextmanager
 def _uninterrupted() -> Iterator[None]:
-    """Ignore Ctrl-C in the block; signals are for the main thread to handle."""
+    """Ignore Ctrl-C in the block; only the main thread can set signal handlers."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

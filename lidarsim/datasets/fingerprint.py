@@ -1,8 +1,8 @@
-"""What a function is made of: hashes that differ when it may do something else.
+"""Fingerprints of functions: hashes that differ if the function may behave differently.
 
-A value is hashed by what a pickle of it would hold, a function by its bytecode and by all that it takes from outside:
-defaults, variables of the functions around it, and globals that it reads. Functions and classes of installed packages
-are known by their names.
+A value is hashed by the contents of its pickle, a function by its bytecode and the values that it takes from outside:
+defaults, variables of enclosing functions, and globals that it reads. Functions and classes of installed packages are
+identified by their names.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _GLOBAL = {"LOAD_GLOBAL", "LOAD_NAME", "LOAD_FROM_DICT_OR_GLOBALS"}
 
 
 def name_of(function: Callable[..., Any]) -> str:
-    """Return the full name of a function or method, of the function within a partial, or of the class of an object."""
+    """Return the full name of a function or method, of the function in a partial, or of an object's class."""
     named = _named(function)
     return f"{named.__module__}.{named.__qualname__}"
 
@@ -44,7 +44,7 @@ def _named(function: Any) -> Any:
 
 
 def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
-    """Return the hashes of a function: of its code by its name, and of each value that it takes from outside.
+    """Return the hashes of a function's code and of each value that it takes from outside, by name.
 
     Raises
     ------
@@ -55,7 +55,7 @@ def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
     for name, value in _parts(function):
         try:
             hashes[name] = _Hasher().digest(value).hex()
-        except Exception as error:  # whatever a class does when it is pickled
+        except Exception as error:  # a class may raise anything when it is pickled
             raise ArgumentTypeError(
                 "recipe",
                 "a function that is made of values that can be pickled",
@@ -65,7 +65,7 @@ def fingerprint(function: Callable[..., Any]) -> dict[str, str]:
 
 
 def _parts(function: Any) -> Iterator[tuple[str, object]]:
-    """Yield what a function is made of, by name."""
+    """Yield the parts of a function, by name."""
     name = _named(function).__qualname__
     if isinstance(function, functools.partial):
         yield from _parts(function.func)
@@ -83,7 +83,7 @@ def _parts(function: Any) -> Iterator[tuple[str, object]]:
 
 
 def _outside(function: types.FunctionType) -> Iterator[tuple[str, object]]:
-    """Yield what a function takes from outside of its code, by name."""
+    """Yield the values that a function takes from outside its code, by name."""
     yield from ((f"default of {name}", value) for name, value in _defaults(function))
     for name, cell in zip(function.__code__.co_freevars, function.__closure__ or (), strict=True):
         try:
@@ -112,7 +112,7 @@ def _defaults(function: types.FunctionType) -> Iterator[tuple[str, object]]:
 
 
 def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
-    """Yield a code object, and those of the functions within it."""
+    """Yield a code object, and those of the functions nested in it."""
     yield code
     for constant in code.co_consts:
         if isinstance(constant, types.CodeType):
@@ -120,7 +120,7 @@ def _codes(code: types.CodeType) -> Iterator[types.CodeType]:
 
 
 def _installed(module: object) -> bool:
-    """Return whether a module belongs to Python, to lidarsim or to an installed package, so that its name is enough."""
+    """Return whether a module belongs to Python, lidarsim or an installed package, so that its name suffices."""
     name = str(module)
     if name.partition(".")[0] in {*sys.stdlib_module_names, "lidarsim"} - {"__main__"}:
         return True
@@ -129,10 +129,10 @@ def _installed(module: object) -> bool:
 
 
 class _Hasher:
-    """Hashes of values; each object is looked at once, and one that holds itself is known by where that is."""
+    """Hashes of values; each object is visited once, and a reference cycle is hashed by its length."""
 
     def __init__(self) -> None:
-        self.known: dict[int, tuple[object, bytes]] = {}  # the object, too, so that its id stays its own
+        self.known: dict[int, tuple[object, bytes]] = {}  # keeps the object alive, so that its id is not reused
         self.open: dict[int, int] = {}
 
     def digest(self, value: object) -> bytes:
@@ -153,7 +153,7 @@ class _Hasher:
 
 
 def _held(value: Any) -> Iterable[object]:
-    """Return what an object holds that tells it from others of its type."""
+    """Return contents that identify an object among others of its type."""
     kind = type(value)
     if kind in _HELD:
         return _HELD[kind](value)
@@ -168,7 +168,7 @@ def _of_array(array: npt.NDArray[Any]) -> Iterator[object]:
 
 
 def _of_code(code: types.CodeType) -> Iterator[object]:
-    # Without file, lines and positions, which do not matter to what it does.
+    # File, lines and positions do not affect behaviour.
     yield from (code.co_name, code.co_code, code.co_exceptiontable, code.co_consts, code.co_flags)
     yield from (code.co_argcount, code.co_posonlyargcount, code.co_kwonlyargcount)
     yield from (code.co_names, code.co_varnames, code.co_freevars, code.co_cellvars)
@@ -205,13 +205,13 @@ def _of_class(value: Any) -> Iterator[object]:
 
 
 def _of_object(value: Any) -> Iterator[object]:
-    """Yield what a pickle of an object holds."""
+    """Yield the contents of an object's pickle."""
     reduce = copyreg.dispatch_table.get(type(value))
     reduced = reduce(value) if reduce else value.__reduce_ex__(4)
     yield type(value)
-    if isinstance(reduced, str):  # its name in its module
+    if isinstance(reduced, str):  # the name in its module
         yield from (getattr(value, "__module__", None), reduced)
-    else:  # how it is made, from what, and its state and items
+    else:  # constructor, arguments, state and items
         yield from (list(part) if isinstance(part, Iterator) else part for part in reduced)
 
 
@@ -249,25 +249,25 @@ _HELD: dict[type, Callable[[Any], Iterable[object]]] = {
     functools.cached_property: lambda value: (value.func,),
     **dict.fromkeys(_NAMED, lambda value: (value.__objclass__, value.__name__)),
 }
-"""What values of a type hold; those of all others hold what their pickles do."""
+"""Contents of values by type; for all other types, the contents of the pickle count."""
 
 
 def _plain(value: Any) -> bytes | None:
-    """Return what tells a plain value from others of its type; None for all others."""
+    """Return bytes that identify a plain value among others of its type; None for other values."""
     kind = type(value)
     if value is None or value is Ellipsis or value is NotImplemented:
         return b""
     if kind is str:
         return bytes(value.encode("utf-8", "surrogatepass"))
     if kind in {bool, int}:
-        return f"{value:x}".encode()  # hexadecimal has no limit of digits
+        return f"{value:x}".encode()  # Python limits the digits of decimal integers only
     if kind in {float, complex}:
         return f"{value.real.hex()} {value.imag.hex()}".encode()
     return bytes(value) if kind is bytes else None
 
 
 def _hash(*pieces: str | bytes) -> bytes:
-    """Return the SHA-256 of pieces, each with its length, so that no two lists of them have the same."""
+    """Return the SHA-256 of pieces, each with its length, so that different lists have different hashes."""
     hasher = hashlib.sha256()
     for piece in pieces:
         data = piece.encode("utf-8", "surrogatepass") if isinstance(piece, str) else piece

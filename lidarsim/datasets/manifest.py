@@ -1,14 +1,13 @@
-"""Notes of a data set: what it is made from, one part per shard that is done, and ``manifest.jsonl`` of all its files.
+"""Notes of a data set: its sources, one part per finished shard, and ``manifest.jsonl``, which lists all its files.
 
-``manifest/start.json`` says what the data set is made from and with which versions. It is the claim on the place: it is
-created if there is none, so of two data sets that begin at once one is refused. ``manifest/000000.json`` says that a
-shard is done. ``manifest.jsonl`` is written last. Its first line is the claim with the number and the SHA-256 of the
-lines after it; each of those names a file, its SHA-256 and size, and what is in it: points, the time of the frame in
-its sequence, the seed of its noise. The data set is complete when it is there, and whoever sees that removes the other
-notes.
+``manifest/start.json`` records the sources and versions of the data set. It claims the place: it is created only if
+there is none, so if two data sets begin at once, one is refused. ``manifest/000000.json`` records that a shard is done.
+``manifest.jsonl`` is written last. Its first line is the claim with the number and the SHA-256 of the lines after it;
+each of these names a file with its SHA-256, size and contents: points, the time of the frame in its sequence, the seed
+of its noise. Once it exists, the data set is complete, and any call that sees it removes the other notes.
 
-A kill at any moment leaves a state that the same call resumes. Parts depend only on the recipe, so writers of the same
-one replace files by equal ones, and need not wait for each other.
+After a kill at any moment, the same call can resume. Parts depend only on the recipe, so concurrent writers replace
+files by equal ones and need not wait for each other.
 """
 
 from __future__ import annotations
@@ -47,10 +46,10 @@ MANIFEST, PARTS, RECIPE, CARD, PICTURES = "manifest.jsonl", "manifest", "recipe.
 _START = f"{PARTS}/start.json"
 
 NOTE, LINE = 1 << 30, 1 << 24
-"""Most bytes of a note, and of a line of the manifest, that are read."""
+"""Greatest size of a note, and of a line of the manifest, bytes."""
 
 CLAIMS = 10
-"""How often a claim is tried where one is there and not to be read: file systems of networks show it late."""
+"""Attempts to claim a place if a claim exists but cannot be read: network file systems show new files late."""
 
 Count = Annotated[int, Field(ge=0, lt=2**63)]
 Digest = Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
@@ -61,22 +60,22 @@ class _Note(BaseModel):
 
 
 class Head(_Note):
-    """What a data set is made from.
+    """Recipe, versions and sources of a data set.
 
     Attributes
     ----------
     recipe : str
         SHA-256 of ``recipe.yaml``.
     seed : int
-        That of the recipe.
+        Seed of the recipe.
     versions : dict of str to str
-        Those of the packages that the bits depend on.
+        Versions of the packages that affect the bits.
     sources : dict of str to str
         SHA-256 of each file that the recipe names.
     files : int, optional
-        How many lines follow in the manifest. Manifests of lidarsim 0.1 do not say it.
+        Number of lines that follow in the manifest; absent in manifests of lidarsim 0.1.
     lines : str, optional
-        Their SHA-256.
+        SHA-256 of these lines.
     """
 
     recipe: Digest
@@ -92,7 +91,7 @@ class Head(_Note):
 
 
 class Entry(_Note):
-    """A file of a data set, and what its layout says of it."""
+    """A file of a data set, with its layout's notes."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -102,7 +101,7 @@ class Entry(_Note):
 
 
 class Part(_Note):
-    """What is noted of a shard: its files, the records of its samples, and how many points have each label and range.
+    """Notes of a shard: its files, the records of its samples, and the number of points by label and range.
 
     `recipe` is the SHA-256 of ``recipe.yaml``.
     """
@@ -116,38 +115,38 @@ class Part(_Note):
 
 
 def versions() -> dict[str, str]:
-    """Return the versions of the packages that the bits depend on."""
+    """Return the versions of the packages that affect the bits."""
     return {name: importlib.metadata.version(name) for name in ("lidarsim", "numpy", "scipy")}
 
 
 def part_name(shard: int) -> str:
-    """Return the name of the part that says that a shard is done."""
+    """Return the name of the part of a shard."""
     return f"{PARTS}/{shard:06}.json"
 
 
 def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
-    """Claim the place for a data set, and return whether it is complete already.
+    """Claim the place for a data set, and return whether it is already complete.
 
     Parameters
     ----------
     plan : Plan
-        The data set, and its place.
+        The data set and its store.
     recipe : bytes
         Content of ``recipe.yaml``.
     names : collection of str
-        What its layout writes at the top.
+        Top-level names of the layout.
 
     Raises
     ------
     FileFormatError
-        If the notes of the data set that is there are damaged.
+        If the notes of an existing data set are damaged.
     LidarsimError
-        If there is a data set of another recipe, of other files, or of other versions, or what no data set wrote.
+        If the place has a data set with another recipe, other files or other versions, or files of no data set.
     """
     store, head = plan.store, plan.head
     for attempt in range(CLAIMS):
         time.sleep(0.05 * 2**attempt if attempt else 0.0)
-        # In this order: without a claim and then without a manifest, there was no data set when the files were listed.
+        # The order matters: no claim and then no manifest means no data set when the files were listed.
         there = store.taken({MANIFEST, PARTS, RECIPE, CARD, PICTURES, *names})
         written = _read(store, RECIPE)
         others = [name for name in there if name != RECIPE or written != recipe]
@@ -161,7 +160,7 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
             begun = None
         whole = complete(store)
         if cut and not whole:
-            store.write(_START, head.line())  # a kill came before anything else was made
+            store.write(_START, head.line())  # a writer was killed before it made anything else
             continue
         found = whole or begun
         if found is None:
@@ -171,7 +170,7 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
                     f"{short(', '.join(map(ascii, others)))}, which no data set noted as its own"
                 )
             if not store.create(_START, head.line()):
-                continue  # another came first
+                continue  # another call was first
         elif found.recipe != head.recipe:
             raise LidarsimError(
                 f"{store}: expected an empty place or one with the same recipe, got another {RECIPE} there"
@@ -191,7 +190,7 @@ def start(plan: Plan, recipe: bytes, names: Collection[str]) -> bool:
 
 
 def _is_cut(store: Store) -> bool:
-    """Return whether the claim is the beginning of one, as a kill can leave it where there are no links."""
+    """Return whether the claim is truncated, which a kill can cause where there are no links."""
     begun, beginning = _read(store, _START) or b"", b'{"recipe":'
     return begun.startswith(beginning[: len(begun)])
 
@@ -211,7 +210,7 @@ def _read(store: Store, name: str) -> bytes | None:
 
 @contextmanager
 def _parsing(place: str) -> Iterator[None]:
-    """Let what is not as it should be in a note say where it is, in one line."""
+    """Turn a validation error in a note into one line that names the place."""
     try:
         yield
     except ValidationError as invalid:
@@ -230,13 +229,13 @@ def _head(store: Store, name: str) -> Head | None:
 
 
 def done(store: Store) -> set[int]:
-    """Return the shards that have a part, whatever is in it."""
+    """Return the shards that have a part, without reading it."""
     numbers = (re.fullmatch(r"([0-9]{6,18})\.json", name) for name in store.names(PARTS))
     return {int(found[1]) for found in numbers if found and part_name(int(found[1])) == f"{PARTS}/{found[0]}"}
 
 
 def write_part(store: Store, part: Part) -> None:
-    """Note that a shard is done."""
+    """Record that a shard is done."""
     data = json.dumps(part.model_dump()).encode()
     if len(data) > NOTE:
         raise LidarsimError(f"shard_frames: expected shards of less than {NOTE:,} bytes of notes, got {len(data):,}")
@@ -249,9 +248,9 @@ def _part(plan: Plan, shard: int) -> Part:
     Raises
     ------
     FileFormatError
-        If it is damaged, or that of another shard or recipe.
+        If the part is damaged, or belongs to another shard or recipe.
     FileNotFoundError
-        If there is none.
+        If the shard has no part.
     """
     store, recipe, name = plan.store, plan.recipe, part_name(shard)
     data = _read(store, name)
@@ -268,8 +267,8 @@ def _part(plan: Plan, shard: int) -> Part:
     if any(int(label) > recipe.layout.greatest_label for label in part.labels):
         raise FileFormatError(f"{store}/{name}: expected labels up to {recipe.layout.greatest_label}")
     turns = np.array([(record.pose, record.body) for record in part.records]).reshape(-1, 3, 4)[:, :, :3]
-    # `_validation.pose` accepts rotations that are orthonormal to 1e-6 in each entry. The product of two of them, of
-    # body and mount, is so to 1e-6 + 3 * 1e-6 * (1 + 3e-6), where 3e-6 bounds the norm of a matrix of such entries.
+    # `_validation.pose` accepts rotations that are orthonormal to 1e-6 in each entry. The product of body and mount is
+    # orthonormal to 1e-6 + 3 * 1e-6 * (1 + 3e-6), where 3e-6 bounds the norm of a matrix of such entries.
     with np.errstate(over="ignore", invalid="ignore"):
         rigid = (np.abs(turns @ turns.swapaxes(1, 2) - np.eye(3)) <= 5e-6).all() and (np.linalg.det(turns) > 0).all()
     if not rigid:
@@ -278,7 +277,7 @@ def _part(plan: Plan, shard: int) -> Part:
 
 
 def missing(plan: Plan, shards: Iterable[int]) -> list[int]:
-    """Return those of the shards that have no part, or a damaged one: they are to be made."""
+    """Return the shards that have no part or a damaged one, and must be made."""
     present = done(plan.store)
 
     def is_made(shard: int) -> bool:
@@ -291,22 +290,22 @@ def missing(plan: Plan, shards: Iterable[int]) -> list[int]:
 
 
 def parts(plan: Plan) -> Iterator[Part]:
-    """Yield the parts of all shards in their order."""
+    """Yield the parts of all shards in order."""
     return (_part(plan, shard) for shard in range(plan.recipe.shards))
 
 
 def records(plan: Plan) -> Iterator[Record]:
-    """Yield the records of all samples in their order."""
+    """Yield the records of all samples in order."""
     return (record for part in parts(plan) for record in part.records)
 
 
 def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
-    """Write the manifest of the files of all shards and of the tables; the data set is complete.
+    """Write the manifest of the files of all shards and of the tables, which completes the data set.
 
     Raises
     ------
     LidarsimError
-        If another data set has been begun in its place, which a store without conditional puts lets happen.
+        If another data set was begun in the same place, which can happen in a store without conditional puts.
     """
     store, head = plan.store, plan.head
     if _head(store, _START) not in (None, head) and not complete(store):
@@ -328,7 +327,7 @@ def finish(plan: Plan, tables: Collection[dict[str, Any]]) -> None:
 
 
 def tidy(plan: Plan) -> None:
-    """Remove the notes that a complete data set does not need, and what killed writers have left behind."""
+    """Remove the notes that a complete data set does not need, and the remains of killed writers."""
     made = done(plan.store).intersection(range(plan.recipe.shards))
     names = *map(part_name, sorted(made)), _START
     plan.store.remove(PARTS, [name.removeprefix(f"{PARTS}/") for name in names])
@@ -345,7 +344,7 @@ def is_complete(store: Store) -> bool:
 
 
 def complete(store: Store) -> Head | None:
-    """Return what the data set is made from if it is complete: its manifest is there, whole.
+    """Return the head of the data set if it is complete, that is, if its manifest exists; else None.
 
     Raises
     ------
@@ -362,7 +361,7 @@ def complete(store: Store) -> Head | None:
 
 
 def _whole(store: Store, file: BinaryIO) -> Head:
-    """Read a manifest to its end, and return its head after checking the lines."""
+    """Read and check an entire manifest, and return its head."""
     place = f"{store}/{MANIFEST}"
     with _parsing(f"{place}: line 1"):
         head = Head.model_validate_json(_line(place, file))
@@ -390,12 +389,12 @@ def _line(place: str, file: BinaryIO) -> bytes:
 
 
 def verify(store: Store) -> Iterator[str]:
-    """Check each file of a data set; yield for each what is wrong with it, or nothing.
+    """Check each file of a data set, and yield its problem, or an empty string if it is intact.
 
     Raises
     ------
     FileFormatError
-        If there is no manifest, or it is damaged.
+        If the manifest is missing or damaged.
     """
     try:
         file = store.open(MANIFEST)
@@ -413,7 +412,7 @@ def verify(store: Store) -> Iterator[str]:
 
 
 def _difference(store: Store, name: str, expected: str, size: int | None) -> str:
-    """Return how a file differs from what the manifest says, in one line."""
+    """Return in one line how a file differs from its manifest entry; empty if it does not."""
     digest, count = hashlib.sha256(), 0
     most = NOTE if size is None else size
     try:

@@ -46,11 +46,11 @@ class Progress:
 
     @property
     def seconds(self) -> float:
-        """How long it has taken so far."""
+        """Time since the start, s."""
         return time.monotonic() - self.begin
 
     def add(self, frames: int, points: int) -> None:
-        """Count what was made."""
+        """Count new frames and points."""
         self.new += frames
         self.points += points
         now = time.monotonic()

@@ -1,4 +1,4 @@
-"""What a data set is made from: a run and what varies in it, or a function."""
+"""Recipes of data sets: a run with varying values, or a function."""
 
 from __future__ import annotations
 
@@ -51,20 +51,20 @@ if TYPE_CHECKING:
 __all__ = ["Recipe", "from_function", "load"]
 
 SHARD_PULSES = 40_000_000
-"""Pulses of a shard by default: what one core fires and writes in some 20 s."""
+"""Default number of pulses per shard, which one core fires and writes in about 20 s."""
 
 SHARDS = 32, 100_000
-"""Fewest and most shards: enough for a few workers to end at about the same time, not too many for a scheduler."""
+"""Fewest and most shards by default: enough for a few workers to end together, not too many for a scheduler."""
 
 MOST_SHARDS = 1_000_000
-"""Most shards that `shard_frames` may make: each has a file of notes, and all of them are listed."""
+"""Greatest number of shards that `shard_frames` may give: each has a file of notes, and all are listed."""
 
 MOST = 2**32
-"""Most sequences, and most frames of one: frames are numbered by 32 bits."""
+"""Greatest number of sequences, and of frames in one: frame numbers have 32 bits."""
 
 
 class Settings(Model):
-    """The keys of a recipe beside its run."""
+    """The keys of a recipe except its run."""
 
     sequences: Annotated[int, Field(ge=1, le=MOST)] = 1
     frames: Annotated[int, Field(ge=1, le=MOST)] = 1
@@ -77,40 +77,40 @@ class Settings(Model):
 
 
 class Source(Protocol):
-    """Where the runs of a data set come from; it can be pickled."""
+    """Source of the runs of a data set; it can be pickled."""
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
-        """Return the run of a sequence, or as it is in one frame."""
+        """Return the run of a sequence, or its state in one frame."""
 
     @property
     def by_frame(self) -> bool:
         """Whether the frames of a sequence differ in more than time."""
 
     def resolved(self) -> dict[str, Any]:
-        """Return what the runs are made from, as plain values."""
+        """Return the description of the runs as plain values."""
 
     def files(self) -> dict[str, str]:
-        """Return the SHA-256 of each file, or part of a function, that the runs are made from, by its name."""
+        """Return the SHA-256 of each file, or part of a function, that the runs depend on, by name."""
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """What a data set is made from.
+    """Description of a data set.
 
     Attributes
     ----------
     source : Source
-        Gives the run of each sequence.
+        Source of the run of each sequence.
     sequences, frames : int
-        How many sequences there are, and frames in each.
+        Number of sequences, and of frames in each.
     seed : int
         Seed of all draws and all noise.
     shard_frames : int
-        How many frames are made at a time: frame f of sequence s belongs to shard ``(s * frames + f) // shard_frames``.
+        Frames made at a time: frame f of sequence s belongs to shard ``(s * frames + f) // shard_frames``.
     layout : Layout
-        How the files are laid out.
+        File layout.
     class_names : dict of int to str
-        Names of labels: those of the scene, and those of the recipe over them.
+        Class names by label: those of the scene, overridden by those of the recipe.
     """
 
     source: Source
@@ -123,11 +123,11 @@ class Recipe:
 
     @property
     def shards(self) -> int:
-        """How many shards there are."""
+        """Number of shards."""
         return -(-self.sequences * self.frames // self.shard_frames)
 
     def shard(self, index: int) -> Iterator[tuple[int, range]]:
-        """Yield the sequences of a shard, each with those of its frames that are in the shard."""
+        """Yield the sequences of a shard, each with its frames in the shard."""
         start, stop = index * self.shard_frames, min((index + 1) * self.shard_frames, self.sequences * self.frames)
         for sequence in range(start // self.frames, -(-stop // self.frames)):
             first = sequence * self.frames
@@ -146,7 +146,7 @@ class Recipe:
         }
 
     def text(self) -> str:
-        """Return the recipe in YAML, of which `load` makes the same if it is of a document."""
+        """Return the recipe in YAML; `load` restores it if its source is a document."""
         return dump(self.resolved())
 
 
@@ -157,7 +157,7 @@ def noise_seed(seed: int, sequence: int) -> int:
 
 @dataclass(frozen=True, eq=False)
 class Document:
-    """Runs of a YAML document in which some values are drawn."""
+    """Runs from a YAML document in which some values are drawn."""
 
     folder: str
     node: Node
@@ -168,16 +168,16 @@ class Document:
     placed: dict[int, list[Placed]] = field(default_factory=dict, repr=False)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Leave out what was loaded."""
+        """Leave out the caches."""
         return Document, (self.folder, self.node, self.settings, self.root)
 
     @property
     def by_frame(self) -> bool:
-        """Whether anything is drawn anew for each frame."""
+        """Whether any value is drawn per frame."""
         return any(draw.per == "frame" for draw in self.settings.vary.values())
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
-        """Return the run of a sequence, or what it is in one frame."""
+        """Return the run of a sequence, or its state in one frame."""
         run = self._drawn(sequence, frame)
         groups, place = self.settings.scatter, Place(self.root, (), self.loaded) / "scatter"
         if groups and sequence not in self.placed:
@@ -190,7 +190,7 @@ class Document:
         return run
 
     def _drawn(self, sequence: int, frame: int | None) -> Run:
-        """Return the run with the values that vary."""
+        """Return the run with its drawn values."""
         settings = self.settings
         choices: list[Change] = []
         others: list[Change] = []
@@ -227,7 +227,7 @@ class Document:
         return {key: plain(located(node, self.folder)) for key, node in nodes.items()}
 
     def files(self) -> dict[str, str]:
-        """Return the SHA-256 of each file that the recipe names or that a draw may choose, and of those within them."""
+        """Return the SHA-256 of each file that the recipe names or a draw may choose, and of the files they name."""
         return hashes([self.root, self.node, whole(self.node)], self.folder)
 
 
@@ -241,7 +241,7 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
     overrides : sequence of str
         Values to replace or add.
     given : mapping of str to object, optional
-        Values of the recipe's own keys, over all others.
+        Values of the recipe's own keys, which override all others.
 
     Raises
     ------
@@ -265,7 +265,7 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
         draw.check(place / "vary" / key)
     for key, group in settings.scatter.items():
         group.check(place / "scatter" / key)
-    for key in ("vary", "scatter"):  # what is drawn late is missed early
+    for key in ("vary", "scatter"):  # reports missing files early, even if they are drawn late
         for keys, node in paths(entries(root)[key][1], (key,)) if key in entries(root) else ():
             place.at(keys).file(node.value)
     source = Document(str(path.parent), _run(place / "run", root), settings, root, loaded)
@@ -278,7 +278,7 @@ def load(path: Path, overrides: Sequence[str] = (), given: Mapping[str, object] 
 
 
 def _run(place: Place, root: Node) -> Node:
-    """Return the document of the run: the file that it names, and the differences from it."""
+    """Return the document of the run: the file that it names, merged with the changes to it."""
     node = entries(root)["run"][1]
     found = entries(node)
     if "file" not in found:
@@ -294,7 +294,7 @@ MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Traj
 
 @dataclass(frozen=True)
 class Function:
-    """Runs of a function; `made_of` has the hashes of what it is made of."""
+    """Runs from a function; `made_of` is its fingerprint."""
 
     function: MakeRun
     frames: int
@@ -326,12 +326,12 @@ class Function:
 
 
 def from_function(function: MakeRun, class_names: dict[int, str], **settings: Any) -> Recipe:
-    """Return the recipe that a function is, with these settings, which were checked before.
+    """Return the recipe of a function with settings that were checked before.
 
     Raises
     ------
     TypeError
-        If it does not take a generator and a number, or is made of what cannot be hashed.
+        If the function does not take a generator and a number, or depends on a value that cannot be hashed.
     ValueError
         If there are too many shards.
     """
@@ -345,12 +345,12 @@ def from_function(function: MakeRun, class_names: dict[int, str], **settings: An
             raise ArgumentTypeError("recipe", "a path or a function", f"the {kind} {name_of(function)}")
     try:
         inspect.signature(function).bind(None, 0)
-    except ValueError:  # one of C, without a signature
+    except ValueError:  # a C function without a signature
         pass
     except TypeError as error:
         raise ArgumentTypeError("recipe", "a function of a generator and a number", f"one with {told(error)}") from None
     known = Settings.model_construct(**settings)
-    made_of = fingerprint(function)  # before it is called, which may change what it holds
+    made_of = fingerprint(function)  # before a call, which may change its values
     made = _recipe(Function(function, known.frames, known.seed, made_of), known, class_names)
     if made.shards > MOST_SHARDS:
         raise ArgumentValueError("shard_frames", f"at most {MOST_SHARDS:,} shards", f"{made.shards:,}")

@@ -1,4 +1,4 @@
-"""A data set from its recipe to its manifest."""
+"""Making a data set, from its recipe to its manifest."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = ["run"]
 def run(
     recipe: Recipe, output: PathLike, client: Client | None, part: tuple[int, int], pictures: int
 ) -> tuple[Generated, list[Made]]:
-    """Make what is missing of a data set; return how much that was, and the shards that failed."""
+    """Make the missing part of a data set; return what was made, and the shards that failed."""
     count = integer("part", part[1], at_least=1)
     mine = integer("part", part[0], at_least=0, at_most=count - 1)
     pictures = integer("pictures", pictures, at_least=0)
@@ -68,7 +68,7 @@ def run(
     except (LidarsimError, OSError):
         if not manifest.is_complete(plan.store):
             raise
-    if whole := manifest.complete(plan.store):  # by this call or by another, which may have taken what this one needed
+    if whole := manifest.complete(plan.store):  # by this call or another, which may have removed this one's notes
         if whole != head:
             raise LidarsimError(f"{plan.store}: another data set was made here at the same time: choose another place")
         failed, left = [], 0
@@ -83,7 +83,7 @@ def _make(plan: Plan, shards: list[int], client: Client | None, progress: Progre
 
 
 def _finish(plan: Plan, pictures: int) -> None:
-    """Write tables, card and manifest: all shards are there."""
+    """Write tables, card and manifest when all shards are done."""
     recipe = plan.recipe
     labels: Counter[int] = Counter()
     ranges = np.zeros(len(RANGES) - 1, np.int64)

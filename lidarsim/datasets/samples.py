@@ -1,4 +1,4 @@
-"""What layouts are given: the measured frame of one sensor, and what is kept of it for their tables."""
+"""Input of layouts: the measured frame of one sensor, and the record kept for their tables."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ RANGES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 200
 
 Number = Annotated[int, Field(ge=0, lt=2**63)]
 Seconds = Annotated[float, Field(gt=-1e12, lt=1e12)]
-"""A time of which tables can hold the microseconds: 30,000 years."""
+"""A time within 30,000 years, whose microseconds fit in tables."""
 
 Rows = Annotated[tuple[Annotated[float, Field(gt=-1e100, lt=1e100)], ...], Field(min_length=12, max_length=12)]
 """The upper three rows of a pose; products of two of them stay finite."""
@@ -34,22 +34,22 @@ SensorName = Annotated[str, AfterValidator(lambda name: name and check_name("sen
 
 @dataclass(frozen=True)
 class Record:
-    """What is known of the frame of a sensor without its points.
+    """A frame of a sensor without its points.
 
     Attributes
     ----------
     sequence, frame : int
-        Numbers, from 0 on.
+        Numbers, counted from 0.
     sensor : str
-        Name in the rig; empty if there is one sensor alone.
+        Name in the rig; empty for a single sensor.
     seconds : float
-        The moment of the cloud: the start of the frame, or to which the points are deskewed, s.
+        Time of the cloud: the start of the frame, or the moment to which the points are deskewed, s.
     points : int
-        How many.
+        Number of points.
     pose, body : tuple of 12 floats
-        Of the sensor and of the body that carries it at that moment, to world: the upper three rows of the matrices.
+        Poses of the sensor and of its body at that time, to world: the upper three rows of the matrices.
     extra : dict
-        What the layout noted of it for its tables.
+        Notes of the layout for its tables.
     """
 
     sequence: Number
@@ -83,7 +83,7 @@ class Sample:
 
 
 def samples(run: Run, sequence: int, frame: int, measured: RunFrame) -> Iterator[Sample]:
-    """Yield what each sensor measured in frame number `frame` of a sequence."""
+    """Yield the sample of each sensor in frame number `frame` of a sequence."""
     for name, scan in measured.scans.items():
         cloud, moment, pose = measured.clouds[name], measured.moments[name], measured.poses[name]
         record = Record(sequence, frame, name, moment, len(cloud), _rows(pose), _rows(run.body_pose(moment)))

@@ -1,4 +1,4 @@
-"""Objects at random places: standing on the ground, apart from all others and from the sensor, some moving."""
+"""Objects at random places on the ground, clear of each other and of the sensor, some of them moving."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 __all__ = ["Placed", "Scatter", "scatter"]
 
 TRIES = 200
-"""How many places are tried for an object."""
+"""Number of places tried for an object."""
 
 FULL = 50
-"""After how many objects in a row that find no room there is taken to be none for the rest of their group."""
+"""Number of consecutive objects without room after which the rest of their group is left out."""
 
 STEP = 0.1
-"""Time between the moments at which objects are checked for overlap, s."""
+"""Time between overlap checks of moving objects, s."""
 
 FAR = 1e9
-"""Greatest coordinate, length, angle (degrees) and speed, so that no sum or product leaves float64's range."""
+"""Greatest coordinate, length, angle (degrees) and speed, so that sums and products stay in float64's range."""
 
 MOST_OBJECTS = 10_000
-"""Most objects of a group: each is compared with all others, and `TRIES` times."""
+"""Greatest number of objects in a group: each is compared with all others up to `TRIES` times."""
 
 MOST_STEPS = 1_000_000
-"""Most moments of a sequence in which anything moves."""
+"""Greatest number of steps of a sequence in which anything moves."""
 
 RANGES = {
     "count": (0.0, MOST_OBJECTS),
@@ -50,17 +50,17 @@ RANGES = {
     "scale": (1 / FAR, FAR),
     "speed_m_per_s": (-FAR, FAR),
 }
-"""Least and greatest value of each number that may be drawn."""
+"""Least and greatest value of each drawable number."""
 
 TOP = 1e5
-"""A height above all ground, m, from which rays look for it."""
+"""Height above all ground, m, from which rays are cast down."""
 
 
 Point = Annotated[list[Annotated[float, Field(ge=-FAR, le=FAR)]], Field(min_length=2, max_length=2)]
 
 
 class Scatter(Model):
-    """A group of objects, of which each is one of `objects`."""
+    """A group of objects; each is one of `objects`."""
 
     objects: Annotated[list[AnyObject], Field(min_length=1)]
     on: Annotated[list[str], Field(min_length=1)]
@@ -75,7 +75,7 @@ class Scatter(Model):
     clear_m: Annotated[float, Field(ge=0, le=FAR)] = 0.0
 
     def check(self, place: Place) -> None:
-        """Raise an error if the keys do not fit together, or if an object cannot be built and placed."""
+        """Raise an error if keys contradict each other, or if an object cannot be built and placed."""
         if (self.area_m is None) == (self.along_m is None):
             raise place.error("expected one of area_m and along_m, got " + ("none" if self.area_m is None else "both"))
         for index, (point, after) in enumerate(pairwise(self.along_m or ())):
@@ -114,7 +114,7 @@ class Scatter(Model):
             raise place.error(f"expected an object within {FAR:g} m of its origin, got one of {size:g} m")
 
     def drawn(self, key: str, stream: Stream, place: Place) -> float:
-        """Return a number that may be drawn, after checking that it is in its range."""
+        """Return the value of a number, drawn if necessary, after checking its range."""
         value = drawn(getattr(self, key), stream)
         if key == "count":  # normal numbers may be negative
             value = max(value, 0.0)
@@ -130,7 +130,7 @@ def _expect(key: str, value: float, place: Place) -> None:
 
 @dataclass(frozen=True)
 class Placed:
-    """An object of a group, and where it stands or how it moves."""
+    """An object of a group, with its pose or trajectory."""
 
     group: str
     index: int
@@ -140,16 +140,16 @@ class Placed:
 
 @dataclass(frozen=True)
 class _Outline:
-    """Where an object is in the plan, step by step of a sequence, and between which heights.
+    """Outline of an object in the xy plane in each step of a sequence, and its heights.
 
     Attributes
     ----------
     corners : ndarray of float64, shape (k, 4 or 8, 2)
-        Corners of its rectangle, m: at both ends of each step, or, if it stands still, once (k = 1).
+        Corners of its rectangle at both ends of each step, m; once (k = 1) for a static object.
     low, high : float
-        Its heights, m.
+        Least and greatest height, m.
     bulge : float
-        How far it may reach beyond the hull of its corners between the ends of a step, m.
+        Greatest distance beyond the hull of the corners during a step, m.
     """
 
     corners: Floats
@@ -164,11 +164,11 @@ class _Outline:
         return np.array([[*low, self.low], [*high, self.high]])
 
     def apart(self, other: _Outline, gap: float) -> bool:
-        """Return whether two outlines keep the gap at all times: in each step, whether some line separates them."""
+        """Return whether two outlines keep the gap at all times: whether a line separates them in each step."""
         steps = max(len(self.corners), len(other.corners))
         both = [np.broadcast_to(corners, (steps, *corners.shape[1:])) for corners in (self.corners, other.corners)]
         axes = np.concatenate([np.diff(corners[:, :3], axis=1) for corners in both], axis=1)
-        # Far off, corners may fall together, and leave an axis of no length; beyond float64, none separates anything.
+        # Far away, corners may coincide and give a zero axis; on overflow, no axis separates the outlines.
         with np.errstate(over="ignore", invalid="ignore"):
             lengths = np.linalg.norm(axes, axis=2, keepdims=True)
             axes = axes / np.where(lengths > 0, lengths, 1.0)
@@ -179,12 +179,12 @@ class _Outline:
 
 
 def _steps(corners: Floats) -> Floats:
-    """Return corners at both ends of each step from those at each moment."""
+    """Return the corners at both ends of each step, given those at each moment."""
     return corners if len(corners) == 1 else np.concatenate([corners[:-1], corners[1:]], axis=1)
 
 
 class _Obstacles:
-    """Outlines that others keep apart from."""
+    """Outlines from which objects keep their distance."""
 
     def __init__(self, outlines: Sequence[_Outline]) -> None:
         self.outlines = list(outlines)
@@ -196,23 +196,23 @@ class _Obstacles:
         self.boxes = np.concatenate([self.boxes, outline.box[None]])
 
     def apart(self, outline: _Outline, gap: float) -> bool:
-        """Return whether an outline is apart from all of these."""
+        """Return whether an outline keeps the gap from all obstacles."""
         room = np.array([gap, gap, 0.0])
         free = (self.boxes[:, 0] >= outline.box[1] + room) | (outline.box[0] >= self.boxes[:, 1] + room)
         return all(self.outlines[index].apart(outline, gap) for index in np.flatnonzero(~free.any(axis=1)))
 
 
 def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, sequence: int) -> list[Placed]:
-    """Return places for the objects of all groups in a sequence, group by group.
+    """Place the objects of all groups in a sequence, group by group.
 
     Parameters
     ----------
     groups : dict of str to Scatter
         The groups to place.
     place : Place
-        Where the groups stand in the recipe.
+        Place of the groups in the recipe.
     run : Run
-        The run of the sequence: its scene has the ground and the obstacles, its pose is kept clear.
+        The run of the sequence, whose scene has the ground and obstacles, and whose pose is kept clear.
     seed : int
         Seed of the data set.
     sequence : int
@@ -221,13 +221,13 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
     Returns
     -------
     list of Placed
-        Without the objects that found no room.
+        The placed objects; those without room are left out.
 
     Raises
     ------
     ConfigError
-        If an object to stand on does not exist, a path is too short for the speed, a drawn number is out of its range,
-        or a sequence is too long.
+        If an object to stand on does not exist, a path is too short for the speed, a drawn number is out of range, or a
+        sequence is too long.
     """
     start, stop = run.time(run.frames.start), run.time(run.frames.stop + 1)
     stop += max((part.offset for part in run.sensor.values()), default=0.0) if isinstance(run.sensor, Rig) else 0.0
@@ -266,7 +266,7 @@ def scatter(groups: dict[str, Scatter], place: Place, run: Run, seed: int, seque
 
 
 def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], place: Place) -> Floats:
-    """Return the moments at which objects are checked for overlap; the first and last alone if nothing moves."""
+    """Return the times of the overlap checks; only the first and last if nothing moves."""
     moving = isinstance(run.pose, Trajectory) and any(group.clear_m for group in groups)
     if not moving and not any(group.speed_m_per_s != 0 for group in groups):
         return np.array([start, stop])
@@ -277,7 +277,7 @@ def _moments(start: float, stop: float, run: Run, groups: Iterable[Scatter], pla
 
 
 class _Way:
-    """Where an object may start, and how it moves on from there."""
+    """Possible starts of an object, and its motion from there."""
 
     def __init__(self, group: Scatter, stream: Stream, times: Floats, place: Place) -> None:
         self.group = group
@@ -296,14 +296,14 @@ class _Way:
                 )
 
     def poses(self, stream: Stream) -> Floats:
-        """Return poses at the moments, (k, 4, 4), at height 0; for an object that stands still, one."""
+        """Draw a start, and return the poses at all times, (k, 4, 4), at height 0; k = 1 for a static object."""
         if self.group.along_m is None:
             (x0, y0), (x1, y1) = np.asarray(self.group.area_m)
             start = np.array([stream.uniform(x0, x1), stream.uniform(y0, y1)])
             ahead = np.array([np.cos(self.yaw), np.sin(self.yaw)])
             return _upright(start + self.speed * self.run[:, None] * ahead, np.full(len(self.run), self.yaw))
         at = stream.uniform(0.0, self.room) + abs(self.speed) * self.run
-        if self.speed < 0:  # the other way
+        if self.speed < 0:  # in reverse
             at = self.lengths.sum() - at
         ends = np.concatenate([[0.0], np.cumsum(self.lengths)])
         piece = np.clip(np.searchsorted(ends, at, side="right") - 1, 0, len(self.lengths) - 1)
@@ -324,9 +324,9 @@ def _upright(position: Floats, yaw: Floats) -> Floats:
 
 
 def _stand(poses: Floats, bounds: Floats, ground: Scene) -> _Outline | None:
-    """Put poses on the ground, and return the outline of an object there; None if part of it is off the ground.
+    """Put poses on the ground, and return the outline of the object; None if part of it is off the ground.
 
-    An object stands at the greatest height of the ground under its middle and its corners.
+    The object stands at the greatest height of the ground under its middle and corners.
     """
     (x0, y0, low), (x1, y1, high) = bounds
     corners = np.array([[x0, y0], [x1, y0], [x1, y1], [x0, y1]])
@@ -337,8 +337,8 @@ def _stand(poses: Floats, bounds: Floats, ground: Scene) -> _Outline | None:
     if not np.isfinite(height).all():
         return None
     poses[:, 2, 3] = height.max(axis=1) - low
-    # A corner moves by its distance r from the origin, which goes straight, times a turn, whose arc over an angle is
-    # r (1 − cos(angle / 2)) away from its chord at most.
+    # A corner at distance r rotates about the origin, which moves straight; an arc of radius r over an angle deviates
+    # from its chord by at most r (1 − cos(angle / 2)).
     turns = np.abs(np.diff(np.unwrap(np.arctan2(poses[:, 1, 0], poses[:, 0, 0])))).max(initial=0.0)
     bulge = float(np.linalg.norm(corners, axis=1).max() * (1.0 - np.cos(turns / 2.0)))
     heights = float(poses[:, 2, 3].min()) + low, float(poses[:, 2, 3].max()) + high
@@ -346,7 +346,7 @@ def _stand(poses: Floats, bounds: Floats, ground: Scene) -> _Outline | None:
 
 
 def _divided(scene: Scene, on: Sequence[str], place: Place) -> tuple[Scene, _Obstacles]:
-    """Return what objects may stand on, as a scene, and what they must not overlap."""
+    """Return the ground for objects as a scene, and the obstacles."""
     missing = set(on) - {item.name for item in scene.objects}
     if missing:
         raise (place / "on").error(f"expected names of objects in the scene, got {min(missing)!r}")
@@ -365,7 +365,7 @@ def _still(item: SceneObject) -> _Outline:
 
 
 def _sensor(run: Run, times: Floats, clear: float) -> _Obstacles:
-    """Return a square around the sensor, or the body of the rig, at all moments; nothing if none is kept clear."""
+    """Return a square around the sensor, or the body of the rig, at all times; empty if `clear` is 0."""
     if not clear:
         return _Obstacles([])
     if isinstance(run.pose, Trajectory):

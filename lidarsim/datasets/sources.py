@@ -1,4 +1,4 @@
-"""Files that a data set is made from: those that its recipe names, and those that such files name in turn."""
+"""Files that a data set depends on: those that its recipe names, and those that these files name in turn."""
 
 from __future__ import annotations
 
@@ -19,26 +19,26 @@ from lidarsim.errors import ConfigError, FileFormatError
 __all__ = ["hashes", "located", "paths"]
 
 FILES = {"file", "times", "firing_times"}
-"""Keys whose values are paths, relative to the folder of the file that they are written in."""
+"""Keys whose values are paths, relative to the folder of their document."""
 
 FREE = {"datasheet", "sources"}
-"""Keys of a sensor whose values are for people."""
+"""Keys of a sensor with free text and numbers for people."""
 
 YAML = {".yaml", ".yml"}
 
 GLB = 20
-"""Bytes before the JSON of a binary glTF: 12 of the file's header, and 8 of the chunk's that begin with its length."""
+"""Bytes before the JSON of a binary glTF: a file header of 12 and a chunk header of 8, which begins with the length."""
 
 
 def paths(node: Node, keys: tuple[int | str, ...] = ()) -> Iterator[tuple[tuple[int | str, ...], Node]]:
-    """Yield the nodes that are paths, each with the keys that lead to it; all that a draw chooses from are among them.
+    """Yield the nodes that are paths, each with its keys; all choices of a draw are included.
 
     Parameters
     ----------
     node : Node
         A document, or a part of one.
     keys : tuple of int and str
-        The keys that lead to it.
+        The keys of `node`.
     """
     yield from _paths(node, keys, is_path=False)
 
@@ -56,12 +56,12 @@ def _paths(node: Node, keys: tuple[int | str, ...], *, is_path: bool) -> Iterato
 
 
 def _is_path(key: str, above: bool) -> bool:
-    """Return whether the value of a key is a path: of ``file``, of ``scene.1.file``, and of the ``choice`` in them."""
+    """Return whether the value of a key is a path: ``file``, ``scene.1.file``, or a ``choice`` within them."""
     return key.rpartition(".")[2] in FILES or (above and key == "choice")
 
 
 def located(node: Node, folder: str, *, is_path: bool = False) -> Node:
-    """Return a document whose paths are relative to `folder`, wherever they are written."""
+    """Return a document with all paths made relative to `folder`."""
     if isinstance(node, yaml.SequenceNode):
         items = [located(item, folder, is_path=is_path) for item in node.value]
         return yaml.SequenceNode(node.tag, items, node.start_mark, node.end_mark)
@@ -87,7 +87,7 @@ def _from(folder: str, path: Path) -> str:
 def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
     """Return the SHA-256 of each file that documents name, by its path from `folder`.
 
-    Files that these name in turn are among them: those in YAML, the buffers and images of glTF, the materials of OBJ.
+    Files that these name in turn are included: those in YAML, the buffers and images of glTF, the materials of OBJ.
     """
     found: dict[str, str] = {}
     documents = list(nodes)
@@ -106,7 +106,7 @@ def hashes(nodes: Iterable[Node], folder: str) -> dict[str, str]:
 
 
 def _named_in(path: Path) -> list[Path]:
-    """Return the files that a mesh file names, as its reader takes them; none of one that it refuses."""
+    """Return the files that a mesh file names, resolved as its reader does; empty if the reader refuses the file."""
     names: list[str] = []
     suffix = path.suffix.lower()
     with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError), path.open("rb") as file:

@@ -1,6 +1,6 @@
-"""Where a data set goes: a folder, or an object store. A file is there complete, or not at all.
+"""Stores of data sets: a folder or an object store, with atomic writes.
 
-Files have relative names, with ``/`` between folders. None leads outside: neither by its name nor by a link.
+Files have relative names, with ``/`` between folders. Neither names nor links can lead outside.
 """
 
 from __future__ import annotations
@@ -33,10 +33,10 @@ else:
 __all__ = ["Store", "check_path", "open_store"]
 
 TEMPORARY = ".lidarsim-set-", ".tmp"
-"""Beginning and end of the names of the folders in which files are written, at the top of a data set."""
+"""Prefix and suffix of the temporary folders at the top of a data set, in which files are written."""
 
 LOCK = "lock"
-"""File in such a folder, locked by its writer: the system releases the lock when the writer ends, however it ends."""
+"""File in such a folder, locked by its writer; the system releases the lock when the writer ends for any reason."""
 
 _TEMPORARY = re.compile(r"\.lidarsim-set-[0-9a-f]{16}\.tmp")
 _SCHEME = re.compile(r"(?:[A-Za-z0-9+.-]+::)*([A-Za-z][A-Za-z0-9+.-]+):/")
@@ -45,40 +45,40 @@ LONGEST_PATH, LONGEST_PART = 1000, 255
 
 
 class Store(Protocol):
-    """Files by their names. It can be pickled."""
+    """Files by name; it can be pickled."""
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file; folders are made."""
+        """Write a file; folders are created."""
 
     def create(self, name: str, data: bytes) -> bool:
-        """Write a file unless there is one, and return whether it was written; of several at once one succeeds."""
+        """Write a file unless it exists, and return whether it was written; of concurrent calls, one succeeds."""
 
     def writing(self, name: str) -> AbstractContextManager[Path]:
-        """Give the path of a local file to write, which becomes the file `name` when the block ends well."""
+        """Yield the path of a local file, which becomes the file `name` when the block ends without an error."""
 
     def open(self, name: str) -> BinaryIO:
-        """Open a regular file to read; `FileNotFoundError` if there is none."""
+        """Open a regular file for reading; `FileNotFoundError` if it does not exist."""
 
     def names(self, folder: str) -> set[str]:
-        """Return the names of the files in a folder; none if there is no folder."""
+        """Return the names of the files in a folder; empty if it does not exist."""
 
     def taken(self, names: Collection[str]) -> list[str]:
-        """Return what is at the top under one of the `names`, whatever its case, but for empty folders."""
+        """Return the existing top-level names in `names`, ignoring case and empty folders."""
 
     def remove(self, folder: str, names: Iterable[str]) -> None:
-        """Remove these files of a folder, those that are there, and then the folder if it is empty."""
+        """Remove these files of a folder if they exist, and then the folder if it is empty."""
 
     def tidy(self) -> None:
-        """Remove what killed writers have left behind."""
+        """Remove the remains of killed writers."""
 
 
 def check_path(name: str) -> str:
-    """Return the name of a file of a data set.
+    """Return the name of a file of a data set after checking it.
 
     Raises
     ------
     ValueError
-        If it is no relative path, leads outside, or has characters that do not belong in one.
+        If it is no relative path, leads outside, or has unsafe characters.
     """
     parts = name.split("/")
     if (
@@ -93,31 +93,31 @@ def check_path(name: str) -> str:
 
 @dataclass(frozen=True)
 class Folder:
-    """A folder of this machine.
+    """A local folder.
 
-    Files are written in a folder of their own at the top, and moved to their places.
+    Files are written in temporary folders at the top, and moved to their places.
     """
 
     root: Path
 
     def write(self, name: str, data: bytes) -> None:
-        """Write a file; folders are made."""
+        """Write a file; folders are created."""
         with self.writing(name) as path:
             path.write_bytes(data)
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """Give the path of a local file to write."""
+        """Yield the path of a local file to write."""
         with self._written(name) as (path, target):
             yield path
             _files.sync(path)
             path.replace(target)
 
     def create(self, name: str, data: bytes) -> bool:
-        """Write a file unless there is one.
+        """Write a file unless it exists.
 
-        A link to a finished file is made at once or not at all, over NFS, too. Where there are no links, a writer that
-        is killed may leave a part of the file.
+        Linking to a finished file is atomic, also over NFS. Where there are no links, a killed writer may leave a part
+        of the file.
         """
         with self._written(name) as (path, target):
             path.write_bytes(data)
@@ -138,7 +138,7 @@ class Folder:
 
     @contextmanager
     def _written(self, name: str) -> Iterator[tuple[Path, Path]]:
-        """Give the paths of a temporary file and of the file `name`, whose folder is made."""
+        """Yield the paths of a temporary file and of the file `name`, whose folder is created."""
         target = self._path(name)
         with _files.writing(target):
             self.root.mkdir(parents=True, exist_ok=True)
@@ -147,22 +147,22 @@ class Folder:
                 yield folder / "written", target
 
     def _path(self, name: str) -> Path:
-        """Return the path of a file, in a folder that is inside."""
+        """Return the path of a file after checking that its folder is in the data set."""
         path = self.root / check_path(name)
         self._inside(path.parent)
         return path
 
     def _inside(self, path: Path) -> Path:
-        """Return a path without links, after checking that it is in the data set."""
+        """Resolve the links of a path, and check that it is in the data set."""
         real = Path(os.path.realpath(path))
         if not real.is_relative_to(os.path.realpath(self.root)):
             raise LidarsimError(f"{path}: expected it inside of the data set, got a link to {short(ascii(str(real)))}")
         return real
 
     def open(self, name: str) -> BinaryIO:
-        """Open a regular file to read."""
+        """Open a regular file for reading."""
         path = self.root / check_path(name)
-        # Without waiting for whoever may write into a pipe.
+        # O_NONBLOCK: opening a pipe must not wait for a writer.
         flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
         try:
             descriptor = os.open(self._inside(path), flags)
@@ -182,7 +182,7 @@ class Folder:
             return set()
 
     def taken(self, names: Collection[str]) -> list[str]:
-        """Return what is at the top under one of the `names`."""
+        """Return the existing top-level names in `names`."""
         lower = {name.lower() for name in names}
         try:
             there = sorted(self.root.iterdir())
@@ -197,14 +197,14 @@ class Folder:
             for name in names:
                 with suppress(FileNotFoundError):
                     (path / name).unlink()
-            with suppress(OSError):  # others have something in it, or have removed it
+            with suppress(OSError):  # it has other files, or another call removed it
                 path.rmdir()
 
     def tidy(self) -> None:
         """Remove the temporary folders whose writers have ended."""
         for path in self.root.iterdir():
             if _TEMPORARY.fullmatch(path.name) and path.is_dir() and not path.is_symlink():
-                with suppress(OSError):  # if its writer is at work, or it is not ours
+                with suppress(OSError):  # its writer is at work, or it is not lidarsim's
                     if not any(path.iterdir()):
                         path.rmdir()
                     elif stat.S_ISREG((path / LOCK).lstat().st_mode):
@@ -221,10 +221,10 @@ def _is_empty_folder(path: Path) -> bool:
 
 @contextmanager
 def _locked(path: Path, mode: str) -> Iterator[None]:
-    """Hold the lock of a temporary folder; `OSError` if another has it.
+    """Hold the lock of a temporary folder; `OSError` if another process holds it.
 
-    Where files cannot be locked, its folder is taken for one whose writer has ended. That is safe: folders are tidied
-    when the data set is complete, and a writer that is late has nothing to add.
+    Where files cannot be locked, the writer is assumed to have ended. That is safe: folders are removed only when the
+    data set is complete, and a late writer has nothing to add.
     """
     with path.open(mode) as file:
         if fcntl:
@@ -238,7 +238,7 @@ def _locked(path: Path, mode: str) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Remote:
-    """A place that fsspec knows, such as ``s3://bucket/folder``; a file is made by one put, so it is complete."""
+    """A place that fsspec knows, such as ``s3://bucket/folder``; one put makes a file, so it is always complete."""
 
     url: str
 
@@ -250,14 +250,14 @@ class Remote:
         return filesystem, root.rstrip("/")
 
     def _file(self, name: str) -> tuple[Any, str]:
-        """Return the file system, and its path of a file or folder."""
+        """Return the file system, and the path of a file or folder in it."""
         check_path(name)
         filesystem, root = self._place
         return filesystem, f"{root}/{name}"
 
     @contextmanager
     def _problems(self) -> Iterator[None]:
-        """Let what libraries raise say where it was, in one line, as an `OSError`."""
+        """Turn errors of libraries into an `OSError` that names the URL, in one line."""
         try:
             yield
         except ImportError as error:
@@ -274,9 +274,9 @@ class Remote:
             filesystem.pipe_file(path, data)
 
     def create(self, name: str, data: bytes) -> bool:
-        """Write a file unless there is one, by a put that has this condition.
+        """Write a file unless it exists, by a conditional put.
 
-        Where the store has no such puts, two that look at the same moment may both find none.
+        In a store without conditional puts, two simultaneous calls may both find no file.
         """
         filesystem, path = self._file(name)
         with self._problems():
@@ -287,7 +287,7 @@ class Remote:
                 filesystem.pipe_file(path, data, mode="create")
             except FileExistsError:
                 return False
-            except Exception as error:  # each library has its own
+            except Exception as error:  # the type depends on the library
                 if _is_unmet(error):
                     return False
                 if not _is_unknown(error):
@@ -298,7 +298,7 @@ class Remote:
 
     @contextmanager
     def writing(self, name: str) -> Iterator[Path]:
-        """Give the path of a local file to write."""
+        """Yield the path of a local file to write."""
         filesystem, path = self._file(name)
         with TemporaryDirectory(prefix="lidarsim-") as folder:
             local = Path(folder, Path(name).name)
@@ -307,7 +307,7 @@ class Remote:
                 filesystem.put_file(str(local), path)
 
     def open(self, name: str) -> BinaryIO:
-        """Open a file to read."""
+        """Open a file for reading."""
         filesystem, path = self._file(name)
         with self._problems():
             file: Any = filesystem.open(path, "rb")
@@ -328,7 +328,7 @@ class Remote:
         return found
 
     def taken(self, names: Collection[str]) -> list[str]:
-        """Return what is at the top under one of the `names`."""
+        """Return the existing top-level names in `names`."""
         lower = {name.lower() for name in names}
         there = {entry["name"].rstrip("/").rpartition("/")[2] for entry in self._listed(*self._place)}
         return sorted(name for name in there if name.lower() in lower)
@@ -348,7 +348,7 @@ class Remote:
 
 
 def _is_unmet(error: BaseException | None) -> bool:
-    """Return whether a store says that the condition of a put is not met, as S3's clients do."""
+    """Return whether a store reports that the condition of a put is not met, as S3's clients do."""
     while error is not None:
         response = getattr(error, "response", None)
         code = response.get("Error", {}).get("Code") if isinstance(response, dict) else None
@@ -359,7 +359,7 @@ def _is_unmet(error: BaseException | None) -> bool:
 
 
 def _is_unknown(error: BaseException | None) -> bool:
-    """Return whether a store says that it does not know conditional puts."""
+    """Return whether a store reports that it does not support conditional puts."""
     while error is not None:
         if isinstance(error, NotImplementedError | TypeError):
             return True
@@ -371,12 +371,12 @@ def _is_unknown(error: BaseException | None) -> bool:
 
 
 def open_store(output: PathLike) -> Store:
-    """Return the place that a path or a URL names.
+    """Return the store at a path or URL.
 
     Raises
     ------
     TypeError, ValueError
-        If it is neither text nor a path, or a URL that is not given as text.
+        If `output` is neither text nor a path, or is a URL that is not text.
     """
     text = os.fspath(output) if isinstance(output, str | os.PathLike) else None
     if not isinstance(text, str):

@@ -1,4 +1,4 @@
-"""Points in the layouts in which the ROS drivers of real sensors publish them, and back."""
+"""Conversion between point clouds and the point layouts of the ROS drivers of real sensors."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
         {
             "names": ["x", "y", "z", "intensity", "t", "reflectivity", "ring", "ambient", "range"],
             "formats": ["<f4", "<f4", "<f4", "<f4", "<u4", "<u2", "<u2", "<u2", "<u4"],
-            "offsets": [0, 4, 8, 16, 20, 24, 26, 28, 32],  # of a struct that PCL aligns to 16 bytes
+            "offsets": [0, 4, 8, 16, 20, 24, 26, 28, 32],  # PCL aligns the struct to 16 bytes
             "itemsize": 48,
         }
     ),
@@ -44,17 +44,17 @@ LAYOUTS: dict[str, np.dtype[np.void]] = {
         }
     ),
 }
-"""The layouts of a point, by the name of a driver."""
+"""Point layouts by driver."""
 
 VENDORS = {"ouster": "ouster", "hesai": "hesai", "robosense": "hesai", "livox": "livox"}
-"""The layout of a sensor, by the vendor in its model; that of all others is velodyne."""
+"""Layouts by the vendor that the sensor's model names; all other sensors get velodyne."""
 
 LAST, FIRST, STRONGEST, SECOND, SECOND_STRONGEST = 1, 2, 3, 7, 8
-"""Types of returns, as Autoware's nebula drivers number them; 0 is unknown."""
+"""Return types as numbered by Autoware's nebula drivers; 0 is unknown."""
 
 
 def layout_of(lidar: Sensor | None) -> str:
-    """Return the layout in which the driver of a sensor publishes."""
+    """Return the layout that the sensor's driver publishes."""
     model = lidar.model.lower() if lidar else ""
     return next((layout for vendor, layout in VENDORS.items() if vendor in model), "velodyne")
 
@@ -75,18 +75,18 @@ class _Points(NamedTuple):
         return reflectivity(self.fields["intensity"], 150 if self.layout == "livox" else 100)
 
     def whole(self, name: str, values: npt.NDArray[Any], column: str) -> npt.NDArray[Any]:
-        """Return whole numbers after checking that they fit in a column of the layout."""
+        """Return integers after checking that they fit in a column of the layout."""
         return fitting(name, values, LAYOUTS[self.layout][column], f"{column} in the {self.layout} layout")
 
 
 def _return_types(points: _Points) -> npt.NDArray[Any]:
-    """Return what each return is, by how the sensor chooses them; see `Measurement.returns`."""
+    """Return the type of each return, given which returns the sensor reports; see `Measurement.returns`."""
     number, count = points.fields["return_number"], points.fields["return_count"]
     returns = points.lidar.measurement.returns if points.lidar else None
-    if returns == "dual":  # the strongest, then the last or, if they are the same, the next strongest, which is nearer
+    if returns == "dual":  # the strongest, then the last; if these are one, the second strongest, which is nearer
         nearer = np.diff(points.fields["range"], prepend=np.inf) < 0
         return np.select([number == 1, nearer], [STRONGEST, SECOND_STRONGEST], LAST)
-    if isinstance(returns, int):  # from the nearest on
+    if isinstance(returns, int):  # nearest first
         return np.select([number == 1, number == count, number == 2], [FIRST, LAST, SECOND], 0)
     return np.full(len(number), {"strongest": STRONGEST, "first": FIRST, "last": LAST}.get(returns or "", 0))
 
@@ -104,7 +104,7 @@ _COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
     "t": lambda points: points.whole("time in ns", points.nanoseconds, "t"),
     "time_stamp": lambda points: points.whole("time in ns", points.nanoseconds, "time_stamp"),
     "offset_time": lambda points: points.whole("time in ns", points.nanoseconds, "offset_time"),
-    # Seconds and the rest apart: in nanoseconds since 1970 a float64 has steps of 256.
+    # Whole seconds are added last: a float64 of nanoseconds since 1970 has steps of 256 ns.
     "timestamp": lambda points: points.stamp // 10**9 + (points.stamp % 10**9 + points.nanoseconds) / 1e9,
     "range": lambda points: points.whole("range in mm", np.rint(points.fields["range"] * 1e3), "range"),
     "ambient": lambda points: np.zeros(len(points.fields["xyz"]), np.uint16),
@@ -112,13 +112,13 @@ _COLUMNS: dict[str, Callable[[_Points], npt.NDArray[Any]]] = {
     "elevation": lambda points: np.arctan2(points.fields["xyz"][:, 2], np.hypot(*points.fields["xyz"][:, :2].T)),
     "distance": lambda points: np.linalg.norm(points.fields["xyz"], axis=1),
     "return_type": _return_types,
-    # Bits 4 and 5 are the number of the return, from 0 on.
+    # Bits 4 and 5 hold the return number, counted from 0.
     "tag": lambda points: np.clip(points.fields["return_number"].astype(np.int64) - 1, 0, 3) << 4,
 }
 
 
 def to_layout(cloud: PointCloud, layout: str, lidar: Sensor | None, stamp: int) -> tuple[npt.NDArray[np.void], int]:
-    """Return the finite points in firing order in a layout, and how long after the stamp the last was measured, ns."""
+    """Return the finite points in firing order in a layout, and the time of the last since the stamp, ns."""
     n = len(cloud)
     fields: Fields = {"time": np.zeros(n), "intensity": np.zeros(n, np.float32)}
     fields |= {name: np.zeros(n, np.uint16) for name in ("ring", "range", "return_number", "return_count")}
@@ -137,9 +137,9 @@ def to_layout(cloud: PointCloud, layout: str, lidar: Sensor | None, stamp: int) 
 
 
 def to_cloud(columns: Fields, stamp: int, recorded: int) -> PointCloud:
-    """Return the points of a message: what lidarsim has a name for gets it, all else keeps its own.
+    """Return the points of a message, with columns renamed to lidarsim's fields where there is one.
 
-    `stamp` is the message's time and `recorded` that at which it was recorded, ns.
+    `stamp` is the time of the message and `recorded` the time of its recording, ns.
     """
     columns = dict(columns)
     for name in NAMES:

@@ -1,4 +1,4 @@
-"""glTF files as trimesh reads them rightly: its faults in order and names are worked round, what it gets wrong refused.
+"""Workarounds for trimesh's glTF reader: node order and names are corrected; geometry that it misreads is refused.
 
 Format: https://registry.khronos.org/glTF/specs/2.0/glTF-2.0.html.
 """
@@ -18,15 +18,15 @@ from lidarsim.errors import FileFormatError
 GLB = struct.Struct("<4sII")
 CHUNK = struct.Struct("<I4s")
 HARMLESS = re.compile(r"KHR_(materials|texture|lights|xmp)_\w+|EXT_texture_\w+|KHR_mesh_quantization")
-"""Extensions without which the triangles are the same."""
+"""Extensions that do not change the triangles."""
 DRACO = "KHR_draco_mesh_compression"
 
 
 def prepared(path: Path) -> tuple[BytesIO, list[str]]:
-    """Return a file for trimesh, whose nodes are named by their numbers, and their own names.
+    """Return a file for trimesh in which each node is named by its number, and the original names.
 
-    trimesh gives parts of a node random names, visits nodes from the last to the first, and leaves out a node with a
-    camera and all below it.
+    trimesh gives the parts of a node random names, visits nodes from last to first, and drops a node with a camera
+    together with its children.
     """
     data = path.read_bytes()
     if path.suffix.lower() == ".gltf":
@@ -49,7 +49,7 @@ def prepared(path: Path) -> tuple[BytesIO, list[str]]:
 
 
 def _prepare(document: dict[str, Any]) -> list[str]:
-    """Change a document as `prepared` says, after checking it, and return the names of its nodes."""
+    """Check a document, change it as `prepared` describes and return the names of its nodes."""
     for name in document.get("extensionsRequired", []):
         if not HARMLESS.fullmatch(name) and (name != DRACO or not find_spec("DracoPy")):
             known = name if re.fullmatch(r"[A-Z]{2,8}_\w{1,60}", name, re.ASCII) else "an extension"
@@ -69,7 +69,7 @@ def _prepare(document: dict[str, Any]) -> list[str]:
 
 
 def _check(primitive: dict[str, Any], document: dict[str, Any]) -> None:
-    """Refuse a primitive whose triangles trimesh leaves out, or takes to be others than they are."""
+    """Raise an error for a primitive whose triangles trimesh drops or misreads."""
     mode = primitive.get("mode", 4)
     if mode in {0, 1, 2, 3}:  # points and lines
         return

@@ -1,7 +1,7 @@
-"""The messages of an MCAP file in its own order, whatever its index says, and with no more memory than a chunk takes.
+"""Read the messages of an MCAP file in file order, without its index, in the memory of one chunk.
 
-rosbags writes such files, but reads them on their word: it allocates what they claim, and decompresses without a limit.
-When it writes them, `storage` makes it hold a large message three times rather than four.
+rosbags writes such files, but when it reads them, it trusts their sizes: it allocates what they claim and decompresses
+without a limit. `storage` reduces the copies of a large message that rosbags holds while writing from four to three.
 
 Format: https://mcap.dev/spec.
 """
@@ -26,11 +26,11 @@ SCHEMA, CHANNEL, MESSAGE, CHUNK, DATA_END = 3, 4, 5, 6, 15
 
 @cache
 def storage() -> Any:
-    """Return the class with which rosbags is to write MCAP files."""
+    """Return the storage class with which rosbags writes MCAP files."""
     base: Any = import_extra("rosbags.rosbag2.storage_mcap", "formats", "writing ROS bags").McapWriter
 
     class Storage(base):  # type: ignore[misc]
-        """That of rosbags, but what a message fills it writes to the file when its own copy of the message is freed."""
+        """Writer of rosbags that writes a full chunk only after it has freed its own copy of the last message."""
 
         _writing = _full = False
 
@@ -51,7 +51,7 @@ def storage() -> Any:
 
 
 def messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
-    """Yield topic, type, time of recording, ns, and data of each message."""
+    """Yield topic, type, recording time (ns) and data of each message."""
     types: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     with path.open("rb") as file:
@@ -68,7 +68,7 @@ def messages(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
 
 
 def _records(file: BinaryIO) -> Iterator[tuple[int, memoryview]]:
-    """Yield the records of the data section, those in chunks among them."""
+    """Yield the records of the data section, including those in chunks."""
     place = file.tell()
     size = file.seek(0, 2)
     file.seek(place)
@@ -98,7 +98,7 @@ def _inside(chunk: memoryview) -> Iterator[tuple[int, memoryview]]:
 
 
 def _chunk(body: memoryview) -> memoryview:
-    """Return the records of a chunk, decompressed to the size that it claims and no further."""
+    """Return the records of a chunk, decompressed to at most the size that it claims."""
     _, _, size, checksum, letters = struct.unpack_from("<QQQII", body)
     compression, data = _text(body, 28), body[40 + letters :]
     if len(data) != _number(body[32 + letters :], 8):

@@ -1,10 +1,10 @@
-"""A cloud as one record per point, the layout that most formats share, in blocks that take little memory.
+"""Clouds as one record per point, the layout that most formats share, converted in blocks to save memory.
 
-Records hold scalars alone, so a vector field is split into columns: by convention `xyz` into ``x y z`` and `normal`
-into the format's own names; any other field ``f`` of shape (n, m) into ``f.0`` to ``f.<m-1>``, names that no field has.
+Records hold only scalars, so vector fields are split into columns: `xyz` into ``x y z``, `normal` into the format's own
+names, and any other field ``f`` of shape (n, m) into ``f.0`` to ``f.<m-1>``, names that no field can have.
 
-A file whose coordinates are named X, Y and Z is of a program that capitalises names: there, lidarsim's names count
-whatever their case.
+If the coordinates of a file are named X, Y and Z, its writer capitalises names: lidarsim's names then match in any
+case.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from lidarsim.errors import FileFormatError
 from lidarsim.pointcloud import CANONICAL, Fields, field_names, held
 
 BLOCK = 1 << 14
-"""Points that are converted at a time."""
+"""Points converted at a time."""
 
 SMALL, EXPANSION = 1 << 26, 100
-"""Bytes that any compressed file may expand to, and how many times its own size beyond them."""
+"""A compressed file may expand to SMALL bytes, or to EXPANSION times its own size if that is more."""
 
 HEADER = 1 << 24
-"""Bytes of a header of text, at most."""
+"""Greatest size of a text header, bytes."""
 
 FAR = 1e20
-"""The greatest coordinate of a file that says nothing of itself, m; pulses along an endless plane reach some 1e16."""
+"""Greatest plausible coordinate in a file without a header, m; pulses along an infinite plane reach about 1e16."""
 
 UINT16 = 2**16 - 1
 
 OTHERS = "; are its columns others? PointCloud.load(…, columns=…) names them"
 
 SAMPLE = 2048
-"""Points by which their number of columns is judged."""
+"""Points used to check the number of columns."""
 
 
 def to_columns(fields: Fields, normal: Collection[str], codes: Collection[str]) -> Fields:
-    """Return the columns that the fields are split into, as views, after checking that `to_fields` would join them.
+    """Split the fields into columns, as views, after checking that `to_fields` can restore them.
 
-    `codes` are the dtypes that the format can hold.
+    `codes` lists the dtypes that the format can hold.
     """
     columns: Fields = {}
     for name, array in fields.items():
@@ -74,7 +74,7 @@ def record_of(columns: Fields) -> np.dtype[np.void]:
 
 
 def to_records(columns: Fields, dtype: np.dtype[np.void]) -> Iterator[npt.NDArray[np.void]]:
-    """Yield the columns as records of `dtype`, a block at a time; what has no column is 0."""
+    """Yield the columns as records of `dtype`, a block at a time; names without a column are 0."""
     for block in blocks(columns):
         records = np.zeros(len(block["x"]), dtype)
         for name, column in block.items():
@@ -83,7 +83,7 @@ def to_records(columns: Fields, dtype: np.dtype[np.void]) -> Iterator[npt.NDArra
 
 
 def from_records(file: BinaryIO, dtype: np.dtype[np.void], points: int | None = None) -> Iterator[Fields]:
-    """Yield the columns of the next `points` records of a file, or of all in the rest of it, a block at a time."""
+    """Yield the columns of the next `points` records of a file, by default all that remain, a block at a time."""
     if not dtype.itemsize:
         raise FileFormatError("its points have no bytes")
     rest = os.fstat(file.fileno()).st_size - file.tell()
@@ -102,25 +102,25 @@ def from_records(file: BinaryIO, dtype: np.dtype[np.void], points: int | None = 
 
 
 def headerless(file: BinaryIO, given: list[str] | None, own: Sequence[str], most: float) -> Fields:
-    """Return the fields of a file of float32 records that says nothing of itself.
+    """Return the fields of a file of float32 records without a header.
 
     Parameters
     ----------
     file : binary file
         At its start.
     given : list of str, optional
-        Names of the columns; "_": not read. By default `own`, if the numbers can be such.
+        Names of the columns; columns named "_" are skipped. Default: `own`, if the numbers are plausible.
     own : sequence of str
-        Names of the format's columns, among them x, y, z and intensity.
+        Names of the format's columns, including x, y, z and intensity.
     most : float
-        The greatest intensity of the format, or of anything in its form.
+        Greatest plausible intensity.
     """
     names = given or own
     return joined(_headerless(file, names, None if given else most))
 
 
 def _headerless(file: BinaryIO, names: Sequence[str], most: float | None) -> Iterator[Fields]:
-    """Yield the fields block by block, after checking, if there is a greatest intensity, that they can be such."""
+    """Yield the fields block by block; with a greatest intensity, check that they are plausible."""
     dtype = np.dtype([(f"_ {i}" if name == "_" else name, "<f4") for i, name in enumerate(names)])
     for number, block in enumerate(from_records(file, dtype)):
         if most is not None:
@@ -131,10 +131,10 @@ def _headerless(file: BinaryIO, names: Sequence[str], most: float | None) -> Ite
 
 
 def check_plausible(block: Fields, most: float, first: int, hint: str = "") -> None:
-    """Raise an error unless numbers can be coordinates in m and intensities up to `most`.
+    """Raise an error unless numbers are plausible coordinates in m and intensities up to `most`.
 
-    Coordinates may be NaN or infinite. No finite one is beyond `FAR`, nor below the normal numbers of float32: such
-    are the bits of an integer.
+    Coordinates may be NaN or infinite. Finite ones must not exceed `FAR`, nor be subnormal float32 numbers: those are
+    the bits of an integer.
     """
     tiny = np.finfo(np.float32).tiny
     for name, values in block.items():
@@ -154,15 +154,15 @@ def check_plausible(block: Fields, most: float, first: int, hint: str = "") -> N
 
 
 def _check_number(records: npt.NDArray[np.float32], size: int) -> None:
-    """Raise an error if the numbers of a file, of which these are the first, look like records of another length.
+    """Raise an error if the first numbers of a file look like records of another length.
 
-    If the records have p numbers, each column has one distribution. Read as records of another length, each column is
-    a mixture of those, of which the mean logarithm of the variances is greater: a mixture has at least the mean of the
-    variances, and the logarithm is concave. So a length that makes it less than the given one does contradicts that
-    one, unless it is the points that come in turns: a common multiple of both then makes it less again. Ranks stand for
-    the numbers, so that a few great ones do not decide. The logarithm of the variance of n numbers is off by some
-    (2 / n)^0.5, and by 1.5 / n on the average, of which the mean over all columns has no more than 0.1 from 256 points
-    on. Multiples of the given length are left out: these, too, are points that come in turns.
+    With the right record length, each column has one distribution. With another length, each column mixes several, and
+    the mean logarithm of the column variances is greater: the variance of a mixture is at least the mean variance of
+    its parts, and the logarithm is concave. So a length with a smaller mean than the given one contradicts the latter,
+    unless the points themselves alternate; then a common multiple of both lengths has a smaller mean again. Ranks
+    replace the numbers, so that a few outliers do not decide. The logarithm of the variance of n numbers has an error
+    of about (2 / n)^0.5 and a bias of 1.5 / n; from 256 points on, the error of the mean over all columns is at most
+    0.1. Multiples of the given length are left out, since they too only show alternating points.
     """
     if len(records) < 256:
         return
@@ -186,9 +186,9 @@ def _check_number(records: npt.NDArray[np.float32], size: int) -> None:
 
 
 def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int) -> Iterator[Fields]:
-    """Yield the columns of lines of text, one point each, at least `points` of them; what follows is not read.
+    """Yield the columns of `points` lines of text, one point each; the lines after them are not read.
 
-    A column of integers is of float64 in a block where a number is none of `dtype`.
+    In a block where a number does not fit an integer column of `dtype`, that column is float64.
     """
     lines = itertools.islice((line for line in lines if line and not line.isspace()), min(points, sys.maxsize))
     read = 0
@@ -206,7 +206,7 @@ def parsed(lines: Iterable[str], dtype: np.dtype[np.void], points: int) -> Itera
 def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
     """Return the columns of a text in the types that it declares.
 
-    Where one of its numbers is none of an integer type, the column is 0, and one more, ``<name>_raw``, has the numbers.
+    Where a number does not fit an integer type, the column is 0, and a further column, ``<name>_raw``, has the numbers.
     """
     typed, raw = {}, {}
     for name, column in columns.items():
@@ -221,7 +221,7 @@ def as_declared(columns: Fields, dtype: np.dtype[np.void]) -> Fields:
 
 
 def _parsed_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -> Fields:
-    """Return the columns of lines, of which some are not as NumPy would have them."""
+    """Return the columns of lines that NumPy cannot parse as a block."""
     names = dtype.names or ()
     sizes = [math.prod(dtype[name].shape) for name in names]
     columns: dict[str, list[list[float]]] = {name: [] for name in names}
@@ -238,7 +238,7 @@ def _parsed_one_by_one(lines: list[str], dtype: np.dtype[np.void], first: int) -
 
 
 def _column(rows: list[list[float]], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
-    """Return numbers as a column of `dtype`, or of float64 if its integers cannot hold them."""
+    """Return numbers as a column of `dtype`, or of float64 if an integer `dtype` cannot hold them."""
     if dtype.base.kind in "iu":
         low, high = np.iinfo(dtype.base).min, np.iinfo(dtype.base).max
         if not all(low <= value <= high and value == int(value) for row in rows for value in row):
@@ -248,7 +248,7 @@ def _column(rows: list[list[float]], dtype: np.dtype[Any]) -> npt.NDArray[Any]:
 
 
 def number(word: str, what: str) -> float:
-    """Return the number that a word of a text is: an int if it is one, NaN and infinity also as Windows prints them."""
+    """Parse a word as an int if possible, else as a float; NaN and infinity also as Windows prints them."""
     if re.fullmatch(r"[+-]?\d{1,20}", word):
         return int(word)
     with suppress(ValueError):
@@ -265,14 +265,14 @@ def columns_of(records: npt.NDArray[np.void]) -> Fields:
 
 
 def blocks(columns: Fields, size: int = BLOCK) -> Iterator[Fields]:
-    """Yield slices of the columns, or fields, of `size` points each, one at least."""
+    """Yield slices of the columns, or fields, of `size` points each; at least one slice."""
     points = len(next(iter(columns.values())))
     for start in range(0, max(points, 1), size):
         yield {name: column[start : start + size] for name, column in columns.items()}
 
 
 def joined(parts: Iterable[Fields]) -> Fields:
-    """Return the blocks of a file, one at least, as one; at most one field is there twice at a time."""
+    """Join the blocks of a file, at least one, holding at most one field twice at a time."""
     lists: defaultdict[str, list[npt.NDArray[Any]]] = defaultdict(list)
     for part in parts:
         for name, array in part.items():
@@ -281,7 +281,7 @@ def joined(parts: Iterable[Fields]) -> Fields:
 
 
 def to_fields(columns: Fields, normal: Collection[str], *, xyz: npt.DTypeLike = np.float64) -> Fields:
-    """Return the fields that the columns of a file make up, where a column may have several entries a point."""
+    """Return the fields that the columns of a file form; a column may have several entries per point."""
     columns = _in_lower_case(columns, normal)
     for name in "xyz":
         if name not in columns:
@@ -291,7 +291,7 @@ def to_fields(columns: Fields, normal: Collection[str], *, xyz: npt.DTypeLike = 
     vectors = {"xyz": list("xyz")}
     if normal and all(name in columns and columns[name].ndim == 1 for name in normal):
         vectors["normal"] = list(normal)
-    whole = {"", *vectors, *columns}  # what is not split
+    whole = {"", *vectors, *columns}  # not split into components
     for name, column in columns.items():
         base, _, index = name.rpartition(".")
         if base in whole or column.ndim != 1:
@@ -307,7 +307,7 @@ def to_fields(columns: Fields, normal: Collection[str], *, xyz: npt.DTypeLike = 
 
 
 def _in_lower_case(columns: Fields, normal: Collection[str]) -> Fields:
-    """Return the columns of a file, with lidarsim's names in lower case if those of the coordinates are capitals."""
+    """Return the columns of a file; if its coordinates are X, Y and Z, put lidarsim's names into lower case."""
     if columns.keys() & set("xyz") or not columns.keys() >= set("XYZ"):
         return dict(columns)
     known = {*"xyz", *CANONICAL, *normal} - columns.keys()
@@ -320,12 +320,12 @@ def _in_lower_case(columns: Fields, normal: Collection[str]) -> Fields:
 
 
 def class_comments(names: Mapping[int, str]) -> list[str]:
-    """Return a comment for each name of a label, in ASCII: ``class 40 "road"``, the name as JSON has it."""
+    """Return an ASCII comment for each class name: ``class 40 "road"``, with the name in JSON."""
     return [f"class {label} {json.dumps(name)}" for label, name in names.items()]
 
 
 def commented_classes(comments: Iterable[str]) -> dict[int, str]:
-    """Return the names of labels that are among the comments of a file; what is not such a name is skipped."""
+    """Return the class names in the comments of a file by label; other comments are skipped."""
     names = {}
     for comment in comments:
         found = re.fullmatch(r"class (\d{1,10}) (\".*\")", comment.strip())
@@ -336,7 +336,7 @@ def commented_classes(comments: Iterable[str]) -> dict[int, str]:
 
 
 def header_lines(lines: Iterable[str]) -> bytes:
-    """Return the lines of a header, in ASCII, after checking that it is no longer than what is read."""
+    """Return the lines of a header, in ASCII, after checking that it can be read back."""
     header = "".join(f"{line}\n" for line in lines).encode("ascii")
     if len(header) > HEADER:
         raise FileFormatError(
@@ -346,7 +346,7 @@ def header_lines(lines: Iterable[str]) -> bytes:
 
 
 def check_expansion(size: int, compressed: int) -> None:
-    """Raise an error if `compressed` bytes claim to hold so many that they must have been made to fill the memory."""
+    """Raise an error if `compressed` bytes claim to expand to so many that they must be a decompression bomb."""
     if size > max(SMALL, EXPANSION * compressed):
         raise FileFormatError(
             f"its {compressed:,} bytes claim to hold {size:,}, more than {EXPANSION} times as many: refused as a"

@@ -1,4 +1,4 @@
-"""Times of points, of which drivers give each in a unit and from a zero of its own, in seconds since a message's stamp.
+"""Conversion of point times, whose unit and zero depend on the driver, to seconds since the message's stamp.
 
 ========================================  ============================================================================
 driver                                    field
@@ -10,8 +10,8 @@ livox_ros_driver2                         ``timestamp`` f8, ns since 1970; ``off
 autoware                                  ``time_stamp`` u4, ns since the stamp
 ========================================  ============================================================================
 
-Others mix these. Integers are nanoseconds. Real numbers are told by their size: a frame lasts 10 ms to 1 s, or up to
-10 s in seconds, and times since 1970 are near the stamp.
+Other drivers mix these. Integers are nanoseconds. Real numbers are classified by size: a frame lasts 10 ms to 1 s, or
+up to 10 s in seconds, and times since 1970 are near the stamp.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 
 NAMES = ("time", "t", "time_stamp", "offset_time", "timestamp", "timeStamp", "time_offset")
-"""Fields of times, the first of which counts."""
+"""Names of time fields; the first that is present counts."""
 
 ABSOLUTE = ("timestamp", "timeStamp")
 UNITS = (1, 10**3, 10**6, 10**9)
-"""A second in s, ms, µs and ns."""
+"""One second in s, ms, µs and ns."""
 
 DAY = 86_400.0
 
@@ -42,14 +42,14 @@ def since_stamp(name: str, values: npt.NDArray[Any], stamp: int, recorded: int) 
     name : str
         Name of the field.
     values : ndarray, shape (n,)
-        Its numbers.
+        Values of the field.
     stamp, recorded : int
-        Time of the message, and when it was recorded, ns.
+        Time of the message and time of its recording, ns.
 
     Returns
     -------
     ndarray of float64, shape (n,)
-        s; nan for points whose time is 0 among times since 1970, which drivers give points without a return.
+        Times, s. Among times since 1970, 0, which drivers give points without a return, becomes nan.
 
     Raises
     ------
@@ -68,7 +68,7 @@ def since_stamp(name: str, values: npt.NDArray[Any], stamp: int, recorded: int) 
         return times
     low, high = float(given.min()), float(given.max())
     start, end = stamp / 1e9 - 1.0, max(stamp, recorded) / 1e9 + 10.0
-    # Near 0, where clocks of simulations begin, the name alone tells times since that zero from those since the stamp.
+    # Near 0, where simulation clocks begin, only the name tells absolute times from times since the stamp.
     if values.dtype.itemsize == 8 and (stamp > 60 * 10**9 or name in ABSOLUTE):
         for unit in UNITS:
             near = start * unit <= low and high <= end * unit

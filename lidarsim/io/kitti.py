@@ -1,10 +1,10 @@
-"""KITTI's scans (``.bin``), also SemanticKITTI's and KITTI-360's: float32 x, y, z and remission per point, no header.
+"""Scans of KITTI, SemanticKITTI and KITTI-360 (``.bin``): float32 x, y, z and remission per point, no header.
 
-Remission is `intensity`, or 0 without one, and ends at 1: what is brighter, as a retro-reflector is, is written as 1,
-and `PointCloud.save` warns of it. All other fields are lost, and float32 keeps 0.1 mm up to 1 km only: save the cloud
-in the sensor's frame, as KITTI does. The labels are another file: `lidarsim.io.semantickitti`.
+Remission is `intensity`, or 0 without one, and at most 1: brighter points, such as retro-reflectors, are written as 1,
+and `PointCloud.save` warns of them. All other fields are lost, and float32 keeps 0.1 mm only up to 1 km: save the cloud
+in the sensor's frame, as KITTI does. Labels have their own file: `lidarsim.io.semantickitti`.
 
-Other programs write other columns under the same suffix, which no header tells:
+Other programs write other columns under the same suffix:
 ``PointCloud.load("a.bin", columns=("x", "y", "z", "intensity", "ring", "time"))`` reads six. Without `columns`, numbers
 that cannot be these four are refused: their distribution is that of other columns, a coordinate is the bits of an
 integer, or an intensity is not within 0 to 65,535. Eight columns can pass for twice as many points of four.
@@ -25,7 +25,7 @@ from lidarsim.pointcloud import Fields, register_format
 NAMES = ("x", "y", "z", "intensity")
 RECORD = np.dtype([(name, "<f4") for name in NAMES])
 MOST = 65_535
-"""The greatest intensity of other programs, an uint16; KITTI's is 1."""
+"""Greatest intensity of other programs, which write uint16; KITTI's is 1."""
 
 
 def save(fields: Fields, file: BinaryIO) -> None:

@@ -1,27 +1,27 @@
-"""LAS and LAZ, the formats of surveying (``.las``, ``.laz``): LAS 1.4, point format 6, or 7 where there are colours.
+"""LAS and LAZ, the formats of surveying (``.las``, ``.laz``): LAS 1.4, point format 6, or 7 with colours.
 
 =================  ==============================================================================================
 lidarsim           LAS
 =================  ==============================================================================================
-xyz                X, Y, Z: whole multiples of 0.1 mm from an offset in whole metres near the first points, so that
-                   UTM coordinates keep 0.05 mm; they reach 214 km from there. NaN cannot be held.
-intensity          intensity, 10 000 for a white diffuser at normal incidence, 65 535 for all that return more than
-                   6.5535 times that, of which a warning tells
+xyz                X, Y, Z: multiples of 0.1 mm from an offset in whole metres near the first points, so that UTM
+                   coordinates keep 0.05 mm; they reach 214 km from the offset. NaN cannot be stored.
+intensity          intensity: 10 000 for a white diffuser at normal incidence; more than 6.5535 times that saturates
+                   at 65 535, with a warning
 time               gps_time, in seconds since the start of the scan
 return_number,     return number, number of returns: 0 to 15
 return_count
-label              classification: 0 to 255, where 2 is ground and 6 building by the standard
-scan_angle         scan angle, in steps of 0.006°. lidarsim gives no such field: it depends on what the nadir and the
-                   line of flight are. Set it, in rad, to have it written.
+label              classification: 0 to 255; the standard defines 2 as ground and 6 as building
+scan_angle         scan angle, in steps of 0.006°. lidarsim has no such field, since it depends on the nadir and the
+                   line of flight. Set it, in rad, to have it written.
 normal             extra dimensions NormalX, NormalY, NormalZ
-all others         extra dimensions of the same name and type; those of shape (n, m) one per component. Names of other
-                   dimensions of LAS (user_data, point_source_id, red, …) go there, also gps_time, classification and
-                   number_of_returns, which come back by lidarsim's names. bool cannot be held.
+all others         extra dimensions of the same name and type; shape (n, m) becomes one per component. Fields named
+                   like other LAS dimensions (user_data, point_source_id, red, …) are stored there, also gps_time,
+                   classification and number_of_returns, which load by lidarsim's names. bool cannot be stored.
 =================  ==============================================================================================
 
-All come back bit for bit but `xyz`, `intensity` and `scan_angle`, which are rounded. A file has the first six in any
-case, 0 where the cloud had no such field; of LAS's other dimensions those that are 0 throughout are not loaded. A
-dimension that another program added under the name of one of these, such as ``label``, becomes ``label_2``.
+All fields load bit for bit except `xyz`, `intensity` and `scan_angle`, which are rounded. Every file has the first six,
+0 where the cloud had no such field; LAS's other dimensions are not loaded if they are 0 throughout. A dimension that
+another program added under the name of one of these fields, such as ``label``, becomes ``label_2``.
 
 COPC files are read as the LAZ files that they are, and cannot be written.
 
@@ -62,23 +62,23 @@ CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 NAMES = {"time": "gps_time", "label": "classification", "return_count": "number_of_returns"}
 AXES = ("x", "y", "z")
 OWN = {"X", "Y", "Z", "bit_fields", "classification_flags", "scales", "offsets"}
-"""What laspy calls other parts of a record."""
+"""Names that laspy uses for other parts of a record."""
 
 UNUSED = {
     *("synthetic", "key_point", "withheld", "overlap", "scanner_channel", "scan_direction_flag"),
     *("edge_of_flight_line", "user_data", "scan_angle", "point_source_id"),
 }
-"""Dimensions that every file has, by lidarsim's names, and that few writers set."""
+"""Dimensions that every file has and few writers set, by lidarsim's names."""
 
 SCALE = 1e-4
-WHITE = 10_000  # of intensity
-ANGLE = np.radians(0.006)  # of the scan angle
+WHITE = 10_000  # intensity of a white diffuser
+ANGLE = np.radians(0.006)  # step of the scan angle
 
 
 class Writer:
-    """Write clouds one after the other into one LAS or LAZ file, such as the frames of a flight.
+    """Write clouds, such as the frames of a flight, one by one into one LAS or LAZ file.
 
-    A context manager: the file takes its name when the block ends well.
+    A context manager: the file appears under its name when the block ends without an error.
 
     Parameters
     ----------
@@ -88,9 +88,9 @@ class Writer:
     Raises
     ------
     FileFormatError
-        If the suffix is another.
+        If the suffix is not one of these.
     MissingExtraError
-        If laspy, or for LAZ lazrs, is not installed.
+        If laspy, or lazrs for LAZ, is not installed.
 
     Examples
     --------
@@ -130,7 +130,7 @@ class Writer:
         Parameters
         ----------
         cloud : PointCloud
-            With the same fields, of the same dtypes, as all clouds before it.
+            A cloud with the same fields and dtypes as all clouds before it.
 
         Raises
         ------
@@ -182,9 +182,9 @@ def read(path: PathLike) -> Iterator[PointCloud]:
 
 
 def _field_names(file: BinaryIO) -> set[str]:
-    """Return the fields that some piece of a file has: one more where a value of another does not fit.
+    """Return the names of all fields of a file, including a ``_raw`` field where a value in any piece does not fit.
 
-    The file is read for that only if there are such types.
+    The file is read for that only if a type of its dimensions exceeds lidarsim's.
     """
     pieces = _pieces(file, _open(file))
     first = to_fields(next(pieces), NORMAL)
@@ -211,7 +211,7 @@ def load(file: BinaryIO) -> Fields:
 
 @contextmanager
 def _lost_writes() -> Iterator[None]:
-    """Turn lazrs's own error into the `OSError` that it hides: all that can fail while it compresses is the file."""
+    """Turn lazrs's own error into the `OSError` that it hides: only the file can fail during compression."""
     try:
         yield
     except Exception as error:
@@ -221,7 +221,7 @@ def _lost_writes() -> Iterator[None]:
 
 
 class _Points:
-    """The points of an open file, the first of which set its offset and its dimensions."""
+    """The points of an open file; the first points determine its offset and dimensions."""
 
     def __init__(self, file: BinaryIO, *, compress: bool) -> None:
         self._laspy = _import(compress)
@@ -240,7 +240,7 @@ class _Points:
                 self.write({"xyz": np.empty((0, 3))})
             self._writer.close()
             self._file.seek(90)
-            self._file.write(bytes(4))  # no date of creation: the same cloud gives the same bytes on any day
+            self._file.write(bytes(4))  # no creation date: the same cloud gives the same bytes on any day
 
     @_lost_writes()
     def write(self, fields: Fields) -> None:
@@ -262,7 +262,7 @@ class _Points:
         laspy = self._laspy
         colours = {"red", "green", "blue"} <= columns.keys()
         header = laspy.LasHeader(version="1.4", point_format=7 if colours else 6)
-        header.global_encoding.wkt = True  # as the standard wants of these point formats
+        header.global_encoding.wkt = True  # the standard requires it for these point formats
         header.generating_software = "lidarsim"
         header.scales = np.full(3, SCALE)
         with np.errstate(invalid="ignore"):
@@ -281,7 +281,7 @@ class _Points:
 
 
 def _targets(columns: Fields) -> dict[str, str]:
-    """Return the dimension of each column, after checking that LAS can have them beside each other."""
+    """Return the dimension of each column, after checking that the names do not collide in LAS."""
     targets = {name: NAMES.get(name, name) for name in columns}
     counts = Counter(targets.values())
     for name, target in targets.items():
@@ -293,7 +293,7 @@ def _targets(columns: Fields) -> dict[str, str]:
 
 
 def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: int) -> None:
-    """Put a column, from point number `first` on, where LAS has it."""
+    """Set the dimension of a column; `first` is the number of its first point."""
     if target in AXES:
         offset = record.offsets[AXES.index(target)]
         near = f"coordinates within 214 km of {offset:g} m, the middle of the first points"
@@ -309,7 +309,7 @@ def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: i
     else:
         standard = {dimension.name: dimension for dimension in record.point_format.standard_dimensions}
         if target not in standard:
-            record.array[target] = column  # by the record, names such as scales and offsets are something else
+            record.array[target] = column  # on the record itself, names such as scales mean something else
             return
         if target != "gps_time":
             most = 2 ** standard[target].num_bits - 1
@@ -320,7 +320,7 @@ def _set(record: Any, name: str, target: str, column: npt.NDArray[Any], first: i
 def _rounded(
     name: str, values: npt.NDArray[Any], steps: npt.NDArray[Any], expected: str, first: int, *, low: int, high: int
 ) -> npt.NDArray[Any]:
-    """Return the steps that stand for `values` rounded, after checking that each lies from `low` to `high`."""
+    """Return the steps rounded, after checking that each is within `low` to `high`; errors show `values`."""
     rounded: npt.NDArray[Any] = np.rint(steps)
     wrong = ~((rounded >= low) & (rounded <= high))
     if wrong.any():
@@ -330,7 +330,7 @@ def _rounded(
 
 
 def _open(file: BinaryIO) -> Any:
-    """Return laspy's reader of a file, after checking what it would take the file's word for."""
+    """Return laspy's reader of a file, after checking the claims of the file that laspy would trust."""
     laspy = _import(compress=False)
     size = os.fstat(file.fileno()).st_size
     file.seek(0)
@@ -352,7 +352,7 @@ def _open(file: BinaryIO) -> Any:
 
 
 def _pieces(file: BinaryIO, reader: Any) -> Iterator[Fields]:
-    """Yield the dimensions of the points piece by piece, at least once."""
+    """Yield the dimensions of the points piece by piece; at least one piece."""
     laspy = _import(compress=False)
     header, size = reader.header, os.fstat(file.fileno()).st_size
     yield _dimensions(laspy.ScaleAwarePointRecord.zeros(0, header=header))
@@ -368,35 +368,35 @@ def _pieces(file: BinaryIO, reader: Any) -> Iterator[Fields]:
 
 
 def _check_head(head: bytes, size: int) -> None:
-    """Check what laspy would take the header's word for."""
+    """Check the claims of the header that laspy would trust."""
     if len(head) < 104 or not head.startswith(b"LASF"):
         raise FileFormatError("it does not begin as a LAS file does")
     if head[24] != 1 or head[25] > 4:
         raise FileFormatError(f"it is of the unknown version {head[24]}.{head[25]}")
     start, points, records = struct.unpack("<HII", head[94:104])
-    if not start <= points <= size or records * 54 > points - start:  # 54 bytes: the least that a record takes
+    if not start <= points <= size or records * 54 > points - start:  # a record takes at least 54 bytes
         raise FileFormatError(f"it is truncated: its header claims points at byte {points} after {records} records")
 
 
 def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
-    """Check the sizes that lazrs would allocate on the word of a LAZ file; an allocation that fails ends the process.
+    """Check the sizes that a LAZ file claims and lazrs would allocate; a failed allocation ends the process.
 
-    The points begin with the place of the table of chunks. Each chunk of the point formats from 6 on is a point, the
-    number of its points, the sizes of its layers and the layers: 9 of the point, those of colours and wave packets, and
-    one of each extra byte. Format: LASzip, https://github.com/LASzip/LASzip.
+    The point data begin with the offset of the chunk table. From point format 6 on, a chunk holds one point, the number
+    of its points, the sizes of its layers and the layers: 9 for the point, those of colours and wave packets, and one
+    per extra byte. Format: LASzip, https://github.com/LASzip/LASzip.
     """
     lazrs = import_extra("lazrs", "formats", "LAZ files")
     records = header.vlrs.get("LasZipVlr")
     each, start, here = header.point_format.size, header.offset_to_point_data, file.tell()
     if not records or lazrs.LazVlr(records[0].record_data).item_size() != each:
         raise FileFormatError("its description of the compression does not fit its points")
-    if records[0].record_data[:2] == b"\x01\0":  # of before 2011: one stream, without chunks
-        data = records[0].record_data  # lazrs begins a chunk after each 0 points, or as many as it says here
+    if records[0].record_data[:2] == b"\x01\0":  # written before 2011: one stream, without chunks
+        data = records[0].record_data  # lazrs obeys the chunk size even here: set one that no file reaches
         records[0].record_data = data[:12] + b"\xfe\xff\xff\xff" + data[16:]
         return
     file.seek(start)
     table = int.from_bytes(file.read(8), "little", signed=True)
-    if table == -1:  # written as a stream, its place is at the end
+    if table == -1:  # written as a stream: the offset is at the end of the file
         file.seek(-8, os.SEEK_END)
         table = int.from_bytes(file.read(8), "little", signed=True)
     if not start + 8 <= table <= size - 8:
@@ -421,7 +421,7 @@ def _check_chunks(file: BinaryIO, size: int, header: Any) -> None:
 
 
 def _dimensions(points: Any) -> Fields:
-    """Return the dimensions of a piece by lidarsim's names, in its units; those that others added come last."""
+    """Return the dimensions of a piece in lidarsim's names and units, extra dimensions last."""
     ours = {theirs: name for name, theirs in NAMES.items()}
     columns: Fields = {axis: np.array(points[axis], np.float64) for axis in "xyz"}
     for dimension in points.point_format.standard_dimensions:
@@ -453,7 +453,7 @@ def _import(compress: bool) -> ModuleType:
 
 
 _REPORTING = threading.Lock()
-"""Held while standard error is turned away, also from processes that are forked meanwhile."""
+"""Held while standard error is redirected; a fork waits for it."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
         before=_REPORTING.acquire, after_in_parent=_REPORTING.release, after_in_child=_REPORTING.release
@@ -464,13 +464,12 @@ if hasattr(os, "register_at_fork"):
 def _panics() -> Iterator[None]:
     """Turn a panic of lazrs, which is no `Exception`, into an error.
 
-    Rust writes a report of a panic to standard error, which nothing but turning that away prevents. What other threads
-    write there meanwhile is handed on.
+    Rust reports a panic on standard error; only redirecting that prevents it. The output of other threads is passed on.
     """
     with (
         _REPORTING,
         _without_reports() if sys.__stderr__ else nullcontext(),
-    ):  # without one, its number is another file's
+    ):  # without a standard error, its file descriptor belongs to another file
         try:
             yield
         except BaseException as error:
@@ -481,7 +480,7 @@ def _panics() -> Iterator[None]:
 
 @contextmanager
 def _without_reports() -> Iterator[None]:
-    """Write what the block writes to standard error only afterwards, without reports of panics."""
+    """Delay the block's output on standard error until it ends, and remove reports of panics."""
     with os.fdopen(os.dup(2), "wb") as stderr, TemporaryFile() as written:
         os.dup2(written.fileno(), 2)
         try:

@@ -1,7 +1,7 @@
 """Scene files of meshes with instances (``.glb``, ``.gltf``, ``.3mf``, ``.dae``, …), read by trimesh.
 
-Of the files that a file names, only those beside or below it are read, and nothing from a network. A file of a single
-mesh (``.obj``, ``.off``, ``.ply``, ``.stl``) is a scene of its parts.
+Files that a file names are read only if they lie beside or below it, and nothing is read from a network. A file of a
+single mesh (``.obj``, ``.off``, ``.ply``, ``.stl``) becomes a scene of its parts.
 """
 
 from __future__ import annotations
@@ -23,37 +23,37 @@ from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh, register_mesh_rea
 
 
 class Instance(NamedTuple):
-    """A mesh where a node puts it."""
+    """A mesh as placed by a node."""
 
     name: str
-    """That of the node."""
+    """Name of the node."""
     mesh: str
     transform: Floats
     """Mesh to scene, shape (4, 4)."""
 
 
 class Beside:
-    """The files beside a file, as trimesh asks for them."""
+    """Resolver through which trimesh reads the files beside a file."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
 
     def get(self, name: str) -> bytes:
-        """Return the bytes of the file that `name` names; see `lidarsim._files.beside`."""
+        """Return the bytes of the file `name`; see `lidarsim._files.beside`."""
         return beside(self._path, name).read_bytes()
 
     __getitem__ = get
 
 
 def recognise(path: Path, _head: bytes = b"") -> bool:
-    """Tell by its suffix whether a file is read here; some of the formats have no signature."""
+    """Return whether the suffix of a file is one of trimesh's; some formats have no signature."""
     import trimesh
 
     return path.suffix.lower().removeprefix(".") in trimesh.available_formats()
 
 
 def read(path: Path) -> Scene:
-    """Read as `lidarsim.Scene.from_file` documents."""
+    """Read a file as documented in `lidarsim.Scene.from_file`."""
     if path.suffix.lower() in SUFFIXES:
         meshes, instances = _parts(path)
     else:
@@ -92,7 +92,7 @@ Meshes = dict[str, tuple[Floats, Indices]]
 
 
 def _parts(path: Path) -> tuple[Meshes, list[Instance]]:
-    """Return the parts of a file of a single mesh, each with the vertices that it has."""
+    """Return the parts of a single-mesh file, each with its own vertices."""
     file = read_mesh(path)
     try:
         faces, of = triangulated(file.vertices, file.corners, file.sizes)
@@ -111,12 +111,12 @@ def _parts(path: Path) -> tuple[Meshes, list[Instance]]:
 
 
 def _loaded(path: Path) -> tuple[Meshes, list[Instance]]:
-    """Return what trimesh reads of a file, and the instances in the order of the file.
+    """Return the meshes that trimesh reads from a file, and the instances in file order.
 
     Raises
     ------
     Exception
-        Of any kind, as its readers raise what their parsers do.
+        Any error that a parser of trimesh raises.
     """
     import trimesh
 

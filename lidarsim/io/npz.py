@@ -1,4 +1,4 @@
-"""NumPy archives (``.npz``): one array per field under the field's name, as it is in memory. Nothing is lost."""
+"""NumPy archives (``.npz``): one array per field, under the field's name, without loss."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from lidarsim.io._records import SMALL, check_expansion
 from lidarsim.pointcloud import Fields, register_format
 
 LONGEST = (1 << 16) - 1 - len(".npy")
-"""Characters of a name in a ZIP archive, at most."""
+"""Greatest length of a name in a ZIP archive, characters."""
 
 
 def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | None = None) -> None:
-    """Write the fields, uncompressed; unlike `numpy.savez`, whatever their names are.
+    """Write the fields uncompressed; unlike `numpy.savez`, with any names.
 
-    The names of labels, if there are any, are records of ``label`` and ``name`` in one more array, ``class_names``.
+    Class names, if any, are stored as records of ``label`` and ``name`` in the array ``class_names``.
     """
     for name in fields:
         if len(name) > LONGEST:
@@ -45,7 +45,7 @@ def save(fields: Fields, file: BinaryIO, *, class_names: Mapping[int, str] | Non
 
 
 def load(file: BinaryIO) -> dict[str, Any]:
-    """Read all arrays; nothing in the file is executed, and no claim of a size is believed unchecked."""
+    """Read all arrays; nothing in the file is executed, and the sizes that it claims are checked."""
     if file.read(2) != b"PK":
         raise FileFormatError("it does not begin as a NumPy archive does")
     size = file.seek(0, os.SEEK_END)

@@ -1,9 +1,9 @@
 """Scans of nuScenes (``.pcd.bin``): float32 x, y, z, intensity and ring per point, no header.
 
-Intensity is Velodyne's byte, 0 to 100 for the reflectivity of a diffuse target in percent, up to 255 for
-retro-reflectors; what is brighter is written as 255, and `PointCloud.save` warns of it. It is not converted back when
-the file is read. `intensity` and `ring` are 0 where the cloud has none; all other fields are lost. The axes are
-lidarsim's, x forward: nuScenes' own sensor has y forward, as its ``calibrated_sensor`` says.
+Intensity is Velodyne's byte: 0 to 100 for the reflectivity of a diffuse target in percent, up to 255 for
+retro-reflectors; brighter points are written as 255, and `PointCloud.save` warns of them. Reading does not convert it
+back. `intensity` and `ring` are 0 where the cloud has none; all other fields are lost. The axes are lidarsim's, x
+forward; nuScenes' own sensor has y forward, according to its ``calibrated_sensor``.
 
 Files of other columns are read with `columns`, and refused without, as in `lidarsim.io.kitti`; intensities end at 255.
 
@@ -23,7 +23,7 @@ from lidarsim.pointcloud import Fields, register_format
 NAMES = ("x", "y", "z", "intensity", "ring")
 RECORD = np.dtype([(name, "<f4") for name in NAMES])
 MOST = 255
-"""The greatest intensity."""
+"""Greatest intensity."""
 
 
 def save(fields: Fields, file: BinaryIO) -> None:

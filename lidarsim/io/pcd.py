@@ -2,10 +2,10 @@
 
 All fields are kept, vectors other than `xyz` and `normal` as one field per component; bool cannot be stored.
 
-Files of old versions are read as the Point Cloud Library reads them: FIELDS may be called COLUMNS, SIZE and TYPE are
-float32 if they are missing, VERSION, COUNT, VIEWPOINT and HEIGHT may be missing, and POINTS may stand for WIDTH. Where
-a text has a number that the TYPE of its field cannot hold, such as NaN in a field of integers, the field is 0 and a
-field ``<name>_raw`` has the numbers of the file. The rows of an organised cloud come one after the other.
+Files of old versions are read as the Point Cloud Library reads them: FIELDS may be called COLUMNS, missing SIZE and
+TYPE mean float32, VERSION, COUNT, VIEWPOINT and HEIGHT are optional, and POINTS can replace WIDTH. Where a number in an
+ASCII file does not fit the TYPE of its field, such as NaN in an integer field, the field is 0 and a field
+``<name>_raw`` has the numbers of the file. Organised clouds are read row by row.
 
 Format: https://pointclouds.org/documentation/tutorials/pcd_file_format.html.
 """
@@ -45,7 +45,7 @@ from lidarsim.pointcloud import Fields, register_format
 NORMAL = ("normal_x", "normal_y", "normal_z")
 CODES = {"f4", "f8", "i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8"}
 DEFAULTS = {"SIZE": "4", "TYPE": "F", "COUNT": "1"}
-"""What describes a field, and what it is where an old file does not have it."""
+"""Keys that describe a field, with their defaults for old files."""
 
 KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPOINT", "POINTS", "DATA"}
 
@@ -53,10 +53,10 @@ KEYS = {"VERSION", "FIELDS", "SIZE", "TYPE", "COUNT", "WIDTH", "HEIGHT", "VIEWPO
 def save(
     fields: Fields, file: BinaryIO, *, pose: Floats | None = None, class_names: Mapping[int, str] | None = None
 ) -> None:
-    """Write the fields as ``DATA binary``; VIEWPOINT, ``tx ty tz qw qx qy qz``, takes the points into the world.
+    """Write the fields as ``DATA binary``; VIEWPOINT, ``tx ty tz qw qx qy qz``, maps the points to the world.
 
-    Normals get the type of the positions: Open3D's reader assumes so, and returns garbage otherwise. Comments hold
-    the class names.
+    Normals get the type of the positions, since Open3D's reader assumes so and returns garbage otherwise. Comments
+    hold the class names.
     """
     if "normal" in fields:
         fields = fields | {"normal": fields["normal"].astype(fields["xyz"].dtype)}
@@ -92,7 +92,7 @@ def _viewpoint(pose: Floats | None) -> str:
 
 
 def load(file: BinaryIO) -> dict[str, Any]:
-    """Read the points in the file's own coordinates: like other readers, this one leaves VIEWPOINT unapplied."""
+    """Read the points in the coordinates of the file: as in other readers, VIEWPOINT is not applied."""
     header = _header(file)
     points, dtype = _points(header), _layout(header)
     encoding = header["DATA"][0].lower()
@@ -112,7 +112,7 @@ def load(file: BinaryIO) -> dict[str, Any]:
 
 
 def _header(file: BinaryIO) -> dict[str, list[str]]:
-    """Return the values of each key, and the comments as those of "#"."""
+    """Return the values of each key, and the comments under "#"."""
     header: dict[str, list[str]] = {}
     while "DATA" not in header:
         line = file.readline(HEADER)
@@ -169,7 +169,7 @@ def _layout(header: dict[str, list[str]]) -> np.dtype[np.void]:
 
 
 def _decompressed(file: BinaryIO, points: int, dtype: np.dtype[np.void]) -> Fields:
-    """Return the columns of ``DATA binary_compressed``: LZF over the fields, one after the other."""
+    """Return the columns of ``DATA binary_compressed``: the concatenated fields, compressed by LZF."""
     lzf = import_extra("lzf", "formats", "reading compressed PCD files")
     sizes = file.read(8)
     compressed, size = struct.unpack("<II", sizes) if len(sizes) == 8 else (1, 0)

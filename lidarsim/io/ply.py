@@ -1,9 +1,8 @@
 """PLY files (``.ply``): written binary little-endian; read in any encoding, with any line ends.
 
 All fields are kept, vectors other than `xyz` and `normal` as one property per component; bool, int64 and uint64 cannot
-be stored. Where a text has a number that the type of its property cannot hold, the field is 0 and a field
-``<name>_raw`` has the numbers of the file. Properties of the element ``vertex`` that are lists, and the other elements,
-are not read.
+be stored. Where a number in an ASCII file does not fit the type of its property, the field is 0 and a field
+``<name>_raw`` has the numbers of the file. List properties of the element ``vertex`` and other elements are not read.
 """
 
 from __future__ import annotations
@@ -84,7 +83,7 @@ class _Element:
     name: str
     count: int
     types: dict[str, str] = field(default_factory=dict)
-    """Type of each property, as NumPy writes it; of a list, ``"list"`` and what plyfile calls its two types."""
+    """NumPy type of each property; for a list, ``"list"`` and plyfile's names of its two types."""
 
     @property
     def has_lists(self) -> bool:
@@ -139,7 +138,7 @@ def _dtype(element: _Element, order: str) -> np.dtype[np.void]:
 
 
 def _header(file: BinaryIO) -> _Header:
-    """Return what a header says."""
+    """Parse a header."""
     (first, *lines), size = _header_lines(file)
     if first.strip() != b"ply":
         raise FileFormatError(f"it does not begin with 'ply' alone, but with {short(repr(first))}")
@@ -152,7 +151,7 @@ def _header(file: BinaryIO) -> _Header:
 
 
 def _header_lines(file: BinaryIO) -> tuple[list[bytes], int]:
-    """Return the lines of a header but the last, and how many bytes it has; its lines end as its first one does."""
+    """Return the lines of a header except the last, and its size in bytes; all lines end as the first does."""
     head, end = file.read(3), None
     if head != b"ply":
         raise FileFormatError("it does not begin with 'ply'")
@@ -168,7 +167,7 @@ def _header_lines(file: BinaryIO) -> tuple[list[bytes], int]:
 
 
 def _understand(header: _Header, line: bytes, number: int) -> None:
-    """Take a line into the header."""
+    """Parse one line of the header."""
     words = line.decode("utf-8", "replace").split()
     element = next(reversed(header.elements.values()), None)
     match words:
@@ -195,9 +194,9 @@ def _add(element: _Element, name: str, kind: str) -> None:
 
 
 def _check_counts(header: _Header, rest: int) -> None:
-    """Check that a file has the bytes for the elements that its header claims, of `rest` bytes after it.
+    """Check that the `rest` bytes after the header can hold the elements that it claims.
 
-    A property of an element takes at least a byte, in text two with the space or line end after it.
+    A property takes at least one byte, in text two with the following space or line end.
     """
     text = header.encoding == "ascii"
     for element in header.elements.values():
@@ -217,7 +216,7 @@ def _text(file: BinaryIO) -> Iterator[TextIO]:
 
 
 def _with_lists(file: BinaryIO, header: _Header) -> Fields:
-    """Return the properties of the vertices that are no lists, from a file that plyfile reads: without odd names."""
+    """Read the scalar properties of the vertices with plyfile, from a copy of the header with simple names."""
     plyfile = import_extra("plyfile", "formats", "reading PLY files that have lists")
     lines = ["ply", f"format {header.encoding} 1.0"]
     for i, element in enumerate(header.elements.values()):

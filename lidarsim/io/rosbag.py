@@ -1,31 +1,31 @@
 """ROS 2 bags (``.mcap``, ``.db3``): point clouds as the drivers of real sensors publish them; ROS is not needed.
 
-A file is a whole bag, without the folder and the metadata.yaml of ROS's own recorder. Beside the clouds it holds
-``/clock``, the transforms to the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
+One file is a complete bag, without the folder and metadata.yaml of ROS's recorder. Besides the clouds it holds
+``/clock``, the extrinsics of the sensors (``/tf_static``) and, if the body's trajectory is known, its true pose and
 velocity (``/tf``, ``/odom``).
 
-Each cloud goes out in one of these layouts, by the sensor's model or as asked:
+Each cloud is written in one of these layouts, chosen by the sensor's model or by the caller:
 
 =========  ==========================================================================================================
-layout     fields, with their types as NumPy writes them
+layout     fields with their NumPy types
 =========  ==========================================================================================================
-velodyne   x y z intensity f4, ring u2, time f4 (s since the stamp); also for sensors of no vendor below
+velodyne   x y z intensity f4, ring u2, time f4 (s since the stamp); also for all other vendors
 ouster     x y z intensity f4, t u4 (ns since the stamp), reflectivity ring ambient u2, range u4 (mm)
-hesai      x y z intensity f4, ring u2, timestamp f8 (s, absolute); RoboSense's driver has the same
+hesai      x y z intensity f4, ring u2, timestamp f8 (s, absolute); RoboSense's driver uses the same
 autoware   x y z f4, intensity return_type u1, channel u2, azimuth elevation distance f4, time_stamp u4 (ns)
 livox      offset_time u4 (ns), x y z f4, reflectivity tag line u1: ``livox_ros_driver2/msg/CustomMsg``, no PointCloud2
 =========  ==========================================================================================================
 
-Points are dense, without NaN, in firing order, in the frame that the sensor had when it fired each, stamped with the
-start of their frame and recorded when its last point was measured. Intensity and reflectivity are the vendor's byte:
-0 to 100 (Livox: 150) for the reflectivity of a diffuse target, in percent, and up to 255 for retro-reflectors. Range
-counts from the vendor's zero. Photon counts and ambient light are not modelled: Ouster's intensity is its reflectivity,
-and ambient is 0. Fields that a layout does not have are lost; fields that the cloud does not have are 0.
+Clouds are dense, without NaN, in firing order; each point is in the frame of the sensor at its own firing. The stamp is
+the start of the frame, and the recording time is that of its last point. Intensity and reflectivity are the vendor's
+byte: 0 to 100 (Livox: 150) for the reflectivity of a diffuse target, in percent, and up to 255 for retro-reflectors.
+Range counts from the vendor's zero. Photon counts and ambient light are not modelled: Ouster's intensity equals its
+reflectivity, and ambient is 0. Fields that a layout lacks are lost; fields that the cloud lacks are 0.
 
-When a bag is read, `time` is in s since the stamp, `ring` is what a layout calls ring, channel or line, and a `range`
-in mm becomes m; everything else is as the message has it, intensity in the vendor's units too. Drivers disagree on the
-unit and the zero of a point's time: lidarsim tells them by the type and size of the numbers and by the message's stamp,
-and refuses a cloud whose times fit none; see `lidarsim.io._times`.
+When a bag is read, `time` is in s since the stamp, `ring` is the layout's ring, channel or line, and a `range` in mm
+is converted to m; all else stays as in the message, including intensity in the vendor's units. Drivers disagree on the
+unit and the zero of point times: lidarsim infers them from the type and size of the numbers and from the stamp, and
+refuses a cloud whose times fit none; see `lidarsim.io._times`.
 
 Layouts: https://github.com/ros-drivers/velodyne, https://github.com/ouster-lidar/ouster-ros,
 https://github.com/HesaiTechnology/HesaiLidar_ROS_2.0, https://github.com/autowarefoundation/autoware_core
@@ -74,10 +74,10 @@ __all__ = ["LAYOUTS", "SUFFIXES", "Message", "Writer", "read"]
 
 SUFFIXES = (".mcap", ".db3")
 OLDEST = 0, 11
-"""Version of rosbags."""
+"""Oldest supported version of rosbags."""
 
-_START = 1_577_836_800.0  # 2020-01-01T00:00:00Z: to ROS a stamp of 0 is none
-_CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # of sensor_msgs/msg/PointField
+_START = 1_577_836_800.0  # 2020-01-01T00:00:00Z; ROS treats a stamp of 0 as unset
+_CODES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}  # in sensor_msgs/msg/PointField
 _CLOUD, _CUSTOM = "sensor_msgs/msg/PointCloud2", "livox_ros_driver2/msg/CustomMsg"
 _CUSTOM_DEFINITIONS = {
     "livox_ros_driver2/msg/CustomPoint": "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\n"
@@ -88,33 +88,33 @@ _CUSTOM_DEFINITIONS = {
 
 
 class Writer:
-    """Write scans into a ROS 2 bag, one after the other.
+    """Write scans into a ROS 2 bag, one by one.
 
-    A context manager: the file takes its name when the block ends well.
+    A context manager: the file appears under its name when the block ends without an error.
 
     Parameters
     ----------
     path : path-like
         The file: ``.mcap``, or ``.db3`` for the older storage, SQLite.
-    sensors : mapping of str to pose, or to something that has a pose as `mount`, optional
-        Name and mount of each sensor. The name is that of its frame, and ``/<name>/points`` is its topic; the mount
-        maps sensor to body, as a RigidTransform or (4, 4) array_like. Default: one "lidar", at the body's origin.
+    sensors : mapping of str to pose, or to an object with a pose as `mount`, optional
+        Name and mount of each sensor. The name is also the frame_id, and the topic is ``/<name>/points``; the mount
+        maps sensor to body, as a RigidTransform or (4, 4) array_like. Default: one "lidar" at the body's origin.
     trajectory : Trajectory, RigidTransform or array_like of shape (4, 4), optional
         The body's pose, body to world. Without it there is no ``/tf`` and no ``/odom``.
     layout : str or mapping of str to str, optional
-        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: that of the vendor in the model of the
-        `Lidar` (ouster, hesai, robosense or livox, as presets have it), and velodyne's for all others.
+        One of `LAYOUTS` for all sensors, or by the sensor's name. Default: by the vendor in the model of the `Lidar`
+        (ouster, hesai, robosense or livox, as in the presets), and velodyne for all others.
     start : float
-        Time of the ROS clock at time 0 of the scans, s since 1970. Default: the start of 2020.
+        ROS time at time 0 of the scans, s since 1970. Default: the start of 2020.
     rate : float
         Rate of ``/tf``, ``/odom`` and ``/clock``, Hz.
     world, body : str
-        Names of the frames of the world and of the body.
+        frame_id of the world and of the body.
 
     Raises
     ------
     FileFormatError
-        If the suffix is another.
+        If the suffix is not one of these.
     MissingExtraError
         If rosbags is not installed.
     TypeError, ValueError
@@ -176,7 +176,7 @@ class Writer:
         self._next = -1
 
     def __enter__(self) -> Self:
-        """Open a temporary bag beside the file to be."""
+        """Open a temporary bag beside the final file."""
         self._bag = self._stack.enter_context(_new_bag(self._path, self._suffix))
         return self
 
@@ -188,19 +188,19 @@ class Writer:
         self._stack.__exit__(kind, error, trace)
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
-        """Write a scan, or those of several sensors.
+        """Write a scan, or the scans of several sensors.
 
         Parameters
         ----------
         scans : Scan, or mapping of str to Scan
-            A scan of the only sensor, or scans by the sensor's name.
+            A scan of the only sensor, or scans by sensor name.
 
         Raises
         ------
         FileFormatError
             If a ring or a time does not fit in the layout.
         ValueError
-            If there is no sensor of that name, or the bag is not open.
+            If no sensor has that name, or the bag is not open.
         """
         for name, scan in (scans if isinstance(scans, Mapping) else {self._only(): scans}).items():
             self.write_cloud(scan.point_cloud(), scan.time, sensor=name, lidar=scan.lidar)
@@ -218,20 +218,20 @@ class Writer:
         Parameters
         ----------
         cloud : PointCloud
-            In the frame of the sensor. Points that are not finite are left out; points whose `time` falls are sorted.
+            The points in the frame of the sensor. Points that are not finite are dropped, and the rest sorted by time.
         time : float
-            When its frame starts, s.
+            Start of the frame, s.
         sensor : str, optional
-            Name of the sensor; not needed if there is one alone.
+            Name of the sensor; not needed if there is only one.
         lidar : Lidar
-            The sensor, which says the layout if none is asked for, the vendor's zero of range and the kind of returns.
+            The sensor, which determines the default layout, the vendor's zero of range and the types of returns.
 
         Raises
         ------
         FileFormatError
             If a ring or a time does not fit in the layout.
         ValueError
-            If there is no sensor of that name, or the bag is not open.
+            If no sensor has that name, or the bag is not open.
         """
         if self._bag is None:
             raise ValueError(f"{self._path}: expected to be written in a with block")
@@ -243,7 +243,7 @@ class Writer:
         records, last = to_layout(cloud, layout, lidar, stamp)
         header = self._header(stamp, name)
         message = self._custom(header, records) if layout == "livox" else self._cloud(header, records)
-        del records  # rosbags makes copies enough
+        del records  # rosbags copies the message several times
         with _lost_writes():
             self._advance(stamp, stamp + last)
             self._send(f"/{name}/points", _CUSTOM if layout == "livox" else _CLOUD, stamp + last, message)
@@ -260,7 +260,7 @@ class Writer:
         return stamp
 
     def _advance(self, since: int, until: int) -> None:
-        """Write clock and poses up to a moment; before the first of them, where the sensors sit on the body."""
+        """Write clock and poses up to a time; before the first of them, write the extrinsics of the sensors."""
         if self._next < 0:
             self._ticks = (since + round(tick / self._rate * 1e9) for tick in itertools.count())
             self._next = next(self._ticks)
@@ -273,7 +273,7 @@ class Writer:
             self._next = next(self._ticks)
 
     def _move(self, stamp: int, trajectory: Trajectory) -> None:
-        """Write the body's pose and velocity, if the trajectory reaches so far."""
+        """Write the body's pose and velocity if the trajectory covers the stamp."""
         time = (stamp - self._start) * 1e-9
         first, last = trajectory.span
         if not first <= time <= last:
@@ -338,7 +338,7 @@ class Writer:
         return data
 
     def _custom(self, header: Any, records: npt.NDArray[np.void]) -> bytes:
-        """Return a CustomMsg as CDR: that of one without points, and then the points, which rosbags has one by one."""
+        """Return a CustomMsg as CDR: rosbags serialises it without points, and the points are appended as one block."""
         new = self._ros.types
         stamp = header.stamp.sec * 10**9 + header.stamp.nanosec
         message = new[_CUSTOM](header, stamp, len(records), 0, np.zeros(3, np.uint8), [])
@@ -359,18 +359,18 @@ class Writer:
 
 
 class Message(NamedTuple):
-    """A point cloud of a bag.
+    """A point cloud in a bag.
 
     Parameters
     ----------
     topic : str
-        Where it was published.
+        Topic of the message.
     frame_id : str
-        Name of the frame of its points.
+        Coordinate frame of the points.
     stamp : int
-        Time of its header, ns.
+        Time in the header, ns.
     cloud : PointCloud
-        Its points.
+        The points.
     """
 
     topic: str
@@ -380,24 +380,24 @@ class Message(NamedTuple):
 
 
 def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
-    """Read the point clouds of a ROS 2 bag, one after the other.
+    """Read the point clouds of a ROS 2 bag, one by one.
 
     Parameters
     ----------
     path : path-like
-        A ``.mcap`` or ``.db3`` file; of a bag that is a folder, one of those in it.
+        A ``.mcap`` or ``.db3`` file; if the bag is a folder, one of the files in it.
     topic : str, optional
         Only clouds of this topic.
 
     Yields
     ------
     Message
-        In the order of the file.
+        A point cloud; messages come in file order.
 
     Raises
     ------
     FileFormatError
-        If the bag is damaged, has no point clouds, or has other messages under that topic.
+        If the bag is damaged or has no point clouds, or none under that topic.
     MissingExtraError
         If rosbags is not installed.
     OSError
@@ -410,7 +410,7 @@ def read(path: PathLike, *, topic: str | None = None) -> Iterator[Message]:
             if (message := next(messages, None)) is None:
                 return
         yield message
-        del message  # or it would be kept while the next is read
+        del message  # free it before the next is read
 
 
 def save(fields: Fields, file: BinaryIO, *, suffix: str) -> None:
@@ -446,7 +446,7 @@ def _read(path: Path, topic: str | None) -> Iterator[Message]:
 
 
 def _rows(path: Path) -> Iterator[tuple[str, str, int, memoryview]]:
-    """Yield topic, type, time of recording, ns, and data of each message of a bag in SQLite's storage."""
+    """Yield topic, type, recording time (ns) and data of each message of a bag in SQLite storage."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "reading ROS bags")
     with rosbag2.Reader(path) as bag:
         for connection, recorded, data in bag.messages(bag.connections):
@@ -462,7 +462,7 @@ def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str,
     for field in message.fields:
         if field.datatype not in types:
             raise FileFormatError(f"its field {field.name} has the unknown type {field.datatype}")
-        count = field.count or 1  # as PCL takes it
+        count = field.count or 1  # PCL also reads 0 as 1
         if field.offset + np.dtype(types[field.datatype]).itemsize * count > message.point_step:
             raise FileFormatError(f"its field {field.name} ends outside a point of {message.point_step} bytes")
         if field.name in layout["names"]:
@@ -479,10 +479,10 @@ def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str,
 
 
 def _row_step(message: Any) -> int:
-    """Return the bytes from one row of a PointCloud2 to the next, after checking that its data hold all rows.
+    """Return the row step of a PointCloud2 in bytes, after checking that its data hold all rows.
 
-    Rows may be padded, the last of them too; where the data are just as long as all points, they are not, and the step
-    that the message claims is of no importance.
+    Rows may be padded, including the last. If the data are exactly as long as all points, there is no padding, and the
+    claimed step is ignored.
     """
     packed: int = message.width * message.point_step
     step: int = message.row_step
@@ -497,7 +497,7 @@ def _row_step(message: Any) -> int:
 
 
 def _parsed_custom(_: Typestore, data: memoryview, recorded: int) -> tuple[str, int, PointCloud]:
-    """Read what `Writer._custom` writes; rosbags would make an object of each point."""
+    """Parse a CustomMsg; rosbags would create one object per point."""
     if bytes(data[:2]) != b"\x00\x01":
         raise FileFormatError("its CustomMsg is not in little-endian CDR")
     body = data[4:]
@@ -518,11 +518,11 @@ def _parsed_custom(_: Typestore, data: memoryview, recorded: int) -> tuple[str, 
 
 @contextmanager
 def _new_bag(path: PathLike, suffix: str) -> Iterator[rosbag2.Writer]:
-    """Open a bag of rosbags whose only file takes the name `path` when the block ends well."""
+    """Open a rosbags writer whose only file is renamed to `path` when the block ends without an error."""
     rosbag2 = import_extra("rosbags.rosbag2", "formats", "writing ROS bags")
     mcap, sqlite = rosbag2.StoragePlugin.MCAP, rosbag2.StoragePlugin.SQLITE3
     with replacing(path) as temporary, _lost_writes():
-        # Version 8 writes qualities of service as numbers, which readers from ROS Humble on understand.
+        # Version 8 writes QoS settings as numbers, which readers from ROS Humble on understand.
         bag = rosbag2.Writer(
             temporary.with_name("bag"), version=8, storage_plugin=mcap if suffix == ".mcap" else sqlite
         )
@@ -564,7 +564,7 @@ def _typestore() -> Typestore:
 
 
 def _quality(*, latched: bool) -> Qos:
-    """Return the quality of service of a topic: reliable; what is latched reaches those who come later, too."""
+    """Return the QoS of a topic: reliable; a latched topic also reaches late subscribers."""
     ros = import_extra("rosbags.interfaces", "formats", "writing ROS bags")
     never = ros.QosTime(0, 0)
     quality: Qos = ros.Qos(

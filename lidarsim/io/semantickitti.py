@@ -1,8 +1,7 @@
-"""Labels of SemanticKITTI (``.label``): one uint32 per point, class in the low 16 bits, instance in the high 16.
+"""SemanticKITTI labels (``.label``): one uint32 per point, class in the low 16 bits, instance in the high 16.
 
-The class is `label`. The instance is `instance`, or else the number of the object that was hit plus 1, or else 0,
-SemanticKITTI's value for none. Each must fit in 16 bits. The points are in a ``.bin`` of the same name, which
-`lidarsim.io.kitti` writes.
+The class is `label`. The instance is `instance` if the cloud has it, else `object_id` + 1, else 0, SemanticKITTI's
+value for none. Each must fit in 16 bits. The points are in a ``.bin`` of the same name, written by `lidarsim.io.kitti`.
 
 Format: https://github.com/PRBonn/semantic-kitti-api.
 """
@@ -34,7 +33,7 @@ def save(fields: Fields, file: BinaryIO) -> None:
 
 
 def load(_: BinaryIO) -> NoReturn:
-    """Refuse, since the file has no points."""
+    """Raise an error, since the file has no points."""
     raise FileFormatError(
         "it has labels and no points: load the .bin of the same name, and lidarsim.io.semantickitti.read_labels"
     )

@@ -1,26 +1,26 @@
-"""Points as text: ``.csv`` with commas, ``.xyz`` with spaces, each with a first line that names the columns.
+"""Points as text: ``.csv`` with commas, ``.xyz`` with spaces, each with a header line of column names.
 
 All fields are kept, vectors other than `xyz` and `normal` as one column per component, each number with the fewest
-digits that restore it. Text has no types: fields that lidarsim knows get their own again, all others come back as
-float64, or, if one of their numbers is an integer beyond 2⁵³, as int64 or uint64.
+digits that restore it. Text has no types: fields that lidarsim knows get their own type, all others are read as
+float64 or, if they are integers and one is beyond 2⁵³, as int64 or uint64.
 
-Files of others may have commas, semicolons, tabs or blanks between the numbers, comments that begin with # or //, empty
-lines and empty cells, which are NaN. The line of names is the first one that is no comment or, if that has numbers, the
-last comment that names x, y and z. Numbers need a decimal point: a decimal comma is refused. Columns without names are
-those of `columns` in `PointCloud.load`, or else:
+Files from other programs may have commas, semicolons, tabs or blanks between the numbers, comments that begin with # or
+//, empty lines, and empty cells, which become NaN. Column names come from the first line that is not a comment or, if
+that has numbers, from the last comment that names x, y and z. Numbers need a decimal point: a decimal comma is refused.
+Columns without names get those of `columns` in `PointCloud.load`, or else:
 
 =======  ==============================================================================================================
 columns  fields
 =======  ==============================================================================================================
 3        x y z
 4        x y z intensity
-6        x y z and, if the other three are unit vectors, the normal, or else, if they are colours, red green blue
-7        x y z, and intensity and red green blue, in the order in which the three can be colours, if only one can be
+6        x y z and, if the other three are unit vectors, the normal, or, if they are colours, red green blue
+7        x y z, and intensity and red green blue in the order in which the three can be colours, if only one order fits
 =======  ==============================================================================================================
 
-All others are x y z ``column_4`` ``column_5`` and so on. Colours are integers from 0 to 255, of each channel some
-beyond 15, up to which LAS counts returns: so counts are not taken for colours. A first line of one number is the number
-of points, as in PTS files; there, six columns are x y z red green blue, and seven x y z intensity red green blue.
+All others are x y z ``column_4`` ``column_5`` and so on. Colours are integers from 0 to 255; each channel must exceed
+15 somewhere, so that return counts, which end at 15 in LAS, do not pass for colours. A first line of one number is the
+number of points, as in PTS; then six columns are x y z red green blue, and seven x y z intensity red green blue.
 """
 
 from __future__ import annotations
@@ -52,11 +52,11 @@ DECIMAL = r"[+-]?\d+,\d+"
 NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?|[+-]?(?i:nan|inf|infinity|1\.#\w+|nan\(\w*\))"
 
 LINES = 1 << 12
-"""Lines in memory at a time: text takes several times the memory of its numbers."""
+"""Lines in memory at a time; text takes several times the memory of its numbers."""
 
 
 def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
-    """Write a line of names, then one line per point."""
+    """Write a header line of column names, then one line per point."""
     columns = to_columns(fields, NORMAL, CODES)
     file.write(f"{head}{between.join(columns)}\n".encode("ascii"))
     known = {*CANONICAL, *(NORMAL if "normal" in fields else ())}
@@ -66,7 +66,7 @@ def save(fields: Fields, file: BinaryIO, *, head: str, between: str) -> None:
 
 
 def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
-    """Read the numbers, by the names of a line above them, of `columns` or of the layout."""
+    """Read the numbers; column names come from the file, from `columns` or from the layout."""
     text = io.TextIOWrapper(file, "utf-8-sig", "replace")
     try:
         head = _head(text)
@@ -75,7 +75,7 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
             if twice is not None:
                 raise FileFormatError(f"it has two columns named {short(repr(twice))}")
         if head.names is not None and not {"x", "y", "z"}.intersection(name.lower() for name in head.names):
-            raise FileFormatError("it has no x among its fields")  # nothing of it is shown: it may be any file
+            raise FileFormatError("it has no x among its fields")  # shows no content: it may be any file
         if head.names is not None and columns is not None:
             raise FileFormatError(f"columns: expected none, since a line names them: {short(', '.join(head.names))}")
         names = head.names or columns or [f"column {i + 1}" for i in range(head.columns)]
@@ -101,15 +101,15 @@ def load(file: BinaryIO, *, columns: list[str] | None = None) -> Fields:
 
 
 class _Head(NamedTuple):
-    names: list[str] | None  # of the columns, if a line has them
-    points: int | None  # if a line says how many there are
-    columns: int  # 0: there is no line of numbers
-    between: str | None  # what separates numbers; None: blanks
-    first: list[tuple[int, str]]  # line of numbers, with its number in the file
+    names: list[str] | None  # column names, if a line has them
+    points: int | None  # number of points, if a line has it
+    columns: int  # 0: no line has numbers
+    between: str | None  # separator; None: blanks
+    first: list[tuple[int, str]]  # first line of numbers, with its line number
 
 
 def _head(text: TextIO) -> _Head:
-    """Read up to the first line of numbers."""
+    """Read up to and including the first line of numbers."""
     points, comments, above = None, list[str](), ""
     first, cells, between = list[tuple[int, str]](), list[str](), None
     for at, line in enumerate(text, 1):
@@ -142,14 +142,14 @@ def _lines(text: TextIO, last: int) -> Iterator[tuple[int, str]]:
 
 
 def _separator(line: str) -> str | None:
-    """Return what is between the words of a line: a comma only if it is not in numbers between something else."""
+    """Return the separator of a line, None for blanks; decimal commas in words between blanks do not count."""
     if all(re.fullmatch(DECIMAL, word) for word in line.split()[:4]) and len(line.split()) > 1:
         return None
     return next((sign for sign in ";,\t" if sign in line and (sign != "\t" or " " not in line)), None)
 
 
 def _names(line: str, columns: int | None = None) -> list[str]:
-    """Return the names in a line, if possible as many as there are columns."""
+    """Return the names in a line, split so that they match the number of columns if possible."""
     between = next((sign for sign in ";,\t" if sign in line), None)
     names = [] if between is None else next(csv.reader([line], delimiter=between, skipinitialspace=True))
     if between is None or (columns not in {None, len(names)} and len(line.split()) == columns):
@@ -158,7 +158,7 @@ def _names(line: str, columns: int | None = None) -> list[str]:
 
 
 def _layout(columns: list[npt.NDArray[Any]], *, scanner: bool) -> list[str]:
-    """Return names for columns without names, as the module has them."""
+    """Return names for unnamed columns, as documented for the module."""
     count = len(columns)
     names = [*"xyz", *(f"column_{i + 1}" for i in range(3, count))][:count]
     if count == 4:
@@ -175,7 +175,7 @@ def _layout(columns: list[npt.NDArray[Any]], *, scanner: bool) -> list[str]:
 
 
 def _are_colours(columns: list[npt.NDArray[Any]]) -> bool:
-    """Return whether columns are bytes, each with one beyond 15, up to which LAS counts returns."""
+    """Return whether columns are bytes, each with a value beyond 15, the greatest return count of LAS."""
     return all(
         ((column >= 0) & (column <= 255) & (column == np.floor(column))).all() and column.max(initial=0) > 15
         for column in columns
@@ -183,7 +183,7 @@ def _are_colours(columns: list[npt.NDArray[Any]]) -> bool:
 
 
 def _are_normals(columns: list[npt.NDArray[Any]]) -> bool:
-    """Return whether each row has length 1, but for the rounding to three decimals: 3**0.5 / 2 of the last of them."""
+    """Return whether each row has length 1 up to rounding to three decimals, an error of at most 3**0.5 / 2 * 1e-3."""
     length = np.sqrt(sum(column.astype(np.float64) ** 2 for column in columns))
     return bool(len(length)) and bool((np.abs(length - 1) <= 1e-3).all())
 
@@ -191,7 +191,7 @@ def _are_normals(columns: list[npt.NDArray[Any]]) -> bool:
 def _parsed(
     lines: Iterable[tuple[int, str]], names: list[str], between: str | None
 ) -> Iterator[list[npt.NDArray[Any]]]:
-    """Yield the columns, block by block, one at least."""
+    """Yield the columns block by block; at least one block."""
     yield [_narrow(name, np.empty(0)) for name in names]
     iterator = iter(lines)
     while part := list(itertools.islice(iterator, LINES)):
@@ -213,12 +213,12 @@ def _cells(line: str, between: str | None) -> list[str]:
 
 
 def _bare(cell: str) -> str:
-    """Return a cell without blanks and quotes around it."""
+    """Strip blanks and quotes from a cell."""
     return cell.strip().strip('"').strip()
 
 
 def _numbers(line: str, at: int, names: list[str], between: str | None) -> list[float]:
-    """Return the numbers of a line, number `at` of the file, that has other than NumPy reads: empty cells are NaN."""
+    """Return the numbers of a line that NumPy cannot parse, with empty cells as NaN; `at` is its line number."""
     cells = list(itertools.takewhile(lambda cell: not cell.startswith(COMMENTS), _cells(line, between)))
     if len(cells) == len(names) + 1 and not cells[-1]:
         cells.pop()  # a comma at the end
@@ -230,7 +230,7 @@ def _numbers(line: str, at: int, names: list[str], between: str | None) -> list[
 
 
 def _exact(cells: list[str], column: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    """Return a column that has numbers beyond 2⁵³ as integers of 64 bits, if it is of such."""
+    """Return a column with numbers beyond 2⁵³ as 64-bit integers if all its numbers are integers that fit."""
     numbers = [number(cell, "") if cell else np.nan for cell in cells]
     if not all(isinstance(value, int) for value in numbers):
         return column
@@ -241,18 +241,18 @@ def _exact(cells: list[str], column: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _joined(parts: Iterable[list[npt.NDArray[Any]]]) -> list[npt.NDArray[Any]]:
-    """Return the blocks as one; at most one column is there twice at a time."""
+    """Join the blocks, holding at most one column twice at a time."""
     columns = [list(blocks) for blocks in zip(*parts, strict=True)][::-1]
     return [_whole(columns.pop()) for _ in range(len(columns))]
 
 
 def _whole(parts: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
-    """Return the parts of a column as one, of integers if each of the parts can be."""
+    """Join the parts of a column, as integers if all parts can be."""
     return np.concatenate(_alike(parts))
 
 
 def _alike(parts: list[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
-    """Return arrays of which some are of integers as ones of the same integers, if all can be."""
+    """Convert arrays to one common integer type if some are integers and all can be."""
     dtypes = {part.dtype for part in parts}
     wide = np.uint64 if np.dtype(np.uint64) in dtypes else np.int64
     if len(dtypes) == 1 or not any(dtype.kind in "iu" for dtype in dtypes):
@@ -261,7 +261,7 @@ def _alike(parts: list[npt.NDArray[Any]]) -> list[npt.NDArray[Any]]:
 
 
 def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
-    """Return a copy of the column in the dtype of lidarsim's field of that name, if it tells all of it."""
+    """Return a copy of the column in the dtype of lidarsim's field of that name, if nothing is lost."""
     _, dtype = CANONICAL.get(name, ((), np.float64))
     exact = dtype is np.float64 or held(column, dtype)[1]
     return np.array(column, dtype if exact else np.float64)
@@ -269,12 +269,12 @@ def _narrow(name: str, column: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
 
 def _texts(column: npt.NDArray[Any], known: bool) -> Iterable[str]:
     if column.dtype == np.float32 and known:
-        return map(str, column)  # read as a float32, it needs fewer digits than the float64 of its value
+        return map(str, column)  # it is read as float32, which needs fewer digits than float64
     return map(repr, column.tolist() if column.dtype != np.bool_ else column.view(np.uint8).tolist())
 
 
 def _numeric(words: list[str]) -> bool:
-    """Return whether words are numbers, even with decimal commas, or empty; one number at least."""
+    """Return whether all words are empty or numbers, also with decimal commas, and one at least is a number."""
     words = list(map(_bare, words))
     return any(words) and all(not word or re.fullmatch(NUMBER, word) for word in words)
 

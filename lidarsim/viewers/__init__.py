@@ -1,4 +1,4 @@
-"""Views of clouds, scans and scenes: one module per library, and one function that shows things in any of them."""
+"""Viewers of clouds, scans and scenes: one module per library, and `show` for all of them."""
 
 from lidarsim.viewers import html, open3d, pyvista
 from lidarsim.viewers._show import show

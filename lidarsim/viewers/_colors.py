@@ -1,4 +1,4 @@
-"""Colours of points by a field, the same in all viewers: bright enough for a dark background."""
+"""Colours of points by a field, the same in all viewers and bright enough for a dark background."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ GRID = "#323a44"
 SURFACE = "#aab4c0"
 PATH = "#ffd24a"
 AXES = ("#ff4b4b", "#4bd964", "#4b8bff")
-"""Of the sensor: x, y, z."""
+"""Colours of the sensor's axes x, y, z."""
 
 # Magma, a perceptually uniform colour map (N. Smith and S. van der Walt, https://bids.github.io/colormap, CC0), at ten
-# equal steps from 0.3, where it is clear of the background, to 1.
+# equal steps from 0.3, where it stands out from the background, to 1.
 SEQUENTIAL = (
     "#641a80", "#832681", "#a3307e", "#c43c75", "#e24d66", "#f56b5c", "#fc9065", "#feb67c", "#fdda9c", "#fcfdbf",
 )  # fmt: skip
-# From blue through grey to red, for values that are good or bad on either side of 0.
+# From blue through grey to red, for signed values.
 DIVERGING = ("#1e8fff", "#79b8ff", "#c9ced4", "#ff9473", "#ff4a26")
 MISSING = "#6b727a"
 """Colour of a point whose value is not finite."""
 NAME = 40
-"""Most characters of the name of a category."""
-# The colour of each category from 0 to 259; from 260 on they repeat. The first eight can be told apart by people with
-# any kind of colour vision (M. Okabe and K. Ito, Color universal design, 2008, without black). Each later one is the
-# colour farthest in OKLab (B. Ottosson, 2020) from all chosen before, among the 4096 colours of three hexadecimal
-# digits that have a contrast of at least 3:1 with the background. First come 8 to 33 and the classes of SemanticKITTI,
-# then the rest. That search takes longer than drawing a picture, so its result stands here; the tests repeat it.
+"""Greatest length of a category's name, characters."""
+# Colours of categories 0 to 259; from 260 on they repeat. The first eight are distinct with any kind of colour vision
+# (M. Okabe and K. Ito, Color universal design, 2008, without black). Each later one is the farthest in OKLab
+# (B. Ottosson, 2020) from all chosen before, among the 4096 colours of three hexadecimal digits that have a contrast of
+# at least 3:1 with the background. Categories 8 to 33 and the classes of SemanticKITTI are chosen first, then the rest.
+# The search takes longer than drawing a picture, so its result is stored here; the tests repeat it.
 # fmt: off
 _CATEGORIES = (
     "e69f0056b4e9009e73f0e4420072b2d55e00cc79a7bbbbbb9900ff00dd00ff22ffffffff00ffddbb0099776600ff99ffff00667777ff"
@@ -72,7 +72,7 @@ CATEGORIES = {"label", "object_id", "instance", "return_number", "return_count"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Coloring:
-    """Colours of the values of a field: of each category its own, or from a table over an interval.
+    """Colours of the values of a field: one per category, or a colour map over an interval.
 
     Attributes
     ----------
@@ -81,15 +81,15 @@ class Coloring:
     limits : tuple of float
         Values at the ends of the table.
     extent : tuple of float
-        Least and greatest value; beyond the limits, if a few outliers lie there.
+        Least and greatest value; beyond the limits if there are a few outliers.
     table : list of str
         Colours from one limit to the other, or of the categories.
     names : dict of int to str
-        Those of the categories, in the order of the table; empty for a field of another kind.
+        Names of the categories, in the order of the table; empty if the field has none.
     scaled : bool
-        Whether there are values from one limit to the other, which a legend then shows.
+        Whether there are finite values, for which a legend shows a colour bar.
     missing : bool
-        Whether there are values that are not finite, drawn in `MISSING`.
+        Whether there are values that are not finite, which are drawn in `MISSING`.
     """
 
     field: str
@@ -107,12 +107,12 @@ class Coloring:
 
     @property
     def clipped(self) -> str:
-        """What the limits leave out, in words; empty if that is nothing."""
+        """Note on values beyond the limits; empty if there are none."""
         return "" if self.extent == self.limits else "all: {} to {}".format(*map(_readable, self.extent))
 
     @property
     def notes(self) -> list[str]:
-        """What a legend says below the colours, a line each."""
+        """Lines of the legend below the colours."""
         return [*filter(None, [self.clipped]), *["grey: not finite"] * self.missing]
 
     def rgb(self, cloud: PointCloud) -> npt.NDArray[np.uint8]:
@@ -131,15 +131,15 @@ class Coloring:
         return colors
 
     def places(self, values: npt.ArrayLike) -> Floats:
-        """Return where numbers are between the limits: 0 at the first, 1 at the last."""
+        """Return the positions of numbers between the limits: 0 at the first, 1 at the second."""
         low, high = self.limits
-        unit = max(abs(low), abs(high))  # without which the difference of two great numbers is infinite
+        unit = max(abs(low), abs(high))  # prevents overflow in the difference
         places: Floats = (np.asarray(values, np.float64) / unit - low / unit) / (high / unit - low / unit)
         return places
 
     def ticks(self) -> dict[float, str]:
-        """Return round values between the limits and how they are written, five or so."""
-        low, high = (Fraction(repr(limit)) for limit in self.limits)  # as they are written: 0.1, not 0.1 + 5.6e-18
+        """Return about five round values between the limits, with their texts."""
+        low, high = (Fraction(repr(limit)) for limit in self.limits)  # decimal: 0.1, not 0.1 + 5.6e-18
         step = round_step((high - low) / 6)
         numbers = [float(i * step) for i in range(math.ceil(low / step), math.floor(high / step) + 1)]
         if not 1e-6 < step < 1e9:
@@ -149,7 +149,7 @@ class Coloring:
 
 
 def field_of(cloud: PointCloud, name: str) -> npt.NDArray[Any]:
-    """Return a scalar field of a cloud, or its z as ``"height"``; a cloud without points need not have the field."""
+    """Return a scalar field of a cloud, or z for ``"height"``; an empty cloud need not have the field."""
     values: npt.NDArray[Any] = cloud.xyz[:, 2] if name == "height" or not len(cloud) else getattr(cloud, name)
     return values
 
@@ -161,10 +161,10 @@ def coloring(
     others: Mapping[str, Iterable[int]] | None = None,
     heights: Floats | None = None,
 ) -> Coloring:
-    """Return the colours of clouds by a scalar field, or ``"height"``; by default by intensity if they have that.
+    """Return the colours of clouds by a scalar field or ``"height"``; by default by intensity if they have it.
 
-    A category always has the same colour, whichever others there are. Fields of errors and velocities get colours that
-    are symmetric about 0. Where a few outliers would use up the colours, these end at the 1st and 99th percentile.
+    A category always has the same colour, independent of the others. Errors and velocities get colours that are
+    symmetric about 0. If a few outliers would take most of the range, it ends at the 1st and 99th percentile.
 
     Parameters
     ----------
@@ -175,18 +175,18 @@ def coloring(
     names : mapping of str to mapping of int to str, optional
         Names of categories, by field.
     others : mapping of str to iterable of int, optional
-        Categories that surfaces have, by field.
+        Categories of the surfaces, by field.
     heights : ndarray of float64, shape (2,), optional
-        Least and greatest height of the surfaces, m: the ends of the colours where there are no points.
+        Least and greatest height of the surfaces, m: the limits if there are no points.
 
     Raises
     ------
     TypeError, ValueError
-        If `color_by` is no name of a scalar field that all clouds with points have.
+        If `color_by` is not a scalar field of all clouds with points.
     """
     if not isinstance(color_by, str | None):
         raise ArgumentTypeError("color_by", "the name of a field", shown(color_by))
-    clouds = [cloud for cloud in clouds if len(cloud)] or clouds  # a rig may have nothing to say in a frame
+    clouds = [cloud for cloud in clouds if len(cloud)] or clouds  # a rig may have no scan in a frame
     fields = [["height", *(name for name in cloud.fields if getattr(cloud, name).ndim == 1)] for cloud in clouds]
     scalars = [name for name in fields[0] if all(name in others for others in fields)]
     if color_by is None:
@@ -218,26 +218,26 @@ def coloring(
 
 
 def category_color(value: int) -> str:
-    """Return the colour that a category always has."""
+    """Return the fixed colour of a category."""
     return QUALITATIVE[value % len(QUALITATIVE)]
 
 
 def _limits(finite: Floats) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return the ends of the range of colours, and those of the values."""
+    """Return the limits of the colours, and the least and greatest value."""
     low, high = (float(finite.min()), float(finite.max())) if len(finite) else (0.5, 0.5)
     if low == high:
-        half = max(0.5, math.ulp(low))  # where float64 has no fractions, its next numbers
+        half = max(0.5, math.ulp(low))  # the ulp of great numbers exceeds 0.5
         return (low - half, high + half), (low - half, high + half)
-    with np.errstate(over="ignore"):  # between numbers of 1e308; what is infinite then is no outlier
+    with np.errstate(over="ignore"):  # differences of numbers near 1e308 are infinite, which makes no outlier
         first, last = map(float, np.percentile(finite, (1, 99)))
     outliers = high - low > 2.0 * (last - first) > 0.0
     return ((first, last) if outliers else (low, high)), (low, high)
 
 
 def round_step(least: Fraction) -> Fraction:
-    """Return the least of 1, 2, 2.5, 5 and 10 times a power of ten that is no less."""
+    """Return the smallest number >= `least` that is 1, 2, 2.5, 5 or 10 times a power of ten."""
     power = Fraction(10) ** math.floor(math.log10(least.numerator) - math.log10(least.denominator))
-    # Beside a power of ten the rounded logarithm may be on its other side: hence 20 as well.
+    # Next to a power of ten, rounding may put the logarithm on its other side, which needs the factor 20.
     return next(step for factor in (2, 4, 5, 10, 20, 40) if (step := factor * power / 2) >= least)
 
 

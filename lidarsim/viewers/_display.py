@@ -1,4 +1,4 @@
-"""Displays and notebooks, where something can be shown."""
+"""Detection of displays and notebooks."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lidarsim.errors import LidarsimError
 
 
 def require_display() -> None:
-    """Raise `LidarsimError` on Linux without a display that answers: the libraries would crash or show nothing."""
+    """Raise `LidarsimError` on Linux without a working display: the libraries would crash or show nothing."""
     if sys.platform != "linux" or os.environ.get("WAYLAND_DISPLAY"):
         return
     display = os.environ.get("DISPLAY", "")
@@ -24,7 +24,7 @@ def require_display() -> None:
 
 
 def _answers(display: str) -> bool:
-    """Return whether something listens where X(7) says that a display is: at a socket, or of a host at a port."""
+    """Return whether an X server listens at a display's address by X(7): a local socket, or a host's port."""
     host, _, number = display.rpartition(":")
     number = number.partition(".")[0]
     if not number.isdecimal():
@@ -40,6 +40,6 @@ def _answers(display: str) -> bool:
 
 
 def in_notebook() -> bool:
-    """Return whether a Jupyter kernel runs this, which displays what a cell returns."""
+    """Return whether this runs in a Jupyter kernel, which displays the value of a cell."""
     ipython = sys.modules.get("IPython")
     return ipython is not None and hasattr(ipython.get_ipython(), "kernel")

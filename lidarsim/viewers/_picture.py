@@ -1,4 +1,4 @@
-"""What a picture shows, whichever library draws it: frames of points, surfaces, the sensor, and from where."""
+"""Pictures, whichever library draws them: frames of points, surfaces, the sensor and the camera."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from lidarsim.viewers._surfaces import Surface
 
 CAMERAS: tuple[Camera, ...] = get_args(Camera)
 AXIS = 0.06
-"""Length of the axes of the sensor, in radii of what is seen."""
+"""Length of the sensor's axes relative to the radius of the view."""
 MARGIN = 1.04
-"""How much wider than what it shows a picture is."""
+"""Width of a picture relative to its contents."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """Points, where the sensor was, and what else moves, in the same coordinates.
+    """Points, the pose of the sensor and moving objects, in the same coordinates.
 
     Attributes
     ----------
@@ -36,7 +36,7 @@ class Frame:
     pose : ndarray of float64, shape (4, 4)
         Sensor to world.
     movers : list of Surface
-        Surfaces of the objects that move, where they are in this frame; of the same objects in all frames.
+        Surfaces of the moving objects at their poses in this frame; all frames have the same objects.
     """
 
     cloud: PointCloud
@@ -46,7 +46,7 @@ class Frame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """From where a picture is taken: eye, target and up vector, and the vertical angle of view, rad."""
+    """Viewpoint of a picture: eye, target and up vector, and the vertical angle of view, rad."""
 
     eye: Floats
     target: Floats
@@ -56,18 +56,18 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Picture:
-    """All that there is to see.
+    """Contents of a picture.
 
     Attributes
     ----------
     frames : list of Frame
-        At least one; all points finite.
+        At least one frame; all points are finite.
     surfaces : list of Surface
-        Of the objects that do not move, in the coordinates of the points.
+        Surfaces of the static objects, in the coordinates of the points.
     path : ndarray of float64, shape (m, 3)
-        Positions of the sensor, m; none if it does not move.
+        Positions of the sensor, m; empty if it does not move.
     colors : Coloring
-        Of the points of all frames.
+        Colours of the points of all frames.
     camera : str or ndarray of shape (3, 3)
         One of `CAMERAS`, or position, target and up vector.
     rate : float
@@ -83,16 +83,16 @@ class Picture:
 
     @property
     def has_points(self) -> bool:
-        """Whether there are any, in any frame."""
+        """Whether any frame has points."""
         return any(len(frame.cloud) for frame in self.frames)
 
     @property
     def every_surface(self) -> list[Surface]:
-        """Of the objects that do not move, and of those that do in each frame."""
+        """Surfaces of the static objects, and of the moving ones in each frame."""
         return self.surfaces + [surface for frame in self.frames for surface in frame.movers]
 
     def seen(self) -> Floats:
-        """Return the points that a picture has to show all of: no stray ones that are far beyond all others."""
+        """Return the points that a picture must show, without stray ones far beyond all others."""
         if not self.has_points:
             corners = [surface.points() for surface in self.every_surface if surface.item.shape.bounded]
             corners = corners or [surface.points() for surface in self.every_surface]
@@ -115,25 +115,25 @@ class Picture:
     def view(
         self, frame: int, seen: Floats, aspect: float, *, turn: float = 0.0, angle: float = math.radians(30.0)
     ) -> View:
-        """Return from where a frame is looked at.
+        """Return the viewpoint for a frame.
 
         Parameters
         ----------
         frame : int
-            Which one.
+            Number of the frame.
         seen : ndarray of float64, shape (n, 3)
-            Points to show all of.
+            Points that must be visible.
         aspect : float
-            Width of the picture, in its heights.
+            Width of the picture divided by its height.
         turn : float
-            By how much the orbit has gone on, rad.
+            Angle travelled on the orbit, rad.
         angle : float
-            Of view, vertically, rad; "first-person" has its own.
+            Vertical angle of view, rad; ignored by "first-person".
 
         Returns
         -------
         View
-            In the coordinates of the points.
+            The viewpoint in the coordinates of the points.
         """
         if not isinstance(self.camera, str):
             eye, target, up = self.camera
@@ -141,7 +141,7 @@ class Picture:
         pose = self.frames[frame].pose
         forward, left, vertical = pose[:3, 0], pose[:3, 1], np.array([0.0, 0.0, 1.0])
         if self.camera == "first-person":
-            wide = 2.0 * math.atan(1.0 / max(aspect, 1.0))  # a right angle across
+            wide = 2.0 * math.atan(1.0 / max(aspect, 1.0))  # 90 degrees horizontally
             return View(pose[:3, 3], pose[:3, 3] + forward, pose[:3, 2], wide)
         if self.camera == "birds-eye":
             ahead = forward if abs(forward[2]) < 0.9 else pose[:3, 2]
@@ -155,11 +155,11 @@ class Picture:
 
 
 def _fitted(seen: Floats, towards: Floats, up: Floats, angle: float, aspect: float) -> View:
-    """Return the view from the side `towards` that just shows all points.
+    """Return the nearest view from the direction `towards` that shows all points.
 
-    A point at (x, y, z), z towards the eye, is seen from an eye at (a, b, c) if |x − a| <= (c − z) s with s the tangent
-    of half the angle: so the least c is half the sum of the greatest z + x/s and z − x/s, and a half their difference
-    times s.
+    A point (x, y, z), with z towards the eye, is visible from an eye at (a, b, c) if |x − a| <= (c − z) s, where s is
+    the tangent of half the angle. With the maxima p of z + x/s and q of z − x/s, the least c is (p + q)/2, and
+    a = (p − q) s/2.
     """
     back = towards / np.linalg.norm(towards)
     right = np.cross(up, back)
@@ -179,7 +179,7 @@ def _fitted(seen: Floats, towards: Floats, up: Floats, angle: float, aspect: flo
 
 
 def checked_camera(camera: object) -> Camera | Floats:
-    """Return a camera after checking that it is one of `CAMERAS`, or three points.
+    """Return a camera after checking that it is one of `CAMERAS` or three points.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def checked_camera(camera: object) -> Camera | Floats:
 
 
 def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
-    """Return the spacing and the height of a grid under the points, and the places of its lines along x and y, m."""
+    """Return the spacing and height of a grid under the points, and the coordinates of its lines along x and y, m."""
     low, high = seen.min(axis=0), seen.max(axis=0)
     spacing = float(round_step(Fraction(float((high - low)[:2].max())) / 12 or Fraction(1)))
     x, y = (
@@ -206,9 +206,9 @@ def grid(seen: Floats) -> tuple[float, float, Sequence[float], Sequence[float]]:
 
 
 def colored(surface: Surface, colors: Coloring) -> list[tuple[str, Surface]]:
-    """Return a surface in parts of one colour each: that of its points by label, object or instance, else grey.
+    """Split a surface into parts of one colour: that of its points by label, object or instance, else grey.
 
-    Where points are coloured by height, surfaces are as well, which is for each viewer to draw.
+    If points are coloured by height, each viewer colours surfaces by height itself.
     """
     item = surface.item
     if colors.field == "label" and isinstance(item.label, np.ndarray):

@@ -1,4 +1,4 @@
-"""One function that shows clouds, scans and scenes in any of the viewers."""
+"""The function that shows clouds, scans and scenes in any of the viewers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from lidarsim.viewers._picture import Frame, Picture, checked_camera
 from lidarsim.viewers._surfaces import Surface, surfaces
 
 Shown: TypeAlias = PointCloud | Scan | Mapping[str, Scan]
-"""A frame: a cloud, a scan, or the scans of a rig by the names of its sensors."""
+"""A frame: a cloud, a scan, or the scans of a rig by sensor name."""
 
 SUFFIXES = (".png", ".gif", ".mp4", ".html")
 
@@ -44,61 +44,61 @@ def show(
     point_size: float | None = None,
     viewer: Literal["pyvista", "open3d"] = "pyvista",
 ) -> html.Page | None:
-    """Show a point cloud, a scan, a scene or a sequence of frames, in a window, in a notebook or as a file.
+    """Show a point cloud, a scan, a scene or a sequence of frames in a window or a notebook, or write it to a file.
 
     Parameters
     ----------
-    what : PointCloud, Scan, Scene, mapping of str to Scan, or an iterable of these but scenes
-        What to show. Scans are shown in world coordinates; a mapping, as `Rig.frames` yields it, is one frame. With
-        several frames, a window has a slider to choose one, and GIF, MP4 and HTML play all of them.
+    what : PointCloud, Scan, Scene, mapping of str to Scan, or an iterable of these except scenes
+        What to show. Scans are shown in world coordinates; a mapping, as from `Rig.frames`, is one frame. With several
+        frames, a window has a slider to choose one, and GIF, MP4 and HTML play all of them.
     scene : Scene, optional
-        Surfaces to show with the points, which must be in world coordinates: translucent, and coloured by label,
-        object, instance or height if the points are, else grey. Moving objects are shown where they are at the start of
-        each frame.
+        Surfaces to show with the points, which must be in world coordinates. They are translucent, and coloured by
+        label, object, instance or height if the points are, else grey. Moving objects are shown at their poses at the
+        start of each frame.
     color_by : str, optional
-        Scalar field to colour the points by, or ``"height"``. Default: the intensity, if there is one; of a scene
-        alone the label. Points whose value is not finite are grey, and the legend says so.
+        Scalar field to colour the points by, or ``"height"``. Default: the intensity if there is one; the label for a
+        scene alone. Points whose value is not finite are grey, with a note in the legend.
     class_names : mapping of int to str, optional
         Class names by label, for the legend. Default: those of the scene and the clouds.
     pose : RigidTransform, array_like of shape (4, 4), or a sequence of these, optional
-        Pose of the sensor when the cloud was taken, or one per cloud, in world coordinates. It is shown as axes (x red,
-        y green, z blue). A cloud in the sensor frame, as `Scan.point_cloud` gives it, is transformed by it. Default:
-        the identity, or the pose of the scan.
+        Pose of the sensor for the cloud, or one per cloud, in world coordinates. It is shown as axes (x red, y green, z
+        blue). A cloud in the sensor frame, as from `Scan.point_cloud`, is transformed by it. Default: the identity, or
+        the pose of the scan.
     time : float or sequence of float, optional
-        When the cloud was taken, or one time per cloud, s. Default: the start of the scan; 0 for a single cloud. For
-        several clouds there is no default: without times, moving objects are not shown.
+        Time of the cloud, or one per cloud, s. Default: the start of the scan; 0 for a single cloud. For several clouds
+        there is no default: without times, moving objects are not shown.
     save : path-like, optional
         File to write instead of opening a window: PNG (a single frame), GIF or MP4 (all frames, or once around a
         single one), or HTML (a self-contained page of all frames). None of these needs a display.
     camera : {"behind", "birds-eye", "first-person", "orbit"} or array_like of shape (3, 3)
-        From behind and above the sensor, straight from above, from the sensor looking ahead, or circling the scene from
-        above; or position, target and up vector. "behind" and "first-person" move with the sensor.
+        View from behind and above the sensor, from straight above, from the sensor looking ahead, or circling the scene
+        from above; or position, target and up vector. "behind" and "first-person" move with the sensor.
     size : tuple of int
         Width and height, pixels.
     point_size : float, optional
-        Diameter of a point, pixels. Default: the more points, the smaller.
+        Diameter of a point, pixels. Default: smaller for more points.
     viewer : {"pyvista", "open3d"}
         The library that opens the window.
 
     Returns
     -------
     Page or None
-        In a Jupyter notebook, if `save` is not given, the HTML page for the notebook to display.
+        The HTML page for the notebook to display, if `show` runs in a Jupyter notebook without `save`.
 
     Raises
     ------
     FileFormatError
-        If the suffix of `save` is none of these.
+        If the suffix of `save` is not one of these.
     LidarsimError
         If there is no display for a window, or no OpenGL for a picture.
     MissingExtraError
-        If the library that draws is not installed.
+        If the drawing library is not installed.
     OSError
         If the file cannot be written.
     TypeError, ValueError
-        If there is nothing to show, a cloud has no scalar field `color_by`, a PNG is asked for of several frames,
-        points in the sensor frame are to be shown in the world and there is no `pose` to transform them by, or an
-        argument is not one of the values above.
+        If there is nothing to show, a cloud has no scalar field `color_by`, a PNG is requested for several frames,
+        points in the sensor frame are to be shown in the world without a `pose`, or an argument is not one of the
+        values above.
     """
     if viewer not in {"pyvista", "open3d"}:
         raise ArgumentValueError("viewer", "'pyvista' or 'open3d'", repr(viewer))
@@ -131,21 +131,21 @@ def show(
 
 
 def check_save(path: PathLike) -> None:
-    """Check, before any work, that `show` can write a file: one of its suffixes, a folder that is there.
+    """Check, before any work, that `show` can write a file: that it knows the suffix and the folder exists.
 
     Raises
     ------
     FileFormatError
-        If the suffix is none of these.
+        If the suffix is unknown.
     OSError
-        If the folder does not exist or cannot be written in.
+        If the folder does not exist or is not writable.
     """
     check_suffix(path, SUFFIXES)
     check_folder(path)
 
 
 def checked_size(size: tuple[int, int]) -> tuple[int, int]:
-    """Return a width and a height in pixels after checking that they are whole numbers that can be drawn.
+    """Return a width and a height in pixels after checking that they are integers from 16 to 16384.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def checked_size(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _nothing() -> PointCloud:
-    """Return a cloud without points, with the fields by which surfaces are coloured."""
+    """Return an empty cloud with the fields that can colour surfaces."""
     none = np.empty(0, np.uint32)
     return PointCloud(xyz=np.empty((0, 3)), label=none, object_id=none, instance=none)
 
@@ -167,7 +167,7 @@ def _frame(cloud: PointCloud, pose: Floats) -> Frame:
 
 
 def _check_places(given: Sequence[Shown], poses: Sequence[Floats | None], scene: Scene | None) -> None:
-    """Raise an error if points in the frame of a sensor would be shown among what is in the world."""
+    """Raise an error if points in a sensor frame would be shown together with world coordinates."""
     lost = [
         isinstance(what, PointCloud) and what._in_sensor_frame and pose is None
         for what, pose in zip(given, poses, strict=True)
@@ -214,13 +214,13 @@ def _poses(pose: Transform | Sequence[Transform] | None, count: int) -> Sequence
 
 
 def _rate(what: Shown) -> float:
-    """Return the frame rate, Hz; 10 where nothing says."""
+    """Return the frame rate, Hz; 10 if unknown."""
     scans = list(what.values()) if isinstance(what, Mapping) else [what]
     return max((scan.lidar.pattern.rate for scan in scans if isinstance(scan, Scan)), default=10.0)
 
 
 def _starts(time: float | Sequence[float] | None, given: Sequence[Shown]) -> list[float] | None:
-    """Return when each frame begins, s; None where nothing says."""
+    """Return the start of each frame, s; None if unknown."""
     if time is None:
         first = [next(iter(what.values()), None) if isinstance(what, Mapping) else what for what in given]
         known = [scan.time for scan in first if isinstance(scan, Scan)]

@@ -14,7 +14,7 @@ from lidarsim.scene import Scene, SceneObject
 from lidarsim.shapes._tessellation import Triangles
 
 ALONE = 10.0
-"""Half the edge of the cube around the origin that planes are clipped to where there is nothing else, m."""
+"""Half the edge of the cube around the origin to which planes are clipped if there is nothing else, m."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,15 +24,15 @@ class Surface:
     Attributes
     ----------
     object_id : int
-        Its number in the scene.
+        Number of the object in the scene.
     item : SceneObject
         The object.
     vertices : ndarray of float64, shape (n, 3)
-        In the coordinates of the shape before any transform, m.
+        Vertices in the coordinates of the shape before any transform, m.
     faces : ndarray of uint32, shape (m, 3)
-        Counter-clockwise from outside there.
+        Triangles, counter-clockwise from outside in these coordinates.
     matrix : ndarray of float64, shape (4, 4)
-        From there to the world.
+        Transform from these coordinates to the world.
     """
 
     object_id: int
@@ -42,7 +42,7 @@ class Surface:
     matrix: Floats
 
     def at(self, time: float) -> Surface:
-        """Return the surface where it is at a time, s, or at the end of its motion nearest to that."""
+        """Return the surface at its pose at a time, s, clamped to the span of its motion."""
         return replace(self, matrix=_placement(self.item, time))
 
     def points(self) -> Floats:
@@ -51,11 +51,11 @@ class Surface:
         return placed
 
     def outward(self) -> npt.NDArray[np.uint32]:
-        """Return the faces, counter-clockwise from outside in the world: ndarray of uint32, shape (m, 3)."""
+        """Return the faces counter-clockwise from outside in the world: ndarray of uint32, shape (m, 3)."""
         return self.faces[:, ::-1] if np.linalg.det(self.matrix[:3, :3]) < 0 else self.faces
 
     def parts(self, categories: npt.NDArray[np.integer[Any]]) -> Iterator[tuple[int, Surface]]:
-        """Yield each of the categories of the faces, shape (m,), and the surface of its faces alone."""
+        """Yield each category and the surface of its faces; `categories` has one per face, shape (m,)."""
         order = np.argsort(categories, kind="stable")
         values, starts = np.unique(categories[order], return_index=True)
         for value, chosen in zip(values.tolist(), np.split(order, starts[1:]), strict=True):
@@ -66,7 +66,7 @@ class Surface:
             )
 
     def refined(self, step: float) -> Surface:
-        """Return the same surface in the world, with triangles no higher than `step`, m, or of a 64th of its height."""
+        """Return the surface in the world, with triangles no higher than `step`, m, or 1/64 of its height."""
         import trimesh
 
         points, faces = self.points(), self.outward()
@@ -83,24 +83,24 @@ def surfaces(
     bounds: npt.ArrayLike | None = None,
     time: float = 0.0,
 ) -> list[Surface]:
-    """Return what the objects of a scene look like.
+    """Return the surfaces of the objects of a scene.
 
     Parameters
     ----------
     scene : Scene
         The scene.
     chord_error : float, optional
-        Greatest distance of a triangle from its surface, m; by default a 200th of the radius of each object.
+        Greatest distance of a triangle from its surface, m; by default 1/200 of the radius of each object.
     bounds : array_like, shape (2, 3), optional
-        Least and greatest coordinates of what else is seen, m, which planes reach to as well.
+        Least and greatest coordinates of other visible things, m, to which planes also extend.
     time : float
-        When, s: what moves stands where it does then, or at the end of its motion nearest to that.
+        Time, s, for the poses of moving objects; clamped to the span of each motion.
 
     Returns
     -------
     list of Surface
-        One for each object, in their order. A plane ends at the faces of a box around all other objects and `bounds`,
-        widened by a tenth of its size, and so far that the box holds the point of the plane nearest to its middle.
+        One per object, in their order. A plane ends at the faces of a box around all other objects and `bounds`,
+        widened by a tenth of its size, and far enough to hold the point of the plane nearest to its middle.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def surfaces(
 
     def add(object_id: int, item: SceneObject, box: Floats) -> Surface:
         matrix = _placement(item, time)
-        # A map makes distances at most this many times longer.
+        # The spectral norm bounds how much the transform stretches distances.
         error = None if chord_error is None else chord_error / float(np.linalg.norm(matrix[:3, :3], ord=2))
         inverse: Floats = np.asarray(np.linalg.inv(matrix), np.float64)
         key = id(item.shape), error
@@ -134,7 +134,7 @@ def surfaces(
                 extent.append(np.stack([points.min(axis=0), points.max(axis=0)]))
     ends = np.concatenate(extent or [np.full((1, 3), -ALONE), np.full((1, 3), ALONE)])
     low, high = ends.min(axis=0), ends.max(axis=0)
-    thin = 1e-3 * float((high - low).max()) or ALONE  # a box without a thickness has no inside
+    thin = 1e-3 * float((high - low).max()) or ALONE  # a flat box has no inside
     low, high = np.where(high - low < thin, low - thin, low), np.where(high - low < thin, high + thin, high)
     for object_id, item in objects:
         if not item.shape.bounded:
@@ -143,14 +143,14 @@ def surfaces(
 
 
 def joined(parts: Sequence[Surface], origin: Floats) -> Triangles:
-    """Return several surfaces as one, relative to an origin in the world."""
+    """Merge several surfaces into one, relative to an origin in the world."""
     starts = np.cumsum([0, *(len(part.vertices) for part in parts)])
     faces = [part.outward() + np.uint32(start) for part, start in zip(parts, starts, strict=False)]
     return np.concatenate([part.points() for part in parts]) - origin, np.concatenate(faces)
 
 
 def _placement(item: SceneObject, time: float) -> Floats:
-    """Return the map from the coordinates of an object's shape, before its own transform, to the world."""
+    """Return the transform from the coordinates of an object's shape, before its own transform, to the world."""
     matrix = np.eye(4)
     for own in (item.shape.transform, item.transform):
         if own is not None:

@@ -1,4 +1,4 @@
-"""Pages: a picture that a browser or a notebook turns, in one file that needs nothing else. Plotly draws it."""
+"""HTML pages: interactive pictures for browsers and notebooks in one self-contained file, drawn by Plotly."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
 __all__ = ["Page", "page", "write"]
 
 MOST = 400_000
-"""Most points of a page, evenly chosen from all frames: more slow browsers down."""
+"""Greatest number of points on a page, evenly chosen from all frames: more slow browsers down."""
 ANGLE = np.radians(45.0)
 """Plotly's vertical angle of view, rad."""
 STAGE = 0.82
-"""Width of the picture, in that of the page; the rest is for the legend."""
+"""Width of the picture relative to the page; the rest is for the legend."""
 RIGHT = {"x": STAGE + 0.01, "xanchor": "left"}
 LONGEST = 24
-"""Characters of a name for which the legend has room."""
+"""Greatest length of a name in the legend, characters."""
 TOLD = ("range", "intensity", "range_error", "ring", "object_id")
 """Fields that a page shows for the point under the pointer."""
 
@@ -65,11 +65,11 @@ def write(picture: Picture, path: PathLike, *, size: tuple[int, int], point_size
     Parameters
     ----------
     picture : Picture
-        What to show; all frames, with a slider.
+        The picture; all frames are shown, with a slider.
     path : path-like
         The file.
     size : tuple of int
-        Width and height that the page is made for, pixels; it fills the window of the browser.
+        Width and height for which the page is designed, pixels; it fills the window of the browser.
     point_size : float, optional
         Diameter of a point, pixels.
 
@@ -86,7 +86,7 @@ def write(picture: Picture, path: PathLike, *, size: tuple[int, int], point_size
 
 
 def page(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> Page:
-    """Return a picture as a page that a notebook displays; the parameters are those of `write`."""
+    """Return a picture as a page for a notebook; the parameters are those of `write`."""
     figure = _figure(picture, STAGE * size[0] / size[1], point_size)
     text = figure.to_html(
         include_plotlyjs=True,
@@ -109,7 +109,7 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
         + [frame.pose[None, :3, 3] for frame in picture.frames]
     )
     low, high = every.min(axis=0), every.max(axis=0)
-    # Map coordinates are too long for float32, and for ticks.
+    # Map coordinates have too many digits for float32 and for ticks.
     shift = np.round((low + high) / 2000) * 1000 if np.abs(every).max() > 1e4 else np.zeros(3)
     reach = float(np.linalg.norm(seen - seen.mean(axis=0), axis=1).max())
     step = max(1, -(-sum(len(frame.cloud) for frame in picture.frames) // MOST))
@@ -122,12 +122,12 @@ def _figure(picture: Picture, aspect: float, point_size: float | None) -> go.Fig
     ]
     still = [*_meshes(go, picture, picture.surfaces, shift, legend=True), *_path(go, picture, shift)]
     figure = go.Figure(data=[*moving[0], *still])
-    half = MARGIN * np.maximum((high - low) / 2, 1e-3 * reach)  # else Plotly cuts off what float32 rounds outwards
+    half = MARGIN * np.maximum((high - low) / 2, 1e-3 * reach)  # else Plotly clips points that float32 rounds outwards
     whole = float(half.max())
     centre = (low + high) / 2
 
     def camera(name: Camera | Floats) -> dict[str, dict[str, float]]:
-        """Return a view in Plotly's unit, the longest edge of the box that the axes make."""
+        """Return a view in Plotly's unit, the longest edge of the axes' box."""
         view = replace(picture, camera=name).view(0, seen, aspect, angle=ANGLE)
         eye, target = ((point - centre) / (2 * whole) for point in (view.eye, view.target))
         named = {"eye": eye, "center": target, "up": view.up}
@@ -206,7 +206,7 @@ def _xyz(points: Floats) -> dict[str, npt.NDArray[np.float32]]:
 def _moving(
     go: ModuleType, picture: Picture, frame: Frame, *, shift: Floats, reach: float, step: int, dot: float
 ) -> list[BaseTraceType]:
-    """Return the traces of a frame, alike for all frames: points, one trace per category, and the sensor's axes."""
+    """Return the traces of a frame: points, one trace per category, and the sensor's axes; same order in all frames."""
     cloud, colors = frame.cloud[::step], picture.colors
     values = field_of(cloud, colors.field)
     told = [name for name in TOLD if name in cloud.fields]
@@ -216,11 +216,11 @@ def _moving(
         part = cloud[chosen]
         columns = [np.asarray(getattr(part, field), np.float32) for field in told]
         return go.Scatter3d(
-            # A trace without points has no place in the legend, where the colours of surfaces are as well.
+            # An empty trace would be missing in the legend, which also explains the colours of surfaces.
             **_xyz(part.xyz - shift if len(part) else np.full((1, 3), np.nan)),
             mode="markers",
             marker={"size": dot, **marker},
-            name=html.escape(plain(name, most=LONGEST), quote=False),  # Plotly reads tags and a few entities
+            name=html.escape(plain(name, most=LONGEST), quote=False),  # Plotly interprets tags and some entities
             showlegend=legend,
             customdata=np.stack(columns, axis=-1) if columns else None,
             hovertemplate="<br>".join(["x %{x:.2f}, y %{y:.2f}, z %{z:.2f}", *lines]),
@@ -249,7 +249,7 @@ def _moving(
 
 
 def _scale(colors: Coloring, *, bar: bool) -> dict[str, Any]:
-    """Return what makes colours of numbers, and whether a bar beside the picture shows it."""
+    """Return the colour scale of a trace, with a colour bar if `bar`."""
     ticks = colors.ticks()
     return {
         "cmin": 0.0,
@@ -269,7 +269,7 @@ def _scale(colors: Coloring, *, bar: bool) -> dict[str, Any]:
 def _meshes(
     go: ModuleType, picture: Picture, surfaces: Sequence[Surface], shift: Floats, *, legend: bool = False
 ) -> list[BaseTraceType]:
-    """Return surfaces, those of one colour as one mesh; the legend may have an entry for all."""
+    """Return surfaces, merged by colour; with `legend`, one entry stands for all of them."""
     colors = picture.colors
     by_height = colors.field == "height"
     by_color: dict[str, list[Surface]] = {}

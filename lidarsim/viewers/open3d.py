@@ -1,4 +1,4 @@
-"""Open3D: conversion to its tensor point cloud and meshes, and its interactive window."""
+"""Open3D: conversion to tensor point clouds and meshes, and the interactive window."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def import_open3d() -> ModuleType:
     """Import Open3D, also on a machine without libusb.
 
     Open3D's wheel links to ``libusb-1.0.so.0`` for its camera drivers, which servers lack. The package `libusb-package`
-    carries that library, and once it is loaded the dynamic linker looks no further.
+    contains that library; once it is loaded, the dynamic linker uses it.
 
     Returns
     -------
@@ -42,9 +42,9 @@ def import_open3d() -> ModuleType:
     Raises
     ------
     MissingExtraError
-        If Open3D is not installed, or does not import here.
+        If Open3D is not installed or cannot be imported.
     """
-    with suppress(ImportError, OSError):  # Open3D's own import then says what is missing, if anything is
+    with suppress(ImportError, OSError):  # the import of Open3D reports what is missing
         import libusb_package
 
         ctypes.CDLL(str(libusb_package.get_library_path()), mode=ctypes.RTLD_GLOBAL)
@@ -52,7 +52,7 @@ def import_open3d() -> ModuleType:
 
 
 def to_open3d(cloud: PointCloud) -> open3d.t.geometry.PointCloud:
-    """Convert as `PointCloud.to_open3d` documents."""
+    """Convert a cloud as documented in `PointCloud.to_open3d`."""
     o3d = import_open3d()
     columns: Fields = {"positions": cloud.xyz}
     for name in cloud.fields[1:]:
@@ -70,7 +70,7 @@ def to_open3d(cloud: PointCloud) -> open3d.t.geometry.PointCloud:
 
 
 def scene_to_open3d(scene: Scene, **options: Any) -> list[dict[str, Any]]:
-    """Convert as `Scene.to_open3d` documents."""
+    """Convert a scene as documented in `Scene.to_open3d`."""
     o3d = import_open3d()
     converted = []
     for surface in surfaces(scene, **options):
@@ -86,7 +86,7 @@ def scene_to_open3d(scene: Scene, **options: Any) -> list[dict[str, Any]]:
 
 
 def from_open3d(points: Any) -> dict[str, Any]:
-    """Return the fields as `PointCloud.from_open3d` documents."""
+    """Return the fields as documented in `PointCloud.from_open3d`."""
     o3d = import_open3d()
     if isinstance(points, o3d.geometry.PointCloud):
         points = o3d.t.geometry.PointCloud.from_legacy(points, o3d.core.float64)
@@ -94,7 +94,7 @@ def from_open3d(points: Any) -> dict[str, Any]:
         raise ArgumentTypeError("points", "an Open3D point cloud", type(points).__name__)
     if "positions" not in points.point:
         raise ArgumentValueError("points", "a point cloud with positions", "an empty one")
-    own = sorted(points.point, key=lambda name: (name != "positions", len(name), name))  # columns in their order
+    own = sorted(points.point, key=lambda name: (name != "positions", len(name), name))  # components in order
     fields: dict[str, Any] = {}
     vectors: dict[str, list[Any]] = {}
     for name in own:
@@ -119,13 +119,13 @@ def _mesh(o3d: ModuleType, surface: Surface) -> open3d.t.geometry.TriangleMesh:
 
 
 def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middle: Floats) -> list[dict[str, Any]]:
-    """Return what Open3D's viewer takes of a surface, a geometry a colour; nothing if it has no triangles."""
+    """Return a surface as input for Open3D's viewer, one geometry per colour; empty without triangles."""
     if not len(surface.faces):
         return []
     colors = picture.colors
     by_height = colors.field == "height"
     name = f"{surface.object_id} {plain(surface.item.name, most=NAME)}".rstrip()
-    if by_height:  # colours run straight from corner to corner of a triangle, so it must not span many
+    if by_height:  # colours are interpolated linearly in a triangle, so it must not span many
         surface = surface.refined((colors.limits[1] - colors.limits[0]) / 16)
     parts = []
     for number, (color, part) in enumerate(colored(surface, colors)):
@@ -142,18 +142,18 @@ def _part(o3d: ModuleType, surface: Surface, which: str, picture: Picture, middl
 
 
 def _linear(rgb: npt.NDArray[np.uint8]) -> npt.NDArray[np.float32]:
-    """Return colours in linear light, 0 to 1, as Open3D's viewer takes those of points (IEC 61966-2-1)."""
+    """Return colours in linear light, 0 to 1, which Open3D's viewer expects for points (IEC 61966-2-1)."""
     srgb = rgb / np.float32(255)
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -> None:
-    """Show a picture in Open3D's viewer until it is closed; of several frames, its list chooses which.
+    """Show a picture in Open3D's viewer until it is closed; its list of geometries selects among frames.
 
     Parameters
     ----------
     picture : Picture
-        What to show.
+        The picture.
     size : tuple of int
         Width and height of the window, pixels.
     point_size : float, optional
@@ -169,9 +169,9 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
     require_display()
     o3d = import_open3d()
     seen = picture.seen()
-    middle = seen.mean(axis=0)  # its graphics have float32, too coarse for map coordinates
+    middle = seen.mean(axis=0)  # graphics use float32, too coarse for map coordinates
     dots = o3d.visualization.rendering.MaterialRecord()
-    dots.shader = "defaultUnlit"  # a class has one colour, however its points are lit
+    dots.shader = "defaultUnlit"  # lighting must not change the colour of a class
     dots.point_size = point_size or 3
     parts: list[dict[str, Any]] = []
     for number, frame in enumerate(picture.frames):
@@ -204,7 +204,7 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
     view = picture.view(0, seen, size[0] / size[1])
     errors_alone = o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error)
     try:
-        with errors_alone:  # it warns of each array that it rounds to float32
+        with errors_alone:  # hides warnings of arrays rounded to float32
             o3d.visualization.draw(
                 parts,
                 title="lidarsim",
@@ -219,7 +219,7 @@ def draw(picture: Picture, *, size: tuple[int, int], point_size: float | None) -
                 show_skybox=False,
                 show_ui=True,
             )
-    except RuntimeError as error:  # as it says that there is no Vulkan, or no OpenGL
+    except RuntimeError as error:  # no Vulkan or OpenGL
         raise LidarsimError(f"Open3D cannot open a window here ({error}): try the viewer pyvista") from error
 
 

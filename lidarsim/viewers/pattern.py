@@ -1,4 +1,4 @@
-"""A picture of a scan pattern: where its pulses go, and their footprint on a plane."""
+"""Pictures of scan patterns: the directions of the pulses, and their footprint on a plane."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
     from lidarsim.sensor import Lidar
 
 MOST = 200_000
-"""Most pulses of a picture, evenly chosen: more only fill the same pixels."""
+"""Greatest number of pulses in a picture, evenly chosen: more only fill the same pixels."""
 
 
 def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     """Draw the scan pattern of a sensor: azimuth and elevation, and its footprint on a plane, coloured by time.
 
-    The plane is a wall 10 m ahead; of a sensor that looks all around, the ground 2 m below; of an airborne scanner's
-    mirror, the ground under an aircraft at 100 m and 60 m/s. A sensor that looks all around and never down is drawn at
-    a range of 10 m instead, and one whose elevations are all the same with azimuth over time.
+    The plane is a wall 10 m ahead; for sensors that see 180° or more, the ground 2 m below; for an airborne scanner's
+    mirror, the ground under an aircraft at 100 m and 60 m/s. A sensor that sees 180° or more and never looks down is
+    drawn at a range of 10 m instead, and one with a single elevation as time over azimuth.
 
     Parameters
     ----------
@@ -43,18 +43,18 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     path : path-like
         The PNG file.
     frames : int
-        Frames to draw, from frame 0 on.
+        Number of frames to draw, from frame 0 on.
 
     Raises
     ------
     FileFormatError
         If the suffix of `path` is not ``.png``.
     MissingExtraError
-        If Matplotlib, which PyVista brings along, is not installed.
+        If Matplotlib, a dependency of PyVista, is not installed.
     OSError
         If the file cannot be written.
     TypeError, ValueError
-        If `frames` is not a whole number >= 1, or the sensor fires no pulses.
+        If `frames` is not an integer >= 1, or the sensor fires no pulses.
     """
     check_screenshot(path)
     parts = [pulses_of(lidar.pattern, frame) for frame in range(integer("frames", frames, at_least=1))]
@@ -74,12 +74,12 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
     for points in drawn:
         points.set_clim(first, last if last > first else first + 1.0)
     for axes in (angles, plane):
-        axes.invert_xaxis()  # left is left
+        axes.invert_xaxis()  # y and azimuth grow to the left
     sheet.colorbar(drawn[1], ax=[angles, plane], label="time [ms]", shrink=0.8)
     length = time[-1] - time[0]
     name = plain(lidar.name or type(lidar.pattern).__name__, most=60)
     title = f"{name}: {count:,} pulses in {1e3 * length:.1f} ms"
-    sheet.suptitle(title, color="white", parse_math=False)  # a name is no formula
+    sheet.suptitle(title, color="white", parse_math=False)  # names are not formulas
     for axes in sheet.axes:
         axes.set_facecolor(BACKGROUND)
         axes.tick_params(colors="white")
@@ -88,7 +88,7 @@ def draw(lidar: Lidar, path: PathLike, *, frames: int = 1) -> None:
         for spine in axes.spines.values():
             spine.set_color("#555555")
     with atomic_writer(path) as file, warnings.catch_warnings():
-        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # of a name, which is drawn as boxes
+        warnings.filterwarnings("ignore", "Glyph", UserWarning)  # missing glyphs of a name become boxes
         sheet.savefig(file, format="png", dpi=120)
 
 
@@ -129,7 +129,7 @@ def _draw_footprint(axes: Axes, lidar: Lidar, origins: Floats, directions: Float
 
 
 def _on_plane(origins: Floats, directions: Floats, *, axis: int, at: float) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Return where the pulses meet the plane on which a coordinate is `at`, and which of them do."""
+    """Return the hits of the pulses on the plane where a coordinate is `at`, and which pulses hit it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = (at - origins[:, axis]) / directions[:, axis]
         met = np.isfinite(distance) & (distance > 0.0)
@@ -137,7 +137,7 @@ def _on_plane(origins: Floats, directions: Floats, *, axis: int, at: float) -> t
 
 
 def _scatter(axes: Axes, across: Floats, up: Floats, time: Floats) -> PathCollection:
-    """Draw points, the more the smaller, coloured by time."""
+    """Draw points coloured by time, smaller for more points."""
     colors = import_extra("matplotlib.colors", "pyvista", "this picture")
     colormap = colors.LinearSegmentedColormap.from_list("time", SEQUENTIAL)
     size = min(12.0, max(0.4, 3e4 / max(len(time), 1)))

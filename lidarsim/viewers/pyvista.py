@@ -1,4 +1,4 @@
-"""PyVista: conversion of clouds and scenes, and pictures of them, in a window or as PNG, GIF or MP4."""
+"""PyVista: conversion of clouds and scenes, and pictures of them in a window or as PNG, GIF or MP4."""
 
 from __future__ import annotations
 
@@ -31,25 +31,25 @@ if TYPE_CHECKING:
 __all__ = ["check_screenshot", "draw"]
 
 PANEL = 260
-"""Width of the legend beside a picture, pixels, or a quarter of the whole."""
+"""Greatest width of the legend, pixels; it is at most a quarter of the picture."""
 TURN = 90
-"""Images of a film that goes around a single frame once."""
+"""Images of a film that circles a single frame once."""
 INSTANCED = 1000
-"""Triangles from which on a mesh that several objects share is drawn as instances; all others make up one piece."""
+"""Least number of triangles of a shared mesh to be drawn as instances; all other meshes are merged."""
 FONT_FILE = 4
-"""VTK's number for a font that a file gives (``VTK_FONT_FILE``)."""
+"""VTK's constant for a font from a file (``VTK_FONT_FILE``)."""
 SHADING: dict[str, Any] = {"smooth_shading": False, "ambient": 0.35, "diffuse": 0.65}
 
 
 def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
-    """Convert as `PointCloud.to_pyvista` documents."""
+    """Convert a cloud as documented in `PointCloud.to_pyvista`."""
     pv = import_extra("pyvista", "pyvista", "this view")
     converted: pyvista.PolyData = pv.PolyData(cloud.xyz)
     for name in cloud.fields[1:]:
         array = getattr(cloud, name)
         if array.shape[0] or array.ndim == 1:
             converted.point_data[name] = array
-        else:  # PyVista refuses an empty vector field, VTK does not
+        else:  # PyVista refuses empty vector fields, VTK does not
             converted.point_data.VTKObject.AddArray(pv.convert_array(array, name=name))
     if cloud.class_names:
         converted.field_data["class_label"] = np.array(list(cloud.class_names), np.uint32)
@@ -58,7 +58,7 @@ def to_pyvista(cloud: PointCloud) -> pyvista.PolyData:
 
 
 def _add_texts(mesh: pyvista.DataSet, name: str, texts: Iterable[str]) -> None:
-    """Add field data of texts: PyVista takes ASCII alone, VTK any."""
+    """Add texts as field data by VTK, since PyVista only takes ASCII."""
     array = import_extra("vtkmodules.vtkCommonCore", "pyvista", "this view").vtkStringArray()
     array.SetName(name)
     for text in texts:
@@ -67,12 +67,12 @@ def _add_texts(mesh: pyvista.DataSet, name: str, texts: Iterable[str]) -> None:
 
 
 def _encodable(text: str) -> str:
-    """Return a text that VTK takes: surrogates, which UTF-8 does not have, as escapes."""
+    """Return a text that VTK accepts: surrogates, which UTF-8 cannot encode, become escapes."""
     return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 def from_pyvista(mesh: pyvista.DataSet) -> dict[str, Any]:
-    """Return the fields as `PointCloud.from_pyvista` documents."""
+    """Return the fields as documented in `PointCloud.from_pyvista`."""
     if not (hasattr(mesh, "points") and hasattr(mesh, "point_data")):
         raise ArgumentTypeError("mesh", "a PyVista data set", type(mesh).__name__)
     fields: dict[str, Any] = {"xyz": np.asarray(mesh.points)}
@@ -87,7 +87,7 @@ def from_pyvista(mesh: pyvista.DataSet) -> dict[str, Any]:
 
 
 def scene_to_pyvista(scene: Scene, **options: Any) -> pyvista.MultiBlock:
-    """Convert as `Scene.to_pyvista` documents."""
+    """Convert a scene as documented in `Scene.to_pyvista`."""
     pv = import_extra("pyvista", "pyvista", "this view")
     blocks: pyvista.MultiBlock = pv.MultiBlock()
     shared: dict[tuple[int, bool], pyvista.CellArray] = {}
@@ -101,7 +101,7 @@ def scene_to_pyvista(scene: Scene, **options: Any) -> pyvista.MultiBlock:
 
 
 def _triangles(surface: Surface, shared: dict[tuple[int, bool], pyvista.CellArray]) -> pyvista.PolyData:
-    """Return a surface in the world; those of one shape have the same connectivity."""
+    """Return a surface in the world; surfaces of one shape share their connectivity."""
     pv = import_extra("pyvista", "pyvista", "this view")
     faces = surface.outward()
     key = id(surface.vertices), faces is surface.faces
@@ -114,48 +114,48 @@ def _triangles(surface: Surface, shared: dict[tuple[int, bool], pyvista.CellArra
 
 
 def check_screenshot(path: PathLike) -> None:
-    """Check, before any work, that a picture can be written: a PNG, in a folder that is there.
+    """Check, before any work, that a picture can be written: a PNG in an existing folder.
 
     Parameters
     ----------
     path : path-like
-        The picture to be written.
+        The file to write.
 
     Raises
     ------
     FileFormatError
         If the suffix is not ``.png``.
     OSError
-        If the folder does not exist or cannot be written in.
+        If the folder does not exist or is not writable.
     """
     check_suffix(path, {".png"})
     check_folder(path)
 
 
 def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], point_size: float | None) -> None:
-    """Show a picture in a window until it is closed, or write it: one frame as PNG, all as GIF or MP4.
+    """Show a picture in a window until it is closed, or write one frame as PNG, or all as GIF or MP4.
 
     Parameters
     ----------
     picture : Picture
-        What to show.
+        The picture.
     path : path-like, optional
         The file; without it, a window opens.
     size : tuple of int
         Width and height, pixels.
     point_size : float, optional
-        Diameter of a point, pixels; by default the more points, the smaller.
+        Diameter of a point, pixels; by default smaller for more points.
 
     Raises
     ------
     LidarsimError
         If there is no display for a window, or no OpenGL.
     MissingExtraError
-        If PyVista is not installed, or what an MP4 file needs.
+        If PyVista, or the package for MP4 files, is not installed.
     OSError
         If the file cannot be written.
     ValueError
-        If a PNG is asked for of several frames.
+        If a PNG is requested for several frames.
     """
     suffix = "" if path is None else Path(path).suffix.lower()
     if suffix == ".png" and len(picture.frames) > 1:
@@ -169,7 +169,7 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
         require_display()
     pv = import_extra("pyvista", "pyvista", "this view")
     panel = min(PANEL, size[0] // 4)
-    # VTK reports each kind of window that it tries in vain.
+    # Silences VTK's reports of each kind of window that it tries without success.
     with (
         pv.vtk_verbosity("off"),
         _no_formulas(),
@@ -206,8 +206,8 @@ def draw(picture: Picture, path: PathLike | None, *, size: tuple[int, int], poin
 
 @contextmanager
 def _no_formulas() -> Iterator[None]:
-    """Let VTK draw texts as they are in the block: it takes dollar signs and bars for formulas."""
-    import_extra("vtkmodules.vtkRenderingFreeType", "pyvista", "this view")  # which makes the renderer
+    """Let VTK draw texts literally in the block: it takes dollar signs and bars for formulas."""
+    import_extra("vtkmodules.vtkRenderingFreeType", "pyvista", "this view")  # its import creates the renderer
     texts = import_extra("vtkmodules.vtkRenderingCore", "pyvista", "this view").vtkTextRenderer.GetInstance()
     before = texts.GetDefaultBackend()
     texts.SetDefaultBackend(texts.FreeType)
@@ -219,7 +219,7 @@ def _no_formulas() -> Iterator[None]:
 
 @cache
 def _font() -> tuple[str, frozenset[int]]:
-    """Return the file of a font for more alphabets than VTK's own, which has Latin letters alone, and what it has."""
+    """Return the file and characters of a font for more alphabets than VTK's own, which only has Latin letters."""
     fonts = import_extra("matplotlib.ft2font", "pyvista", "this picture")
     folder = import_extra("matplotlib", "pyvista", "this picture").get_data_path()
     path = str(Path(folder, "fonts", "ttf", "DejaVuSans.ttf"))
@@ -229,14 +229,14 @@ def _font() -> tuple[str, frozenset[int]]:
 def _check_opengl(plotter: pyvista.Plotter, path: PathLike | None) -> None:
     window: Any = plotter.render_window
     window.Initialize()
-    if path is not None and not window.GetInitialized():  # VTK would draw nevertheless, and crash
+    if path is not None and not window.GetInitialized():  # VTK would crash when drawing
         raise LidarsimError("no OpenGL to draw with: install libEGL (Debian, Ubuntu: apt install libegl1)")
 
 
 class _Stage:
-    """What is in a plotter: all frames, of which one is shown, relative to the middle of what is seen.
+    """Contents of a plotter: all frames, one of them visible, in coordinates relative to the middle of the view.
 
-    The graphics card has float32, too coarse for map coordinates.
+    Graphics cards use float32, which is too coarse for map coordinates.
     """
 
     def __init__(self, plotter: pyvista.Plotter, picture: Picture, aspect: float, point_size: float | None) -> None:
@@ -260,19 +260,19 @@ class _Stage:
         self.show(0)
 
     def show(self, index: int, turn: float = 0.0) -> None:
-        """Show one frame alone, from where the camera then is."""
+        """Show one frame from its camera, and hide the others."""
         for number, actors in enumerate(self.actors):
             for actor in actors:
                 actor.SetVisibility(number == index)
         follows = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
         if index and not follows and not self.plotter.off_screen:
-            return  # keep the view that the user has turned to
+            return  # keep the user's view
         view = self.picture.view(index, self.seen, self.aspect, turn=turn)
         camera = self.plotter.renderers[0].camera
         camera.position, camera.focal_point, camera.up = view.eye - self.middle, view.target - self.middle, view.up
         camera.view_angle = np.degrees(view.angle)
         renderer = self.plotter.renderers[0]
-        # VTK's nearest visible depth is a fraction of the farthest: one far point must not hide all near ones.
+        # VTK's near clipping distance is a fraction of the far one: a far point must not hide all near ones.
         farthest = float(
             np.linalg.norm(self.picture.frames[index].cloud.xyz - view.eye, axis=1).max(initial=self.reach)
         )
@@ -280,7 +280,7 @@ class _Stage:
         renderer.ResetCameraClippingRange()
 
     def film(self) -> Iterator[npt.NDArray[np.uint8]]:
-        """Return the images of a film: all frames, or a single one from all sides."""
+        """Yield the images of a film: all frames, or a single one from all sides."""
         frames = len(self.picture.frames)
         self.plotter.show(auto_close=False, interactive=False)
         for number in range(frames if frames > 1 else TURN):
@@ -289,7 +289,7 @@ class _Stage:
             yield np.asarray(self.plotter.screenshot(return_img=True))
 
     def _add(self, mesh: pyvista.DataSet, **look: Any) -> pyvista.Actor:
-        """Add a mesh under a name of its own: PyVista names one by its address, which the next may have as well."""
+        """Add a mesh under a unique name: PyVista names meshes by address, which another mesh may reuse."""
         self.added += 1
         return self.plotter.add_mesh(mesh, name=f"mesh {self.added}", **look)
 
@@ -303,14 +303,14 @@ class _Stage:
         position = frame.pose[:3, 3] - self.middle
         inside = isinstance(self.picture.camera, str) and self.picture.camera == "first-person"
         shown = not inside and (self.picture.has_points or not self.picture.every_surface)
-        if shown and np.linalg.norm(position) < 1000 * self.reach:  # else it would be a dot, and spoil the depth buffer
+        if shown and np.linalg.norm(position) < 1000 * self.reach:  # far axes would be a dot and spoil the depth buffer
             for axis, color in enumerate(AXES):
                 arrow = self.pv.Arrow(start=position, direction=frame.pose[:3, axis], scale=AXIS * self.reach)
                 actors.append(self._add(arrow, color=color, lighting=False))
         return actors
 
     def _surfaces(self, surfaces: Sequence[Surface]) -> list[pyvista.Actor]:
-        """Add surfaces, translucent: those of one mesh as instances of it, all others in one piece."""
+        """Add translucent surfaces: large shared meshes as instances, all others merged."""
         colors, actors = self.picture.colors, []
         by_height = colors.field == "height"
         look = {"opacity": 0.15 if self.picture.has_points else 1.0, **SHADING}
@@ -337,7 +337,7 @@ class _Stage:
         if others and by_height:
             mesh = self.pv.PolyData.from_regular_faces(*joined(others, self.middle))
             mesh.point_data["height"] = mesh.points[:, 2] + self.middle[2]
-            # The colours of a large triangle run through the table, not straight from corner to corner.
+            # Interpolates heights instead of colours within large triangles.
             scale = {"cmap": colors.table, "clim": colors.limits, "interpolate_before_map": True}
             actors.append(self._add(_shaded(mesh), scalars="height", show_scalar_bar=False, **scale, **look))
         elif others:
@@ -351,7 +351,7 @@ class _Stage:
         return actors
 
     def _grid(self) -> float:
-        """Add lines on the ground, and return how far apart they are, m."""
+        """Add a grid on the ground, and return its spacing, m."""
         spacing, height, xs, ys = grid(self.seen)
         ends = [((x, ys[0], height), (x, ys[-1], height)) for x in xs] + [
             ((xs[0], y, height), (xs[-1], y, height)) for y in ys
@@ -360,7 +360,7 @@ class _Stage:
         return spacing
 
     def _panel(self, spacing: float, most: int) -> None:
-        """Write the legend beside the picture, where it covers no points."""
+        """Draw the legend beside the picture, where it covers no points."""
         pv, colors, plotter = self.pv, self.picture.colors, self.plotter
         renderer = plotter.renderers[1]
         renderer.SetInteractive(False)
@@ -417,14 +417,14 @@ class _Stage:
         objects, frames = len(self.picture.surfaces + self.picture.frames[0].movers), len(self.actors)
         what = (frames, "frame") if frames > 1 else (most, "point") if most or not objects else (objects, "object")
         write(counted(*what), 0.04, 0.04)
-        camera = renderer.camera  # a unit is the height of the panel
+        camera = renderer.camera  # in units of the panel's height
         camera.parallel_projection, camera.parallel_scale = True, 0.5
         camera.focal_point, camera.position, camera.up = (wide / 2, 0.5, 0.0), (wide / 2, 0.5, 1.0), (0.0, 1.0, 0.0)
         renderer.ResetCameraClippingRange()
 
 
 def _shaded(mesh: pyvista.PolyData) -> pyvista.PolyData:
-    """Return a mesh with normals that make what is round look round, and leave edges sharp."""
+    """Return a mesh with normals that smooth round surfaces and keep edges sharp."""
     shaded: pyvista.PolyData = mesh.compute_normals(
         cell_normals=False, split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
     )
@@ -437,7 +437,7 @@ def _write_film(path: PathLike, images: Iterator[npt.NDArray[np.uint8]], rate: f
 
         def palette(
             image: npt.NDArray[np.uint8],
-        ) -> Image.Image:  # median cut, the default, merges classes of few points
+        ) -> Image.Image:  # the default, median cut, merges the colours of classes with few points
             return Image.fromarray(image).quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
 
         first, *others = map(palette, images)

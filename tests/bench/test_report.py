@@ -154,8 +154,8 @@ def test_the_report_holds_every_row(results: dict[str, Any]) -> None:
         ["1", "embreex", "6", "0.6", "0.5", "3", "2.6e4", "4.8e15", "3 + 1 + 26 of 300"]
     ] * 3
     assert [cells[-1] for cells in casting if "Warp" in cells[2]] == ["1 + 0 + ? of 300"]
-    assert table(text, "scene | ns a ray") == [["a plane, twice", "45.6", "1.4", "0 of 65,536"]]
-    assert table(text, "what | ns a ray") == [
+    assert table(text, "scene | ns per ray") == [["a plane, twice", "45.6", "1.4", "0 of 65,536"]]
+    assert table(text, "what | ns per ray") == [
         ["lidarsim, instances", "58.4", "2", "0", "0"],
         ["Open3D, one mesh", "117", "1", "1,234", "9.2e-4"],
     ]

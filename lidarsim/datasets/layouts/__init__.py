@@ -1,4 +1,4 @@
-"""How the files of a data set are laid out: one module per layout, and its line in `LAYOUTS`."""
+"""File layouts of data sets: one module per layout, with a line in `LAYOUTS`."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ else:
 
 
 def layout_of(value: str | dict[str, Any]) -> Layout:
-    """Return the layout of a name, or of a mapping with its name as ``type`` and its options.
+    """Return the layout with a name, or from a mapping with the name as ``type`` and its options.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a layout is."""
+"""Base class of layouts."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ if TYPE_CHECKING:
     from lidarsim.scene import Scene
 
 Extra = dict[str, Any]
-"""What a layout notes of a sample for its tables, as JSON can hold it."""
+"""Notes of a layout on a sample for its tables, in JSON types."""
 
 Write = Callable[[Sample], Extra]
 
 
 @dataclass
 class Files:
-    """Files on their way into a store, and their entries in the manifest."""
+    """Files written to a store, and their entries in the manifest."""
 
     store: Store
     entries: list[dict[str, Any]] = field(default_factory=list)
@@ -47,9 +47,9 @@ class Files:
 
     @contextmanager
     def local(self, name: str, more: Mapping[str, object] | None = None) -> Iterator[Path]:
-        """Yield the path of a local file to write, which becomes the file `name` when the block ends well.
+        """Yield the path of a local file, which becomes the file `name` when the block ends without an error.
 
-        Its entry in the manifest gets what `more` then holds.
+        Its entry in the manifest gets the contents of `more` at that time.
         """
         with self.store.writing(name) as path:
             yield path
@@ -72,16 +72,16 @@ class Files:
 
 @dataclass(frozen=True)
 class Summary:
-    """What a layout's tables are made from, when all shards are there.
+    """Input for the tables of a layout, when all shards are done.
 
     Attributes
     ----------
     records : callable
-        Iterates over the records of all samples in their order: sequence, frame, sensor of the rig.
+        Returns an iterator over the records of all samples, ordered by sequence, frame and sensor of the rig.
     labels : dict of int to int
-        How many points have each label.
+        Number of points by label.
     class_names : dict of int to str
-        Class names of all labels that points have, and of those that the recipe names.
+        Class names of all labels that points have or the recipe names.
     digest : str
         Hash of the recipe.
     """
@@ -93,22 +93,22 @@ class Summary:
 
 
 class Noted(Model):
-    """Schema of what a layout notes of a sample; nothing here."""
+    """Schema of a layout's notes on a sample; empty by default."""
 
     model_config = ConfigDict(allow_inf_nan=False)
 
 
 class Layout(Model):
-    """Base of the layouts, which are also the keys of their options.
+    """Base of the layouts; each is also the schema of its options.
 
     Attributes
     ----------
     noted : type of Noted
-        Schema of what `writer` notes of a sample.
+        Schema of the notes of `writer` on a sample.
     greatest_label : int
-        The greatest that its files can hold.
+        Greatest label that the files can hold.
     reading : str
-        Lines of the data card on how to read it, if that is not obvious.
+        Text for the data card on how to read the data set, if that is not obvious.
     """
 
     noted: ClassVar[type[Noted]] = Noted
@@ -118,12 +118,12 @@ class Layout(Model):
     type: str
 
     def check(self, run: Run) -> None:
-        """Raise `ValueError` if the names of the sensors cannot be those of files, or topics, of this layout."""
+        """Raise `ValueError` if a sensor's name cannot be that of a file, or topic, of this layout."""
         if isinstance(run.sensor, Rig):
             check_names("sensors", run.sensor)
 
     def check_labels(self, class_names: Mapping[int, str], scene: Scene) -> None:
-        """Raise `ValueError` if a label is greater than the files of this layout can hold."""
+        """Raise `ValueError` if a label is too great for the files of this layout."""
         most = self.greatest_label
         labels = {"class_names": iter(class_names)}
         labels["scene"] = (int(np.max(item.label, initial=0)) for item in scene.objects)
@@ -134,12 +134,12 @@ class Layout(Model):
 
     @abstractmethod
     def names(self, run: Run, sequences: int) -> set[str]:
-        """Return the names of the files and folders that it writes at the top of a data set."""
+        """Return the names of its files and folders at the top level of a data set."""
 
     @abstractmethod
     def writer(self, files: Files, shard: int) -> AbstractContextManager[Write]:
-        """Return what writes the samples of a shard, in their order."""
+        """Return a context manager whose value writes the samples of a shard in order."""
 
     @abstractmethod
     def finish(self, files: Files, summary: Summary) -> None:
-        """Write the tables, when all shards are there."""
+        """Write the tables, when all shards are done."""

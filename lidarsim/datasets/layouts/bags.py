@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 
 
 class Bags(Layout):
-    """ROS 2 bags, as the drivers of the sensors would record them."""
+    """ROS 2 bags with the messages of the sensors' drivers."""
 
     type: Literal["bags"]
 
     def check(self, run: Run) -> None:
-        """Raise an error if the sensors cannot be those of a bag."""
+        """Raise an error if a bag cannot hold the sensors."""
         super().check(run)
         run.bag("bag.mcap")
 
@@ -32,7 +32,7 @@ class Bags(Layout):
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield what writes samples into the bag of their sequence."""
+        """Yield a function that writes samples into the bag of their sequence."""
         del shard
         bags: dict[int, tuple[rosbag.Writer, dict[str, Any]]] = {}
         with ExitStack() as stack:
@@ -40,7 +40,7 @@ class Bags(Layout):
             def write(sample: Sample) -> Extra:
                 record, run = sample.record, sample.run
                 if record.sequence not in bags:
-                    stack.close()  # the bag of the sequence before
+                    stack.close()  # the bag of the previous sequence
                     about: dict[str, Any] = {"samples": 0, "points": 0, "seed": run.seed}
                     path = stack.enter_context(files.local(f"{_folder(record.sequence)}/{record.frame:06}.mcap", about))
                     bag = stack.enter_context(_bag(path, run))
@@ -54,7 +54,7 @@ class Bags(Layout):
             yield write
 
     def finish(self, files: Files, summary: Summary) -> None:
-        """Do nothing: all is in the bags."""
+        """Do nothing: bags need no tables."""
 
 
 def _folder(sequence: int) -> str:
@@ -63,7 +63,7 @@ def _folder(sequence: int) -> str:
 
 @contextmanager
 def _bag(path: Path, run: Run) -> Iterator[rosbag.Writer]:
-    """Yield a bag of a run, which becomes the file `path`, whatever its suffix."""
+    """Yield a bag of a run, which is renamed to `path`, whatever its suffix."""
     written = path.with_name("bag.mcap")
     with run.bag(written) as bag:
         yield bag

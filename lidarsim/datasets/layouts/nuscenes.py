@@ -1,18 +1,18 @@
 """Tables of nuScenes with lidarseg, as its development kit reads them.
 
-``v1.0-lidarsim/`` holds the tables, ``samples/LIDAR_TOP/`` the points, ``lidarseg/v1.0-lidarsim/`` a uint8 class for
-each. A sequence is a scene and each frame a sample. The sensor of a run is LIDAR_TOP; those of a rig are LIDAR_ and
-their names. Points keep lidarsim's axes, x forward, and ``calibrated_sensor`` says so. The map is empty. The kit knows
-the colours of nuScenes' own classes alone and refuses others without theirs, which are in ``colormap.json``::
+``v1.0-lidarsim/`` holds the tables, ``samples/LIDAR_TOP/`` the points, ``lidarseg/v1.0-lidarsim/`` a uint8 class per
+point. A sequence is a scene, and each frame a sample. The sensor of a run is LIDAR_TOP; sensors of a rig are LIDAR_ and
+their names. Points keep lidarsim's axes, x forward; ``calibrated_sensor`` accounts for this. The map is empty. The kit
+only knows the colours of nuScenes' own classes; for others it needs those in ``colormap.json``::
 
     NuScenes("v1.0-lidarsim", folder, colormap=json.loads(Path(folder, "colormap.json").read_text()))
 
-An instance with points in a frame has an upright box in it, where it is at the time of the sample, with the heading of
-the x axis of its first object. Unbounded objects have none, nor have those with a label per face, nor instance 0.
-Categories are the classes, the attribute is ``moving`` or ``still``. Visibility is a share of what cameras see: without
-any, ``visibility_token`` is an empty string, as the schema has it for what is not annotated, and ``num_lidar_pts`` says
-how well the lidars see an object. Points are as raw as the run has them: ``cloud: {deskew: start}`` moves them to the
-time of the sample, too.
+Each instance with points in a frame gets an upright box at its pose at the time of the sample, with the heading of the
+x axis of its first object. Unbounded objects, objects with a label per face and instance 0 get none. Categories are
+the classes; the attribute is ``moving`` or ``still``. Visibility is a share of camera images: without cameras,
+``visibility_token`` is an empty string, which the schema uses where nothing is annotated; ``num_lidar_pts`` tells how
+well the lidars see an object. Points are deskewed only if the run says so: ``cloud: {deskew: start}`` moves them to the
+time of the sample.
 
 Format: https://github.com/nutonomy/nuscenes-devkit/blob/master/docs/schema_nuscenes.md.
 """
@@ -46,11 +46,11 @@ if TYPE_CHECKING:
 VERSION, COLORS, LABELS = "v1.0-lidarsim", "colormap.json", "lidarseg"
 POINTS, MAPS = "samples", "maps"
 START, APART = 1_577_836_800_000_000, 3_600_000_000
-"""Time 0 of the first sequence, the start of 2020, and how far the next ones are from it, µs: the kit sorts scenes
-by their time, and cannot if two have the same."""
+"""Time 0 of the first sequence, the start of 2020, and time between sequences, µs: the kit sorts scenes by their times,
+which must differ."""
 
 VISIBILITY = {"1": (0, 40), "2": (40, 60), "3": (60, 80), "4": (80, 100)}
-"""Levels of visibility by token, as nuScenes has them, %."""
+"""Visibility levels of nuScenes by token, %."""
 
 
 Three = Annotated[list[float], Field(min_length=3, max_length=3)]
@@ -81,7 +81,7 @@ class NuScenes(Layout):
     noted: ClassVar[type[Noted]] = NotedBoxes
     greatest_label: ClassVar[int] = 255
     reading: ClassVar[str] = f"""
-nuScenes' development kit knows the colours of its own classes alone; those of this data set are in `{COLORS}`:
+nuScenes' development kit only knows the colours of its own classes; those of this data set are in `{COLORS}`:
 
 ```python
 import json
@@ -104,14 +104,14 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield what writes samples: two files each."""
+        """Yield a function that writes the two files of a sample."""
         del shard
         sample_of: tuple[int, int] | None = None
         time = 0.0
 
         def write(sample: Sample) -> Extra:
             nonlocal sample_of, time
-            if (sample.record.sequence, sample.record.frame) != sample_of:  # the first of its frame has the time of all
+            if (sample.record.sequence, sample.record.frame) != sample_of:  # the first sensor's time counts
                 sample_of, time = (sample.record.sequence, sample.record.frame), sample.record.seconds
             record, fields = sample.record, {name: getattr(sample.cloud, name) for name in sample.cloud.fields}
             about = {"points": record.points, "seconds": record.seconds, "seed": sample.run.seed}
@@ -125,7 +125,7 @@ data = NuScenes("{VERSION}", FOLDER, colormap=colors)
         yield write
 
     def finish(self, files: Files, summary: Summary) -> None:
-        """Write the tables, one pass over the samples each."""
+        """Write the tables, each in one pass over the samples."""
         tables = _Tables(summary)
         for name in (
             *("attribute", "calibrated_sensor", "category", "ego_pose", "instance", "lidarseg", "log", "map", "sample"),
@@ -142,7 +142,7 @@ def _color(label: int) -> list[int]:
 
 
 def _boxes(sample: Sample, time: float, labels: list[int] | None) -> Iterator[dict[str, Any]]:
-    """Yield the instances that have points, and their boxes at a time."""
+    """Yield the instances that have points, with their boxes at the given time."""
     found, counts = np.unique(sample.cloud.instance, return_counts=True)
     points = dict(zip(found.tolist(), counts.tolist(), strict=True))
     parts: dict[int, list[SceneObject]] = {}
@@ -160,7 +160,7 @@ def _boxes(sample: Sample, time: float, labels: list[int] | None) -> Iterator[di
 
 
 def _box(items: list[SceneObject], time: float) -> dict[str, list[float]]:
-    """Return the upright box around objects, as the kit has it: width before length."""
+    """Return the upright box around objects in the kit's format: width before length."""
     places = [np.eye(4) if item.transform is None else item.transform for item in items]
     for index, item in enumerate(items):
         if item.motion is not None:
@@ -226,7 +226,7 @@ class _Tables:
 
     def category(self) -> Iterator[dict[str, Any]]:
         names = {0: "noise", **self.summary.class_names}
-        for label in range(max(names) + 1):  # the kit counts them by index, so there is none missing
+        for label in range(max(names) + 1):  # the kit needs consecutive indices
             name = names.get(label, f"class_{label}")
             yield {"token": self.token("category", label), "name": name, "description": "", "index": label}
 
@@ -240,7 +240,7 @@ class _Tables:
             yield {"token": token, "level": f"v{low}-{high}", "description": about}
 
     def annotations(self, records: list[Record]) -> dict[int, list[dict[str, Any]]]:
-        """Return the boxes of each instance of a sequence, frame by frame, with the points of all sensors."""
+        """Return the boxes of each instance of a sequence, frame by frame, counting the points of all sensors."""
         chains: dict[int, list[dict[str, Any]]] = {}
         for record in records:
             for box in record.extra["boxes"]:
@@ -368,7 +368,7 @@ class _Tables:
 
 
 def _black_pixel() -> bytes:
-    """Return a PNG of one black pixel: the kit opens a map."""
+    """Return a PNG of one black pixel, since the kit opens a map."""
     chunks = (b"IHDR", struct.pack(">IIBBBBB", 1, 1, 8, 0, 0, 0, 0)), (b"IDAT", zlib.compress(b"\0\0")), (b"IEND", b"")
     parts = (
         struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data)) for kind, data in chunks

@@ -1,11 +1,11 @@
 """SemanticKITTI: scans, labels and poses as its development kit reads them.
 
 ``sequences/00/velodyne/000000.bin`` holds the points, ``labels/000000.label`` their classes and instances,
-``poses.txt`` the poses in the frame of a camera, relative to the first, ``calib.txt`` the rotation from sensor to
-camera, ``times.txt`` the times in s from the first, and ``semantic-kitti.yaml`` the classes. With a rig, each sensor
-has all of these in a folder of its name. File k, counting from 0, belongs to line k of ``poses.txt`` and ``times.txt``,
-as readers of KITTI expect: a sensor that is slower than the rig counts its own frames. ``seconds`` in
-``manifest.jsonl`` is the time that all sensors share.
+``poses.txt`` the poses in a camera frame, relative to the first, ``calib.txt`` the rotation from sensor to camera,
+``times.txt`` the times since the first in s, and ``semantic-kitti.yaml`` the classes. With a rig, all of these are in a
+folder per sensor. File k, counting from 0, belongs to line k of ``poses.txt`` and ``times.txt``, as readers of KITTI
+expect: a sensor that is slower than the rig counts its own frames. ``seconds`` in ``manifest.jsonl`` is the time that
+all sensors share.
 
 Format: https://github.com/PRBonn/semantic-kitti-api, https://www.cvlibs.net/datasets/kitti/eval_odometry.php.
 """
@@ -34,19 +34,19 @@ if TYPE_CHECKING:
 
 CLASSES = "semantic-kitti.yaml"
 
-# KITTI's camera looks along z, with x to the right and y down; ours sits at the sensor. There are no images, but
-# readers expect the projections P0 to P3 of four cameras: identities.
+# KITTI's camera looks along z, with x right and y down; here it is at the sensor. There are no images, but readers
+# expect the projections P0 to P3 of four cameras: identities.
 CAMERA = np.array([[0.0, -1.0, 0.0, 0.0], [0.0, 0.0, -1.0, 0.0], [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
 class Numbered(Noted):
-    """The number of a sample among those of its sensor in the sequence."""
+    """Number of a sample within its sensor's samples of the sequence."""
 
     number: Number
 
 
 class SemanticKitti(Layout):
-    """Scans, labels and poses as the development kit of SemanticKITTI reads them."""
+    """Scans, labels and poses for SemanticKITTI's development kit."""
 
     noted: ClassVar[type[Noted]] = Numbered
     greatest_label: ClassVar[int] = 2**16 - 1
@@ -54,13 +54,13 @@ class SemanticKitti(Layout):
     type: Literal["semantickitti"]
 
     def names(self, run: Run, sequences: int) -> set[str]:
-        """Return a folder per sensor of a rig, or what a sensor alone has."""
+        """Return a folder per sensor of a rig, or the names for a single sensor."""
         del sequences
         return set(run.sensor) if isinstance(run.sensor, Rig) else {"sequences", CLASSES}
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield what writes samples: two files each."""
+        """Yield a function that writes the two files of a sample."""
         del shard
 
         def write(sample: Sample) -> Extra:
@@ -91,7 +91,7 @@ class SemanticKitti(Layout):
 
 
 def _number(sample: Sample) -> int:
-    """Return the number of a frame among those of its sensor in the sequence."""
+    """Return the number of a frame within its sensor's frames of the sequence."""
     run, name = sample.run, sample.record.sensor
     if not isinstance(run.sensor, Rig):
         return sample.record.frame
@@ -111,12 +111,12 @@ def _finish(files: Files, records: list[Record]) -> None:
     """Write the tables of a sensor in a sequence."""
     folder = _folder(records[0])
     numbers = [record.extra["number"] for record in records]
-    if numbers != [*range(len(records))]:  # where the rate itself varies from frame to frame
+    if numbers != [*range(len(records))]:  # the rate varies between frames
         raise LidarsimError(f"{folder}: expected frames numbered from 0 to {len(records) - 1}, got {numbers[:20]} …")
     first = np.linalg.inv(records[0].matrix)
-    to_sensor = CAMERA.T  # a rotation: its inverse
+    to_sensor = CAMERA.T  # the inverse of a rotation
     poses = BytesIO()
-    # The first is the identity itself, not the rounded product of a matrix and its inverse.
+    # The first pose is the exact identity, not the rounded product of a matrix and its inverse.
     relative = np.array([np.eye(4), *(CAMERA @ (first @ record.matrix) @ to_sensor for record in records[1:])])
     write_poses(np.zeros(len(records)), relative, poses)
     files.write(f"{folder}/poses.txt", poses.getvalue())
@@ -129,7 +129,7 @@ def _finish(files: Files, records: list[Record]) -> None:
 
 
 def _classes(names: dict[int, str], sequences: list[int]) -> dict[str, object]:
-    """Return the description of the classes as the kit has it; colours are blue, green, red."""
+    """Return the classes in the kit's format; colours are blue, green, red."""
     labels = {0: "unlabeled", **names}
     learnt = {label: index for index, label in enumerate(sorted(labels))}
     return {

@@ -1,8 +1,8 @@
-"""Tar files of NumPy archives, which WebDataset reads as they are, and an index of them in Parquet.
+"""Tar files of NumPy archives, which WebDataset reads directly, and a Parquet index of them.
 
 ``shards/000000.tar`` holds, for each sample, ``<sequence>_<frame>.npz`` with its points and ``….json`` with its numbers
-and pose; with a rig ``….<sensor>.npz``. ``index.parquet`` has one row per sample: where its archive is in the tar, and
-everything in the JSON.
+and pose; with a rig ``….<sensor>.npz``. ``index.parquet`` has one row per sample: the place of its archive in the tar,
+and everything in the JSON.
 
 Format: https://github.com/webdataset/webdataset.
 """
@@ -37,7 +37,7 @@ FOLDER, INDEX = "shards", "index.parquet"
 
 
 class Located(Noted):
-    """Where the archive of a sample is."""
+    """Place of a sample's archive."""
 
     shard: Annotated[str, AfterValidator(check_path)]
     offset: Number
@@ -45,7 +45,7 @@ class Located(Noted):
 
 
 class Shards(Layout):
-    """Tar files of NumPy archives, and an index in Parquet. `xyz` is float32; `fields` lists the others."""
+    """Tar files of NumPy archives, and a Parquet index. `xyz` is float32; `fields` lists the other fields."""
 
     noted: ClassVar[type[Noted]] = Located
 
@@ -59,12 +59,12 @@ class Shards(Layout):
 
     @contextmanager
     def writer(self, files: Files, shard: int) -> Iterator[Write]:
-        """Yield what adds samples to the tar of the shard."""
+        """Yield a function that adds samples to the tar of the shard."""
         name = f"{FOLDER}/{shard:06}.tar"
         about: dict[str, Any] = {"samples": 0, "points": 0}
 
         def add(member: str, data: bytes) -> int:
-            head = tarfile.TarInfo(member)  # with a time of 0 and no owner
+            head = tarfile.TarInfo(member)  # time 0, no owner
             head.size = len(data)
             start = tar.offset + tarfile.BLOCKSIZE
             tar.addfile(head, BytesIO(data))

@@ -1,6 +1,6 @@
-"""What the formats of text share. Errors name the line and what was expected, never what the file holds there.
+"""Parsing shared by the text formats. Errors name the line and the expectation, but never show the file's content.
 
-NumPy reads the lines at once; only where it fails are they read one by one, for the number of the first that is wrong.
+NumPy parses all lines at once; only if it fails are they parsed one by one, to find the number of the first wrong one.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ Indices = npt.NDArray[np.int64]
 
 
 class Lines:
-    """Lines of a file, and their numbers from 1 on: two lists, for a million tuples would take long to make."""
+    """Lines of a file with their numbers, counted from 1; two lists are faster than a million tuples."""
 
     def __init__(self, numbers: list[int] | None = None, texts: list[str] | None = None) -> None:
         self.numbers = numbers if numbers is not None else []
         self.texts = texts if texts is not None else []
 
     def append(self, number: int, text: str) -> None:
-        """Put a line at the end."""
+        """Append a line."""
         self.numbers.append(number)
         self.texts.append(text)
 
@@ -39,21 +39,21 @@ class Lines:
         return Lines(self.numbers[part], self.texts[part])
 
     def only(self, places: Indices) -> Lines:
-        """Return those at some places."""
+        """Return the lines at the given places."""
         if len(places) == len(self):
             return self
         return Lines([self.numbers[k] for k in places], [self.texts[k] for k in places])
 
 
 def lines_of(data: bytes, *, first: int = 1) -> Lines:
-    """Return the lines that are not empty, whatever ends them; `first` is the number of the first."""
+    """Return the non-empty lines, with any line ends; `first` is the number of the first line."""
     text = data.removeprefix(b"\xef\xbb\xbf").decode("utf-8", errors="replace")
     stripped = list(map(str.strip, text.replace("\r\n", "\n").replace("\r", "\n").split("\n")))
     return Lines([number for number, line in enumerate(stripped, first) if line], list(filter(None, stripped)))
 
 
 def floats(lines: Lines, width: int, *, more: bool = False) -> Floats:
-    """Return the `width` numbers of each line, shape (lines, width); with `more`, others may follow them."""
+    """Return the `width` numbers of each line, shape (lines, width); with `more`, further words may follow."""
     return _table(lines, width, np.dtype(np.float64), more)
 
 
@@ -63,7 +63,7 @@ def integers(lines: Lines, width: int, *, more: bool = False) -> Indices:
 
 
 def polygons(lines: Lines, *, more: bool = False) -> tuple[Indices, Indices]:
-    """Return the faces in lines of a count and as many integers, one after the other, and their sizes."""
+    """Return the concatenated faces, given as a count and that many integers per line, and their sizes."""
     sizes = integers(lines, 1, more=True)[:, 0]
     wrong = np.flatnonzero((sizes < 0) | (sizes > max(map(len, lines.texts), default=0)))
     if len(wrong):
@@ -72,7 +72,7 @@ def polygons(lines: Lines, *, more: bool = False) -> tuple[Indices, Indices]:
 
 
 def joined(lines: Lines, sizes: Indices, skipped: int, *, more: bool = False) -> Indices:
-    """Return the integers in lines of different lengths, but for the first `skipped` of each, one after the other."""
+    """Return the integers of lines of different lengths, concatenated, without the first `skipped` of each line."""
     starts = np.cumsum(sizes) - sizes
     values = np.empty(int(sizes.sum()), np.int64)
     for size in np.unique(sizes).tolist():

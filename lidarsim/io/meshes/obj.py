@@ -1,7 +1,7 @@
-"""Wavefront OBJ files (``.obj``): vertices and faces; materials, textures, lines and free forms are skipped.
+"""Wavefront OBJ files (``.obj``): vertices and faces; materials, textures, lines and free-form surfaces are skipped.
 
-No other file is read: a material library says nothing of the surface's shape. A part of the mesh is what one object
-(``o``, or in a file without any, ``g``) has of one material (``usemtl``).
+Material libraries are not read, since they do not affect the shape. A part of the mesh consists of the faces of one
+object (``o``, or ``g`` in a file without objects) and one material (``usemtl``).
 
 Format: Wavefront, Advanced Visualizer manual, appendix B1 (http://paulbourke.net/dataformats/obj).
 """
@@ -54,8 +54,8 @@ def read(path: Path) -> MeshFile:
 
 
 def _corners(faces: Lines, vertices: int, before: Indices) -> tuple[Indices, Indices]:
-    """Return the vertices of the faces, from 0 on, and how many each has; `before` it, so many vertices were read."""
-    # Of a/b/c, b and c are texture coordinates and normals; some write a comment behind.
+    """Return the vertex indices of the faces, counted from 0, and their sizes; `before`: vertices above each face."""
+    # In a/b/c, b and c are texture coordinates and normals; some programs append a comment.
     texts = [re.sub(r"(?<=\d)/\S*|#.*", "", text) if "/" in text or "#" in text else text for text in faces.texts]
     sizes = np.array([len(text.split()) for text in texts], np.int64)
     indices = joined(Lines(faces.numbers, texts), sizes, 0)
@@ -70,7 +70,7 @@ def _corners(faces: Lines, vertices: int, before: Indices) -> tuple[Indices, Ind
 
 
 def _continued(lines: Lines) -> Lines:
-    """Return the lines, each with those that it goes on in: all but comments do after a backslash at their end."""
+    """Join continued lines: any line but a comment continues after a backslash at its end."""
     whole = Lines()
     begun = ""
     for number, text in lines:

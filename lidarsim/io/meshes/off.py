@@ -1,4 +1,4 @@
-"""OFF files (``.off``) of text, with normals, colours or texture coordinates, which are skipped, or without.
+"""OFF text files (``.off``); normals, colours and texture coordinates are skipped.
 
 Format: http://www.geomview.org/docs/html/OFF.html.
 """
@@ -17,7 +17,7 @@ def read(path: Path) -> MeshFile:
     """Read a file."""
     lines = lines_of(re.sub(rb"#[^\r\n]*", b"", path.read_bytes()))
     if lines and (head := re.match(r"(?:ST)?C?N?(4?n?)OFF", lines.texts[0])):
-        rest = lines.texts[0][head.end() :]  # some write the counts beside it, even without a blank
+        rest = lines.texts[0][head.end() :]  # the counts may follow, even without a blank
         if head[1] or "BINARY" in rest:
             raise FileFormatError("expected an OFF of text in three dimensions, got another kind")
         if rest.strip():

@@ -42,15 +42,15 @@ class _Property:
     name: str
     dtype: np.dtype[Any]
     count: np.dtype[Any] | None = None
-    """Type of the length, of a list."""
+    """Type of a list's length; None for scalars."""
 
 
 class _Values(NamedTuple):
-    """What an element has, by the places of its properties."""
+    """Values of an element, by the index of the property."""
 
     scalars: dict[int, npt.NDArray[Any]]
     lists: dict[int, tuple[Indices, Indices]]
-    """Of each list all values, one after the other and truncated to integers, and how many of them each row has."""
+    """Per list: its concatenated values, truncated to integers, and its length in each row."""
 
 
 @dataclass
@@ -60,7 +60,7 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
     def place(self, *names: str) -> int:
-        """Return which property has one of the names."""
+        """Return the index of the property with one of the names."""
         places = [k for k, prop in enumerate(self.properties) if prop.name in names]
         if len(places) != 1:
             raise FileFormatError(f"its element {self.name} has {len(places)} properties {' or '.join(names)}")
@@ -88,7 +88,7 @@ def read(path: Path) -> MeshFile:
 
 
 def _header(data: bytes) -> tuple[Order, list[_Element], int, int]:
-    """Return the byte order, "" of text, the elements, and the first byte and line after the header."""
+    """Return the byte order ("" for text), the elements, and the first byte and line after the header."""
     mark = re.match(rb"ply[ \t]*(\r\n|\n|\r)", data)
     if mark is None:
         raise FileFormatError("it does not begin with the line 'ply'")
@@ -129,7 +129,7 @@ def _scalar(element: _Element, scalars: dict[int, npt.NDArray[Any]], name: str) 
 
 
 def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:
-    """Read the elements after a header of text: a row in each line, empty lines aside."""
+    """Read the elements of a text file: one row per line, without empty lines."""
     lines = lines_of(data, first=line)
     values = []
     start = 0
@@ -141,7 +141,7 @@ def _text(data: bytes, line: int, elements: list[_Element]) -> list[_Values]:
         properties = element.properties
         if not any(prop.count for prop in properties):
             values.append(_Values(dict(enumerate(floats(rows, len(properties)).T)), {}))
-        elif len(properties) == 1 and properties[0].dtype.kind in "iu":  # as most faces are
+        elif len(properties) == 1 and properties[0].dtype.kind in "iu":  # most faces
             values.append(_Values({}, {0: polygons(rows)}))
         else:
             values.append(_text_lists(rows, element))
@@ -155,7 +155,7 @@ def _text_lists(rows: Lines, element: _Element) -> _Values:
     sizes: list[list[int]] = [[] for _ in element.properties]
     for number, text in rows:
         try:
-            row = list(map(float, text.replace("_", "?").split()))  # to float, 1_0 is a number
+            row = list(map(float, text.replace("_", "?").split()))  # float accepts 1_0
         except ValueError:
             raise FileFormatError(f"line {number}: expected numbers, got something else") from None
         place = 0
@@ -177,7 +177,7 @@ def _text_lists(rows: Lines, element: _Element) -> _Values:
     found = _Values({}, {})
     for k, prop in enumerate(element.properties):
         if prop.count:
-            whole = np.clip(np.nan_to_num(columns[k]), -(2**62), 2**62)  # whatever is not there, is out of range then
+            whole = np.clip(np.nan_to_num(columns[k]), -(2**62), 2**62)  # keeps wrong indices out of range
             found.lists[k] = whole.astype(np.int64), np.array(sizes[k], np.int64)
         else:
             found.scalars[k] = np.array(columns[k])
@@ -189,7 +189,7 @@ def _truncated(rows: int, element: _Element) -> FileFormatError:
 
 
 def _binary(data: memoryview, order: Order, elements: list[_Element]) -> list[_Values]:
-    """Read the elements after a header that says in which order bytes are."""
+    """Read the elements of a binary file in its byte order."""
     values = []
     for element in elements:
         for prop in element.properties:
@@ -198,13 +198,13 @@ def _binary(data: memoryview, order: Order, elements: list[_Element]) -> list[_V
         found, size = _binary_rows(data, element) or _binary_lists(data, element)
         values.append(found)
         data = data[size:]
-    if bytes(data[:4096]).strip(b"\0 \t\r\n"):  # some pad the end
+    if bytes(data[:4096]).strip(b"\0 \t\r\n"):  # some programs pad the end
         raise FileFormatError("expected the end, after all that the header claims")
     return values
 
 
 def _binary_rows(data: memoryview, element: _Element) -> tuple[_Values, int] | None:
-    """Read rows of one length, and return their bytes too; None if lists have different lengths, or too few bytes."""
+    """Read rows of equal length; return them and their size in bytes, or None if lists differ in length or are cut."""
     parts: list[tuple[str, Any]] = []
     place = 0
     for k, prop in enumerate(element.properties):
@@ -235,7 +235,7 @@ def _binary_rows(data: memoryview, element: _Element) -> tuple[_Values, int] | N
 
 
 def _binary_lists(data: memoryview, element: _Element) -> tuple[_Values, int]:
-    """Read rows of any lengths, one by one, and return their bytes too."""
+    """Read rows of any length one by one; return them and their size in bytes."""
     parts: dict[int, list[npt.NDArray[Any]]] = {k: [] for k in range(len(element.properties))}
     place = 0
     for row in range(element.count):
@@ -260,7 +260,7 @@ def _binary_lists(data: memoryview, element: _Element) -> tuple[_Values, int]:
 
 
 def _size(data: memoryview, place: int, dtype: np.dtype[Any]) -> int:
-    """Return the length of a list, or −1 if there are too few bytes for it."""
+    """Return the length of a list, or −1 if the data end before it."""
     return int(np.frombuffer(data, dtype, 1, place)[0]) if place + dtype.itemsize <= len(data) else -1
 
 

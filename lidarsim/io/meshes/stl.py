@@ -1,4 +1,4 @@
-"""STL files (``.stl``), binary or text: every triangle has three vertices of its own; normals are skipped.
+"""STL files (``.stl``), binary or text: each triangle has its own three vertices; normals are skipped.
 
 Format: 3D Systems, StereoLithography Interface Specification (http://paulbourke.net/dataformats/stl).
 """
@@ -22,7 +22,7 @@ FACET = np.dtype([("normal", "<f4", 3), ("vertices", "<f4", (3, 3)), ("attribute
 
 
 def read(path: Path) -> MeshFile:
-    """Read a file: text if it begins as text does, unless it has just the length of a binary file."""
+    """Read a file: as text if it begins like text and is not exactly as long as a binary file."""
     data = path.read_bytes()
     count = int.from_bytes(data[HEAD - 4 : HEAD], "little")
     text = re.match(rb"\s*solid\b[^\r\n]*[\r\n]+\s*(facet|endsolid)\b", data, re.IGNORECASE)
@@ -38,12 +38,12 @@ def read(path: Path) -> MeshFile:
 
 
 def _text(data: bytes) -> MeshFile:
-    """Read text: one part for each solid."""
+    """Read text, one part per solid."""
     vertices = Lines()
     names: list[str] = []
     parts: list[int] = []
-    inside = False  # a solid
-    corners = 3  # of the facet so far
+    inside = False  # within a solid
+    corners = 3  # vertices of the current facet
     for number, line in lines_of(data):
         first, _, rest = line.replace("\t", " ", 1).partition(" ")
         word = first.lower()

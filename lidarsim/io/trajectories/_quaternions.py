@@ -1,4 +1,4 @@
-"""What the formats that keep an orientation as a quaternion share."""
+"""Conversion shared by the formats that store orientations as quaternions."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from lidarsim._validation import Floats
 
 ROUNDED = 0.01
-"""How far the length of a quaternion may be from 1: as far as its four numbers rounded to two decimals bring it."""
+"""Greatest deviation of a quaternion's length from 1, reached by rounding its four numbers to two decimals."""
 
 
 def poses_of(rows: Iterable[Sequence[float]]) -> tuple[Floats, Floats]:
@@ -20,7 +20,7 @@ def poses_of(rows: Iterable[Sequence[float]]) -> tuple[Floats, Floats]:
     Raises
     ------
     ValueError
-        If there are no rows, or as soon as it meets a quaternion that is not of unit length.
+        If there are no rows, or at the first quaternion that is not of unit length.
     """
     from scipy.spatial.transform import Rotation
 
@@ -40,7 +40,7 @@ def poses_of(rows: Iterable[Sequence[float]]) -> tuple[Floats, Floats]:
 
 
 def table_of(times: Floats, poses: Floats) -> Floats:
-    """Return the rows t, x, y, z, qx, qy, qz, qw of times, (n,), and poses, (n, 4, 4): what `poses_of` takes."""
+    """Return rows t, x, y, z, qx, qy, qz, qw of times, (n,), and poses, (n, 4, 4): the inverse of `poses_of`."""
     from scipy.spatial.transform import Rotation
 
     quaternions = Rotation.from_matrix(poses[:, :3, :3]).as_quat(canonical=True)

@@ -1,4 +1,4 @@
-"""CSV files of poses: the first line names the columns, ``time_s,x_m,y_m,z_m,qx,qy,qz,qw`` among them."""
+"""CSV files of poses: the first line names the columns, including ``time_s,x_m,y_m,z_m,qx,qy,qz,qw``."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def recognise(line: str) -> bool:
-    """Return whether `line`, the first, is one of a CSV file."""
+    """Return whether `line` is the first line of a CSV file."""
     return "," in line
 
 

@@ -1,4 +1,4 @@
-"""KITTI poses: the upper three rows of a 4×4 matrix in each line, without times.
+"""KITTI poses: the upper three rows of a 4×4 matrix per line, without times.
 
 Format: https://www.cvlibs.net/datasets/kitti/eval_odometry.php.
 """
@@ -16,17 +16,17 @@ from lidarsim.trajectory import numbers, register_trajectory_format
 
 COLUMNS = 12
 ROUNDED = 0.02
-"""How far from 0 or 1 a product of two rows of a rotation may be: their numbers rounded to two decimals are off by
-0.005 each, the rows by √3 · 0.005 = r at most, and the product by 2r + r² < 0.0174."""
+"""Greatest deviation of the dot product of two rows of a rotation from 0 or 1. Rounded to two decimals, each number is
+off by at most 0.005, each row by √3 · 0.005 = r, and the product by 2r + r² < 0.0175."""
 
 
 def recognise(line: str) -> bool:
-    """Return whether `line`, the first, is one of KITTI poses."""
+    """Return whether `line` is the first line of KITTI poses."""
     return len(line.split()) == COLUMNS
 
 
 def read(lines: Iterator[str]) -> tuple[None, Floats]:
-    """Return poses, whose rotations are the nearest to those in the file."""
+    """Return poses whose rotations are the nearest to the matrices in the file."""
     from scipy.spatial.transform import Rotation
 
     values = array("d")
@@ -41,7 +41,7 @@ def read(lines: Iterator[str]) -> tuple[None, Floats]:
 
 
 def _check_rotation(x: Sequence[float], y: Sequence[float], z: Sequence[float]) -> None:
-    """Raise an error unless three rows are those of a rotation, as far as two decimals tell."""
+    """Raise an error unless three rows form a rotation, up to rounding to two decimals."""
     products = [(_dot(a, b), float(a is b)) for a, b in ((x, x), (y, y), (z, z), (x, y), (x, z), (y, z))]
     error = max(abs(got - wanted) for got, wanted in products)
     normal = (x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0])

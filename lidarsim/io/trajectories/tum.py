@@ -1,4 +1,4 @@
-"""TUM trajectories: ``t x y z qx qy qz qw`` in each line, s and m.
+"""TUM trajectories: ``t x y z qx qy qz qw`` per line, in s and m.
 
 Format: https://cvg.cit.tum.de/data/datasets/rgbd-dataset/file_formats.
 """
@@ -16,7 +16,7 @@ COLUMNS = 8
 
 
 def recognise(line: str) -> bool:
-    """Return whether `line`, the first, is one of TUM."""
+    """Return whether `line` is the first line of a TUM file."""
     return len(line.split()) == COLUMNS
 
 

@@ -1,4 +1,4 @@
-"""Vendors' own files as sensors: one module per vendor, each with its registration."""
+"""Sensors from vendors' own files: one module per vendor, which registers itself."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the vendors' readers share."""
+"""Error handling shared by the vendors' readers."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lidarsim.errors import FileFormatError
 
 @contextmanager
 def refusals(path: Path, kind: str) -> Iterator[None]:
-    """Turn errors of the checks into one that names the file and the kind that it was recognised as."""
+    """Turn errors of the checks into one that names the file and its recognised kind."""
     try:
         check_regular(path)
         yield

@@ -1,25 +1,24 @@
-"""Hesai's calibration files: the angles of the channels, a CSV or for the AT128 a DAT, and their firing times, a CSV.
+"""Hesai's calibration files: the channel angles as CSV (DAT for the AT128), and the firing times as CSV.
 
-Hesai's x points to the right and y to the front of the sensor, and azimuths grow clockwise from y. Channel i, fired
-while the rotor stands at azimuth a, looks from the optical centre, which turns with the rotor, at azimuth
-a + Azimuth[i] and elevation Elevation[i]. Here the front is x and azimuths grow counter-clockwise, so that those of the
-files change their sign.
+Hesai's x axis points right and y forward, and azimuths grow clockwise from y. When channel i fires at rotor azimuth a,
+its beam leaves the optical centre, which turns with the rotor, at azimuth a + Azimuth[i] and elevation Elevation[i].
+In lidarsim x points forward and azimuths grow counter-clockwise, so the files' azimuths change sign.
 
 Hesai measures ranges from the axis of the rotor: a point at distance r along a beam u from the optical centre o has
 the range |o + r u|. To first order in |o|/r that is r + o.u; the remainder, at most (|o|^2 - (o.u)^2) / 2r, is less
 than 1 mm beyond 0.5 m.
 
-In an AT128 a mirror turns instead, and its front is at azimuth 90 degrees. While the encoder stands at e, between the
-start of a facet and its end, the DAT file's channel i looks at::
+The AT128 has a rotating mirror instead, and its front is at azimuth 90 degrees. At encoder angle e, between the start
+and the end of a facet, the beam of channel i in the DAT file points at::
 
     azimuth   = 2 (e - start) - azimuth[i] + azimuth_adjust[i](e)
     elevation = elevation[i] + elevation_adjust[i](e)
 
 with adjustments tabulated every 2 degrees of e and interpolated linearly. So its azimuth[i] has the opposite sign of
-that in a CSV of angles, and the same sign as the azimuth offset here.
+the one in the CSV, and the same sign as lidarsim's azimuth offset.
 
 Source: HesaiTechnology/HesaiLidar_SDK_2.0, libhesai/UdpParser: src/general_parser.cc, udp1_4_parser.cc,
-udp3_2_parser.cc and udp4_3_parser.cc, include/general_parser.h (where a range counts from) and udp4_3_parser.h.
+udp3_2_parser.cc and udp4_3_parser.cc, include/general_parser.h (the zero of ranges) and udp4_3_parser.h.
 """
 
 from __future__ import annotations
@@ -50,7 +49,7 @@ FIRING_TIMES = "Hesai firetime correction CSV"
 
 
 class Model(NamedTuple):
-    """The angles by which a model is recognised, degrees."""
+    """Channel angles that identify a model, degrees."""
 
     name: str
     channels: int
@@ -73,30 +72,29 @@ MODELS = (
     Model("AT128", 128, 12.9, -12.5, 2.4, "hesai-at128"),
 )
 MARGIN = 1.5
-"""How far the outermost channels of a unit may be from those of its model, degrees; units differ by less than half a
-degree."""
+"""Tolerance for the outermost channels of a unit, degrees; units of a model differ by less than half a degree."""
 
 Firings = list[tuple[npt.NDArray[np.intp], Floats]]
-"""Which channels fire in a column, and when, s from its start: one entry for each kind of column, in the order in which
-the kinds alternate."""
+"""Channels that fire in a column, and their firing times since its start, s; one entry per kind of column, in the order
+in which the kinds alternate."""
 
 
 def recognise_angles(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is that of an angle correction CSV."""
+    """Return whether `text` is the head of an angle correction CSV."""
     del path
     return re.match(r"(EEFF.*\n)?(Channel|Laser id)\s*,\s*Elevation\s*,\s*Azimuth\s", text, re.IGNORECASE) is not None
 
 
 def recognise_mirror_angles(path: Path, text: str) -> bool:
     """Return whether the file `path`, whose head is `text`, is an angle correction DAT."""
-    if not text.startswith("\ufffd\ufffd"):  # the two bytes of its mark, neither of which is UTF-8
+    if not text.startswith("\ufffd\ufffd"):  # neither byte of its mark is UTF-8
         return False
     with path.open("rb") as file:
         return file.read(2) == b"\xee\xff"
 
 
 def recognise_firing_times(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is that of a firetime correction CSV."""
+    """Return whether `text` is the head of a firetime correction CSV."""
     del path
     heads = (
         r"Channel\s*,\s*fire ?time",
@@ -109,20 +107,20 @@ def recognise_firing_times(path: Path, text: str) -> bool:
 def read(
     path: Path, *, firing_times: str | Path | None = None, rate: float | None = None, noise: str | None = None
 ) -> Lidar:
-    """Return the sensor whose angles a Hesai angle correction CSV lists.
+    """Return the sensor that a Hesai angle correction CSV describes.
 
-    The model is recognised by the number and the angles of its channels, and everything else is that of its preset.
+    The number and the angles of the channels identify the model; its preset gives everything else.
 
     Parameters
     ----------
     path : path-like
         The file.
     firing_times : path-like, optional
-        The firetime correction CSV of the sensor. For a Pandar128E3X and an OT128 the standard mode at far ranges is
-        used, in which two sets of firing times alternate from column to column. A QT128C2X requires it, since only 96
-        of its channels fire in each column. Default: the preset's firing times.
+        The firetime correction CSV of the sensor. For the Pandar128E3X and OT128, the standard mode at far ranges is
+        used, in which two sets of firing times alternate between columns. The QT128C2X requires this file, since only
+        96 of its channels fire in each column. Default: the preset's firing times.
     rate : float, optional
-        Turns, and so frames, per second, Hz. Default: the preset's.
+        Turns, and thus frames, per second, Hz. Default: the preset's.
     noise : {"datasheet"}, optional
         As in `Lidar.preset`.
 
@@ -172,8 +170,8 @@ def read_mirror(
 ) -> Lidar:
     """Return the AT128 that a Hesai angle correction DAT describes.
 
-    A frame is one sweep of one facet of the mirror. Facets differ, in where they begin and in how they deflect the
-    beams, as the file says. The decoder rounds the adjustments to 0.01 degrees; here they are not rounded.
+    A frame is one sweep of one mirror facet. The file gives the start and the deflection of each facet. Hesai's decoder
+    rounds the adjustments to 0.01 degrees; here they are not rounded.
 
     Parameters
     ----------
@@ -189,12 +187,12 @@ def read_mirror(
     Returns
     -------
     Lidar
-        The sensor: a `Table` of one turn of the mirror, otherwise as the preset.
+        The sensor: a `Table` of one turn of the mirror, otherwise like the preset.
 
     Raises
     ------
     FileFormatError
-        If a file is incomplete, or not that of an AT128.
+        If a file is incomplete, or not for an AT128.
     """
     lidar = Lidar.preset("hesai-at128", noise=noise)
     preset = cast("PolygonMirror", lidar.pattern)
@@ -215,7 +213,7 @@ def read_mirror(
 
 
 def refuse_firing_times(path: Path) -> Lidar:
-    """Raise an error that says how to use a firetime correction CSV, which does not describe a sensor by itself."""
+    """Raise an error that explains how to use a firetime correction CSV, which alone does not describe a sensor."""
     raise FileFormatError(
         f"{path}: {FIRING_TIMES}: the angles of the channels are missing: "
         f"give the {ANGLES} as the file and this one as its firing_times"
@@ -223,24 +221,24 @@ def refuse_firing_times(path: Path) -> Lidar:
 
 
 class _Mirror(NamedTuple):
-    """What a DAT file says, in degrees."""
+    """Contents of a DAT file, in degrees."""
 
     starts: Floats
     """Encoder angle at which each facet begins, shape (facets,)."""
     azimuth: Floats
     elevation: Floats
     azimuth_adjust: Floats
-    """One row for each channel, one number for every 2 degrees of the encoder, shape (channels, 180)."""
+    """One row per channel, one number per 2 degrees of the encoder, shape (channels, 180)."""
     elevation_adjust: Floats
 
     @classmethod
     def from_bytes(cls, data: bytes, model: Model) -> _Mirror:
-        """Return what the bytes of a file say, after checking their length and hash.
+        """Parse the bytes of a file, after checking their length and hash.
 
         The layout: a header (mark, version, numbers of channels, mirrors and frames, eight bytes for the order of the
         frames, and a resolution: angles are in units of resolution/25600 degrees, adjustments of resolution/100
         degrees); then, little-endian, starts and ends of the frames (uint32), azimuths and elevations (int32), azimuth
-        and elevation adjustments (int8); last the SHA-256 of all before it.
+        and elevation adjustments (int8); last, the SHA-256 of all preceding bytes.
         """
         header = struct.Struct("<2x5B8xB")
         if len(data) < header.size:
@@ -262,9 +260,9 @@ class _Mirror(NamedTuple):
         return cls(whole[:frames], azimuth, elevation, *small.reshape(2, channels, 180))
 
     def turn(self, preset: PolygonMirror, firing_times: Floats, rate: float) -> Table:
-        """Return one turn of the mirror, each facet a frame, with the field of view and pulse rate of `preset`."""
-        used = math.degrees(preset.field_of_view) / 2.0  # of the encoder: beams turn twice as fast as the mirror
-        before = (90.0 - used) / 2.0  # so that the middle of the used part looks to the front
+        """Return one turn of the mirror, one frame per facet, with the field of view and pulse rate of `preset`."""
+        used = math.degrees(preset.field_of_view) / 2.0  # encoder degrees: beams turn twice as fast as the mirror
+        before = (90.0 - used) / 2.0  # centres the used part on the front
         speed = rate * 360.0 / len(self.starts)
         past = (self.starts - self.starts[0]) % 360.0
         even = np.arange(len(past)) * 360.0 / len(past)
@@ -275,7 +273,7 @@ class _Mirror(NamedTuple):
             first, end = (math.ceil(angle / speed * preset.pulse_rate) for angle in (since, since + used))
             cycle = np.arange(first, end)[:, None]
             time = cycle / preset.pulse_rate + firing_times
-            turned = before + speed * time - since  # since the start of the facet
+            turned = before + speed * time - since  # from the start of the facet
             azimuth = 90.0 - 2.0 * turned + self.azimuth - self._adjusted(self.azimuth_adjust, start + turned)
             elevation = self.elevation + self._adjusted(self.elevation_adjust, start + turned)
             directions = directions_of(np.radians(azimuth), np.radians(elevation))
@@ -300,14 +298,14 @@ def _qt128(noise: str | None) -> Lidar:
     """Return a QT128C2X without the angles of its channels."""
     if noise is not None:
         raise ArgumentValueError("noise", "None, since no datasheet noise is known for the QT128C2X", repr(noise))
-    # Source: tier4/nebula nebula_hesai_decoders, pandar_qt128.hpp: ranges, and 0.4 degrees a column at 10 Hz; optical
-    # centre: HesaiLidar_SDK_2.0, udp3_2_parser.cc.
+    # Source: tier4/nebula nebula_hesai_decoders, pandar_qt128.hpp: ranges, and 0.4 degrees per column at 10 Hz;
+    # HesaiLidar_SDK_2.0, udp3_2_parser.cc: optical centre.
     pattern = Spinning(np.zeros(128), column_period=1.0 / 9000.0, beam_origins=(0.0354, -0.0072, 0.0))
     return Lidar(pattern, min_range=0.05, max_range=50.0, name="hesai-qt128")
 
 
 def _taking_turns(rotor: Spinning, firings: Firings) -> Table:
-    """Return one turn of a rotor in whose columns the kinds of `firings` alternate, equally many columns of each."""
+    """Return one turn of a rotor whose columns cycle through `firings`, with equally many columns of each."""
     kinds = len(firings)
     columns = round(rotor.columns_per_turn / kinds)
     channel = np.concatenate([channels for channels, _ in firings])
@@ -332,7 +330,7 @@ def _taking_turns(rotor: Spinning, firings: Firings) -> Table:
 
 
 def _firings(path: Path, model: Model) -> Firings:
-    """Return which channels fire when, counted from the earliest, as a firetime correction CSV lists it."""
+    """Return the firings in a firetime correction CSV, with times since the earliest."""
     with refusals(path, FIRING_TIMES):
         lines = path.read_text(encoding="utf-8-sig").splitlines()
         cells = [[cell.strip() for cell in line.split(",")] for line in lines if line.strip()]
@@ -351,16 +349,16 @@ def _firings(path: Path, model: Model) -> Firings:
 
 
 def _states(cells: list[list[str]]) -> Firings:
-    """Return the firings of the standard mode: the columns of operation mode 2, at far ranges, one for each state.
+    """Return the firings of the standard mode: the columns of operation mode 2 at far ranges, one per state.
 
-    Times are in microseconds or, in files whose first line distinguishes far from near, nanoseconds.
+    Times are in microseconds, or in nanoseconds if the first line distinguishes far from near.
     """
     near_and_far = "distance" in "".join(cells[0])
     (modes, states, *rows), unit = (cells[1:], 1e-9) if near_and_far else (cells, 1e-6)
     columns: dict[str, int] = {}
     for column, (mode, state) in enumerate(zip(modes, states, strict=True)):
         if mode == "2":
-            columns.setdefault(state, column)  # far is the first of each state
+            columns.setdefault(state, column)  # the first column of each state is for far ranges
     if not columns or any(len(row) != len(modes) for row in rows):
         raise ValueError(f"expected rows of {len(modes)} cells, and some of them in operation mode 2")
     channel = _channels([row[0] for row in rows])
@@ -371,7 +369,7 @@ def _states(cells: list[list[str]]) -> Firings:
 
 
 def _loops(cells: list[list[str]]) -> Firings:
-    """Return the firings of loops, two columns each: a channel, or 0 in unused rows, and its time, us."""
+    """Return the firings of loops with two columns each: the channel, 0 in unused rows, and its time in µs."""
     rows = array("rows", [_numbers(row) for row in cells[3:]], ("n", len(cells[2])))
     loops = np.split(rows, rows.shape[1] // 2, axis=1)
     numbers = rows[:, ::2]
@@ -382,7 +380,7 @@ def _loops(cells: list[list[str]]) -> Firings:
 
 
 def _channels(numbers: list[str]) -> npt.NDArray[np.intp]:
-    """Return the indices of channels that are numbered from 1."""
+    """Return the indices, from 0, of channels that are numbered from 1."""
     channel = np.array(_numbers(numbers))
     if not np.array_equal(np.sort(channel), np.arange(1, len(channel) + 1)):
         raise ValueError(f"expected each of the channels 1 to {len(channel)} once")
@@ -390,7 +388,7 @@ def _channels(numbers: list[str]) -> npt.NDArray[np.intp]:
 
 
 def _numbers(cells: Iterable[str]) -> list[float]:
-    """Return the numbers in cells; what else they hold is not shown, for it may be of any file."""
+    """Return the numbers in cells; errors do not show their content, since it may be of any file."""
     try:
         return [float(cell) for cell in cells]
     except ValueError:

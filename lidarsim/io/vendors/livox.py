@@ -1,7 +1,7 @@
 """Livox's scan patterns for simulation: CSV files of Time/s, Azimuth/deg and Zenith/deg.
 
-The files give no firing times, for their Time/s is the number of the row: a pulse's place in the file is its place in
-time. The pulse rate is that of the model, which is recognised by the field of view.
+The files give no firing times, since their Time/s is the row number: pulses are fired in the order of the rows. The
+field of view identifies the model, which determines the pulse rate.
 
 Source: Livox-SDK/livox_laser_simulation, scan_mode/*.csv.
 """
@@ -26,7 +26,7 @@ KIND = "Livox scan pattern CSV"
 
 
 class Model(NamedTuple):
-    """How a model is recognised, and how it fires."""
+    """Field of view that identifies a model, degrees, and its firings."""
 
     horizontal: float
     vertical: float
@@ -42,17 +42,17 @@ MODELS = {
     "livox-mid360": Model(360.0, 59.4, 4, 50e3),
 }
 MARGIN = 2.0
-"""How far the field of view of a file may be from its model's, degrees; that of ten thousand rows is within 1."""
+"""Tolerance for the field of view of a file, degrees; ten thousand rows are within 1."""
 
 
 def recognise(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is that of a Livox scan pattern CSV."""
+    """Return whether `text` is the head of a Livox scan pattern CSV."""
     del path
     return re.match(r"Time/s\s*,\s*Azimuth/deg\s*,\s*Zenith/deg\s", text, re.IGNORECASE) is not None
 
 
 def read(path: Path, *, rate: float = 10.0, pulse_rate: float | None = None, noise: str | None = None) -> Lidar:
-    """Return the sensor whose pattern a Livox CSV lists.
+    """Return the sensor whose scan pattern a Livox CSV lists.
 
     Parameters
     ----------
@@ -61,8 +61,8 @@ def read(path: Path, *, rate: float = 10.0, pulse_rate: float | None = None, noi
     rate : float
         Frames per second, Hz.
     pulse_rate : float, optional
-        Rows per second, Hz, of a model that is not supported; they are taken as one beam. Default: that of the model,
-        which is recognised by the field of view: Mid-40, Mid-70 or Mid-360.
+        Rows per second, Hz, for an unsupported model, which is assumed to have one beam. Default: that of the model
+        with the file's field of view: Mid-40, Mid-70 or Mid-360.
     noise : {"datasheet"}, optional
         As in `Lidar.preset`.
 

@@ -1,6 +1,6 @@
-"""Ouster's metadata JSON, in its old flat and its new nested form.
+"""Ouster's metadata JSON, in the old flat and the new nested form.
 
-The published range-to-xyz formula, column m of W, channel i, range r, transforms in mm::
+The published range-to-xyz formula for column m of W, channel i and range r, with transforms in mm::
 
     n  = sqrt(B03**2 + B23**2)       B = beam_to_lidar_transform
     te = 2 pi - 2 pi m / W           encoder angle
@@ -9,8 +9,8 @@ The published range-to-xyz formula, column m of W, channel i, range r, transform
     y  = (r - n) sin(te + ta) cos(phi) + B03 sin(te)
     z  = (r - n) sin(phi) + B23
 
-followed by lidar_to_sensor_transform. So a beam leaves the head at (B03, 0, B23), and Ouster's range is the range from
-there plus n.
+followed by lidar_to_sensor_transform. So a beam leaves the head at (B03, 0, B23), and Ouster's range is the distance
+from there plus n.
 
 Source: Ouster Software User Manual, "Lidar Range to XYZ"; ouster-sdk, ouster_client/src/lidar_scan.cpp, make_xyz_lut.
 """
@@ -37,16 +37,16 @@ KIND = "Ouster metadata JSON"
 MODES = ("512x10", "512x20", "1024x10", "1024x20", "2048x10", "4096x5")
 
 PRESETS = {"OS-0": "ouster-os0-128", "OS-1": "ouster-os1-128", "OS-2": "ouster-os2-128"}
-"""Presets that give the limits and noise of a product, by the start of its prod_line."""
+"""Presets with the limits and noise of a product, by the start of its prod_line."""
 
 BEAM_ORIGIN_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}
-"""Distance from the axis to the beams' origin for old files that lack it (ouster-sdk, ouster_client/src/types.cpp)."""
+"""Distance from the axis to the beam origins, for old files that lack it (ouster-sdk, ouster_client/src/types.cpp)."""
 
 LIDAR_TO_SENSOR = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
 
 
 def recognise(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is that of an Ouster metadata JSON."""
+    """Return whether `text` is the head of an Ouster metadata JSON."""
     del path
     keys = r'"(beam_altitude_angles|beam_azimuth_angles|beam_intrinsics|lidar_origin_to_beam_origin_mm)"'
     return text.lstrip().startswith("{") and re.search(keys, text) is not None
@@ -60,15 +60,15 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
     path : path-like
         The file.
     mode : str, optional
-        Columns per turn and turns per second, such as "1024x20", all around. Default: the mode and column window of the
-        file.
+        Columns per turn and turns per second, such as "1024x20", with the full turn as field of view. Default: the
+        mode and column window of the file.
     noise : {"datasheet"}, optional
         As in `Lidar.preset`.
 
     Returns
     -------
     Lidar
-        The sensor, with the limits of the OS0, OS1 or OS2 preset. Its range is measured from the beams' origin, and its
+        The sensor, with the limits of the OS0, OS1 or OS2 preset. Its range is measured from the beam origin, and its
         range offset is n.
 
     Raises
@@ -131,7 +131,7 @@ def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning
 
 
 def _mode(asked: str | None, given: object) -> tuple[int, float]:
-    """Return the numbers of columns per turn and of turns per second."""
+    """Return the columns per turn and the turns per second."""
     mode = given if asked is None else asked
     if mode not in MODES:
         name = "lidar_mode" if asked is None else "mode"

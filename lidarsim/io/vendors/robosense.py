@@ -1,7 +1,7 @@
-"""RoboSense's angles of a unit: a CSV without a header, one line per channel, as the ROS driver keeps it.
+"""RoboSense's angle files, as used by the ROS driver: a CSV without a header, one line per channel of a unit.
 
 A line gives the elevation of a channel and, for the RS-LiDAR-32, its clockwise azimuth relative to the head, degrees.
-Lines are in the order of the channels, which is not that of their elevations.
+Lines are ordered by channel, not by elevation.
 
 Source: RoboSense-LiDAR/ros_rslidar, rslidar_pointcloud/data/rs_lidar_16/angle.csv and rs_lidar_32/angle.csv; firing
 times: RoboSense-LiDAR/rs_driver, decoder_RS16.hpp and decoder_RS32.hpp.
@@ -26,7 +26,7 @@ KIND = "RoboSense angle CSV"
 
 
 class Model(NamedTuple):
-    """What the file does not say and the preset has in another order."""
+    """Values that the file lacks, and that the preset has in the order of its rings."""
 
     preset: str
     firing_us: list[float]
@@ -44,14 +44,14 @@ MODELS = {
 
 
 def recognise(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is that of a RoboSense angle CSV."""
+    """Return whether `text` is the head of a RoboSense angle CSV."""
     del path
     number = r"[ \t]*-?\d+(\.\d+)?[ \t]*"
     return re.fullmatch(rf"({number}(\r?\n|$)){{16}}|({number},{number}(\r?\n|$)){{32}}", text) is not None
 
 
 def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> Lidar:
-    """Return the sensor whose angles a RoboSense CSV lists: an RS-LiDAR-16 or an RS-LiDAR-32, by its number of lines.
+    """Return the sensor that a RoboSense CSV describes: an RS-LiDAR-16 or RS-LiDAR-32, by the number of lines.
 
     Rings count upwards from the lowest channel, as in the ROS driver.
 
@@ -60,14 +60,14 @@ def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> 
     path : path-like
         The file.
     rate : float, optional
-        Turns, and so frames, per second, Hz. Default: the preset's.
+        Turns, and thus frames, per second, Hz. Default: the preset's.
     noise : {"datasheet"}, optional
         As in `Lidar.preset`.
 
     Returns
     -------
     Lidar
-        The sensor, otherwise as its preset.
+        The sensor, otherwise like its preset.
 
     Raises
     ------
@@ -83,7 +83,7 @@ def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> 
     lidar = Lidar.preset(model.preset, noise=noise)
     pattern = cast("Spinning", lidar.pattern)
     rings = np.argsort(angles[:, 0], kind="stable")
-    elevation, azimuth = np.radians(np.c_[angles, np.zeros(len(angles))][rings, :2].T)  # of 16 without azimuths: 0
+    elevation, azimuth = np.radians(np.c_[angles, np.zeros(len(angles))][rings, :2].T)  # the RS-LiDAR-16 has azimuth 0
     with refusals(path, KIND):
         pattern = dataclasses.replace(
             pattern,

@@ -1,16 +1,16 @@
-"""Velodyne's calibration of a unit as the ROS drivers keep it: a YAML with a list of lasers.
+"""Velodyne's calibration files, as used by the ROS drivers: a YAML with a list of the lasers of a unit.
 
 The model of a channel, with range d, delta = vert_correction, rho = azimuth - rot_correction, Vo =
-vert_offset_correction, Ho = horiz_offset_correction, X to the right and Y to the front::
+vert_offset_correction, Ho = horiz_offset_correction, X right and Y forward::
 
     q = d cos(delta) - Vo sin(delta)
     X = q sin(rho) - Ho cos(rho)
     Y = q cos(rho) + Ho sin(rho)
     Z = d sin(delta) + Vo cos(delta)
 
-Here x = Y and y = -X. So a laser at rho = 0 leaves (-Vo sin(delta), Ho, Vo cos(delta)), the point of d = 0, and since
-its azimuth is -rho, rot_correction is its azimuth offset. The corrections of the range (dist_correction, focal_distance
-and their like) turn raw readings into d; they move no point.
+In lidarsim x = Y and y = -X. So at rho = 0 the beam origin, where d = 0, is (-Vo sin(delta), Ho, Vo cos(delta)), and
+since the azimuth is -rho, rot_correction is the azimuth offset. Range corrections (dist_correction, focal_distance and
+the like) turn raw readings into d and do not move points.
 
 Source: ros-drivers/velodyne, velodyne_pointcloud/src/lib/rawdata.cc.
 """
@@ -36,19 +36,19 @@ from lidarsim.sensor import Lidar, register_lidar_reader
 KIND = "Velodyne calibration YAML"
 
 DEPTH = 8
-"""Lists and mappings inside one another; a calibration has three."""
+"""Greatest nesting depth of lists and mappings; a calibration has three levels."""
 
 
 class Model(NamedTuple):
-    """What a calibration does not say; the rest is that of the preset."""
+    """Values that a calibration lacks; the preset gives all others."""
 
     lasers: int
     firing_us: Callable[[Floats], Floats]
-    """Firing times of lasers since the start of their cycle, microseconds, by their ids."""
+    """Firing times of lasers since the start of their cycle by their ids, microseconds."""
 
 
 # Source: ros-drivers/velodyne rawdata.cc and rawdata.h; valgur/velodyne_decoder src/packet_decoder.cpp, which cites the
-# manuals and has the times of a VLS-128 since firmware 5.2.3.0; VLP-16 User Manual 63-9243 Rev D p. 49.
+# manuals and has the times of the VLS-128 since firmware 5.2.3.0; VLP-16 User Manual 63-9243 Rev D p. 49.
 MODELS = {
     "velodyne-vlp16": Model(16, lambda laser: 2.304 * laser),
     "velodyne-vlp32c": Model(32, lambda laser: 2.304 * (laser // 2)),
@@ -60,7 +60,7 @@ MODELS = {
 
 
 def recognise(path: Path, text: str) -> bool:
-    """Return whether `text`, the head of the file `path`, is that of a Velodyne calibration YAML."""
+    """Return whether `text` is the head of a Velodyne calibration YAML."""
     del path
     return re.search(r"^lasers\s*:", text, re.MULTILINE) is not None and "vert_correction" in text
 
@@ -75,10 +75,10 @@ def read(path: Path, *, model: str | None = None, rate: float | None = None, noi
     path : path-like
         The file.
     model : str, optional
-        The preset whose firing times, limits and noise the sensor has. Default: by the number of lasers; of the two
-        with 32 the VLP-32C if lasers have azimuth offsets, else the HDL-32E; of the two with 64 the HDL-64E S2.
+        Preset that gives the firing times, limits and noise. Default: by the number of lasers; for 32 the VLP-32C if
+        lasers have azimuth offsets, else the HDL-32E; for 64 the HDL-64E S2.
     rate : float, optional
-        Turns, and so frames, per second, Hz. Default: the preset's.
+        Turns, and thus frames, per second, Hz. Default: the preset's.
     noise : {"datasheet"}, optional
         As in `Lidar.preset`.
 
@@ -109,11 +109,9 @@ def _yaml(path: Path) -> Any:
     try:
         for event in yaml.parse(text, loader):
             depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-            if depth > DEPTH or isinstance(
-                event, yaml.AliasEvent
-            ):  # which would take the loader's stack, or the memory
+            if depth > DEPTH or isinstance(event, yaml.AliasEvent):  # would exhaust the loader's stack or the memory
                 raise ValueError("expected a list of lasers, got deeper nesting or an alias")
-        return yaml.load(text, loader)  # noqa: S506 - a safe one
+        return yaml.load(text, loader)  # noqa: S506 - a safe loader
     except yaml.MarkedYAMLError as error:
         where = f" at line {error.problem_mark.line + 1}" if error.problem_mark else ""
         problem = unquoted(ValueError(error.problem or error.context))
@@ -123,7 +121,7 @@ def _yaml(path: Path) -> Any:
 
 
 def _calibration(document: object, name: str | None) -> tuple[str, dict[str, Any]]:
-    """Return the preset, and what a calibration changes in its pattern."""
+    """Return the preset, and the changes of a calibration to its pattern."""
     if not isinstance(document, dict) or "lasers" not in document:
         raise ValueError("lasers is missing")
     lasers = document["lasers"]
@@ -163,7 +161,7 @@ def _fours(laser: Floats, group: float, within: tuple[float, ...]) -> Floats:
 
 
 def _model(lasers: int, azimuth_offset: Floats) -> str:
-    """Return the model that most likely has such a calibration."""
+    """Return the most likely model for a calibration."""
     if lasers == 32:
         return "velodyne-vlp32c" if azimuth_offset.any() else "velodyne-hdl32e"
     for name, model in MODELS.items():
@@ -174,7 +172,7 @@ def _model(lasers: int, azimuth_offset: Floats) -> str:
 
 
 def _column(lasers: list[dict[str, Any]], key: str, default: float | None = None) -> Floats:
-    """Return one value of each laser."""
+    """Return one value per laser."""
     for number, laser in enumerate(lasers):
         if default is None and key not in laser:
             raise ValueError(f"{key} is missing in lasers[{number}]")

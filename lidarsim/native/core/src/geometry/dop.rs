@@ -90,10 +90,11 @@ impl Dop {
 
     /// Upper bounds of −w·p and of w·p over all points p of the body.
     ///
-    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ)
-    /// + |wₖ|·(sᵢ + sⱼ + sₖ), where s are the signed unit vectors along the axes. A difference, a
-    /// product and two sums round by u of the terms each; the bound has 8u in place of 4u to cover its own
-    /// roundings and second-order terms. Differences do not underflow.
+    /// With |wᵢ| ≥ |wⱼ| ≥ |wₖ|, w is
+    /// (|wᵢ| − |wⱼ|)·sᵢ + (|wⱼ| − |wₖ|)·(sᵢ + sⱼ) + |wₖ|·(sᵢ + sⱼ + sₖ),
+    /// where s are the signed unit vectors along the axes. A difference, a product and two sums round by u of
+    /// the terms each; the bound has 8u in place of 4u to cover its own roundings and second-order terms.
+    /// Differences do not underflow.
     fn along(&self, w: Point) -> [f64; 2] {
         self.terms(w).map(|(sum, size)| sum + 8.0 * UNIT * size + f64::MIN_POSITIVE)
     }
