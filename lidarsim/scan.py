@@ -83,6 +83,7 @@ class Summary(dict[str, int]):
 _MOMENTS = {"start": 0.0, "middle": 0.5, "end": 1.0}
 """Named values of `deskew`, in periods of the pattern since the start of the scan."""
 
+_IDENTITY: list[list[float]] = np.eye(4).tolist()
 _UNUSED = {name: unused.item(0) for name, (_, _, _, unused) in _native.scan_columns().items()}
 """Value of the unused entries of each array, and of pixels without a pulse."""
 
@@ -237,9 +238,8 @@ class Scan(Pickled, Plotted):
         return self._cloud(self.pose._native, frame, moment)
 
     def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
-        elsewhere = isinstance(self.pose, Trajectory) or not np.array_equal(self.pose, np.eye(4))
-        arrays = _native.points_of(self, path, frame, moment)
-        return PointCloud._of(arrays, self.class_names, in_sensor_frame=frame == "sensor" and elsewhere)
+        elsewhere = frame == "sensor" and (isinstance(self.pose, Trajectory) or self.pose.tolist() != _IDENTITY)
+        return PointCloud._of(_native.points_of(self, path, frame, moment), self.class_names, in_sensor_frame=elsewhere)
 
     def _moment(self, deskew: object) -> float | None:
         """Return the moment of `deskew` after the start of the scan, s; None for raw points."""

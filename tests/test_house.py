@@ -49,6 +49,7 @@ LAYERS = [
     "scene",
     "cast",
     "measure",
+    "kernels",
 ]
 
 RustModule = tuple[str, ...]

@@ -1,12 +1,13 @@
 //! The core of lidarsim: exact ray casting and per-pulse measurement.
 //!
 //! Each layer uses only those before it: `memory`, `stop`, `once` and `parallel`, arithmetic, geometry and
-//! shapes, the bounding volume hierarchy, scenes, casts, measurement.
+//! shapes, the bounding volume hierarchy, scenes, casts, measurement, kernels.
 
 mod arith;
 mod bvh;
 mod cast;
 mod geometry;
+mod kernels;
 pub mod measure;
 pub mod memory;
 mod once;
@@ -18,9 +19,12 @@ pub mod stop;
 mod testing;
 
 pub use arith::simd::Level;
+#[cfg(target_arch = "x86_64")]
+pub use arith::simd::{OnAvx2, OnAvx512};
 pub use cast::{Arrays, Columns, Occlusion};
 pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, LARGEST, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
+pub use kernels::{Kernels, PORTABLE};
 pub use parallel::{threads, use_threads, with_room};
 pub use scene::{Geometry, Object, Rays, Scene, TRange, TriangleMesh, World, span};

@@ -2,6 +2,7 @@
 
 use lidarsim_core::measure::{
     Coordinates, Copied, Each, Field, Numbers, Origins, PointSource, PointsAndNormals, ReturnCounts,
+    WritePoints,
 };
 use lidarsim_core::{Path, Point, memory};
 use numpy::ndarray::Dimension;
@@ -13,7 +14,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
-use crate::{Points, PyPath, detached, elements, level, points};
+use crate::{Points, PyPath, detached, elements, kernels, points};
 
 macro_rules! copied {
     (own, $columns:ident, $scan:ident, $name:ident: $Entry:ty) => {};
@@ -111,7 +112,7 @@ pub fn points_of<'py>(
     let range = column(n * most, &scan.range)?;
     let normals: &[[f32; 3]] = of_length(n * most, column(n * most * 3, &scan.normal)?.as_chunks().0)?;
 
-    let (start, level) = (scan.time, level(py)?);
+    let (start, kernels) = (scan.time, kernels(py)?);
     let source = PointSource { origins, directions, range, normals, path, times, start, coordinates };
     let mut columns = copied.iter().map(|source| source.field(n * most)).collect::<PyResult<Vec<_>>>()?;
     columns.extend([
@@ -120,8 +121,9 @@ pub fn points_of<'py>(
         of_each("column", Each::Pulse(columns_of)),
         of_each("return_count", Each::Pulse(counts)),
     ]);
+    let write_points = |points: WritePoints| kernels.write_points(points);
     let (xyz, normal, number) = detached(py, || {
-        let returns = ReturnCounts::new(counts, most, level);
+        let returns = ReturnCounts::new(counts, most);
         let count = returns.count();
         let (mut xyz, mut normal, mut number) = (
             memory::with_capacity(3 * count),
@@ -131,7 +133,7 @@ pub fn points_of<'py>(
         let (points, normals) =
             (&mut xyz.spare_capacity_mut()[..3 * count], &mut normal.spare_capacity_mut()[..3 * count]);
         let mut fields: Vec<Box<dyn Field<'_> + '_>> = vec![
-            Box::new(PointsAndNormals { points, normals, source }),
+            Box::new(PointsAndNormals { points, normals, source, write: &write_points }),
             Box::new(Numbers(&mut number.spare_capacity_mut()[..count])),
         ];
         fields.extend(columns.iter_mut().map(|column| column.field(count)));

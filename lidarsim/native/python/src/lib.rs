@@ -15,7 +15,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use lidarsim_core::memory::OutOfMemory;
 use lidarsim_core::stop::{self, Stopped};
-use lidarsim_core::{Level, Point, with_room};
+use lidarsim_core::{Kernels, Level, PORTABLE, Point, with_room};
 use numpy::ndarray::Dimension;
 use numpy::{Element, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
@@ -67,7 +67,7 @@ fn isa(py: Python<'_>) -> PyResult<&'static str> {
 ///
 /// Only these two functions read the environment, with the interpreter lock held, as Python writes it with
 /// the lock.
-pub fn level(_: Python<'_>) -> PyResult<Level> {
+fn level(_: Python<'_>) -> PyResult<Level> {
     let Some(name) = env::var_os("LIDARSIM_ISA") else { return Ok(Level::best()) };
     let name = name.to_string_lossy();
     match Level::named(&name) {
@@ -75,6 +75,11 @@ pub fn level(_: Python<'_>) -> PyResult<Level> {
         Some(_) => Err(PyValueError::new_err(format!("LIDARSIM_ISA: this machine has no {name}"))),
         None => Err(argument_error("LIDARSIM_ISA", "scalar, avx2 or avx512", format!("{name:?}"))),
     }
+}
+
+/// The kernels for the instruction set of `level`.
+pub fn kernels(py: Python<'_>) -> PyResult<&'static dyn Kernels> {
+    level(py).map(|level| lidarsim_x86::kernels(level).unwrap_or(PORTABLE))
 }
 
 /// Applies `LIDARSIM_THREADS`, if it is a number above 0.

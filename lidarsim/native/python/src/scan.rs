@@ -13,7 +13,7 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::{PyDict, PyTuple};
 
-use crate::{Points, PyPath, PyScene, argument_error, detached, elements, level, points};
+use crate::{Points, PyPath, PyScene, argument_error, detached, elements, kernels, points};
 
 /// The attributes of a `lidarsim.Lidar`.
 struct Attributes<'a, 'py>(&'a Bound<'py, PyAny>);
@@ -203,7 +203,7 @@ pub fn scan<'py>(
     let stream = Stream::new(draws.0, draws.1, draws.2);
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
     let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
-    let (most, strays, level) = (measurement.most_returns(), measurement.strays(), level(py)?);
+    let (most, strays, kernels) = (measurement.most_returns(), measurement.strays(), kernels(py)?);
     let layout = Layout { pulses: directions.len(), most, strays, moves };
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(layout);
@@ -213,8 +213,8 @@ pub fn scan<'py>(
         let span = if scene.scene.moves() { span(times) } else { [0.0; 2] };
         let world = scene.scene.during(span.map(|time| (start + time).clamp(f64::MIN, f64::MAX)));
         let appearances = &scene.appearances;
-        let scan = Scan { frame: &frame, measurement: &measurement, appearances, caster: &world, level };
-        scan.measure(&mut columns.rows())?;
+        let scan = Scan { frame: &frame, measurement: &measurement, appearances, caster: &world };
+        scan.measure(&mut columns.rows(), |batch| kernels.measure(batch))?;
         // SAFETY: all pulses were measured and none was bad, so all entries were written.
         unsafe { columns.assume_written() };
         Ok(columns)

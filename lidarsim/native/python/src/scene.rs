@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use lidarsim_core::measure::Appearance;
-use lidarsim_core::{Arrays, Columns, Level, Occlusion, Point, Rays, Scene, TRange, World, memory, span};
+use lidarsim_core::{Arrays, Columns, Kernels, Occlusion, Point, Rays, Scene, TRange, World, memory, span};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PyList;
 
-use crate::{Points, PySceneObject, PyShape, detached, elements, equal_points, legal_rays, level};
+use crate::{Points, PySceneObject, PyShape, detached, elements, equal_points, kernels, legal_rays};
 
 type HitArrays<'py> = (
     Bound<'py, PyArray1<f64>>,
@@ -28,15 +28,21 @@ pub struct PyScene {
 /// Rays to be cast at a scene.
 struct RayCast<'a> {
     world: World<'a>,
-    level: Level,
+    kernels: &'static dyn Kernels,
     rays: Rays<'a>,
     range: TRange,
 }
 
 impl RayCast<'_> {
     /// Writes the row of each ray; false if one is illegal.
-    fn write_to(&self, arrays: &mut impl Arrays) -> bool {
-        arrays.cast(&self.world, self.level, self.rays, self.range)
+    fn hits(&self, mut columns: Columns) -> bool {
+        columns.share(self.rays, |part, rays| self.kernels.cast(&self.world, rays, self.range, part))
+    }
+
+    /// Writes whether each ray hits anything; false if one is illegal.
+    fn occlusion(&self, mut occlusion: Occlusion) -> bool {
+        occlusion
+            .share(self.rays, |part, rays| self.kernels.find_occluded(&self.world, rays, self.range, part))
     }
 }
 
@@ -59,12 +65,12 @@ impl PyScene {
                 "times: expected one for each ray of a scene that moves, and else none",
             ));
         }
-        let level = level(py)?;
+        let kernels = kernels(py)?;
         let (made, legal) = detached(py, || {
             memory::expect_room(n.saturating_mul(bytes), || format!("the hits of {n} rays"));
             self.scene.prepare();
             let world = self.scene.during(span(times));
-            work(RayCast { world, level, rays: Rays { origins, directions, times }, range })
+            work(RayCast { world, kernels, rays: Rays { origins, directions, times }, range })
         })?;
         if !legal {
             legal_rays(origins, directions)?;
@@ -122,7 +128,7 @@ impl PyScene {
                 let n = rays.0.len();
                 let (mut t, mut normal) = (memory::with_capacity(n), memory::with_capacity(3 * n));
                 let (mut object, mut primitive) = (memory::with_capacity(n), memory::with_capacity(n));
-                let legal = cast.write_to(&mut Columns {
+                let legal = cast.hits(Columns {
                     t: &mut t.spare_capacity_mut()[..n],
                     object: &mut object.spare_capacity_mut()[..n],
                     primitive: &mut primitive.spare_capacity_mut()[..n],
@@ -166,7 +172,7 @@ impl PyScene {
             |cast| {
                 let n = rays.0.len();
                 let mut occluded = memory::with_capacity(n);
-                let legal = cast.write_to(&mut Occlusion(&mut occluded.spare_capacity_mut()[..n]));
+                let legal = cast.occlusion(Occlusion(&mut occluded.spare_capacity_mut()[..n]));
                 // SAFETY: as for `cast`.
                 unsafe { occluded.set_len(n) };
                 (occluded, legal)

@@ -5,9 +5,8 @@ use std::ops::Range;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use super::schedule::pieces;
-use crate::arith::simd::Level;
 use crate::geometry::vector::Point;
-use crate::scene::{Hit, Rays, Run, Sink, TRange, World};
+use crate::scene::{Hit, Rays, Run, Sink};
 use crate::{memory, parallel};
 
 /// Arrays that receive the hits of many rays; each thread writes to a part of them.
@@ -15,14 +14,14 @@ pub trait Arrays: Sink + Send + Sized {
     /// Splits off the rows of the first rays.
     fn split_off(&mut self, count: usize) -> Self;
 
-    /// As `World::cast`, on all threads; splits off the rows of these rays. Every row is written, including
-    /// those of illegal rays.
-    fn cast(&mut self, world: &World, level: Level, rays: Rays, range: TRange) -> bool {
+    /// Shares rays among all threads: `cast` casts a piece of them into its rows, which are split off, and
+    /// tells whether all rays were legal. So does the result.
+    fn share(&mut self, rays: Rays, cast: impl Fn(&mut Self, Rays) -> bool + Sync) -> bool {
         let legal = AtomicBool::new(true);
         let pieces = pieces(rays.directions, 1).into_iter();
         let pieces = memory::collect(pieces.map(|piece| (self.split_off(piece.len()), piece)));
         parallel::share(pieces.into_iter(), |(mut arrays, piece)| {
-            if !world.cast(level, rays.part(piece), range, &mut arrays) {
+            if !cast(&mut arrays, rays.part(piece)) {
                 legal.store(false, Ordering::Relaxed);
             }
         });
@@ -176,6 +175,7 @@ impl Sink for Occlusion<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arith::simd::{Isa, Level};
     use crate::arith::simd::{Task, dispatch};
     use crate::scene::EightHits;
     use crate::testing::numbers;

@@ -6,7 +6,7 @@
 
 use std::cell::Cell;
 
-use crate::arith::simd::{self, Isa, Level, Task};
+use crate::arith::simd::{Isa, Task};
 use crate::bvh::{LANES, RayPacket, all, take};
 use crate::cast::closest_hit::{ClosestHit, timed_ray};
 use crate::cast::hit_batches::{BATCH_SIZE, BoundedHit, HitBatches};
@@ -80,14 +80,6 @@ impl<S: Sink + ?Sized> Task for Cast<'_, S> {
         }
         SCRATCH.set(Some(scratch));
         legal
-    }
-}
-
-impl World<'_> {
-    /// The closest hit of each ray with t_min ≤ t ≤ t_max, on this thread. Equal t are ordered by object,
-    /// then by primitive. False if there was an illegal ray (see [`Cast`]).
-    pub fn cast(&self, level: Level, rays: Rays, range: TRange, hits: &mut (impl Sink + ?Sized)) -> bool {
-        simd::dispatch(level, Cast { world: self, rays, range, hits })
     }
 }
 
@@ -228,11 +220,19 @@ impl<'a, S: Sink + ?Sized> HitRouter<'a, S> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::arith::simd::{Level, dispatch};
     use crate::cast::columns::HitArrays;
     use crate::geometry::vector::Point;
     use crate::scene::tests::{FLAT, object, tipped};
     use crate::scene::{RootId, Scene};
     use crate::testing::with_large_frames;
+
+    impl World<'_> {
+        /// As [`Cast`], compiled for `level`.
+        pub fn cast(&self, level: Level, rays: Rays, range: TRange, hits: &mut impl Sink) -> bool {
+            dispatch(level, Cast { world: self, rays, range, hits })
+        }
+    }
 
     /// Straight down on the points of a grid, some on the edges: the weight of the last vertex there is y/8,
     /// exactly.

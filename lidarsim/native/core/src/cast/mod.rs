@@ -16,4 +16,5 @@ mod traversal;
 mod triangle_hits;
 
 pub use columns::{Arrays, Columns, HitArrays, Occlusion};
+pub use driver::Cast;
 pub use schedule::pieces;

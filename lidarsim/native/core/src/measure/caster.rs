@@ -1,8 +1,8 @@
 //! The scene, as a measurement uses it.
 
 use crate::arith::number::Interval;
-use crate::arith::simd::Level;
-use crate::cast::HitArrays;
+use crate::arith::simd::Isa;
+use crate::cast::{Cast, HitArrays};
 use crate::geometry::point::sub;
 use crate::geometry::pose::Path;
 use crate::scene::{Geometry, Hit, Rays, TRange, TimedRay, World};
@@ -14,7 +14,7 @@ pub trait Caster: Sync {
     fn moves(&self) -> bool;
 
     /// Writes the closest hit with t ≥ 0 of each ray, at its time.
-    fn cast(&self, level: Level, rays: Rays, hits: &mut HitArrays);
+    fn cast<I: Isa>(&self, rays: Rays, hits: &mut HitArrays);
 
     /// The vertices of the triangle of a mesh that was hit, and the barycentric coordinates of the hit.
     fn barycentric(&self, hit: &Hit, ray: &TimedRay) -> Option<([u32; 3], [f64; 3])>;
@@ -28,9 +28,10 @@ impl Caster for World<'_> {
         self.scene.moves()
     }
 
-    fn cast(&self, level: Level, rays: Rays, hits: &mut HitArrays) {
+    #[inline(always)]
+    fn cast<I: Isa>(&self, rays: Rays, hits: &mut HitArrays) {
         // The rays are legal: the pulses have been checked.
-        World::cast(self, level, rays, TRange::RAY, &mut hits.columns());
+        I::call(Cast { world: self, rays, range: TRange::RAY, hits: &mut hits.columns() });
     }
 
     fn path(&self, object: i32) -> Option<&Path> {

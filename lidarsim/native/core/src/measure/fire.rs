@@ -73,7 +73,7 @@ impl<C: Caster> Scan<'_, C> {
         }
         hits.resize(count);
         let rays = Rays { origins: &rays.origins, directions: &rays.directions, times: &rays.times };
-        self.caster.cast(self.level, rays, hits);
+        self.caster.cast::<I>(rays, hits);
         Ok(())
     }
 

@@ -36,6 +36,6 @@ pub use frame::{BadPulse, Fault, Frame};
 pub use measurement::Measurement;
 pub use origins::Origins;
 pub use parameters::{Parameters, Value};
-pub use points::{Coordinates, PointSource, PointsAndNormals};
+pub use points::{Coordinates, PointSource, PointsAndNormals, WritePoints};
 pub use returns::{Copied, Each, Field, Numbers, ReturnCounts};
-pub use scan::Scan;
+pub use scan::{Batch, Scan};

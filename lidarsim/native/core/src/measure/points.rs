@@ -1,11 +1,10 @@
 //! Points and normals of the returns of a scan.
 
 use std::mem::MaybeUninit;
-use std::ops::Range;
 
 use super::origins::Origins;
 use super::returns::{Field, Piece, Writer};
-use crate::arith::simd::{self, Isa, Task};
+use crate::arith::simd::{Isa, Task};
 use crate::geometry::pose::{Path, Pose};
 use crate::geometry::vector::Point;
 use crate::memory::split_off;
@@ -57,21 +56,26 @@ pub struct PointsAndNormals<'a> {
     pub points: &'a mut [MaybeUninit<f64>],
     pub normals: &'a mut [MaybeUninit<f32>],
     pub source: PointSource<'a>,
+    /// Runs the work on a piece.
+    pub write: &'a (dyn Fn(WritePoints) + Sync),
 }
 
 impl<'a> Field<'a> for PointsAndNormals<'a> {
     fn split_off(&mut self, count: usize) -> Writer<'a> {
         let (points, normals) =
             (split_off(&mut self.points, 3 * count), split_off(&mut self.normals, 3 * count));
-        let source = self.source;
-        Box::new(move |piece| simd::dispatch(piece.level, WritePoints { points, normals, source, piece }))
+        let (source, write) = (self.source, self.write);
+        Box::new(move |piece| {
+            let (points, normals) = (points.as_chunks_mut().0, normals.as_chunks_mut().0);
+            write(WritePoints { points, normals, source, piece });
+        })
     }
 }
 
-/// The work on one piece.
-struct WritePoints<'a, 'b> {
-    points: &'a mut [MaybeUninit<f64>],
-    normals: &'a mut [MaybeUninit<f32>],
+/// The work on one piece, compiled for each instruction set.
+pub struct WritePoints<'a, 'b> {
+    points: &'b mut [[MaybeUninit<f64>; 3]],
+    normals: &'b mut [[MaybeUninit<f32>; 3]],
     source: PointSource<'a>,
     piece: &'b Piece,
 }
@@ -80,9 +84,9 @@ impl Task for WritePoints<'_, '_> {
     type Output = ();
 
     #[inline(always)]
-    fn run<I: Isa>(mut self) {
+    fn run<I: Isa>(self) {
         let PointSource { path, times, start, coordinates, .. } = self.source;
-        let (_, pulses) = self.piece.rows_and_pulses();
+        let (rows, pulses) = self.piece.rows_and_pulses();
         let mut first = 0;
         while first < pulses.len() {
             // Pulses of one time were fired from one pose.
@@ -92,22 +96,15 @@ impl Task for WritePoints<'_, '_> {
             }
             let pose = path.at(start + time);
             let seen = if let Coordinates::Moment(at) = &coordinates { pose.relative_to(at) } else { pose };
-            self.write_from_pose(first..end, (&pose, &seen));
+            let places = self.points[first..end].iter_mut().zip(&mut self.normals[first..end]);
+            for ((&row, &pulse), (point_place, normal_place)) in
+                rows[first..end].iter().zip(&pulses[first..end]).zip(places)
+            {
+                let (point, normal) = self.source.point_and_normal((&pose, &seen), row, pulse);
+                *point_place = point.map(MaybeUninit::new);
+                *normal_place = normal.map(|x| MaybeUninit::new(x as f32));
+            }
             first = end;
-        }
-    }
-}
-
-impl WritePoints<'_, '_> {
-    /// Of returns from one pose.
-    #[inline(always)]
-    fn write_from_pose(&mut self, returns: Range<usize>, poses: (&Pose, &Pose)) {
-        let (rows, pulses) = self.piece.rows_and_pulses();
-        let (points, normals) = (self.points.as_chunks_mut().0, self.normals.as_chunks_mut().0);
-        for i in returns {
-            let (point, normal) = self.source.point_and_normal(poses, rows[i], pulses[i]);
-            points[i] = point.map(MaybeUninit::new);
-            normals[i] = normal.map(|x| MaybeUninit::new(x as f32));
         }
     }
 }

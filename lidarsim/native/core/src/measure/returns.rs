@@ -3,7 +3,6 @@
 
 use std::mem::MaybeUninit;
 
-use crate::arith::simd::{self, Isa, Level, Task};
 use crate::{memory, parallel};
 
 /// Pulses whose returns a thread takes at a time: few enough that their indices stay in the first cache.
@@ -13,7 +12,6 @@ const PULSES: usize = 1 << 11;
 pub struct ReturnCounts<'a> {
     counts: &'a [u8],
     most: usize,
-    level: Level,
     /// Returns of each piece of `PULSES` pulses.
     of_pieces: Vec<usize>,
 }
@@ -21,7 +19,6 @@ pub struct ReturnCounts<'a> {
 /// Returns of neighbouring pulses, in order: the row that each is in, and its pulse.
 pub struct Piece {
     pub(super) most: usize,
-    pub(super) level: Level,
     row: Vec<usize>,
     /// None if each pulse has one row: then they are equal.
     pulse: Option<Vec<usize>>,
@@ -37,9 +34,9 @@ pub trait Field<'a> {
 }
 
 impl<'a> ReturnCounts<'a> {
-    pub fn new(counts: &'a [u8], most: usize, level: Level) -> Self {
+    pub fn new(counts: &'a [u8], most: usize) -> Self {
         let returns = |counts: &[u8]| counts.iter().map(|&count| most.min(count.into())).sum();
-        ReturnCounts { counts, most, level, of_pieces: memory::collect(counts.chunks(PULSES).map(returns)) }
+        ReturnCounts { counts, most, of_pieces: memory::collect(counts.chunks(PULSES).map(returns)) }
     }
 
     /// Of all returns.
@@ -71,7 +68,7 @@ impl<'a> ReturnCounts<'a> {
             (row, Some(pulse))
         };
         debug_assert_eq!(row.len(), count);
-        Piece { most: self.most, level: self.level, row, pulse }
+        Piece { most: self.most, row, pulse }
     }
 }
 
@@ -135,7 +132,7 @@ impl<'a, T: Copy + Send + Sync> Field<'a> for Copied<'a, T> {
         let (places, each) = (memory::split_off(&mut self.places, count), self.each);
         Box::new(move |piece| match (each, &piece.pulse) {
             (Each::Row(values), _) | (Each::Pulse(values), None) => {
-                simd::dispatch(piece.level, CopyRising { places, indices: &piece.row, values });
+                copy_rising(places, &piece.row, values);
             }
             (Each::Pulse(values), Some(pulses)) => {
                 for (place, &pulse) in places.iter_mut().zip(pulses) {
@@ -146,31 +143,19 @@ impl<'a, T: Copy + Send + Sync> Field<'a> for Copied<'a, T> {
     }
 }
 
-/// Copies values at rising indices; consecutive ones in registers.
-struct CopyRising<'a, T> {
-    places: &'a mut [MaybeUninit<T>],
-    indices: &'a [usize],
-    values: &'a [T],
-}
-
-impl<T: Copy> Task for CopyRising<'_, T> {
-    type Output = ();
-
-    #[inline(always)]
-    fn run<I: Isa>(self) {
-        const RUN: usize = 16;
-        let CopyRising { places, indices, values } = self;
-        for (places, indices) in places.chunks_mut(RUN).zip(indices.chunks(RUN)) {
-            if let (Ok(places), [first, .., last]) = (<&mut [_; RUN]>::try_from(&mut *places), indices)
-                && last - first == RUN - 1
-                && let Some(values) = values[*first..].first_chunk::<RUN>()
-            {
-                *places = values.map(MaybeUninit::new);
-                continue;
-            }
-            for (place, &i) in places.iter_mut().zip(indices) {
-                place.write(values[i]);
-            }
+/// Copies values at rising indices; consecutive ones at once.
+fn copy_rising<T: Copy>(places: &mut [MaybeUninit<T>], indices: &[usize], values: &[T]) {
+    const RUN: usize = 16;
+    for (places, indices) in places.chunks_mut(RUN).zip(indices.chunks(RUN)) {
+        if let (Ok(places), [first, .., last]) = (<&mut [_; RUN]>::try_from(&mut *places), indices)
+            && last - first == RUN - 1
+            && let Some(values) = values[*first..].first_chunk::<RUN>()
+        {
+            *places = values.map(MaybeUninit::new);
+            continue;
+        }
+        for (place, &i) in places.iter_mut().zip(indices) {
+            place.write(values[i]);
         }
     }
 }

@@ -12,7 +12,7 @@ use super::frame::{BadPulse, Frame};
 use super::measurement::Measurement;
 use super::scratch::{RowScratch, Scratch};
 use crate::arith::elementary::first_quadrant_angle;
-use crate::arith::simd::{self, Isa, Level, Task};
+use crate::arith::simd::{Isa, Task};
 use crate::cast::pieces;
 use crate::memory::resize;
 use crate::{memory, parallel};
@@ -24,7 +24,6 @@ pub struct Scan<'a, C> {
     /// Of each object of the scene.
     pub appearances: &'a [Arc<Appearance>],
     pub caster: &'a C,
-    pub level: Level,
 }
 
 thread_local! {
@@ -32,7 +31,7 @@ thread_local! {
 }
 
 /// The work on a batch of pulses, compiled for each instruction set.
-struct Batch<'a, 'b, 'c, C> {
+pub struct Batch<'a, 'b, 'c, C> {
     scan: &'b Scan<'a, C>,
     pulses: Range<usize>,
     scratch: &'b mut Scratch,
@@ -49,15 +48,20 @@ impl<C: Caster> Task for Batch<'_, '_, '_, C> {
 }
 
 impl<C: Caster> Scan<'_, C> {
-    /// Measures all pulses, on all threads, or returns the first bad pulse. `rows`: of all pulses.
-    pub fn measure(&self, rows: &mut Rows) -> Result<(), BadPulse> {
+    /// Measures all pulses, on all threads, or returns the first bad pulse. `rows` are those of all pulses;
+    /// `work` runs a batch.
+    pub fn measure(
+        &self,
+        rows: &mut Rows,
+        work: impl Fn(Batch<C>) -> Result<(), BadPulse> + Sync,
+    ) -> Result<(), BadPulse> {
         let pieces = pieces(self.frame.directions, self.measurement.rays()).into_iter();
         let pieces = memory::collect(pieces.map(|piece| (piece.clone(), rows.split_off(piece.len()))));
         let bad = Mutex::new(None);
         parallel::share(pieces.into_iter(), |(pulses, mut rows)| {
             let mut scratch = SCRATCH.take();
             let batch = Batch { scan: self, pulses, scratch: &mut scratch, rows: &mut rows };
-            let outcome = simd::dispatch(self.level, batch);
+            let outcome = work(batch);
             SCRATCH.set(scratch);
             if let Err(found) = outcome {
                 let mut bad = bad.lock().unwrap_or_else(PoisonError::into_inner);

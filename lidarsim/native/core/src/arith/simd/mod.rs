@@ -198,18 +198,56 @@ fn detect() -> Level {
     Level::Scalar
 }
 
-/// Runs the task, compiled for `level`, which this machine must support: `Level::best()` or below.
-pub fn dispatch<T: Task>(level: Level, task: T) -> T::Output {
-    #[cfg(target_arch = "x86_64")]
-    match level.min(Level::best()) {
-        Level::Scalar => {}
-        // SAFETY: the level is at most the best that was detected on this machine.
-        Level::Avx2 => return unsafe { x86::run_avx2(task) },
-        // SAFETY: as above.
-        Level::Avx512 => return unsafe { x86::run_avx512(task) },
+/// Runs tasks compiled for one instruction set, which the machine must support.
+pub trait Runner: Sync {
+    fn run<T: Task>(task: T) -> T::Output;
+}
+
+/// Any machine.
+pub struct OnPortable;
+
+/// A machine with AVX2 and FMA.
+#[cfg(target_arch = "x86_64")]
+pub struct OnAvx2;
+
+/// A machine with AVX-512.
+#[cfg(target_arch = "x86_64")]
+pub struct OnAvx512;
+
+impl Runner for OnPortable {
+    fn run<T: Task>(task: T) -> T::Output {
+        Portable::call(task)
     }
-    let _ = level;
-    Portable::call(task)
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Runner for OnAvx2 {
+    fn run<T: Task>(task: T) -> T::Output {
+        assert!(Level::best() >= Level::Avx2);
+        // SAFETY: the machine has what the level needs.
+        unsafe { x86::run_avx2(task) }
+    }
+}
+
+#[cfg(target_arch = "x86_64")]
+impl Runner for OnAvx512 {
+    fn run<T: Task>(task: T) -> T::Output {
+        assert!(Level::best() >= Level::Avx512);
+        // SAFETY: the machine has what the level needs.
+        unsafe { x86::run_avx512(task) }
+    }
+}
+
+/// Runs the task compiled for `level`, which this machine must support.
+#[cfg(test)]
+pub fn dispatch<T: Task>(level: Level, task: T) -> T::Output {
+    match level {
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => OnAvx2::run(task),
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => OnAvx512::run(task),
+        _ => OnPortable::run(task),
+    }
 }
 
 /// Vectors of lanes, without closures, which would not be compiled for the instruction set.
