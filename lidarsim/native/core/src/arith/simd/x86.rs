@@ -3,7 +3,8 @@
 //! SAFETY of all intrinsics here: only operations of the types below execute them. The types are private to
 //! this file and reach other code only as the parameter of a task, from `run_avx2` and `run_avx512`, which
 //! their `Runner` calls only on machines with the features. So code that knows such a type runs only where
-//! the features exist. Loads and stores are unaligned and go through references to arrays of the register's size.
+//! the features exist. Loads and stores are unaligned and go through references to arrays of the register's
+//! size.
 
 use core::arch::x86_64::*;
 
