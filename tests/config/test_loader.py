@@ -268,6 +268,18 @@ def test_reflectivity_for_each_face() -> None:
     assert material.reflectivity.tolist() == list(range(12))
 
 
+def test_roughness_and_highlight_of_an_object() -> None:
+    item = "{shape: sphere, center_m: [9, 0, 0], radius_m: 1, reflectivity: 0.2, roughness_deg: 20"
+    objects = f"scene: [{item}}}, {item}, specular: 5, specular_width: 0.05}}]"
+    rough, glossy = load(f"sensor: {{preset: velodyne-vlp16}}\n{objects}").scene.objects
+    assert rough.material == ls.Material(reflectivity=0.2, roughness=radians(20.0))
+    assert glossy.material == ls.Material(reflectivity=0.2, roughness=radians(20), specular=5, specular_width=0.05)
+    with pytest.raises(
+        ls.errors.ConfigError, match=r"scene\.1\.specular_width: expected a finite number > 0, got 0\.0"
+    ):
+        load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{item}}}, {item}, specular_width: 0}}]")
+
+
 def test_a_sensor_that_moves() -> None:
     run = load(CONFIG, "pose.linear_m_per_s=[4, 0, 0]", "pose.angular_deg_per_s=[0, 0, 90]")
     expected = ls.Trajectory.from_twist(load(CONFIG).pose, (4, 0, 0), (0, 0, radians(90)))
