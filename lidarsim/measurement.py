@@ -1,7 +1,7 @@
 """Measurement effects: noise, intensity, detection, returns.
 
-The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, detection, drop-out, range noise
-and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate, that of
+The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the power,
+detection, drop-out, range noise and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate, that of
 the `Lidar`, acts on the measured range, noise included, not on the true one.
 
 Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011),
@@ -10,7 +10,7 @@ Statistics 37, 1988). The generator's key is derived from the seed and the senso
 frame, effect and draw. So the noise of a pulse depends on these alone: not on threads, on which other pulses are
 fired, or on which other effects are on. The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1
 elevation), 2 drop-out, 3 range noise (one draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in
-place of the pulse).
+place of the pulse), 5 fluctuation of the power (one draw per echo, the nearest first).
 """
 
 from __future__ import annotations
@@ -167,6 +167,10 @@ class Measurement(Immutable):
         Probability that a pulse is lost, 0 to 1.
     detection : Detection, optional
         Detection limit. Default: every echo is detected.
+    power_sigma : float
+        w, the standard deviation of the logarithm of the received power of an echo: power and intensity are multiplied
+        by exp(w·g − w²/2), g a standard normal number, so that their means stay. With a `detection` limit it softens
+        the edge of what is seen; without one, only intensities fluctuate.
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
     beam : Beam, optional
@@ -205,6 +209,7 @@ class Measurement(Immutable):
         "elevation_sigma_deg": float,
         "dropout": float,
         "detection": Detection,
+        "power_sigma": float,
         "extinction_per_m": float,
         "beam": Beam,
         "returns": int | str,
@@ -219,6 +224,7 @@ class Measurement(Immutable):
     elevation_sigma: float = 0.0
     dropout: float = 0.0
     detection: Detection | None = None
+    power_sigma: float = 0.0
     extinction: float = 0.0
     beam: Beam | None = None
     returns: ReturnMode | int = "strongest"
@@ -253,6 +259,7 @@ _NUMBERS = {
     "azimuth_sigma": 1.0,
     "elevation_sigma": 1.0,
     "dropout": 1.0,
+    "power_sigma": math.inf,
     "extinction": math.inf,
 }
 """Parameters that are numbers >= 0, with the greatest value of each."""

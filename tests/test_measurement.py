@@ -81,7 +81,7 @@ def test_without_effects_the_range_is_the_truth() -> None:
 def test_nothing_is_added_to_a_miss() -> None:
     everything = {
         "range_sigma": 1.0, "range_bias": 1.0, "range_resolution": 0.1, "azimuth_sigma": 0.1, "elevation_sigma": 0.1,
-        "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "beam": ls.Beam(0.1), "returns": 3,
+        "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "power_sigma": 0.5, "beam": ls.Beam(0.1), "returns": 3,
     }  # fmt: skip
     scan = measured(beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=1000), wall(), **everything)
     assert (scan.status == ls.Status.miss).all()
@@ -493,6 +493,60 @@ def test_a_dark_wall_is_seen_no_better_through_fog() -> None:
     for extinction in (0.0, 0.03):
         scan = measured(before_wall([60.0]), wall(0.02), detection=ls.Detection(0.1, 100.0), extinction=extinction)
         assert scan.status.tolist() == [ls.Status.below_threshold]
+
+
+def test_power_fluctuates_log_normally_about_its_mean() -> None:
+    sigma, count = 0.3, 50_000
+    pattern = before_wall(np.full(count, 20.0))
+    scan = measured(pattern, wall(0.5), power_sigma=sigma)
+    assert np.array_equal(scan.range, np.full((count, 1), 20.0))
+    factors = scan.intensity[:, 0].astype(float) / 0.5
+    assert stats.kstest(np.log(factors), "norm", args=(-(sigma**2) / 2, sigma)).pvalue > 1e-3
+    spread = math.sqrt(math.expm1(sigma**2))
+    assert abs(factors.mean() - 1.0) < 5.0 * spread / math.sqrt(count)
+    # The draws are the documented ones.
+    draws = [uniform(3, "", frame=0, pulse=i, effect=5) for i in range(1000)]
+    expected = np.exp(sigma * stats.norm.ppf(draws) - sigma**2 / 2)
+    assert np.allclose(factors[:1000], expected, rtol=2.0**-23, atol=0)
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-3, rays=7)], ids=["ray", "beam"])
+def test_fluctuation_softens_the_edge_of_what_is_seen(beam: ls.Beam | None) -> None:
+    sigma, count, least, seen_to = 0.4, 4000, 0.1, 100.0
+    distances = np.linspace(60.0, 170.0, 12)
+    pattern = before_wall(np.repeat(distances, count))
+    limit = ls.Detection(least, seen_to)
+    scan = measured(pattern, wall(least), detection=limit, power_sigma=sigma, beam=beam)
+    hits = (scan.status == ls.Status.hit).reshape(-1, count)
+    # s = (R₀/R)²·exp(w·g − w²/2) ≥ 1. A footprint of 1 mrad reaches no farther than its axis by 10⁻⁶ of the range.
+    expected = stats.norm.cdf(np.log((seen_to / distances) ** 2) / sigma - sigma / 2)
+    assert (np.diff(expected) < 0.0).all()
+    assert expected[0] > 0.95
+    assert expected[-1] < 0.01
+    for seen, probability in zip(hits.sum(axis=1), expected, strict=True):
+        assert stats.binomtest(int(seen), count, float(probability)).pvalue > 1e-5
+    lost = scan.status != ls.Status.hit
+    assert (scan.status[lost] == ls.Status.below_threshold).all()
+    # The intensity has the factor that decided.
+    powers = scan.intensity[:, 0].astype(float)[~lost] / scan.true_range[~lost, 0] ** 2
+    assert (powers >= least / seen_to**2 * (1.0 - 2.0**-22)).all()
+
+
+def test_each_echo_fluctuates_by_itself() -> None:
+    pattern, scene = beams([1.0, 1e-5, 0.0], count=20_000), edge(3.0)
+    beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    clean = measured(pattern, scene, beam=beam, returns=2)
+    scan = measured(pattern, scene, beam=beam, returns=2, power_sigma=0.2)
+    logs = np.log(scan.intensity.astype(float) / clean.intensity) + 0.02
+    assert np.allclose(logs.std(axis=0), 0.2, rtol=5.0 / math.sqrt(2 * 20_000))
+    assert abs(np.corrcoef(logs.T)[0, 1]) < 5.0 / math.sqrt(20_000)
+    draws = [uniform(3, "", frame=0, pulse=i, effect=5, draw=1) for i in range(500)]
+    assert np.allclose(logs[:500, 1], 0.2 * stats.norm.ppf(draws), rtol=0, atol=4 * 2.0**-23)
+    # The strongest is the one whose power is, as received.
+    one = measured(pattern, scene, beam=beam, power_sigma=0.2)
+    second = scan.intensity[:, 1] / clean.range[:, 1] ** 2 > scan.intensity[:, 0] / clean.range[:, 0] ** 2
+    assert 100 < second.sum() < 19_900
+    assert np.array_equal(one.range[:, 0], np.where(second, scan.range[:, 1], scan.range[:, 0]))
 
 
 def test_dropout_has_its_rate() -> None:
@@ -994,6 +1048,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "quantisation": {"range_resolution": 1e-9},
     "detection": {"detection": ls.Detection(0.1, 1000.0)},
     "extinction": {"extinction": 1e-3},
+    "fluctuation": {"power_sigma": 1e-9},
     "beam": {"beam": ls.Beam(1e-9)},
 }
 """Each effect so small that it changes nothing but by its draws, if it has any."""
@@ -1039,6 +1094,7 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"elevation_sigma": 2}, "elevation_sigma: expected a finite number from 0 to 1, got 2.0; degrees?"),
         ({"dropout": 1.5}, "dropout: expected a finite number from 0 to 1, got 1.5"),
         ({"dropout": -0.5}, "dropout: expected a finite number from 0 to 1, got -0.5"),
+        ({"power_sigma": -0.1}, "power_sigma: expected a finite number >= 0, got -0.1"),
         ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
         ({"range_sigma": []}, "range_sigma: expected shape (n, 2), got (0,)"),
         ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected at least one row (range, sigma), got none"),

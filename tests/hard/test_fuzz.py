@@ -180,7 +180,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
         ("range_sigma", "range_sigma_slope", "range_bias", "channel_bias_sigma", "range_resolution", "dropout"),
         lambda _: 0.01,
     ),
-    **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction"), lambda _: 1e-3),
+    **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction", "power_sigma"), lambda _: 1e-3),
     "detection": lambda _: ls.Detection(0.1, 100.0),
     "beam": lambda _: ls.Beam(1e-3, rays=7),
     "returns": lambda _: 2,

@@ -60,8 +60,9 @@ impl<C: Caster> Scan<'_, C> {
     /// Applies the effects to an echo, the `number`-th of a pulse.
     #[inline(always)]
     fn receive(&self, pulse: usize, number: u16, echo: &mut Echo, batch: &Pulses, scratch: &Scratch) {
-        let mut echoes = Echoes::<f64, 1>::new(pulse, number, echo.range, echo.power, 0);
+        let mut echoes = Echoes::<f64, 1>::new(pulse, number, echo.range, echo.intensity, echo.power, 0);
         self.measurement.effects.apply(batch, &scratch.draws, &mut echoes);
+        (echo.intensity, echo.power) = (echoes.intensity, echoes.power);
         let [status] = echoes.statuses();
         echo.measured = match Status::ALL[usize::from(status)] {
             Status::Hit => Ok(echoes.reported()),

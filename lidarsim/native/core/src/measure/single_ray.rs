@@ -63,7 +63,8 @@ impl<C: Caster> Scan<'_, C> {
             self.measurement.effects.attenuate(&truth.store(), &mut transmission);
             intensity = intensity.mul(I::F64x8::load(&transmission));
         }
-        let mut echoes = Echoes::new(part, 0, truth, intensity.div(truth.mul(truth)), missed);
+        let power = intensity.div(truth.mul(truth));
+        let mut echoes = Echoes::new(part, 0, truth, intensity, power, missed);
         self.measurement.effects.apply(&self.frame.pulses(pulses, indices), draws, &mut echoes);
 
         let nan = I::F64x8::splat(f64::NAN);
@@ -88,7 +89,7 @@ impl<C: Caster> Scan<'_, C> {
                 range: range.store(),
                 true_range: I::pick(missed, nan, truth).store(),
                 range_error: range.sub(truth).store(),
-                intensity: I::pick(echoes.kept, intensity, nan).store().map(|x| x as f32),
+                intensity: I::pick(echoes.kept, echoes.intensity, nan).store().map(|x| x as f32),
                 normal,
                 object_id,
                 instance: ids.map(|[instance, _]: [u32; 2]| instance),

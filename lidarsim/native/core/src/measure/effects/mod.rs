@@ -10,6 +10,7 @@ mod bias;
 mod detection;
 mod dropout;
 mod extinction;
+mod fluctuation;
 mod gate;
 mod jitter;
 mod quantization;
@@ -86,6 +87,7 @@ macro_rules! effects {
 effects! {
     jitter: jitter::Jitter,
     extinction: extinction::Extinction,
+    fluctuation: fluctuation::Fluctuation,
     detection: detection::DetectionLimit,
     dropout: dropout::Dropout,
     bias: bias::Bias,
@@ -229,6 +231,7 @@ pub(super) struct Echoes<F, const N: usize> {
     pub(super) number: u16,
     /// Range before any error, m.
     pub(super) range: F,
+    pub(super) intensity: F,
     /// Received power, up to a constant: intensity/R².
     pub(super) power: F,
     /// What is added to the range, m.
@@ -246,11 +249,21 @@ pub(super) struct Echoes<F, const N: usize> {
 impl<F: Floats<f64, N>, const N: usize> Echoes<F, N> {
     /// `missed`: a bit for each pulse without an echo.
     #[inline(always)]
-    pub(super) fn new(part: usize, number: u16, range: F, power: F, missed: u32) -> Self {
+    pub(super) fn new(part: usize, number: u16, range: F, intensity: F, power: F, missed: u32) -> Self {
         let (zero, lost) = (F::splat(0.0), [0; Status::COUNT]);
         let kept = (1 << N) - 1;
-        let mut echoes =
-            Echoes { part, number, range, power, error: zero, reading: range, offset: zero, kept, lost };
+        let mut echoes = Echoes {
+            part,
+            number,
+            range,
+            intensity,
+            power,
+            error: zero,
+            reading: range,
+            offset: zero,
+            kept,
+            lost,
+        };
         echoes.lose(missed, Status::Miss);
         echoes
     }
