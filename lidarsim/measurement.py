@@ -1,8 +1,8 @@
 """Measurement effects: noise, intensity, detection, returns.
 
 The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the power,
-detection, drop-out, range noise and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing is added to it. The gate, that of
-the `Lidar`, acts on the measured range, noise included, not on the true one.
+detection, drop-out, range noise and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing
+is added to it. The gate, that of the `Lidar`, acts on the measured range, noise included, not on the true one.
 
 Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011),
 Gaussian ones by way of the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
@@ -151,6 +151,10 @@ class Measurement(Immutable):
         print it: linear between its rows, constant before the first and after the last; the ranges have to rise.
     range_sigma_slope : float
         b in √(a² + (b·R)²), m per m: the part that grows with range.
+    range_sigma_limit : float
+        c, m: the standard deviation that the weakness of an echo adds, √(a² + (b·R)² + c²/s), or beside a table. s is
+        the received power in units of the least that is detected, so an echo at the limit has c, and one four times as
+        strong has c/2. It requires `detection`, which sets that limit.
     range_bias : float
         Added to every range, m; may be negative.
     channel_bias_sigma : float
@@ -202,6 +206,7 @@ class Measurement(Immutable):
     configuration: ClassVar[Mapping[str, object]] = {
         "range_sigma_m": float | list[tuple[float, float]],
         "range_sigma_slope": float,
+        "range_sigma_limit_m": float,
         "range_bias_m": float,
         "channel_bias_sigma_m": float,
         "range_resolution_m": float,
@@ -217,6 +222,7 @@ class Measurement(Immutable):
 
     range_sigma: float | Pairs = 0.0
     range_sigma_slope: float = 0.0
+    range_sigma_limit: float = 0.0
     range_bias: float = 0.0
     channel_bias_sigma: float = 0.0
     range_resolution: float = 0.0
@@ -241,6 +247,9 @@ class Measurement(Immutable):
             object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
         if self.detection is not None and not isinstance(self.detection, Detection):
             raise TypeError(f"detection: expected a Detection or None, got {self.detection!r}")
+        if self.range_sigma_limit > 0.0 and self.detection is None:
+            given = self.range_sigma_limit
+            raise ValueError(f"range_sigma_limit: expected 0 without a detection limit, got {given}; give `detection`")
         if self.beam is not None and not isinstance(self.beam, Beam):
             raise TypeError(f"beam: expected a Beam or None, got {self.beam!r}")
         object.__setattr__(self, "returns", _returns(self.returns, self.beam))
@@ -254,6 +263,7 @@ class Measurement(Immutable):
 _NUMBERS = {
     "range_sigma": math.inf,
     "range_sigma_slope": math.inf,
+    "range_sigma_limit": math.inf,
     "channel_bias_sigma": math.inf,
     "range_resolution": math.inf,
     "azimuth_sigma": 1.0,

@@ -81,7 +81,8 @@ def test_without_effects_the_range_is_the_truth() -> None:
 def test_nothing_is_added_to_a_miss() -> None:
     everything = {
         "range_sigma": 1.0, "range_bias": 1.0, "range_resolution": 0.1, "azimuth_sigma": 0.1, "elevation_sigma": 0.1,
-        "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "power_sigma": 0.5, "beam": ls.Beam(0.1), "returns": 3,
+        "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "power_sigma": 0.5,
+        "beam": ls.Beam(0.1), "returns": 3,
     }  # fmt: skip
     scan = measured(beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=1000), wall(), **everything)
     assert (scan.status == ls.Status.miss).all()
@@ -125,6 +126,48 @@ def test_range_noise_follows_a_table() -> None:
     sigmas = scan.range_error.reshape(-1, count).std(axis=1)
     expected = np.interp(distances, *np.transpose(table))
     assert (np.abs(sigmas / expected - 1.0) < SIGMAS / math.sqrt(2 * count)).all()
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-5, rays=7)], ids=["ray", "beam"])
+@pytest.mark.parametrize("table", [False, True], ids=["formula", "table"])
+def test_weak_echoes_are_noisier(table: bool, beam: ls.Beam | None) -> None:
+    a, b, c, count = 0.01, 2e-4, 0.05, 20_000
+    distances = np.array([1.0, 10.0, 30.0, 60.0, 90.0, 99.99])
+    strong = {"range_sigma": [(1.0, 0.01), (100.0, 0.03)]} if table else {"range_sigma": a, "range_sigma_slope": b}
+    limit = ls.Detection(0.1, 100.0)
+    pattern = before_wall(np.repeat(distances, count))
+    scan = measured(pattern, wall(0.1), range_sigma_limit=c, detection=limit, beam=beam, **strong)
+    assert (scan.status == ls.Status.hit).all()
+    sigmas = scan.range_error.reshape(-1, count).std(axis=1)
+    variance = np.interp(distances, [1.0, 100.0], [0.01, 0.03]) ** 2 if table else a**2 + (b * distances) ** 2
+    # The wall is the data sheet's target, so s = (100 m/R)²; the footprint of 10⁻⁵ rad is a point.
+    expected = np.sqrt(variance + c**2 * (distances / 100.0) ** 2)
+    assert (np.abs(sigmas / expected - 1.0) < 5.0 / math.sqrt(2 * count)).all()
+    # Of equal draws, the errors differ by the standard deviation alone.
+    calm = measured(pattern, wall(0.1), detection=limit, beam=beam, **strong)
+    ratio = scan.range_error[:, 0] / calm.range_error[:, 0]
+    # Errors are differences of ranges below 128 m, each rounded by 2⁻⁴⁷: compared where they are at least 10⁻³ m.
+    clear = np.abs(calm.range_error[:, 0]) > 1e-3
+    assert clear.mean() > 0.8
+    bound = 4 * 2.0**-47 / 1e-3
+    assert np.allclose(ratio[clear], np.repeat(expected / np.sqrt(variance), count)[clear], rtol=bound, atol=0)
+
+
+def test_the_limit_of_range_noise_alone_is_noise_too() -> None:
+    count = 20_000
+    parameters = {"range_sigma_limit": 0.05, "detection": ls.Detection(0.1, 100.0)}
+    scan = measured(before_wall(np.full(count, 50.0)), wall(0.1), **parameters)
+    assert abs(scan.range_error.std() / 0.025 - 1.0) < 5.0 / math.sqrt(2 * count)
+    # What fluctuates and what the air weakens is the power that counts.
+    foggy = measured(before_wall(np.full(count, 50.0)), wall(0.1), extinction=0.01, **parameters)
+    assert abs(foggy.range_error.std() / (0.025 * math.exp(0.5)) - 1.0) < 5.0 / math.sqrt(2 * count)
+    fluctuating = measured(before_wall(np.full(count, 50.0)), wall(0.1), power_sigma=0.2, **parameters)
+    seen = fluctuating.status == ls.Status.hit
+    factors = fluctuating.intensity[seen, 0].astype(float) / 0.1
+    draws = scan.range_error[seen, 0] / 0.025
+    expected = 0.025 / np.sqrt(factors) * draws
+    # Half of an ulp of a float32 in the intensity; the ranges are rounded by 2⁻⁴⁸ each.
+    assert np.allclose(fluctuating.range_error[seen, 0], expected, rtol=2.0**-24, atol=2.0**-45)
 
 
 def test_bias_is_added() -> None:
@@ -1043,6 +1086,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "elevation": {"elevation_sigma": 1e-9},
     "dropout": {"dropout": 0.3},
     "noise": {"range_sigma": 0.1},
+    "noise of weak echoes": {"range_sigma_limit": 1e-9, "detection": ls.Detection(0.1, 1000.0)},
     "bias": {"range_bias": 0.5},
     "channel bias": {"channel_bias_sigma": 1e-9},
     "quantisation": {"range_resolution": 1e-9},
@@ -1087,6 +1131,14 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"range_sigma": -0.1}, "range_sigma: expected a finite number >= 0, got -0.1"),
         ({"range_sigma": math.nan}, "range_sigma: expected a finite number >= 0, got nan"),
         ({"range_sigma_slope": -1e-3}, "range_sigma_slope: expected a finite number >= 0, got -0.001"),
+        (
+            {"range_sigma_limit": -0.1, "detection": ls.Detection(0.1, 9.0)},
+            "range_sigma_limit: expected a finite number >= 0, got -0.1",
+        ),
+        (
+            {"range_sigma_limit": 0.02},
+            "range_sigma_limit: expected 0 without a detection limit, got 0.02; give `detection`",
+        ),
         ({"range_bias": math.inf}, "range_bias: expected a finite number, got inf"),
         ({"channel_bias_sigma": -0.1}, "channel_bias_sigma: expected a finite number >= 0, got -0.1"),
         ({"range_resolution": -0.1}, "range_resolution: expected a finite number >= 0, got -0.1"),

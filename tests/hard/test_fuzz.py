@@ -177,7 +177,15 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "rays": lambda _: 7,
     "range": lambda _: 100.0,
     **dict.fromkeys(
-        ("range_sigma", "range_sigma_slope", "range_bias", "channel_bias_sigma", "range_resolution", "dropout"),
+        (
+            "range_sigma",
+            "range_sigma_slope",
+            "range_sigma_limit",
+            "range_bias",
+            "channel_bias_sigma",
+            "range_resolution",
+            "dropout",
+        ),
         lambda _: 0.01,
     ),
     **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction", "power_sigma"), lambda _: 1e-3),
