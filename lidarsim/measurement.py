@@ -175,6 +175,10 @@ class Measurement(Immutable):
         w, the standard deviation of the logarithm of the received power of an echo: power and intensity are multiplied
         by exp(w·g − w²/2), g a standard normal number, so that their means stay. With a `detection` limit it softens
         the edge of what is seen; without one, only intensities fluctuate.
+    crossover : tuple of float, (near, far), optional
+        Where the beam enters the receiver's field of view, and where it is wholly inside, m, 0 <= near < far: the
+        intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. What it
+        makes too dark to be seen, a `detection` limit hides. Default: the overlap is 1 everywhere.
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
     beam : Beam, optional
@@ -191,10 +195,10 @@ class Measurement(Immutable):
 
     Notes
     -----
-    Intensity is Lambert's, I = ρ·cos θ·exp(−2αR), with reflectivity ρ and incidence θ: 1 for a white diffuser met at a
-    right angle. It is not divided by R², since sensors report intensity corrected for range; the power that decides
-    detection is I/R², as the lidar equation has it for targets larger than the beam (A. V. Jelalian, Laser Radar
-    Systems, Artech House, 1992).
+    Intensity is I = ρ·f(θ)·ξ(R)·exp(−2αR), with reflectivity ρ, incidence θ and overlap ξ: 1 for a white diffuser met
+    at a right angle. f(θ) is cos θ, or what the `Material` says. Intensity is not divided by R², since sensors report
+    intensity corrected for range; the power that decides detection is I/R², as the lidar equation has it for targets
+    larger than the beam (A. V. Jelalian, Laser Radar Systems, Artech House, 1992).
 
     Examples
     --------
@@ -215,6 +219,7 @@ class Measurement(Immutable):
         "dropout": float,
         "detection": Detection,
         "power_sigma": float,
+        "crossover_m": tuple[float, float],
         "extinction_per_m": float,
         "beam": Beam,
         "returns": int | str,
@@ -231,6 +236,7 @@ class Measurement(Immutable):
     dropout: float = 0.0
     detection: Detection | None = None
     power_sigma: float = 0.0
+    crossover: tuple[float, float] | None = None
     extinction: float = 0.0
     beam: Beam | None = None
     returns: ReturnMode | int = "strongest"
@@ -250,6 +256,8 @@ class Measurement(Immutable):
         if self.range_sigma_limit > 0.0 and self.detection is None:
             given = self.range_sigma_limit
             raise ValueError(f"range_sigma_limit: expected 0 without a detection limit, got {given}; give `detection`")
+        if self.crossover is not None:
+            object.__setattr__(self, "crossover", _crossover(self.crossover))
         if self.beam is not None and not isinstance(self.beam, Beam):
             raise TypeError(f"beam: expected a Beam or None, got {self.beam!r}")
         object.__setattr__(self, "returns", _returns(self.returns, self.beam))
@@ -289,6 +297,13 @@ def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]
         i = int(np.argmax(falling)) + 1
         raise ValueError(f"range_sigma: expected rising ranges, got {table[i, 0]} after {table[i - 1, 0]} in row {i}")
     return tuple((float(r), float(sigma)) for r, sigma in table)
+
+
+def _crossover(value: object) -> tuple[float, float]:
+    near, far = array("crossover", value, (2,)).tolist()
+    if not 0.0 <= near < far:
+        raise ValueError(f"crossover: expected 0 <= near < far, got {near} and {far}")
+    return near, far
 
 
 def _returns(value: object, beam: Beam | None) -> ReturnMode | int:

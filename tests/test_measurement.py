@@ -538,6 +538,37 @@ def test_a_dark_wall_is_seen_no_better_through_fog() -> None:
         assert scan.status.tolist() == [ls.Status.below_threshold]
 
 
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+def test_the_overlap_dims_what_is_near(beam: ls.Beam | None) -> None:
+    near, far = 0.7, 2.9
+    ranges = np.r_[0.0, np.linspace(0.01, 5.0, 400), near, far, math.nextafter(far, 0.0)]
+    plain = measured(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam)
+    scan = measured(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam, crossover=(near, far))
+    assert np.array_equal(scan.range, plain.range)
+    assert (scan.status == ls.Status.hit).all()
+    overlap = np.clip((ranges - near) / (far - near), 0.0, 1.0)
+    # Both intensities are rounded to float32.
+    assert np.allclose(scan.intensity[:, 0], overlap * plain.intensity[:, 0], rtol=2.0**-22, atol=0)
+    assert not scan.intensity[ranges <= near].any()
+    assert np.array_equal(scan.intensity[ranges >= far], plain.intensity[ranges >= far])
+    limit = ls.Detection(0.1, 100.0)
+    seen = measured(before_wall(ranges), wall(0.5), detection=limit, beam=beam, crossover=(near, far)).status
+    # Above 0 the wall is far brighter than the limit, but for the first 10⁻⁵ of the way.
+    assert np.array_equal(seen == ls.Status.hit, ranges > near)
+    assert (seen[ranges <= near] == ls.Status.below_threshold).all()
+
+
+def test_a_near_surface_out_of_the_overlap_shades_but_does_not_shine() -> None:
+    # Half of the footprint ends at a post at 20 m, the other half at the wall 3 m behind it.
+    pattern, beam = beams([1.0, 0.0, 0.0], count=10), ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    both = measured(pattern, edge(3.0), beam=beam, returns=2)
+    assert (both.return_count == 2).all()
+    scan = measured(pattern, edge(3.0), beam=beam, returns=2, crossover=(20.5, 21.5), detection=ls.Detection(0.1, 99.0))
+    assert (scan.return_count == 1).all()
+    assert (scan.label[:, 0] == 2).all()
+    assert np.allclose(scan.intensity[:, 0], both.intensity[:, 1], rtol=2.0**-22, atol=0)
+
+
 def test_power_fluctuates_log_normally_about_its_mean() -> None:
     sigma, count = 0.3, 50_000
     pattern = before_wall(np.full(count, 20.0))
@@ -1092,6 +1123,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "quantisation": {"range_resolution": 1e-9},
     "detection": {"detection": ls.Detection(0.1, 1000.0)},
     "extinction": {"extinction": 1e-3},
+    "crossover": {"crossover": (0.0, 1.0)},
     "fluctuation": {"power_sigma": 1e-9},
     "beam": {"beam": ls.Beam(1e-9)},
 }
@@ -1147,6 +1179,10 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"dropout": 1.5}, "dropout: expected a finite number from 0 to 1, got 1.5"),
         ({"dropout": -0.5}, "dropout: expected a finite number from 0 to 1, got -0.5"),
         ({"power_sigma": -0.1}, "power_sigma: expected a finite number >= 0, got -0.1"),
+        ({"crossover": (-1.0, 2.0)}, "crossover: expected 0 <= near < far, got -1.0 and 2.0"),
+        ({"crossover": (2.0, 2.0)}, "crossover: expected 0 <= near < far, got 2.0 and 2.0"),
+        ({"crossover": (2.0,)}, "crossover: expected shape (2,), got (1,)"),
+        ({"crossover": (0.5, math.inf)}, "crossover: expected finite numbers, got crossover[1] = inf"),
         ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
         ({"range_sigma": []}, "range_sigma: expected shape (n, 2), got (0,)"),
         ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected at least one row (range, sigma), got none"),
@@ -1188,6 +1224,7 @@ def test_values_that_cannot_be_are_refused(parameters: dict[str, Any], message: 
     [
         ({"range_sigma": "2 cm"}, "range_sigma: expected a finite number >= 0, got '2 cm'"),
         ({"dropout": None}, "dropout: expected a finite number from 0 to 1, got None"),
+        ({"crossover": "near"}, "crossover: expected real numbers of shape (2,), got 'near'"),
         ({"detection": 0.1}, "detection: expected a Detection or None, got 0.1"),
         ({"beam": 0.003}, "beam: expected a Beam or None, got 0.003"),
         ({"returns": 1.5}, "returns: expected an integer >= 1, got 1.5"),

@@ -238,6 +238,7 @@ _KINDS: dict[Any, Any] = {
     int: int,
     int | str: Returns,
     list[float]: list[float],
+    tuple[float, float]: Pair,
     float | list[float]: Numbers,
     float | list[tuple[float, float]]: SigmaTable,
     _validation.Vector: Vector,

@@ -189,6 +189,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
         lambda _: 0.01,
     ),
     **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction", "power_sigma"), lambda _: 1e-3),
+    "crossover": lambda _: (0.5, 2.0),
     "detection": lambda _: ls.Detection(0.1, 100.0),
     "beam": lambda _: ls.Beam(1e-3, rays=7),
     "returns": lambda _: 2,

@@ -55,7 +55,8 @@ impl<C: Caster> Scan<'_, C> {
             backscatter = Backscatter::of(&surfaces, cosine, squared_sine);
         }
         let reflectivity: I::F64x8 = lanes::load(reflectivity, part);
-        EightLights { range, cosine, squared_sine, intensity: reflectivity.mul(backscatter) }
+        let intensity = self.measurement.effects.gather(range, reflectivity.mul(backscatter));
+        EightLights { range, cosine, squared_sine, intensity }
     }
 
     /// Of the objects that N rays hit; Lambert's for misses.

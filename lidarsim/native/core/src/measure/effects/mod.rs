@@ -7,6 +7,7 @@
 //! effect (`rng.rs`), so no effect changes the noise of another.
 
 mod bias;
+mod crossover;
 mod detection;
 mod dropout;
 mod extinction;
@@ -53,6 +54,15 @@ macro_rules! effects {
                 })+
             }
 
+            /// The intensity in clear air that the receiver gathers of rays of these ranges.
+            #[inline(always)]
+            pub(super) fn gather<F: Floats<f64, N>, const N: usize>(&self, range: F, mut intensity: F) -> F {
+                $(if let Some(effect) = &self.$field {
+                    intensity = effect.gather(range, intensity);
+                })+
+                intensity
+            }
+
             /// Whether any effect attenuates light.
             pub(super) fn attenuates(&self) -> bool {
                 false $(|| self.$field.is_some() && <$module::$effect as Effect>::ATTENUATES)+
@@ -86,6 +96,7 @@ macro_rules! effects {
 
 effects! {
     jitter: jitter::Jitter,
+    crossover: crossover::Crossover,
     extinction: extinction::Extinction,
     fluctuation: fluctuation::Fluctuation,
     detection: detection::DetectionLimit,
@@ -150,6 +161,12 @@ trait Effect: Sized {
     /// Draws for each pulse of a batch.
     #[inline(always)]
     fn draw(&self, _: &Pulses, _: &mut Self::Draws) {}
+
+    /// The part of the intensity that the receiver gathers of rays of these ranges, in any air.
+    #[inline(always)]
+    fn gather<F: Floats<f64, N>, const N: usize>(&self, _range: F, intensity: F) -> F {
+        intensity
+    }
 
     /// Multiplies the transmission of the atmosphere out to some ranges and back: over any number of rays, in
     /// a loop that becomes vector instructions.
