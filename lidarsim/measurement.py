@@ -94,6 +94,10 @@ class Beam(Immutable):
         Duration of the pulse, full width at half maximum, s, > 0 and at most 1e-6.
     rays : int
         Number of sub-rays per pulse: 7, 19, 37, 61 or 91.
+    separation : float
+        Least distance at which the receiver tells two echoes apart, m, >= 0: of two nearer ones only the stronger is
+        an echo, decided from the strongest of the pulse on, by the power in clear air. Default: any two peaks of the
+        waveform are told apart.
 
     Raises
     ------
@@ -114,7 +118,7 @@ class Beam(Immutable):
     --------
     >>> import lidarsim as ls
     >>> ls.Beam(3.0e-3, 1.5e-3, pulse_length=6e-9)
-    Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19)
+    Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19, separation=0.0)
     """
 
     configuration: ClassVar[Mapping[str, object]] = {
@@ -122,12 +126,14 @@ class Beam(Immutable):
         "divergence_elevation_mrad": float,
         "pulse_length_ns": float,
         "rays": int,
+        "separation_m": float,
     }
 
     divergence_azimuth: float
     divergence_elevation: float | None = None
     pulse_length: float = 5e-9
     rays: int = 19
+    separation: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -138,6 +144,7 @@ class Beam(Immutable):
         object.__setattr__(self, "rays", integer("rays", self.rays))
         if self.rays not in {7, 19, 37, 61, 91}:
             raise ValueError(f"rays: expected 7, 19, 37, 61 or 91, got {self.rays}")
+        object.__setattr__(self, "separation", real("separation", self.separation, at_least=0.0))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

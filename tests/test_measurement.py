@@ -128,7 +128,7 @@ def test_range_noise_follows_a_table() -> None:
     assert (np.abs(sigmas / expected - 1.0) < SIGMAS / math.sqrt(2 * count)).all()
 
 
-@pytest.mark.parametrize("beam", [None, ls.Beam(1e-5, rays=7)], ids=["ray", "beam"])
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
 @pytest.mark.parametrize("table", [False, True], ids=["formula", "table"])
 def test_weak_echoes_are_noisier(table: bool, beam: ls.Beam | None) -> None:
     a, b, c, count = 0.01, 2e-4, 0.05, 20_000
@@ -140,7 +140,7 @@ def test_weak_echoes_are_noisier(table: bool, beam: ls.Beam | None) -> None:
     assert (scan.status == ls.Status.hit).all()
     sigmas = scan.range_error.reshape(-1, count).std(axis=1)
     variance = np.interp(distances, [1.0, 100.0], [0.01, 0.03]) ** 2 if table else a**2 + (b * distances) ** 2
-    # The wall is the data sheet's target, so s = (100 m/R)²; the footprint of 10⁻⁵ rad is a point.
+    # The wall is the data sheet's target, so s = (100 m/R)².
     expected = np.sqrt(variance + c**2 * (distances / 100.0) ** 2)
     assert (np.abs(sigmas / expected - 1.0) < 5.0 / math.sqrt(2 * count)).all()
     # Of equal draws, the errors differ by the standard deviation alone.
@@ -793,6 +793,36 @@ def test_a_canopy_has_as_many_returns_as_its_waveform_has_peaks() -> None:
         assert abs(counts[rays] / peaks - 1.0) < 0.15
 
 
+@pytest.mark.parametrize("separation", [1.3, 2.0, 3.0, 100.0])
+def test_of_two_echoes_too_near_to_be_told_apart_the_stronger_stays(separation: float) -> None:
+    dropped = 0
+    pattern = beams([1.0, 0.0, 0.0])
+    for seed in range(30):
+        everything = measured(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91), returns=91)
+        beam = ls.Beam(4e-3, rays=91, separation=separation)
+        scan = measured(pattern, canopy(seed), beam=beam, returns=91)
+        count = int(everything.return_count[0])
+        ranges = everything.range[0, :count]
+        powers = everything.intensity[0, :count] / ranges**2
+        kept: list[int] = []
+        for i in np.argsort(-powers, kind="stable"):
+            if all(abs(ranges[i] - ranges[j]) >= separation for j in kept):
+                kept.append(int(i))
+        kept.sort()
+        for name in RETURNED:
+            assert np.array_equal(
+                getattr(scan, name)[0, : len(kept)], getattr(everything, name)[0, kept], equal_nan=True
+            ), name
+        assert scan.return_count.tolist() == [len(kept)]
+        dropped += count - len(kept)
+        foggy = measured(pattern, canopy(seed), beam=beam, returns=91, extinction=0.05)
+        assert foggy.object_id.tobytes() == scan.object_id.tobytes()
+        assert foggy.true_range.tobytes() == scan.true_range.tobytes()
+        same = measured(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91, separation=5e-324), returns=91)
+        assert same.range.tobytes() == everything.range.tobytes()
+    assert dropped > 10
+
+
 def strips(gap: float, order: Sequence[int]) -> ls.Scene:
     """Upright strips of 0.5 mrad side by side, together as wide as the beam; the n-th at 100 m + `gap`·order[n]."""
     scene = ls.Scene()
@@ -1244,6 +1274,8 @@ def test_wrong_types_are_refused(parameters: dict[str, Any], message: str) -> No
         (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number from 0 to 1, got -0.001"),
         (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number from 0 to 1, got inf"),
         (lambda: ls.Beam(1e-3, pulse_length=0.0), "pulse_length: expected a finite number > 0 and <= 1e-06, got 0.0"),
+        (lambda: ls.Beam(1e-3, separation=-1.0), "separation: expected a finite number >= 0, got -1.0"),
+        (lambda: ls.Beam(1e-3, separation=math.inf), "separation: expected a finite number >= 0, got inf"),
         (lambda: ls.Beam(1e-3, rays=10), "rays: expected 7, 19, 37, 61 or 91, got 10"),
     ],
 )

@@ -175,6 +175,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     **dict.fromkeys(("divergence_azimuth", "divergence_elevation"), lambda _: 1e-3),
     "pulse_length": lambda _: 5e-9,
     "rays": lambda _: 7,
+    "separation": lambda _: 1.0,
     "range": lambda _: 100.0,
     **dict.fromkeys(
         (

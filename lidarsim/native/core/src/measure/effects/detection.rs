@@ -8,7 +8,8 @@ use crate::measure::status::Status;
 
 #[derive(Clone, Debug)]
 pub(super) struct DetectionLimit {
-    /// ρ/r², the least power that is seen: of a target of reflectivity ρ that is seen at normal incidence, in clear air, out to range r.
+    /// The least power that is seen: ρ/r² of a target of reflectivity ρ that is seen at normal incidence, in
+    /// clear air, out to range r.
     pub(super) power: f64,
 }
 
