@@ -1,8 +1,9 @@
 """Measurement effects: noise, intensity, detection, returns.
 
 The order for a pulse: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the power,
-detection, drop-out, range noise and biases, quantisation, range gate, choice of returns. A miss stays a miss: nothing
-is added to it. The gate, that of the `Lidar`, acts on the measured range, noise included, not on the true one.
+detection, drop-out, range noise and biases, false returns, quantisation, range gate, choice of returns. Nothing but
+false returns is ever added to a miss. The gate, that of the `Lidar`, acts on the measured range, noise included, not on
+the true one.
 
 Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011),
 Gaussian ones by way of the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
@@ -10,7 +11,8 @@ Statistics 37, 1988). The generator's key is derived from the seed and the senso
 frame, effect and draw. So the noise of a pulse depends on these alone: not on threads, on which other pulses are
 fired, or on which other effects are on. The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1
 elevation), 2 drop-out, 3 range noise (one draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in
-place of the pulse), 5 fluctuation of the power (one draw per echo, the nearest first).
+place of the pulse), 5 fluctuation of the power (one draw per echo, the nearest first), 6 false returns (draw 0
+whether there is one, 1 its range).
 """
 
 from __future__ import annotations
@@ -188,6 +190,12 @@ class Measurement(Immutable):
         makes too dark to be seen, a `detection` limit hides. Default: the overlap is 1 everywhere.
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
+    false_returns : float
+        Probability that a pulse has one more return that no surface sent, 0 to 1. Its range is uniform over the range
+        gate of the `Lidar`, which has to have a `max_range`, and rounded as any. It joins the echoes of the pulse at
+        its range and as the weakest of them: among `returns` "first", "last" or a number it has its place, and as the
+        "strongest" it is reported only where no echo is detected. Its intensity is the least that `detection` lets
+        through at its range, or 0. A pulse that drop-out removes has none. `Scan.source` tells false returns.
     beam : Beam, optional
         Divergence of the beam. Default: none, each pulse is a single ray.
     returns : {"strongest", "first", "last", "dual"} or int
@@ -228,6 +236,7 @@ class Measurement(Immutable):
         "power_sigma": float,
         "crossover_m": tuple[float, float],
         "extinction_per_m": float,
+        "false_returns": float,
         "beam": Beam,
         "returns": int | str,
     }
@@ -245,6 +254,7 @@ class Measurement(Immutable):
     power_sigma: float = 0.0
     crossover: tuple[float, float] | None = None
     extinction: float = 0.0
+    false_returns: float = 0.0
     beam: Beam | None = None
     returns: ReturnMode | int = "strongest"
 
@@ -286,6 +296,7 @@ _NUMBERS = {
     "dropout": 1.0,
     "power_sigma": math.inf,
     "extinction": math.inf,
+    "false_returns": 1.0,
 }
 """Parameters that are numbers >= 0, with the greatest value of each."""
 

@@ -27,7 +27,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 
-__all__ = ["Scan", "Status", "Summary", "check_coverage", "moment_and_pose", "scan", "sensor_id"]
+__all__ = ["Scan", "Source", "Status", "Summary", "check_coverage", "moment_and_pose", "scan", "sensor_id"]
 
 
 class Sensor(Protocol):
@@ -62,6 +62,14 @@ class Status(enum.IntEnum):
     beyond_max_range = 3
     below_threshold = 4
     dropped = 5
+
+
+class Source(enum.IntEnum):
+    """What a return comes from."""
+
+    surface = 0
+    atmosphere = 1
+    false_return = 2
 
 
 class Summary(dict[str, int]):
@@ -132,6 +140,9 @@ class Scan(Pickled, Plotted):
         How fast the true range grows, m/s, as an FMCW lidar measures it: the velocity of the point of the surface less
         that of the beam's origin, along the direction that the pulse really took. None where neither the sensor nor
         any object moves.
+    source : ndarray of uint8, shape (n, k), or None
+        The `Source` of each return, 255 for unused entries; None without `false_returns`. What no surface sent has the
+        `object_id` -1, the `label` 0 and no truth: `true_range`, `range_error`, `normal` and `incidence` are nan.
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the point that each return really came from, in the sensor frame; None if
         there is neither angular jitter nor a beam, since it is then the direction of the pulse.
@@ -162,6 +173,7 @@ class Scan(Pickled, Plotted):
     frame: int
     true_direction: Floats | None = None
     radial_velocity: npt.NDArray[np.float32] | None = None
+    source: npt.NDArray[np.uint8] | None = None
     class_names: Mapping[int, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -336,7 +348,7 @@ class Scan(Pickled, Plotted):
         ndarray of float64, shape (m, 3)
             One point for each of `point_cloud`, in the same order, m. It lies on the surface of the object
             `object_id`, at `true_range` in the direction that the pulse really took; with a beam, on the sub-ray that
-            the truth is taken from (see `Scan`).
+            the truth is taken from (see `Scan`). Of a false return there is none: nan.
 
         Raises
         ------

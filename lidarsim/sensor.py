@@ -69,7 +69,8 @@ class Lidar(Pickled):
     measurement : Measurement
         Noise and other effects; all of them are off by default.
     min_range, max_range : float
-        Range gate, m, both ends included. It applies to the measured range as the sensor counts it.
+        Range gate, m, both ends included. It applies to the measured range as the sensor counts it. False returns of a
+        `measurement` need a finite `max_range`.
     range_offset : float or sequence of float, one per ring
         Range as the sensor counts it minus range from the beam's origin, m, for sensors that count from another zero.
         Quantisation and the gate apply to the range as the sensor counts it; `Scan.range` is from the beam's origin.
@@ -104,6 +105,10 @@ class Lidar(Pickled):
         object.__setattr__(self, "model", self.model or self.name)
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
+        if self.measurement.false_returns > 0.0 and self.max_range == math.inf:
+            raise ValueError(
+                "max_range: expected a finite number with false_returns, got inf; they are uniform over the range gate"
+            )
         object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
 
     def __repr__(self) -> str:

@@ -520,6 +520,29 @@ MUTANTS = [
         "-> [f64; 9] {\n        let mut c = [0.0; 9]",
         "-> [f64; 7] {\n        let mut c = [0.0; 7]",
     ),
+    Mutant("backscatter: A of a rough diffuser", "0.5 * square / (square + 0.33)", "0.5 * square / (square + 0.57)"),
+    Mutant("backscatter: B of a rough diffuser", "0.45 * square / (square + 0.09)", "0.45 * square / (square + 0.9)"),
+    Mutant("backscatter: cos⁵ of a highlight", "(square * square * cosine)", "(square * cosine)"),
+    Mutant("backscatter: grazed highlights", "if falloff > 0.0 {", "if falloff >= 0.0 {"),
+    Mutant("fluctuation: mean 1", "(*normal - 0.5 * self.sigma)", "(*normal - self.sigma)"),
+    Mutant("crossover: not below 0", "intensity.mul(overlap.max(F::splat(0.0)).min", "intensity.mul(overlap.min"),
+    Mutant("crossover: not above 1", "(overlap.max(F::splat(0.0)).min(F::splat(1.0)))", "(overlap.max(F::splat(0.0)))"),
+    Mutant("separation: at the least distance", ".abs() >= separation", ".abs() > separation"),
+    Mutant("separation: the stronger first", "b.power.total_cmp(&a.power)", "a.power.total_cmp(&b.power)"),
+    Mutant("false returns: the weakest", "let power = f64::NEG_INFINITY;", "let power = 0.0;"),
+    Mutant("false returns: the first by range", "=> falsely.lt(range),", "=> range.lt(falsely),"),
+    Mutant(
+        "false returns: over the gate",
+        "F::splat(self.length).mul(place)",
+        "F::splat(0.5 * self.length).mul(place)",
+        ("tests/test_measurement.py", "-k", "false_returns"),
+    ),
+    Mutant(
+        "range noise of weak echoes",
+        "F::splat(least_power).div(echoes.power)",
+        "F::splat(least_power).mul(echoes.power)",
+        ("tests/test_measurement.py", "-k", "weak_echoes"),
+    ),
 ]
 
 

@@ -8,6 +8,7 @@ import re
 import statistics
 import zlib
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 import mpmath
@@ -636,6 +637,144 @@ def test_what_is_too_weak_is_not_dropped_too() -> None:
     assert set(scan.status[1::2].tolist()) == {ls.Status.below_threshold}
 
 
+# False returns
+
+
+def away(count: int) -> ls.patterns.Table:
+    """Pulses that miss the wall."""
+    return beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=count)
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-3, rays=7)], ids=["ray", "beam"])
+def test_false_returns_have_their_rate_and_are_uniform_over_the_gate(beam: ls.Beam | None) -> None:
+    probability, count = 0.1, 40_000
+    gate = {"min_range": 2.0, "max_range": 50.0}
+    scan = measured(away(count), wall(), false_returns=probability, beam=beam, **gate)
+    returned = scan.status == ls.Status.hit
+    assert (scan.status[~returned] == ls.Status.miss).all()
+    assert stats.binomtest(int(returned.sum()), count, probability).pvalue > 1e-6
+    ranges = scan.range[returned, 0]
+    assert stats.kstest(ranges, "uniform", args=(2.0, 48.0)).pvalue > 1e-6
+    assert (scan.source[returned] == ls.Source.false_return).all()
+    assert (scan.source[~returned] == 255).all()
+    assert (scan.object_id == -1).all()
+    assert not scan.label.any()
+    assert not scan.instance.any()
+    for name in ("true_range", "range_error", "normal", "incidence"):
+        assert np.isnan(getattr(scan, name)).all(), name
+    assert not scan.intensity[returned].any()
+    assert np.isnan(scan.true_points()).all()
+    cloud = scan.point_cloud()
+    assert (cloud.source == ls.Source.false_return).all()
+    assert np.array_equal(cloud.range, ranges)
+    assert np.allclose(cloud.xyz, [-5.0, 0.0, 0.0] - np.outer(ranges, [1.0, 0.0, 0.0]), rtol=0, atol=4 * math.ulp(50.0))
+    # The draws are the documented ones.
+    draws = np.array([[uniform(3, "", frame=0, pulse=i, effect=6, draw=j) for j in (0, 1)] for i in range(1000)])
+    assert np.array_equal(returned[:1000], draws[:, 0] < probability)
+    expected = np.where(draws[:, 0] < probability, 2.0 + 48.0 * draws[:, 1], np.nan)
+    assert np.array_equal(scan.range[:1000, 0], expected, equal_nan=True)
+
+
+def test_every_pulse_has_a_false_return_at_most() -> None:
+    assert (measured(away(100), wall(), false_returns=1.0, max_range=9.0).return_count == 1).all()
+    plain = measured(away(100), wall(), max_range=9.0)
+    assert plain.source is None
+    assert "source" not in plain.point_cloud().fields
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+def test_false_returns_are_among_the_others_by_range_and_the_weakest(beam: ls.Beam | None) -> None:
+    count, effects = 4000, {"range_sigma": 0.02, "detection": ls.Detection(0.1, 60.0), "dropout": 0.1}
+    parameters = {"beam": beam, "max_range": 50.0, "false_returns": 0.3, **effects}
+    # The wall is seen by the first half of the pulses, and too dark for the second.
+    scene = wall(0.1)
+    pattern = before_wall(np.r_[np.full(count // 2, 20.0), np.full(count // 2, 70.0)])
+    calm = measured(pattern, scene, **{**parameters, "false_returns": 0.0})
+    misses = measured(away(count), scene, **parameters)
+    falsely, seen = misses.return_count == 1, calm.return_count == 1
+    dropped = calm.status == ls.Status.dropped
+    assert dropped.sum() > 100
+    assert 100 < falsely.sum() < 0.3 * count
+    others = {
+        "strongest": falsely & ~seen,
+        "first": falsely & (~seen | (misses.range[:, 0] < 20.0)),
+        1: falsely & (~seen | (misses.range[:, 0] < 20.0)),
+        "last": falsely & (~seen | (misses.range[:, 0] > 20.0)),
+    }
+    for returns, shown in others.items():
+        scan = measured(pattern, scene, returns=returns, **parameters)
+        assert shown[: count // 2].any() or returns == "strongest"
+        assert shown[count // 2 :].any()
+        assert not scan.return_count[dropped].any()
+        assert (scan.status[dropped] == ls.Status.dropped).all()
+        assert np.array_equal(scan.range, np.where(shown[:, None], misses.range, calm.range), equal_nan=True)
+        expected = np.where(shown, ls.Source.false_return, ls.Source.surface)
+        assert np.array_equal(scan.source[:, 0], expected)
+        for name in RETURNED[1:-1]:
+            for part, like in ((shown, misses), (~shown, calm)):
+                assert np.array_equal(getattr(scan, name)[part], getattr(like, name)[part], equal_nan=True), name
+        assert np.array_equal(scan.status == ls.Status.hit, seen | shown)
+        assert np.array_equal(np.isnan(scan.true_points()).any(axis=1), shown[scan.return_count == 1])
+    # They have the least power that is detected.
+    assert np.allclose(misses.intensity[falsely], 0.1 * (misses.range[falsely] / 60.0) ** 2, rtol=2.0**-23, atol=0)
+
+
+def test_a_pulse_has_one_more_return_than_echoes() -> None:
+    pattern, scene = beams([1.0, 1e-5, 0.0], count=2000), edge(3.0)
+    beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    scan = measured(pattern, scene, beam=beam, returns=4, false_returns=0.5, max_range=50.0)
+    alone = measured(pattern, scene, beam=beam, returns=4, max_range=50.0)
+    assert (alone.return_count == 2).all()
+    falsely = (scan.source == ls.Source.false_return).sum(axis=1)
+    assert set(falsely.tolist()) == {0, 1}
+    assert np.array_equal(scan.return_count, 2 + falsely)
+    for i, count in enumerate(scan.return_count.tolist()):
+        assert (np.diff(scan.range[i, :count]) > 0.0).all()
+        real = scan.source[i] == ls.Source.surface
+        for name in RETURNED:
+            assert np.array_equal(getattr(scan, name)[i][real], getattr(alone, name)[i, :2]), name
+    dual = measured(pattern, scene, beam=beam, returns="dual", false_returns=0.5, max_range=50.0)
+    assert (dual.source[:, 0] == ls.Source.surface).all()
+    last = np.where(scan.return_count == 3, scan.range[:, 2], scan.range[:, 1])
+    assert np.array_equal(dual.range[:, 1], last)
+    cloud = scan.point_cloud()
+    assert np.array_equal(cloud.source == ls.Source.false_return, cloud.object_id == -1)
+
+
+def test_false_returns_are_rounded_and_counted_from_the_sensors_own_zero() -> None:
+    lidar = ls.Lidar(
+        away(5000), min_range=2.0, max_range=9.0, range_offset=0.25,
+        measurement=ls.Measurement(false_returns=1.0, range_resolution=0.5, range_sigma=1.0, range_bias=1.0),
+    )  # fmt: skip
+    scan = lidar.scan(wall())
+    own = scan.range[:, 0] + 0.25
+    assert set(own.tolist()) == set(np.arange(2.0, 9.1, 0.5).tolist())
+    counts = np.bincount(np.rint(own / 0.5).astype(int))[4:]
+    # Half a step at either end.
+    assert stats.chisquare(counts, 5000 / 14 * np.r_[0.5, np.ones(13), 0.5]).pvalue > 1e-6
+
+
+def test_false_returns_go_to_files(tmp_path: Path) -> None:
+    cloud = measured(before_wall(np.full(500, 20.0)), wall(), false_returns=0.5, max_range=50.0, returns="first")
+    points = cloud.point_cloud()
+    assert set(points.source.tolist()) == {0, 2}
+    for suffix in (".npz", ".pcd", ".ply"):
+        points.save(tmp_path / f"cloud{suffix}")
+        again = ls.PointCloud.load(tmp_path / f"cloud{suffix}")
+        for name in ("source", "object_id", "range", "true_range"):
+            assert getattr(again, name).tobytes() == getattr(points, name).tobytes(), (suffix, name)
+
+
+def test_false_returns_need_a_gate_that_ends() -> None:
+    measurement = ls.Measurement(false_returns=0.1)
+    message = "max_range: expected a finite number with false_returns, got inf; they are uniform over the range gate"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Lidar(away(1), measurement=measurement)
+    lidar = ls.Lidar(away(1), measurement=measurement, max_range=9.0)
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        dataclasses.replace(lidar, max_range=math.inf)
+
+
 # The beam
 
 
@@ -1153,6 +1292,7 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "quantisation": {"range_resolution": 1e-9},
     "detection": {"detection": ls.Detection(0.1, 1000.0)},
     "extinction": {"extinction": 1e-3},
+    "false returns": {"false_returns": 1e-9, "max_range": 1e3},
     "crossover": {"crossover": (0.0, 1.0)},
     "fluctuation": {"power_sigma": 1e-9},
     "beam": {"beam": ls.Beam(1e-9)},
@@ -1213,6 +1353,8 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"crossover": (2.0, 2.0)}, "crossover: expected 0 <= near < far, got 2.0 and 2.0"),
         ({"crossover": (2.0,)}, "crossover: expected shape (2,), got (1,)"),
         ({"crossover": (0.5, math.inf)}, "crossover: expected finite numbers, got crossover[1] = inf"),
+        ({"false_returns": 1.5}, "false_returns: expected a finite number from 0 to 1, got 1.5"),
+        ({"false_returns": -0.1}, "false_returns: expected a finite number from 0 to 1, got -0.1"),
         ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
         ({"range_sigma": []}, "range_sigma: expected shape (n, 2), got (0,)"),
         ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected at least one row (range, sigma), got none"),

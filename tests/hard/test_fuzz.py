@@ -38,6 +38,7 @@ LEFT_OUT = {
     "io.las.Writer": "writes in a with block; tests/io",
     "Shape": "abstract",
     "patterns.Pattern": "a protocol",
+    "Source": "an enumeration",
     "Status": "an enumeration",
     "errors.": "what is raised",
 }
@@ -189,7 +190,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
         ),
         lambda _: 0.01,
     ),
-    **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction", "power_sigma"), lambda _: 1e-3),
+    **dict.fromkeys(("azimuth_sigma", "elevation_sigma", "extinction", "power_sigma", "false_returns"), lambda _: 1e-3),
     "crossover": lambda _: (0.5, 2.0),
     "detection": lambda _: ls.Detection(0.1, 100.0),
     "beam": lambda _: ls.Beam(1e-3, rays=7),

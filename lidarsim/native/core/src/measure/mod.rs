@@ -28,6 +28,7 @@ pub mod rng;
 mod scan;
 mod scratch;
 mod single_ray;
+mod source;
 mod status;
 mod waveform;
 

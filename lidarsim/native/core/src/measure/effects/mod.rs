@@ -11,6 +11,7 @@ mod crossover;
 mod detection;
 mod dropout;
 mod extinction;
+mod false_returns;
 mod fluctuation;
 mod gate;
 mod jitter;
@@ -104,6 +105,7 @@ effects! {
     bias: bias::Bias,
     range_noise: range_noise::RangeNoise,
     reading: reading::Reading,
+    false_returns: false_returns::FalseReturns,
     quantization: quantization::Quantization,
     gate: gate::Gate,
 }
@@ -118,6 +120,43 @@ impl Effects {
     #[inline(always)]
     pub(super) fn directions<'a>(&self, pulses: &Pulses<'a>, draws: &'a Draws) -> &'a [Point] {
         self.jitter.as_ref().map_or(pulses.directions, |_| &draws.jitter.directions)
+    }
+
+    /// Whether returns may come from anything but surfaces.
+    pub(super) fn tells_sources(&self) -> bool {
+        self.false_returns.is_some()
+    }
+
+    /// The false returns of N pulses, those from N·part on; none if there never are any. A pulse that is
+    /// dropped has none, and they are rounded and gated as any reading. Their intensity is the least that is
+    /// detected at their range: no more is known of it.
+    #[inline(always)]
+    pub(super) fn false_returns<F: Floats<f64, N>, const N: usize>(
+        &self,
+        part: usize,
+        pulses: &Pulses,
+        draws: &Draws,
+    ) -> Option<Echoes<F, N>> {
+        let false_returns = self.false_returns.as_ref()?;
+        let zero = F::splat(0.0);
+        let mut echoes = Echoes::new(part, 0, zero, zero, zero, 0);
+        if let Some(reading) = &self.reading {
+            reading.apply(pulses, &draws.reading, &mut echoes);
+        }
+        false_returns.read(&draws.false_returns, &mut echoes);
+        if let Some(dropout) = &self.dropout {
+            dropout.apply(pulses, &draws.dropout, &mut echoes);
+        }
+        if let Some(quantization) = &self.quantization {
+            quantization.apply(pulses, &draws.quantization, &mut echoes);
+        }
+        if let Some(gate) = &self.gate {
+            gate.apply(pulses, &draws.gate, &mut echoes);
+        }
+        let range = echoes.reported();
+        let least_power = self.detection.as_ref().map_or(0.0, |detection| detection.power);
+        echoes.intensity = F::splat(least_power).mul(range.mul(range));
+        Some(echoes)
     }
 
     /// How many rings have parameters of their own, if any have.
