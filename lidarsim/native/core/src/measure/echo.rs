@@ -21,7 +21,8 @@ pub(super) struct Light {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Echo {
     pub(super) source: Source,
-    /// The true hit, if there is one: the sub-ray nearest to the axis, on the object that returns most of the power.
+    /// The true hit, if there is one: the sub-ray nearest to the axis, on the object that returns most of the
+    /// power.
     pub(super) ray: usize,
     pub(super) true_range: f64,
     /// The mean over the sub-rays, by power.
@@ -98,8 +99,8 @@ impl Returns {
         }
     }
 
-    /// Of N pulses that have an echo and a false return and report one, those that report the latter: it is the
-    /// weaker, but may be the first or the last.
+    /// Of N pulses that have an echo and a false return and report one, those that report the false return.
+    /// It is the weaker, but may be the first or the last.
     #[inline(always)]
     pub(super) fn prefer_false<F: Floats<f64, N>, const N: usize>(self, falsely: F, range: F) -> u32 {
         match self {
