@@ -719,6 +719,23 @@ def test_false_returns_are_among_the_others_by_range_and_the_weakest(beam: ls.Be
     assert np.allclose(misses.intensity[falsely], 0.1 * (misses.range[falsely] / 60.0) ** 2, rtol=2.0**-23, atol=0)
 
 
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-2, rays=7)], ids=["ray", "beam"])
+def test_false_returns_of_a_moving_sensor_have_no_truth(beam: ls.Beam | None) -> None:
+    pattern = ls.patterns.Spinning(np.linspace(-0.5, 0.5, 8), columns=200)
+    path = ls.Trajectory.from_twist(np.eye(4), (3.0, 1.0, 0.0), (0.5, -1.0, 4.0))
+    effects = {"azimuth_sigma": 1e-3, "beam": beam, "returns": "first"}
+    measurement = ls.Measurement(false_returns=0.3, **effects)  # type: ignore[arg-type]
+    scan = ls.Lidar(pattern, measurement=measurement, max_range=30.0).scan(room()[0], path, seed=5)
+    plain = ls.Lidar(pattern, measurement=ls.Measurement(**effects), max_range=30.0).scan(room()[0], path, seed=5)  # type: ignore[arg-type]
+    assert scan.source is not None
+    falsely = scan.source[:, 0] == ls.Source.false_return
+    assert 100 < falsely.sum() < 0.3 * len(scan)
+    for name in ("true_range", "range_error", "normal", "incidence", "true_direction", "radial_velocity"):
+        assert np.isnan(getattr(scan, name)[falsely]).all(), name
+        assert np.array_equal(getattr(scan, name)[~falsely], getattr(plain, name)[~falsely], equal_nan=True), name
+    assert np.isfinite(scan.point_cloud(deskew=True).xyz).all()
+
+
 def test_a_pulse_has_one_more_return_than_echoes() -> None:
     pattern, scene = beams([1.0, 1e-5, 0.0], count=2000), edge(3.0)
     beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
