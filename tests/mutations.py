@@ -580,9 +580,9 @@ def package_tests(copy: Path, arguments: tuple[str, ...], environment: dict[str,
     library = max(Path(environment["CARGO_TARGET_DIR"], "debug").glob("lib*native.so"), key=lambda p: p.stat().st_mtime)
     shutil.copy(library, copy / "lidarsim" / "_native.abi3.so")
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *arguments]
-    run = subprocess.run(
-        command, cwd=copy, env=environment | {"PYTHONPATH": str(copy)}, capture_output=True, text=True, check=False
-    )
+    # Without optimisation casts take more stack than the threads of the pool have; the first thread has enough.
+    environment = environment | {"PYTHONPATH": str(copy), "LIDARSIM_THREADS": "1"}
+    run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
     return re.findall(r"^(?:FAILED|ERROR) (\S+)", run.stdout, re.MULTILINE)
 
 
