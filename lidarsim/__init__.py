@@ -10,7 +10,7 @@ from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
-from lidarsim.scan import Scan, Status
+from lidarsim.scan import Scan, Source, Status
 from lidarsim.scene import Scene, SceneObject, register_scene_reader
 from lidarsim.sensor import Lidar, register_lidar_reader
 from lidarsim.shapes import (
@@ -47,6 +47,7 @@ __all__ = [
     "Scene",
     "SceneObject",
     "Shape",
+    "Source",
     "Sphere",
     "Status",
     "Trajectory",

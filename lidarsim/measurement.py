@@ -1,15 +1,17 @@
 """Measurement effects: noise, intensity, detection, returns.
 
-The steps for a pulse are, in order: angular jitter, sub-rays of the beam, cast, intensity, echoes, detection, drop-out,
-range noise and biases, quantisation, range gate, choice of returns. Misses stay misses. The range gate of the `Lidar`
-applies to the measured range, noise included, not to the true range.
+The steps for a pulse are, in order: angular jitter, sub-rays of the beam, cast, intensity, echoes, fluctuation of the
+power, detection, drop-out, range noise and biases, false returns, quantisation, range gate, choice of returns. Misses
+stay misses, except for false returns. The range gate of the `Lidar` applies to the measured range, noise included, not
+to the true range.
 
 Random numbers come from Philox4x32-10 (J. K. Salmon et al., Parallel random numbers: as easy as 1, 2, 3, SC11, 2011);
 Gaussian numbers use the inverse of the normal distribution function (M. J. Wichura, Algorithm AS 241, Applied
 Statistics 37, 1988). The generator's key is derived from the seed and the sensor's name; its counter consists of pulse,
 frame, effect and draw. The noise of a pulse depends only on these, and not on threads, other pulses or other effects.
 The ids of the effects are permanent: 1 angular jitter (draw 0 azimuth, 1 elevation), 2 drop-out, 3 range noise (one
-draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in place of the pulse).
+draw per echo, the nearest first), 4 channel bias (frame 0, with the ring in place of the pulse), 5 fluctuation of the
+power (one draw per echo, the nearest first), 6 false returns (draw 0 whether there is one, 1 its range).
 """
 
 from __future__ import annotations
@@ -94,6 +96,10 @@ class Beam(Immutable):
         Duration of the pulse, full width at half maximum, s, > 0 and at most 1e-6.
     rays : int
         Number of sub-rays per pulse: 7, 19, 37, 61 or 91.
+    separation : float
+        Least distance at which the receiver tells two echoes apart, m, >= 0: of two nearer ones only the stronger is
+        an echo, decided from the strongest of the pulse on, by the power in clear air. Default: any two peaks of the
+        waveform are told apart.
 
     Raises
     ------
@@ -114,7 +120,7 @@ class Beam(Immutable):
     --------
     >>> import lidarsim as ls
     >>> ls.Beam(3.0e-3, 1.5e-3, pulse_length=6e-9)
-    Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19)
+    Beam(divergence_azimuth=0.003, divergence_elevation=0.0015, pulse_length=6e-09, rays=19, separation=0.0)
     """
 
     configuration: ClassVar[Mapping[str, object]] = {
@@ -122,12 +128,14 @@ class Beam(Immutable):
         "divergence_elevation_mrad": float,
         "pulse_length_ns": float,
         "rays": int,
+        "separation_m": float,
     }
 
     divergence_azimuth: float
     divergence_elevation: float | None = None
     pulse_length: float = 5e-9
     rays: int = 19
+    separation: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the arguments."""
@@ -138,6 +146,7 @@ class Beam(Immutable):
         object.__setattr__(self, "rays", integer("rays", self.rays))
         if self.rays not in {7, 19, 37, 61, 91}:
             raise ArgumentValueError("rays", "7, 19, 37, 61 or 91", self.rays)
+        object.__setattr__(self, "separation", real("separation", self.separation, at_least=0.0))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -151,6 +160,10 @@ class Measurement(Immutable):
         datasheets: linear between rows, constant before the first and after the last; the ranges must increase.
     range_sigma_slope : float
         b in √(a² + (b·R)²), m per m: the part that is proportional to range.
+    range_sigma_limit : float
+        c, m: the additional standard deviation of weak echoes, √(a² + (b·R)² + c²/s); it also adds to a table. s is the
+        received power relative to the detection limit, so an echo at the limit has c, and one four times as strong has
+        c/2. It requires `detection`, which sets the limit.
     range_bias : float
         Bias that is added to every range, m; may be negative.
     channel_bias_sigma : float
@@ -167,8 +180,22 @@ class Measurement(Immutable):
         Probability that a pulse is lost, 0 to 1.
     detection : Detection, optional
         Detection limit. Default: every echo is detected.
+    power_sigma : float
+        w, standard deviation of the logarithm of the received power of an echo: power and intensity are multiplied by
+        exp(w·g − w²/2), with a standard normal g, which keeps their means. With a `detection` limit, the probability of
+        detection then falls gradually with range; without one, only intensities fluctuate.
+    crossover : tuple of float, (near, far), optional
+        Ranges at which the beam enters the receiver's field of view and lies completely inside it, m, 0 <= near < far.
+        The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Echoes
+        that become too weak are hidden only by a `detection` limit. Default: the overlap is 1 everywhere.
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
+    false_returns : float
+        Probability that a pulse has one more return, without a surface, 0 to 1. Its range is uniform over the range
+        gate of the `Lidar`, which must have a `max_range`, and is quantised. It is the weakest echo of its pulse: it
+        counts for `returns` "first", "last" or a number, and is the "strongest" only if no other echo is detected. Its
+        intensity is that of the detection limit at its range, or 0 without one. Dropped pulses have none.
+        `Scan.source` marks false returns.
     beam : Beam, optional
         Diverging beam. Default: none; each pulse is a single ray.
     returns : {"strongest", "first", "last", "dual"} or int
@@ -183,10 +210,10 @@ class Measurement(Immutable):
 
     Notes
     -----
-    Intensity follows Lambert's law, I = ρ·cos θ·exp(−2αR), with reflectivity ρ and angle of incidence θ: 1 for a white
-    diffuser at normal incidence. It is not divided by R², since sensors report intensity corrected for range; the power
-    that decides detection is I/R², as in the lidar equation for targets larger than the beam (A. V. Jelalian, Laser
-    Radar Systems, Artech House, 1992).
+    Intensity is I = ρ·f(θ)·ξ(R)·exp(−2αR), with reflectivity ρ, angle of incidence θ and overlap ξ: 1 for a white
+    diffuser at normal incidence. f(θ) is cos θ, unless the `Material` says otherwise. Intensity is not divided by R²,
+    since sensors report intensity corrected for range; the power that decides detection is I/R², as in the lidar
+    equation for targets larger than the beam (A. V. Jelalian, Laser Radar Systems, Artech House, 1992).
 
     Examples
     --------
@@ -198,6 +225,7 @@ class Measurement(Immutable):
     configuration: ClassVar[Mapping[str, object]] = {
         "range_sigma_m": float | list[tuple[float, float]],
         "range_sigma_slope": float,
+        "range_sigma_limit_m": float,
         "range_bias_m": float,
         "channel_bias_sigma_m": float,
         "range_resolution_m": float,
@@ -205,13 +233,17 @@ class Measurement(Immutable):
         "elevation_sigma_deg": float,
         "dropout": float,
         "detection": Detection,
+        "power_sigma": float,
+        "crossover_m": tuple[float, float],
         "extinction_per_m": float,
+        "false_returns": float,
         "beam": Beam,
         "returns": int | str,
     }
 
     range_sigma: float | Pairs = 0.0
     range_sigma_slope: float = 0.0
+    range_sigma_limit: float = 0.0
     range_bias: float = 0.0
     channel_bias_sigma: float = 0.0
     range_resolution: float = 0.0
@@ -219,7 +251,10 @@ class Measurement(Immutable):
     elevation_sigma: float = 0.0
     dropout: float = 0.0
     detection: Detection | None = None
+    power_sigma: float = 0.0
+    crossover: tuple[float, float] | None = None
     extinction: float = 0.0
+    false_returns: float = 0.0
     beam: Beam | None = None
     returns: ReturnMode | int = "strongest"
 
@@ -235,6 +270,11 @@ class Measurement(Immutable):
             object.__setattr__(self, "range_sigma", _sigma_table(self.range_sigma, self.range_sigma_slope))
         if self.detection is not None and not isinstance(self.detection, Detection):
             raise ArgumentTypeError("detection", "a Detection or None", repr(self.detection))
+        if self.range_sigma_limit > 0.0 and self.detection is None:
+            given = self.range_sigma_limit
+            raise ArgumentValueError("range_sigma_limit", "0 without a detection limit", given, "give `detection`")
+        if self.crossover is not None:
+            object.__setattr__(self, "crossover", _crossover(self.crossover))
         if self.beam is not None and not isinstance(self.beam, Beam):
             raise ArgumentTypeError("beam", "a Beam or None", repr(self.beam))
         object.__setattr__(self, "returns", _returns(self.returns, self.beam))
@@ -248,12 +288,15 @@ class Measurement(Immutable):
 _NUMBERS = {
     "range_sigma": math.inf,
     "range_sigma_slope": math.inf,
+    "range_sigma_limit": math.inf,
     "channel_bias_sigma": math.inf,
     "range_resolution": math.inf,
     "azimuth_sigma": 1.0,
     "elevation_sigma": 1.0,
     "dropout": 1.0,
+    "power_sigma": math.inf,
     "extinction": math.inf,
+    "false_returns": 1.0,
 }
 """Parameters that are numbers >= 0, with the upper bound of each."""
 
@@ -272,6 +315,13 @@ def _sigma_table(rows: object, slope: object) -> tuple[tuple[float, float], ...]
         i = int(np.argmax(falling)) + 1
         raise ArgumentValueError("range_sigma", "rising ranges", f"{table[i, 0]} after {table[i - 1, 0]} in row {i}")
     return tuple((float(r), float(sigma)) for r, sigma in table)
+
+
+def _crossover(value: object) -> tuple[float, float]:
+    near, far = array("crossover", value, (2,)).tolist()
+    if not 0.0 <= near < far:
+        raise ArgumentValueError("crossover", "0 <= near < far", f"{near} and {far}")
+    return near, far
 
 
 def _returns(value: object, beam: Beam | None) -> ReturnMode | int:

@@ -44,6 +44,7 @@ CANONICAL: dict[str, tuple[tuple[int, ...], type[np.number[Any]]]] = {
     "object_id": ((), np.int32),
     "instance": ((), np.uint32),
     "label": ((), np.uint32),
+    "source": ((), np.uint8),
     "normal": ((3,), np.float32),
     "incidence": ((), np.float32),
     "range_error": ((), np.float64),
@@ -96,6 +97,8 @@ class PointCloud(Pickled, Plotted):
         Instance of that object, shared by all its parts.
     label : ndarray of uint32, shape (n,)
         Label of that object, or of the face that was hit.
+    source : ndarray of uint8, shape (n,)
+        The `Source` of the point: a surface, or none; only of sensors with false returns.
     normal : ndarray of float32, shape (n, 3)
         Unit outward surface normal.
     incidence : ndarray of float32, shape (n,)
@@ -145,6 +148,7 @@ class PointCloud(Pickled, Plotted):
     object_id: npt.NDArray[np.int32]
     instance: npt.NDArray[np.uint32]
     label: npt.NDArray[np.uint32]
+    source: npt.NDArray[np.uint8]
     normal: npt.NDArray[np.float32]
     incidence: npt.NDArray[np.float32]
     range_error: npt.NDArray[np.float64]

@@ -28,7 +28,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 
-__all__ = ["Scan", "Status", "Summary", "check_coverage", "moment_and_pose", "scan", "sensor_id"]
+__all__ = ["Scan", "Source", "Status", "Summary", "check_coverage", "moment_and_pose", "scan", "sensor_id"]
 
 
 class Sensor(Protocol):
@@ -63,6 +63,14 @@ class Status(enum.IntEnum):
     beyond_max_range = 3
     below_threshold = 4
     dropped = 5
+
+
+class Source(enum.IntEnum):
+    """What a return comes from."""
+
+    surface = 0
+    atmosphere = 1
+    false_return = 2
 
 
 class Summary(dict[str, int]):
@@ -133,6 +141,9 @@ class Scan(Pickled, Plotted):
     radial_velocity : ndarray of float32, shape (n, k), or None
         Rate of change of the true range, m/s, as an FMCW lidar measures it: the velocity of the surface point relative
         to the beam's origin, along the actual direction of the pulse. None if neither the sensor nor any object moves.
+    source : ndarray of uint8, shape (n, k), or None
+        `Source` of each return, 255 for unused entries; None without `false_returns`. Returns without a surface have
+        `object_id` -1, `label` 0 and no ground truth: `true_range`, `range_error`, `normal` and `incidence` are nan.
     true_direction : ndarray of float64, shape (n, k, 3), or None
         Direction from the beam's origin to the true point of each return, in the sensor frame. None if there is neither
         angular jitter nor a beam; it is then the nominal direction of the pulse.
@@ -163,6 +174,7 @@ class Scan(Pickled, Plotted):
     frame: int
     true_direction: Floats | None = None
     radial_velocity: npt.NDArray[np.float32] | None = None
+    source: npt.NDArray[np.uint8] | None = None
     class_names: Mapping[int, str] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -336,7 +348,7 @@ class Scan(Pickled, Plotted):
         ndarray of float64, shape (m, 3)
             One point for each point of `point_cloud`, in the same order, m. It lies on the surface of the object
             `object_id`, at `true_range` along the actual direction of the pulse; with a beam, along the sub-ray that
-            the ground truth is taken from (see `Scan`).
+            the ground truth is taken from (see `Scan`). For false returns, it is nan.
 
         Raises
         ------

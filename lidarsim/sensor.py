@@ -69,7 +69,8 @@ class Lidar(Pickled):
     measurement : Measurement
         Noise and other effects; all of them are off by default.
     min_range, max_range : float
-        Range gate, m, both ends included. It applies to the range that the sensor reports.
+        Range gate, m, both ends included. It applies to the range that the sensor reports. `false_returns` require a
+        finite `max_range`.
     range_offset : float or sequence of float, one per ring
         Range that the sensor reports minus range from the beam's origin, m, for sensors with another zero of range.
         Quantisation and range gate apply to the reported range; `Scan.range` is measured from the beam's origin.
@@ -105,6 +106,10 @@ class Lidar(Pickled):
         object.__setattr__(self, "model", self.model or self.name)
         object.__setattr__(self, "min_range", real("min_range", self.min_range, at_least=0.0))
         object.__setattr__(self, "max_range", real("max_range", self.max_range, at_least=self.min_range, infinite=True))
+        if self.measurement.false_returns > 0.0 and self.max_range == math.inf:
+            raise ArgumentValueError(
+                "max_range", "a finite number with false_returns", "inf", "they are uniform over the range gate"
+            )
         object.__setattr__(self, "range_offset", _range_offset(self.range_offset, self.pattern))
 
     def __repr__(self) -> str:

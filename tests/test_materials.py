@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
 import re
 from typing import Any
 
@@ -19,6 +21,19 @@ def test_a_material_is_a_value() -> None:
     assert ls.Material(reflectivity=[0.5], per="face") != ls.Material(reflectivity=0.5)
     assert ls.Material() != 1.0
     assert len({ls.Material(), ls.Material(reflectivity=1.0), ls.Material(reflectivity=2.0)}) == 2
+
+
+def test_roughness_and_highlight_are_part_of_the_value() -> None:
+    rough = ls.Material(reflectivity=0.2, roughness=0.3, specular=4, specular_width=0.05)
+    assert (rough.roughness, rough.specular, rough.specular_width) == (0.3, 4.0, 0.05)
+    assert rough == pickle.loads(pickle.dumps(rough)) == copy.deepcopy(rough)  # noqa: S301 - our own
+    assert hash(rough) == hash(pickle.loads(pickle.dumps(rough)))  # noqa: S301
+    for other in ({"roughness": 0.2}, {"specular": 3}, {"specular_width": 0.06}):
+        changed = {"roughness": 0.3, "specular": 4, "specular_width": 0.05, **other}
+        assert ls.Material(reflectivity=0.2, **changed) != rough  # type: ignore[arg-type]
+    assert repr(rough) == ("Material(reflectivity=0.2, per='object', roughness=0.3, specular=4.0, specular_width=0.05)")
+    each = ls.Material(reflectivity=[0.1, 0.2], per="face", roughness=0.1)
+    assert each.roughness == 0.1
 
 
 def test_arrays_are_kept_as_read_only_copies() -> None:
@@ -62,6 +77,13 @@ def test_colours_become_luminance() -> None:
             ValueError,
             "reflectivity: expected finite numbers, got reflectivity[1] = inf",
         ),
+        ({"roughness": -0.1}, ValueError, "roughness: expected a finite number from 0 to 1.5708, got -0.1"),
+        ({"roughness": 20}, ValueError, "roughness: expected a finite number from 0 to 1.5708, got 20.0; degrees?"),
+        ({"roughness": "high"}, TypeError, "roughness: expected a finite number from 0 to 1.5708, got 'high'"),
+        ({"specular": -1.0}, ValueError, "specular: expected a finite number >= 0, got -1.0"),
+        ({"specular": math.inf}, ValueError, "specular: expected a finite number >= 0, got inf"),
+        ({"specular_width": 0.0}, ValueError, "specular_width: expected a finite number > 0, got 0.0"),
+        ({"specular_width": math.nan}, ValueError, "specular_width: expected a finite number > 0, got nan"),
         ({"per": "side"}, ValueError, "per: expected 'object', 'face' or 'vertex', got 'side'"),
     ],
 )

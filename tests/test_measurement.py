@@ -8,8 +8,10 @@ import re
 import statistics
 import zlib
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
+import mpmath
 import numpy as np
 import numpy.typing as npt
 import pytest
@@ -80,7 +82,8 @@ def test_without_effects_the_range_is_the_truth() -> None:
 def test_nothing_is_added_to_a_miss() -> None:
     everything = {
         "range_sigma": 1.0, "range_bias": 1.0, "range_resolution": 0.1, "azimuth_sigma": 0.1, "elevation_sigma": 0.1,
-        "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "beam": ls.Beam(0.1), "returns": 3,
+        "dropout": 0.5, "detection": ls.Detection(0.1, 10.0), "extinction": 0.1, "power_sigma": 0.5,
+        "beam": ls.Beam(0.1), "returns": 3,
     }  # fmt: skip
     scan = measured(beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=1000), wall(), **everything)
     assert (scan.status == ls.Status.miss).all()
@@ -124,6 +127,48 @@ def test_range_noise_follows_a_table() -> None:
     sigmas = scan.range_error.reshape(-1, count).std(axis=1)
     expected = np.interp(distances, *np.transpose(table))
     assert (np.abs(sigmas / expected - 1.0) < SIGMAS / math.sqrt(2 * count)).all()
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+@pytest.mark.parametrize("table", [False, True], ids=["formula", "table"])
+def test_weak_echoes_are_noisier(table: bool, beam: ls.Beam | None) -> None:
+    a, b, c, count = 0.01, 2e-4, 0.05, 20_000
+    distances = np.array([1.0, 10.0, 30.0, 60.0, 90.0, 99.99])
+    strong = {"range_sigma": [(1.0, 0.01), (100.0, 0.03)]} if table else {"range_sigma": a, "range_sigma_slope": b}
+    limit = ls.Detection(0.1, 100.0)
+    pattern = before_wall(np.repeat(distances, count))
+    scan = measured(pattern, wall(0.1), range_sigma_limit=c, detection=limit, beam=beam, **strong)
+    assert (scan.status == ls.Status.hit).all()
+    sigmas = scan.range_error.reshape(-1, count).std(axis=1)
+    variance = np.interp(distances, [1.0, 100.0], [0.01, 0.03]) ** 2 if table else a**2 + (b * distances) ** 2
+    # The wall is the data sheet's target, so s = (100 m/R)².
+    expected = np.sqrt(variance + c**2 * (distances / 100.0) ** 2)
+    assert (np.abs(sigmas / expected - 1.0) < 5.0 / math.sqrt(2 * count)).all()
+    # Of equal draws, the errors differ by the standard deviation alone.
+    calm = measured(pattern, wall(0.1), detection=limit, beam=beam, **strong)
+    ratio = scan.range_error[:, 0] / calm.range_error[:, 0]
+    # Errors are differences of ranges below 128 m, each rounded by 2⁻⁴⁷: compared where they are at least 10⁻³ m.
+    clear = np.abs(calm.range_error[:, 0]) > 1e-3
+    assert clear.mean() > 0.8
+    bound = 4 * 2.0**-47 / 1e-3
+    assert np.allclose(ratio[clear], np.repeat(expected / np.sqrt(variance), count)[clear], rtol=bound, atol=0)
+
+
+def test_the_limit_of_range_noise_alone_is_noise_too() -> None:
+    count = 20_000
+    parameters = {"range_sigma_limit": 0.05, "detection": ls.Detection(0.1, 100.0)}
+    scan = measured(before_wall(np.full(count, 50.0)), wall(0.1), **parameters)
+    assert abs(scan.range_error.std() / 0.025 - 1.0) < 5.0 / math.sqrt(2 * count)
+    # What fluctuates and what the air weakens is the power that counts.
+    foggy = measured(before_wall(np.full(count, 50.0)), wall(0.1), extinction=0.01, **parameters)
+    assert abs(foggy.range_error.std() / (0.025 * math.exp(0.5)) - 1.0) < 5.0 / math.sqrt(2 * count)
+    fluctuating = measured(before_wall(np.full(count, 50.0)), wall(0.1), power_sigma=0.2, **parameters)
+    seen = fluctuating.status == ls.Status.hit
+    factors = fluctuating.intensity[seen, 0].astype(float) / 0.1
+    draws = scan.range_error[seen, 0] / 0.025
+    expected = 0.025 / np.sqrt(factors) * draws
+    # Half of an ulp of a float32 in the intensity; the ranges are rounded by 2⁻⁴⁸ each.
+    assert np.allclose(fluctuating.range_error[seen, 0], expected, rtol=2.0**-24, atol=2.0**-45)
 
 
 def test_bias_is_added() -> None:
@@ -358,6 +403,72 @@ def test_both_sides_of_a_surface_return_light() -> None:
     assert scan.normal.tolist() == [[[1.0, 0.0, 0.0]]]
 
 
+def backscatter(theta: mpmath.mpf, roughness: float, specular: float, width: float) -> mpmath.mpf:
+    """f(θ) as it is documented."""
+    square = mpmath.mpf(roughness) ** 2
+    a, b = 1 - 0.5 * square / (square + mpmath.mpf("0.33")), mpmath.mpf("0.45") * square / (square + mpmath.mpf("0.09"))
+    lobe = mpmath.exp(-((mpmath.tan(theta) / width) ** 2)) / mpmath.cos(theta) ** 5
+    return a * mpmath.cos(theta) + b * mpmath.sin(theta) ** 2 + specular * lobe
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+@pytest.mark.parametrize("roughness", [0.0, 0.1, 0.5, math.pi / 2])
+@pytest.mark.parametrize(("specular", "width"), [(0.0, 0.1), (0.5, 0.1), (300.0, 0.02), (3.0, 1.0)])
+def test_rough_and_glossy_surfaces_follow_their_formula(
+    beam: ls.Beam | None, roughness: float, specular: float, width: float
+) -> None:
+    angles = np.r_[0.0, np.geomspace(1e-6, 1.5, 120), 1.57, math.pi / 2 - 1e-6]
+    directions = np.column_stack([np.cos(angles), np.sin(angles), 0 * angles])
+    scene = ls.Scene()
+    material = ls.Material(reflectivity=0.6, roughness=roughness, specular=specular, specular_width=width)
+    scene.add(ls.Plane((1, 0, 0), 0.0), material=material)
+    scan = measured(beams(directions, np.tile((-1.0, 0.0, 0.0), (len(angles), 1))), scene, beam=beam)
+    # With u = 2⁻⁵³: the slope is rounded four times, so the exponent q is off by 8u·q and the highlight by (8q + 10)u.
+    # Where q > 40 it is below 2⁻³⁶ of A·cos θ for all of these parameters, and its error less than u of the sum. The
+    # rest rounds 12 times at most, 7 equal sub-rays 14 times more. Then the intensity becomes a float32.
+    bound = 2.0**-24 + (8 * 40 + 36) * 2.0**-53
+    with mpmath.workdps(40):
+        for direction, found in zip(scan.pulses.directions, scan.intensity[:, 0], strict=True):
+            theta = mpmath.atan2(mpmath.mpf(direction[1]), mpmath.mpf(direction[0]))
+            expected = mpmath.mpf(0.6) * backscatter(theta, roughness, specular, width)
+            assert abs(mpmath.mpf(float(found)) / expected - 1) <= bound, (direction, float(expected))
+    if not roughness and not specular:
+        smooth = measured(beams(directions, np.tile((-1.0, 0.0, 0.0), (len(angles), 1))), wall(0.6), beam=beam)
+        assert scan.intensity.tobytes() == smooth.intensity.tobytes()
+
+
+def test_each_object_returns_light_in_its_own_way() -> None:
+    scene = ls.Scene()
+    materials = [
+        ls.Material(reflectivity=0.5),
+        ls.Material(reflectivity=0.5, roughness=0.4),
+        ls.Material(reflectivity=0.5, specular=2.0),
+    ]
+    for i, material in enumerate(materials):
+        scene.add(ls.Sphere((10, 4.0 * i, 0), 1.5), material=material)
+    pattern = ls.patterns.Grid(np.linspace(-0.3, 0.9, 200), np.linspace(-0.2, 0.2, 20), rate=10.0)
+    scan = ls.Lidar(pattern).scan(scene)
+    for i, material in enumerate(materials):
+        alone = ls.Scene()
+        alone.add(ls.Sphere((10, 4.0 * i, 0), 1.5), material=material)
+        seen = scan.object_id[:, 0] == i
+        assert seen.sum() > 50
+        assert np.array_equal(scan.intensity[seen], ls.Lidar(pattern).scan(alone).intensity[seen])
+    lambert = scan.object_id[:, 0] == 0
+    cosines = np.cos(scan.incidence[lambert, 0].astype(float))
+    # The incidence is a float32: at most 2⁻²⁴·π/2 of an angle, and so of its cosine.
+    assert np.allclose(scan.intensity[lambert, 0], 0.5 * cosines, rtol=2.0**-24, atol=2.0**-23)
+
+
+def test_a_brighter_surface_is_detected_farther() -> None:
+    ranges = np.linspace(1.0, 400.0, 20_000)
+    scene = ls.Scene()
+    scene.add(ls.Plane((1, 0, 0), 0.0), material=ls.Material(reflectivity=0.1, specular=3.0, roughness=0.2))
+    expected = 100.0 * math.sqrt(float(backscatter(mpmath.mpf(0), 0.2, 3.0, 0.1)))
+    seen_to = cut(measured(before_wall(ranges), scene, detection=ls.Detection(0.1, 100.0)))
+    assert expected - (ranges[1] - ranges[0]) <= seen_to <= expected
+
+
 def cut(scan: ls.Scan) -> float:
     """The last range that is seen; none after the first that is not."""
     seen = scan.status == ls.Status.hit
@@ -428,6 +539,91 @@ def test_a_dark_wall_is_seen_no_better_through_fog() -> None:
         assert scan.status.tolist() == [ls.Status.below_threshold]
 
 
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+def test_the_overlap_dims_what_is_near(beam: ls.Beam | None) -> None:
+    near, far = 0.7, 2.9
+    ranges = np.r_[0.0, np.linspace(0.01, 5.0, 400), near, far, math.nextafter(far, 0.0)]
+    plain = measured(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam)
+    scan = measured(before_wall(ranges), wall(0.5), extinction=0.01, beam=beam, crossover=(near, far))
+    assert np.array_equal(scan.range, plain.range)
+    assert (scan.status == ls.Status.hit).all()
+    overlap = np.clip((ranges - near) / (far - near), 0.0, 1.0)
+    # Both intensities are rounded to float32.
+    assert np.allclose(scan.intensity[:, 0], overlap * plain.intensity[:, 0], rtol=2.0**-22, atol=0)
+    assert not scan.intensity[ranges <= near].any()
+    assert np.array_equal(scan.intensity[ranges >= far], plain.intensity[ranges >= far])
+    limit = ls.Detection(0.1, 100.0)
+    seen = measured(before_wall(ranges), wall(0.5), detection=limit, beam=beam, crossover=(near, far)).status
+    # Above 0 the wall is far brighter than the limit, but for the first 10⁻⁵ of the way.
+    assert np.array_equal(seen == ls.Status.hit, ranges > near)
+    assert (seen[ranges <= near] == ls.Status.below_threshold).all()
+
+
+def test_a_near_surface_out_of_the_overlap_shades_but_does_not_shine() -> None:
+    # Half of the footprint ends at a post at 20 m, the other half at the wall 3 m behind it.
+    pattern, beam = beams([1.0, 0.0, 0.0], count=10), ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    both = measured(pattern, edge(3.0), beam=beam, returns=2)
+    assert (both.return_count == 2).all()
+    scan = measured(pattern, edge(3.0), beam=beam, returns=2, crossover=(20.5, 21.5), detection=ls.Detection(0.1, 99.0))
+    assert (scan.return_count == 1).all()
+    assert (scan.label[:, 0] == 2).all()
+    assert np.allclose(scan.intensity[:, 0], both.intensity[:, 1], rtol=2.0**-22, atol=0)
+
+
+def test_power_fluctuates_log_normally_about_its_mean() -> None:
+    sigma, count = 0.3, 50_000
+    pattern = before_wall(np.full(count, 20.0))
+    scan = measured(pattern, wall(0.5), power_sigma=sigma)
+    assert np.array_equal(scan.range, np.full((count, 1), 20.0))
+    factors = scan.intensity[:, 0].astype(float) / 0.5
+    assert stats.kstest(np.log(factors), "norm", args=(-(sigma**2) / 2, sigma)).pvalue > 1e-3
+    spread = math.sqrt(math.expm1(sigma**2))
+    assert abs(factors.mean() - 1.0) < 5.0 * spread / math.sqrt(count)
+    # The draws are the documented ones.
+    draws = [uniform(3, "", frame=0, pulse=i, effect=5) for i in range(1000)]
+    expected = np.exp(sigma * stats.norm.ppf(draws) - sigma**2 / 2)
+    assert np.allclose(factors[:1000], expected, rtol=2.0**-23, atol=0)
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-3, rays=7)], ids=["ray", "beam"])
+def test_fluctuation_softens_the_edge_of_what_is_seen(beam: ls.Beam | None) -> None:
+    sigma, count, least, seen_to = 0.4, 4000, 0.1, 100.0
+    distances = np.linspace(60.0, 170.0, 12)
+    pattern = before_wall(np.repeat(distances, count))
+    limit = ls.Detection(least, seen_to)
+    scan = measured(pattern, wall(least), detection=limit, power_sigma=sigma, beam=beam)
+    hits = (scan.status == ls.Status.hit).reshape(-1, count)
+    # s = (R₀/R)²·exp(w·g − w²/2) ≥ 1. A footprint of 1 mrad reaches no farther than its axis by 10⁻⁶ of the range.
+    expected = stats.norm.cdf(np.log((seen_to / distances) ** 2) / sigma - sigma / 2)
+    assert (np.diff(expected) < 0.0).all()
+    assert expected[0] > 0.95
+    assert expected[-1] < 0.01
+    for seen, probability in zip(hits.sum(axis=1), expected, strict=True):
+        assert stats.binomtest(int(seen), count, float(probability)).pvalue > 1e-5
+    lost = scan.status != ls.Status.hit
+    assert (scan.status[lost] == ls.Status.below_threshold).all()
+    # The intensity has the factor that decided.
+    powers = scan.intensity[:, 0].astype(float)[~lost] / scan.true_range[~lost, 0] ** 2
+    assert (powers >= least / seen_to**2 * (1.0 - 2.0**-22)).all()
+
+
+def test_each_echo_fluctuates_by_itself() -> None:
+    pattern, scene = beams([1.0, 1e-5, 0.0], count=20_000), edge(3.0)
+    beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    clean = measured(pattern, scene, beam=beam, returns=2)
+    scan = measured(pattern, scene, beam=beam, returns=2, power_sigma=0.2)
+    logs = np.log(scan.intensity.astype(float) / clean.intensity) + 0.02
+    assert np.allclose(logs.std(axis=0), 0.2, rtol=5.0 / math.sqrt(2 * 20_000))
+    assert abs(np.corrcoef(logs.T)[0, 1]) < 5.0 / math.sqrt(20_000)
+    draws = [uniform(3, "", frame=0, pulse=i, effect=5, draw=1) for i in range(500)]
+    assert np.allclose(logs[:500, 1], 0.2 * stats.norm.ppf(draws), rtol=0, atol=4 * 2.0**-23)
+    # The strongest is the one whose power is, as received.
+    one = measured(pattern, scene, beam=beam, power_sigma=0.2)
+    second = scan.intensity[:, 1] / clean.range[:, 1] ** 2 > scan.intensity[:, 0] / clean.range[:, 0] ** 2
+    assert 100 < second.sum() < 19_900
+    assert np.array_equal(one.range[:, 0], np.where(second, scan.range[:, 1], scan.range[:, 0]))
+
+
 def test_dropout_has_its_rate() -> None:
     for rate in (0.0, 0.001, 0.3, 1.0):
         scan = measured(before_wall(np.full(100_000, 10.0)), wall(), dropout=rate)
@@ -439,6 +635,161 @@ def test_what_is_too_weak_is_not_dropped_too() -> None:
     scan = measured(before_wall([10.0, 90.0] * 1000), wall(0.1), detection=ls.Detection(0.1, 50.0), dropout=0.5)
     assert set(scan.status[0::2].tolist()) == {ls.Status.hit, ls.Status.dropped}
     assert set(scan.status[1::2].tolist()) == {ls.Status.below_threshold}
+
+
+# False returns
+
+
+def away(count: int) -> ls.patterns.Table:
+    """Pulses that miss the wall."""
+    return beams([-1.0, 0.0, 0.0], (-5.0, 0.0, 0.0), count=count)
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-3, rays=7)], ids=["ray", "beam"])
+def test_false_returns_have_their_rate_and_are_uniform_over_the_gate(beam: ls.Beam | None) -> None:
+    probability, count = 0.1, 40_000
+    gate = {"min_range": 2.0, "max_range": 50.0}
+    scan = measured(away(count), wall(), false_returns=probability, beam=beam, **gate)
+    returned = scan.status == ls.Status.hit
+    assert (scan.status[~returned] == ls.Status.miss).all()
+    assert stats.binomtest(int(returned.sum()), count, probability).pvalue > 1e-6
+    ranges = scan.range[returned, 0]
+    assert stats.kstest(ranges, "uniform", args=(2.0, 48.0)).pvalue > 1e-6
+    assert (scan.source[returned] == ls.Source.false_return).all()
+    assert (scan.source[~returned] == 255).all()
+    assert (scan.object_id == -1).all()
+    assert not scan.label.any()
+    assert not scan.instance.any()
+    for name in ("true_range", "range_error", "normal", "incidence"):
+        assert np.isnan(getattr(scan, name)).all(), name
+    assert not scan.intensity[returned].any()
+    assert np.isnan(scan.true_points()).all()
+    cloud = scan.point_cloud()
+    assert (cloud.source == ls.Source.false_return).all()
+    assert np.array_equal(cloud.range, ranges)
+    assert np.allclose(cloud.xyz, [-5.0, 0.0, 0.0] - np.outer(ranges, [1.0, 0.0, 0.0]), rtol=0, atol=4 * math.ulp(50.0))
+    # The draws are the documented ones.
+    draws = np.array([[uniform(3, "", frame=0, pulse=i, effect=6, draw=j) for j in (0, 1)] for i in range(1000)])
+    assert np.array_equal(returned[:1000], draws[:, 0] < probability)
+    expected = np.where(draws[:, 0] < probability, 2.0 + 48.0 * draws[:, 1], np.nan)
+    assert np.array_equal(scan.range[:1000, 0], expected, equal_nan=True)
+
+
+def test_every_pulse_has_a_false_return_at_most() -> None:
+    assert (measured(away(100), wall(), false_returns=1.0, max_range=9.0).return_count == 1).all()
+    plain = measured(away(100), wall(), max_range=9.0)
+    assert plain.source is None
+    assert "source" not in plain.point_cloud().fields
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(0.0, rays=7)], ids=["ray", "beam"])
+def test_false_returns_are_among_the_others_by_range_and_the_weakest(beam: ls.Beam | None) -> None:
+    count, effects = 4000, {"range_sigma": 0.02, "detection": ls.Detection(0.1, 60.0), "dropout": 0.1}
+    parameters = {"beam": beam, "max_range": 50.0, "false_returns": 0.3, **effects}
+    # The wall is seen by the first half of the pulses, and too dark for the second.
+    scene = wall(0.1)
+    pattern = before_wall(np.r_[np.full(count // 2, 20.0), np.full(count // 2, 70.0)])
+    calm = measured(pattern, scene, **{**parameters, "false_returns": 0.0})
+    misses = measured(away(count), scene, **parameters)
+    falsely, seen = misses.return_count == 1, calm.return_count == 1
+    dropped = calm.status == ls.Status.dropped
+    assert dropped.sum() > 100
+    assert 100 < falsely.sum() < 0.3 * count
+    others = {
+        "strongest": falsely & ~seen,
+        "first": falsely & (~seen | (misses.range[:, 0] < 20.0)),
+        1: falsely & (~seen | (misses.range[:, 0] < 20.0)),
+        "last": falsely & (~seen | (misses.range[:, 0] > 20.0)),
+    }
+    for returns, shown in others.items():
+        scan = measured(pattern, scene, returns=returns, **parameters)
+        assert shown[: count // 2].any() or returns == "strongest"
+        assert shown[count // 2 :].any()
+        assert not scan.return_count[dropped].any()
+        assert (scan.status[dropped] == ls.Status.dropped).all()
+        assert np.array_equal(scan.range, np.where(shown[:, None], misses.range, calm.range), equal_nan=True)
+        expected = np.where(shown, ls.Source.false_return, ls.Source.surface)
+        assert np.array_equal(scan.source[:, 0], expected)
+        for name in RETURNED[1:-1]:
+            for part, like in ((shown, misses), (~shown, calm)):
+                assert np.array_equal(getattr(scan, name)[part], getattr(like, name)[part], equal_nan=True), name
+        assert np.array_equal(scan.status == ls.Status.hit, seen | shown)
+        assert np.array_equal(np.isnan(scan.true_points()).any(axis=1), shown[scan.return_count == 1])
+    # They have the least power that is detected.
+    assert np.allclose(misses.intensity[falsely], 0.1 * (misses.range[falsely] / 60.0) ** 2, rtol=2.0**-23, atol=0)
+
+
+@pytest.mark.parametrize("beam", [None, ls.Beam(1e-2, rays=7)], ids=["ray", "beam"])
+def test_false_returns_of_a_moving_sensor_have_no_truth(beam: ls.Beam | None) -> None:
+    pattern = ls.patterns.Spinning(np.linspace(-0.5, 0.5, 8), columns=200)
+    path = ls.Trajectory.from_twist(np.eye(4), (3.0, 1.0, 0.0), (0.5, -1.0, 4.0))
+    effects = {"azimuth_sigma": 1e-3, "beam": beam, "returns": "first"}
+    measurement = ls.Measurement(false_returns=0.3, **effects)  # type: ignore[arg-type]
+    scan = ls.Lidar(pattern, measurement=measurement, max_range=30.0).scan(room()[0], path, seed=5)
+    plain = ls.Lidar(pattern, measurement=ls.Measurement(**effects), max_range=30.0).scan(room()[0], path, seed=5)  # type: ignore[arg-type]
+    assert scan.source is not None
+    falsely = scan.source[:, 0] == ls.Source.false_return
+    assert 100 < falsely.sum() < 0.3 * len(scan)
+    for name in ("true_range", "range_error", "normal", "incidence", "true_direction", "radial_velocity"):
+        assert np.isnan(getattr(scan, name)[falsely]).all(), name
+        assert np.array_equal(getattr(scan, name)[~falsely], getattr(plain, name)[~falsely], equal_nan=True), name
+    assert np.isfinite(scan.point_cloud(deskew=True).xyz).all()
+
+
+def test_a_pulse_has_one_more_return_than_echoes() -> None:
+    pattern, scene = beams([1.0, 1e-5, 0.0], count=2000), edge(3.0)
+    beam = ls.Beam(4e-3, pulse_length=SLOW_PULSE)
+    scan = measured(pattern, scene, beam=beam, returns=4, false_returns=0.5, max_range=50.0)
+    alone = measured(pattern, scene, beam=beam, returns=4, max_range=50.0)
+    assert (alone.return_count == 2).all()
+    falsely = (scan.source == ls.Source.false_return).sum(axis=1)
+    assert set(falsely.tolist()) == {0, 1}
+    assert np.array_equal(scan.return_count, 2 + falsely)
+    for i, count in enumerate(scan.return_count.tolist()):
+        assert (np.diff(scan.range[i, :count]) > 0.0).all()
+        real = scan.source[i] == ls.Source.surface
+        for name in RETURNED:
+            assert np.array_equal(getattr(scan, name)[i][real], getattr(alone, name)[i, :2]), name
+    dual = measured(pattern, scene, beam=beam, returns="dual", false_returns=0.5, max_range=50.0)
+    assert (dual.source[:, 0] == ls.Source.surface).all()
+    last = np.where(scan.return_count == 3, scan.range[:, 2], scan.range[:, 1])
+    assert np.array_equal(dual.range[:, 1], last)
+    cloud = scan.point_cloud()
+    assert np.array_equal(cloud.source == ls.Source.false_return, cloud.object_id == -1)
+
+
+def test_false_returns_are_rounded_and_counted_from_the_sensors_own_zero() -> None:
+    lidar = ls.Lidar(
+        away(5000), min_range=2.0, max_range=9.0, range_offset=0.25,
+        measurement=ls.Measurement(false_returns=1.0, range_resolution=0.5, range_sigma=1.0, range_bias=1.0),
+    )  # fmt: skip
+    scan = lidar.scan(wall())
+    own = scan.range[:, 0] + 0.25
+    assert set(own.tolist()) == set(np.arange(2.0, 9.1, 0.5).tolist())
+    counts = np.bincount(np.rint(own / 0.5).astype(int))[4:]
+    # Half a step at either end.
+    assert stats.chisquare(counts, 5000 / 14 * np.r_[0.5, np.ones(13), 0.5]).pvalue > 1e-6
+
+
+def test_false_returns_go_to_files(tmp_path: Path) -> None:
+    cloud = measured(before_wall(np.full(500, 20.0)), wall(), false_returns=0.5, max_range=50.0, returns="first")
+    points = cloud.point_cloud()
+    assert set(points.source.tolist()) == {0, 2}
+    for suffix in (".npz", ".pcd", ".ply"):
+        points.save(tmp_path / f"cloud{suffix}")
+        again = ls.PointCloud.load(tmp_path / f"cloud{suffix}")
+        for name in ("source", "object_id", "range", "true_range"):
+            assert getattr(again, name).tobytes() == getattr(points, name).tobytes(), (suffix, name)
+
+
+def test_false_returns_need_a_gate_that_ends() -> None:
+    measurement = ls.Measurement(false_returns=0.1)
+    message = "max_range: expected a finite number with false_returns, got inf; they are uniform over the range gate"
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        ls.Lidar(away(1), measurement=measurement)
+    lidar = ls.Lidar(away(1), measurement=measurement, max_range=9.0)
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
+        dataclasses.replace(lidar, max_range=math.inf)
 
 
 # The beam
@@ -596,6 +947,36 @@ def test_a_canopy_has_as_many_returns_as_its_waveform_has_peaks() -> None:
     assert abs(counts[37] / counts[91] - 1.0) < 0.05
     for rays in (37, 61, 91):
         assert abs(counts[rays] / peaks - 1.0) < 0.15
+
+
+@pytest.mark.parametrize("separation", [1.3, 2.0, 3.0, 100.0])
+def test_of_two_echoes_too_near_to_be_told_apart_the_stronger_stays(separation: float) -> None:
+    dropped = 0
+    pattern = beams([1.0, 0.0, 0.0])
+    for seed in range(30):
+        everything = measured(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91), returns=91)
+        beam = ls.Beam(4e-3, rays=91, separation=separation)
+        scan = measured(pattern, canopy(seed), beam=beam, returns=91)
+        count = int(everything.return_count[0])
+        ranges = everything.range[0, :count]
+        powers = everything.intensity[0, :count] / ranges**2
+        kept: list[int] = []
+        for i in np.argsort(-powers, kind="stable"):
+            if all(abs(ranges[i] - ranges[j]) >= separation for j in kept):
+                kept.append(int(i))
+        kept.sort()
+        for name in RETURNED:
+            assert np.array_equal(
+                getattr(scan, name)[0, : len(kept)], getattr(everything, name)[0, kept], equal_nan=True
+            ), name
+        assert scan.return_count.tolist() == [len(kept)]
+        dropped += count - len(kept)
+        foggy = measured(pattern, canopy(seed), beam=beam, returns=91, extinction=0.05)
+        assert foggy.object_id.tobytes() == scan.object_id.tobytes()
+        assert foggy.true_range.tobytes() == scan.true_range.tobytes()
+        same = measured(pattern, canopy(seed), beam=ls.Beam(4e-3, rays=91, separation=5e-324), returns=91)
+        assert same.range.tobytes() == everything.range.tobytes()
+    assert dropped > 10
 
 
 def strips(gap: float, order: Sequence[int]) -> ls.Scene:
@@ -922,11 +1303,15 @@ EFFECTS: dict[str, dict[str, Any]] = {
     "elevation": {"elevation_sigma": 1e-9},
     "dropout": {"dropout": 0.3},
     "noise": {"range_sigma": 0.1},
+    "noise of weak echoes": {"range_sigma_limit": 1e-9, "detection": ls.Detection(0.1, 1000.0)},
     "bias": {"range_bias": 0.5},
     "channel bias": {"channel_bias_sigma": 1e-9},
     "quantisation": {"range_resolution": 1e-9},
     "detection": {"detection": ls.Detection(0.1, 1000.0)},
     "extinction": {"extinction": 1e-3},
+    "false returns": {"false_returns": 1e-9, "max_range": 1e3},
+    "crossover": {"crossover": (0.0, 1.0)},
+    "fluctuation": {"power_sigma": 1e-9},
     "beam": {"beam": ls.Beam(1e-9)},
 }
 """Each effect so small that it changes nothing but by its draws, if it has any."""
@@ -965,6 +1350,14 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"range_sigma": -0.1}, "range_sigma: expected a finite number >= 0, got -0.1"),
         ({"range_sigma": math.nan}, "range_sigma: expected a finite number >= 0, got nan"),
         ({"range_sigma_slope": -1e-3}, "range_sigma_slope: expected a finite number >= 0, got -0.001"),
+        (
+            {"range_sigma_limit": -0.1, "detection": ls.Detection(0.1, 9.0)},
+            "range_sigma_limit: expected a finite number >= 0, got -0.1",
+        ),
+        (
+            {"range_sigma_limit": 0.02},
+            "range_sigma_limit: expected 0 without a detection limit, got 0.02; give `detection`",
+        ),
         ({"range_bias": math.inf}, "range_bias: expected a finite number, got inf"),
         ({"channel_bias_sigma": -0.1}, "channel_bias_sigma: expected a finite number >= 0, got -0.1"),
         ({"range_resolution": -0.1}, "range_resolution: expected a finite number >= 0, got -0.1"),
@@ -972,6 +1365,13 @@ def test_an_effect_leaves_the_draws_of_the_others(toggled: str) -> None:
         ({"elevation_sigma": 2}, "elevation_sigma: expected a finite number from 0 to 1, got 2.0; degrees?"),
         ({"dropout": 1.5}, "dropout: expected a finite number from 0 to 1, got 1.5"),
         ({"dropout": -0.5}, "dropout: expected a finite number from 0 to 1, got -0.5"),
+        ({"power_sigma": -0.1}, "power_sigma: expected a finite number >= 0, got -0.1"),
+        ({"crossover": (-1.0, 2.0)}, "crossover: expected 0 <= near < far, got -1.0 and 2.0"),
+        ({"crossover": (2.0, 2.0)}, "crossover: expected 0 <= near < far, got 2.0 and 2.0"),
+        ({"crossover": (2.0,)}, "crossover: expected shape (2,), got (1,)"),
+        ({"crossover": (0.5, math.inf)}, "crossover: expected finite numbers, got crossover[1] = inf"),
+        ({"false_returns": 1.5}, "false_returns: expected a finite number from 0 to 1, got 1.5"),
+        ({"false_returns": -0.1}, "false_returns: expected a finite number from 0 to 1, got -0.1"),
         ({"extinction": -1.0}, "extinction: expected a finite number >= 0, got -1.0"),
         ({"range_sigma": []}, "range_sigma: expected shape (n, 2), got (0,)"),
         ({"range_sigma": np.zeros((0, 2))}, "range_sigma: expected at least one row (range, sigma), got none"),
@@ -1013,6 +1413,7 @@ def test_values_that_cannot_be_are_refused(parameters: dict[str, Any], message: 
     [
         ({"range_sigma": "2 cm"}, "range_sigma: expected a finite number >= 0, got '2 cm'"),
         ({"dropout": None}, "dropout: expected a finite number from 0 to 1, got None"),
+        ({"crossover": "near"}, "crossover: expected real numbers of shape (2,), got 'near'"),
         ({"detection": 0.1}, "detection: expected a Detection or None, got 0.1"),
         ({"beam": 0.003}, "beam: expected a Beam or None, got 0.003"),
         ({"returns": 1.5}, "returns: expected an integer >= 1, got 1.5"),
@@ -1032,6 +1433,8 @@ def test_wrong_types_are_refused(parameters: dict[str, Any], message: str) -> No
         (lambda: ls.Beam(-1e-3), "divergence_azimuth: expected a finite number from 0 to 0.1, got -0.001"),
         (lambda: ls.Beam(1e-3, math.inf), "divergence_elevation: expected a finite number from 0 to 0.1, got inf"),
         (lambda: ls.Beam(1e-3, pulse_length=0.0), "pulse_length: expected a finite number > 0 and <= 1e-06, got 0.0"),
+        (lambda: ls.Beam(1e-3, separation=-1.0), "separation: expected a finite number >= 0, got -1.0"),
+        (lambda: ls.Beam(1e-3, separation=math.inf), "separation: expected a finite number >= 0, got inf"),
         (lambda: ls.Beam(1e-3, rays=10), "rays: expected 7, 19, 37, 61 or 91, got 10"),
     ],
 )

@@ -238,6 +238,7 @@ _KINDS: dict[Any, Any] = {
     int: int,
     int | str: Returns,
     list[float]: list[float],
+    tuple[float, float]: Pair,
     float | list[float]: Numbers,
     float | list[tuple[float, float]]: SigmaTable,
     _validation.Vector: Vector,
@@ -354,6 +355,9 @@ class Object(Part, Placement):
     label: int = 0
     reflectivity: Numbers = 1.0
     reflectivity_per: Literal["object", "face", "vertex"] = "object"
+    roughness_deg: float = 0.0
+    specular: float = 0.0
+    specular_width: float = 0.1
     scale: Scale = 1.0
     motion: Motion | None = None
 
@@ -370,7 +374,8 @@ class Object(Part, Placement):
             self._add(self.build(place), scene, place, transform=pose @ sized, motion=None)
 
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
-        material = construct(Material, self, ["reflectivity"], place, per=self.reflectivity_per)
+        keys = ["reflectivity", "roughness_deg", "specular", "specular_width"]
+        material = construct(Material, self, keys, place, per=self.reflectivity_per)
         transform, motion = self._placed(place)
         if inner is not None:
             transform = inner if transform is None else transform @ inner

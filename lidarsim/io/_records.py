@@ -292,8 +292,10 @@ def to_fields(columns: Fields, normal: Collection[str], *, xyz: npt.DTypeLike = 
     if normal and all(name in columns and columns[name].ndim == 1 for name in normal):
         vectors["normal"] = list(normal)
     whole = {"", *vectors, *columns}  # not split into components
-    for name, column in columns.items():
-        base, _, index = name.rpartition(".")
+    numbered = [(name, *name.rpartition(".")[::2]) for name in columns]
+    # By number, since Open3D writes columns in any order.
+    for name, base, index in sorted(numbered, key=lambda column: (len(column[2]), column[2])):
+        column = columns[name]
         if base in whole or column.ndim != 1:
             continue
         parts = vectors.get(base, [])

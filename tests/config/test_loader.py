@@ -194,6 +194,7 @@ def test_patterns_without_a_preset() -> None:
 
 MEASUREMENT = """
     range_sigma_m: [[1, 0.01], [10, 0.02]]
+    range_sigma_limit_m: 0.05
     range_bias_m: 0.1
     channel_bias_sigma_m: 0.03
     range_resolution_m: 0.004
@@ -201,8 +202,11 @@ MEASUREMENT = """
     elevation_sigma_deg: 0.02
     dropout: 0.1
     detection: {reflectivity: 0.1, range_m: 90}
+    power_sigma: 0.2
+    crossover_m: [0.5, 3]
     extinction_per_m: 0.001
-    beam: {divergence_azimuth_mrad: 3, divergence_elevation_mrad: 1.5, pulse_length_ns: 6, rays: 7}
+    false_returns: 0.01
+    beam: {divergence_azimuth_mrad: 3, divergence_elevation_mrad: 1.5, pulse_length_ns: 6, rays: 7, separation_m: 1.5}
     returns: 2
 """
 
@@ -211,6 +215,7 @@ def test_every_effect_of_the_measurement() -> None:
     measurement = load(f"sensor:\n  preset: velodyne-vlp16\n  measurement:{MEASUREMENT}\nscene: []").lidar.measurement
     assert measurement == ls.Measurement(
         range_sigma=[(1, 0.01), (10, 0.02)],
+        range_sigma_limit=0.05,
         range_bias=0.1,
         channel_bias_sigma=0.03,
         range_resolution=0.004,
@@ -218,15 +223,33 @@ def test_every_effect_of_the_measurement() -> None:
         elevation_sigma=radians(0.02),
         dropout=0.1,
         detection=ls.Detection(reflectivity=0.1, range=90),
+        power_sigma=0.2,
+        crossover=(0.5, 3.0),
         extinction=0.001,
-        beam=ls.Beam(3e-3, 1.5e-3, pulse_length=6e-9, rays=7),
+        false_returns=0.01,
+        beam=ls.Beam(3e-3, 1.5e-3, pulse_length=6e-9, rays=7, separation=1.5),
         returns=2,
     )
     given = yaml.safe_load(MEASUREMENT).keys()
     arguments = {field.name for field in dataclasses.fields(ls.Measurement)}
-    assert {next(name for name in arguments if key.startswith(name)) for key in given} | {
+    # `range_sigma_limit` begins as `range_sigma` does.
+    assert {max((name for name in arguments if key.startswith(name)), key=len) for key in given} | {
         "range_sigma_slope"
     } == arguments
+
+
+def test_effects_that_cannot_be_are_refused_at_their_keys() -> None:
+    for measurement, message in (
+        ("{crossover_m: [3, 1]}", "measurement.crossover_m: expected 0 <= near < far, got 3.0 and 1.0"),
+        ("{crossover_m: 3}", "measurement.crossover_m: "),
+        ("{range_sigma_limit_m: 0.1}", "measurement.range_sigma_limit_m: expected 0 without a detection limit"),
+        ("{false_returns: 2}", "measurement.false_returns: expected a finite number from 0 to 1, got 2.0"),
+        ("{false_returns: 0.1}", "max_range: expected a finite number with false_returns, got inf"),
+        ("{beam: {divergence_azimuth_mrad: 1, separation_m: -1}}", "beam.separation_m: expected a finite number >= 0"),
+    ):
+        sensor = f"{{pattern: {{type: spinning, elevations_deg: [0]}}, measurement: {measurement}}}"
+        with pytest.raises(ls.errors.ConfigError, match=re.escape(message)):
+            load(f"sensor: {sensor}\nscene: []")
 
 
 def test_range_offset_is_a_number_or_a_list() -> None:
@@ -266,6 +289,18 @@ def test_reflectivity_for_each_face() -> None:
     material = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{item}]").scene.objects[0].material
     assert material.per == "face"
     assert material.reflectivity.tolist() == list(range(12))
+
+
+def test_roughness_and_highlight_of_an_object() -> None:
+    item = "{shape: sphere, center_m: [9, 0, 0], radius_m: 1, reflectivity: 0.2, roughness_deg: 20"
+    objects = f"scene: [{item}}}, {item}, specular: 5, specular_width: 0.05}}]"
+    rough, glossy = load(f"sensor: {{preset: velodyne-vlp16}}\n{objects}").scene.objects
+    assert rough.material == ls.Material(reflectivity=0.2, roughness=radians(20.0))
+    assert glossy.material == ls.Material(reflectivity=0.2, roughness=radians(20), specular=5, specular_width=0.05)
+    with pytest.raises(
+        ls.errors.ConfigError, match=r"scene\.1\.specular_width: expected a finite number > 0, got 0\.0"
+    ):
+        load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{item}}}, {item}, specular_width: 0}}]")
 
 
 def test_a_sensor_that_moves() -> None:

@@ -2,12 +2,13 @@
 
 use std::sync::Arc;
 
-use lidarsim_core::measure::{Appearance, Labels, Reflectivity};
+use lidarsim_core::measure::{Appearance, Backscatter, Labels, Reflectivity};
 use lidarsim_core::{Object, memory};
 use numpy::{PyArray2, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::intern;
 use pyo3::prelude::*;
+use pyo3::types::PyString;
 
 use crate::{PyAffine, PyPath, PyShape, detached, elements, shape};
 
@@ -134,5 +135,11 @@ fn appearance(label: &Bound<'_, PyAny>, instance: u32, material: &Bound<'_, PyAn
             }
         }
     };
-    Ok(Appearance { labels, instance, reflectivity })
+    let number = |name: &Bound<'_, PyString>| material.getattr(name)?.extract::<f64>();
+    let backscatter = Backscatter::new(
+        number(intern!(py, "_roughness"))?,
+        number(intern!(py, "_specular"))?,
+        number(intern!(py, "_specular_width"))?,
+    );
+    Ok(Appearance { labels, instance, reflectivity, backscatter })
 }

@@ -176,8 +176,9 @@ fn described<'py, T: Entry>(py: Python<'py>, of_returns: bool, unused: T) -> PyR
 #[pyfunction]
 pub fn expect_room(py: Python<'_>, pulses: usize, lidar: &Bound<'_, PyAny>) -> PyResult<()> {
     let measurement = Measurement::from_parameters(&Attributes(lidar))?;
-    let (most, strays) = (measurement.most_returns(), measurement.strays());
-    detached(py, || ScanColumns::expect_room(Layout { pulses, most, strays, moves: false }))
+    let (most, strays, tells_sources) =
+        (measurement.most_returns(), measurement.strays(), measurement.tells_sources());
+    detached(py, || ScanColumns::expect_room(Layout { pulses, most, strays, moves: false, tells_sources }))
 }
 
 /// Fires the pulses of a frame and measures the returns: the arrays of `lidarsim.Scan`, of shape (n, most).
@@ -204,7 +205,8 @@ pub fn scan<'py>(
     let frame = Frame { origins, directions, times, rings, indices, start, path: &path.path, stream };
     let moves = scene.scene.moves() || !matches!(frame.path, Path::Still(_));
     let (most, strays, kernels) = (measurement.most_returns(), measurement.strays(), kernels(py)?);
-    let layout = Layout { pulses: directions.len(), most, strays, moves };
+    let layout =
+        Layout { pulses: directions.len(), most, strays, moves, tells_sources: measurement.tells_sources() };
     let measured = detached(py, || {
         let mut columns = ScanColumns::new(layout);
         scene.scene.prepare();

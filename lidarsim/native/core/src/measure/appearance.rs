@@ -1,5 +1,6 @@
 //! What a lidar can tell of an object.
 
+use super::backscatter::Backscatter;
 use super::caster::Caster;
 use crate::scene::{Hit, TimedRay};
 
@@ -10,6 +11,8 @@ pub struct Appearance {
     /// The instance that the object is, or is a part of.
     pub instance: u32,
     pub reflectivity: Reflectivity,
+    /// None: Lambert's.
+    pub backscatter: Option<Backscatter>,
 }
 
 /// The class of an object.

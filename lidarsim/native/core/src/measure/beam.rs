@@ -14,6 +14,8 @@ pub struct Beam {
     cells: Vec<([f64; 2], f64)>,
     /// Standard deviation of the pulse, as a range, m.
     pub(super) pulse_sigma: f64,
+    /// The least distance at which the receiver tells two echoes apart, m.
+    pub(super) separation: f64,
 }
 
 impl Beam {
@@ -24,7 +26,9 @@ impl Beam {
         let elevation = parameters.number("measurement.beam.divergence_elevation")?;
         let rays = parameters.number("measurement.beam.rays")? as usize;
         let pulse_length = parameters.number("measurement.beam.pulse_length")?;
-        Ok(Some(Beam::new([azimuth, elevation], rays, HALF_SPEED_OF_LIGHT * pulse_length)))
+        let separation = parameters.number("measurement.beam.separation")?;
+        let beam = Beam::new([azimuth, elevation], rays, HALF_SPEED_OF_LIGHT * pulse_length);
+        Ok(Some(Beam { separation, ..beam }))
     }
 
     /// `divergence`: full angles at 1/e² of the axis' intensity, rad; `pulse_length`: full width at half
@@ -49,7 +53,7 @@ impl Beam {
             }
         }
         // A Gaussian is half of its maximum √(2 ln 2) standard deviations from its middle.
-        Beam { cells, pulse_sigma: pulse_length / (8.0 * std::f64::consts::LN_2).sqrt() }
+        Beam { cells, pulse_sigma: pulse_length / (8.0 * std::f64::consts::LN_2).sqrt(), separation: 0.0 }
     }
 
     /// The number of sub-rays.

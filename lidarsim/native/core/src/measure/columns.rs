@@ -27,6 +27,8 @@ macro_rules! scan_columns {
                 object_id: i32 = -1, always, copied;
                 instance: u32 = 0, always, copied;
                 label: u32 = 0, always, copied;
+                /// What the light came from.
+                source: u8 = u8::MAX, tells_sources, copied;
             }
             of_rays {
                 /// Angle between ray and normal, rad.
@@ -54,6 +56,8 @@ pub struct Layout {
     pub strays: bool,
     /// Whether sensor or scene moves.
     pub moves: bool,
+    /// Whether returns may come from anything but surfaces.
+    pub tells_sources: bool,
 }
 
 impl Layout {
@@ -74,6 +78,10 @@ impl Layout {
 
     pub fn moves(&self, entries: usize) -> usize {
         if self.moves { entries } else { 0 }
+    }
+
+    pub fn tells_sources(&self, entries: usize) -> usize {
+        if self.tells_sources { entries } else { 0 }
     }
 }
 

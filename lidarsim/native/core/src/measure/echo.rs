@@ -1,7 +1,9 @@
 //! From light that comes back to the returns that are reported.
 
 use super::parameters::{Parameters, Value};
+use super::source::Source;
 use super::status::Status;
+use crate::arith::simd::Floats;
 
 /// What a ray brings back.
 #[derive(Clone, Copy)]
@@ -15,10 +17,12 @@ pub(super) struct Light {
     pub(super) clear_power: f64,
 }
 
-/// Light from one surface, or from some too close to be separated.
+/// Light from one surface, or from some too close to be separated; or a false return.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Echo {
-    /// The true hit: the sub-ray nearest to the axis, on the object that returns most of the power.
+    pub(super) source: Source,
+    /// The true hit, if there is one: the sub-ray nearest to the axis, on the object that returns most of the
+    /// power.
     pub(super) ray: usize,
     pub(super) true_range: f64,
     /// The mean over the sub-rays, by power.
@@ -46,7 +50,16 @@ impl Echo {
     #[inline(always)]
     pub(super) fn of(light: Light) -> Self {
         let Light { ray, range, intensity, power, .. } = light;
-        Echo { ray, true_range: range, range, intensity, power, measured: Ok(range) }
+        Echo { source: Source::Surface, ray, true_range: range, range, intensity, power, measured: Ok(range) }
+    }
+
+    /// A return that no surface sent. `ray`: of its pulse.
+    #[inline(always)]
+    pub(super) fn falsely(ray: usize, range: f64, intensity: f64) -> Self {
+        // Weaker than any light that is seen.
+        let power = f64::NEG_INFINITY;
+        let measured = Ok(range);
+        Echo { source: Source::FalseReturn, ray, true_range: f64::NAN, range, intensity, power, measured }
     }
 }
 
@@ -83,6 +96,17 @@ impl Returns {
             Returns::Strongest | Returns::First | Returns::Last => 1,
             Returns::Dual => 2,
             Returns::Nearest(n) => n,
+        }
+    }
+
+    /// Of N pulses that have an echo and a false return and report one, those that report the false return.
+    /// It is the weaker, but may be the first or the last.
+    #[inline(always)]
+    pub(super) fn prefer_false<F: Floats<f64, N>, const N: usize>(self, falsely: F, range: F) -> u32 {
+        match self {
+            Returns::Strongest | Returns::Dual => 0,
+            Returns::First | Returns::Nearest(_) => falsely.lt(range),
+            Returns::Last => range.lt(falsely),
         }
     }
 
@@ -130,13 +154,13 @@ mod tests {
     use super::*;
 
     fn chosen(returns: Returns, powers: &[f64]) -> Vec<f64> {
-        let echo = |range: f64, power| Echo {
-            ray: 0,
-            true_range: range,
-            range,
-            intensity: power,
-            power,
-            measured: Ok(range),
+        let echo = |range: f64, power: f64| {
+            let light = Light { ray: 0, range, intensity: power, power, clear_power: power };
+            if power < 0.0 {
+                Echo { true_range: range, ..Echo::falsely(0, range, 0.0) }
+            } else {
+                Echo::of(light)
+            }
         };
         let echoes: Vec<Echo> = (1..).zip(powers).map(|(i, &power)| echo(f64::from(i), power)).collect();
         let mut found = Vec::new();
@@ -156,5 +180,22 @@ mod tests {
         assert_eq!(chosen(Returns::Dual, &[1.0]), [1.0]);
         assert_eq!(chosen(Returns::Nearest(3), &powers), [1.0, 2.0, 3.0]);
         assert_eq!(chosen(Returns::Nearest(9), &powers), [1.0, 2.0, 3.0, 4.0]);
+    }
+
+    /// Below zero: a false return.
+    #[test]
+    fn false_returns_are_the_weakest() {
+        let powers = [-1.0, 0.0, 2.0, 1.0];
+        assert_eq!(chosen(Returns::Strongest, &powers), [3.0]);
+        assert_eq!(chosen(Returns::Strongest, &powers[..2]), [2.0]);
+        assert_eq!(chosen(Returns::Strongest, &powers[..1]), [1.0]);
+        assert_eq!(chosen(Returns::First, &powers), [1.0]);
+        assert_eq!(chosen(Returns::Last, &powers), [4.0]);
+        assert_eq!(chosen(Returns::Dual, &[2.0, -1.0]), [1.0, 2.0]);
+        assert_eq!(chosen(Returns::Dual, &[-1.0, 1.0, 3.0]), [3.0, 2.0]);
+        assert_eq!(chosen(Returns::Nearest(2), &powers), [1.0, 2.0]);
+        let ranges = [Returns::First, Returns::Last, Returns::Strongest, Returns::Dual, Returns::Nearest(1)];
+        assert_eq!(ranges.map(|returns| returns.prefer_false(1.0, 2.0)), [1, 0, 0, 0, 1]);
+        assert_eq!(ranges.map(|returns| returns.prefer_false(2.0, 1.0)), [0, 1, 0, 0, 0]);
     }
 }

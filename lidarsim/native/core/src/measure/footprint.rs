@@ -10,6 +10,7 @@ use super::echo::Echo;
 use super::effects::{Echoes, Pulses};
 use super::scan::Scan;
 use super::scratch::Scratch;
+use super::source::Source;
 use super::status::Status;
 use super::waveform::Waveform;
 use crate::arith::simd::Isa;
@@ -37,9 +38,21 @@ impl<C: Caster> Scan<'_, C> {
             for (echo, number) in echoes.iter_mut().zip(0..) {
                 self.receive(pulse, number, echo, &batch, scratch);
             }
+            let false_return =
+                self.measurement.effects.false_returns::<f64, 1>(pulse, &batch, &scratch.draws);
+            if let Some(other) = false_return.filter(|other| other.kept != 0) {
+                let echo = Echo::falsely(pulse * beam.len(), other.reported(), other.intensity);
+                let place = echoes.partition_point(|nearer| nearer.range <= echo.range);
+                echoes.insert(place, echo);
+            }
             self.measurement.returns.choose(&echoes, &mut reported);
             let mut row = pulse * most;
             for echo in &reported {
+                if echo.source == Source::FalseReturn {
+                    report_false(row, echo, scratch, rows);
+                    row += 1;
+                    continue;
+                }
                 self.report(row, pulse, echo, scratch, rows);
                 if let Some(entry) = rows.true_direction.get_mut(row) {
                     let direction = self.measurement.effects.directions(&batch, &scratch.draws)[pulse];
@@ -51,7 +64,7 @@ impl<C: Caster> Scan<'_, C> {
             rows.status[pulse].write(status as u8);
             rows.return_count[pulse].write(if status == Status::Hit { reported.len() as u8 } else { 0 });
             for row in row..(pulse + 1) * most {
-                clear(row, scratch, rows);
+                report_nothing(row, Entries::UNUSED, scratch, rows);
             }
         }
         scratch.indices = indices;
@@ -60,8 +73,9 @@ impl<C: Caster> Scan<'_, C> {
     /// Applies the effects to an echo, the `number`-th of a pulse.
     #[inline(always)]
     fn receive(&self, pulse: usize, number: u16, echo: &mut Echo, batch: &Pulses, scratch: &Scratch) {
-        let mut echoes = Echoes::<f64, 1>::new(pulse, number, echo.range, echo.power, 0);
+        let mut echoes = Echoes::<f64, 1>::new(pulse, number, echo.range, echo.intensity, echo.power, 0);
         self.measurement.effects.apply(batch, &scratch.draws, &mut echoes);
+        (echo.intensity, echo.power) = (echoes.intensity, echoes.power);
         let [status] = echoes.statuses();
         echo.measured = match Status::ALL[usize::from(status)] {
             Status::Hit => Ok(echoes.reported()),
@@ -86,6 +100,7 @@ impl<C: Caster> Scan<'_, C> {
                 object_id: [hit.object],
                 instance: [instance],
                 label: [label],
+                source: [echo.source as u8],
             },
         );
         let cross = cross(hit.normal, direction);
@@ -97,10 +112,22 @@ impl<C: Caster> Scan<'_, C> {
     }
 }
 
-/// Writes a row without a return.
+/// Writes a return that no surface sent.
 #[inline(always)]
-fn clear(row: usize, scratch: &mut Scratch, rows: &mut Rows) {
-    rows.write(row, Entries::<1>::UNUSED);
+fn report_false(row: usize, echo: &Echo, scratch: &mut Scratch, rows: &mut Rows) {
+    let entries = Entries {
+        range: [echo.range],
+        intensity: [echo.intensity as f32],
+        source: [echo.source as u8],
+        ..Entries::UNUSED
+    };
+    report_nothing(row, entries, scratch, rows);
+}
+
+/// Writes a row in which no surface was hit.
+#[inline(always)]
+fn report_nothing(row: usize, entries: Entries<1>, scratch: &mut Scratch, rows: &mut Rows) {
+    rows.write(row, entries);
     if let Some(entry) = rows.true_direction.get_mut(row) {
         entry.write(unused::true_direction);
     }

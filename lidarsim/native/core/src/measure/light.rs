@@ -1,5 +1,6 @@
 //! From hits to light: range, incidence and intensity of each ray.
 
+use super::backscatter::Backscatter;
 use super::caster::Caster;
 use super::direction::distance;
 use super::echo::Light;
@@ -22,7 +23,8 @@ impl<C: Caster> Scan<'_, C> {
     /// The reflectivity of what each ray hits. Makes arrays of hits and rays as long as whole registers.
     #[inline(always)]
     pub(super) fn reflect(&self, scratch: &mut Scratch) {
-        let Scratch { rays, hits, reflectivity, .. } = scratch;
+        let Scratch { rays, hits, reflectivity, is_lambert, .. } = scratch;
+        *is_lambert = true;
         let whole = hits.len().next_multiple_of(8);
         resize(reflectivity, whole, 0.0);
         let surfaces = hits.object.iter().zip(&hits.primitive);
@@ -30,13 +32,14 @@ impl<C: Caster> Scan<'_, C> {
             if let Some(appearance) = self.appearances.get(*object as usize) {
                 let hit = || (hits.at(i), rays.at(i));
                 *reflectivity = appearance.reflectivity.at(*primitive, hit, self.caster);
+                *is_lambert &= appearance.backscatter.is_none();
             }
         }
         hits.resize(whole);
         resize(&mut rays.directions, whole, [0.0; 3]);
     }
 
-    /// The light of the rays from 8·part on: Lambert's intensity, in clear air.
+    /// The light of the rays from 8·part on, in clear air.
     #[inline(always)]
     pub(super) fn eight_lights<I: Isa>(&self, part: usize, scratch: &Scratch) -> EightLights<I::F64x8> {
         let Scratch { rays, hits, reflectivity, .. } = scratch;
@@ -45,13 +48,29 @@ impl<C: Caster> Scan<'_, C> {
         let range = distance(lanes::load(&hits.t, part), direction);
         let cross = lanes::cross(normal, direction);
         let cosine = lanes::dot(normal, direction).abs();
-        let reflectivity: I::F64x8 = lanes::load(reflectivity, part);
-        EightLights {
-            range,
-            cosine,
-            squared_sine: lanes::dot(cross, cross),
-            intensity: reflectivity.mul(cosine),
+        let squared_sine = lanes::dot(cross, cross);
+        let mut backscatter = cosine;
+        if !scratch.is_lambert {
+            let surfaces = self.backscatters(&hits.object.as_chunks().0[part]);
+            backscatter = Backscatter::of(&surfaces, cosine, squared_sine);
         }
+        let reflectivity: I::F64x8 = lanes::load(reflectivity, part);
+        let intensity = self.measurement.effects.gather(range, reflectivity.mul(backscatter));
+        EightLights { range, cosine, squared_sine, intensity }
+    }
+
+    /// Of the objects that N rays hit; Lambert's for misses.
+    #[inline(always)]
+    fn backscatters<const N: usize>(&self, objects: &[i32; N]) -> [Backscatter; N] {
+        let mut surfaces = [Backscatter::LAMBERT; N];
+        for (surface, object) in surfaces.iter_mut().zip(objects) {
+            if let Some(appearance) = self.appearances.get(*object as usize)
+                && let Some(backscatter) = appearance.backscatter
+            {
+                *surface = backscatter;
+            }
+        }
+        surfaces
     }
 
     /// Keeps the light of all rays.

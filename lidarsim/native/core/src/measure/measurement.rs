@@ -37,6 +37,11 @@ impl Measurement {
         self.effects.turns() || self.beam.is_some()
     }
 
+    /// Whether returns may come from anything but surfaces.
+    pub fn tells_sources(&self) -> bool {
+        self.effects.tells_sources()
+    }
+
     /// How many rings the sensor has parameters for; none if these are the same for all rings.
     pub fn rings(&self) -> Option<usize> {
         self.effects.rings()

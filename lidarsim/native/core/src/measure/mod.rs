@@ -7,6 +7,7 @@
 //! `points.rs` make a point cloud.
 
 mod appearance;
+mod backscatter;
 mod beam;
 mod caster;
 mod columns;
@@ -27,10 +28,12 @@ pub mod rng;
 mod scan;
 mod scratch;
 mod single_ray;
+mod source;
 mod status;
 mod waveform;
 
 pub use appearance::{Appearance, Labels, Reflectivity};
+pub use backscatter::Backscatter;
 pub use columns::{Layout, Rows, ScanColumns};
 pub use frame::{BadPulse, Fault, Frame};
 pub use measurement::Measurement;

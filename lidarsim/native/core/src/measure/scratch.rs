@@ -13,6 +13,8 @@ pub(super) struct Scratch {
     pub(super) hits: HitArrays,
     /// Per ray; unspecified for misses.
     pub(super) reflectivity: Vec<f64>,
+    /// Whether all surfaces that were hit are Lambert's.
+    pub(super) is_lambert: bool,
     pub(super) light: LightArrays,
     pub(super) rows: RowScratch,
     pub(super) velocities: Velocities,

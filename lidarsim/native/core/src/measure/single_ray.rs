@@ -8,6 +8,7 @@ use super::effects::Echoes;
 use super::light::EightLights;
 use super::scan::Scan;
 use super::scratch::Scratch;
+use super::source::Source;
 use super::status::Status;
 use crate::arith::simd::{Floats, Isa};
 use crate::memory::resize;
@@ -51,7 +52,7 @@ impl<C: Caster> Scan<'_, C> {
         let EightLights { range: truth, cosine, squared_sine, intensity } =
             self.eight_lights::<I>(part, scratch);
         let Scratch { hits, indices, draws, rows: row_scratch, .. } = scratch;
-        let object_id = hits.object.as_chunks::<8>().0[part];
+        let mut object_id = hits.object.as_chunks::<8>().0[part];
         let primitive = hits.primitive.as_chunks::<8>().0[part];
         let mut missed = 0;
         for (k, object) in object_id.iter().enumerate() {
@@ -63,20 +64,42 @@ impl<C: Caster> Scan<'_, C> {
             self.measurement.effects.attenuate(&truth.store(), &mut transmission);
             intensity = intensity.mul(I::F64x8::load(&transmission));
         }
-        let mut echoes = Echoes::new(part, 0, truth, intensity.div(truth.mul(truth)), missed);
-        self.measurement.effects.apply(&self.frame.pulses(pulses, indices), draws, &mut echoes);
+        let power = intensity.div(truth.mul(truth));
+        let mut echoes = Echoes::new(part, 0, truth, intensity, power, missed);
+        let batch = self.frame.pulses(pulses, indices);
+        self.measurement.effects.apply(&batch, draws, &mut echoes);
 
         let nan = I::F64x8::splat(f64::NAN);
-        let range = I::pick(echoes.kept, echoes.reported(), nan);
+        let mut range = I::pick(echoes.kept, echoes.reported(), nan);
+        let mut intensity = I::pick(echoes.kept, echoes.intensity, nan);
+        let (mut range_error, mut falsely) = (range.sub(truth), 0);
+        if let Some(others) = self.measurement.effects.false_returns(part, &batch, draws) {
+            let preferred = self.measurement.returns.prefer_false(others.reported(), truth);
+            falsely = others.kept & (preferred | !echoes.kept);
+            range = I::pick(falsely, others.reported(), range);
+            intensity = I::pick(falsely, others.intensity, intensity);
+            range_error = I::pick(falsely, nan, range_error);
+            // They hit nothing.
+            missed |= falsely;
+            for (k, object) in object_id.iter_mut().enumerate() {
+                if falsely & 1 << k != 0 {
+                    *object = -1;
+                }
+            }
+            hits.object.as_chunks_mut().0[part] = object_id;
+        }
         let ids = std::array::from_fn(|k| self.instance_and_label(object_id[k], primitive[k]));
         let parts: [[f64; 8]; 3] = hits.normal.as_chunks().0.as_chunks().0[part];
         let mut normal = [[0.0; 3]; 8];
         let parts = parts.map(|part| part.map(|x| x as f32));
         normal.as_flattened_mut().as_chunks_mut().0.copy_from_slice(&parts);
         let mut status = [Status::Hit as u8; 8];
-        if echoes.kept != 0xff {
+        if echoes.kept != 0xff || falsely != 0 {
             status = echoes.statuses();
             for k in 0..8 {
+                if falsely & 1 << k != 0 {
+                    status[k] = Status::Hit as u8;
+                }
                 if missed & 1 << k != 0 {
                     normal[k] = Entries::<1>::UNUSED.normal[0];
                 }
@@ -87,12 +110,17 @@ impl<C: Caster> Scan<'_, C> {
             Entries {
                 range: range.store(),
                 true_range: I::pick(missed, nan, truth).store(),
-                range_error: range.sub(truth).store(),
-                intensity: I::pick(echoes.kept, intensity, nan).store().map(|x| x as f32),
+                range_error: range_error.store(),
+                intensity: intensity.store().map(|x| x as f32),
                 normal,
                 object_id,
                 instance: ids.map(|[instance, _]: [u32; 2]| instance),
                 label: ids.map(|[_, label]| label),
+                source: std::array::from_fn(|k| match (falsely & 1 << k, object_id[k]) {
+                    (0, 0..) => Source::Surface as u8,
+                    (0, _) => Entries::<1>::UNUSED.source[0],
+                    _ => Source::FalseReturn as u8,
+                }),
             },
         );
         write(rows.status, part, status);

@@ -1,5 +1,7 @@
 //! The waveform of a pulse, and its echoes.
 
+use std::ops::Range;
+
 use super::beam::Beam;
 use super::echo::{Echo, Light};
 use super::scratch::Scratch;
@@ -30,6 +32,19 @@ pub(super) struct Waveform {
     samples: Vec<f64>,
     before: Vec<usize>,
     slopes: Vec<f64>,
+    /// The lights of each peak.
+    peaks: Vec<Range<usize>>,
+    /// The peaks that the receiver tells apart.
+    told_apart: Vec<Peak>,
+}
+
+/// A peak in clear air, so that extinction decides nothing about it.
+#[derive(Clone, Copy)]
+struct Peak {
+    /// Its number, from the nearest on.
+    number: usize,
+    range: f64,
+    power: f64,
 }
 
 impl Waveform {
@@ -53,15 +68,43 @@ impl Waveform {
         }
         lights.sort_unstable_by(|a, b| a.range.total_cmp(&b.range).then(a.ray.cmp(&b.ray)));
         self.sample_slopes(beam, scratch, pulse);
+        self.peaks.clear();
         let (mut first, mut falls) = (0, false);
         for (slope, before) in self.slopes.iter().zip(&self.before) {
             if *slope > 0.0 && falls && *before > first {
-                echoes.push(scratch.merge(&self.lights[first..*before]));
+                self.peaks.push(first..*before);
                 first = *before;
             }
             falls = *slope < 0.0 || falls && *slope == 0.0;
         }
-        echoes.push(scratch.merge(&self.lights[first..]));
+        self.peaks.push(first..self.lights.len());
+        if beam.separation > 0.0 {
+            self.tell_apart(beam.separation);
+            let peaks = self.told_apart.iter().map(|peak| self.peaks[peak.number].clone());
+            echoes.extend(peaks.map(|peak| scratch.merge(&self.lights[peak])));
+        } else {
+            echoes.extend(self.peaks.iter().map(|peak| scratch.merge(&self.lights[peak.clone()])));
+        }
+    }
+
+    /// Finds the peaks that are told apart: of two nearer to each other than `separation`, the stronger, and
+    /// the nearer if they are equal. The strongest of all is decided first.
+    fn tell_apart(&mut self, separation: f64) {
+        let Waveform { lights, peaks, told_apart, .. } = self;
+        told_apart.clear();
+        told_apart
+            .extend(peaks.iter().enumerate().map(|(number, peak)| Peak::of(number, &lights[peak.clone()])));
+        told_apart.sort_unstable_by(|a, b| b.power.total_cmp(&a.power).then(a.number.cmp(&b.number)));
+        let mut kept = 0;
+        for i in 0..told_apart.len() {
+            let peak = told_apart[i];
+            if told_apart[..kept].iter().all(|other| (peak.range - other.range).abs() >= separation) {
+                told_apart[kept] = peak;
+                kept += 1;
+            }
+        }
+        told_apart.truncate(kept);
+        told_apart.sort_unstable_by_key(|peak| peak.number);
     }
 
     /// The slope of the waveform at each light, and between each two where a valley between them would show:
@@ -70,7 +113,7 @@ impl Waveform {
     /// their own, but others may make one: half way.
     #[inline(always)]
     fn sample_slopes(&mut self, beam: &Beam, scratch: &Scratch, pulse: usize) {
-        let Waveform { lights, variances, samples, before, slopes } = self;
+        let Waveform { lights, variances, samples, before, slopes, .. } = self;
         let first = pulse * beam.len();
         let to_next = |light: &Light| scratch.to_next_sub_ray(light, first);
         let variance = |light| beam.pulse_sigma * beam.pulse_sigma + 0.5 * to_next(light);
@@ -114,6 +157,16 @@ impl Waveform {
     }
 }
 
+impl Peak {
+    fn of(number: usize, lights: &[Light]) -> Self {
+        let nearest = lights[0].range;
+        let power: f64 = lights.iter().map(|l| l.clear_power).sum();
+        let mean = lights.iter().map(|l| l.clear_power * (l.range - nearest)).sum::<f64>() / power;
+        // No mean, and perhaps no power, as in `merge`.
+        Peak { number, range: nearest + if mean.is_finite() { mean } else { 0.0 }, power: power.max(0.0) }
+    }
+}
+
 impl Scratch {
     /// The square of by how much the range changes from a light to the next sub-ray, on the tangent plane of
     /// what it hit, where that changes most. `first`: the first ray of the pulse.
@@ -149,5 +202,31 @@ impl Scratch {
             power,
             ..Echo::of(main)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ranges of the peaks that are told apart, of one light each.
+    fn told_apart(separation: f64, lights: &[(f64, f64)]) -> Vec<f64> {
+        let mut waveform = Waveform::default();
+        for (ray, &(range, power)) in lights.iter().enumerate() {
+            waveform.lights.push(Light { ray, range, intensity: power, power, clear_power: power });
+            waveform.peaks.push(ray..ray + 1);
+        }
+        waveform.tell_apart(separation);
+        waveform.told_apart.iter().map(|peak| peak.range).collect()
+    }
+
+    #[test]
+    fn of_two_near_peaks_the_stronger_stays() {
+        assert_eq!(told_apart(1.0, &[(5.0, 1.0), (5.9, 2.0), (7.0, 1.0)]), [5.9, 7.0]);
+        assert_eq!(told_apart(1.0, &[(5.0, 2.0), (5.9, 2.0), (6.0, 1.0)]), [5.0, 6.0]);
+        // The third is lost to the second before the second could be lost to nothing: the strongest is first.
+        assert_eq!(told_apart(1.0, &[(5.0, 2.0), (5.9, 3.0), (6.8, 1.0)]), [5.9]);
+        assert_eq!(told_apart(1.0, &[(5.0, 3.0), (5.9, 2.0), (6.8, 1.0)]), [5.0, 6.8]);
+        assert_eq!(told_apart(9.0, &[(5.0, f64::NAN), (5.9, 0.0), (6.8, 1.0)]), [6.8]);
     }
 }

@@ -8,8 +8,9 @@ use crate::measure::status::Status;
 
 #[derive(Clone, Debug)]
 pub(super) struct DetectionLimit {
-    /// ρ/r² of a target of reflectivity ρ that is seen at normal incidence, in clear air, out to range r.
-    power: f64,
+    /// The least power that is seen: ρ/r² of a target of reflectivity ρ that is seen at normal incidence, in
+    /// clear air, out to range r.
+    pub(super) power: f64,
 }
 
 impl Effect for DetectionLimit {

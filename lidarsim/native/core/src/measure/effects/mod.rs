@@ -7,9 +7,12 @@
 //! effect (`rng.rs`), so no effect changes the noise of another.
 
 mod bias;
+mod crossover;
 mod detection;
 mod dropout;
 mod extinction;
+mod false_returns;
+mod fluctuation;
 mod gate;
 mod jitter;
 mod quantization;
@@ -52,6 +55,15 @@ macro_rules! effects {
                 })+
             }
 
+            /// The intensity in clear air that the receiver gathers of rays of these ranges.
+            #[inline(always)]
+            pub(super) fn gather<F: Floats<f64, N>, const N: usize>(&self, range: F, mut intensity: F) -> F {
+                $(if let Some(effect) = &self.$field {
+                    intensity = effect.gather(range, intensity);
+                })+
+                intensity
+            }
+
             /// Whether any effect attenuates light.
             pub(super) fn attenuates(&self) -> bool {
                 false $(|| self.$field.is_some() && <$module::$effect as Effect>::ATTENUATES)+
@@ -85,12 +97,15 @@ macro_rules! effects {
 
 effects! {
     jitter: jitter::Jitter,
+    crossover: crossover::Crossover,
     extinction: extinction::Extinction,
+    fluctuation: fluctuation::Fluctuation,
     detection: detection::DetectionLimit,
     dropout: dropout::Dropout,
     bias: bias::Bias,
     range_noise: range_noise::RangeNoise,
     reading: reading::Reading,
+    false_returns: false_returns::FalseReturns,
     quantization: quantization::Quantization,
     gate: gate::Gate,
 }
@@ -105,6 +120,43 @@ impl Effects {
     #[inline(always)]
     pub(super) fn directions<'a>(&self, pulses: &Pulses<'a>, draws: &'a Draws) -> &'a [Point] {
         self.jitter.as_ref().map_or(pulses.directions, |_| &draws.jitter.directions)
+    }
+
+    /// Whether returns may come from anything but surfaces.
+    pub(super) fn tells_sources(&self) -> bool {
+        self.false_returns.is_some()
+    }
+
+    /// The false returns of N pulses, those from N·part on; none if there never are any. A pulse that is
+    /// dropped has none, and they are rounded and gated as any reading. Their intensity is the least that is
+    /// detected at their range: no more is known of it.
+    #[inline(always)]
+    pub(super) fn false_returns<F: Floats<f64, N>, const N: usize>(
+        &self,
+        part: usize,
+        pulses: &Pulses,
+        draws: &Draws,
+    ) -> Option<Echoes<F, N>> {
+        let false_returns = self.false_returns.as_ref()?;
+        let zero = F::splat(0.0);
+        let mut echoes = Echoes::new(part, 0, zero, zero, zero, 0);
+        if let Some(reading) = &self.reading {
+            reading.apply(pulses, &draws.reading, &mut echoes);
+        }
+        false_returns.read(&draws.false_returns, &mut echoes);
+        if let Some(dropout) = &self.dropout {
+            dropout.apply(pulses, &draws.dropout, &mut echoes);
+        }
+        if let Some(quantization) = &self.quantization {
+            quantization.apply(pulses, &draws.quantization, &mut echoes);
+        }
+        if let Some(gate) = &self.gate {
+            gate.apply(pulses, &draws.gate, &mut echoes);
+        }
+        let range = echoes.reported();
+        let least_power = self.detection.as_ref().map_or(0.0, |detection| detection.power);
+        echoes.intensity = F::splat(least_power).mul(range.mul(range));
+        Some(echoes)
     }
 
     /// How many rings have parameters of their own, if any have.
@@ -148,6 +200,12 @@ trait Effect: Sized {
     /// Draws for each pulse of a batch.
     #[inline(always)]
     fn draw(&self, _: &Pulses, _: &mut Self::Draws) {}
+
+    /// The part of the intensity that the receiver gathers of rays of these ranges, in any air.
+    #[inline(always)]
+    fn gather<F: Floats<f64, N>, const N: usize>(&self, _range: F, intensity: F) -> F {
+        intensity
+    }
 
     /// Multiplies the transmission of the atmosphere out to some ranges and back: over any number of rays, in
     /// a loop that becomes vector instructions.
@@ -229,6 +287,7 @@ pub(super) struct Echoes<F, const N: usize> {
     pub(super) number: u16,
     /// Range before any error, m.
     pub(super) range: F,
+    pub(super) intensity: F,
     /// Received power, up to a constant: intensity/R².
     pub(super) power: F,
     /// What is added to the range, m.
@@ -246,11 +305,21 @@ pub(super) struct Echoes<F, const N: usize> {
 impl<F: Floats<f64, N>, const N: usize> Echoes<F, N> {
     /// `missed`: a bit for each pulse without an echo.
     #[inline(always)]
-    pub(super) fn new(part: usize, number: u16, range: F, power: F, missed: u32) -> Self {
+    pub(super) fn new(part: usize, number: u16, range: F, intensity: F, power: F, missed: u32) -> Self {
         let (zero, lost) = (F::splat(0.0), [0; Status::COUNT]);
         let kept = (1 << N) - 1;
-        let mut echoes =
-            Echoes { part, number, range, power, error: zero, reading: range, offset: zero, kept, lost };
+        let mut echoes = Echoes {
+            part,
+            number,
+            range,
+            intensity,
+            power,
+            error: zero,
+            reading: range,
+            offset: zero,
+            kept,
+            lost,
+        };
         echoes.lose(missed, Status::Miss);
         echoes
     }

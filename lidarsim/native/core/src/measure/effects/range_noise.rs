@@ -1,17 +1,32 @@
 //! Range noise: a normal variable for each echo, of a standard deviation that may depend on range.
 
+use super::detection::DetectionLimit;
 use super::{Echoes, Effect, Pulses};
 use crate::arith::simd::{Floats, lanes};
 use crate::measure::parameters::{Parameters, Value};
 use crate::measure::rng::EffectId;
 
-/// The standard deviation, m.
 #[derive(Clone, Debug)]
-pub(super) enum RangeNoise {
+pub(super) struct RangeNoise {
+    sigma: Sigma,
+    weakness: Option<Weakness>,
+}
+
+/// The standard deviation of strong echoes, m.
+#[derive(Clone, Debug)]
+enum Sigma {
     /// √(a² + (b·R)²)
     Formula { a: f64, b: f64 },
     /// (range, sigma) with rising ranges: linear between, constant outside.
     Table(Vec<[f64; 2]>),
+}
+
+/// What is added to the variance of weak echoes: c²/s, s the power in units of the least that is seen.
+#[derive(Clone, Debug)]
+struct Weakness {
+    /// c², m².
+    variance: f64,
+    least_power: f64,
 }
 
 impl Effect for RangeNoise {
@@ -21,14 +36,23 @@ impl Effect for RangeNoise {
     type Draws = Vec<f64>;
 
     fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
-        let noise = match parameters.value("measurement.range_sigma")? {
-            Value::Rows(rows) => RangeNoise::Table(rows),
-            a => RangeNoise::Formula {
+        let sigma = match parameters.value("measurement.range_sigma")? {
+            Value::Rows(rows) => Sigma::Table(rows),
+            a => Sigma::Formula {
                 a: parameters.as_number("measurement.range_sigma", a)?,
                 b: parameters.number("measurement.range_sigma_slope")?,
             },
         };
-        Ok(if let RangeNoise::Formula { a: 0.0, b: 0.0 } = noise { None } else { Some(noise) })
+        let mut weakness = None;
+        let limit = parameters.number("measurement.range_sigma_limit")?;
+        if limit > 0.0 {
+            let Some(detection) = DetectionLimit::from_parameters(parameters)? else {
+                return Err(parameters.unexpected("measurement.detection", Value::Nothing));
+            };
+            weakness = Some(Weakness { variance: limit * limit, least_power: detection.power });
+        }
+        let is_off = matches!(sigma, Sigma::Formula { a: 0.0, b: 0.0 }) && weakness.is_none();
+        Ok((!is_off).then_some(RangeNoise { sigma, weakness }))
     }
 
     #[inline(always)]
@@ -47,21 +71,26 @@ impl Effect for RangeNoise {
             0 => lanes::load(normals, echoes.part),
             number => pulses.lane_normals::<Self, F, N>(number, echoes),
         };
-        echoes.error = echoes.error.add(self.sigma(echoes.range).mul(normal));
+        let mut sigma = self.sigma.at(echoes.range);
+        if let Some(Weakness { variance, least_power }) = self.weakness {
+            let weak = F::splat(variance).mul(F::splat(least_power).div(echoes.power));
+            sigma = sigma.mul(sigma).add(weak).sqrt();
+        }
+        echoes.error = echoes.error.add(sigma.mul(normal));
     }
 }
 
-impl RangeNoise {
+impl Sigma {
     #[inline(always)]
-    fn sigma<F: Floats<f64, N>, const N: usize>(&self, range: F) -> F {
+    fn at<F: Floats<f64, N>, const N: usize>(&self, range: F) -> F {
         match self {
             // Most sensors. Nothing is rounded.
-            RangeNoise::Formula { a, b: 0.0 } => F::splat(*a),
-            RangeNoise::Formula { a, b } => {
+            Sigma::Formula { a, b: 0.0 } => F::splat(*a),
+            Sigma::Formula { a, b } => {
                 let slope = F::splat(*b).mul(range);
                 F::splat(a * a).add(slope.mul(slope)).sqrt()
             }
-            RangeNoise::Table(rows) => {
+            Sigma::Table(rows) => {
                 let mut sigmas = range.store();
                 for sigma in &mut sigmas {
                     *sigma = interpolated(rows, *sigma);
@@ -87,9 +116,9 @@ mod tests {
 
     #[test]
     fn sigma_comes_from_the_formula_or_the_table() {
-        assert_eq!(RangeNoise::Formula { a: 3.0, b: 0.4 }.sigma(10.0), 5.0);
-        let table = RangeNoise::Table(vec![[1.0, 0.1], [2.0, 0.2], [4.0, 0.1]]);
+        assert_eq!(Sigma::Formula { a: 3.0, b: 0.4 }.at(10.0), 5.0);
+        let table = Sigma::Table(vec![[1.0, 0.1], [2.0, 0.2], [4.0, 0.1]]);
         let ranges = [0.5, 1.0, 2.0, 3.0, 4.0, 9.0];
-        assert_eq!(ranges.map(|range| table.sigma(range)), [0.1, 0.1, 0.2, 0.15000000000000002, 0.1, 0.1]);
+        assert_eq!(ranges.map(|range| table.at(range)), [0.1, 0.1, 0.2, 0.15000000000000002, 0.1, 0.1]);
     }
 }

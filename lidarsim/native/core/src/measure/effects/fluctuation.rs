@@ -1,0 +1,76 @@
+//! Fluctuation of the received power, from echo to echo: a log-normal factor of mean 1, which the intensity
+//! has, too.
+
+use super::{Echoes, Effect, Pulses};
+use crate::arith::elementary::exp;
+use crate::arith::simd::{Floats, lanes};
+use crate::measure::parameters::Parameters;
+use crate::measure::rng::EffectId;
+
+#[derive(Clone, Debug)]
+pub(super) struct Fluctuation {
+    /// w, the standard deviation of the factor's logarithm.
+    sigma: f64,
+}
+
+impl Effect for Fluctuation {
+    /// Draw i is for the i-th echo of a pulse, from the nearest, counted before any is lost.
+    const ID: Option<EffectId> = Some(EffectId(5));
+    /// Factors of the first echoes. Those of further echoes are drawn as they come.
+    type Draws = Vec<f64>;
+
+    fn from_parameters<P: Parameters>(parameters: &P) -> Result<Option<Self>, P::Error> {
+        let sigma = parameters.number("measurement.power_sigma")?;
+        Ok((sigma > 0.0).then_some(Fluctuation { sigma }))
+    }
+
+    #[inline(always)]
+    fn draw(&self, pulses: &Pulses, factors: &mut Vec<f64>) {
+        pulses.normals::<Self>(0, factors);
+        self.turn_into_factors(factors);
+    }
+
+    #[inline(always)]
+    fn apply<F: Floats<f64, N>, const N: usize>(
+        &self,
+        pulses: &Pulses,
+        factors: &Vec<f64>,
+        echoes: &mut Echoes<F, N>,
+    ) {
+        let factor = match echoes.number {
+            0 => lanes::load(factors, echoes.part),
+            number => {
+                let mut factors = pulses.lane_normals::<Self, F, N>(number, echoes).store();
+                self.turn_into_factors(&mut factors);
+                F::load(&factors)
+            }
+        };
+        echoes.intensity = echoes.intensity.mul(factor);
+        echoes.power = echoes.power.mul(factor);
+    }
+}
+
+impl Fluctuation {
+    /// exp(w·g − w²/2) of normals g: of mean 1. Written as a product, it has no ∞ − ∞ for any w.
+    #[inline(always)]
+    fn turn_into_factors(&self, normals: &mut [f64]) {
+        for normal in normals {
+            *normal = exp(self.sigma * (*normal - 0.5 * self.sigma));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn factors_are_log_normal_of_mean_1() {
+        let mut factors = [0.0, 1.0, -1.0];
+        Fluctuation { sigma: 2.0 }.turn_into_factors(&mut factors);
+        assert_eq!(factors, [exp(-2.0), 1.0, exp(-4.0)]);
+        let mut factors = [-8.3, 8.3];
+        Fluctuation { sigma: f64::MAX }.turn_into_factors(&mut factors);
+        assert_eq!(factors, [0.0; 2]);
+    }
+}

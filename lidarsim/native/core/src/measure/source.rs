@@ -1,0 +1,9 @@
+//! What returns come from.
+
+/// Where the light of a return comes from. The numbers are part of the interface; 1 is the atmosphere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u8)]
+pub(super) enum Source {
+    Surface = 0,
+    FalseReturn = 2,
+}
