@@ -384,6 +384,9 @@ def sensors(
             spans = (_span(span, digits=3).replace(" ", "") for span in ends)
             rows.append((preset, does.rings, round(does.pulses_per_second), lidar.pattern.rate, *spans))
         table(columns, rows, left=("sensor",), whole=("sensor",))
+        from lidarsim.config.loader import measured
+
+        paragraph(f"Presets with measured noise: {', '.join(measured())}.")
         return
     path = preset_path(name)
     if screenshot:
@@ -400,7 +403,11 @@ def sensors(
         for key in ("modes", "datasheet_noise"):
             if key in preset:
                 print_line(f"{key.replace('_', ' ')}: {', '.join(preset[key])}")
-        table(("value", "source"), list(preset.get("sources", {}).items()), left=("value", "source"))
+        sources = dict(preset.get("sources", {}))
+        if values := _measured(preset):
+            rows = [(key, value, sources.pop(f"measured.{key}", "")) for key, value in values.items()]
+            table(("measured", "value", "source"), rows, left=("measured", "value", "source"))
+        table(("value", "source"), list(sources.items()), left=("value", "source"))
 
 
 @app.command(context_settings={"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": []})
@@ -584,6 +591,20 @@ def _size(text: str) -> tuple[int, int]:
 def _span(ends: Iterable[float], *, digits: int = 4) -> str:
     low, high = (f"{end:.{digits}g}" for end in ends)
     return low if low == high else f"{low} … {high}"
+
+
+def _measured(preset: Mapping[str, Any]) -> dict[str, str]:
+    """Return the values in the ``measured`` block of a preset's document, by their keys there."""
+    block = dict(preset.get("measured", {}))
+    effects = {f"measurement.{key}": value for key, value in block.pop("measurement", {}).items()}
+    return {key: _yaml_line(value) for key, value in (effects | block).items()}
+
+
+def _yaml_line(value: object) -> str:
+    """Return a plain value as YAML has it on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {_yaml_line(item)}" for key, item in value.items()) + "}"
+    return str(value)
 
 
 def _times(span: tuple[float, float]) -> str:

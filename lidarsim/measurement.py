@@ -186,8 +186,8 @@ class Measurement(Immutable):
         detection then falls gradually with range; without one, only intensities fluctuate.
     crossover : tuple of float, (near, far), optional
         Ranges at which the beam enters the receiver's field of view and lies completely inside it, m, 0 <= near < far.
-        The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Echoes
-        that become too weak are hidden only by a `detection` limit. Default: the overlap is 1 everywhere.
+        The intensity is multiplied by the overlap, which is 0 up to `near`, linear in between and 1 from `far` on. Only
+        a `detection` limit hides echoes that become too weak. Default: the overlap is 1 everywhere.
     extinction : float
         Extinction coefficient α of the atmosphere, 1/m: an echo is weakened by the factor exp(−2αR).
     false_returns : float

@@ -383,6 +383,26 @@ def test_sensors_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
     assert [name for name in first if name in ls.Lidar.presets()] == ls.Lidar.presets()
 
 
+def test_measured_sensors_are_listed(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("sensors") == 0
+    said = " ".join(capsys.readouterr().out.split()).partition("Presets with measured noise: ")[2]
+    assert said.startswith("hesai-pandar40p, hesai-pandar64,")
+    for name in ls.Lidar.presets():
+        if f"{name}," in said or f"{name}." in said:
+            ls.Lidar.preset(name, noise="measured")
+        else:
+            with pytest.raises(ValueError, match=r"^noise: expected none or datasheet, got 'measured'"):
+                ls.Lidar.preset(name, noise="measured")
+
+
+def test_measured_values_are_printed_with_their_source(capsys: pytest.CaptureFixture[str]) -> None:
+    assert lidarsim("sensors", "hesai-xt32") == 0
+    (line,) = [line.split() for line in capsys.readouterr().out.splitlines() if " measurement.range_sigma_m " in line]
+    assert line[:3] == ["measurement.range_sigma_m", "0.0028", "measured:"]
+    assert lidarsim("sensors", "livox-avia") == 0
+    assert "measured" not in capsys.readouterr().out
+
+
 def test_a_sensor_is_described(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("sensors", "ouster-os1-64") == 0
     printed = capsys.readouterr().out
@@ -422,7 +442,7 @@ MISTAKES = {
     'scan run.yaml -o a.pcd --set pose={"file":"gone.tum"}': (
         '--set pose={"file":"gone.tum"}: pose.file: cannot read gone.tum: No such file or directory'
     ),
-    "check run.yaml --set sensor.noise=true": "--set sensor.noise=true: expected none or datasheet, got true",
+    "check run.yaml --set sensor.noise=true": "--set sensor.noise=true: expected none, datasheet or measured, got true",
     "check run.yaml --set sensor.mode=1": "--set sensor.mode=1: expected the name of a mode, got 1",
     "check run.yaml --set cloud.deskew=mid": (
         "--set cloud.deskew=mid: expected true, false, start, middle, end, or seconds as deskew_s, got 'mid'"

@@ -292,7 +292,7 @@ MISTAKES: dict[str, tuple[Callable[[], Any], type[Exception], str]] = {
     "noise unknown": (
         lambda: ls.Lidar.preset("ouster-os1-128", noise="gaussian"),
         ValueError,
-        "noise: expected none or datasheet, got 'gaussian'",
+        "noise: expected none, datasheet or measured, got 'gaussian'",
     ),
     "returns unknown": (
         lambda: ls.Measurement(returns="all"),

@@ -53,8 +53,8 @@ def read_lidar(path: str | Path, *, mode: str | None = None, noise: str | None =
         A YAML file with a ``pattern``, or with a ``preset`` or ``file`` and changes to it.
     mode : str, optional
         One of the ``modes`` in the file.
-    noise : {"none", "datasheet"}, optional
-        Whether to enable the file's ``datasheet_noise``.
+    noise : {"none", "datasheet", "measured"}, optional
+        Whether to enable the file's ``datasheet_noise``, or that with the ``measured`` values merged over it.
 
     Returns
     -------

@@ -174,7 +174,7 @@ def _sensor(node: Node, place: Place, above: tuple[Path, ...] = ()) -> Node:
 
 
 def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
-    """Return `sensor` in one of its modes, with its datasheet noise if requested."""
+    """Return `sensor` in one of its modes, with its datasheet or measured noise if requested."""
     found = entries(sensor)
     if mode is not None:
         modes = entries(found["modes"][1]) if "modes" in found else {}
@@ -182,16 +182,25 @@ def _variant(sensor: Node, mode: str | None, noise: str | None) -> Node:
             expected = f"one of {', '.join(modes)}" if modes else "none, since the sensor has no modes"
             raise ArgumentValueError("mode", expected, shown(mode))
         sensor = merge(sensor, modes[mode][1])
-    if noise is not None and not (isinstance(noise, str) and noise in {"none", "datasheet"}):
-        raise ArgumentValueError("noise", "none or datasheet", shown(noise))
-    if noise == "datasheet":
-        if "datasheet_noise" not in found:
-            raise ArgumentValueError("noise", "none, since the sensor has no datasheet_noise", "'datasheet'")
+    if noise is not None and not (isinstance(noise, str) and noise in {"none", "datasheet", "measured"}):
+        raise ArgumentValueError("noise", "none, datasheet or measured", shown(noise))
+    if noise == "datasheet" and "datasheet_noise" not in found:
+        raise ArgumentValueError("noise", "none, since the sensor has no datasheet_noise", "'datasheet'")
+    if noise == "measured" and "measured" not in found:
+        expected = "none or datasheet" if "datasheet_noise" in found else "none"
+        hint = f"the presets with measured noise are {', '.join(measured())}"
+        raise ArgumentValueError("noise", expected, "'measured'", hint)
+    if noise in {"datasheet", "measured"} and "datasheet_noise" in found:
         measurement = found["datasheet_noise"][1]
         if "measurement" in found:
             measurement = merge(found["measurement"][1], measurement)
         sensor = replace(sensor, ["measurement"], measurement)
-    return sensor
+    return merge(sensor, found["measured"][1]) if noise == "measured" else sensor
+
+
+def measured() -> list[str]:
+    """Return the names of the presets whose files have a ``measured`` block."""
+    return [name for name in Lidar.presets() if "measured" in entries(_preset(preset_path(name)))]
 
 
 def _text(node: Node, key: str, place: Place) -> str | None:
@@ -199,7 +208,7 @@ def _text(node: Node, key: str, place: Place) -> str | None:
         return None
     value = plain(entries(node)[key][1])
     if not isinstance(value, str):
-        expected = {"mode": "the name of a mode", "noise": "none or datasheet"}.get(key, "text")
+        expected = {"mode": "the name of a mode", "noise": "none, datasheet or measured"}.get(key, "text")
         raise (place / key).error(f"expected {expected}, got {_describe(value)}")
     return value
 

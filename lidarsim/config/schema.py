@@ -539,13 +539,22 @@ class _Limits(Model):
 _LIMITS = _Limits.model_fields.keys() - {"measurement"}
 
 
+class Measured(Model):
+    """What measurements of a real unit found, where that differs from `datasheet_noise` and the limits."""
+
+    measurement: Effects = Effects()
+    min_range_m: float = 0.0
+    max_range_m: float = float("inf")
+
+
 class Sensor(_Limits):
-    """A lidar. `datasheet_noise` and `modes` are merged in on request; `sources` cites the numbers."""
+    """A lidar. `datasheet_noise`, `measured` and `modes` are merged in on request; `sources` cites the numbers."""
 
     pattern: AnyPattern
     model: str = ""
     description: str = ""
     datasheet_noise: Effects | None = None
+    measured: Measured | None = None
     modes: dict[str, dict[str, Any]] = {}
     datasheet: dict[str, Any] = {}
     sources: dict[str, str] = {}
@@ -565,7 +574,7 @@ class VendorSensor(_Limits):
     file: str
     mode: str | None = None
     model: str | None = None
-    noise: Literal["none", "datasheet"] = "none"
+    noise: Literal["none", "datasheet", "measured"] = "none"
     rate_hz: float | None = None
     pulse_rate_khz: float | None = None
     firing_times: str | None = None
@@ -575,7 +584,7 @@ class VendorSensor(_Limits):
         files: dict[str, object] = {"path": (place / "file").file(self.file)}
         if self.firing_times is not None:
             files["firing_times"] = (place / "firing_times").file(self.firing_times)
-        if self.noise == "datasheet":
+        if self.noise != "none":
             files["noise"] = self.noise
         lidar = construct(Lidar.from_file, self, ["mode", "model", "rate_hz", "pulse_rate_khz"], place, **files)
         measurement = self.measurement.build(place / "measurement", lidar.measurement)

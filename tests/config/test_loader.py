@@ -15,6 +15,7 @@ import yaml
 import lidarsim as ls
 from lidarsim.config import schema
 from lidarsim.errors import ConfigError
+from lidarsim.sensor import preset_path
 
 CONFIG = """\
 seed: 3
@@ -441,7 +442,8 @@ def test_overrides_reach_into_a_rig() -> None:
     ("old", "new", "message"),
     [
         ("seed: 5", "sensor: {preset: velodyne-vlp16}", "run.yaml:3: rig: expected either sensor or rig, got both"),
-        ("noise: datasheet", "noise: loud", "run.yaml:5: rig.top.sensor.noise: expected none or datasheet, got 'loud'"),
+        ("noise: datasheet", "noise: loud",
+         "run.yaml:5: rig.top.sensor.noise: expected none, datasheet or measured, got 'loud'"),
         ("preset: velodyne-vlp16, name", "name",
          "run.yaml:8: rig.left.sensor: expected one of the keys preset, file, pattern, got none of them"),
         ("    sensor: {preset: velodyne-vlp16, noise: datasheet}\n", "", "run.yaml:4: rig.top: missing key 'sensor'"),
@@ -457,7 +459,7 @@ def test_overrides_reach_into_a_rig() -> None:
          ("run.yaml:6: rig.top.scale: unknown key; expected one of position_m, rotation_deg, matrix, sensor, "
           "offset_s")),
         ("max_range_m: 60", "max_range_m: -1",
-         "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.9, got -1.0"),
+         "run.yaml:8: rig.left.sensor.max_range_m: expected a real number >= 0.5, got -1.0"),
     ],
 )  # fmt: skip
 def test_bad_rigs(old: str, new: str, message: str) -> None:
@@ -508,6 +510,34 @@ def test_noise_comes_under_the_difference() -> None:
     assert measurement.range_sigma == 0.5
     assert measurement.range_resolution == preset.range_resolution > 0
     assert load("sensor: {preset: velodyne-vlp16, noise: none}\nscene: []").lidar.measurement == ls.Measurement()
+
+
+def test_measured_noise_comes_under_the_difference() -> None:
+    sensor = "{preset: velodyne-vlp32c, noise: measured, measurement: {range_sigma_m: 0.5}}"
+    lidar = load(f"sensor: {sensor}\nscene: []").lidar
+    preset = ls.Lidar.preset("velodyne-vlp32c", noise="measured")
+    assert lidar.measurement == dataclasses.replace(preset.measurement, range_sigma=0.5)
+    assert lidar.min_range == preset.min_range != ls.Lidar.preset("velodyne-vlp32c").min_range
+    exact = load("sensor: {preset: velodyne-vlp32c}\nscene: []", "sensor.noise=measured", "sensor.min_range_m=2").lidar
+    assert (exact.measurement, exact.min_range) == (preset.measurement, 2)
+    single = load(
+        "sensor: {preset: hesai-xt32, noise: measured, measurement: {beam: null}}\nscene: []"
+    ).lidar.measurement
+    assert single == dataclasses.replace(ls.Lidar.preset("hesai-xt32", noise="measured").measurement, beam=None)
+
+
+def test_a_sensor_of_ones_own_may_be_measured() -> None:
+    pattern = "pattern: {type: mid360}\nmeasurement: {dropout: 0.1}\n"
+    Path("mine.yaml").write_text(f"{pattern}measured: {{measurement: {{range_sigma_m: 0.01}}, max_range_m: 9}}\n")
+    lidar = ls.Lidar.from_file("mine.yaml", noise="measured")
+    assert (lidar.measurement, lidar.max_range) == (ls.Measurement(range_sigma=0.01, dropout=0.1), 9)
+    assert ls.Lidar.from_file("mine.yaml").measurement == ls.Measurement(dropout=0.1)
+    with pytest.raises(ValueError, match=r"^noise: the sensor has no datasheet_noise, got 'datasheet'$"):
+        ls.Lidar.from_file("mine.yaml", noise="datasheet")
+    Path("mine.yaml").write_text(f"{pattern}measured:\n  measurement:\n    range_sigma: 0.01\n")
+    with pytest.raises(ConfigError) as caught:
+        ls.Lidar.from_file("mine.yaml")
+    assert str(caught.value).startswith("mine.yaml:5: measured.measurement.range_sigma: unknown key; did you mean")
 
 
 def test_sensors_of_sensors() -> None:
@@ -605,6 +635,8 @@ def test_a_vendors_file_and_the_difference() -> None:
     assert (lidar.name, lidar.max_range, lidar.min_range) == ("mine", 9, expected.min_range)
     assert np.array_equal(lidar.pattern.pulses().directions, expected.pattern.pulses().directions)
     assert lidar.measurement == ls.Lidar.from_file(OUSTER, noise="datasheet").measurement != ls.Measurement()
+    real = load(f"sensor: {{file: {OUSTER}, noise: measured}}\nscene: []").lidar
+    assert real.measurement == ls.Lidar.preset("ouster-os1-128", noise="measured").measurement != lidar.measurement
     quiet = load(f"sensor: {{file: {OUSTER}, noise: datasheet, measurement: {{range_sigma_m: 0.5}}}}\nscene: []")
     assert quiet.lidar.measurement == dataclasses.replace(lidar.measurement, range_sigma=0.5)
 
@@ -629,11 +661,12 @@ def test_a_vendors_file_that_leaves_nothing_of_that_kind_open() -> None:
 
 
 SENSOR_KEYS = (
-    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, description, datasheet_noise, modes, "
-    "datasheet, sources"
+    "name, measurement, min_range_m, max_range_m, range_offset_m, pattern, model, description, datasheet_noise, "
+    "measured, modes, datasheet, sources"
 )
 SHAPE_NAMES = ", ".join(map(repr, schema.SHAPES))
 PATTERN_NAMES = ", ".join(map(repr, schema.PATTERNS))
+MEASURED = ", ".join(name for name in ls.Lidar.presets() if "\nmeasured:" in preset_path(name).read_text("utf-8"))
 VLP = "did you mean velodyne-vlp16 or velodyne-vls128 or velodyne-vlp32c?"
 
 
@@ -724,9 +757,12 @@ def test_bad_value(old: str, new: str, message: str) -> None:
          "run.yaml:1: sensor.mode: expected none, since the sensor has no modes, got '512x10'"),
         ("{preset: ouster-os1-64, mode: 1x1}",
          "run.yaml:1: sensor.mode: expected one of 512x10, 512x20, 1024x10, 1024x20, 2048x10, got '1x1'"),
-        ("{preset: velodyne-vlp16, noise: loud}", "run.yaml:1: sensor.noise: expected none or datasheet, got 'loud'"),
+        ("{preset: velodyne-vlp16, noise: loud}",
+         "run.yaml:1: sensor.noise: expected none, datasheet or measured, got 'loud'"),
         ("{pattern: {type: mid360}, noise: datasheet}",
          "run.yaml:1: sensor.noise: expected none, since the sensor has no datasheet_noise, got 'datasheet'"),
+        ("{pattern: {type: mid360}, noise: measured}",
+         f"run.yaml:1: sensor.noise: expected none, got 'measured'; the presets with measured noise are {MEASURED}"),
         ("{file: gone.yaml}", "run.yaml:1: sensor.file: cannot read gone.yaml: No such file or directory"),
         ("{file: self.yaml}", "self.yaml:1: file: expected another file, got one that includes this one"),
         ("{pattern: {type: risley, prisms: [{phase_deg: 1}], refractive_index: 1.5, pulse_rate_khz: 1, rate_hz: 1}}",
@@ -828,5 +864,5 @@ def test_a_document_that_is_no_mapping() -> None:
 def test_reading_a_sensor_says_what_is_wrong_with_its_options() -> None:
     with pytest.raises(ValueError, match=r"^mode: expected none, since the sensor has no modes, got 'fast'$"):
         ls.Lidar.preset("velodyne-vlp16", mode="fast")
-    with pytest.raises(ValueError, match=r"^noise: expected none or datasheet, got 'loud'$"):
+    with pytest.raises(ValueError, match=r"^noise: expected none, datasheet or measured, got 'loud'$"):
         ls.Lidar.preset("velodyne-vlp16", noise="loud")

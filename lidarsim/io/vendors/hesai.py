@@ -121,7 +121,7 @@ def read(
         96 of its channels fire in each column. Default: the preset's firing times.
     rate : float, optional
         Turns, and thus frames, per second, Hz. Default: the preset's.
-    noise : {"datasheet"}, optional
+    noise : {"datasheet", "measured"}, optional
         As in `Lidar.preset`.
 
     Returns
@@ -181,7 +181,7 @@ def read_mirror(
         The firetime correction CSV of the sensor. Default: the preset's firing times.
     rate : float, optional
         Frames per second, Hz. Default: the preset's.
-    noise : {"datasheet"}, optional
+    noise : {"datasheet", "measured"}, optional
         As in `Lidar.preset`.
 
     Returns

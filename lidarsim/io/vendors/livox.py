@@ -63,7 +63,7 @@ def read(path: Path, *, rate: float = 10.0, pulse_rate: float | None = None, noi
     pulse_rate : float, optional
         Rows per second, Hz, for an unsupported model, which is assumed to have one beam. Default: that of the model
         with the file's field of view: Mid-40, Mid-70 or Mid-360.
-    noise : {"datasheet"}, optional
+    noise : {"datasheet", "measured"}, optional
         As in `Lidar.preset`.
 
     Returns

@@ -42,6 +42,9 @@ PRESETS = {"OS-0": "ouster-os0-128", "OS-1": "ouster-os1-128", "OS-2": "ouster-o
 BEAM_ORIGIN_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}
 """Distance from the axis to the beam origins, for old files that lack it (ouster-sdk, ouster_client/src/types.cpp)."""
 
+LOW_DATA_RATE_STEP = 0.008
+"""Step of the ranges, m, in the profiles of low data rate, whose ranges have 15 bits (ouster-sdk, lidar_frame.rst)."""
+
 LIDAR_TO_SENSOR = [-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1]
 
 
@@ -62,14 +65,15 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
     mode : str, optional
         Columns per turn and turns per second, such as "1024x20", with the full turn as field of view. Default: the
         mode and column window of the file.
-    noise : {"datasheet"}, optional
+    noise : {"datasheet", "measured"}, optional
         As in `Lidar.preset`.
 
     Returns
     -------
     Lidar
-        The sensor, with the limits of the OS0, OS1 or OS2 preset. Its range is measured from the beam origin, and its
-        range offset is n.
+        The sensor, with the limits and noise of the OS0, OS1 or OS2 preset. Its range is measured from the beam origin,
+        and its range offset is n. With noise, ranges have steps of 8 mm if ``udp_profile_lidar`` is a profile of low
+        data rate.
 
     Raises
     ------
@@ -89,10 +93,16 @@ def read(path: Path, *, mode: str | None = None, noise: str | None = None) -> Li
             raise ArgumentValueError("prod_line", f"a product that starts with {known}", shown(product))
         origin = _beam_origin(keys, product)
         pattern = _pattern(keys, origin, mode)
+        low_data_rate = "RNG15" in str(_data_format(keys).get("udp_profile_lidar", keys.get("udp_profile_lidar")))
     preset = Lidar.preset(PRESETS[product[:4]], noise=noise)
+    measurement = preset.measurement
+    if low_data_rate and measurement.range_resolution:
+        measurement = dataclasses.replace(measurement, range_resolution=LOW_DATA_RATE_STEP)
     offset = math.hypot(*origin) / 1e3
     name = f"ouster-{product.lower()}"
-    return dataclasses.replace(preset, pattern=pattern, range_offset=offset, name=name, model=name)
+    return dataclasses.replace(
+        preset, pattern=pattern, measurement=measurement, range_offset=offset, name=name, model=name
+    )
 
 
 def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning:
@@ -102,7 +112,7 @@ def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning
     altitudes = array("beam_altitude_angles", keys["beam_altitude_angles"], ("channels",))
     azimuths = array("beam_azimuth_angles", keys["beam_azimuth_angles"], (len(altitudes),))
     columns, rate = _mode(mode, keys.get("lidar_mode"))
-    data_format = _mapping(keys, "lidar_data_format") or _mapping(keys, "data_format")
+    data_format = _data_format(keys)
     for key, expected in (("pixels_per_column", len(altitudes)), ("columns_per_frame", columns)):
         if data_format.get(key, expected) != expected and not (mode and key == "columns_per_frame"):
             raise ArgumentValueError(key, str(expected), shown(data_format[key]))
@@ -128,6 +138,10 @@ def _pattern(keys: dict[str, Any], origin: Floats, mode: str | None) -> Spinning
         field_of_view=2.0 * math.pi * (count / columns),
         start_azimuth=math.atan2(to_sensor[1, 0], to_sensor[0, 0]) - 2.0 * math.pi * (first / columns),
     )
+
+
+def _data_format(keys: dict[str, Any]) -> dict[str, Any]:
+    return _mapping(keys, "lidar_data_format") or _mapping(keys, "data_format")
 
 
 def _mode(asked: str | None, given: object) -> tuple[int, float]:

@@ -61,7 +61,7 @@ def read(path: Path, *, rate: float | None = None, noise: str | None = None) -> 
         The file.
     rate : float, optional
         Turns, and thus frames, per second, Hz. Default: the preset's.
-    noise : {"datasheet"}, optional
+    noise : {"datasheet", "measured"}, optional
         As in `Lidar.preset`.
 
     Returns

@@ -79,7 +79,7 @@ def read(path: Path, *, model: str | None = None, rate: float | None = None, noi
         lasers have azimuth offsets, else the HDL-32E; for 64 the HDL-64E S2.
     rate : float, optional
         Turns, and thus frames, per second, Hz. Default: the preset's.
-    noise : {"datasheet"}, optional
+    noise : {"datasheet", "measured"}, optional
         As in `Lidar.preset`.
 
     Returns

@@ -131,6 +131,26 @@ def test_limits_and_noise_are_those_of_the_family() -> None:
     assert lidar.name == "ouster-os-2-128"
 
 
+def test_measured_noise_is_that_of_the_family() -> None:
+    lidar = ls.Lidar.from_file(DATA / "OS-2-128-U1_v2.3.0_1024x10.json", noise="measured")
+    preset = ls.Lidar.preset("ouster-os2-128", noise="measured")
+    assert (lidar.min_range, lidar.measurement) == (preset.min_range, preset.measurement)
+
+
+@pytest.mark.parametrize(
+    ("profile", "step"),
+    [("RNG19_RFL8_SIG16_NIR16", 0.001), ("RNG15_RFL8_NIR8", 0.008), ("FUSA_RNG15_RFL8_NIR8_DUAL", 0.008)],
+)
+def test_ranges_of_a_low_data_rate_have_steps_of_8_mm(profile: str, step: float, tmp_path: Path) -> None:
+    document = json.loads((DATA / "OS-2-128-U1_v2.3.0_1024x10.json").read_text())
+    document["data_format"]["udp_profile_lidar"] = profile
+    path = tmp_path / "sensor.json"
+    path.write_text(json.dumps(document))
+    for noise in ("datasheet", "measured"):
+        assert ls.Lidar.from_file(path, noise=noise).measurement.range_resolution == step
+    assert ls.Lidar.from_file(path).measurement == ls.Measurement()
+
+
 def change(**changes: Any) -> Callable[[dict[str, Any]], None]:
     return lambda document: document.update(changes)
 
