@@ -1,4 +1,4 @@
-"""A real cloud beside a simulated one: how alike are they, in what the sensor does?
+"""Comparisons of real point clouds with simulated ones.
 
 Each measure is a statistic of the points of each side, with an interval by bootstrap over the frames, or, of few
 frames, over blocks of columns. A measure differs if in some of its cells (bins of range, rings, …) the difference is
@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from lidarsim._validation import shown
-from lidarsim.compare._comparison import UNKNOWN, Cell, Comparison, Measure, Side
+from lidarsim.compare._comparison import UNKNOWN, Cell, Comparison, Measure, Side, values
 from lidarsim.compare._frame import Frame
 from lidarsim.compare._measures import STATISTICS, Pair, Statistic
 from lidarsim.compare._sources import Given, Source, intensity_unit, source
@@ -27,7 +27,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.sensor import Lidar
 
-__all__ = ["Cell", "Comparison", "Measure", "Side", "compare", "compare_sources"]
+__all__ = ["Cell", "Comparison", "Measure", "Side", "compare", "compare_sources", "source", "values"]
 
 FEWEST = 50
 """Fewest samples of a cell that is compared."""
@@ -90,17 +90,14 @@ def compare_sources(real: Source, simulated: Source, sensor: str | Lidar | None)
     sides = _Side("real", real.name), _Side("simulated", simulated.name)
     overlaps: list[bool] = []
     last: Frame | None = None
-    both = zip_longest(scans.noted(real.frames), scans.noted(simulated.frames))
-    for given in both:
-        frames = [None if one is None else side.frame(one, lidar) for side, one in zip(sides, given, strict=True)]
-        if not scans.all:
-            frames = [None if frame is None else replace(frame, truth=None) for frame in frames]
-        for side, frame in zip(sides, frames, strict=True):
-            if frame is not None and len(frame):
-                side.add(frame)
-        if all(frame is not None and len(frame) for frame in frames):
-            overlaps.append(_add_pair(sides, *frames, last))  # type: ignore[arg-type]
-        last = frames[0]
+    for one, other in zip_longest(scans.noted(real.frames), scans.noted(simulated.frames)):
+        a, b = sides[0].frame(one, lidar), sides[1].frame(other, lidar)
+        for side, frame in zip(sides, (a, b), strict=True):
+            if frame is not None:
+                side.add(frame if scans.all else replace(frame, truth=None))
+        if a is not None and b is not None:
+            overlaps.append(_add_pair(sides, a, b, last))
+        last = a
     for side in sides:
         if not side.points:
             raise ValueError(f"{side.argument}: expected points, got none in {side.frames} frames of {side.name}")
@@ -131,12 +128,15 @@ class _Side:
         self.units = {name: Units() for name in STATISTICS}
         self._unit: float | None = None
 
-    def frame(self, given: PointCloud | Scan, sensor: Lidar | None) -> Frame:
-        """Return a cloud or a scan as a frame."""
+    def frame(self, given: PointCloud | Scan | None, sensor: Lidar | None) -> Frame | None:
+        """Return a cloud or a scan as a frame; None if there is none, or it has no points."""
+        if given is None:
+            return None
         self.frames += 1
         if self._unit is None and (isinstance(given, Scan) or len(given)):
             self._unit = intensity_unit(given)
-        return Frame.of(given, sensor, self._unit or 1.0)
+        frame = Frame.of(given, sensor, self._unit or 1.0)
+        return frame if len(frame) else None
 
     def add(self, frame: Frame) -> None:
         """Add the samples of a frame."""
@@ -176,7 +176,7 @@ def _add_pair(sides: tuple[_Side, _Side], real: Frame, simulated: Frame, last: F
         sides[1].take(name, statistic.samples, pair)
         if "frames" not in statistic.needs:
             sides[0].take(name, statistic.samples, Pair(real, real))
-        elif last is not None and len(last):
+        elif last is not None:
             sides[0].take(name, statistic.samples, Pair(real, last))
     return True
 
@@ -248,7 +248,9 @@ def _unlike(real: _Side, simulated: _Side, sensor: Lidar | None) -> str:
 def _compared(real: Estimate, simulated: Estimate) -> Any:
     """Return which cells have enough samples on both sides."""
     enough = (np.minimum(real.count, simulated.count) >= FEWEST) & np.isfinite(real.value + simulated.value)
-    return enough & (np.minimum(real.units, simulated.units) >= FEWEST_UNITS) & np.isfinite(real.error + simulated.error)
+    return (
+        enough & (np.minimum(real.units, simulated.units) >= FEWEST_UNITS) & np.isfinite(real.error + simulated.error)
+    )
 
 
 def _centred(one: Estimate, cells: Any) -> Estimate:
@@ -322,6 +324,7 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
         difference_interval=headline.difference_interval,
         n_real=headline.n_real,
         n_simulated=headline.n_simulated,
+        least=headline.least,
         verdict="differs" if number else "alike",
         why=why,
         where=headline.label,
@@ -332,5 +335,5 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
 
 def _refused(statistic: Statistic, why: str) -> Measure:
     nan = float("nan")
-    empty = partial(Measure, statistic.name, statistic.unit, nan, nan, UNKNOWN, UNKNOWN, nan, UNKNOWN, 0, 0)
+    empty = partial(Measure, statistic.name, statistic.unit, nan, nan, UNKNOWN, UNKNOWN, nan, UNKNOWN, 0, 0, nan)
     return empty("not measured", why, meaning=statistic.meaning)

@@ -77,6 +77,8 @@ class Measure(Immutable):
         Its 95 % interval.
     n_real, n_simulated : int
         Numbers of samples.
+    least : float
+        The least difference that would count there: both relevant and beyond chance.
     verdict : {"alike", "differs", "not measured"}
         "differs": in some cell the difference is relevant, and beyond chance in as many tests as the comparison makes.
     why : str
@@ -99,6 +101,7 @@ class Measure(Immutable):
     difference_interval: Interval
     n_real: int
     n_simulated: int
+    least: float
     verdict: Verdict
     why: str
     where: str = ""
@@ -107,7 +110,8 @@ class Measure(Immutable):
 
     def __repr__(self) -> str:
         """Return the name, the values and the verdict."""
-        return f"Measure({self.name}: {number(self.real)} and {number(self.simulated)} {self.unit}, {self.verdict})"
+        real, simulated = values(self)
+        return f"Measure({self.name}: {real} and {simulated} {self.unit}, {self.verdict})"
 
 
 @dataclass(frozen=True)
@@ -186,12 +190,8 @@ class Comparison(Immutable, Sequence[Measure]):
         rows = [("measure", "real", "simulated", "unit", "at", "verdict")]
         for measure in self.measures:
             if measure.verdict != "not measured":
-                values = (
-                    _with_interval(measure.real, measure.real_interval),
-                    _with_interval(measure.simulated, measure.simulated_interval),
-                )
                 where = "" if measure.where == "all" else measure.where
-                rows.append((measure.name, *values, measure.unit, where, measure.verdict))
+                rows.append((measure.name, *values(measure), measure.unit, where, measure.verdict))
         title = f"real {self.real}\nsimulated {self.simulated}"
         missing = [f"  not measured: {m.name}: {m.why}" for m in self.measures if m.verdict == "not measured"]
         notes = [f"  note: {note}" for note in self.notes]
@@ -248,11 +248,26 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def number(value: float) -> str:
-    """Return a number with four significant digits; "" if it is not known."""
-    return f"{value:.4g}" if math.isfinite(value) else ""
+def values(what: Measure | Cell) -> tuple[str, str]:
+    """Return the real and the simulated value with their intervals, as text."""
+    pairs = (what.real, what.real_interval), (what.simulated, what.simulated_interval)
+    real, simulated = (_with_interval(*pair, what.least) for pair in pairs)
+    return real, simulated
 
 
-def _with_interval(value: float, interval: Interval) -> str:
-    low, high = interval
-    return f"{number(value)} [{number(low)}, {number(high)}]" if math.isfinite(low) else number(value)
+def number(value: float, least: float = math.nan) -> str:
+    """Return a number as text: to a hundredth of the least difference that counts, with four significant digits else.
+
+    "" stands for a number that is not known.
+    """
+    if not math.isfinite(value):
+        return ""
+    if not (math.isfinite(least) and least > 0.0):
+        return f"{value:.4g}"
+    digits = 2 - math.floor(math.log10(least))
+    return f"{round(value, digits) + 0.0:.{max(digits, 0)}f}"
+
+
+def _with_interval(value: float, ends: Interval, least: float) -> str:
+    low, high = (number(end, least) for end in ends)
+    return f"{number(value, least)} [{low}, {high}]" if low else number(value, least)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +17,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan, Sensor
 
 Mask = npt.NDArray[np.bool_]
+Kind = TypeVar("Kind", bound=np.generic)
 
 TURN = 2.0 * math.pi
 MOST_RINGS = 1024
@@ -136,9 +138,7 @@ class Frame:
         image = None
         if ring is not None and column is not None and len(ring):
             fired = None if pulses is None else (pulses.ring.astype(np.intp), pulses.column.astype(np.intp))
-            image = Image.of(
-                fields, reach[known], azimuth, ring.astype(np.intp), column.astype(np.intp), fired, counted=exact
-            )
+            image = Image.of(fields, ring.astype(np.intp), column.astype(np.intp), fired, counted=exact)
             if image is None:
                 missing["column"] = "have too many columns for their points"
         return cls(
@@ -200,9 +200,7 @@ class Image:
     @classmethod
     def of(
         cls,
-        fields: dict[str, npt.NDArray[np.generic]],
-        reach: Floats,
-        azimuth: Floats,
+        fields: dict[str, npt.NDArray[Any]],
         ring: Indices,
         column: Indices,
         fired: tuple[Indices, Indices] | None,
@@ -210,6 +208,8 @@ class Image:
         counted: bool,
     ) -> Image | None:
         """Return the image of points by ring and column; None if the columns are too many for the points."""
+        xyz: Floats = fields["xyz"]
+        reach, azimuth = np.sqrt((xyz * xyz).sum(axis=1)), np.arctan2(xyz[:, 1], xyz[:, 0])
         rings, columns = ring, column
         if fired is not None:
             rings, columns = (np.concatenate(pair) for pair in ((ring, fired[0]), (column, fired[1])))
@@ -242,7 +242,6 @@ class Image:
         at = np.full(point.shape, np.nan)
         at[seen] = azimuth[point[seen]]
         step, phase = _fitted(at)
-        xyz = np.asarray(fields["xyz"], np.float64)
         rise = np.full(point.shape, np.nan)
         rise[seen] = xyz[point[seen], 2] / reach[point[seen]]
         height = np.arcsin(np.nan_to_num(_medians(rise)))
@@ -264,7 +263,7 @@ class Image:
         return cls(
             rings=names[move.order],
             point=move(point, -1),
-            fired=move(shot, False),  # noqa: FBT003
+            fired=move(shot, False),
             returns=move(returns, 0),
             reach=move(distance, np.nan),
             direction=move(direction, 0.0),
@@ -295,7 +294,7 @@ class _Moved:
     shift: Indices
     width: int
 
-    def __call__(self, array: npt.NDArray[np.generic], fill: float) -> npt.NDArray[np.generic]:
+    def __call__(self, array: npt.NDArray[Kind], fill: float) -> npt.NDArray[Kind]:
         moved = np.full((len(self.order), self.width, *array.shape[2:]), fill, array.dtype)
         for row, old in enumerate(self.order):
             start = self.shift[old]
@@ -342,13 +341,13 @@ class Planes:
         down, across = -(-high // rows), -(-wide // columns)
         padding = ((0, down * rows - high), (0, across * columns - wide))
 
-        def tiles(array: npt.NDArray[np.generic], fill: float) -> npt.NDArray[np.generic]:
+        def tiles(array: npt.NDArray[Kind], fill: float) -> npt.NDArray[Kind]:
             more = ((0, 0),) * (array.ndim - 2)
             padded = np.pad(array, (*padding, *more), constant_values=fill)
             cut = padded.reshape(down, rows, across, columns, *array.shape[2:]).swapaxes(1, 2)
             return cut.reshape(down * across, rows * columns, *array.shape[2:])
 
-        def whole(array: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:
+        def whole(array: npt.NDArray[Kind]) -> npt.NDArray[Kind]:
             back = array.reshape(down, across, rows, columns, *array.shape[2:]).swapaxes(1, 2)
             return back.reshape(down * rows, across * columns, *array.shape[2:])[:high, :wide]
 
@@ -437,7 +436,7 @@ def _tile(image: Image) -> tuple[int, int]:
 
 
 def _first_returns(
-    fields: dict[str, npt.NDArray[np.generic]], row: Indices, column: Indices, shape: tuple[int, int]
+    fields: dict[str, npt.NDArray[Any]], row: Indices, column: Indices, shape: tuple[int, int]
 ) -> Indices:
     """Return the index of the first return of each pixel; -1 where there is none."""
     number = fields.get("return_number")
@@ -502,14 +501,15 @@ def _truth(scan: Scan) -> Truth:
     )
 
 
-def _blocks(values: npt.NDArray[np.generic]) -> Indices:
+def _blocks(values: npt.NDArray[Any]) -> Indices:
     """Return the block of each value among blocks of equal width."""
     if not values.size:
         return np.zeros(0, np.intp)
     numbers = values.astype(np.float64)
     low, high = numbers.min(), numbers.max()
     place = (numbers - low) * (BLOCKS / (high - low) if high > low else 0.0)
-    return np.minimum(place.astype(np.intp), BLOCKS - 1)
+    blocks: Indices = np.minimum(place.astype(np.intp), BLOCKS - 1)
+    return blocks
 
 
 def _wrapped(angle: Floats) -> Floats:

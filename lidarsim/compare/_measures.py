@@ -6,6 +6,7 @@ needs to have, and which difference is too small to matter.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ from lidarsim.compare._statistics import (
 Need = Literal["ring", "column", "intensity", "counted", "scene", "frames"]
 """What a measure needs: fields, columns that are those of the cloud, one scene on both sides, two real frames of it."""
 
-RANGES = np.array([0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 35.0, 60.0, 100.0, 200.0, math.inf])
+RANGES = np.array([0.0, 0.7, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0, 35.0, 60.0, 100.0, 200.0, math.inf])
 """Edges of the bins of range, m."""
 COSINES = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0])
 """Edges of the bins of the cosine of the angle of incidence."""
@@ -106,8 +107,7 @@ class Pair:
         from scipy.spatial import KDTree
 
         a, b = self.frame.xyz[self.own], self.reference.xyz[self.other]
-        found = (*KDTree(b).query(a), *KDTree(a).query(b))
-        return found
+        return (*KDTree(b).query(a), *KDTree(a).query(b))
 
     @cached_property
     def overlap(self) -> bool:
@@ -182,7 +182,7 @@ def _bins(what: str, edges: Floats, unit: str) -> Cells:
             return f"over {low_text}{unit}"
         return f"{low_text} to {high_text}{unit}" if math.isfinite(low) else f"up to {high_text}{unit}"
 
-    return Cells(what, tuple(label(*ends) for ends in zip(edges[:-1], edges[1:], strict=True)))
+    return Cells(what, tuple(label(*ends) for ends in itertools.pairwise(edges)))
 
 
 def _place(values: npt.NDArray[np.floating], edges: Floats) -> Indices:
@@ -249,8 +249,10 @@ def _returned(frame: Frame) -> tuple[Floats, Floats, Floats, Indices]:
 
 @measure("return rate by range", "share", Rate(), BY_RANGE, "column", least=0.02)
 def return_rate_by_range(frame: Frame) -> Samples:
-    """Share of the pulses at a plane that return, by range. A pulse counts if its ring has points of the plane before
-    and behind it. If both sides are scans, all pulses that met a surface count.
+    """Share of the pulses at a plane that return, by range.
+
+    A pulse counts if its ring has points of the plane before and behind it. If both sides are scans, all pulses that
+    met a surface count.
     """
     reach, _, returned, block = _returned(frame)
     return Samples(_place(reach, RANGES), block, returned)
@@ -268,9 +270,10 @@ SIGMA = Histogram(_logarithmic(1e-5, 1.0), robust_sigma())
 
 @measure("range noise", "m", SIGMA, BY_RANGE_AND_INTENSITY, "column", least=2e-4, relative=0.1)
 def range_noise(frame: Frame) -> Samples:
-    """Standard deviation of the range within a ring, on planes. Along a ring 1/range is a sinusoid of azimuth on a
-    plane, whose third difference over neighbouring columns is near zero. That of independent noise has a variance of
-    20 σ². It includes the quantisation of the range.
+    """Noise of the range within a ring: its standard deviation on planes, the quantisation of the range included.
+
+    On a plane 1/range is a sinusoid of azimuth along a ring, whose third difference over neighbouring columns is near
+    zero. The third difference of independent noise has a variance of 20 σ².
     """
     image = _image(frame)
     # A sinusoid of amplitude A has third differences up to A (2 sin(δ/2))³ at a step δ: of 1/range A is 1/(r cosθ) at
@@ -285,7 +288,9 @@ def range_noise(frame: Frame) -> Samples:
     if frame.intensity is None:
         cell = np.where(cell >= 0, cell * bright + bright - 1, -1)
     else:
-        cell = np.where(cell >= 0, cell * bright + _place(_intensity(frame)[image.point[:, 1:-2][whole]], INTENSITIES), -1)
+        cell = np.where(
+            cell >= 0, cell * bright + _place(_intensity(frame)[image.point[:, 1:-2][whole]], INTENSITIES), -1
+        )
     return Samples(cell, image.block[:, 1:-2][whole], np.abs(third[whole]) * reach**2 / math.sqrt(20.0))
 
 
@@ -307,7 +312,12 @@ def dual_returns(frame: Frame) -> Samples:
 
 
 @measure(
-    "separation of dual returns", "m", Histogram(np.linspace(0.0, 20.0, 1001), quantile(0.01)), ONE, "column", least=0.05
+    "separation of dual returns",
+    "m",
+    Histogram(np.linspace(0.0, 20.0, 1001), quantile(0.01)),
+    ONE,
+    "column",
+    least=0.05,
 )
 def separation(frame: Frame) -> Samples:
     """Least distance between the returns of a pulse: their 1st percentile."""
@@ -317,7 +327,10 @@ def separation(frame: Frame) -> Samples:
 
 @dataclass(frozen=True)
 class _Edges:
-    """Pixels between two smooth sides at unlike ranges, along a ring: a, a, pixel, b, b."""
+    """Pixels between two smooth sides at unlike ranges, along a ring: a, a, pixel, b, b.
+
+    The jump is that between the lines through either side at the pixel, which on a slanted surface is none.
+    """
 
     cell: Indices
     block: Indices
@@ -332,7 +345,7 @@ class _Edges:
         r = image.reach
         before, a, m, b, behind = (r[:, i : r.shape[1] - 4 + i] for i in range(5))
         middle = np.s_[:, 2:-2]
-        jump = np.abs(b - a)
+        jump = np.abs((2.0 * b - behind) - (2.0 * a - before))
         with np.errstate(invalid="ignore"):
             smooth = (np.abs(a - before) < 0.25 * jump) & (np.abs(behind - b) < 0.25 * jump) & (jump >= JUMPS[0])
             lost = image.lost[middle]
@@ -344,8 +357,14 @@ class _Edges:
         told = smooth & (lost | dual | mixed | clean)
         # A clean edge is met twice: with its last pixel before the jump in the middle, and with the first behind it.
         weight = np.where(clean[told], 0.5, 1.0)
-        kinds = (kind[told].astype(np.float64) for kind in (mixed, lost, dual))
-        return cls(_place(jump[told], JUMPS), image.block[middle][told], *kinds, weight)
+        return cls(
+            cell=_place(jump[told], JUMPS),
+            block=image.block[middle][told],
+            mixed=mixed[told].astype(np.float64),
+            lost=lost[told].astype(np.float64),
+            dual=dual[told].astype(np.float64),
+            weight=weight,
+        )
 
 
 @measure("mixed points at edges", "share", Rate(), BY_JUMP, "column", least=0.05)
@@ -428,9 +447,7 @@ OFFSET = Histogram(np.linspace(-0.5, 0.5, 1001), trimmed(0.2, 0.8))
 
 @measure("range offset in one scene", "m", OFFSET, BY_RANGE, "scene", "column", least=5e-3)
 def range_offset(pair: Pair) -> Samples:
-    """Mean of the middle three fifths of the distances, along the beam, of points from the planes that the real frame
-    has near them.
-    """
+    """Distance of the points, along the beam, from the planes of the real frame: mean of the middle three fifths."""
     from scipy.spatial import KDTree
 
     frame, image = pair.frame, _image(pair.reference)
@@ -450,6 +467,7 @@ def range_offset(pair: Pair) -> Samples:
 @measure("density-aware Chamfer distance", "1", Mean(), ONE, "scene", "frames", least=0.02)
 def chamfer(pair: Pair) -> Samples:
     """Distance of the points of a frame from those of the real frame, 0 to 1; of the real frames, from the one before.
+
     With ŷ the nearest neighbour of x and n the number of points that have the neighbour ŷ, it is the mean of
     1 − exp(−α |x − ŷ|)/n, averaged over both directions (T. Wu et al., Density-aware Chamfer distance as a
     comprehensive metric for point cloud completion, NeurIPS 2021); α is 10/m.

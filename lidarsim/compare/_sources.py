@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sized
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,7 +73,7 @@ def source(argument: str, given: Given) -> Source:
         frames = iter(given)
     except TypeError:
         raise TypeError(f"{argument}: expected {FORMS}, got {shown(given)}") from None
-    count = len(given) if hasattr(given, "__len__") else None
+    count = len(given) if isinstance(given, Sized) else None
     return Source("frames", _each(argument, frames), count)
 
 

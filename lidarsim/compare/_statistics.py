@@ -74,12 +74,14 @@ def _summed(samples: Samples, cells: int, columns: list[Floats]) -> Floats:
     chosen = samples.cell >= 0
     place = samples.block[chosen] * cells + samples.cell[chosen]
     parts = [np.bincount(place, column[chosen], BLOCKS * cells) for column in columns]
-    return np.stack(parts, axis=-1).reshape(BLOCKS, cells, len(columns))
+    sums: Floats = np.stack(parts, axis=-1).reshape(BLOCKS, cells, len(columns)).astype(np.float64, copy=False)
+    return sums
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:
     """Return a quotient, nan where there is nothing to divide by."""
-    return np.divide(above, below, out=np.full(np.broadcast(above, below).shape, np.nan), where=below > 0)
+    quotient: Floats = np.divide(above, below, out=np.full(np.broadcast(above, below).shape, np.nan), where=below > 0)
+    return quotient
 
 
 class Mean:
@@ -126,13 +128,15 @@ class Share:
 
     def count(self, sums: Floats) -> Floats:
         """Return the number of samples of all cells: a cell without any has a share of 0."""
-        return np.broadcast_to(sums[..., 0].sum(axis=-1, keepdims=True), sums.shape[:-1])
+        total: Floats = sums[..., 0].sum(axis=-1, keepdims=True)
+        return np.broadcast_to(total, sums.shape[:-1])
 
     def error(self, sums: Floats) -> Floats:
         """Return the binomial standard error."""
         total = sums[..., 0].sum()
         share = (sums[..., 0] + 0.5) / (total + 1.0)
-        return np.sqrt(share * (1.0 - share) / (total + 1.0))
+        error: Floats = np.sqrt(share * (1.0 - share) / (total + 1.0))
+        return error
 
 
 class Slope:
