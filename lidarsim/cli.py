@@ -31,7 +31,7 @@ from lidarsim._files import check_folder, check_suffix
 from lidarsim._shown import counted, plain
 from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
 from lidarsim._validation import shown
-from lidarsim.compare import compare_sources, source, values
+from lidarsim.compare import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
@@ -360,15 +360,10 @@ def compare(
     measured = [measure for measure in comparison if measure.verdict != "not measured"]
     print_line(f"real {comparison.real}")
     print_line(f"simulated {comparison.simulated}")
-    rows = [(measure.name, *values(measure), measure.unit, measure.where, measure.verdict) for measure in measured]
-    table(
-        ("measure", "real", "simulated", "unit", "where", "verdict"),
-        rows,
-        left=("measure", "real", "simulated", "unit", "where", "verdict"),
-    )
-    for measure in comparison:
-        if measure.verdict == "not measured":
-            print_line(f"not measured: {measure.name}: {measure.why}")
+    columns = ("measure", "real", "simulated", "unit", "where", "verdict")
+    table(columns, [(m.name, *values(m), m.unit, m.where, m.verdict) for m in measured], left=columns)
+    for why, names in reasons(comparison).items():
+        paragraph(f"not measured, since {why}: {', '.join(names)}")
     for note in comparison.notes:
         print_line(f"note: {note}")
     print_line(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ")

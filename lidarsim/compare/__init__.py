@@ -17,8 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from lidarsim._shown import counted
 from lidarsim._validation import shown
-from lidarsim.compare._comparison import UNKNOWN, Cell, Comparison, Measure, Side, values
+from lidarsim.compare._comparison import UNKNOWN, Cell, Comparison, Measure, Side, reasons, values
 from lidarsim.compare._frame import Frame
 from lidarsim.compare._measures import STATISTICS, Pair, Statistic
 from lidarsim.compare._sources import Given, Source, intensity_unit, source
@@ -27,7 +28,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.sensor import Lidar
 
-__all__ = ["Cell", "Comparison", "Measure", "Side", "compare", "compare_sources", "source", "values"]
+__all__ = ["Cell", "Comparison", "Measure", "Side", "compare", "compare_sources", "reasons", "source", "values"]
 
 FEWEST = 50
 """Fewest samples of a cell that is compared."""
@@ -100,7 +101,7 @@ def compare_sources(real: Source, simulated: Source, sensor: str | Lidar | None)
         last = a
     for side in sides:
         if not side.points:
-            raise ValueError(f"{side.argument}: expected points, got none in {side.frames} frames of {side.name}")
+            raise ValueError(f"{side.argument}: expected points, got none in {counted(side.frames, 'frame')}")
     return _judged(*sides, lidar, overlap=any(overlaps))
 
 
@@ -275,7 +276,8 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
     chance = critical(tests, np.minimum(real.units, simulated.units)) * error
     relevant = np.maximum(statistic.least, statistic.relative * np.abs(real.value))
     least = np.where(compared, np.maximum(chance, relevant), np.nan)
-    differs = np.abs(difference) > least
+    size = difference if statistic.upwards else np.abs(difference)
+    differs = size > least
     drawn = simulated.resampled - real.resampled
     told = np.flatnonzero((real.count > 0) | (simulated.count > 0))
     if statistic.name.startswith("points by"):  # every cell has a share, which may be 0
@@ -300,7 +302,7 @@ def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: 
         why = f"no part of it has {FEWEST} samples in {FEWEST_UNITS} blocks on both sides"
         return replace(_refused(statistic, why), cells=tuple(cells.values()))
     with np.errstate(divide="ignore", invalid="ignore"):
-        excess = np.where(compared, np.abs(difference) / least, -1.0)
+        excess = np.where(compared, size / least, -np.inf)
     excess[np.isnan(excess)] = 0.0  # no difference where none would be too small
     worst = int(np.argmax(excess))
     number = int(differs.sum())

@@ -193,7 +193,7 @@ class Comparison(Immutable, Sequence[Measure]):
                 where = "" if measure.where == "all" else measure.where
                 rows.append((measure.name, *values(measure), measure.unit, where, measure.verdict))
         title = f"real {self.real}\nsimulated {self.simulated}"
-        missing = [f"  not measured: {m.name}: {m.why}" for m in self.measures if m.verdict == "not measured"]
+        missing = [f"  not measured, since {why}: {', '.join(names)}" for why, names in reasons(self).items()]
         notes = [f"  note: {note}" for note in self.notes]
         return "\n".join([text_table(title, rows), *missing, *notes])
 
@@ -246,6 +246,15 @@ def _plain(value: Any) -> Any:
     if isinstance(value, tuple):
         return [_plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def reasons(comparison: Comparison) -> dict[str, list[str]]:
+    """Return the names of the measures that could not be taken, by why."""
+    found: dict[str, list[str]] = {}
+    for measure in comparison:
+        if measure.verdict == "not measured":
+            found.setdefault(measure.why, []).append(measure.name)
+    return found
 
 
 def values(what: Measure | Cell) -> tuple[str, str]:

@@ -131,9 +131,11 @@ class Frame:
         exact = column is not None
         if ring is not None and column is None:
             column = None if sensor is None else _columns(sensor, ring, xyz)
-        if column is None:
-            more = "; `sensor` would tell them" if sensor is None and ring is not None else ""
-            missing["column"] = missing.get("ring", f"have no columns{more}")
+        if ring is None:
+            missing["column"] = missing["ring"]
+        elif column is None:
+            more = " that follow from their azimuths and the sensor" if sensor else "; the argument sensor tells them"
+            missing["column"] = f"have no columns{more}"
         pulses = given.pulses if isinstance(given, Scan) else None
         image = None
         if ring is not None and column is not None and len(ring):
@@ -432,7 +434,7 @@ def _tile(image: Image) -> tuple[int, int]:
     gap = float(np.median(np.diff(rise))) if len(rise) > 1 else math.inf
     rows = int(np.clip(np.radians(8.0) / max(gap, np.radians(0.1)), 4, 16))
     columns = int(np.clip(np.radians(10.0) / max(abs(image.step), np.radians(0.1)), 16, 64))
-    return min(rows, len(rise)), columns
+    return -(-len(rise) // max(len(rise) // rows, 1)), columns  # tiles of about equal height
 
 
 def _first_returns(
@@ -457,10 +459,10 @@ def _fitted(at: Floats) -> tuple[float, Floats]:
 
 
 def _columns(sensor: Sensor, ring: npt.NDArray[np.integer], xyz: Floats) -> Indices | None:
-    """Return the columns of a repeating pattern to which points belong by their azimuths; None if there are none."""
+    """Return the columns to which points belong by their azimuths; None if the rings do not turn one way."""
     pulses = pulses_of(sensor.pattern, 0)
     column = np.zeros(len(ring), np.intp)
-    if len(ring) and (ring.max() > pulses.ring.max() or not np.array_equal(pulses.column, _second(sensor))):
+    if len(ring) and ring.max() > pulses.ring.max():
         return None
     for name in np.unique(ring):
         own, mine = np.flatnonzero(pulses.ring == name), np.flatnonzero(ring == name)
@@ -472,23 +474,21 @@ def _columns(sensor: Sensor, ring: npt.NDArray[np.integer], xyz: Floats) -> Indi
         number = pulses.column[own].astype(np.float64)
         if turn[-1] < turn[0]:
             turn, number, own = turn[::-1], number[::-1], own[::-1]
+        if (np.diff(turn) <= 0.0).any():
+            return None
         origin = np.zeros((len(mine), 3))
         for _ in range(2):  # the beam's origin shifts what is near; that of the column found first is near enough
             p = xyz[mine] - origin
             azimuth = np.arctan2(p[:, 1], p[:, 0])
-            azimuth += TURN * np.ceil((turn[0] - 0.5 * (turn[1] - turn[0]) - azimuth) / TURN)
+            lowest = 0.5 * (turn[0] + turn[-1] - TURN)  # the middle of what lies between the last and the first
+            azimuth += TURN * np.ceil((lowest - azimuth) / TURN)
             place = np.interp(azimuth, turn, number)
             nearest = np.clip(np.searchsorted(turn, azimuth), 0, len(own) - 1)
             origin = pulses.origins[own[nearest]]
-        # The encoder of a real head starts anywhere within a column.
+        # The head of a real sensor, and that of each frame if a turn is no whole number of columns, starts anywhere.
         phase = _circular_mean(TURN * place) / TURN
         column[mine] = np.maximum(np.rint(place - phase), 0.0)
     return column
-
-
-def _second(sensor: Sensor) -> npt.NDArray[np.uint32]:
-    """Return the columns of the second frame, which are those of the first if the pattern repeats."""
-    return pulses_of(sensor.pattern, 1).column
 
 
 def _truth(scan: Scan) -> Truth:

@@ -135,6 +135,8 @@ class Statistic:
         A difference is relevant if it exceeds `least`, in `unit`, and `relative` times the real value.
     centred : bool
         Whether only differences between cells count: of both sides the mean of the cells is subtracted.
+    upwards : bool
+        Whether only a simulated value above the real one counts.
     """
 
     name: str
@@ -147,6 +149,7 @@ class Statistic:
     least: float
     relative: float
     centred: bool
+    upwards: bool
 
 
 STATISTICS: dict[str, Statistic] = {}
@@ -162,13 +165,14 @@ def measure(
     least: float = 0.0,
     relative: float = 0.0,
     centred: bool = False,
+    upwards: bool = False,
 ) -> Callable[[Callable[..., Samples]], Callable[..., Samples]]:
     """Register a function as a measure; the parameters are those of `Statistic`, its docstring says what it means."""
 
     def register(function: Callable[..., Samples]) -> Callable[..., Samples]:
         meaning = " ".join((function.__doc__ or "").split())
         STATISTICS[name] = Statistic(
-            name, unit, meaning, function, summary, cells, needs, least, relative, centred=centred
+            name, unit, meaning, function, summary, cells, needs, least, relative, centred=centred, upwards=upwards
         )
         return function
 
@@ -464,7 +468,7 @@ def range_offset(pair: Pair) -> Samples:
     return Samples(_place(frame.reach[chosen][fits], RANGES), frame.block[chosen][fits], offset[fits])
 
 
-@measure("density-aware Chamfer distance", "1", Mean(), ONE, "scene", "frames", least=0.02)
+@measure("density-aware Chamfer distance", "1", Mean(), ONE, "scene", "frames", least=0.02, upwards=True)
 def chamfer(pair: Pair) -> Samples:
     """Distance of the points of a frame from those of the real frame, 0 to 1; of the real frames, from the one before.
 

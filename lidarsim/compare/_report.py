@@ -6,11 +6,12 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from lidarsim.compare._comparison import Cell, Comparison, Measure, number, values
+from lidarsim.compare._comparison import Cell, Comparison, Measure, number, reasons, values
 
-WIDTH, HEIGHT = 760, 260
-LEFT, RIGHT, TOP, BOTTOM = 76, 12, 12, 72
-"""Margins of a plot."""
+WIDTH, DOWN = 760, 180
+"""Width of a plot, and height of its axis."""
+LEFT, RIGHT, TOP = 100, 12, 12
+"""Margins."""
 MOST_LABELS = 16
 
 STYLE = """
@@ -58,7 +59,6 @@ def page(comparison: Comparison) -> str:
 def summary(comparison: Comparison) -> str:
     """Return the tables of a comparison: what was compared, the measures, and what could not be measured."""
     measured = [measure for measure in comparison if measure.verdict != "not measured"]
-    missing = [measure for measure in comparison if measure.verdict == "not measured"]
     rows = [
         (
             f'<a href="#measure-{i}">{escape(measure.name)}</a>',
@@ -76,7 +76,8 @@ def summary(comparison: Comparison) -> str:
     )
     notes = "".join(f"<p>{escape(note)}.</p>" for note in comparison.notes)
     table = f'<div class="wide">{_table(heads, rows)}</div>' if rows else ""
-    absent = _table(("not measured", "why"), [(escape(m.name), escape(m.why)) for m in missing]) if missing else ""
+    missing = [(escape(", ".join(names)), escape(why)) for why, names in reasons(comparison).items()]
+    absent = _table(("not measured", "why"), missing) if missing else ""
     return f"{told}{notes}{table}{absent}"
 
 
@@ -126,13 +127,14 @@ def plot(measure: Measure) -> str:
         return ""
     ticks = _ticks(min(ends), max(ends))
     low, high = ticks[0], ticks[-1]
-    across, down = WIDTH - LEFT - RIGHT, HEIGHT - TOP - BOTTOM
+    across = WIDTH - LEFT - RIGHT
+    height = TOP + DOWN + 24 + 4 * max(len(_brief(cell.label)) for cell in cells)  # labels are turned
 
     def x_of(i: int, side: float) -> float:
         return LEFT + across * (i + 0.5 + side) / len(cells)
 
     def y_of(value: float) -> float:
-        return TOP + down * (high - value) / (high - low)
+        return TOP + DOWN * (high - value) / (high - low)
 
     parts = [
         f'<line x1="{LEFT}" x2="{WIDTH - RIGHT}" y1="{y_of(tick):.1f}" y2="{y_of(tick):.1f}" stroke="var(--line)"/>'
@@ -142,15 +144,15 @@ def plot(measure: Measure) -> str:
     every = -(-len(cells) // MOST_LABELS)
     for i, cell in enumerate(cells):
         if i % every == 0 and cell.label != "all":
-            x, y = x_of(i, 0.0), HEIGHT - BOTTOM + 14
+            x, y = x_of(i, 0.0), TOP + DOWN + 14
             parts.append(
-                f'<text x="{x:.1f}" y="{y}" text-anchor="end" transform="rotate(-30 {x:.1f} {y})">'
+                f'<text x="{x:.1f}" y="{y}" text-anchor="end" transform="rotate(-40 {x:.1f} {y})">'
                 f"{escape(_brief(cell.label))}</text>"
             )
         if cell.differs:
             left, right = x_of(i, -0.5), x_of(i, 0.5)
             parts.append(
-                f'<rect x="{left:.1f}" y="{TOP}" width="{right - left:.1f}" height="{down}" fill="var(--differs)" '
+                f'<rect x="{left:.1f}" y="{TOP}" width="{right - left:.1f}" height="{DOWN}" fill="var(--differs)" '
                 'opacity="0.12"/>'
             )
         sides = (
@@ -166,7 +168,7 @@ def plot(measure: Measure) -> str:
             if not math.isfinite(value):
                 continue
             x = x_of(i, side)
-            if math.isfinite(bottom):
+            if math.isfinite(bottom) and math.isfinite(cell.least):
                 parts.append(
                     f'<line x1="{x:.1f}" x2="{x:.1f}" y1="{y_of(bottom):.1f}" y2="{y_of(top):.1f}" '
                     f'stroke="var(--{name})" stroke-width="1.5"/>'
@@ -176,12 +178,12 @@ def plot(measure: Measure) -> str:
                 f"<title>{escape(cell.label)}, {name}: {number(value, cell.least)}</title></circle>"
             )
     parts.append(
-        f'<text x="14" y="{TOP + down / 2}" text-anchor="middle" '
-        f'transform="rotate(-90 14 {TOP + down / 2})">{escape(measure.unit)}</text>'
+        f'<text x="14" y="{TOP + DOWN / 2}" text-anchor="middle" '
+        f'transform="rotate(-90 14 {TOP + DOWN / 2})">{escape(measure.unit)}</text>'
     )
     key = "".join(f'<span class="key" style="background: var(--{n})"></span>{n}' for n in ("real", "simulated"))
     label = f"{escape(measure.name)}, real and simulated"
-    return f'<p>{key}</p><svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
+    return f'<p>{key}</p><svg viewBox="0 0 {WIDTH} {height}" role="img" aria-label="{label}">{"".join(parts)}</svg>'
 
 
 def _brief(label: str) -> str:
