@@ -4,7 +4,7 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 """
 
 from lidarsim import config, datasets, errors, io, patterns, viewers  # noqa: F401 (viewers register what they offer)
-from lidarsim.compare import Comparison, compare
+from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (likewise)
 from lidarsim.materials import Material

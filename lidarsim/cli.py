@@ -31,7 +31,7 @@ from lidarsim._files import check_folder, check_suffix
 from lidarsim._shown import counted, plain
 from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
 from lidarsim._validation import shown
-from lidarsim.compare import compare_sources, reasons, source, values
+from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe

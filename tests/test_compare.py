@@ -17,11 +17,11 @@ from scipy import stats
 
 import lidarsim as ls
 from lidarsim.cli import main
-from lidarsim.compare import Cell, Measure
-from lidarsim.compare import _measures as measures
-from lidarsim.compare import _statistics as statistics
-from lidarsim.compare._frame import Frame
-from lidarsim.compare._report import page
+from lidarsim.comparison import Cell, Measure
+from lidarsim.comparison import _measures as measures
+from lidarsim.comparison import _statistics as statistics
+from lidarsim.comparison._frame import Frame
+from lidarsim.comparison._report import page
 
 SIGMA, STEP, LOST = 0.012, 0.004, 0.02
 """What the sensor of these tests does: noise and step of the range, m, and share of lost pulses."""
@@ -506,10 +506,10 @@ def test_strange_numbers_are_no_burden(real: list[ls.PointCloud]) -> None:
 
 def test_files_folders_bags_and_scans_are_taken(tmp_path: Path) -> None:
     lidar = ls.Lidar.preset("velodyne-vlp16", noise="datasheet")
-    scans = list(lidar.frames(scene(), None, 11))
+    scans = list(lidar.frames(scene(), None, 3))
     (tmp_path / "clouds" / "deep").mkdir(parents=True)
     for i, scan in enumerate(scans):
-        scan.point_cloud().save(tmp_path / "clouds" / ("deep" if i > 8 else "") / f"frame_{i}.npz")
+        scan.point_cloud().save(tmp_path / "clouds" / ("deep" if i else "") / f"frame_{i}.npz")
     (tmp_path / "clouds" / "poses.tum").write_text("", encoding="utf-8")
     with ls.io.rosbag.Writer(tmp_path / "drive.mcap") as bag:
         for scan in scans:
@@ -524,13 +524,13 @@ def test_files_folders_bags_and_scans_are_taken(tmp_path: Path) -> None:
     }
     for name, one in given.items():
         comparison = ls.compare(one, scans[0], sensor="velodyne-vlp16")
-        assert (comparison.real.frames, comparison.real.points) == (11, points), name
+        assert (comparison.real.frames, comparison.real.points) == (3, points), name
         assert comparison["range noise"].verdict == "alike", name
     assert ls.compare(tmp_path / "clouds" / "frame_0.npz", scans[0]).real.frames == 1
 
 
 def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
-    from lidarsim.compare import source
+    from lidarsim.comparison import source
 
     for i in (10, 9, 100):
         ls.PointCloud(xyz=[[i, 0, 0]]).save(tmp_path / f"f{i}.xyz")
@@ -732,3 +732,18 @@ def test_the_command_explains_a_mistake_in_a_line(
     assert message in printed.err
     assert printed.err.count("\n") == 1
     assert printed.out == ""
+
+
+# the page
+
+
+def test_the_page_names_each_measure_and_what_is_relevant() -> None:
+    text = (Path(ls.__file__).parent / "comparison" / "README.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line.split(" | ")[-1].rstrip(" |") for line in text.splitlines() if line[:3] == "| `"}
+    assert list(rows) == list(measures.STATISTICS)
+    for name, said in rows.items():
+        statistic = measures.STATISTICS[name]
+        scale = 1e3 if "mm" in said or "mrad" in said else 1.0
+        limits = {f"{scale * statistic.least:g}"} if statistic.least else set()
+        limits |= {f"{100 * statistic.relative:g}"} if statistic.relative else set()
+        assert {part.split()[0] for part in said.split(", ")} == (limits or {"any"}), name

@@ -17,8 +17,8 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats
-from lidarsim.compare._frame import ROUGH, Frame, Image, Mask
-from lidarsim.compare._statistics import (
+from lidarsim.comparison._frame import ROUGH, Frame, Image, Mask
+from lidarsim.comparison._statistics import (
     Histogram,
     Indices,
     Mean,

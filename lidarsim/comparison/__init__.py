@@ -19,11 +19,11 @@ import numpy as np
 
 from lidarsim._shown import counted
 from lidarsim._validation import shown
-from lidarsim.compare._comparison import UNKNOWN, Cell, Comparison, Measure, Side, reasons, values
-from lidarsim.compare._frame import Frame
-from lidarsim.compare._measures import STATISTICS, Pair, Statistic
-from lidarsim.compare._sources import Given, Source, intensity_unit, source
-from lidarsim.compare._statistics import Estimate, Units, critical, estimate, interval
+from lidarsim.comparison._frame import Frame
+from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
+from lidarsim.comparison._result import UNKNOWN, Cell, Comparison, Measure, Side, reasons, values
+from lidarsim.comparison._sources import Given, Source, intensity_unit, source
+from lidarsim.comparison._statistics import Estimate, Units, critical, estimate, interval
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan
 from lidarsim.sensor import Lidar
@@ -77,9 +77,14 @@ def compare(real: Given, simulated: Given, *, sensor: str | Lidar | None = None)
     >>> _ = scene.add(ls.Plane((0, 0, 1), -1.8)), scene.add(ls.Box((16, 12, 8)))
     >>> lidar = ls.Lidar.preset("velodyne-vlp16", noise="datasheet")
     >>> real, simulated = (list(lidar.frames(scene, None, 2, seed=seed)) for seed in (1, 2))
+
+    Another seed is another unit of the sensor, with other biases of its channels:
+
     >>> comparison = ls.compare(real, simulated)
-    >>> comparison["range noise"].verdict, comparison.differing
-    ('alike', ())
+    >>> [measure.name for measure in comparison.differing]
+    ['ring bias', 'range offset in one scene']
+    >>> comparison["range noise"].verdict
+    'alike'
     """
     return compare_sources(source("real", real), source("simulated", simulated), sensor)
 

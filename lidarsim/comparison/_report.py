@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterable, Sequence
 from html import escape
 
-from lidarsim.compare._comparison import Cell, Comparison, Measure, number, reasons, values
+from lidarsim.comparison._result import Cell, Comparison, Measure, number, reasons, values
 
 WIDTH, DOWN = 760, 180
 """Width of a plot, and height of its axis."""

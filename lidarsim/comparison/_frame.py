@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats
-from lidarsim.compare._statistics import BLOCKS, Indices
+from lidarsim.comparison._statistics import BLOCKS, Indices
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.pointcloud import PointCloud
 from lidarsim.scan import Scan, Sensor

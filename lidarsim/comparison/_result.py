@@ -199,7 +199,7 @@ class Comparison(Immutable, Sequence[Measure]):
 
     def _repr_html_(self) -> str:
         """Return what notebooks show: the tables of the report."""
-        from lidarsim.compare import _report
+        from lidarsim.comparison import _report
 
         return _report.summary(self)
 
@@ -229,7 +229,7 @@ class Comparison(Immutable, Sequence[Measure]):
         OSError
             If the file cannot be written.
         """
-        from lidarsim.compare import _report
+        from lidarsim.comparison import _report
 
         suffix = check_suffix(path, SUFFIXES)
         text = _report.page(self) if suffix == ".html" else json.dumps(self.to_dict(), indent=1, ensure_ascii=False)
