@@ -48,7 +48,7 @@ STEPS = np.array([0.5, 1.0, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 20.0, 25.0,
 """Steps of the range that are looked for, m."""
 FALL_OFF = 10.0
 """α of the density-aware Chamfer distance, 1/m: a point 0.1 m from its nearest neighbour counts e times less."""
-PAIRED = 50_000
+PAIRED = 20_000
 """Most points of a frame, about, whose neighbours in another frame are searched."""
 NEAR = 1.0
 """Distance between points of two clouds up to which they may be of one scene, m."""

@@ -384,18 +384,25 @@ def interval(resampled: Floats) -> tuple[float, float]:
 def estimate(summary: Summary, units: Units, cells: int, seed: int) -> Estimate:
     """Return the values of one side and their bootstrap distribution; the seed makes it repeatable."""
     sums = units.sums(cells)
-    total = sums.sum(axis=0)
-    counts = summary.count(sums)
-    with_data = (counts > 0).sum(axis=0).astype(np.float64)
-    n = len(sums)
+    with_data = (summary.count(sums) > 0).sum(axis=0).astype(np.float64)
+    told = with_data > 0  # all others stay nan
+    sums = sums[:, told]
+    n, total = len(sums), sums.sum(axis=0)
     weights = np.random.default_rng(seed).multinomial(n, np.full(n, 1.0 / n), size=RESAMPLES).astype(np.float64)
-    drawn = (weights @ sums.reshape(n, -1)).reshape(RESAMPLES, *sums.shape[1:])
-    resampled = summary.value(drawn)
+    resampled = summary.value((weights @ sums.reshape(n, -1)).reshape(RESAMPLES, *sums.shape[1:]))
     # Of few units the bootstrap's variance is too small by (m − 1)/m.
-    inflation = np.sqrt(with_data / np.maximum(with_data - 1.0, 1.0))
+    inflation = np.sqrt(with_data[told] / np.maximum(with_data[told] - 1.0, 1.0))
     spread = np.array([_deviation(column) for column in resampled.T]) * inflation
-    error = np.maximum(spread, summary.error(total))
-    return Estimate(summary.value(total), summary.count(total), with_data, resampled, error)
+    result = Estimate(
+        value=np.full(cells, np.nan),
+        count=np.zeros(cells),
+        units=with_data,
+        resampled=np.full((RESAMPLES, cells), np.nan),
+        error=np.full(cells, np.nan),
+    )
+    result.value[told], result.count[told] = summary.value(total), summary.count(total)
+    result.resampled[:, told], result.error[told] = resampled, np.maximum(spread, summary.error(total))
+    return result
 
 
 def _deviation(values: Floats) -> float:
