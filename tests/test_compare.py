@@ -461,6 +461,9 @@ def test_a_sensor_tells_the_columns(name: str) -> None:
 def test_a_sensor_whose_rings_do_not_turn_tells_no_columns() -> None:
     lidar = ls.Lidar.preset("livox-mid40")
     cloud = lidar.scan(scene()).point_cloud()
+    assert ls.compare(cloud, cloud)["range noise"].why == (
+        "the real clouds have columns that are no even steps of azimuth"
+    )
     comparison = ls.compare(*[ls.PointCloud(xyz=cloud.xyz, ring=cloud.ring)] * 2, sensor=lidar)
     assert comparison["range noise"].why == (
         "the real clouds have no columns that follow from their azimuths and the sensor"
@@ -497,6 +500,8 @@ def test_strange_numbers_are_no_burden(real: list[ls.PointCloud]) -> None:
     assert "have rings up to 60,000" in ls.compare(cloud, real)["points by ring"].why
     wide = changed(real[0], column=np.where(np.arange(len(real[0])) == 5, 2**32 - 1, real[0].column))
     assert ls.compare(wide, real)["range noise"].why == "the real clouds have too many columns for their points"
+    ticks = [changed(cloud, column=cloud.column * 44 + 7) for cloud in real]
+    assert {measure.verdict for measure in ls.compare(real, ticks)} == {"alike"}
     holes = np.where(np.arange(len(real[0]))[:, None] % 7 == 0, np.nan, real[0].xyz)
     assert ls.compare(ls.PointCloud(xyz=holes), real).real.points == np.isfinite(holes[:, 0]).sum()
 
@@ -532,8 +537,8 @@ def test_files_folders_bags_and_scans_are_taken(tmp_path: Path) -> None:
 def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
     from lidarsim.comparison import source
 
-    for i in (10, 9, 100):
-        ls.PointCloud(xyz=[[i, 0, 0]]).save(tmp_path / f"f{i}.xyz")
+    for name in ("f10", "f9", "f100", ".f11"):
+        ls.PointCloud(xyz=[[int(name.strip(".f")), 0, 0]]).save(tmp_path / f"{name}.xyz")
     read = source("real", tmp_path)
     assert read.count == 3
     assert [float(cloud.xyz[0, 0]) for cloud in read.frames] == [9.0, 10.0, 100.0]

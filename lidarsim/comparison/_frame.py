@@ -30,6 +30,8 @@ FINEST = 1e-3
 """Deviation from a plane up to which a point is on it in any case, m: noise-free points deviate only by rounding."""
 PIXELS = 24
 """Fewest points of a plane."""
+UNEVEN = math.radians(0.1)
+"""Deviation of azimuths from even steps that is taken for jitter, rad, if the step itself is smaller."""
 CANDIDATES = 16
 """Planes through three points that are tried in a tile. If 60 % of its points are on one plane, all three points of a
 candidate are with probability 0.216, and those of at least one of 16 with probability 0.98."""
@@ -140,9 +142,10 @@ class Frame:
         image = None
         if ring is not None and column is not None and len(ring):
             fired = None if pulses is None else (pulses.ring.astype(np.intp), pulses.column.astype(np.intp))
-            image = Image.of(fields, ring.astype(np.intp), column.astype(np.intp), fired, counted=exact)
-            if image is None:
-                missing["column"] = "have too many columns for their points"
+            try:
+                image = Image.of(fields, ring.astype(np.intp), column.astype(np.intp), fired, counted=exact)
+            except NoImageError as error:
+                missing["column"] = str(error)
         return cls(
             xyz=xyz,
             reach=reach[known],
@@ -208,70 +211,46 @@ class Image:
         fired: tuple[Indices, Indices] | None,
         *,
         counted: bool,
-    ) -> Image | None:
-        """Return the image of points by ring and column; None if the columns are too many for the points."""
+    ) -> Image:
+        """Return the image of points by ring and column, or raise `NoImageError`."""
         xyz: Floats = fields["xyz"]
-        reach, azimuth = np.sqrt((xyz * xyz).sum(axis=1)), np.arctan2(xyz[:, 1], xyz[:, 0])
-        rings, columns = ring, column
-        if fired is not None:
-            rings, columns = (np.concatenate(pair) for pair in ((ring, fired[0]), (column, fired[1])))
-        first = int(columns.min())
-        width = int(columns.max()) - first + 1
-        names, row_of = np.unique(rings, return_inverse=True)
-        if len(names) * width > SPARSEST * max(len(rings), PIXELS):
-            return None
-        row, column = row_of[: len(ring)], column - first
-        point = _first_returns(fields, row, column, (len(names), width))
+        reach = np.sqrt((xyz * xyz).sum(axis=1))
+        names, row, column, shot = _laid_out(ring, column, fired)
+        width = shot.shape[1]
+        point = _first_returns(fields, row, column, shot.shape)
         seen = point >= 0
+
+        def pixels(values: Floats) -> Floats:
+            filled = np.full(point.shape, np.nan)
+            filled[seen] = values[point[seen]]
+            return filled
+
+        angles = _Angles.of(pixels(np.arctan2(xyz[:, 1], xyz[:, 0])), pixels(np.arcsin(xyz[:, 2] / reach)))
+        direction = angles.directions(width)
+        direction[seen] = xyz[point[seen]] / reach[point[seen], None]
         pixel = row * width + column
-        returns = np.bincount(pixel, minlength=point.size).reshape(point.shape)
         others = np.flatnonzero(point.ravel()[pixel] != np.arange(len(pixel)))
-        separation = np.abs(reach[others] - reach[point.ravel()[pixel[others]]])
         if not counted and "return_number" not in fields:
             # Two points in a pixel are returns of one pulse only if they lie in one direction: inferred columns may
             # hold two pulses, which are a step apart.
-            apart = np.abs(_wrapped(azimuth[others] - azimuth[point.ravel()[pixel[others]]]))
-            same = apart < 0.25 * TURN / width
-            returns.ravel()[pixel[others[~same]]] = 1
-            others, separation = others[same], separation[same]
-        shot = np.zeros(point.shape, bool)
-        if fired is None:
-            shot[:] = True
-        else:
-            shot[row_of[len(ring) :], fired[1] - first] = True
-        shot |= seen
-
-        at = np.full(point.shape, np.nan)
-        at[seen] = azimuth[point[seen]]
-        step, phase = _fitted(at)
-        rise = np.full(point.shape, np.nan)
-        rise[seen] = xyz[point[seen], 2] / reach[point[seen]]
-        height = np.arcsin(np.nan_to_num(_medians(rise)))
-        mean = _circular_mean(phase[np.isfinite(phase)])
-        ahead = np.nan_to_num(_wrapped(phase - mean))
-        turn = ahead[:, None] + mean + step * np.arange(width)
-        level = np.broadcast_to(height[:, None], turn.shape)
-        direction = np.stack([np.cos(level) * np.cos(turn), np.cos(level) * np.sin(turn), np.sin(level)], axis=-1)
-        direction[seen] = xyz[point[seen]] / reach[point[seen], None]
-        distance = np.full(point.shape, np.nan)
-        distance[seen] = reach[point[seen]]
+            first = xyz[point.ravel()[pixel[others]]] / reach[point.ravel()[pixel[others]], None]
+            apart = np.linalg.norm(xyz[others] / reach[others, None] - first, axis=1)
+            others = others[apart < 0.25 * abs(angles.step)]
+        separation = np.abs(reach[others] - reach[point.ravel()[pixel[others]]])
+        returns = seen + np.bincount(pixel[others], minlength=point.size).reshape(point.shape)
         block = np.broadcast_to(np.arange(width) * BLOCKS // width, point.shape).astype(np.intp)
-        offset = _wrapped(at - step * np.arange(width) - mean)
-
-        shift = np.zeros(len(names), np.intp)
-        if step:
-            shift = np.clip(np.rint(ahead / step), -width, width).astype(np.intp)
-        move = _Moved(np.argsort(height, kind="stable"), shift - shift.min(), width + int(np.ptp(shift)))
+        shift = angles.shift(width)
+        move = _Moved(np.argsort(angles.height, kind="stable"), shift - shift.min(), width + int(np.ptp(shift)))
         return cls(
             rings=names[move.order],
             point=move(point, -1),
-            fired=move(shot, False),
+            fired=move(shot | seen, False),
             returns=move(returns, 0),
-            reach=move(distance, np.nan),
+            reach=move(pixels(reach), np.nan),
             direction=move(direction, 0.0),
             block=move(block, 0),
-            offset=move(offset, np.nan),
-            step=step,
+            offset=move(angles.offset, np.nan),
+            step=angles.step,
             separation=separation,
             separation_block=block.ravel()[pixel[others]],
             counted=counted,
@@ -286,6 +265,79 @@ class Image:
     def lost(self) -> Mask:
         """Pixels whose pulse was fired and did not return."""
         return self.fired & (self.point < 0)
+
+
+class NoImageError(Exception):
+    """Points have no image; the message says what the clouds have instead."""
+
+
+def _laid_out(
+    ring: Indices, column: Indices, fired: tuple[Indices, Indices] | None
+) -> tuple[Indices, Indices, Indices, Mask]:
+    """Return the rings, row and column of each point, and which pixels had a pulse: all, if it is not known."""
+    rings, columns = ring, column
+    if fired is not None:
+        rings, columns = (np.concatenate(pair) for pair in ((ring, fired[0]), (column, fired[1])))
+    first = columns.min()
+    spacing = max(int(np.gcd.reduce(columns - first)), 1)  # some count the ticks of an encoder
+    columns = (columns - first) // spacing
+    names, rows = np.unique(rings, return_inverse=True)
+    shape = len(names), int(columns.max()) + 1
+    if math.prod(shape) > SPARSEST * max(len(rings), PIXELS):
+        raise NoImageError("have too many columns for their points")
+    shot = np.full(shape, fired is None)
+    shot[rows[len(ring) :], columns[len(ring) :]] = True
+    return names, rows[: len(ring)], columns[: len(ring)], shot
+
+
+@dataclass(frozen=True)
+class _Angles:
+    """The angles of rows and columns: that of a pixel is the mean, its row's lead, and a step for each column.
+
+    Attributes
+    ----------
+    height, lead : ndarray of float64, shape (R,)
+        Elevation of each row, and its azimuth relative to the mean of all, rad; 0 of rows without points.
+    mean, step : float
+        Mean azimuth of column 0, and azimuth from column to column, rad.
+    offset : ndarray of float64, shape (R, C)
+        Azimuth of each point less the mean and the steps, rad; nan where there is none.
+    """
+
+    height: Floats
+    lead: Floats
+    mean: float
+    step: float
+    offset: Floats
+
+    @classmethod
+    def of(cls, azimuth: Floats, elevation: Floats) -> _Angles:
+        """Fit the angles to those of the points, nan where there are none."""
+        width = azimuth.shape[1]
+        step = _median(_wrapped(np.diff(azimuth, axis=1)))
+        lag = max(width // 8, 1)
+        # The median of single steps is off by less than half a turn over an eighth of the columns.
+        step += _median(_wrapped(azimuth[:, lag:] - azimuth[:, :-lag] - step * lag)) / lag
+        start = azimuth - step * np.arange(width)
+        phase = np.array([_circular_mean(row[np.isfinite(row)]) for row in start])
+        if _median(np.abs(_wrapped(start - phase[:, None]))) > max(abs(step), UNEVEN):
+            raise NoImageError("have columns that are no even steps of azimuth")
+        mean = _circular_mean(phase[np.isfinite(phase)])
+        height = np.array([_median(row) for row in elevation])
+        return cls(height, np.nan_to_num(_wrapped(phase - mean)), mean, step, _wrapped(start - mean))
+
+    def directions(self, width: int) -> Floats:
+        """Return the direction of each pixel, shape (R, C, 3)."""
+        turn = self.mean + self.lead[:, None] + self.step * np.arange(width)
+        level = np.broadcast_to(self.height[:, None], turn.shape)
+        return np.stack([np.cos(level) * np.cos(turn), np.cos(level) * np.sin(turn), np.sin(level)], axis=-1)
+
+    def shift(self, width: int) -> Indices:
+        """Return by how many columns each row leads."""
+        if not self.step:
+            return np.zeros(len(self.lead), np.intp)
+        shift: Indices = np.clip(np.rint(self.lead / self.step), -width, width).astype(np.intp)
+        return shift
 
 
 @dataclass(frozen=True)
@@ -448,16 +500,6 @@ def _first_returns(
     return point
 
 
-def _fitted(at: Floats) -> tuple[float, Floats]:
-    """Return the step of azimuth from column to column, rad, and the azimuth of each row at column 0."""
-    width = at.shape[1]
-    step = _median(_wrapped(np.diff(at, axis=1)))
-    lag = max(width // 8, 1)
-    # The median of single steps is off by less than half a turn over an eighth of the columns.
-    step += _median(_wrapped(at[:, lag:] - at[:, :-lag] - step * lag)) / lag
-    return step, np.array([_circular_mean(row[np.isfinite(row)]) for row in at - step * np.arange(width)])
-
-
 def _columns(sensor: Sensor, ring: npt.NDArray[np.integer], xyz: Floats) -> Indices | None:
     """Return the columns to which points belong by their azimuths; None if the rings do not turn one way."""
     pulses = pulses_of(sensor.pattern, 0)
@@ -524,7 +566,3 @@ def _circular_mean(angle: Floats) -> float:
 def _median(values: Floats) -> float:
     known = values[np.isfinite(values)]
     return float(np.median(known)) if known.size else 0.0
-
-
-def _medians(rows: Floats) -> Floats:
-    return np.array([_median(row) for row in rows])

@@ -111,7 +111,14 @@ def _files(path: Path) -> list[Path]:
     """Return a file, or those of a folder and its subfolders that hold points, by the numbers in their names."""
     if not path.is_dir():
         return [path]
-    found = [file for file in path.rglob("*") if file.is_file() and is_point_cloud(file) and file.suffix != ".label"]
+    found = [
+        file
+        for file in path.rglob("*")
+        if not any(part.startswith(".") for part in file.relative_to(path).parts)  # of what is being written
+        and is_point_cloud(file)
+        and file.suffix != ".label"  # SemanticKITTI's, beside the points
+        and file.is_file()
+    ]
     if not found:
         raise FileFormatError(f"{path}: expected point clouds or bags in the folder, got none")
     return sorted(found, key=lambda file: [_natural(part) for part in file.relative_to(path).parts])
