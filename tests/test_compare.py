@@ -325,6 +325,17 @@ def test_a_slanted_surface_has_no_edges() -> None:
     assert len(measures._Edges.of(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
 
 
+def test_a_gentle_step_is_no_edge() -> None:
+    """From side to side it is 0.11 m, but the lines through the sides are 0.07 m apart at the pixel between them."""
+    row = [10.0, 10.02, 10.06, 10.13, 10.15]
+    assert len(measures._Edges.of(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
+
+
+def test_a_rate_of_none_has_an_error() -> None:
+    sums = np.array([[99.0, 99.0, 0.0]])
+    assert statistics.Rate().error(sums) == pytest.approx(np.sqrt(0.005 * 0.995 / 100.0))
+
+
 def test_dual_returns_and_their_separation() -> None:
     rng = np.random.default_rng(2)
     sides = []
@@ -456,6 +467,42 @@ def test_a_sensor_tells_the_columns(name: str) -> None:
         {pair for row in image.point for pair in pairwise(row[row >= 0].tolist())} for image in (known, told)
     )
     assert len(known_pairs - told_pairs) <= 2 * len(known.rings)
+
+
+def turned(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Points turned about z, each by its angle."""
+    x, y, z = xyz.T
+    return np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), z], axis=-1)
+
+
+def test_jitter_about_half_a_column_moves_no_point() -> None:
+    cloud = ls.Lidar(SENSOR.pattern).scan(scene()).point_cloud()
+    jitter = np.random.default_rng(8).uniform(0.4, 0.6, len(cloud)) * 2.0 * np.pi / 1024
+    image = Frame.of(ls.PointCloud(xyz=turned(cloud.xyz, jitter), ring=cloud.ring), SENSOR, 1.0).image
+    assert image is not None
+    assert (image.point >= 0).sum() >= len(cloud) - RINGS  # a turn may begin within a column
+
+
+def test_two_pulses_of_a_column_are_no_dual_return() -> None:
+    cloud = ls.Lidar(SENSOR.pattern).scan(scene()).point_cloud()
+    stray = np.where(np.arange(len(cloud)) % 97 == 0, 0.7 * 2.0 * np.pi / 1024, 0.0)
+    image = Frame.of(ls.PointCloud(xyz=turned(cloud.xyz, stray), ring=cloud.ring), SENSOR, 1.0).image
+    assert image is not None
+    assert (image.point >= 0).sum() < len(cloud) - 200  # they do share pixels
+    assert image.returns.max() == 1
+
+
+def test_the_origins_of_beams_count_for_what_is_near() -> None:
+    """At 0.6 m a beam that starts 5 cm beside the axis meets what lies 5 degrees, or 14 columns, off its azimuth."""
+    near = ls.Scene()
+    near.add(ls.Box((40, 24, 16)))
+    near.add(ls.Box((0.4, 1.0, 4.0), (0.8, 0.0, 0.0)))
+    lidar = ls.Lidar(ls.patterns.Spinning(ELEVATIONS, columns=1024, beam_origins=(0.0, 0.05, 0.0)))
+    cloud = lidar.scan(near).point_cloud()
+    assert (cloud.range < 1.0).sum() > 1000
+    image = Frame.of(ls.PointCloud(xyz=cloud.xyz, ring=cloud.ring), lidar, 1.0).image
+    assert image is not None
+    assert (image.point >= 0).sum() > 0.99 * len(cloud)
 
 
 def test_a_sensor_whose_rings_do_not_turn_tells_no_columns() -> None:

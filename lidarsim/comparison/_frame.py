@@ -30,8 +30,9 @@ FINEST = 1e-3
 """Deviation from a plane up to which a point is on it in any case, m: noise-free points deviate only by rounding."""
 PIXELS = 24
 """Fewest points of a plane."""
-UNEVEN = math.radians(0.1)
-"""Deviation of azimuths from even steps that is taken for jitter, rad, if the step itself is smaller."""
+UNEVEN = math.radians(2.0)
+"""Median deviation from even steps up to which columns are steps of azimuth, rad: a beam that starts 3 cm beside the axis
+deviates so much at 1 m, and patterns that do not turn deviate by a part of their field of view."""
 CANDIDATES = 16
 """Planes through three points that are tried in a tile. If 60 % of its points are on one plane, all three points of a
 candidate are with probability 0.216, and those of at least one of 16 with probability 0.98."""
@@ -320,7 +321,7 @@ class _Angles:
         step += _median(_wrapped(azimuth[:, lag:] - azimuth[:, :-lag] - step * lag)) / lag
         start = azimuth - step * np.arange(width)
         phase = np.array([_circular_mean(row[np.isfinite(row)]) for row in start])
-        if _median(np.abs(_wrapped(start - phase[:, None]))) > max(abs(step), UNEVEN):
+        if _median(np.abs(_wrapped(start - phase[:, None]))) > UNEVEN:
             raise NoImageError("have columns that are no even steps of azimuth")
         mean = _circular_mean(phase[np.isfinite(phase)])
         height = np.array([_median(row) for row in elevation])
