@@ -31,7 +31,7 @@ FINEST = 1e-3
 PIXELS = 24
 """Fewest points of a plane."""
 UNEVEN = math.radians(2.0)
-"""Median deviation from even steps up to which columns are steps of azimuth, rad: a beam that starts 3 cm beside the axis
+"""Median deviation from even steps up to which columns are steps of azimuth, rad: a beam 3 cm beside the axis
 deviates so much at 1 m, and patterns that do not turn deviate by a part of their field of view."""
 CANDIDATES = 16
 """Planes through three points that are tried in a tile. If 60 % of its points are on one plane, all three points of a
