@@ -4,6 +4,7 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 """
 
 from lidarsim import config, datasets, errors, io, patterns, viewers  # noqa: F401 (viewers register views)
+from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
 from lidarsim.materials import Material
@@ -31,6 +32,7 @@ from lidarsim.viewers import show
 __all__ = [
     "Beam",
     "Box",
+    "Comparison",
     "Cylinder",
     "Detection",
     "Ellipsoid",
@@ -54,6 +56,7 @@ __all__ = [
     "Triangle",
     "TriangleMesh",
     "__version__",
+    "compare",
     "config",
     "datasets",
     "errors",

@@ -1,4 +1,4 @@
-"""The command line: ``lidarsim scan | generate | view | sensors | check | bench``."""
+"""The command line: ``lidarsim scan | generate | view | compare | sensors | check | bench``."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from itertools import islice
@@ -31,6 +31,7 @@ from lidarsim._files import check_folder, check_suffix
 from lidarsim._shown import counted, plain
 from lidarsim._terminal import facts, paragraph, print_line, say, standard_streams, table
 from lidarsim._validation import shown
+from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
 from lidarsim.patterns import describe
@@ -323,6 +324,59 @@ def view(
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
         if count > 1 and save is screenshot:
             print_line(f"{save}: the first of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+
+
+@app.command()
+def compare(
+    real: Annotated[
+        Path, typer.Argument(metavar="REAL", help="Real points: a file, a bag, or a folder of these.", parser=_path)
+    ],
+    simulated: Annotated[Path, typer.Argument(metavar="SIM", help="Simulated points, likewise.", parser=_path)],
+    *,
+    output: Annotated[Path | None, _file("--output -o", "HTML", "Write a report with plots.")] = None,
+    json: Annotated[Path | None, _file("--json", "JSON", "Write all numbers.")] = None,
+    sensor: Annotated[
+        str | None, _option("--sensor", "NAME", "Preset that tells the columns of clouds which have none.")
+    ] = None,
+) -> None:
+    """Say how simulated point clouds differ from real ones.
+
+    REAL and SIM hold points in the sensor frame, as drivers give them. What a cloud does not tell, such as the pulses
+    without a return if there are no columns, is not measured, and the output says why.
+    """
+    for path, suffix in ((output, ".html"), (json, ".json")):
+        if path:
+            check_suffix(path, {suffix})
+            check_folder(path)
+    sides = source("real", real), source("simulated", simulated)
+    counts = [side.count for side in sides]
+    total = None if None in counts else sum(filter(None, counts))
+    with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
+        task = progress.add_task("comparing", total=total)
+        one, other = (
+            dataclasses.replace(side, frames=_counted(side.frames, lambda: progress.advance(task))) for side in sides
+        )
+        comparison = compare_sources(one, other, sensor)
+    measured = [measure for measure in comparison if measure.verdict != "not measured"]
+    print_line(f"real {comparison.real}")
+    print_line(f"simulated {comparison.simulated}")
+    columns = ("measure", "real", "simulated", "unit", "where", "verdict")
+    table(columns, [(m.name, *values(m), m.unit, m.where, m.verdict) for m in measured], left=columns)
+    for why, names in reasons(comparison).items():
+        paragraph(f"not measured, since {why}: {', '.join(names)}")
+    for note in comparison.notes:
+        print_line(f"note: {note}")
+    print_line(f"{len(comparison.differing)} of {counted(len(measured), 'measure')} differ")
+    for path in filter(None, (output, json)):
+        comparison.save(path)
+        print_line(path)
+
+
+def _counted(items: Iterable[Item], tell: Callable[[], None]) -> Iterator[Item]:
+    """Yield the items, and call a function after each."""
+    for item in items:
+        yield item
+        tell()
 
 
 @app.command()

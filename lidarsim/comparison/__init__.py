@@ -1,0 +1,347 @@
+"""Comparisons of real point clouds with simulated ones.
+
+Each measure is a statistic of the points of each side, with an interval by bootstrap over the frames, or, of few
+frames, over blocks of columns. A measure differs if in some of its cells (bins of range, rings, …) the difference is
+relevant, by a limit stated with the measure, and larger than chance makes the largest of all that are compared
+(Bonferroni's inequality over all cells of all measures, Student's distribution over blocks). All else is alike as far
+as these data tell: each cell gives the least difference that would have counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from lidarsim._shown import counted
+from lidarsim._validation import shown
+from lidarsim.comparison._frame import Frame
+from lidarsim.comparison._measures import STATISTICS, Pair, Statistic
+from lidarsim.comparison._result import UNKNOWN, Cell, Comparison, Measure, Side, reasons, values
+from lidarsim.comparison._sources import Given, Source, intensity_unit, source
+from lidarsim.comparison._statistics import Estimate, Units, critical, estimate, interval
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError
+from lidarsim.pointcloud import PointCloud
+from lidarsim.scan import Scan
+from lidarsim.sensor import Lidar
+
+__all__ = ["Cell", "Comparison", "Measure", "Side", "compare", "compare_sources", "reasons", "source", "values"]
+
+FEWEST = 50
+"""Fewest samples of a cell that is compared."""
+FEWEST_UNITS = 4
+"""Fewest blocks or frames that have them."""
+UNLIKE = 1.1
+"""Ratio of the numbers of rings above which sensors are unlike: fewer rings may just see nothing."""
+
+
+def compare(real: Given, simulated: Given, *, sensor: str | Lidar | None = None) -> Comparison:
+    """Compare simulated point clouds with real ones, measure by measure.
+
+    Parameters
+    ----------
+    real, simulated : PointCloud, Scan, path-like, or iterable of these
+        Frames in the sensor frame, as drivers give them: a cloud, a scan, a point cloud file, a ROS 2 bag with the
+        clouds of one sensor, a folder of these (with subfolders, in the order of the numbers in their names), or an
+        iterable of them. Frames are read one at a time. Without a field `range`, the range is the distance from the
+        origin. Intensities that are whole numbers above 1 are taken as percent.
+    sensor : str or Lidar, optional
+        The sensor, or its name in `Lidar.presets()`. It puts points that have a ring and no column into columns, by
+        their azimuth.
+
+    Returns
+    -------
+    Comparison
+        A table of measures. Those that cannot be taken say why.
+
+    Raises
+    ------
+    FileFormatError, OSError
+        If a file cannot be read.
+    TypeError, ValueError
+        If an argument is none of these, or one side has no points.
+
+    Notes
+    -----
+    Most measures use the rings and columns of the clouds: neighbours along a ring, planes over several rings and
+    columns, and pulses without a point, which a ring tells that has none in a column. Two measures need both sides to
+    have seen one scene from one place; their real value is that of the real frames among themselves.
+
+    Examples
+    --------
+    >>> import lidarsim as ls
+    >>> scene = ls.Scene()
+    >>> _ = scene.add(ls.Plane((0, 0, 1), -1.8)), scene.add(ls.Box((16, 12, 8)))
+    >>> lidar = ls.Lidar.preset("velodyne-vlp16", noise="datasheet")
+    >>> real, simulated = (list(lidar.frames(scene, None, 2, seed=seed)) for seed in (1, 2))
+
+    Another seed is another unit of the sensor, with other biases of its channels:
+
+    >>> comparison = ls.compare(real, simulated)
+    >>> [measure.name for measure in comparison.differing]
+    ['ring bias', 'range offset in one scene']
+    >>> comparison["range noise"].verdict
+    'alike'
+    """
+    return compare_sources(source("real", real), source("simulated", simulated), sensor)
+
+
+def compare_sources(real: Source, simulated: Source, sensor: str | Lidar | None) -> Comparison:
+    """Compare two sources; see `compare`."""
+    lidar = _sensor(sensor)
+    scans = _Scans()
+    sides = _Side("real", real.name), _Side("simulated", simulated.name)
+    overlaps: list[bool] = []
+    last: Frame | None = None
+    for one, other in zip_longest(scans.noted(real.frames), scans.noted(simulated.frames)):
+        a, b = sides[0].frame(one, lidar), sides[1].frame(other, lidar)
+        for side, frame in zip(sides, (a, b), strict=True):
+            if frame is not None:
+                side.add(frame if scans.all else replace(frame, truth=None))
+        if a is not None and b is not None:
+            overlaps.append(_add_pair(sides, a, b, last))
+        last = a
+    for side in sides:
+        if not side.points:
+            raise ArgumentValueError(side.argument, "points", f"none in {counted(side.frames, 'frame')}")
+    return _judged(*sides, lidar, overlap=any(overlaps))
+
+
+class _Scans:
+    """Whether all frames so far are scans, which know what became of each pulse."""
+
+    def __init__(self) -> None:
+        self.all = True
+
+    def noted(self, frames: Iterator[PointCloud | Scan]) -> Iterator[PointCloud | Scan]:
+        """Yield the frames."""
+        for frame in frames:
+            self.all &= isinstance(frame, Scan)
+            yield frame
+
+
+class _Side:
+    """What one side has told so far."""
+
+    def __init__(self, argument: str, name: str) -> None:
+        self.argument, self.name = argument, name
+        self.frames = self.points = 0
+        self.rings = np.zeros(0, np.intp)
+        self.missing: dict[str, str] = {}
+        self.units = {name: Units() for name in STATISTICS}
+        self._unit: float | None = None
+
+    def frame(self, given: PointCloud | Scan | None, sensor: Lidar | None) -> Frame | None:
+        """Return a cloud or a scan as a frame; None if there is none, or it has no points."""
+        if given is None:
+            return None
+        self.frames += 1
+        if self._unit is None and (isinstance(given, Scan) or len(given)):
+            self._unit = intensity_unit(given)
+        frame = Frame.of(given, sensor, self._unit or 1.0)
+        return frame if len(frame) else None
+
+    def add(self, frame: Frame) -> None:
+        """Add the samples of a frame."""
+        self.points += len(frame)
+        if frame.ring is not None:
+            self.rings = np.union1d(self.rings, frame.ring)
+        self.missing |= frame.missing
+        if frame.image is not None and not frame.image.counted:
+            self.missing["counted"] = "have no columns but those that follow from the azimuth itself"
+        for name, statistic in STATISTICS.items():
+            if not set(statistic.needs) & {*self.missing, "scene"}:
+                self.take(name, statistic.samples, frame)
+
+    def take(self, name: str, samples: Callable[..., Any], what: Frame | Pair) -> None:
+        """Add the samples of a measure."""
+        statistic = STATISTICS[name]
+        found = samples(what)
+        cells = statistic.cells.labels
+        count = int(found.cell.max(initial=-1)) + 1 if cells is None else len(cells)
+        self.units[name].add(statistic.summary.sums(found, count))
+
+    @property
+    def told(self) -> Side:
+        """What was compared, for the report."""
+        return Side(self.name, self.frames, self.points, len(self.rings))
+
+
+def _add_pair(sides: tuple[_Side, _Side], real: Frame, simulated: Frame, last: Frame | None) -> bool:
+    """Add what a simulated frame shows beside the real one, and that beside the last; return whether they overlap."""
+    pair = Pair(simulated, real)
+    if not pair.overlap:
+        return False
+    lacks = {*sides[0].missing, *sides[1].missing}
+    for name, statistic in STATISTICS.items():
+        if "scene" not in statistic.needs or lacks & set(statistic.needs):
+            continue
+        sides[1].take(name, statistic.samples, pair)
+        if "frames" not in statistic.needs:
+            sides[0].take(name, statistic.samples, Pair(real, real))
+        elif last is not None:
+            sides[0].take(name, statistic.samples, Pair(real, last))
+    return True
+
+
+def _sensor(sensor: str | Lidar | None) -> Lidar | None:
+    if sensor is None or isinstance(sensor, Lidar):
+        return sensor
+    if not isinstance(sensor, str):
+        raise ArgumentTypeError("sensor", "a Lidar or the name of a preset", shown(sensor))
+    if sensor not in Lidar.presets():
+        raise ArgumentValueError("sensor", f"a Lidar or one of {', '.join(Lidar.presets())}", shown(sensor))
+    return Lidar.preset(sensor)
+
+
+def _judged(real: _Side, simulated: _Side, sensor: Lidar | None, *, overlap: bool) -> Comparison:
+    """Return the verdicts on all measures."""
+    refused: dict[str, str] = {}
+    found: dict[str, tuple[Estimate, Estimate]] = {}
+    unlike = _unlike(real, simulated, sensor)
+    for i, (name, statistic) in enumerate(STATISTICS.items()):
+        why = _lacking(statistic, real, simulated, overlap=overlap)
+        if not why and statistic.cells.labels is None:
+            why = unlike
+        if not why:
+            cells = max(side.units[name].cells for side in (real, simulated))
+            found[name] = tuple(  # type: ignore[assignment]
+                estimate(statistic.summary, side.units[name], cells, seed=2 * i + k)
+                for k, side in enumerate((real, simulated))
+            )
+        else:
+            refused[name] = why
+    tests = sum(int(_compared(*pair).sum()) for pair in found.values())
+    measures = [
+        _measured(statistic, *found[name], tests) if name in found else _refused(statistic, refused[name])
+        for name, statistic in STATISTICS.items()
+    ]
+    notes = [f"{unlike}: these are unlike sensors"] if unlike else []
+    return Comparison(tuple(measures), real.told, simulated.told, tuple(notes))
+
+
+def _lacking(statistic: Statistic, real: _Side, simulated: _Side, *, overlap: bool) -> str:
+    """Return what either side lacks for a measure; "" if it has all."""
+    for need in statistic.needs:
+        if need == "scene":
+            if not overlap:
+                return "the clouds do not overlap: this needs one scene, seen from one place"
+            continue
+        if need == "frames" and not real.units[statistic.name]:
+            return "what the real clouds differ among themselves takes two frames of them"
+        for side in (real, simulated):
+            if need in side.missing:
+                return f"the {side.argument} clouds {side.missing[need]}"
+    for side in (real, simulated):
+        if not side.units[statistic.name]:
+            return f"the {side.argument} clouds have no frame for it"
+    return ""
+
+
+def _unlike(real: _Side, simulated: _Side, sensor: Lidar | None) -> str:
+    """Return how the sensors are unlike; "" if they have as many rings, or the rings of the one that is given."""
+    a, b = len(real.rings), len(simulated.rings)
+    if not a or not b or max(a, b) <= UNLIKE * min(a, b):
+        return ""
+    if sensor is not None and max(real.rings.max(), simulated.rings.max()) < sensor.pattern.shape[0]:
+        return ""
+    return f"the real clouds have points in {a} rings, the simulated ones in {b}"
+
+
+def _compared(real: Estimate, simulated: Estimate) -> Any:
+    """Return which cells have enough samples on both sides."""
+    enough = (np.minimum(real.count, simulated.count) >= FEWEST) & np.isfinite(real.value + simulated.value)
+    return (
+        enough & (np.minimum(real.units, simulated.units) >= FEWEST_UNITS) & np.isfinite(real.error + simulated.error)
+    )
+
+
+def _centred(one: Estimate, cells: Any) -> Estimate:
+    """Return values less their mean over some cells."""
+    with np.errstate(invalid="ignore"):
+        means = np.array([_mean(values[cells]) for values in one.resampled])
+    return replace(one, value=one.value - _mean(one.value[cells]), resampled=one.resampled - means[:, None])
+
+
+def _mean(values: Any) -> float:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if known.size else np.nan
+
+
+def _measured(statistic: Statistic, real: Estimate, simulated: Estimate, tests: int) -> Measure:
+    """Return the verdict on a measure."""
+    compared = _compared(real, simulated)
+    if statistic.centred:
+        real, simulated = _centred(real, compared), _centred(simulated, compared)
+    difference = simulated.value - real.value
+    error = np.hypot(real.error, simulated.error)
+    chance = critical(tests, np.minimum(real.units, simulated.units)) * error
+    relevant = np.maximum(statistic.least, statistic.relative * np.abs(real.value))
+    least = np.where(compared, np.maximum(chance, relevant), np.nan)
+    size = difference if statistic.upwards else np.abs(difference)
+    differs = size > least
+    drawn = simulated.resampled - real.resampled
+    told = np.flatnonzero((real.count > 0) | (simulated.count > 0))
+    if statistic.name.startswith("points by"):  # every cell has a share, which may be 0
+        told = np.flatnonzero(np.nan_to_num(real.value) + np.nan_to_num(simulated.value) > 0)
+    cells = {
+        int(i): Cell(
+            label=statistic.cells.label(int(i)),
+            real=float(real.value[i]),
+            simulated=float(simulated.value[i]),
+            real_interval=real.interval(int(i)),
+            simulated_interval=simulated.interval(int(i)),
+            difference=float(difference[i]),
+            difference_interval=interval(drawn[:, i]),
+            n_real=round(real.count[i]),
+            n_simulated=round(simulated.count[i]),
+            least=float(least[i]),
+            differs=bool(differs[i]),
+        )
+        for i in told
+    }
+    if not compared.any():
+        why = f"no part of it has {FEWEST} samples in {FEWEST_UNITS} blocks on both sides"
+        return replace(_refused(statistic, why), cells=tuple(cells.values()))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        excess = np.where(compared, size / least, -np.inf)
+    excess[np.isnan(excess)] = 0.0  # no difference where none would be too small
+    worst = int(np.argmax(excess))
+    number = int(differs.sum())
+    of = f" in {number} of {int(compared.sum())} cells" if compared.sum() > 1 else ""
+    typical = float(np.median(least[compared]))
+    if number:
+        why = f"the difference is relevant and beyond chance{of}"
+    elif typical:
+        why = f"differences above {typical:.2g} {statistic.unit} would have counted{', typically' if of else ''}"
+    else:
+        why = "any difference would have counted"
+    headline = cells.get(worst) or next(iter(cells.values()))
+    return Measure(
+        name=statistic.name,
+        unit=statistic.unit,
+        real=headline.real,
+        simulated=headline.simulated,
+        real_interval=headline.real_interval,
+        simulated_interval=headline.simulated_interval,
+        difference=headline.difference,
+        difference_interval=headline.difference_interval,
+        n_real=headline.n_real,
+        n_simulated=headline.n_simulated,
+        least=headline.least,
+        verdict="differs" if number else "alike",
+        why=why,
+        where=headline.label,
+        meaning=statistic.meaning,
+        cells=tuple(cells.values()),
+    )
+
+
+def _refused(statistic: Statistic, why: str) -> Measure:
+    nan = float("nan")
+    empty = partial(Measure, statistic.name, statistic.unit, nan, nan, UNKNOWN, UNKNOWN, nan, UNKNOWN, 0, 0, nan)
+    return empty("not measured", why, meaning=statistic.meaning)

@@ -1,0 +1,147 @@
+"""What `compare` takes as one side: clouds and scans, and the files, folders and bags that hold clouds."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterable, Iterator, Sized
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from lidarsim._validation import shown
+from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
+from lidarsim.io import rosbag
+from lidarsim.pointcloud import PointCloud, is_point_cloud
+from lidarsim.scan import Scan
+
+Given = PointCloud | Scan | str | os.PathLike[str] | Iterable[PointCloud | Scan | str | os.PathLike[str]]
+
+FORMS = "a PointCloud, a Scan, a point cloud file, a ROS 2 bag, a folder of these, or an iterable of clouds or scans"
+VENDOR_UNIT = 100.0
+"""Reflectivity of a white diffuser in the units of the vendors, which are whole numbers of percent."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """The frames of one side.
+
+    Attributes
+    ----------
+    name : str
+        What it is, for the report.
+    frames : iterator of PointCloud or Scan
+        Read one by one.
+    count : int or None
+        Number of frames, where it is known before they are read.
+    """
+
+    name: str
+    frames: Iterator[PointCloud | Scan]
+    count: int | None
+
+
+def source(argument: str, given: Given) -> Source:
+    """Return one side of a comparison.
+
+    Parameters
+    ----------
+    argument : str
+        Name of the argument, for errors.
+    given : object
+        One of `FORMS`.
+
+    Returns
+    -------
+    Source
+        Files are listed, and read as the frames are.
+
+    Raises
+    ------
+    TypeError, ValueError, OSError
+        If it is none of these, or there is nothing to read.
+    """
+    if isinstance(given, PointCloud | Scan):
+        return Source(_named(given), iter([given]), 1)
+    if isinstance(given, str | os.PathLike):
+        path = Path(given)
+        files = _files(path)
+        count = None if any(_is_bag(file) for file in files) else len(files)
+        return Source(str(path), _read(files), count)
+    try:
+        frames = iter(given)
+    except TypeError:
+        raise ArgumentTypeError(argument, FORMS, shown(given)) from None
+    count = len(given) if isinstance(given, Sized) else None
+    return Source("frames", _each(argument, frames), count)
+
+
+def intensity_unit(first: PointCloud | Scan) -> float:
+    """Return the intensity of a white diffuser in the units of a cloud.
+
+    Whole numbers of which some are above 1 are a vendor's reflectivity in percent; all else is lidarsim's own.
+    """
+    if isinstance(first, Scan) or "intensity" not in first.fields or not len(first):
+        return 1.0
+    known = first.intensity[np.isfinite(first.intensity)]
+    whole = known.size > 0 and bool((known == np.rint(known)).all() and known.max() > 1.0)
+    return VENDOR_UNIT if whole else 1.0
+
+
+def _named(given: PointCloud | Scan) -> str:
+    return given.lidar.name or "scan" if isinstance(given, Scan) else "cloud"
+
+
+def _each(argument: str, frames: Iterator[object]) -> Iterator[PointCloud | Scan]:
+    for i, frame in enumerate(frames):
+        if isinstance(frame, PointCloud | Scan):
+            yield frame
+        elif isinstance(frame, str | os.PathLike):
+            yield from _read(_files(Path(frame)))
+        else:
+            raise ArgumentTypeError(f"{argument}[{i}]", "a PointCloud, a Scan or a path", shown(frame))
+
+
+def _is_bag(path: Path) -> bool:
+    return path.suffix.lower() in rosbag.SUFFIXES
+
+
+def _files(path: Path) -> list[Path]:
+    """Return a file, or those of a folder and its subfolders that hold points, by the numbers in their names."""
+    if not path.is_dir():
+        return [path]
+    found = [
+        file
+        for file in path.rglob("*")
+        if not any(part.startswith(".") for part in file.relative_to(path).parts)  # of what is being written
+        and is_point_cloud(file)
+        and file.suffix != ".label"  # SemanticKITTI's, beside the points
+        and file.is_file()
+    ]
+    if not found:
+        raise FileFormatError(f"{path}: expected point clouds or bags in the folder, got none")
+    return sorted(found, key=lambda file: [_natural(part) for part in file.relative_to(path).parts])
+
+
+def _natural(text: str) -> list[tuple[int, str]]:
+    """Return a key by which names are sorted as people count: 2 before 10."""
+    return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", text) if part]
+
+
+def _read(files: list[Path]) -> Iterator[PointCloud]:
+    for file in files:
+        if not _is_bag(file):
+            yield PointCloud.load(file)
+            continue
+        topic = None
+        for message in rosbag.read(file):
+            topic = topic or message.topic
+            if message.topic != topic:
+                raise ArgumentValueError(
+                    file,
+                    "the clouds of one sensor",
+                    f"the topics {topic} and {message.topic}",
+                    "lidarsim.io.rosbag.read(…, topic=…) chooses one",
+                )
+            yield message.cloud

@@ -1,0 +1,801 @@
+"""Comparisons: each measure against what the clouds were made with, verdicts on altered copies, files and reports."""
+
+from __future__ import annotations
+
+import json
+import pickle
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import lidarsim as ls
+from lidarsim.cli import main
+from lidarsim.comparison import Cell, Measure
+from lidarsim.comparison import _measures as measures
+from lidarsim.comparison import _statistics as statistics
+from lidarsim.comparison._frame import Frame
+from lidarsim.comparison._report import page
+
+SIGMA, STEP, LOST = 0.012, 0.004, 0.02
+"""What the sensor of these tests does: noise and step of the range, m, and share of lost pulses."""
+RINGS = 32
+OFFSETS = np.radians(np.tile([3.0, 1.0, -1.0, -3.0], RINGS // 4))
+ELEVATIONS = np.radians(np.linspace(-20.0, 15.0, RINGS))
+SENSOR = ls.Lidar(
+    ls.patterns.Spinning(ELEVATIONS, azimuth_offsets=OFFSETS, columns=1024),
+    measurement=ls.Measurement(
+        range_sigma=SIGMA,
+        range_resolution=STEP,
+        dropout=LOST,
+        beam=ls.Beam(3e-3, pulse_length=3e-9, rays=7),
+        returns="dual",
+    ),
+    name="test",
+)
+
+
+def scene() -> ls.Scene:
+    """A hall with pillars before its walls."""
+    made = ls.Scene()
+    made.add(ls.Plane((0, 0, 1), -1.8), material=ls.Material(reflectivity=0.2))
+    made.add(ls.Box((40, 24, 16)), material=ls.Material(reflectivity=0.5))
+    for x in (-9, -5, 5, 9):
+        for y in (-6, 6):
+            made.add(ls.Box((0.8, 0.8, 16), (x, y, 0)), material=ls.Material(reflectivity=0.8))
+    return made
+
+
+def frames(lidar: ls.Lidar = SENSOR, *, count: int = 2, first: int = 0) -> list[ls.PointCloud]:
+    return [scan.point_cloud() for scan in lidar.frames(scene(), None, count, first=first)]
+
+
+def measured(**values: Any) -> list[ls.PointCloud]:
+    """Frames of the sensor with another measurement."""
+    return frames(replace(SENSOR, measurement=replace(SENSOR.measurement, **values)), first=10)
+
+
+@pytest.fixture(scope="module")
+def real() -> list[ls.PointCloud]:
+    return frames()
+
+
+@pytest.fixture(scope="module")
+def again() -> list[ls.PointCloud]:
+    """The same sensor in the same scene, with other noise."""
+    return frames(first=10)
+
+
+@pytest.fixture(scope="module")
+def alike(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> ls.Comparison:
+    return ls.compare(real, again)
+
+
+def changed(cloud: ls.PointCloud, ranges: np.ndarray | None = None, **fields: Any) -> ls.PointCloud:
+    """The same points at other ranges, or with other fields."""
+    own = {name: getattr(cloud, name) for name in ("xyz", "range", "intensity", "ring", "column", "return_number")}
+    if ranges is not None:
+        own["xyz"] = cloud.xyz * (ranges / cloud.range)[:, None]
+        own["range"] = ranges
+    return ls.PointCloud(own | fields)
+
+
+def smoothed(cloud: ls.PointCloud) -> ls.PointCloud:
+    """Each range the mean of three neighbours along its ring, where they are of one surface."""
+    order = np.lexsort((cloud.column, cloud.ring))
+    ranges = cloud.range.copy()
+    r = ranges[order]
+    near = np.maximum(np.abs(r[1:-1] - r[:-2]), np.abs(r[1:-1] - r[2:])) < 0.2
+    r[1:-1][near] = ((cloud.range[order][:-2] + r[2:] + r[1:-1]) / 3)[near]
+    ranges[order] = r
+    return changed(cloud, ranges)
+
+
+def cells(measure: Measure) -> dict[str, Cell]:
+    return {cell.label: cell for cell in measure.cells}
+
+
+# verdicts
+
+
+def test_another_recording_of_one_scene_is_alike_in_all(alike: ls.Comparison) -> None:
+    assert [measure.name for measure in alike.differing] == []
+    assert sum(measure.verdict == "alike" for measure in alike) >= 17
+    assert all(measure.why for measure in alike)
+    assert len(alike["points by ring"].cells) == RINGS
+
+
+def test_one_frame_is_enough(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
+    comparison = ls.compare(real[0], again[0])
+    assert comparison.differing == ()
+    assert "two frames" in comparison["density-aware Chamfer distance"].why
+    assert sum(measure.verdict == "alike" for measure in comparison) >= 14
+
+
+ALTERED: dict[str, tuple[Callable[[list[ls.PointCloud]], list[ls.PointCloud]], set[str], set[str]]] = {
+    "shifted": (
+        lambda clouds: [changed(cloud, cloud.range + 7 * STEP) for cloud in clouds],
+        {"range offset in one scene"},
+        {"density-aware Chamfer distance"},
+    ),
+    "one ring shifted": (
+        lambda clouds: [changed(cloud, cloud.range + 5 * STEP * (cloud.ring == 20)) for cloud in clouds],
+        {"ring bias"},
+        set(),
+    ),
+    "smoothed": (lambda clouds: [*map(smoothed, clouds)], {"range noise", "range step"}, set()),
+    "noisier": (
+        lambda _: measured(range_sigma=1.4 * SIGMA),
+        {"range noise"},
+        {"density-aware Chamfer distance"},
+    ),
+    "rings permuted": (
+        lambda clouds: [changed(cloud, ring=(cloud.ring * 5 + 3) % RINGS) for cloud in clouds],
+        {"ring elevation", "ring azimuth offset"},
+        {"points by ring", "ring bias"},
+    ),
+    "more lost": (
+        lambda _: measured(dropout=LOST + 0.06),
+        {"return rate by range", "return rate by incidence", "holes in smooth rings"},
+        {"density-aware Chamfer distance", "lost returns at edges"},
+    ),
+    "one return": (
+        lambda _: measured(returns="strongest"),
+        {"dual returns at edges"},
+        {"dual returns"},
+    ),
+    "another step": (lambda _: measured(range_resolution=0.005), {"range step"}, set()),
+    "dimmer": (
+        lambda clouds: [changed(cloud, intensity=0.7 * cloud.intensity) for cloud in clouds],
+        {"intensity by range", "intensity by incidence"},
+        set(),
+    ),
+    "cut off": (
+        lambda clouds: [cloud[cloud.range < 18.0] for cloud in clouds],
+        {"points by range"},
+        {
+            "points by ring",
+            "return rate by range",
+            "return rate by incidence",
+            "density-aware Chamfer distance",
+            "lost returns at edges",
+            "dual returns at edges",
+            "intensity by range",
+            "intensity by incidence",
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize(("alter", "named", "also"), ALTERED.values(), ids=ALTERED)
+def test_the_measure_that_differs_is_named(
+    real: list[ls.PointCloud],
+    again: list[ls.PointCloud],
+    alter: Callable[[list[ls.PointCloud]], list[ls.PointCloud]],
+    named: set[str],
+    also: set[str],
+) -> None:
+    found = {measure.name for measure in ls.compare(real, alter(again)).differing}
+    assert named <= found
+    assert found <= named | also
+
+
+def test_the_ring_that_differs_is_named(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
+    shift = 5 * STEP
+    bias = ls.compare(real, [changed(cloud, cloud.range + shift * (cloud.ring == 20)) for cloud in again])["ring bias"]
+    assert bias.where == "ring 20"
+    # Planes over eight rings follow one of them by 1/8 in the mean and up to 7/24 more in their slope.
+    assert 0.55 * shift < bias.difference < shift
+    assert bias.difference_interval[0] < bias.difference < bias.difference_interval[1]
+
+
+def test_chance_alone_makes_no_difference() -> None:
+    """Of 40 comparisons of 300 cells of pure noise, at most one in twenty may find one; 6 has a probability of 1 %."""
+    rng = np.random.default_rng(1)
+    alarms = 0
+    for trial in range(40):
+        sides = []
+        for side in range(2):
+            units = statistics.Units()
+            cell, block = (part.ravel() for part in np.meshgrid(np.arange(300), np.arange(16)))
+            samples = statistics.Samples(cell, block, rng.normal(size=cell.size))
+            units.add(statistics.Mean().sums(samples, 300))
+            sides.append(statistics.estimate(statistics.Mean(), units, 300, seed=2 * trial + side))
+        one, other = sides
+        chance = statistics.critical(300, np.minimum(one.units, other.units)) * np.hypot(one.error, other.error)
+        alarms += bool((np.abs(other.value - one.value) > chance).any())
+    assert alarms < 6
+
+
+# each measure against what the clouds were made with
+
+
+def test_noise_is_that_of_the_sensor(alike: ls.Comparison) -> None:
+    # Quantisation adds q²/12 to the variance. The third differences of n columns in a row have squares that are
+    # correlated by (15/20)², (6/20)² and (1/20)², which more than doubles the variance of their mean, 2/n; to leave out
+    # a fifth, as little as doubles it again. So the relative error of σ is below √(2.4/n), here with 4 of it, and with
+    # 2e-3 for bins that are 6 % wide, in which the mean square is off by 6 %²/12.
+    expected = np.hypot(SIGMA, STEP / np.sqrt(12.0))
+    well_known = [cell for cell in alike["range noise"].cells if min(cell.n_real, cell.n_simulated) > 3000]
+    assert len(well_known) >= 2
+    for cell in well_known:
+        for value, n in ((cell.real, cell.n_real), (cell.simulated, cell.n_simulated)):
+            assert value == pytest.approx(expected, rel=4.0 * np.sqrt(2.4 / n) + 2e-3)
+
+
+def test_noise_is_not_that_of_edges() -> None:
+    """Of noise-free clouds nothing is left but what a sinusoid of 1/range has, whatever edges there are."""
+    lidar = ls.Lidar(SENSOR.pattern)
+    noise = ls.compare(frames(lidar), frames(lidar))["range noise"]
+    assert sum(cell.n_real for cell in noise.cells) > 20_000
+    # Third differences up to 8 sin³(δ/2) r/cosθ, over √20: at δ = 2π/1024, r = 24 m and cosθ = 0.5 2.5e-6 m; the lowest
+    # bin ends at 1e-5 m. Rows of the pillars' faces are as flat.
+    assert all(cell.real < 1e-5 for cell in noise.cells if cell.n_real > 500)
+
+
+def test_return_rates_are_those_of_the_sensor(alike: ls.Comparison) -> None:
+    for name in ("return rate by range", "return rate by incidence", "holes in smooth rings"):
+        expected = LOST if name.startswith("holes") else 1.0 - LOST
+        for cell in alike[name].cells:
+            if cell.n_real > 1000:
+                # Binomial, within 4 σ; a pulse at the end of a plane counts only if it returns, one in forty or so.
+                tolerance = 4.0 * np.sqrt(LOST * (1.0 - LOST) / cell.n_real) + 0.05 * LOST
+                assert cell.real == pytest.approx(expected, abs=tolerance)
+
+
+def test_scans_know_what_became_of_each_pulse() -> None:
+    """Beyond the reach of the sensor nothing returns, and no cloud tells that there is something."""
+    limit = ls.Detection(reflectivity=0.1, range=12.0)
+    lidar = replace(SENSOR, measurement=ls.Measurement(detection=limit))
+    scans = [list(lidar.frames(scene(), None, 2, first=first)) for first in (0, 5)]
+    rates = cells(ls.compare(*scans)["return rate by range"])
+    truth = np.concatenate([scan.true_range[:, 0] for scan in scans[0]])
+    returned = np.concatenate([scan.return_count > 0 for scan in scans[0]])
+    far = (truth >= 20.0) & (truth < 35.0)
+    assert 0.0 < returned[far].mean() < 1.0
+    assert rates["20 to 35 m"].real == pytest.approx(returned[far].mean(), rel=1e-12)
+    assert rates["20 to 35 m"].n_real == far.sum()
+
+
+def test_ring_biases_are_those_of_the_rings(real: list[ls.PointCloud]) -> None:
+    biases = 2 * STEP * np.where(np.arange(RINGS) % 2, 1.0, -1.0)
+    bias = ls.compare(real, [changed(cloud, cloud.range + biases[cloud.ring]) for cloud in real])["ring bias"]
+    compared = [cell for cell in bias.cells if np.isfinite(cell.least)]
+    assert len(compared) > 20  # the others see the ground alone, at a grazing angle
+    found = np.array([cell.difference for cell in compared])
+    wanted = biases[[int(cell.label.removeprefix("ring ")) for cell in compared]]
+    # A line through ±1 in turns at the eight places −3.5, −2.5, …, 3.5 of a tile has the slope 4/42, and takes 1/3 of
+    # the pattern at its ends; noise has a few hundredths.
+    assert (np.abs(found - wanted) < 0.4 * np.abs(wanted)).all()
+
+
+def test_rings_are_where_the_sensor_has_them(alike: ls.Comparison) -> None:
+    elevation = [cell.real for cell in alike["ring elevation"].cells]
+    # Points lie in the nominal directions to rounding.
+    assert np.allclose(elevation, ELEVATIONS, rtol=0.0, atol=1e-9)
+    azimuth = [cell.real for cell in alike["ring azimuth offset"].cells]
+    assert np.allclose(azimuth, OFFSETS - OFFSETS.mean(), rtol=0.0, atol=1e-9)
+
+
+def test_steps_are_found() -> None:
+    rng = np.random.default_rng(0)
+    for step in (*measures.STEPS, 0.0):
+        ranges = rng.uniform(2.0, 80.0, 4000)
+        ranges = np.rint(ranges / step) * step + 0.0003 if step else ranges
+        samples = statistics.Samples(np.zeros(4000, int), rng.integers(0, 16, 4000), ranges)
+        summary = statistics.Step(measures.STEPS)
+        assert summary.value(summary.sums(samples, 1).sum(axis=0)) == step
+
+
+def rings_of(*rows: list[float]) -> ls.PointCloud:
+    """A cloud of rings, one a row, with a column for each number; nan is a pulse without a return."""
+    points, ring, column = [], [], []
+    for i, row in enumerate(rows):
+        for k, r in enumerate(row):
+            if np.isfinite(r):
+                azimuth, elevation = -0.005 * k, 0.01 * i
+                flat = np.cos(elevation)
+                points.append(r * np.array([flat * np.cos(azimuth), flat * np.sin(azimuth), np.sin(elevation)]))
+                ring.append(i)
+                column.append(k)
+    return ls.PointCloud(xyz=points, ring=ring, column=column)
+
+
+def test_edges_are_counted() -> None:
+    nan, near, far = np.nan, [5.0] * 4, [7.3] * 4
+    clean, mixed, lost = near + far, [*near, 6.1, *far], [*near, nan, *far]
+    row = [*clean, *mixed[::-1], *lost, *clean[::-1], *mixed, *clean[::-1]]
+    frame = Frame.of(rings_of(row, row), None, 1.0)
+    edges = measures._Edges.of(frame)
+    jumps = [a != b for a, b in pairwise(row) if np.isfinite(a) and np.isfinite(b)]
+    assert (edges.mixed.sum(), edges.lost.sum(), edges.dual.sum()) == (4.0, 2.0, 0.0)
+    # A mixed point makes two jumps of its own.
+    assert edges.weight[(edges.mixed == 0) & (edges.lost == 0)].sum() == 2 * (sum(jumps) - 2 * 2)
+    assert set(edges.cell) == {measures.BY_JUMP.labels.index("2 to 3 m")}
+
+
+def test_a_slanted_surface_has_no_edges() -> None:
+    row = [10.0 + 0.4 * k for k in range(40)]
+    assert len(measures._Edges.of(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
+
+
+def test_a_gentle_step_is_no_edge() -> None:
+    """From side to side it is 0.11 m, but the lines through the sides are 0.07 m apart at the pixel between them."""
+    row = [10.0, 10.02, 10.06, 10.13, 10.15]
+    assert len(measures._Edges.of(Frame.of(rings_of(row, row), None, 1.0)).cell) == 0
+
+
+def test_a_rate_of_none_has_an_error() -> None:
+    sums = np.array([[99.0, 99.0, 0.0]])
+    assert statistics.Rate().error(sums) == pytest.approx(np.sqrt(0.005 * 0.995 / 100.0))
+
+
+def test_dual_returns_and_their_separation() -> None:
+    rng = np.random.default_rng(2)
+    sides = []
+    for _ in range(2):
+        single = rings_of(*[[5.0] * 1000] * 8)
+        twice = rng.random(len(single)) < 0.3
+        apart = rng.uniform(0.6, 4.0, twice.sum())
+        second = single.xyz[twice] * (1.0 + apart / 5.0)[:, None]
+        sides.append(
+            ls.PointCloud(
+                xyz=np.concatenate([single.xyz, second]),
+                ring=np.concatenate([single.ring, single.ring[twice]]),
+                column=np.concatenate([single.column, single.column[twice]]),
+            )
+        )
+    comparison = ls.compare(*sides)
+    share, separation = comparison["dual returns"], comparison["separation of dual returns"]
+    assert share.real == np.mean(np.unique(sides[0].ring * 1000 + sides[0].column, return_counts=True)[1] == 2)
+    assert share.n_real == 8000
+    # The 1st percentile of a uniform distribution; of 2,400 samples it is off by 0.2 % of its width, here with 4 of it.
+    assert separation.real == pytest.approx(0.6 + 0.01 * 3.4, abs=0.03)
+    assert share.verdict == separation.verdict == "alike"
+
+
+def test_intensity_in_percent_is_that_of_lidarsim(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
+    percent = [changed(cloud, intensity=np.rint(100.0 * cloud.intensity)) for cloud in again]
+    comparison = ls.compare(real, percent)
+    assert comparison["intensity by range"].verdict == "alike"
+    assert comparison["range noise"].verdict == "alike"
+
+
+def test_chamfer_distance_is_that_of_the_paper() -> None:
+    rng = np.random.default_rng(3)
+    one, other = (ls.PointCloud(xyz=rng.normal(3.0, size=(n, 3))) for n in (300, 200))
+    pair = measures.Pair(*(Frame.of(cloud, None, 1.0) for cloud in (one, other)))
+    samples = measures.chamfer(pair)
+    summary = statistics.Mean()
+    found = summary.value(summary.sums(samples, 1).sum(axis=0)).item()
+    halves = []
+    for a, b in ((one.xyz, other.xyz), (other.xyz, one.xyz)):
+        distance = np.sqrt(((a[:, None] - b[None]) ** 2).sum(axis=-1))
+        nearest = distance.argmin(axis=1)
+        crowd = np.array([(nearest == k).sum() for k in nearest])
+        halves.append((1.0 - np.exp(-10.0 * distance.min(axis=1)) / crowd).mean())
+    assert found == pytest.approx(np.mean(halves), rel=1e-12)
+
+
+# statistics
+
+
+def test_statistics_of_histograms() -> None:
+    values = np.random.default_rng(4).gamma(2.0, size=5000)
+    edges = np.linspace(0.0, 20.0, 2001)
+    counts = np.histogram(values, edges)[0].astype(float)
+    centres, width = 0.5 * (edges[1:] + edges[:-1]), edges[1]
+    assert statistics.trimmed(0.1, 0.9)(centres, counts) == pytest.approx(stats.trim_mean(values, 0.1), abs=width / 2)
+    for share in (0.01, 0.5, 0.99):
+        assert statistics.quantile(share)(centres, counts) == pytest.approx(np.quantile(values, share), abs=2 * width)
+    sigma = np.abs(np.random.default_rng(5).normal(size=200_000))
+    sigma[:4000] = 50.0  # a fiftieth of outliers
+    counts = np.histogram(sigma, edges)[0].astype(float)
+    # The outliers take a fiftieth of the places of 0.8; the quantile at which the rest ends moves from 0.8 to 0.816.
+    assert statistics.robust_sigma()(centres, counts) == pytest.approx(1.0, abs=0.04)
+    assert np.isnan(statistics.quantile(0.5)(centres, np.zeros(2000)))
+
+
+def test_a_slope_is_that_of_a_regression() -> None:
+    rng = np.random.default_rng(6)
+    x = rng.uniform(3.0, 9.0, 1000)
+    y = 0.3 * x + rng.normal(size=1000)
+    samples = statistics.Samples(np.zeros(1000, int), rng.integers(0, 16, 1000), y, other=x)
+    found = statistics.Slope().value(statistics.Slope().sums(samples, 1).sum(axis=0)).item()
+    assert np.tan(found) == pytest.approx(stats.linregress(x, y).slope, rel=1e-9)
+
+
+@pytest.mark.parametrize("count", [1, 16, 17, 18, 144, 145, 200, 600])
+def test_any_number_of_frames_takes_bounded_memory(count: int) -> None:
+    units = statistics.Units()
+    for frame in range(count):
+        sums = np.zeros((statistics.BLOCKS, 2 + frame % 3, 1))
+        sums[frame % statistics.BLOCKS, 0] = frame + 1.0
+        sums[:, 1] = 1.0
+        units.add(sums)
+    held = units.sums(units.cells)
+    assert len(held) <= max(statistics.MOST, statistics.BLOCKS * statistics.FEW)
+    assert len(held) >= min(count, statistics.MOST // 2)
+    assert held.sum(axis=0)[:2, 0].tolist() == [count * (count + 1) / 2, 16.0 * count]
+    if count > statistics.FEW:
+        per_unit = held[:-1, 1, 0]  # the last may be of fewer frames
+        assert len(set(per_unit.tolist())) == 1
+
+
+def test_the_bootstrap_has_the_spread_of_the_mean() -> None:
+    units = statistics.Units()
+    values = np.random.default_rng(7).normal(2.0, 1.0, size=(128, 50))
+    for row in values:
+        sums = np.zeros((statistics.BLOCKS, 1, 3))
+        sums[0, 0] = [50.0, 50.0, row.sum()]
+        units.add(sums)
+    found = statistics.estimate(statistics.Mean(), units, 1, seed=0)
+    spread = values.mean(axis=1).std(ddof=1) / np.sqrt(len(units.sums(1)))
+    # 400 resamples know a standard deviation to 1/√800, here with 4 of it.
+    assert found.error.item() == pytest.approx(spread, rel=4.0 / np.sqrt(800.0) + 0.2)
+    low, high = found.interval(0)
+    assert low < found.value.item() < high
+
+
+# what clouds do not tell
+
+
+@pytest.mark.parametrize("name", ["velodyne-vlp16", "ouster-os1-64", "hesai-pandar64"])
+def test_a_sensor_tells_the_columns(name: str) -> None:
+    lidar = ls.Lidar.preset(name)
+    cloud = lidar.scan(scene()).point_cloud()
+    # The head of a real one starts anywhere: a third of a column further.
+    turn = np.deg2rad(120.0) / lidar.pattern.shape[1]
+    rotation = np.array([[np.cos(turn), -np.sin(turn), 0.0], [np.sin(turn), np.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    bare = ls.PointCloud(xyz=cloud.xyz @ rotation.T, ring=cloud.ring)
+    known = Frame.of(cloud, None, 1.0).image
+    told = Frame.of(bare, lidar, 1.0).image
+    assert known is not None
+    assert told is not None
+    assert known.counted
+    assert not told.counted
+    assert told.rings.tolist() == known.rings.tolist()
+    assert (told.point >= 0).sum() >= 0.999 * len(cloud)
+    # The points of a ring follow one another as they do in its columns, but for where a turn begins.
+    known_pairs, told_pairs = (
+        {pair for row in image.point for pair in pairwise(row[row >= 0].tolist())} for image in (known, told)
+    )
+    assert len(known_pairs - told_pairs) <= 2 * len(known.rings)
+
+
+def turned(xyz: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Points turned about z, each by its angle."""
+    x, y, z = xyz.T
+    return np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle), z], axis=-1)
+
+
+def test_jitter_about_half_a_column_moves_no_point() -> None:
+    cloud = ls.Lidar(SENSOR.pattern).scan(scene()).point_cloud()
+    jitter = np.random.default_rng(8).uniform(0.4, 0.6, len(cloud)) * 2.0 * np.pi / 1024
+    image = Frame.of(ls.PointCloud(xyz=turned(cloud.xyz, jitter), ring=cloud.ring), SENSOR, 1.0).image
+    assert image is not None
+    assert (image.point >= 0).sum() >= len(cloud) - RINGS  # a turn may begin within a column
+
+
+def test_two_pulses_of_a_column_are_no_dual_return() -> None:
+    cloud = ls.Lidar(SENSOR.pattern).scan(scene()).point_cloud()
+    stray = np.where(np.arange(len(cloud)) % 97 == 0, 0.7 * 2.0 * np.pi / 1024, 0.0)
+    image = Frame.of(ls.PointCloud(xyz=turned(cloud.xyz, stray), ring=cloud.ring), SENSOR, 1.0).image
+    assert image is not None
+    assert (image.point >= 0).sum() < len(cloud) - 200  # they do share pixels
+    assert image.returns.max() == 1
+
+
+def test_the_origins_of_beams_count_for_what_is_near() -> None:
+    """At 0.6 m a beam that starts 5 cm beside the axis meets what lies 5 degrees, or 14 columns, off its azimuth."""
+    near = ls.Scene()
+    near.add(ls.Box((40, 24, 16)))
+    near.add(ls.Box((0.4, 1.0, 4.0), (0.8, 0.0, 0.0)))
+    lidar = ls.Lidar(ls.patterns.Spinning(ELEVATIONS, columns=1024, beam_origins=(0.0, 0.05, 0.0)))
+    cloud = lidar.scan(near).point_cloud()
+    assert (cloud.range < 1.0).sum() > 1000
+    image = Frame.of(ls.PointCloud(xyz=cloud.xyz, ring=cloud.ring), lidar, 1.0).image
+    assert image is not None
+    assert (image.point >= 0).sum() > 0.99 * len(cloud)
+
+
+def test_a_sensor_whose_rings_do_not_turn_tells_no_columns() -> None:
+    lidar = ls.Lidar.preset("livox-mid40")
+    cloud = lidar.scan(scene()).point_cloud()
+    assert ls.compare(cloud, cloud)["range noise"].why == (
+        "the real clouds have columns that are no even steps of azimuth"
+    )
+    comparison = ls.compare(*[ls.PointCloud(xyz=cloud.xyz, ring=cloud.ring)] * 2, sensor=lidar)
+    assert comparison["range noise"].why == (
+        "the real clouds have no columns that follow from their azimuths and the sensor"
+    )
+
+
+def test_without_rings_it_says_what_needs_them(real: list[ls.PointCloud]) -> None:
+    comparison = ls.compare([ls.PointCloud(xyz=cloud.xyz) for cloud in real], real)
+    without = {measure.name for measure in comparison if measure.why == "the real clouds have no rings"}
+    assert {"points by ring", "range noise", "ring bias", "ring elevation", "dual returns"} <= without
+    assert comparison["intensity by range"].why == "the real clouds have no intensity"
+    assert comparison["points by range"].verdict == "alike"
+    assert np.isnan(comparison["ring bias"].real)
+
+
+def test_unlike_sensors_are_noted(real: list[ls.PointCloud]) -> None:
+    few = [cloud[cloud.ring % 2 == 0] for cloud in real]
+    comparison = ls.compare(real, few)
+    assert comparison["ring elevation"].why == "the real clouds have points in 32 rings, the simulated ones in 16"
+    assert "unlike sensors" in comparison.notes[0]
+    assert comparison["range noise"].verdict == "alike"
+    assert ls.compare(real, few, sensor=SENSOR).notes == ()
+
+
+def test_what_does_not_overlap_is_not_paired(real: list[ls.PointCloud], again: list[ls.PointCloud]) -> None:
+    elsewhere = [changed(cloud, 5.0 * cloud.range) for cloud in again]
+    comparison = ls.compare(real, elsewhere)
+    for name in ("range offset in one scene", "density-aware Chamfer distance"):
+        assert "do not overlap" in comparison[name].why
+
+
+def test_strange_numbers_are_no_burden(real: list[ls.PointCloud]) -> None:
+    cloud = changed(real[0], ring=np.full(len(real[0]), 60_000))
+    assert "have rings up to 60,000" in ls.compare(cloud, real)["points by ring"].why
+    wide = changed(real[0], column=np.where(np.arange(len(real[0])) == 5, 2**32 - 1, real[0].column))
+    assert ls.compare(wide, real)["range noise"].why == "the real clouds have too many columns for their points"
+    ticks = [changed(cloud, column=cloud.column * 44 + 7) for cloud in real]
+    assert {measure.verdict for measure in ls.compare(real, ticks)} == {"alike"}
+    holes = np.where(np.arange(len(real[0]))[:, None] % 7 == 0, np.nan, real[0].xyz)
+    assert ls.compare(ls.PointCloud(xyz=holes), real).real.points == np.isfinite(holes[:, 0]).sum()
+
+
+# what is given
+
+
+def test_files_folders_bags_and_scans_are_taken(tmp_path: Path) -> None:
+    lidar = ls.Lidar.preset("velodyne-vlp16", noise="datasheet")
+    scans = list(lidar.frames(scene(), None, 3))
+    (tmp_path / "clouds" / "deep").mkdir(parents=True)
+    for i, scan in enumerate(scans):
+        scan.point_cloud().save(tmp_path / "clouds" / ("deep" if i else "") / f"frame_{i}.npz")
+    (tmp_path / "clouds" / "poses.tum").write_text("", encoding="utf-8")
+    with ls.io.rosbag.Writer(tmp_path / "drive.mcap") as bag:
+        for scan in scans:
+            bag.write(scan)
+    points = sum(len(scan.point_cloud()) for scan in scans)
+    given = {
+        "folder": tmp_path / "clouds",
+        "bag": str(tmp_path / "drive.mcap"),
+        "paths": sorted((tmp_path / "clouds").rglob("*.npz")),
+        "scans": iter(scans),
+        "clouds": (scan.point_cloud() for scan in scans),
+    }
+    for name, one in given.items():
+        comparison = ls.compare(one, scans[0], sensor="velodyne-vlp16")
+        assert (comparison.real.frames, comparison.real.points) == (3, points), name
+        assert comparison["range noise"].verdict == "alike", name
+    assert ls.compare(tmp_path / "clouds" / "frame_0.npz", scans[0]).real.frames == 1
+
+
+def test_a_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
+    from lidarsim.comparison import source
+
+    for name in ("f10", "f9", "f100", ".f11"):
+        ls.PointCloud(xyz=[[int(name.strip(".f")), 0, 0]]).save(tmp_path / f"{name}.xyz")
+    read = source("real", tmp_path)
+    assert read.count == 3
+    assert [float(cloud.xyz[0, 0]) for cloud in read.frames] == [9.0, 10.0, 100.0]
+
+
+def test_one_frame_is_held_at_a_time(real: list[ls.PointCloud]) -> None:
+    order = []
+
+    def told(name: str) -> Any:
+        for cloud in real:
+            order.append(name)
+            yield cloud
+
+    ls.compare(told("real"), told("simulated"))
+    assert order == ["real", "simulated"] * 2
+
+
+MISTAKES: dict[str, tuple[Callable[[Path], Any], type[Exception], str]] = {
+    "a number": (lambda _: ls.compare(3, ls.PointCloud([[1.0, 0, 0]])), TypeError, "real: expected a PointCloud"),
+    "numbers": (
+        lambda _: ls.compare(ls.PointCloud([[1.0, 0, 0]]), [3]),
+        TypeError,
+        "simulated[0]: expected a PointCloud, a Scan or a path, got 3",
+    ),
+    "no points": (
+        lambda _: ls.compare(ls.PointCloud([[1.0, 0, 0]]), ls.PointCloud(np.zeros((4, 3)))),
+        ValueError,
+        "simulated: expected points, got none in 1 frame",
+    ),
+    "no frames": (
+        lambda _: ls.compare([], ls.PointCloud([[1.0, 0, 0]])),
+        ValueError,
+        "real: expected points, got none in 0 frames",
+    ),
+    "no such sensor": (
+        lambda _: ls.compare(*[ls.PointCloud([[1.0, 0, 0]])] * 2, sensor="os1"),
+        ValueError,
+        "sensor: expected a Lidar or one of ",
+    ),
+    "a sensor of another type": (
+        lambda _: ls.compare(*[ls.PointCloud([[1.0, 0, 0]])] * 2, sensor=5),
+        TypeError,
+        "sensor: expected a Lidar or the name of a preset, got 5",
+    ),
+    "an empty folder": (
+        lambda folder: ls.compare(folder, folder),
+        ls.errors.FileFormatError,
+        "expected point clouds or bags in the folder, got none",
+    ),
+    "no file": (lambda folder: ls.compare(folder / "a.pcd", folder / "b.pcd"), FileNotFoundError, "no such file"),
+}
+
+
+@pytest.mark.parametrize(("mistake", "kind", "message"), MISTAKES.values(), ids=MISTAKES)
+def test_a_mistake_is_explained(
+    mistake: Callable[[Path], Any], kind: type[Exception], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises(kind) as raised:
+        mistake(tmp_path)
+    assert message in str(raised.value)
+
+
+def test_a_bag_of_two_sensors_is_not_mixed(tmp_path: Path) -> None:
+    scan = ls.Lidar.preset("velodyne-vlp16").scan(scene())
+    with ls.io.rosbag.Writer(tmp_path / "two.mcap", sensors={"a": np.eye(4), "b": np.eye(4)}) as bag:
+        bag.write({"a": scan, "b": scan})
+    with pytest.raises(ValueError, match="expected the clouds of one sensor, got the topics /a/points and /b/points"):
+        ls.compare(tmp_path / "two.mcap", scan)
+
+
+# what comes out
+
+
+class Checker(HTMLParser):
+    """Elements that are open, and what is loaded from elsewhere."""
+
+    VOID = frozenset({"meta", "br", "line", "circle", "rect"})
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loaded: list[str] = []
+        self.seen: set[str] = set()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.seen.add(tag)
+        self.loaded += [value or "" for name, value in attrs if name in {"src", "href"} and not value.startswith("#")]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.VOID:
+            assert self.open.pop() == tag
+
+
+def test_the_page_needs_nothing_else(alike: ls.Comparison, tmp_path: Path) -> None:
+    alike.save(tmp_path / "report.html")
+    text = (tmp_path / "report.html").read_text(encoding="utf-8")
+    checker = Checker()
+    checker.feed(text)
+    assert checker.open == []
+    assert checker.loaded == []
+    assert {"svg", "table", "style"} <= checker.seen
+    assert all(measure.name in text for measure in alike)
+    assert text.count("<svg") == sum(measure.verdict != "not measured" for measure in alike)
+    assert "nan" not in text.replace("finance", "")
+
+
+def test_names_are_text_in_the_page(alike: ls.Comparison) -> None:
+    odd = replace(alike, real=replace(alike.real, name="<script>&"), notes=("<b>",))
+    text = page(odd)
+    assert "<script>" not in text
+    assert "<b>" not in text
+    assert "&lt;script&gt;&amp;" in text
+
+
+def test_json_holds_all_and_no_nan(alike: ls.Comparison, tmp_path: Path) -> None:
+    alike.save(tmp_path / "report.json")
+    read = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert read == json.loads(json.dumps(alike.to_dict()))
+    assert [measure["name"] for measure in read["measures"]] == [measure.name for measure in alike]
+    noise = read["measures"][[measure.name for measure in alike].index("range noise")]
+    assert noise["real"] == alike["range noise"].real
+    assert len(noise["cells"]) == len(alike["range noise"].cells)
+    with pytest.raises(ls.errors.FileFormatError, match="unknown extension"):
+        alike.save(tmp_path / "report.pdf")
+
+
+def test_a_comparison_is_a_sequence(alike: ls.Comparison) -> None:
+    assert len(alike) == len(measures.STATISTICS)
+    assert alike[0] is alike.measures[0]
+    assert alike["range noise"] in alike
+    assert alike[:2] == alike.measures[:2]
+    with pytest.raises(KeyError, match="expected one of points by range"):
+        alike["noise"]
+    assert str(pickle.loads(pickle.dumps(alike))) == str(alike)  # noqa: S301
+    assert "range noise" in str(alike)
+    assert "alike" in repr(alike["range noise"])
+    assert "<table>" in alike._repr_html_()
+
+
+def test_the_same_clouds_give_the_same_numbers(real: list[ls.PointCloud], alike: ls.Comparison) -> None:
+    assert ls.compare(real, frames(first=10)).to_dict() == alike.to_dict()
+
+
+# the command
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as left:
+        main([*map(str, arguments)])
+    return int(left.value.code or 0)
+
+
+@pytest.fixture
+def folders(real: list[ls.PointCloud], again: list[ls.PointCloud], tmp_path: Path) -> tuple[Path, Path]:
+    for name, clouds in (("real", real), ("sim", again)):
+        (tmp_path / name).mkdir()
+        for i, cloud in enumerate(clouds):
+            cloud.save(tmp_path / name / f"{i}.npz")
+    return tmp_path / "real", tmp_path / "sim"
+
+
+def test_the_command_prints_the_table(folders: tuple[Path, Path], capsys: pytest.CaptureFixture[str]) -> None:
+    folder = folders[0].parent
+    assert run("compare", *folders, "-o", folder / "r.html", "--json", folder / "r.json") == 0
+    printed = capsys.readouterr()
+    assert printed.err == ""
+    assert f"real {folders[0]}: 2 frames, " in printed.out
+    assert "range noise" in printed.out
+    assert "0 of " in printed.out
+    assert (folder / "r.html").stat().st_size > 10_000
+    assert json.loads((folder / "r.json").read_text(encoding="utf-8"))["real"]["frames"] == 2
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("real", "nowhere.npz"), "nowhere.npz: no such file"),
+        (("real", "sim", "--sensor", "os1"), "sensor: expected a Lidar or one of"),
+        (("real", "sim", "-o", "r.pdf"), "r.pdf: unknown extension '.pdf', expected .html"),
+        (("real", "sim", "--json", "no/r.json"), "the folder no does not exist"),
+        (("real",), "Missing argument"),
+    ],
+)
+def test_the_command_explains_a_mistake_in_a_line(
+    folders: tuple[Path, Path],
+    arguments: tuple[str, ...],
+    message: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(folders[0].parent)
+    assert run("compare", *arguments) == 2
+    printed = capsys.readouterr()
+    assert message in printed.err
+    assert printed.err.count("\n") == 1
+    assert printed.out == ""
+
+
+# the page
+
+
+def test_the_page_names_each_measure_and_what_is_relevant() -> None:
+    text = (Path(ls.__file__).parent / "comparison" / "README.md").read_text(encoding="utf-8")
+    rows = {line.split("`")[1]: line.split("|")[-2].strip() for line in text.splitlines() if line[:3] == "| `"}
+    assert list(rows) == list(measures.STATISTICS)
+    for name, said in rows.items():
+        statistic = measures.STATISTICS[name]
+        scale = 1e3 if "mm" in said or "mrad" in said else 1.0
+        limits = {f"{scale * statistic.least:g}"} if statistic.least else set()
+        limits |= {f"{100 * statistic.relative:g}"} if statistic.relative else set()
+        assert {part.split()[0] for part in said.split(", ")} == (limits or {"any"}), name
