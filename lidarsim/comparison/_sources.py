@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from lidarsim._validation import shown
-from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
+from lidarsim.errors import ArgumentTypeError, FileFormatError
 from lidarsim.io import rosbag
 from lidarsim.pointcloud import PointCloud, is_point_cloud
 from lidarsim.scan import Scan
@@ -138,10 +138,8 @@ def _read(files: list[Path]) -> Iterator[PointCloud]:
         for message in rosbag.read(file):
             topic = topic or message.topic
             if message.topic != topic:
-                raise ArgumentValueError(
-                    file,
-                    "the clouds of one sensor",
-                    f"the topics {topic} and {message.topic}",
-                    "lidarsim.io.rosbag.read(…, topic=…) chooses one",
+                raise ValueError(
+                    f"{file}: expected the clouds of one sensor, got the topics {topic} and {message.topic}; "
+                    "lidarsim.io.rosbag.read(…, topic=…) chooses one"
                 )
             yield message.cloud
