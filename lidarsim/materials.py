@@ -328,8 +328,8 @@ CONCRETE_1550 = _cited(
     roughness=_ROAD,
 )
 
-# At grazing incidence, paint with glass beads returns π·R_L of what a white diffuser does at normal incidence. R_L is the
-# coefficient of retroreflected luminance, cd/m²/lx. At the greatest roughness, this is 0.43 of the reflectivity.
+# At grazing incidence, paint with glass beads returns π·R_L of what a white diffuser does at normal incidence, with R_L,
+# the coefficient of retroreflected luminance, in cd/m²/lx. At the greatest roughness, this is 0.43 of the reflectivity.
 _BEADS = math.pi / 2
 _BEADS_SOURCE = "in visible light at grazing incidence"
 
