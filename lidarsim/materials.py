@@ -237,12 +237,12 @@ def named(name: str) -> Material:
     """
     if not isinstance(name, str):
         raise ArgumentTypeError("name", "the name of a material", shown(name))
-    if name.upper() not in SOURCES:
-        known = [key.lower() for key in SOURCES]
+    known = {key.lower(): key for key in SOURCES}
+    if name.lower() not in known:
         near = difflib.get_close_matches(name.lower(), known)
         hint = f"did you mean {' or '.join(near)}?" if near else f"there are {', '.join(known)}"
         raise ArgumentValueError("name", "the name of a material", shown(name), hint)
-    found: Material = globals()[name.upper()]
+    found: Material = globals()[known[name.lower()]]
     return found
 
 
@@ -328,15 +328,15 @@ CONCRETE_1550 = _cited(
     roughness=_ROAD,
 )
 
-# At grazing incidence, paint with glass beads returns π·R_L of what a white diffuser does at normal incidence, with R_L,
-# the coefficient of retroreflected luminance, in cd/m²/lx. At the greatest roughness, this is 0.43 of the reflectivity.
+# At grazing incidence, paint with glass beads returns π·R_L of what a white diffuser does at normal incidence. R_L is
+# its coefficient of retroreflected luminance. At the greatest roughness, this is 0.43 of the reflectivity.
 _BEADS = math.pi / 2
 _BEADS_SOURCE = "in visible light at grazing incidence"
 
 ROAD_PAINT = _cited(
     "ROAD_PAINT",
-    "ASTM D6359, by http://www.docstoc.com/docs/104744193/NC-Data-Summary: new white markings, at least 250 mcd/m²/lx, "
-    f"{_BEADS_SOURCE}. Without beads, {_EARTHLIB}: 0.12 to 0.62 for 76 paints",
+    "ASTM D6359, by NC Data Summary, 2003, http://www.docstoc.com/docs/104744193: new white markings, at least "
+    f"250 mcd/m²/lx, {_BEADS_SOURCE}. Without beads, {_EARTHLIB}: 0.12 to 0.62 for 76 paints",
     reflectivity=1.8,
     roughness=_BEADS,
 )
@@ -350,7 +350,7 @@ ROAD_PAINT_WORN = _cited(
 )
 SIGN_SHEETING = _cited(
     "SIGN_SHEETING",
-    "ASTM D4956-01, white sheeting of type III, by http://www.angelfire.com/trek/cityton/american.htm: at least "
+    "ASTM D4956, 2001, white sheeting of type III, by http://www.angelfire.com/trek/cityton/american.htm: at least "
     "250 cd/lx/m² at 0.2° between source and eye, and 300 at 0.1°, in visible light, times π for a white diffuser's "
     "1/π; type I has 70",
     reflectivity=785.0,
