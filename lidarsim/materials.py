@@ -1,8 +1,8 @@
 """What surfaces are made of, as far as a lidar can tell, and a library of materials.
 
 The library has constants for 905 nm, such as `ASPHALT`, and for 1550 nm, such as `ASPHALT_1550`, where values were
-published. At wavelengths from 850 to 950 nm, those for 905 nm are good approximations: most of these spectra are flat
-there. `SOURCES` cites the values and their ranges. A real surface may well be half or twice as bright.
+published. From 850 to 950 nm, the spectra behind the former change by less than a tenth. `SOURCES` cites the values and
+their ranges. A real surface may well be half or twice as bright.
 
 There is no glass: what a window sends back is nearly all mirrored, and depends on what is mirrored.
 """
