@@ -262,7 +262,7 @@ _KLUM = (
 )
 _ECOSTRESS = (
     "S. K. Meerdink, S. J. Hook, D. A. Roberts and E. A. Abbott, 2019, The ECOSTRESS spectral library version 1.0, "
-    "Remote Sensing of Environment 230, 111196, https://speclib.jpl.nasa.gov"
+    "Remote Sensing of Environment 230, 111196, https://speclib.jpl.nasa.gov, by the R package photobiologyFilters"
 )
 _EARTHLIB = (
     "C. Anderson, 2026, earthlib 1.1, a global spectral library, https://pypi.org/project/earthlib, from "
@@ -274,8 +274,8 @@ _ASAM = (
 )
 _COATING = (
     "R. Levinson et al., 2011, Potential benefits of solar reflective car shells: Cooler cabins, fuel savings and "
-    "emission reductions, Applied Energy, https://today.lbl.gov/2011/10/13/"
-    "cool-colors-for-cars-could-improve-fuel-economy-reduce-emissions: reflectance of sunlight"
+    "emission reductions, Applied Energy, by https://en.paperblog.com/"
+    "solar-reflective-car-shells-simple-as-black-and-white-90166: reflectance of all sunlight"
 )
 
 # No roughness of these surfaces at these wavelengths was found in publications. With a roughness m of 0.3 and a
@@ -335,8 +335,8 @@ _BEADS_SOURCE = "in visible light at grazing incidence"
 
 ROAD_PAINT = _cited(
     "ROAD_PAINT",
-    "ASTM D6359, by NC Data Summary, 2003, http://www.docstoc.com/docs/104744193: new white markings, at least "
-    f"250 mcd/m²/lx, {_BEADS_SOURCE}. Without beads, {_EARTHLIB}: 0.12 to 0.62 for 76 paints",
+    "ASTM D6359, by NC Data Summary, 2003, http://www.docstoc.com/docs/104744193/NC-Data-Summary: new white markings, "
+    f"at least 250 mcd/m²/lx, {_BEADS_SOURCE}. Without beads, {_EARTHLIB}: 0.12 to 0.62 for 76 paints",
     reflectivity=1.8,
     roughness=_BEADS,
 )
@@ -344,7 +344,7 @@ ROAD_PAINT_WORN = _cited(
     "ROAD_PAINT_WORN",
     "H.-S. Lee and H.-U. Oh, 2005, Minimum retroreflectivity for pavement markings by driver's static test response, "
     "Journal of the Eastern Asia Society for Transportation Studies 6, 1089-1099, https://www.scribd.com/document/"
-    f"436168756: white markings in service, at least 130 to 140 mcd/m²/lx, {_BEADS_SOURCE}",
+    f"436168756/road-mar-kind: white markings in service, at least 130 to 140 mcd/m²/lx, {_BEADS_SOURCE}",
     reflectivity=0.94,
     roughness=_BEADS,
 )
