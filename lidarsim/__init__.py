@@ -3,7 +3,7 @@
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import config, datasets, errors, io, patterns, viewers  # noqa: F401 (viewers register views)
+from lidarsim import config, datasets, errors, io, materials, patterns, viewers  # noqa: F401 (viewers register views)
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
@@ -62,6 +62,7 @@ __all__ = [
     "errors",
     "generate",
     "io",
+    "materials",
     "patterns",
     "register_format",
     "register_lidar_reader",

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import math
 import pickle
 import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import lidarsim as ls
+from lidarsim import materials
+
+GUIDE = (Path(__file__).parents[1] / "configs" / "README.md").read_text(encoding="utf-8")
 
 
 def test_a_material_is_a_value() -> None:
@@ -103,3 +108,152 @@ def test_materials_that_cannot_be_are_refused(parameters: dict[str, Any], error:
 def test_colours_that_cannot_be_are_refused(colors: list[Any], message: str) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(message)}$"):
         ls.Material.from_colors(colors)
+
+
+LIBRARY = {name: value for name, value in vars(materials).items() if isinstance(value, ls.Material)}
+BRIGHTER_THAN_WHITE = {"ROAD_PAINT", "SIGN_SHEETING"}
+
+
+def test_each_material_of_the_library_has_a_source() -> None:
+    assert len(LIBRARY) > 30
+    assert list(LIBRARY) == list(materials.SOURCES)
+    assert sorted([*LIBRARY, "Material", "SOURCES", "named"]) == sorted(materials.__all__)
+    for name, source in materials.SOURCES.items():
+        assert re.search(r"\b20[0-2]\d\b", source), f"{name} has no year"
+        assert re.search(r"https?://\w", source), f"{name} has no address"
+        assert re.search(r"\b0\.\d|\d+ (to \d+ )?(m?cd)/", source), f"{name} has no values"
+        assert "  " not in source, name
+
+
+def test_the_values_of_the_library_are_in_range() -> None:
+    for name, material in LIBRARY.items():
+        assert material.per == "object"
+        assert isinstance(material.reflectivity, float)
+        assert material.reflectivity > 0
+        assert (material.reflectivity > 1) == (name in BRIGHTER_THAN_WHITE), name
+        assert material.specular == 0
+
+
+def test_materials_at_1550_nm_are_those_at_905_nm_in_other_light() -> None:
+    pairs = {name: (LIBRARY[name], LIBRARY[f"{name}_1550"]) for name in LIBRARY if f"{name}_1550" in LIBRARY}
+    assert len(pairs) > 10
+    assert {f"{name}_1550" for name in pairs} == {name for name in LIBRARY if name.endswith("_1550")}
+    for name, (near, far) in pairs.items():
+        assert near.roughness == far.roughness, name
+    ratio = {name: float(far.reflectivity) / float(near.reflectivity) for name, (near, far) in pairs.items()}
+    assert all(ratio[name] < 0.5 for name in ("GRASS", "FOLIAGE", "CONIFER", "SNOW"))  # their water absorbs the light
+    assert all(ratio[name] > 1 for name in ("ASPHALT", "ASPHALT_LIGHT", "CONCRETE", "BRICK", "SOIL", "BARK"))
+
+
+def test_retroreflectors_return_what_their_standards_ask_for() -> None:
+    """Relative to a white diffuser at normal incidence, of which both coefficients are 1/π."""
+    assert ls.materials.SIGN_SHEETING.reflectivity == pytest.approx(math.pi * 250, rel=0.001)
+    for material, luminance in ((ls.materials.ROAD_PAINT, 0.25), (ls.materials.ROAD_PAINT_WORN, 0.13)):
+        m = material.roughness
+        at_grazing_incidence = 0.45 * m**2 / (m**2 + 0.09)
+        assert material.reflectivity * at_grazing_incidence == pytest.approx(math.pi * luminance, rel=0.005)
+
+
+def test_materials_are_found_by_name() -> None:
+    for name, material in LIBRARY.items():
+        assert materials.named(name) is material
+        assert materials.named(name.lower()) is material
+    with pytest.raises(ValueError, match=r"^name: expected the name of a material, got 'gras'; did you mean grass or"):
+        materials.named("gras")
+    with pytest.raises(ValueError, match=r"^name: expected the name of a material, got 'x'; there are asphalt, "):
+        materials.named("x")
+    for hidden in ("SOURCES", "Material", "_ROAD", "math", "ſkin", ""):
+        with pytest.raises(ValueError, match=r"^name: expected the name of a material"):
+            materials.named(hidden)
+    with pytest.raises(TypeError, match=r"^name: expected the name of a material, got None$"):
+        materials.named(None)  # type: ignore[arg-type]
+
+
+def test_the_guide_lists_the_library() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| ([\d.]*) \| ([\d.]*) \| (\d*) \|$", GUIDE, re.MULTILINE)
+    assert [name for name, *_ in rows] == [name.lower() for name in LIBRARY if not name.endswith("_1550")]
+    for name, near, far, roughness in rows:
+        material = materials.named(name)
+        assert float(near) == material.reflectivity
+        assert int(roughness or 0) == round(math.degrees(material.roughness))
+        assert bool(far) == (f"{name}_1550".upper() in LIBRARY)
+        if far:
+            assert float(far) == materials.named(f"{name}_1550").reflectivity
+
+
+def configured(tmp_path: Path, keys: str) -> ls.Material:
+    """Return the material of a sphere with these keys of a configuration."""
+    path = tmp_path / "run.yaml"
+    path.write_text(
+        f"sensor: {{preset: velodyne-vlp16}}\nscene:\n- {{shape: sphere, center_m: [5, 0, 0], radius_m: 1{keys}}}\n"
+    )
+    return ls.config.load(path).scene.objects[0].material
+
+
+def test_an_object_of_a_configuration_names_its_material(tmp_path: Path) -> None:
+    assert configured(tmp_path, "") == ls.Material()
+    assert configured(tmp_path, ", material: null") == ls.Material()
+    assert configured(tmp_path, ", material: asphalt") == ls.materials.ASPHALT
+    assert configured(tmp_path, ", material: Snow_1550") == ls.materials.SNOW_1550
+
+
+def test_keys_of_an_object_override_its_material(tmp_path: Path) -> None:
+    brighter = configured(tmp_path, ", material: asphalt, reflectivity: 0.4")
+    assert brighter == ls.Material(reflectivity=0.4, roughness=ls.materials.ASPHALT.roughness)
+    smooth = configured(tmp_path, ", material: asphalt, roughness_deg: 0, specular: 2, specular_width: 0.2")
+    assert smooth == ls.Material(reflectivity=0.17, specular=2, specular_width=0.2)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        (", material: asphlat", "expected the name of a material, got 'asphlat'; did you mean asphalt or"),
+        (", material: x", "expected the name of a material, got 'x'; there are asphalt, "),
+        (", material: 3", "expected text, got 3"),
+        (", material: [asphalt]", "expected text, got"),
+    ],
+)
+def test_a_material_that_there_is_not(keys: str, message: str, tmp_path: Path) -> None:
+    place = f"{tmp_path / 'run.yaml'}:3: scene.0.material: "
+    with pytest.raises(ValueError, match=f"^{re.escape(place)}{re.escape(message)}"):
+        configured(tmp_path, keys)
+
+
+def returned(preset: str, mode: str | None, height: float, road: ls.Material, edges: list[int]) -> Any:
+    """Share of the pulses that a flat road returns, for each range between two `edges`, m."""
+    lidar = ls.Lidar.preset(preset, mode=mode, noise="measured")
+    scene = ls.Scene()
+    scene.add(ls.Plane((0, 0, 1), 0.0), material=road)
+    pose = np.eye(4)
+    pose[2, 3] = height
+    noisy, exact = (each.scan(scene, pose, seed=3) for each in (lidar, clean(lidar)))
+    reached = exact.status == ls.Status.hit
+    ranges = np.digitize(np.linalg.norm(exact.point_cloud().xyz, axis=1), edges)
+    seen = (noisy.status == ls.Status.hit)[reached]
+    assert all(np.count_nonzero(ranges == k) > 500 for k in range(1, len(edges)))
+    return np.array([seen[ranges == k].mean() for k in range(1, len(edges))])
+
+
+def clean(lidar: ls.Lidar) -> ls.Lidar:
+    return dataclasses.replace(lidar, measurement=ls.Measurement(), min_range=0.0, max_range=math.inf)
+
+
+# Shares of returns from the ground, unless occluded, by range, in captures: one OS1-128 1.93 m above a road (ouster-sdk
+# test data, BSD-3-Clause), and KITTI's HDL-64E 1.75 m above three (statistics of three frames, their mean).
+OS1_EDGES = [5, 7, 9, 11, 13, 15, 18, 21, 25, 30, 35, 40, 50, 60, 80]
+OS1_SEEN = [0.937, 0.991, 0.988, 0.972, 0.952, 0.953, 0.896, 0.653, 0.409, 0.283, 0.155, 0.077, 0.032, 0.006]
+KITTI_EDGES = [5, 7, 9, 11, 13, 15, 18, 21, 25, 30, 35, 40, 50]
+KITTI_SEEN = [0.881, 0.966, 0.992, 0.940, 0.920, 0.913, 0.863, 0.887, 0.909, 0.875, 0.841, 0.461]
+
+
+def test_a_road_of_asphalt_is_seen_as_far_as_in_a_capture_of_an_ouster() -> None:
+    sensor = "ouster-os1-128", "512x10", 1.932
+    assert np.abs(returned(*sensor, ls.materials.ASPHALT, OS1_EDGES) - OS1_SEEN).max() < 0.1
+    smooth = ls.Material(reflectivity=0.17)
+    assert np.abs(returned(*sensor, smooth, OS1_EDGES) - OS1_SEEN).max() > 0.3
+
+
+def test_a_road_of_light_asphalt_is_seen_as_far_as_in_kitti() -> None:
+    sensor = "velodyne-hdl64e-s3", None, 1.752
+    assert np.abs(returned(*sensor, ls.materials.ASPHALT_LIGHT, KITTI_EDGES) - KITTI_SEEN).max() < 0.15
+    assert np.abs(returned(*sensor, ls.materials.ASPHALT, KITTI_EDGES) - KITTI_SEEN).max() > 0.3

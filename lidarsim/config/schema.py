@@ -26,7 +26,7 @@ from lidarsim import _validation, patterns, shapes
 from lidarsim._files import check_names, load_array, name_problem
 from lidarsim._validation import pose as rigid
 from lidarsim.io import mesh_scene
-from lidarsim.materials import Material
+from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
 from lidarsim.run import CloudArguments
@@ -353,6 +353,7 @@ class Object(Part, Placement):
 
     name: str = ""
     label: int = 0
+    material: str | None = None
     reflectivity: Numbers = 1.0
     reflectivity_per: Literal["object", "face", "vertex"] = "object"
     roughness_deg: float = 0.0
@@ -374,13 +375,22 @@ class Object(Part, Placement):
             self._add(self.build(place), scene, place, transform=pose @ sized, motion=None)
 
     def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
-        keys = ["reflectivity", "roughness_deg", "specular", "specular_width"]
-        material = construct(Material, self, keys, place, per=self.reflectivity_per)
+        material = self._material(place)
         transform, motion = self._placed(place)
         if inner is not None:
             transform = inner if transform is None else transform @ inner
         more = {"transform": transform, "motion": motion, **more}
         construct(scene.add, self, ["name", "label"], place, shape=shape, material=material, **more)
+
+    def _material(self, place: Place) -> Material:
+        """Return the material, whose own keys override those of the library's."""
+        base = Material()
+        if self.material is not None:
+            with place.refusals({"name": ("material", "")}):
+                base = named(self.material)
+        keys = ["reflectivity", "roughness_deg", "specular", "specular_width"]
+        differ = partial(Material, **{_argument(key): getattr(base, _argument(key)) for key in keys})
+        return construct(differ, self, keys, place, per=self.reflectivity_per)
 
     def _placed(self, place: Place) -> tuple[Floats | None, Trajectory | None]:
         """Return the transform and the motion that follows it."""
