@@ -233,9 +233,9 @@ def test_repr_of_odd_clouds() -> None:
         ({"xyz": XYZ, "q": HALF}, TypeError, "q: expected bool, integers, float32 or float64, got dtype float16"),
         ({"xyz": XYZ, "tag": 1}, ValueError, "tag: expected shape (n,) or (n, m), got ()"),
         ({"xyz": XYZ, "tag": np.zeros((2, 0))}, ValueError, "tag: expected shape (n,) or (n, m), got (2, 0)"),
-        ({"xyz": XYZ, "save": [0, 1]}, ValueError, "PointCloud: 'save' cannot be the name of a field"),
-        ({"xyz": XYZ, "x": [0, 1]}, ValueError, "PointCloud: 'x' cannot be the name of a field"),
-        ({"xyz": XYZ, "a b": [0, 1]}, ValueError, "PointCloud: 'a b' cannot be the name of a field"),
+        ({"xyz": XYZ, "save": [0, 1]}, ValueError, "PointCloud: expected names that a field can have, got 'save'"),
+        ({"xyz": XYZ, "x": [0, 1]}, ValueError, "PointCloud: expected names that a field can have, got 'x'"),
+        ({"xyz": XYZ, "a b": [0, 1]}, ValueError, "PointCloud: expected names that a field can have, got 'a b'"),
     ],
 )  # fmt: skip
 def test_bad_fields(fields: dict[str, object], error: type[Exception], message: str) -> None:

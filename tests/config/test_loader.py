@@ -532,7 +532,9 @@ def test_a_sensor_of_ones_own_may_be_measured() -> None:
     lidar = ls.Lidar.from_file("mine.yaml", noise="measured")
     assert (lidar.measurement, lidar.max_range) == (ls.Measurement(range_sigma=0.01, dropout=0.1), 9)
     assert ls.Lidar.from_file("mine.yaml").measurement == ls.Measurement(dropout=0.1)
-    with pytest.raises(ValueError, match=r"^noise: the sensor has no datasheet_noise, got 'datasheet'$"):
+    with pytest.raises(
+        ValueError, match=r"^noise: expected none, since the sensor has no datasheet_noise, got 'datasheet'$"
+    ):
         ls.Lidar.from_file("mine.yaml", noise="datasheet")
     Path("mine.yaml").write_text(f"{pattern}measured:\n  measurement:\n    range_sigma: 0.01\n")
     with pytest.raises(ConfigError) as caught:

@@ -34,6 +34,7 @@ LEFT_OUT = {
     "show": "opens windows; tests/viewers",
     "generate": "makes folders; tests/datasets",
     "datasets.": "the same",
+    "materials.Material": "Material, by its other name",
     "io.rosbag.": "bags, of whole runs; tests/io",
     "io.las.Writer": "writes in a with block; tests/io",
     "Shape": "abstract",
@@ -44,7 +45,7 @@ LEFT_OUT = {
 }
 """Beginnings of names, and why they are not called here."""
 
-RESULTS = {"Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
+RESULTS = {"Comparison", "Scan", "Hits", "SceneObject", "RigSensor", "patterns.Description"}
 """Classes that functions return: their methods are called, their constructors not."""
 
 HEAVY = ("to_open3d", "to_pyvista", "from_open3d", "from_pyvista", "from_trimesh", "plot", "show")
@@ -229,6 +230,10 @@ VALUES: dict[str, Callable[[Path], Any]] = {
 
 PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "Scan.image.size": lambda _: (4, 6),
+    "Comparison.save.path": lambda folder: folder / "report.json",
+    **dict.fromkeys(("compare.real", "compare.simulated"), lambda _: cloud()),
+    "compare.sensor": lambda _: None,
+    "materials.named.name": lambda _: "asphalt",
     "Lidar.model": lambda _: "",
     "Lidar.preset.name": lambda _: "velodyne-vlp16",
     "patterns.Pulses.time": lambda _: np.array([0.0, 0.1]),
@@ -383,7 +388,12 @@ def example(name: str, signature: inspect.Signature, folder: Path) -> dict[str, 
     return arguments
 
 
-INSTANCES = {"Scan": lambda: lidar().scan(ball_and_floor()), "Scene": ball_and_floor, "Lidar": lidar}
+INSTANCES = {
+    "Scan": lambda: lidar().scan(ball_and_floor()),
+    "Scene": ball_and_floor,
+    "Lidar": lidar,
+    "Comparison": lambda: ls.compare(cloud(), cloud()),
+}
 """By class, what is better than what its constructor makes of the example."""
 
 
