@@ -671,6 +671,15 @@ def test_a_full_disk_behind_stdout(command: str) -> None:
     assert python(script="$lidarsim check gone.yaml 2>/dev/full").returncode == 2
 
 
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is full")
+@pytest.mark.parametrize("name", ["x.xyz", "x.mcap"])
+def test_a_full_disk_behind_the_output(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    Path(name).symlink_to("/dev/full")
+    assert lidarsim("scan", "run.yaml", "-o", name) == 2
+    assert capsys.readouterr().err == f"lidarsim: {name}: cannot be written: No space left on device\n"
+    assert Path(name).is_symlink()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no shell of this kind")
 @pytest.mark.parametrize("command", ["--help", "sensors"])
 def test_a_pipe_that_nobody_reads(command: str) -> None:
