@@ -557,7 +557,7 @@ def _insistent_interrupts() -> Iterator[None]:
 def _reason(error: BaseException) -> str:
     """Return the message of an error for the user."""
     if isinstance(error, OSError) and error.errno is not None:  # from the system; the message of ours names the path
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        return f"{error.filename}: {error.strerror}" if error.filename else str(error.strerror)
     if hasattr(error, "format_message"):  # typer's errors about arguments, whichever module defines them
         return str(error.format_message())
     text = str(error) or type(error).__name__
