@@ -79,7 +79,13 @@ fn level(_: Python<'_>) -> PyResult<Level> {
 
 /// The kernels for the instruction set of `level`.
 pub fn kernels(py: Python<'_>) -> PyResult<&'static dyn Kernels> {
-    level(py).map(|level| lidarsim_x86::kernels(level).unwrap_or(PORTABLE))
+    Ok(match level(py)? {
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx2 => lidarsim_avx2::KERNELS,
+        #[cfg(target_arch = "x86_64")]
+        Level::Avx512 => lidarsim_avx512::KERNELS,
+        _ => PORTABLE,
+    })
 }
 
 /// Applies `LIDARSIM_THREADS`, if it is a number above 0.
