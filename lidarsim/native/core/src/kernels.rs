@@ -1,7 +1,7 @@
 //! The tasks that are compiled as a whole for each instruction set. The crate of an instruction set compiles
 //! them while this one is compiled.
 
-use crate::arith::simd::{OnPortable, Runner};
+use crate::arith::simd::Runner;
 use crate::cast::{Cast, Columns, Occlusion};
 use crate::measure::{BadPulse, Batch, WritePoints};
 use crate::scene::{Rays, TRange, World};
@@ -21,9 +21,6 @@ pub trait Kernels: Sync {
     /// Measures a batch of pulses, or returns the first bad pulse.
     fn measure(&self, batch: Batch<World>) -> Result<(), BadPulse>;
 }
-
-/// The kernels for any machine.
-pub static PORTABLE: &dyn Kernels = &OnPortable;
 
 impl<R: Runner> Kernels for R {
     fn cast(&self, world: &World, rays: Rays, range: TRange, hits: &mut Columns) -> bool {

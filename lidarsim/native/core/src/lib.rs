@@ -18,13 +18,13 @@ pub mod stop;
 #[cfg(test)]
 mod testing;
 
-pub use arith::simd::Level;
+pub use arith::simd::{Level, OnPortable};
 #[cfg(target_arch = "x86_64")]
 pub use arith::simd::{OnAvx2, OnAvx512};
 pub use cast::{Arrays, Columns, Occlusion};
 pub use geometry::affine::Affine;
 pub use geometry::pose::{Cubic, LARGEST, Path, Pose, Step, Velocity};
 pub use geometry::vector::Point;
-pub use kernels::{Kernels, PORTABLE};
+pub use kernels::Kernels;
 pub use parallel::{threads, use_threads, with_room};
 pub use scene::{Geometry, Object, Rays, Scene, TRange, TriangleMesh, World, span};

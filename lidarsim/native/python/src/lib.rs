@@ -15,7 +15,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use lidarsim_core::memory::OutOfMemory;
 use lidarsim_core::stop::{self, Stopped};
-use lidarsim_core::{Kernels, Level, PORTABLE, Point, with_room};
+use lidarsim_core::{Kernels, Level, Point, with_room};
 use numpy::ndarray::Dimension;
 use numpy::{Element, PyReadonlyArray, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyKeyboardInterrupt, PyMemoryError, PyRuntimeError, PyValueError};
@@ -84,7 +84,7 @@ pub fn kernels(py: Python<'_>) -> PyResult<&'static dyn Kernels> {
         Level::Avx2 => lidarsim_avx2::KERNELS,
         #[cfg(target_arch = "x86_64")]
         Level::Avx512 => lidarsim_avx512::KERNELS,
-        _ => PORTABLE,
+        _ => lidarsim_portable::KERNELS,
     })
 }
 
