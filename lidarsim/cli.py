@@ -34,6 +34,7 @@ from lidarsim._validation import shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
 from lidarsim.io import rosbag
+from lidarsim.io._cuts import WORDS
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output, is_point_cloud
 from lidarsim.sensor import preset_path
@@ -43,6 +44,7 @@ from lidarsim.viewers._show import check_save, checked_size
 
 if TYPE_CHECKING:
     from lidarsim._validation import Floats
+    from lidarsim.io._cuts import Cut
     from lidarsim.run import Run, RunFrame
 
 app = typer.Typer(
@@ -141,6 +143,12 @@ def scan(
         str | None,
         _option("--layout", "NAME", f"Point layout of a bag: {', '.join(rosbag.LAYOUTS)}; default: by vendor."),
     ] = None,
+    cut: Annotated[
+        str,
+        _option(
+            "--cut", "pattern|driver|DEGREES", "Where messages of a bag begin: as frames, as drivers, or an azimuth."
+        ),
+    ] = "pattern",
     screenshot: Screenshot = None,
     color_by: ColorBy = None,
     surfaces: Surfaces = True,
@@ -155,6 +163,7 @@ def scan(
     this in one file.
     """
     check_output(output)
+    begins = _cut(cut)
     _check_screenshot(screenshot)
     looks: dict[str, Any] = {"color_by": color_by, "camera": camera.value, "size": _size(size)}
     start = time.perf_counter()
@@ -185,7 +194,7 @@ def scan(
             points += found
             progress.advance(task)
 
-        run.write(output, layout=layout, each=tell)
+        run.write(output, layout=layout, cut=begins, each=tell)
     shown = rows if len(rows) <= ROWS else [*rows[: ROWS // 2], ("…",) * 5, *rows[len(rows) - ROWS // 2 + 1 :]]
     table(("frame", "pulses", "points", "ms", "points/s"), shown)
     fates = {status.name.lower().replace("_", " "): count for status, count in zip(ls.Status, totals, strict=True)}
@@ -632,6 +641,20 @@ def _progress(items: Iterable[Item], count: int) -> Iterator[Item]:
     """Yield the items, with a progress bar if stderr is a terminal."""
     with Progress(console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty()) as progress:
         yield from progress.track(items, total=count, description="reading")
+
+
+def _cut(text: str) -> Cut:
+    """Parse where messages begin: pattern, driver or an azimuth in degrees."""
+    for word in WORDS:
+        if text == word:
+            return word
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not -360.0 <= degrees <= 360.0:
+        raise LidarsimError(f"--cut: expected pattern, driver or -360 to 360 degrees, got {shown(text)}")
+    return math.radians(degrees)
 
 
 def _size(text: str) -> tuple[int, int]:

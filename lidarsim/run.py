@@ -23,6 +23,7 @@ from lidarsim.trajectory import Trajectory
 if TYPE_CHECKING:
     from lidarsim._files import PathLike
     from lidarsim._validation import Floats
+    from lidarsim.io._cuts import Cut
     from lidarsim.pointcloud import PointCloud
     from lidarsim.scan import Scan
     from lidarsim.scene import Scene
@@ -242,7 +243,7 @@ class Run:
         poses = {name: pose for name, (_, pose) in placed.items()}
         return RunFrame(number, found, clouds, moments, poses, self.cloud["frame"], seconds)
 
-    def bag(self, output: PathLike, *, layout: str | None = None) -> rosbag.Writer:
+    def bag(self, output: PathLike, *, layout: str | None = None, cut: Cut = "pattern") -> rosbag.Writer:
         """Return a writer of a ROS 2 bag for scans of this run, with its sensors and its trajectory.
 
         Parameters
@@ -251,6 +252,9 @@ class Run:
             The file, ``.mcap`` or ``.db3``.
         layout : str, optional
             Layout of the points, one of `lidarsim.io.rosbag.LAYOUTS`. Default: the layout of each sensor's vendor.
+        cut : {"pattern", "driver"} or float
+            Where messages begin: with each frame of the pattern, where the driver of the layout cuts, or at an azimuth,
+            rad; see `lidarsim.io.rosbag.Writer`.
 
         Returns
         -------
@@ -263,10 +267,15 @@ class Run:
             As in `lidarsim.io.rosbag.Writer`.
         """
         sensors = self.sensor if isinstance(self.sensor, Rig) else None
-        return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, layout=layout)
+        return rosbag.Writer(output, sensors=sensors, trajectory=self.pose, layout=layout, cut=cut)
 
     def write(
-        self, output: PathLike, *, layout: str | None = None, each: Callable[[RunFrame], object] | None = None
+        self,
+        output: PathLike,
+        *,
+        layout: str | None = None,
+        cut: Cut = "pattern",
+        each: Callable[[RunFrame], object] | None = None,
     ) -> list[Path]:
         """Scan all frames, and write point clouds or a ROS 2 bag.
 
@@ -280,6 +289,8 @@ class Run:
             The file; its suffix determines the format.
         layout : str, optional
             Layout of the points in a bag, as in `bag`.
+        cut : {"pattern", "driver"} or float
+            Where the messages of a bag begin, as in `bag`.
         each : callable, optional
             Called with each `RunFrame` after it has been written.
 
@@ -295,18 +306,20 @@ class Run:
         OSError
             If a file cannot be written.
         ValueError
-            If the trajectory does not cover the frames, or `layout` is given without a bag.
+            If the trajectory does not cover the frames, or `layout` or `cut` is given without a bag.
         """
         output = Path(output)
         check_output(output)
         is_bag = output.suffix.lower() in rosbag.SUFFIXES
-        if layout is not None and not is_bag:
-            raise FileFormatError(f"layout: expected a bag ({', '.join(rosbag.SUFFIXES)}) as output, got {output}")
+        for argument, given in {"layout": layout is not None, "cut": cut != "pattern"}.items():
+            if given and not is_bag:
+                suffixes = ", ".join(rosbag.SUFFIXES)
+                raise FileFormatError(f"{argument}: expected a bag ({suffixes}) as output, got {output}")
         frames = self.measured()
         written: list[Path] = []
         tracks: dict[str, list[tuple[float, float, Floats]]] = {}
         with ExitStack() as stack:
-            bag = stack.enter_context(self.bag(output, layout=layout)) if is_bag else None
+            bag = stack.enter_context(self.bag(output, layout=layout, cut=cut)) if is_bag else None
             for frame in frames:
                 if bag:  # raw, as drivers publish scans, whatever `cloud` is
                     bag.write(frame.scans if isinstance(self.sensor, Rig) else frame.scans[""])

@@ -17,7 +17,8 @@ livox      offset_time u4 (ns), x y z f4, reflectivity tag line u1: ``livox_ros_
 =========  ==========================================================================================================
 
 Clouds are dense, without NaN, in firing order; each point is in the frame of the sensor at its own firing. The stamp is
-the start of the frame, and the recording time is that of its last point. Intensity and reflectivity are the vendor's
+the start of the message, and the recording time is that of its last point. A message is a frame of the pattern, or what
+a driver publishes: see `cut` of `Writer`. Intensity and reflectivity are the vendor's
 byte: 0 to 100 (Livox: 150) for the reflectivity of a diffuse target, in percent, and up to 255 for retro-reflectors.
 Range counts from the vendor's zero. Photon counts and ambient light are not modelled: Ouster's intensity equals its
 reflectivity, and ambient is 0. Fields that a layout lacks are lost; fields that the cloud lacks are 0.
@@ -55,7 +56,7 @@ from lidarsim import _validation
 from lidarsim._extras import import_extra
 from lidarsim._files import PathLike, check_name, check_regular, check_suffix, parsing, replacing
 from lidarsim.errors import ArgumentValueError, FileFormatError, MissingExtraError
-from lidarsim.io import _mcap
+from lidarsim.io import _cuts, _mcap
 from lidarsim.io._drivers import LAYOUTS, layout_of, to_cloud, to_layout
 from lidarsim.pointcloud import Fields, PointCloud, register_format
 from lidarsim.scan import Scan
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     from rosbags.typesys.store import Typestore
 
     from lidarsim._validation import Transform
+    from lidarsim.io._cuts import Cut
     from lidarsim.rig import RigSensor
     from lidarsim.scan import Sensor
 
@@ -108,6 +110,12 @@ class Writer:
         ROS time at time 0 of the scans, s since 1970. Default: the start of 2020.
     rate : float
         Rate of ``/tf``, ``/odom`` and ``/clock``, Hz.
+    cut : {"pattern", "driver"} or float
+        Where the messages of a sensor that spins all around begin. "pattern": each frame of its pattern is a message.
+        "driver": a message begins where the driver of the layout begins it, when the head passes azimuth 0 (ouster: pi,
+        behind the sensor; livox: frames stay whole). A number: when the head passes this azimuth, rad, in the sensor
+        frame. The first and the last message of consecutive frames are then parts of a turn. Frames of other patterns,
+        and of less than a full turn, stay whole.
     world, body : str
         frame_id of the world and of the body.
 
@@ -148,6 +156,7 @@ class Writer:
         layout: str | Mapping[str, str] | None = None,
         start: float = _START,
         rate: float = 100.0,
+        cut: Cut = "pattern",
         world: str = "map",
         body: str = "base_link",
     ) -> None:
@@ -165,6 +174,7 @@ class Writer:
             self._trajectory = Trajectory.from_twist(_validation.pose("trajectory", trajectory))
         self._start = round(_validation.real("start", start, at_least=0.0) * 1e9)
         self._rate = _validation.real("rate", rate, above=0.0)
+        self._cut = _cuts.check_cut(cut)
         self._world, self._body = _name("world", world), _name("body", body)
         for name in self._mounts.keys() & {self._world, self._body}:
             raise ArgumentValueError("sensors", "names of frames other than those of world and body", repr(name))
@@ -172,23 +182,29 @@ class Writer:
         self._stack = ExitStack()
         self._bag: Any = None
         self._topics: dict[str, Connection] = {}
+        self._open: dict[str, _Open] = {}
         self._ticks: Iterator[int] = iter(())
         self._next = -1
 
     def __enter__(self) -> Self:
         """Open a temporary bag beside the final file."""
         self._bag = self._stack.enter_context(_new_bag(self._path, self._suffix))
+        self._stack.push(self._complete)
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Give the file its name, unless there was an error."""
-        self._bag = None
-        self._stack.__exit__(kind, error, trace)
+        try:
+            self._stack.__exit__(kind, error, trace)
+        finally:
+            self._bag = None
 
     def write(self, scans: Scan | Mapping[str, Scan]) -> None:
         """Write a scan, or the scans of several sensors.
+
+        With a cut, the end of each scan is written with the next one, or when the bag is closed.
 
         Parameters
         ----------
@@ -219,19 +235,21 @@ class Writer:
         ----------
         cloud : PointCloud
             The points in the frame of the sensor. Points that are not finite are dropped, and the rest sorted by time.
+            With a cut, a message has points of two clouds, so they must not be deskewed.
         time : float
             Start of the frame, s.
         sensor : str, optional
             Name of the sensor; not needed if there is only one.
         lidar : Lidar
-            The sensor, which determines the default layout, the vendor's zero of range and the types of returns.
+            The sensor, which determines the default layout, the vendor's zero of range, the types of returns and, with
+            a cut, when to cut.
 
         Raises
         ------
         FileFormatError
             If a ring or a time does not fit in the layout.
         ValueError
-            If no sensor has that name, or the bag is not open.
+            If no sensor has that name, the bag is not open, or a cloud to be cut has no times.
         """
         if self._bag is None:
             raise ValueError(f"{self._path}: expected to be written in a with block")
@@ -240,10 +258,52 @@ class Writer:
             raise ArgumentValueError("sensor", f"one of {', '.join(self._mounts)}", repr(name))
         stamp = self._stamp(time)
         layout = self._layouts.get(name) or layout_of(lidar)
+        time_of_cut = _cuts.time_of(self._cut, layout, lidar)
+        if lidar is not None and time_of_cut is not None:
+            self._write_cut(name, cloud, lidar, layout=layout, frame=stamp, cut=time_of_cut)
+            return
         records, last = to_layout(cloud, layout, lidar, stamp)
-        header = self._header(stamp, name)
-        message = self._custom(header, records) if layout == "livox" else self._cloud(header, records)
+        message = self._message(name, layout, stamp, records)
         del records  # rosbags copies the message several times
+        self._publish_open(name)
+        self._publish(name, layout, stamp, last, message)
+
+    def _write_cut(self, name: str, cloud: PointCloud, lidar: Sensor, *, layout: str, frame: int, cut: int) -> None:
+        """Publish the message that ends at the cut of a frame, and keep the one that begins there.
+
+        `frame` is the stamp of the start of the frame, and `cut` the time from there to the cut, ns.
+        """
+        begun = self._open.get(name)
+        if begun and not begun.goes_on(layout, lidar, frame):
+            self._publish_open(name)
+            begun = None
+        stamp = begun.stamp if begun else frame
+        before, since = _cuts.divided(cloud, cut, stamp - frame)
+        records, last = to_layout(before, layout, lidar, stamp)
+        begins = _Open(layout, frame, frame + cut, *to_layout(since, layout, lidar, frame + cut))
+        if begun:
+            records, last = np.concatenate([begun.records, records]), max(begun.last, last)
+        message = self._message(name, layout, stamp, records)
+        del records, begun
+        self._publish(name, layout, stamp, last, message)
+        self._open[name] = begins
+
+    def _complete(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Publish the messages that no frame has ended, unless there was an error."""
+        for name in () if kind else sorted(self._open, key=lambda name: self._open[name].recorded):
+            self._publish_open(name)
+
+    def _publish_open(self, name: str) -> None:
+        if begun := self._open.pop(name, None):
+            message = self._message(name, begun.layout, begun.stamp, begun.records)
+            self._publish(name, begun.layout, begun.stamp, begun.last, message)
+
+    def _message(self, name: str, layout: str, stamp: int, records: npt.NDArray[np.void]) -> bytes | memoryview:
+        header = self._header(stamp, name)
+        return self._custom(header, records) if layout == "livox" else self._cloud(header, records)
+
+    def _publish(self, name: str, layout: str, stamp: int, last: int, message: bytes | memoryview) -> None:
+        """Write a message whose last point is `last` ns after its stamp, and everything that comes before."""
         with _lost_writes():
             self._advance(stamp, stamp + last)
             self._send(f"/{name}/points", _CUSTOM if layout == "livox" else _CLOUD, stamp + last, message)
@@ -356,6 +416,27 @@ class Writer:
                 topic, kind, typestore=self._ros, offered_qos_profiles=qualities
             )
         self._bag.write(self._topics[topic], stamp, data)
+
+
+class _Open(NamedTuple):
+    """A message that lasts until the next frame is cut."""
+
+    layout: str
+    frame: int  # stamp of the start of the frame in which it begins, ns
+    stamp: int  # ns
+    records: npt.NDArray[np.void]
+    last: int  # time of the last point since the stamp, ns
+
+    @property
+    def recorded(self) -> int:
+        return self.stamp + self.last
+
+    def goes_on(self, layout: str, lidar: Sensor, frame: int) -> bool:
+        """Return whether the frame with this stamp continues it: the frame that follows, in the same layout.
+
+        Both stamps are rounded, from times in s that are also rounded: by 1 ns each, at most, up to 2**21 s (24 days).
+        """
+        return self.layout == layout and abs(frame - self.frame - 1e9 / lidar.pattern.rate) <= 2.0
 
 
 class Message(NamedTuple):
