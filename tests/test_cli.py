@@ -253,6 +253,27 @@ def test_the_layout_of_a_bag(capsys: pytest.CaptureFixture[str]) -> None:
     assert capsys.readouterr().err == "lidarsim: layout: expected a bag (.mcap, .db3) as output, got b.pcd\n"
 
 
+def test_where_the_messages_of_a_bag_begin(capsys: pytest.CaptureFixture[str]) -> None:
+    stamps = {}
+    for cut in ("pattern", "driver", "0", "-90", "180"):
+        assert lidarsim("scan", "run.yaml", "-o", "a.mcap", "--cut", cut, "--frames", "2") == 0
+        stamps[cut] = [message.stamp // 10**6 % 1000 for message in ls.io.rosbag.read("a.mcap")]
+    assert stamps == {
+        "pattern": [0, 100],
+        "driver": [0, 50, 150],
+        "0": [0, 50, 150],
+        "-90": [0, 75, 175],
+        "180": [0, 100],
+    }
+    capsys.readouterr()
+    for cut in ("front", "361", "nan", ""):
+        assert lidarsim("scan", "run.yaml", "-o", "b.mcap", "--cut", cut) == 2
+        wanted = f"--cut: expected pattern, driver or -360 to 360 degrees, got {cut!r}"
+        assert capsys.readouterr().err == f"lidarsim: {wanted}\n"
+    assert lidarsim("scan", "run.yaml", "-o", "b.pcd", "--cut", "driver") == 2
+    assert capsys.readouterr().err == "lidarsim: cut: expected a bag (.mcap, .db3) as output, got b.pcd\n"
+
+
 def test_many_frames_give_ten_rows_and_their_totals(capsys: pytest.CaptureFixture[str]) -> None:
     assert lidarsim("scan", "run.yaml", "-o", "a.mcap", "--frames", "15") == 0
     lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip()]

@@ -75,7 +75,7 @@ def time_of(cut: Cut, layout: str, lidar: Sensor | None) -> int | None:
 
 
 def divided(cloud: PointCloud, time: int, start: int) -> tuple[PointCloud, PointCloud]:
-    """Return the points fired before a time, and the others, with times counted in whole ns from other moments.
+    """Return the points fired before a time, and the others, in firing order with times of whole nanoseconds.
 
     Parameters
     ----------
@@ -89,9 +89,11 @@ def divided(cloud: PointCloud, time: int, start: int) -> tuple[PointCloud, Point
     """
     if "time" not in cloud.fields:
         raise ArgumentValueError("cloud", "the time of each point, by which to cut", "no field time")
+    if not (np.diff(cloud.time) >= 0.0).all():
+        cloud = cloud[np.argsort(cloud.time, kind="stable")]
     fired = np.rint(cloud.time * 1e9)
-    late = fired >= time
-    parts = cloud[~late], cloud[late]
-    parts[0].time = (fired[~late] - start) / 1e9
-    parts[1].time = (fired[late] - time) / 1e9
-    return parts
+    first = int(np.searchsorted(fired, time))
+    before, since = cloud[:first], cloud[first:]
+    before.time = (fired[:first] - start) / 1e9
+    since.time = (fired[first:] - time) / 1e9
+    return before, since

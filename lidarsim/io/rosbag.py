@@ -280,13 +280,12 @@ class Writer:
         stamp = begun.stamp if begun else frame
         before, since = _cuts.divided(cloud, cut, stamp - frame)
         records, last = to_layout(before, layout, lidar, stamp)
-        begins = _Open(layout, frame, frame + cut, *to_layout(since, layout, lidar, frame + cut))
+        self._open[name] = _Open(layout, frame, frame + cut, *to_layout(since, layout, lidar, frame + cut))
         if begun:
-            records, last = np.concatenate([begun.records, records]), max(begun.last, last)
+            records, last = _joined(begun.records, records), max(begun.last, last)
         message = self._message(name, layout, stamp, records)
-        del records, begun
+        del before, since, begun, records
         self._publish(name, layout, stamp, last, message)
-        self._open[name] = begins
 
     def _complete(self, kind: type[BaseException] | None, *_: object) -> None:
         """Publish the messages that no frame has ended, unless there was an error."""
@@ -557,6 +556,12 @@ def _parsed_cloud(ros: Typestore, data: memoryview, recorded: int) -> tuple[str,
     records = np.ndarray(shape, dtype, message.data, strides=strides).ravel() if 0 not in shape else np.empty(0, dtype)
     columns = {name: records[name] for name in layout["names"]}
     return message.header.frame_id, stamp, to_cloud(columns, stamp, recorded)
+
+
+def _joined(first: npt.NDArray[np.void], second: npt.NDArray[np.void]) -> npt.NDArray[np.void]:
+    """Return the records of both in their common layout, whose padding np.concatenate would drop."""
+    whole = np.zeros(len(first) + len(second), first.dtype)
+    return np.concatenate([first, second], out=whole)
 
 
 def _row_step(message: Any) -> int:

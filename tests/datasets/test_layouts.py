@@ -368,6 +368,48 @@ def test_bags(recipe: Path, tmp_path: Path) -> None:
     assert seen == 18
 
 
+@pytest.mark.parametrize("options", [{"cut": "driver"}, {"cut_deg": 90}])
+def test_bags_cut_where_drivers_cut(recipe: Path, options: dict[str, Any], tmp_path: Path) -> None:
+    points: dict[str, dict[str, list[Any]]] = {}
+    stamps: dict[str, dict[str, list[int]]] = {}
+    for name, more in (("whole", {}), ("cut", options)):
+        ls.generate(recipe, tmp_path / name, layout={"type": "bags", **more}, overrides=RIG, pictures=0)
+        assert not ls.datasets.verify(tmp_path / name)
+        points[name], stamps[name] = {}, {}
+        for path in sorted((tmp_path / name).rglob("*.mcap")):
+            parts = list(ls.io.rosbag.read(path, topic="/top/points"))
+            stamps[name][path.relative_to(tmp_path / name).as_posix()] = [part.stamp // 10**6 % 1000 for part in parts]
+            for part in parts:
+                times = part.stamp + np.rint(1e9 * part.cloud.time).astype(int)
+                points[name].setdefault(path.parent.name, []).append((times, part.cloud.ring, part.cloud.xyz))
+    assert points["cut"].keys() == points["whole"].keys() == {f"sequence_{number:04}" for number in range(3)}
+    for sequence, parts in points["cut"].items():
+        pairs = zip(zip(*parts, strict=True), zip(*points["whole"][sequence], strict=True), strict=True)
+        (times, before), *others = [tuple(np.concatenate(part) for part in pair) for pair in pairs]
+        assert np.abs(times - before).max() <= 8  # float32 is good to 2**-28 s below 0.125 s
+        assert all(np.array_equal(*pair) for pair in others)
+    part = 50 if "cut" in options else 25
+    assert stamps["whole"]["sequence_0001/000001.mcap"] == [100, 200, 300]
+    assert stamps["cut"]["sequence_0001/000000.mcap"] == [0, part]
+    assert stamps["cut"]["sequence_0001/000001.mcap"] == [100, 100 + part, 200 + part, 300 + part]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ("cut: front", r"recipe\.yaml:\d+: layout\.cut: expected 'pattern' or 'driver', got 'front'"),
+        ("cut_deg: 400", r"recipe\.yaml:\d+: layout\.cut_deg: expected a value <= 360\.0, got 400"),
+        ("cut_deg: .nan", r"recipe\.yaml:\d+: layout\.cut_deg: expected a value <= 360\.0, got nan"),
+        ("cut: driver, cut_deg: 0", r"recipe\.yaml:\d+: layout: expected either cut or cut_deg, got both"),
+    ],
+)
+def test_bad_cuts_of_bags(recipe: Path, options: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "recipe.yaml"
+    path.write_text(recipe.read_text().replace("layout: semantickitti", f"layout: {{type: bags, {options}}}"))
+    with pytest.raises(ls.errors.ConfigError, match=message):
+        load(path)
+
+
 def placed(transform: Any) -> RigidTransform:
     """A transform of ROS."""
     position, turn = transform.translation, transform.rotation
