@@ -183,6 +183,15 @@ def test_a_pulse_at_the_cut_begins_the_message(rate: float, clockwise: bool) -> 
         np.testing.assert_allclose(since.time, time[first:] - cut / 1e9, rtol=0, atol=0.51e-9)
 
 
+@pytest.mark.parametrize("clockwise", [True, False])
+@pytest.mark.parametrize("start", [pi, -pi, 1.0, radians(77)])
+def test_a_cut_at_the_start_of_the_pattern_or_beside_it_leaves_frames_whole(start: float, clockwise: bool) -> None:
+    lidar = ls.Lidar(Spinning([0.0], columns=360, rate=10.0, clockwise=clockwise, start_azimuth=start))
+    for cut in (start, np.nextafter(start, 4), np.nextafter(start, -4), start - TURN if start > 0 else start + TURN):
+        assert _cuts.time_of(cut, "velodyne", lidar) is None
+    assert _cuts.time_of(start - 1e-6, "velodyne", lidar) == (15 if clockwise else 99_999_984)
+
+
 @pytest.mark.parametrize("preset", ["sick-lms111", "hokuyo-utm30lx", "hesai-at128", "livox-mid360", "livox-mid40"])
 @pytest.mark.parametrize("cut", ["driver", 0.5])
 def test_other_sensors_keep_their_frames(preset: str, cut: Any, tmp_path: Path) -> None:
@@ -249,6 +258,8 @@ def test_a_change_of_layout_ends_the_message(tmp_path: Path) -> None:
             bag.write_cloud(cloud, frame / 10, lidar=lidar)
     got = [(part.stamp // 10**6 - 100_000, len(part.ring)) for part in clouds(tmp_path / "a.mcap")]
     assert got == [(0, 2), (50, 2), (100, 2), (150, 2), (200, 4)]
+    in_the_file = [message.stamp for message in rosbag.read(tmp_path / "a.mcap")]
+    assert in_the_file == sorted(in_the_file)
 
 
 def test_points_in_any_order_are_cut_in_firing_order(tmp_path: Path) -> None:
@@ -272,10 +283,10 @@ def test_messages_may_be_empty(tmp_path: Path) -> None:
     lidar = ls.Lidar(Spinning([0.0], columns=4, rate=10.0), model="ouster")
     cloud = ls.PointCloud(xyz=np.ones((4, 3)), time=lidar.pattern.pulses().time)
     with rosbag.Writer(tmp_path / "a.mcap", cut=0.0) as bag:
-        for frame, seen in enumerate((cloud[:0], cloud[:1], cloud[3:])):
+        for frame, seen in enumerate((cloud[:0], cloud[:1], cloud[3:], cloud[:0])):
             bag.write_cloud(seen, frame / 10, lidar=lidar)
     parts = clouds(tmp_path / "a.mcap")
-    assert [(part.time / 1e6).round().tolist() for part in parts] == [[], [50], [], [25]]
+    assert [(part.time / 1e6).round().tolist() for part in parts] == [[], [50], [], [25], []]
     assert all(part.recorded - part.stamp == part.time.max(initial=0) for part in parts)
 
 
@@ -322,3 +333,8 @@ def test_an_error_in_the_last_message_leaves_nothing(tmp_path: Path, monkeypatch
     assert not list(tmp_path.iterdir())
     with pytest.raises(ValueError, match="expected to be written in a with block"):
         bag.write_cloud(cloud, lidar=lidar)
+    with pytest.raises(KeyError, match="first"), rosbag.Writer(tmp_path / "a.mcap", cut="driver") as bag:  # noqa: PT012
+        bag.write_cloud(cloud, lidar=lidar)
+        monkeypatch.setattr(bag, "_send", full)
+        raise KeyError("first")
+    assert not list(tmp_path.iterdir())
