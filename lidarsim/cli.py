@@ -146,7 +146,9 @@ def scan(
     cut: Annotated[
         str,
         _option(
-            "--cut", "pattern|driver|DEGREES", "Where messages of a bag begin: as frames, as drivers, or an azimuth."
+            "--cut",
+            "pattern|driver|DEGREES",
+            "Begin messages of a bag as the pattern (default) or the driver begins frames, or at an azimuth.",
         ),
     ] = "pattern",
     screenshot: Screenshot = None,
