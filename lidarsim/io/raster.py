@@ -33,7 +33,10 @@ TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 """Signatures of TIFF and BigTIFF, in both byte orders."""
 
 MOST = 1 << 26
-"""Maximum number of nodes of a mesh, and of pixels of a block of the file."""
+"""Maximum number of nodes of a mesh, and of pixels of a block of the file.
+
+A node takes up to 122 bytes while it is read, and 254 while the hierarchy over its two triangles is built.
+"""
 PIECE = 1 << 22
 """Pixels that are read at once, unless a row has more."""
 
@@ -214,8 +217,8 @@ def _nodes(file: Any, window: list[float] | None, stride: int, path: Path) -> No
     if count > MOST:
         rows, columns = map(len, nodes)
         raise FileFormatError(
-            f"expected at most {MOST:,} nodes, got {rows:,} × {columns:,} = {count:,}; read a part of them (window) or"
-            " every n-th row and column (stride)"
+            f"expected at most {MOST:,} nodes, which take 17 GB, got {rows:,} × {columns:,} = {count:,}; read a part of"
+            " them (window) or every n-th row and column (stride)"
         )
     return nodes
 

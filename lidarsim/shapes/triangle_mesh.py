@@ -358,8 +358,8 @@ class TriangleMesh(Shape):
         Raises
         ------
         FileFormatError
-            If the file cannot be read as a raster of heights, has more than 67,108,864 (2²⁶) nodes in the window, which
-            take about 11 GB, or is in degrees or feet.
+            If the file cannot be read as a raster of heights, if more than 67,108,864 nodes (2²⁶, which take 17 GB)
+            would be read, or if its coordinates are in degrees or feet.
         FileNotFoundError
             If there is no such file.
         MissingExtraError
