@@ -339,7 +339,7 @@ def test_rays_pass_through_holes_alone(tmp_path: Path) -> None:
     assert np.array_equal(hit, expected)
     # Straight down, exactly, at the nodes in the corner of a triangle.
     used = np.unique(mesh.faces)
-    top = mesh.vertices[used] + (0, 0, 1000)
+    top = mesh.vertices[used] + np.array((0, 0, 1000))
     hits = mesh.cast(top, np.tile((0, 0, -1.0), (len(used), 1)))
     assert np.array_equal(top[:, 2] - hits.t, mesh.vertices[used, 2])
 
