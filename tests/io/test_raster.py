@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 import rasterio
-from affine import Affine
+from rasterio import Affine
 from rasterio.crs import CRS
 
 import lidarsim as ls
