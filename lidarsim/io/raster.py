@@ -60,7 +60,6 @@ ALONE = {
 }
 """Options of GDAL that keep it to the file itself."""
 
-
 COLORS = {"palette", "red", "green", "blue", "alpha"}
 """Interpretations of bands that hold no heights."""
 
@@ -89,8 +88,8 @@ def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, 
         nodes = _nodes(file, part, step, path)
         x, y = _positions(file.transform, nodes)
         z = _heights(file, number, metres, nodes)
-    if _turn(file.transform) < 0:  # the rows run to the right of the columns
-        x, y, z = (values[::-1] if values.ndim == 2 else values for values in (x, y, z))
+        if _turn(file.transform) < 0:  # the rows run to the right of the columns
+            x, y, z = (values[::-1] if values.ndim == 2 else values for values in (x, y, z))
     return Raster(x, y, z, crs)
 
 

@@ -8,6 +8,7 @@ import re
 import signal
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NoReturn
@@ -439,6 +440,24 @@ def test_large_rasters_are_read_in_part(tmp_path: Path) -> None:
     assert mesh.grid == (51, 51)
     assert np.array_equal(mesh.vertices[:, 2].reshape(51, 51)[::-1], heights(100, 100)[:51, :51])
     assert "131,072" not in refusal(path, stride=2**15)  # four by four nodes, of which one has a height
+
+
+def test_files_that_claim_more_than_they_have_take_no_memory(tmp_path: Path) -> None:
+    grid = asc(tmp_path / "dem.asc", heights().astype(np.float64))
+    text = grid.read_text(encoding="ascii").replace("nrows 30", "nrows 100000").replace("ncols 40", "ncols 600")
+    grid.write_text(text, encoding="ascii")
+    path, size = tmp_path / "dem.tif", 2**17
+    options = {"blockysize": 1024, "sparse_ok": True, "nodata": 0, "crs": UTM, "transform": NORTH_UP, "BIGTIFF": "YES"}
+    with rasterio.open(path, "w", driver="GTiff", height=size, width=size, count=1, dtype="float32", **options):
+        pass
+    tracemalloc.start()
+    assert refusal(grid) == f"it is truncated: 100,000 × 600 heights in {len(text):,} bytes"
+    assert refusal(path, window=(500_000, 5_199_000, 501_000, 5_200_000)) == (
+        "expected blocks of at most 67,108,864 pixels, got 134,217,728; tile it: gdal_translate -co TILED=YES"
+    )
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 1 << 24
 
 
 def test_only_the_file_itself_is_read(tmp_path: Path) -> None:
