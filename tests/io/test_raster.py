@@ -370,6 +370,14 @@ def test_the_system_of_an_ascii_grid_is_in_the_file_beside_it(version: str, tmp_
     assert not raster.same_crs(crs, "EPSG:32633")
 
 
+def test_heights_of_an_ascii_grid_are_in_the_unit_of_its_system(tmp_path: Path) -> None:
+    z = heights(holes=0).astype(np.float64)
+    path = asc(tmp_path / "dem.asc", z)
+    (tmp_path / "dem.prj").write_text(CRS.from_string("EPSG:32632+6360").to_wkt(version="WKT1_GDAL"), encoding="utf-8")
+    got = ls.TriangleMesh.from_raster(path).vertices[:, 2].reshape(z.shape)[::-1]
+    assert np.abs(got - z * (1200 / 3937)).max() <= 400 * 2e-15  # as above
+
+
 @pytest.mark.parametrize(
     ("crs", "reason"),
     [
