@@ -53,9 +53,8 @@ ESRI_NO_DATA = -9999.0
 """No-data value of an ASCII grid that declares none, by Esri's description of the format."""
 
 ALONE = {
-    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",  # no .ovr, .msk and other files beside it
-    "GDAL_PAM_ENABLED": "NO",  # no .aux.xml
-    "GTIFF_GEOREF_SOURCES": "INTERNAL",  # no .tfw, .tab
+    "GDAL_DISABLE_READDIR_ON_OPEN": "EMPTY_DIR",  # no .ovr, .msk, .tfw and other files beside a GeoTIFF
+    "GDAL_PAM_ENABLED": "NO",  # no .aux.xml beside an ASCII grid
     "GTIFF_POINT_GEO_IGNORE": "NO",  # nodes are the centres of pixels, even if the file declares pixels as points
 }
 """Options of GDAL that keep it to the file itself."""

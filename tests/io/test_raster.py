@@ -475,7 +475,9 @@ def test_only_the_file_itself_is_read(tmp_path: Path) -> None:
     mesh = ls.TriangleMesh.from_raster(path)
     bare = tiff(tmp_path / "bare.tif", z, transform=composed(Affine.translation(1, 0), NORTH_UP), crs=None, nodata=None)
     plain = ls.TriangleMesh.from_raster(bare)
-    for file in (path, bare):
+    grid = asc(tmp_path / "grid.asc", z.astype(np.float64))
+    ascii_grid = ls.TriangleMesh.from_raster(grid)
+    for file in (path, bare, grid):
         file.with_suffix(".tfw").write_text("1\n0\n0\n1\n0\n0\n", encoding="ascii")
         Path(f"{file}.aux.xml").write_text(
             "<PAMDataset><SRS>EPSG:4326</SRS><GeoTransform>0,1,0,0,0,1</GeoTransform>"
@@ -492,6 +494,7 @@ def test_only_the_file_itself_is_read(tmp_path: Path) -> None:
         assert file.scales == (5.0,)
     assert ls.TriangleMesh.from_raster(path) == mesh
     assert ls.TriangleMesh.from_raster(bare) == plain
+    assert ls.TriangleMesh.from_raster(grid) == ascii_grid
     virtual = tmp_path / "virtual.tif"
     virtual.write_text(
         '<VRTDataset rasterXSize="40" rasterYSize="30"><GeoTransform>0,1,0,0,0,1</GeoTransform>'
