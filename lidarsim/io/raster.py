@@ -93,11 +93,14 @@ def read(path: str | PathLike[str], *, band: int, window: npt.ArrayLike | None, 
 
 
 def same_crs(a: str, b: str) -> bool:
-    """Return whether two texts are the same coordinate reference system."""
+    """Return whether two texts are the same coordinate reference system, as far as both say of what heights are."""
     if a == b:
         return True
-    known = import_extra("pyproj", "geo", "reading a raster").CRS
-    return bool(known.from_user_input(a).equals(known.from_user_input(b), ignore_axis_order=True))
+    pyproj = import_extra("pyproj", "geo", "reading a raster")
+    one, other = map(pyproj.CRS.from_user_input, (a, b))
+    if one.is_compound != other.is_compound:
+        one, other = (crs.sub_crs_list[0] if crs.is_compound else crs for crs in (one, other))
+    return bool(one.equals(other, ignore_axis_order=True))
 
 
 def _window(value: npt.ArrayLike) -> list[float]:

@@ -553,6 +553,21 @@ def test_configurations(tmp_path: Path) -> None:
             load(text)
 
 
+@pytest.mark.parametrize(
+    ("other", "same"),
+    [
+        (CRS.from_string(UTM).to_wkt(), True),
+        ("EPSG:32632+5773", True),  # UTM alone tells nothing of heights
+        ("EPSG:32633", False),
+        ("EPSG:32633+5773", False),
+        ("EPSG:25832", False),
+    ],
+)
+def test_the_same_coordinate_reference_system_in_other_words(other: str, same: bool) -> None:
+    assert raster.same_crs(UTM, other) is raster.same_crs(other, UTM) is same
+    assert not raster.same_crs("EPSG:32632+6360", "EPSG:32632+5773")
+
+
 def test_rasters_of_a_scene_have_one_coordinate_reference_system(tmp_path: Path) -> None:
     for name, crs in (("a", UTM), ("b", "EPSG:32633"), ("c", None)):
         tiff(tmp_path / f"{name}.tif", heights(), crs=crs)
