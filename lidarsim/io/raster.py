@@ -8,6 +8,7 @@ https://desktop.arcgis.com/en/arcmap/latest/manage-data/raster-and-images/esri-a
 from __future__ import annotations
 
 import math
+import sys
 import warnings
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
@@ -113,6 +114,13 @@ def _window(value: npt.ArrayLike) -> list[float]:
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     """Turn exceptions, of GDAL and PROJ as well, into one-line `FileFormatError` exceptions that name the file."""
+    report = sys.unraisablehook
+
+    def report_others(dropped: sys.UnraisableHookArgs) -> None:
+        if not isinstance(dropped.exc_value, UnicodeDecodeError):  # of a warning of GDAL that quotes a damaged file
+            report(dropped)
+
+    sys.unraisablehook = report_others
     try:
         yield
     except (ArgumentError, MissingExtraError):
@@ -122,6 +130,8 @@ def _reading(path: Path) -> Iterator[None]:
     except Exception as error:
         cause = error.__cause__ or error  # rasterio may only say that there was another error
         raise FileFormatError(f"{path}: not a readable raster of heights: {unquoted(cause)}") from error
+    finally:
+        sys.unraisablehook = report
 
 
 @contextmanager

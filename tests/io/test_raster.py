@@ -597,6 +597,27 @@ def test_without_rasterio(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
         ls.TriangleMesh.from_raster(5)  # type: ignore[arg-type]
 
 
+def test_warnings_of_gdal_that_are_no_text_are_dropped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rasterio fails to decode a warning that quotes the bytes of a damaged file, which Python reports as ignored."""
+
+    class Failing:
+        def __init__(self, error: Exception) -> None:
+            self.error = error
+
+        def __del__(self) -> None:
+            raise self.error
+
+    reported: list[type[BaseException]] = []
+    monkeypatch.setattr(sys, "unraisablehook", lambda dropped: reported.append(dropped.exc_type))
+    undecodable = UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+    with raster._reading(tmp_path):
+        Failing(undecodable)
+        Failing(KeyError())
+    assert reported == [KeyError]
+    Failing(undecodable)
+    assert reported == [KeyError, UnicodeDecodeError]
+
+
 def test_nothing_is_printed(tmp_path: Path) -> None:
     """GDAL tells of a damaged file in the exception alone."""
     path = tiff(tmp_path / "dem.tif", heights(300, 300), tiled=True, compress="deflate")
