@@ -15,6 +15,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike, fspath
 from pathlib import Path
+from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -114,13 +115,18 @@ def _window(value: npt.ArrayLike) -> list[float]:
 @contextmanager
 def _reading(path: Path) -> Iterator[None]:
     """Turn exceptions, of GDAL and PROJ as well, into one-line `FileFormatError` exceptions that name the file."""
-    report = sys.unraisablehook
+    report, show = sys.unraisablehook, sys.excepthook
 
+    # Rasterio cannot decode a warning of GDAL that quotes a damaged file, and Cython reports that in both ways.
     def report_others(dropped: sys.UnraisableHookArgs) -> None:
-        if not isinstance(dropped.exc_value, UnicodeDecodeError):  # of a warning of GDAL that quotes a damaged file
+        if not isinstance(dropped.exc_value, UnicodeDecodeError):
             report(dropped)
 
-    sys.unraisablehook = report_others
+    def show_others(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if not isinstance(error, UnicodeDecodeError):
+            show(kind, error, trace)
+
+    sys.unraisablehook, sys.excepthook = report_others, show_others
     try:
         yield
     except (ArgumentError, MissingExtraError):
@@ -131,7 +137,7 @@ def _reading(path: Path) -> Iterator[None]:
         cause = error.__cause__ or error  # rasterio may only say that there was another error
         raise FileFormatError(f"{path}: not a readable raster of heights: {unquoted(cause)}") from error
     finally:
-        sys.unraisablehook = report
+        sys.unraisablehook, sys.excepthook = report, show
 
 
 @contextmanager
