@@ -33,7 +33,7 @@ from lidarsim._terminal import facts, paragraph, print_line, say, standard_strea
 from lidarsim._validation import shown
 from lidarsim.comparison import compare_sources, reasons, source, values
 from lidarsim.errors import LidarsimError
-from lidarsim.io import rosbag
+from lidarsim.io import raster, rosbag
 from lidarsim.io._cuts import WORDS
 from lidarsim.patterns import describe
 from lidarsim.pointcloud import check_output, is_point_cloud
@@ -271,7 +271,9 @@ def view(
     path: Annotated[
         Path,
         typer.Argument(
-            metavar="PATH", help="Point cloud, folder of point clouds, configuration or recipe.", parser=_path
+            metavar="PATH",
+            help="Point cloud, folder of point clouds, elevation model (.tif, .asc), configuration or recipe.",
+            parser=_path,
         ),
     ],
     *,
@@ -291,7 +293,7 @@ def view(
     frame: Frame = None,
     frames: Frames = None,
 ) -> None:
-    """Show point clouds in a window, or write pictures of them.
+    """Show point clouds or terrain in a window, or write pictures of them.
 
     A configuration or recipe is scanned first; its points are shown in world coordinates, together with the surfaces of
     the scene. With several frames, windows and web pages have a slider, and a screenshot shows the first frame.
@@ -325,6 +327,9 @@ def view(
         unused = [name for name, value in given.items() if value is not None]
         if unused:
             raise LidarsimError(f"{', '.join(unused)}: expected only with a configuration or recipe, got {path}")
+        if raster.recognise(path):
+            _view_terrain(path, saves, looks)
+            return
         files = _clouds(path)
         count, places = len(files), {}
         clouds = tuple(_progress(map(ls.PointCloud.load, files[:wanted]), len(files[:wanted])))
@@ -335,6 +340,15 @@ def view(
         ls.show(clouds[seen], save=save, **{name: of[seen] for name, of in places.items()}, **looks)
         if count > 1 and save is screenshot:
             print_line(f"{save}: the first of {counted(count, 'frame')}; --html, --gif and --mp4 show all")
+
+
+def _view_terrain(path: Path, saves: Sequence[Path], looks: Mapping[str, Any]) -> None:
+    """Show a raster of heights from all around, since there is no sensor, coloured by height."""
+    scene = ls.Scene.from_file(path)
+    camera = Camera.ORBIT.value if looks["camera"] == Camera.BEHIND else looks["camera"]
+    options = {**looks, "color_by": looks["color_by"] or "height", "camera": camera}
+    for save in saves or (None,):
+        ls.show(scene, save=save, **options)
 
 
 @app.command()
@@ -417,6 +431,9 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
             )
         )
     table(columns if spans else columns[:-1], rows, left=("shape", "name"))
+    for item in run.scene:
+        if isinstance(item.shape, ls.TriangleMesh) and item.shape.grid:
+            print_line(_terrain(item.id, item.shape))
     for lidar in run.lidars.values():
         _print_sensor(lidar)
     pose = [run.pose.span] if isinstance(run.pose, ls.Trajectory) else []
@@ -688,6 +705,18 @@ def _yaml_line(value: object) -> str:
 
 def _times(span: tuple[float, float]) -> str:
     return "always" if math.isinf(span[0]) else f"{_span(span, digits=12)} s"
+
+
+def _terrain(number: int, mesh: ls.TriangleMesh) -> str:
+    """Return the size, the holes, the extent and the coordinate reference system of a mesh of heights."""
+    rows, columns = mesh.grid or (0, 0)
+    holes = rows * columns - len(mesh.vertices)
+    x, y, z = (_span(ends, digits=10) for ends in mesh.bounds.T)
+    crs = f", {plain(mesh.crs, most=NAME)}" if mesh.crs else ""
+    return (
+        f"object {number}: heights in {rows:,} rows and {columns:,} columns, {counted(holes, 'hole')};"
+        f" x {x} m, y {y} m, z {z} m{crs}"
+    )
 
 
 def _print_sensor(lidar: ls.Lidar) -> None:

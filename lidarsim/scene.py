@@ -381,8 +381,9 @@ class Scene(Pickled, Plotted):
         Parameters
         ----------
         path : path-like
-            A scene in YAML, as in configurations; a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE; or a
-            mesh file: OBJ, OFF, PLY or STL. Units are taken as metres. Each instance of a mesh becomes an object named
+            A scene in YAML, as in configurations; a scene file that trimesh reads, such as GLB, glTF, 3MF or DAE; a
+            mesh file: OBJ, OFF, PLY or STL; or an elevation model, GeoTIFF or ASCII grid, as read by
+            `TriangleMesh.from_raster`. Units are taken as metres. Each instance of a mesh becomes an object named
             after its node, and all instances share the mesh. In an OBJ file, each object (or group) of one material
             becomes an object; in an STL file, each solid. Files that it refers to are read only if they are beside or
             below it.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -336,6 +337,23 @@ def test_views_of_frames_are_of_all_or_of_the_first(capsys: pytest.CaptureFixtur
     assert capsys.readouterr().err == ""
 
 
+def test_terrain_is_viewed_from_all_around_and_by_height(capsys: pytest.CaptureFixture[str]) -> None:
+    valley = str(ROOT / "configs" / "scenes" / "valley.tif")
+    assert lidarsim("view", valley, "--screenshot", "a.png", "--html", "a.html", *SMALL) == 0
+    assert film("a.png") == ((320, 200), 1)
+    assert "height" in Path("a.html").read_text(encoding="utf-8")
+    looks = {"b": ("orbit", "height"), "c": ("birds-eye", "height"), "d": ("orbit", "label")}
+    for name, (camera, color) in looks.items():
+        options = ("--camera", camera, "--color-by", color, *SMALL)
+        assert lidarsim("view", valley, "--screenshot", f"{name}.png", *options) == 0
+    first, same, *others = (Path(f"{name}.png").read_bytes() for name in "abcd")
+    assert first == same
+    assert first not in others
+    assert capsys.readouterr().err == ""
+    assert lidarsim("view", valley, "--screenshot", "a.png", "--seed", "1") == 2
+    assert "--seed: expected only with a configuration or recipe" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("command", ["view", "scan"])
 def test_pictures_of_a_frame_have_movers_where_they_then_are(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
     Path("moving.yaml").write_text(
@@ -379,6 +397,18 @@ def test_check_describes(capsys: pytest.CaptureFixture[str]) -> None:
     assert ["1", "TriangleMesh", "flat", "0", "1", "2", "1"] in rows
     assert ["sensor", "velodyne-vlp16"] in rows
     assert printed.endswith("run.yaml: ok, 2 objects, 1 frame, seed 3\n")
+
+
+def test_check_describes_terrain(capsys: pytest.CaptureFixture[str]) -> None:
+    text = "ncols 4\nnrows 3\nxllcorner 10.5\nyllcorner -2\ncellsize 2\n1 2 3 4\n5 -9999 7 8\n9 10 11 -9999\n"
+    Path("dem.asc").write_text(text, encoding="ascii")
+    assert lidarsim("check", "run.yaml", "--set", "scene.1={shape: raster, file: dem.asc}") == 0
+    line = "object 1: heights in 3 rows and 4 columns, 2 holes; x 11.5 … 17.5 m, y -1 … 3 m, z 1 … 11 m\n"
+    assert line in capsys.readouterr().out
+    assert lidarsim("check", str(ROOT / "configs" / "survey.yaml")) == 0
+    (line,) = re.findall("object 0: .*\n", capsys.readouterr().out)
+    assert line.startswith("object 0: heights in 140 rows and 240 columns, 1,505 holes; x 612002.5 … 613197.5 m, ")
+    assert line.endswith(" m, EPSG:32632\n")
 
 
 def test_check_and_scan_agree_on_a_trajectory_as_long_as_the_frames() -> None:

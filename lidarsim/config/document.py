@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Hashable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,8 +32,8 @@ MOST_BYTES, MOST_VALUES, MOST_DEPTH = 1 << 24, 1_000_000, 100
 MOST_DIGITS = 400
 """Longest text of an integer that is parsed; float64's range ends at 309 decimal digits."""
 
-Loaded = dict[tuple[Path, Callable[[Path], object]], Any]
-"""Objects read from files, by path and reader."""
+Loaded = dict[tuple[Path, Hashable], Any]
+"""Objects read from files, by path and by reader or what else sets apart what is read."""
 
 _OVERRIDE = "--set "
 _TAG = "tag:yaml.org,2002:"
@@ -395,8 +395,10 @@ class Place:
             raise self.error(f"cannot read {short(path)}: {getattr(error, 'strerror', error)}") from None
         return path
 
-    def load(self, name: str, read: Callable[[Path], T]) -> T:
+    def load(self, name: str, read: Callable[[Path], T], key: Hashable = None) -> T:
         """Return the object that `read` makes of the file `name`, shared by all places that name the file.
+
+        A reader with settings is not the same function in another place: `key` then stands for it and its settings.
 
         Raises
         ------
@@ -404,10 +406,11 @@ class Place:
             If the file cannot be read.
         """
         path = self.file(name)
-        if (path, read) not in self._loaded:
+        entry = path, read if key is None else key
+        if entry not in self._loaded:
             with self.refusals():
-                self._loaded[path, read] = read(path)
-        loaded: T = self._loaded[path, read]
+                self._loaded[entry] = read(path)
+        loaded: T = self._loaded[entry]
         return loaded
 
 

@@ -24,8 +24,9 @@ from scipy.spatial.transform import Rotation
 
 from lidarsim import _validation, patterns, shapes
 from lidarsim._files import check_names, load_array, name_problem
+from lidarsim._shown import plain
 from lidarsim._validation import pose as rigid
-from lidarsim.io import mesh_scene
+from lidarsim.io import mesh_scene, raster
 from lidarsim.materials import Material, named
 from lidarsim.measurement import Measurement
 from lidarsim.rig import Rig
@@ -34,6 +35,8 @@ from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from lidarsim._validation import Floats
     from lidarsim.config.document import Place
     from lidarsim.patterns import Pattern
@@ -457,6 +460,36 @@ class Heightfield(Object):
         return construct(shapes.TriangleMesh.from_heightfield, self, ["spacing_m", "origin_m"], place, z=heights)
 
 
+class Raster(Object):
+    """Terrain from a digital elevation model, a GeoTIFF or an Esri ASCII grid, at its coordinates."""
+
+    constructor = shapes.TriangleMesh.from_raster
+
+    shape: Literal["raster"]
+    file: str
+    band: int = 1
+    window_m: Row | None = None
+    stride: int = 1
+
+    def build(self, place: Place) -> shapes.TriangleMesh:
+        """Return the shape."""
+
+        def read(path: Path) -> shapes.TriangleMesh:
+            return construct(shapes.TriangleMesh.from_raster, self, ["band", "window_m", "stride"], place, path=path)
+
+        key = "raster", self.band, tuple(self.window_m or ()), self.stride
+        return (place / "file").load(self.file, read, key)
+
+    def _add(self, shape: Shape, scene: Scene, place: Place, inner: Floats | None = None, **more: object) -> None:
+        crs = getattr(shape, "crs", None)
+        for item in scene:
+            other = getattr(item.shape, "crs", None)
+            if crs and other and not raster.same_crs(crs, other):
+                expected = f"expected a raster in {plain(other, most=60)}, as object {item.id} is"
+                raise (place / "file").error(f"{expected}, got one in {plain(crs, most=60)}")
+        super()._add(shape, scene, place, inner, **more)
+
+
 class SceneFile(Object):
     """All instances of meshes in a scene file such as GLB. The file determines which way is up."""
 
@@ -488,6 +521,7 @@ SHAPES: dict[str, type[Object]] = {
     "plane": Plane,
     "mesh": Mesh,
     "heightfield": Heightfield,
+    "raster": Raster,
     "scene_file": SceneFile,
     **_models_of(_public(shapes), "shape", Object),
 }

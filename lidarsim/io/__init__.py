@@ -9,6 +9,7 @@ from lidarsim.io import (  # noqa: F401 - each registers itself
     nuscenes,
     pcd,
     ply,
+    raster,
     rosbag,
     semantickitti,
     text,

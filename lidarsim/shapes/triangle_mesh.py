@@ -13,7 +13,9 @@ import numpy.typing as npt
 
 from lidarsim import _native
 from lidarsim._files import check_regular, reading_as
+from lidarsim._shown import plain
 from lidarsim._validation import Floats, Transform, array, as_array, in_order, one_or_each, positive
+from lidarsim._views import view
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError, FileFormatError
 from lidarsim.shapes._polygons import Indices, of_strips, triangulated
 from lidarsim.shapes._shape import Shape
@@ -47,6 +49,26 @@ class MeshFile(NamedTuple):
     sizes: Indices
     names: Sequence[str] = ()
     parts: Indices | None = None
+
+
+class Raster(NamedTuple):
+    """Heights on a grid of nodes.
+
+    Parameters
+    ----------
+    x, y : ndarray of float64
+        Positions of the nodes, m, of shapes that broadcast to that of `z`.
+    z : ndarray of float64, shape (rows, columns)
+        Heights, m; NaN where there is none. Seen from above, the next row lies to the left of the way to the next
+        column.
+    crs : str, optional
+        Coordinate reference system of x and y.
+    """
+
+    x: Floats
+    y: Floats
+    z: Floats
+    crs: str | None = None
 
 
 class TriangleMesh(Shape):
@@ -84,12 +106,22 @@ class TriangleMesh(Shape):
     (array([2.]), array([1], dtype=int32))
     """
 
-    __slots__ = ()
+    __slots__ = ("_crs", "_grid")
     __match_args__ = ("vertices", "faces")
+
+    _crs: str | None
+    _grid: tuple[int, int] | None
 
     def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Transform | None = None) -> None:
         points = array("vertices", vertices, ("n", 3))
         super().__init__(_native.Shape.triangle_mesh(points, _faces(faces, len(points)), False), transform)
+        self._note(None, None)
+
+    def _note(self, crs: str | None, grid: tuple[int, int] | None) -> Self:
+        """Set where the mesh came from, once."""
+        object.__setattr__(self, "_crs", crs)
+        object.__setattr__(self, "_grid", grid)
+        return self
 
     @classmethod
     def from_file(cls, path: str | PathLike[str], *, transform: Transform | None = None) -> Self:
@@ -243,7 +275,7 @@ class TriangleMesh(Shape):
         ----------
         z : array_like, shape (rows, columns)
             Heights, m, at least two rows and two columns. ``z[i, j]`` stands at x = origin[0] + j·spacing, y =
-            origin[1] + i·spacing.
+            origin[1] + i·spacing. NaN is a hole: no triangle touches that node.
         spacing : float or array_like, shape (2,)
             Distance between columns (along x) and rows (along y), m, > 0.
         origin : array_like, shape (2,)
@@ -254,27 +286,109 @@ class TriangleMesh(Shape):
         Returns
         -------
         TriangleMesh
-            Two triangles a cell, cell after cell along the rows; normals point up.
+            Two triangles a cell, cell after cell along the rows; normals point up. The vertices are the nodes that have
+            a height, row after row: ``z[~np.isnan(z)]``.
 
         Raises
         ------
         ValueError
-            If a number is not finite, the grid is too small, or the spacing is not positive.
+            If a height is infinite, no triangle is without NaN, the grid is too small, the spacing is not positive, or
+            another number is not finite.
         """
-        heights = array("z", z, ("rows", "columns"))
+        heights = array("z", z, ("rows", "columns"), finite=False)
         rows, columns = heights.shape
         if rows < 2 or columns < 2:
             raise ArgumentValueError("z", "at least 2 rows and 2 columns", f"shape {heights.shape}")
+        infinite = np.isinf(heights)
+        if infinite.any():
+            i, j = np.argwhere(infinite)[0]
+            raise ArgumentValueError("z", "finite heights, or NaN for a hole", f"z[{i}][{j}] = {heights[i, j]}")
         step = positive("spacing", np.broadcast_to(one_or_each("spacing", spacing, 2), (2,)).tolist())
         x0, y0 = array("origin", origin, (2,))
         with np.errstate(over="ignore"):
-            x, y = np.meshgrid(x0 + step[0] * np.arange(columns), y0 + step[1] * np.arange(rows))
+            x, y = x0 + step[0] * np.arange(columns), y0 + step[1] * np.arange(rows)
         if not (np.isfinite(x).all() and np.isfinite(y).all()):
             raise ArgumentValueError("origin, spacing", "a grid within the range of float64", "one beyond it")
-        corner = np.arange(rows * columns).reshape(rows, columns)
-        a, b, c, d = corner[:-1, :-1], corner[:-1, 1:], corner[1:, 1:], corner[1:, :-1]
-        faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
-        return cls(np.stack([x, y, heights], axis=-1).reshape(-1, 3), faces, transform=transform)
+        points, faces = _terrain(Raster(x, y[:, None], heights))
+        if not len(faces):
+            raise ArgumentValueError("z", "a triangle of heights", "NaN at a corner of each triangle")
+        return cls(points, faces, transform=transform)._note(None, heights.shape)
+
+    @classmethod
+    def from_raster(
+        cls,
+        path: str | PathLike[str],
+        *,
+        band: int = 1,
+        window: npt.ArrayLike | None = None,
+        stride: int = 1,
+        transform: Transform | None = None,
+    ) -> Self:
+        """Read terrain from a digital elevation model: GeoTIFF or Esri ASCII grid.
+
+        The nodes are the centres of the pixels, in the coordinates of the raster; so they are for GDAL, whether the
+        file declares pixels as areas or as points. Rows may run north or south. Pixels need not be square, and the
+        raster may be rotated.
+
+        Parameters
+        ----------
+        path : str or path-like
+            The file. Its coordinate reference system has to be in metres; a file without one is taken as being in
+            metres. Only the file itself is read and, for an ASCII grid, the ``.prj`` file beside it.
+        band : int
+            Number of the band of heights, from 1 on. They are in the unit that the band or the vertical part of the
+            coordinate reference system declares, metres or feet, and become metres.
+        window : array_like, shape (4,), optional
+            The part of the raster to read, x_min, y_min, x_max, y_max in its coordinates, m: the fewest nodes that
+            cover it. Default: all of it.
+        stride : int
+            Take every n-th row and column, counted from the first of the raster. A raster that is read by windows has
+            the same nodes in all of them. Heights are those of the nodes; nothing is averaged.
+        transform : array_like, shape (4, 4), or RigidTransform, optional
+            Affine map applied to the mesh. Casts are exact at the coordinates of any projection, so the mesh may stay
+            there.
+
+        Returns
+        -------
+        TriangleMesh
+            As from `from_heightfield`, with the rows counter-clockwise from the columns. Nodes without data are holes:
+            those that equal the band's no-data value (−9999 in an ASCII grid that declares none), are masked, or are
+            NaN.
+
+        Raises
+        ------
+        FileFormatError
+            If the file cannot be read as a raster of heights, if more than 67,108,864 nodes (2²⁶, which take 17 GB)
+            would be read, or if its coordinates are in degrees or feet.
+        FileNotFoundError
+            If there is no such file.
+        MissingExtraError
+            If rasterio or pyproj is not installed.
+        TypeError, ValueError
+            If the file has no such band, the window does not overlap the raster, or the stride leaves less than two
+            rows or columns.
+        """
+        raster: Raster = view(TriangleMesh, "from_raster")(path, band=band, window=window, stride=stride)
+        points, faces = _terrain(raster)
+        if not len(faces):
+            raise FileFormatError(f"{path}: expected a triangle of heights, got no data at a corner of each triangle")
+        return cls(points, faces, transform=transform)._note(raster.crs, raster.z.shape)
+
+    @property
+    def crs(self) -> str | None:
+        """Coordinate reference system of the raster that the mesh was read from, if it declares one: str or None.
+
+        It is a name such as ``EPSG:32632`` if there is one, else WKT; `pyproj.CRS` takes both.
+        """
+        return self._crs
+
+    @property
+    def grid(self) -> tuple[int, int] | None:
+        """Numbers of rows and columns of the heights that the mesh was made from, holes included: (int, int) or None.
+
+        Since each node that is no hole is a vertex, there are ``rows * columns - len(mesh.vertices)`` holes.
+        """
+        return self._grid
 
     @property
     def vertices(self) -> npt.NDArray[np.float64]:
@@ -294,13 +408,43 @@ class TriangleMesh(Shape):
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self.faces
 
+    def _contents(self) -> dict[str, Any]:
+        return {**super()._contents(), "crs": self.crs, "grid": self.grid}
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        made = {name: value for name, value in contents.items() if name not in {"crs", "grid"}}
+        return cls(**made)._note(contents["crs"], contents["grid"])
+
     def __len__(self) -> int:
         return self._native.primitives()
 
     def __repr__(self) -> str:
-        """Return the numbers of vertices and faces."""
+        """Return the numbers of vertices and faces, and the coordinate reference system."""
+        crs = "" if self.crs is None else f", {plain(self.crs, most=60)}"
         placed = "" if self.transform is None else ", transform=…"
-        return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{placed})"
+        return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{crs}{placed})"
+
+
+def _terrain(raster: Raster) -> tuple[Floats, npt.NDArray[np.uint32]]:
+    """Return the nodes that have a height, and two triangles a cell but for those that touch another node."""
+    z = raster.z
+    there = ~np.isnan(z)
+    points = np.empty((np.count_nonzero(there), 3))
+    for axis, values in enumerate((raster.x, raster.y, z)):
+        points[:, axis] = np.broadcast_to(values, z.shape)[there]
+    number = np.cumsum(there, dtype=np.uint32).reshape(z.shape) - np.uint32(1)
+    a, b, c, d = _corners(number)
+    faces = np.stack([a, b, c, a, c, d], axis=-1).reshape(-1, 3)
+    if len(points) < z.size:
+        a, b, c, d = _corners(there)
+        faces = faces[np.stack([a & b & c, a & c & d], axis=-1).ravel()]
+    return points, faces
+
+
+def _corners(nodes: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
+    """Return the values at the four corners of each cell, counter-clockwise."""
+    return nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
 
 
 def _cells(array: Any) -> tuple[Indices, Indices]:

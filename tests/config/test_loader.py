@@ -122,6 +122,10 @@ SHAPES = {
         "{file: heights.npy, spacing_m: [1, 2], origin_m: [-1, -2]}",
         ls.TriangleMesh.from_heightfield([[2, 2, 2], [3, 3, 3], [2, 2, 2]], (1, 2), (-1, -2)),
     ),
+    "raster": (
+        "{file: dem.asc, window_m: [-2, -2, 2, 3]}",
+        ls.TriangleMesh.from_heightfield([[2, 2, 3], [3, 3, 2], [2, 2, 4.0]], 2, (-2, -2)),
+    ),
     "scene_file": ("{file: scene.glb}", None),
 }
 
@@ -133,6 +137,8 @@ def test_each_shape_is_the_one_that_python_makes(name: str) -> None:
     solid.export("tetrahedron.ply")
     trimesh.Scene({"thing": solid}).export("scene.glb")
     np.save("heights.npy", np.array([[2, 2, 2], [3, 3, 3], [2, 2, 2.0]]))
+    rows = "2 2 4 9\n3 3 2 9\n2 2 3 9\n"
+    Path("dem.asc").write_text(f"ncols 4\nnrows 3\nxllcorner -3\nyllcorner -3\ncellsize 2\n{rows}", encoding="ascii")
     values, expected = SHAPES[name]
     text = values if "shape:" in values else values.replace("{", f"{{shape: {name}, ", 1)
     run = load(f"sensor: {{preset: velodyne-vlp16}}\nscene: [{text}]")
@@ -832,8 +838,12 @@ def test_bad_heights() -> None:
     assert refusal(text).startswith(
         "run.yaml:2: scene.0.file: z.npy: not a readable .npy file: the magic string is not correct"
     )
+    np.save("z.npy", np.array([[1.0, np.inf], [0.0, 0.0]]))
+    assert refusal(text) == "run.yaml:2: scene.0: z: expected finite heights, or NaN for a hole, got z[0][1] = inf"
     np.save("z.npy", np.array([[1.0, np.nan], [0.0, 0.0]]))
-    assert refusal(text) == "run.yaml:2: scene.0: z: expected finite numbers, got z[0][1] = nan"
+    mesh = load(text).scene[0].shape
+    assert isinstance(mesh, ls.TriangleMesh)
+    assert (len(mesh), mesh.grid) == (1, (2, 2))
 
 
 def test_bad_transforms() -> None:

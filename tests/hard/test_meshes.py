@@ -205,6 +205,25 @@ def test_heightfield(offset):
     judged(mesh.vertices, mesh.faces, origins, mesh.vertices[rng.permutation(len(down))[:120]] - origins)
 
 
+@pytest.mark.parametrize("share", [0.02, 0.3, 0.7])
+def test_heightfield_with_holes(share):
+    """Against the triangles of the same heights without holes, and rays through each of those."""
+    rng = np.random.default_rng(11)
+    z = rng.normal(size=(25, 30))
+    whole = ls.TriangleMesh.from_heightfield(z, (0.5, 0.25), (3, -4))
+    there = rng.random(z.shape) >= share
+    mesh = ls.TriangleMesh.from_heightfield(np.where(there, z, np.nan), (0.5, 0.25), (3, -4))
+    assert mesh.grid == whole.grid == (25, 30)
+    np.testing.assert_array_equal(mesh.vertices, whole.vertices[there.ravel()])
+    kept = there.ravel()[whole.faces].all(axis=1)
+    assert 0 < kept.sum() < len(whole)
+    np.testing.assert_array_equal(mesh.vertices[mesh.faces], whole.vertices[whole.faces[kept]])
+    down = whole.vertices[whole.faces].mean(axis=1) + np.array((0, 0, 50))
+    hits = mesh.cast(down, np.tile((0.0, 0.0, -1.0), (len(down), 1)))
+    np.testing.assert_array_equal(hits.hit, kept)
+    np.testing.assert_array_equal(hits.primitive_id[kept], np.arange(kept.sum()))
+
+
 def test_real_meshes():
     pyvista = pytest.importorskip("pyvista")
     from pyvista import examples
@@ -368,7 +387,12 @@ def test_empty_mesh_is_legal():
 BAD_HEIGHTS = [
     (([[0.0, 1.0]], 1.0), "z: expected at least 2 rows and 2 columns, got shape (1, 2)"),
     (([0.0, 1.0], 1.0), "z: expected shape (rows, columns), got (2,)"),
-    ((np.full((2, 2), np.nan), 1.0), "z: expected finite numbers, got z[0][0] = nan"),
+    ((np.full((2, 2), np.nan), 1.0), "z: expected a triangle of heights, got NaN at a corner of each triangle"),
+    (
+        ([[np.nan, 1.0], [1.0, 1.0]], 1.0),
+        "z: expected a triangle of heights, got NaN at a corner of each triangle",
+    ),
+    (([[1.0, 1.0], [1.0, -np.inf]], 1.0), "z: expected finite heights, or NaN for a hole, got z[1][1] = -inf"),
     ((np.zeros((2, 2)), (1.0, 0.0)), "spacing: expected numbers > 0, got spacing[1] = 0.0"),
     ((np.zeros((2, 2)), -1.0), "spacing: expected numbers > 0, got spacing[0] = -1.0"),
     ((np.zeros((2, 2)), 1.0, (0.0, 0.0, 0.0)), "origin: expected shape (2,), got (3,)"),

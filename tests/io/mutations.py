@@ -21,6 +21,7 @@ from pathlib import Path
 import numpy as np
 import plyfile
 import pypcd4
+import rasterio
 import trimesh
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Reader as BagReader
@@ -150,6 +151,7 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
         path = folder / f"mesh_text{suffix}"
         mesh.export(path, **options)
         yield f"mesh text {suffix}", path, TriangleMesh.from_file
+    yield from rasters(folder)
     for shape, file in (("scene_file", "mesh.glb"), ("heightfield", "table.npy")):
         scene = folder / f"{shape}.yaml"
         more = ", spacing_m: 1" if shape == "heightfield" else ""
@@ -157,6 +159,30 @@ def texts(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
             f"sensor: {{preset: velodyne-vlp16}}\nscene: [{{shape: {shape}, file: damaged{file[-4:]}{more}}}]\n"
         )
         yield shape, folder / file, partial(load_scene, scene)
+
+
+def rasters(folder: Path) -> Iterator[tuple[str, Path, Callable[[Path], object]]]:
+    """The same of elevation models."""
+    z = np.random.default_rng(6).normal(300, 20, (20, 24)).astype(np.float32)
+    z[3:6, 4:9] = -9999
+    profile = {"height": 20, "width": 24, "count": 1, "dtype": "float32", "nodata": -9999, "crs": "EPSG:32632"}
+    profile["transform"] = rasterio.Affine(10, 0, 500_000, 0, -10, 5_200_000)
+    tiles = {"tiled": True, "blockxsize": 16, "blockysize": 16}
+    for name, options in (
+        ("strips", {}),
+        ("tiles", {**tiles, "compress": "deflate", "predictor": 3}),
+        ("lzw", {"compress": "lzw", "BIGTIFF": "YES"}),
+        ("lerc", {**tiles, "compress": "lerc_zstd"}),
+    ):
+        path = folder / f"{name}.tif"
+        with rasterio.open(path, "w", driver="GTiff", **profile, **options) as file:
+            file.write(z, 1)
+        yield f"raster {name}", path, TriangleMesh.from_raster
+    path = folder / "dem.asc"
+    text = "\n".join(" ".join(map(str, row)) for row in z.tolist())
+    head = "ncols 24\nnrows 20\nxllcorner 500000\nyllcorner 5200000\ncellsize 10\nNODATA_value -9999\n"
+    path.write_text(f"{head}{text}\n", encoding="ascii")
+    yield "raster .asc", path, TriangleMesh.from_raster
 
 
 def with_firing_times(angles: Path, path: Path) -> Lidar:

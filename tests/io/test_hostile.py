@@ -25,7 +25,7 @@ from lidarsim.errors import ConfigError, FileFormatError
 from lidarsim.patterns import Table
 
 DATA = Path(__file__).parents[1] / "data" / "sensors"
-KINDS = 62
+KINDS = 68
 """Of files, at least."""
 LONGEST = 1500
 """Characters that an error has at most, with a short path."""
@@ -51,7 +51,7 @@ def refusal(read: Callable[[], object], kind: type[Exception]) -> str:
 
 
 def test_mutations(slow: bool) -> None:
-    count = 20_000 if slow else 15  # 62 × 20,000: 1.2 million files, in hours
+    count = 20_000 if slow else 15  # 68 × 20,000: 1.4 million files, in hours
     command = [sys.executable, str(Path(__file__).with_name("mutations.py")), str(count), "3"]
     result = subprocess.run(command, capture_output=True, text=True, check=False)
     lines = [line for line in result.stdout.splitlines() if " refused, " in line]
@@ -264,7 +264,7 @@ def test_a_file_that_is_no_configuration_is_not_quoted(content: str, tmp_path: P
 
 @pytest.mark.skipif(not Path("/dev/zero").is_char_device(), reason="there is no such device here")
 def test_only_regular_files_are_read(tmp_path: Path) -> None:
-    for suffix in (".bin", ".csv", ".npy", ".mcap", ".label", ".json", ".ply", ".glb", ".tum", ".laz"):
+    for suffix in (".bin", ".csv", ".npy", ".mcap", ".label", ".json", ".ply", ".glb", ".tum", ".laz", ".tif"):
         (tmp_path / f"zero{suffix}").symlink_to("/dev/zero")
     expected = "expected a regular file, got a pipe or device"
     angles = DATA / "hesai" / "Pandar40P_Angle_Correction_File.csv"
@@ -277,6 +277,7 @@ def test_only_regular_files_are_read(tmp_path: Path) -> None:
         lambda: Table.from_file(tmp_path / "zero.npy", rate=10.0),
         lambda: ls.Lidar.from_file(tmp_path / "zero.json"),
         lambda: ls.Lidar.from_file(angles, firing_times=tmp_path / "zero.csv"),
+        lambda: ls.TriangleMesh.from_raster(tmp_path / "zero.tif"),
     ):
         assert expected in refusal(read, FileFormatError)
     with pytest.raises(FileNotFoundError, match="no such mesh file"):
@@ -285,6 +286,7 @@ def test_only_regular_files_are_read(tmp_path: Path) -> None:
         "[{shape: mesh, file: zero.ply}]",
         "[{shape: scene_file, file: zero.glb}]",
         "[{shape: heightfield, file: zero.npy, spacing_m: 1}]",
+        "[{shape: raster, file: zero.tif}]",
         "{file: zero.ply}",
     ):
         run = tmp_path / "run.yaml"
@@ -364,6 +366,7 @@ def readers(path: Path) -> dict[str, Callable[[], object]]:
         "bag of SQLite": lambda: list(ls.io.rosbag.read(named(path, ".db3"))),
         "scene in YAML": lambda: ls.Scene.from_file(path),
         "run": lambda: config.load(path),
+        "raster": lambda: ls.TriangleMesh.from_raster(path),
         **{f"scene{suffix}": lambda suffix=suffix: ls.Scene.from_file(named(path, suffix)) for suffix in suffixes},
         **{
             f"mesh{suffix}": lambda suffix=suffix: ls.TriangleMesh.from_file(named(path, suffix)) for suffix in suffixes
