@@ -76,6 +76,25 @@ pub fn length_above(v: Point) -> f64 {
     largest * ((x * x + y * y + z * z).sqrt() * (1.0 + 4.0 * f64::EPSILON)) + f64::from_bits(1)
 }
 
+/// Upper bounds of how far a circle of radius r around an axis A reaches along each axis of coordinates:
+/// r·√(1 − A_i²/|A|²). Each coordinate of A may be off by one rounding.
+pub fn reach_of_circle(axis: Point, radius: f64) -> Point {
+    let [x, y, z] = axis;
+    let length = length_above(axis);
+    let across = [[0.0, y, z], [x, 0.0, z], [x, y, 0.0]].map(length_above);
+    std::array::from_fn(|i| {
+        let share = match across[i] {
+            0.0 => 0.0,
+            // Subnormal quotients have fewer bits.
+            _ if length.is_normal() => {
+                (across[i] / length * (1.0 + 32.0 * f64::EPSILON)).max(f64::MIN_POSITIVE)
+            }
+            _ => 1.0,
+        };
+        (radius * share.min(1.0)).next_up()
+    })
+}
+
 /// The unit vector along `v`, whose squares neither overflow nor underflow.
 ///
 /// Coordinates are first rounded to 2⁻⁶⁰ of the largest, so that the way they were computed does not
@@ -124,6 +143,26 @@ mod tests {
             let beyond = Dyadic::exact(length_above(v)).squared().minus(&norm2(&exact::<Dyadic>(v)));
             assert_eq!(beyond.sign(), Ok(Ordering::Greater), "{v:?}");
         }
+    }
+
+    /// r²·(|A|² − A_i²) ≤ reach²·|A|², where squares underflow, overflow or have few bits, too.
+    #[test]
+    fn circles_reach_as_far_as_they_are_said_to() {
+        let mut next = numbers();
+        let sizes = [1.0, 1e-300, 3e-318, 1e150, 1e308];
+        for round in 0..5000 {
+            let mut draw = || next() * sizes[(5.0 * next()) as usize];
+            let (axis, radius) = ([draw(), draw(), draw()], draw());
+            let exact = exact::<Dyadic>(axis);
+            let length2 = norm2(&exact);
+            for (x, reach) in exact.iter().zip(reach_of_circle(axis, radius)) {
+                let across = Dyadic::exact(radius).squared().times(&length2.minus(&x.squared()));
+                let beyond = Dyadic::exact(reach).squared().times(&length2).minus(&across);
+                assert_ne!(beyond.sign(), Ok(Ordering::Less), "{round}: {axis:?}, {radius}: {reach}");
+            }
+        }
+        let along_z = reach_of_circle([0.0, 0.0, 1e-3], 0.5);
+        assert!(along_z[0] < 0.5 * (1.0 + 64.0 * f64::EPSILON) && along_z[2] == f64::from_bits(1));
     }
 
     /// A formula with an error of 2⁻⁶⁰ of the largest coordinate may return any smaller number in place
