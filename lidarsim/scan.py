@@ -28,7 +28,7 @@ from lidarsim.pointcloud import PointCloud
 from lidarsim.scene import Scene
 from lidarsim.trajectory import Trajectory
 
-__all__ = ["Scan", "Source", "Status", "Summary", "check_coverage", "moment_and_pose", "scan", "sensor_id"]
+__all__ = ["Scan", "Source", "Status", "Summary", "check_coverage", "moment_and_pose", "moment_of", "scan", "sensor_id"]
 
 
 class Sensor(Protocol):
@@ -237,7 +237,7 @@ class Scan(Pickled, Plotted):
             If `frame` or `deskew` is none of these, or the trajectory does not cover that moment.
         """
         one_of("frame", frame, ("sensor", "world"))
-        offset = self._moment(deskew)
+        offset = moment_of(deskew, self.lidar.pattern.rate)
         if not isinstance(self.pose, Trajectory):
             return self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
         moment = None if offset is None or frame == "world" else self.time + offset
@@ -252,19 +252,6 @@ class Scan(Pickled, Plotted):
     def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
         elsewhere = frame == "sensor" and (isinstance(self.pose, Trajectory) or self.pose.tolist() != _IDENTITY)
         return PointCloud._of(_native.points_of(self, path, frame, moment), self.class_names, in_sensor_frame=elsewhere)
-
-    def _moment(self, deskew: object) -> float | None:
-        """Return the moment of `deskew` after the start of the scan, s; None for raw points."""
-        if isinstance(deskew, bool | np.bool_):
-            return 0.0 if deskew else None
-        if isinstance(deskew, str) and deskew in _MOMENTS:
-            return _MOMENTS[deskew] / self.lidar.pattern.rate
-        try:
-            return real("deskew", deskew)
-        except TypeError:
-            expected = "True, False, 'start', 'middle', 'end' or seconds from the start of the scan"
-            wrong = ArgumentValueError if isinstance(deskew, str) else ArgumentTypeError
-            raise wrong("deskew", expected, repr(deskew)) from None
 
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None
@@ -524,6 +511,38 @@ def check_coverage(
     return where.copy() if isinstance(where, np.ndarray) else where
 
 
+def moment_of(deskew: object, rate: float) -> float | None:
+    """Return the moment of `deskew`, as in `Scan.point_cloud`.
+
+    Parameters
+    ----------
+    deskew : object
+        The argument to check.
+    rate : float
+        Frame rate of the sensor, Hz.
+
+    Returns
+    -------
+    float or None
+        Time after the start of the scan, s; None for raw points.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it names no moment.
+    """
+    if isinstance(deskew, bool | np.bool_):
+        return 0.0 if deskew else None
+    if isinstance(deskew, str) and deskew in _MOMENTS:
+        return _MOMENTS[deskew] / rate
+    try:
+        return real("deskew", deskew)
+    except TypeError:
+        expected = "True, False, 'start', 'middle', 'end' or seconds from the start of the scan"
+        wrong = ArgumentValueError if isinstance(deskew, str) else ArgumentTypeError
+        raise wrong("deskew", expected, repr(deskew)) from None
+
+
 def moment_and_pose(
     scan: Scan,
     frame: Literal["sensor", "world"] = "sensor",
@@ -546,7 +565,7 @@ def moment_and_pose(
     pose : ndarray of float64, shape (4, 4)
         Sensor to world at that moment.
     """
-    offset = None if frame == "world" else scan._moment(deskew)
+    offset = None if frame == "world" else moment_of(deskew, scan.lidar.pattern.rate)
     moment = scan.time + (offset or 0.0)
     if not isinstance(scan.pose, Trajectory):
         return moment, scan.pose
