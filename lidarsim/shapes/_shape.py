@@ -19,7 +19,7 @@ from lidarsim.shapes._tessellation import Triangles
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits(Pickled):
-    """First hits of rays at a shape or a scene, one entry per ray.
+    """First hits of rays at a shape or a scene, one entry per ray; or all hits, one row per ray.
 
     Attributes
     ----------

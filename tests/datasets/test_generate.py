@@ -190,7 +190,7 @@ def test_a_function_deskews(tmp_path: Path) -> None:
         expected = scan.point_cloud(deskew=deskew).xyz
         assert len(points) > 20_000
         assert np.array_equal(points[:, :3], expected.astype(np.float32))
-    with pytest.raises(ls.errors.LidarsimError, match="got another recipe.yaml"):
+    with pytest.raises(ls.errors.LidarsimError, match=r"got another recipe\.yaml"):
         ls.generate(drives, tmp_path / "end", layout="semantickitti", pictures=0)
 
 
