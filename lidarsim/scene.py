@@ -37,7 +37,7 @@ from lidarsim.trajectory import Trajectory
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["Scene", "SceneObject", "register_scene_reader"]
+__all__ = ["Scene", "SceneObject", "Snapshot", "register_scene_reader"]
 
 Label = int | npt.NDArray[np.uint32]
 
@@ -132,14 +132,15 @@ class _Changes(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True)
-class _Snapshot:
+class Snapshot:
     """The objects at one moment, in the core.
 
-    `ids` are the ids of its objects in order, followed by -1 for "no object"; None if the ids are 0, 1, 2, …. `span` is
-    the time interval that the motions of all movers cover.
+    `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None if these are 0, 1, 2, ….
+    `span` is the time interval that the motions of all movers cover.
     """
 
     version: object
+    items: tuple[SceneObject, ...]
     native: core.Scene
     ids: npt.NDArray[np.int32] | None
     movers: tuple[tuple[SceneObject, Trajectory], ...]
@@ -230,7 +231,7 @@ class Scene(Pickled, Plotted):
         self._class_names = named_labels("class_names", class_names)
         self._items: dict[int, SceneObject] = {}
         self._next = 0
-        self._kept: _Snapshot | None = None
+        self._kept: Snapshot | None = None
         self._changed()
 
     def add(
@@ -445,7 +446,7 @@ class Scene(Pickled, Plotted):
         """Bump the version, which makes the snapshot outdated."""
         self._version = object()
 
-    def _snapshot(self) -> _Snapshot:
+    def _snapshot(self) -> Snapshot:
         """Return the current objects in the core, and keep them for the next cast.
 
         Objects are changed before the version is bumped, and the version is read before the objects. So a snapshot
@@ -465,7 +466,7 @@ class Scene(Pickled, Plotted):
                 max((start for start, _ in spans), default=-math.inf),
                 min((end for _, end in spans), default=math.inf),
             )
-            kept = self._kept = _Snapshot(version, native, ids, movers, span)
+            kept = self._kept = Snapshot(version, items, native, ids, movers, span)
         return kept
 
     def cast(

@@ -84,7 +84,7 @@ class TriangleMesh(Shape):
     (array([2.]), array([1], dtype=int32))
     """
 
-    __slots__ = ()
+    __slots__ = ("_hull",)
     __match_args__ = ("vertices", "faces")
 
     def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike, *, transform: Transform | None = None) -> None:
@@ -291,6 +291,14 @@ class TriangleMesh(Shape):
         """Number of triangles whose vertices lie on one line, exactly; nothing hits them."""
         return self._native.degenerate()
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        hull: Floats | None = getattr(self, "_hull", None)
+        if hull is None:
+            hull = _corners_of_hull(self.vertices[np.unique(self.faces)])
+            object.__setattr__(self, "_hull", hull)  # a cache: the mesh does not change
+        reach: Floats = (directions @ hull.T).max(axis=1)
+        return reach
+
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self.faces
 
@@ -301,6 +309,17 @@ class TriangleMesh(Shape):
         """Return the numbers of vertices and faces."""
         placed = "" if self.transform is None else ", transform=…"
         return f"TriangleMesh({len(self.vertices):,} vertices, {len(self):,} faces{placed})"
+
+
+def _corners_of_hull(points: Floats) -> Floats:
+    """Return the points that are corners of their convex hull, or all points where they are few or flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        corners: Floats = points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):
+        return points
+    return corners
 
 
 def _cells(array: Any) -> tuple[Indices, Indices]:
