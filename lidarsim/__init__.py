@@ -4,6 +4,7 @@ SI units and radians. Right-handed frames; the sensor frame has x forward, y lef
 """
 
 from lidarsim import config, datasets, errors, io, materials, patterns, viewers  # noqa: F401 (viewers register views)
+from lidarsim.boxes import Boxes
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
@@ -34,6 +35,7 @@ from lidarsim.viewers import show
 __all__ = [
     "Beam",
     "Box",
+    "Boxes",
     "Capsule",
     "Comparison",
     "Cylinder",

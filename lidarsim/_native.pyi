@@ -106,6 +106,23 @@ class Scene:
         t_max: float,
         times: npt.NDArray[np.float64] | None,
     ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]: ...
+    def cast_all(
+        self,
+        origins: npt.NDArray[np.float64],
+        directions: npt.NDArray[np.float64],
+        t_min: float,
+        t_max: float,
+        times: npt.NDArray[np.float64] | None,
+        most: int,
+    ) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.int32], npt.NDArray[np.int32], npt.NDArray[np.float64]]: ...
+    def objects_met(
+        self,
+        origins: npt.NDArray[np.float64],
+        directions: npt.NDArray[np.float64],
+        t_min: float,
+        t_max: float,
+        times: npt.NDArray[np.float64] | None,
+    ) -> tuple[npt.NDArray[np.uint32], npt.NDArray[np.uint32]]: ...
     def occluded(
         self,
         origins: npt.NDArray[np.float64],

@@ -29,14 +29,18 @@ if TYPE_CHECKING:
     from lidarsim.scene import Scene
     from lidarsim.sensor import Lidar
 
-__all__ = ["CloudArguments", "Run", "RunFrame"]
+__all__ = ["CloudArguments", "Deskew", "Run", "RunFrame"]
+
+
+Deskew = bool | Literal["start", "middle", "end"] | float
+"""The moment to which points are deskewed, as in `Scan.point_cloud`."""
 
 
 class CloudArguments(TypedDict):
     """Arguments of `Scan.point_cloud`."""
 
     frame: Literal["sensor", "world"]
-    deskew: bool | Literal["start", "middle", "end"] | float
+    deskew: Deskew
 
 
 @dataclass(frozen=True)

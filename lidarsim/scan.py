@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import enum
 import math
 import sys
@@ -9,7 +10,7 @@ import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -19,16 +20,17 @@ from lidarsim._pickling import Pickled
 from lidarsim._shown import extent, html_table, text_table
 from lidarsim._validation import Floats, Transform, as_array, integer, one_of, real, shown
 from lidarsim._views import Plotted
+from lidarsim.boxes import Boxes, boxes_of
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.measurement import Measurement
 from lidarsim.patterns import Pattern, Pulses
 from lidarsim.patterns._pulses import pulses_of
 from lidarsim.patterns.raster import projection, rows_and_columns
 from lidarsim.pointcloud import PointCloud
-from lidarsim.scene import Scene
+from lidarsim.scene import Scene, Snapshot
 from lidarsim.trajectory import Trajectory
 
-__all__ = ["Scan", "Source", "Status", "Summary", "check_coverage", "moment_and_pose", "scan", "sensor_id"]
+__all__ = ["Scan", "Source", "Status", "Summary", "check_coverage", "moment_and_pose", "moment_of", "scan", "sensor_id"]
 
 
 class Sensor(Protocol):
@@ -176,6 +178,21 @@ class Scan(Pickled, Plotted):
     radial_velocity: npt.NDArray[np.float32] | None = None
     source: npt.NDArray[np.uint8] | None = None
     class_names: Mapping[int, str] = field(default_factory=dict)
+    _world: Snapshot | None = field(default=None, repr=False)
+    """The scene as it was scanned."""
+
+    def _contents(self) -> dict[str, Any]:
+        contents = Pickled._contents(self)  # `super()` fails in a dataclass with slots
+        del contents["_world"]  # may be far larger than the scan
+        return contents
+
+    @classmethod
+    def _restored(cls, contents: dict[str, Any]) -> Self:
+        made: Self = super(Scan, cls)._restored({"_world": None, **contents})
+        return made
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Self:
+        return self._restored({**copy.deepcopy(self._contents(), memo), "_world": self._world})
 
     def __len__(self) -> int:
         """Return the number of pulses."""
@@ -210,6 +227,7 @@ class Scan(Pickled, Plotted):
         frame: Literal["sensor", "world"] = "sensor",
         *,
         deskew: bool | Literal["start", "middle", "end"] | float = False,
+        deskew_movers: bool = False,
     ) -> PointCloud:
         """Return the points of all returns, with all fields.
 
@@ -224,6 +242,9 @@ class Scan(Pickled, Plotted):
             "start" or True: the start of the scan. "middle": half a period of the pattern, 1/rate, later. "end": a
             whole period later, whenever the last pulse was fired. A number: that many seconds after the start. This has
             no effect on frame "world" or on a static sensor.
+        deskew_movers : bool
+            Also move the points of moving objects, in either frame, to where they are on the objects at the moment of
+            `deskew`. Tracking would have to find these motions; here, they are the true ones.
 
         Returns
         -------
@@ -234,37 +255,121 @@ class Scan(Pickled, Plotted):
         Raises
         ------
         TypeError, ValueError
-            If `frame` or `deskew` is none of these, or the trajectory does not cover that moment.
+            If `frame` or `deskew` is none of these, the trajectory or a motion does not cover that moment,
+            `deskew_movers` is given without `deskew`, or for a scan from a pickle, which does not contain the scene.
         """
         one_of("frame", frame, ("sensor", "world"))
-        offset = self._moment(deskew)
-        if not isinstance(self.pose, Trajectory):
-            return self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
-        moment = None if offset is None or frame == "world" else self.time + offset
-        first, last = self.pose._native.span()
-        # The start, the period, their sum and the end are each rounded by at most half an ulp of the largest.
-        if moment is not None and not first <= moment <= last + 2.0 * math.ulp(last):
-            raise ArgumentValueError(
-                "deskew", f"a moment within the trajectory, {first} to {last} s", f"{deskew!r}, at {moment} s"
-            )
-        return self._cloud(self.pose._native, frame, moment)
+        if frame == "world" and not deskew_movers:
+            moment_of(deskew, 1.0)  # only checks it
+            moment = None
+        else:
+            moment = self._deskewed_to(deskew)
+        if isinstance(self.pose, Trajectory):
+            cloud = self._cloud(self.pose._native, frame, None if frame == "world" else moment)
+        else:
+            cloud = self._cloud(_native.Path.still(self.pose.tolist()), frame, None)
+        if deskew_movers:
+            if moment is None:
+                raise ArgumentValueError("deskew_movers", "a deskewed cloud", "deskew=False")
+            self._move_along(cloud, frame, moment)
+        return cloud
+
+    def _deskewed_to(self, deskew: object) -> float | None:
+        """Return the moment of `deskew`, s, after checking that the trajectory covers it; None for raw points."""
+        offset = moment_of(deskew, self.lidar.pattern.rate)
+        if offset is None:
+            return None
+        moment = self.time + offset
+        if isinstance(self.pose, Trajectory):
+            first, last = self.pose._native.span()
+            # The start, the period, their sum and the end are each rounded by at most half an ulp of the largest.
+            if not first <= moment <= last + 2.0 * math.ulp(last):
+                expected = f"a moment within the trajectory, {first} to {last} s"
+                raise ArgumentValueError("deskew", expected, f"{deskew!r}, at {moment} s")
+        return moment
 
     def _cloud(self, path: _native.Path, frame: str, moment: float | None) -> PointCloud:
         elsewhere = frame == "sensor" and (isinstance(self.pose, Trajectory) or self.pose.tolist() != _IDENTITY)
         return PointCloud._of(_native.points_of(self, path, frame, moment), self.class_names, in_sensor_frame=elsewhere)
 
-    def _moment(self, deskew: object) -> float | None:
-        """Return the moment of `deskew` after the start of the scan, s; None for raw points."""
-        if isinstance(deskew, bool | np.bool_):
-            return 0.0 if deskew else None
-        if isinstance(deskew, str) and deskew in _MOMENTS:
-            return _MOMENTS[deskew] / self.lidar.pattern.rate
-        try:
-            return real("deskew", deskew)
-        except TypeError:
-            expected = "True, False, 'start', 'middle', 'end' or seconds from the start of the scan"
-            wrong = ArgumentValueError if isinstance(deskew, str) else ArgumentTypeError
-            raise wrong("deskew", expected, repr(deskew)) from None
+    def _move_along(self, cloud: PointCloud, frame: str, moment: float) -> None:
+        """Move the points and normals on moving objects to where they are at a moment."""
+        world, path = self._scanned(), self._path()
+        world.check_motions(moment, moment)
+        place = path.at(np.array([moment]))[0] if frame == "sensor" else np.eye(4)
+        for item, motion in world.movers:
+            own = np.flatnonzero(cloud.object_id == item.id)
+            if not len(own):
+                continue
+            before = np.linalg.inv(motion._native.at(self.time + cloud.time[own]))
+            moved = np.linalg.inv(place) @ motion._native.at(np.array([moment])) @ before @ place
+            cloud.xyz[own] = np.einsum("nij,nj->ni", moved[:, :3, :3], cloud.xyz[own]) + moved[:, :3, 3]
+            cloud.normal[own] = np.einsum("nij,nj->ni", moved[:, :3, :3], cloud.normal[own])
+
+    def _path(self) -> _native.Path:
+        return _path(self.pose, self.pulses, self.time, 1.0 / self.lidar.pattern.rate)
+
+    def _scanned(self) -> Snapshot:
+        if self._world is None:
+            raise ArgumentValueError("scan", "one with its scene", "one from a pickle", "call this before pickling")
+        return self._world
+
+    def boxes(
+        self,
+        *,
+        frame: Literal["sensor", "world"] = "sensor",
+        deskew: bool | Literal["start", "middle", "end"] | float = False,
+        min_points: int = 0,
+    ) -> Boxes:
+        """Return oriented boxes of the things that the sensor could see, with their visibility.
+
+        A thing is an instance of the scene: all objects with one `instance` number. It has a box if all of its objects
+        are bounded and at least one pulse would hit it if it stood alone.
+
+        Parameters
+        ----------
+        frame, deskew
+            As in `point_cloud`: the boxes are those of the same points. Deskewed boxes are where the things are at that
+            moment. Without `deskew`, each box is where its thing is, in the sensor frame or the world, at the mean
+            firing time of its points, or of the pulses that would hit it if it has none.
+        min_points : int
+            Least number of points on the thing.
+
+        Returns
+        -------
+        Boxes
+            In ascending order of the instance.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument is of the wrong type or out of range, the trajectory or the motion of a thing does not cover
+            the moment, or the scan was pickled: pickles do not contain the scene.
+
+        Notes
+        -----
+        `point_cloud(deskew=…)` undoes the motion of the sensor, not that of the things: a thing that moves at v is
+        smeared by v times the time that the sensor takes to pass it, and points near its ends may lie outside its box.
+        With ``deskew_movers=True``, they do not.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Box((1, 4, 3), center=(5, 2, 0)))
+        >>> ball = scene.add(ls.Sphere((8, 0, 0), 0.5), label=7)
+        >>> boxes = ls.Lidar.preset("velodyne-vlp16").scan(scene).boxes()
+        >>> boxes.instance, boxes.size.round(6).tolist()
+        (array([1, 2], dtype=uint32), [[1.0, 4.0, 3.0], [1.0, 1.0, 1.0]])
+        >>> boxes.visibility.round(1)
+        array([1. , 0.5])
+        """
+        one_of("frame", frame, ("sensor", "world"))
+        moment, least = self._deskewed_to(deskew), integer("min_points", min_points, at_least=0)
+        world = self._scanned()
+        if moment is not None:
+            world.check_motions(moment, moment)
+        return boxes_of(self, world, self._path(), moment, in_world=frame == "world", min_points=least)
 
     def image(
         self, field: str = "range", *, return_number: int = 1, size: tuple[int, int] | None = None
@@ -466,7 +571,14 @@ def scan(
     )
     arrays["object_id"] = world.ids_of(arrays["object_id"])
     return Scan(
-        **arrays, pulses=pulses, lidar=lidar, pose=where, time=time, frame=frame, class_names=dict(scene.class_names)
+        **arrays,
+        pulses=pulses,
+        lidar=lidar,
+        pose=where,
+        time=time,
+        frame=frame,
+        class_names=dict(scene.class_names),
+        _world=world,
     )
 
 
@@ -524,6 +636,38 @@ def check_coverage(
     return where.copy() if isinstance(where, np.ndarray) else where
 
 
+def moment_of(deskew: object, rate: float) -> float | None:
+    """Return the moment of `deskew`, as in `Scan.point_cloud`.
+
+    Parameters
+    ----------
+    deskew : object
+        The argument to check.
+    rate : float
+        Frame rate of the sensor, Hz.
+
+    Returns
+    -------
+    float or None
+        Time after the start of the scan, s; None for raw points.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it names no moment.
+    """
+    if isinstance(deskew, bool | np.bool_):
+        return 0.0 if deskew else None
+    if isinstance(deskew, str) and deskew in _MOMENTS:
+        return _MOMENTS[deskew] / rate
+    try:
+        return real("deskew", deskew)
+    except TypeError:
+        expected = "True, False, 'start', 'middle', 'end' or seconds from the start of the scan"
+        wrong = ArgumentValueError if isinstance(deskew, str) else ArgumentTypeError
+        raise wrong("deskew", expected, repr(deskew)) from None
+
+
 def moment_and_pose(
     scan: Scan,
     frame: Literal["sensor", "world"] = "sensor",
@@ -546,7 +690,7 @@ def moment_and_pose(
     pose : ndarray of float64, shape (4, 4)
         Sensor to world at that moment.
     """
-    offset = None if frame == "world" else scan._moment(deskew)
+    offset = None if frame == "world" else moment_of(deskew, scan.lidar.pattern.rate)
     moment = scan.time + (offset or 0.0)
     if not isinstance(scan.pose, Trajectory):
         return moment, scan.pose

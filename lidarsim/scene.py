@@ -37,7 +37,7 @@ from lidarsim.trajectory import Trajectory
 if TYPE_CHECKING:
     import pyvista
 
-__all__ = ["Scene", "SceneObject", "register_scene_reader"]
+__all__ = ["Scene", "SceneObject", "Snapshot", "register_scene_reader"]
 
 Label = int | npt.NDArray[np.uint32]
 
@@ -132,14 +132,15 @@ class _Changes(TypedDict, total=False):
 
 
 @dataclass(frozen=True, slots=True)
-class _Snapshot:
+class Snapshot:
     """The objects at one moment, in the core.
 
-    `ids` are the ids of its objects in order, followed by -1 for "no object"; None if the ids are 0, 1, 2, …. `span` is
-    the time interval that the motions of all movers cover.
+    `items` are the objects. `ids` are their ids in order, followed by -1 for "no object"; None if these are 0, 1, 2, ….
+    `span` is the time interval that the motions of all movers cover.
     """
 
     version: object
+    items: tuple[SceneObject, ...]
     native: core.Scene
     ids: npt.NDArray[np.int32] | None
     movers: tuple[tuple[SceneObject, Trajectory], ...]
@@ -230,7 +231,7 @@ class Scene(Pickled, Plotted):
         self._class_names = named_labels("class_names", class_names)
         self._items: dict[int, SceneObject] = {}
         self._next = 0
-        self._kept: _Snapshot | None = None
+        self._kept: Snapshot | None = None
         self._changed()
 
     def add(
@@ -446,7 +447,7 @@ class Scene(Pickled, Plotted):
         """Bump the version, which makes the snapshot outdated."""
         self._version = object()
 
-    def _snapshot(self) -> _Snapshot:
+    def _snapshot(self) -> Snapshot:
         """Return the current objects in the core, and keep them for the next cast.
 
         Objects are changed before the version is bumped, and the version is read before the objects. So a snapshot
@@ -466,7 +467,7 @@ class Scene(Pickled, Plotted):
                 max((start for start, _ in spans), default=-math.inf),
                 min((end for _, end in spans), default=math.inf),
             )
-            kept = self._kept = _Snapshot(version, native, ids, movers, span)
+            kept = self._kept = Snapshot(version, items, native, ids, movers, span)
         return kept
 
     def cast(
@@ -505,6 +506,71 @@ class Scene(Pickled, Plotted):
         o, d = rays(origins, directions)
         t, places, primitives, normals = now.native.cast(o, d, *t_range(t_min, t_max), now.times(time, len(o)))
         return Hits(t, now.ids_of(places), primitives, normals)
+
+    def cast_all(
+        self,
+        origins: npt.ArrayLike,
+        directions: npt.ArrayLike,
+        *,
+        most: int,
+        t_min: float = 0.0,
+        t_max: float = math.inf,
+        time: float | npt.ArrayLike = 0.0,
+    ) -> Hits:
+        """Find all hits of each ray, as if every surface let it pass.
+
+        Parameters
+        ----------
+        origins, directions : array_like, shape (n, 3)
+            Rays ``origin + t * direction``. A direction may have any length but zero.
+        most : int
+            Number of hits to keep per ray, k: the nearest ones; at least 1.
+        t_min, t_max : float
+            Closed interval of t, in units of the length of the direction; 0 <= t_min <= t_max.
+        time : float or array_like, shape (n,)
+            Time of each ray, s, as in `cast`.
+
+        Returns
+        -------
+        Hits
+            Arrays of shape (n, k), and (n, k, 3) for the normals, in ascending order of the exact t; at equal t, in
+            ascending order of the object id. The first hit is that of `cast`, and a row ends with misses if there are
+            fewer than k hits. An object that a ray meets in a common edge or vertex of several triangles, or where it
+            only touches it, is hit once there.
+
+        Raises
+        ------
+        ValueError
+            If a shape is wrong, a number is not finite, a direction is zero, `most` is not positive, the interval of t
+            is invalid, or the motion of an object does not cover the times.
+        MemoryError
+            If there is no memory for n·k hits; raised before work.
+
+        Examples
+        --------
+        >>> import lidarsim as ls
+        >>> scene = ls.Scene()
+        >>> wall = scene.add(ls.Box((1, 10, 3), center=(5, 0, 1.5)))
+        >>> ball = scene.add(ls.Sphere((8, 0, 1), 0.5))
+        >>> hits = scene.cast_all([[0, 0, 1]], [[1, 0, 0]], most=5)
+        >>> hits.t
+        array([[4.5, 5.5, 7.5, 8.5, inf]])
+        >>> hits.object_id
+        array([[ 0,  0,  1,  1, -1]], dtype=int32)
+        """
+        most = integer("most", most, at_least=1, at_most=MOST)
+        now = self._snapshot()
+        o, d = rays(origins, directions)
+        t, places, primitives, normals = now.native.cast_all(
+            o, d, *t_range(t_min, t_max), now.times(time, len(o)), most
+        )
+        shape = len(o), most
+        return Hits(
+            t.reshape(shape),
+            now.ids_of(places).reshape(shape),
+            primitives.reshape(shape),
+            normals.reshape(*shape, 3),
+        )
 
     def occluded(
         self,

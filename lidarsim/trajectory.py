@@ -31,6 +31,9 @@ INTERPOLATIONS = ("linear", "spline")
 LARGEST = 2.0**980
 """Maximum of coordinates and velocities; up to it, nothing overflows in the core."""
 
+CAMERA_TO_BODY = np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]])
+"""From the axes of a camera (x to the right, y down, z ahead) to those of a body (x ahead, y to the left, z up)."""
+
 LONGEST_LINE = 1 << 16
 MOST_LINES = 10_000_000
 """Maximum bytes per line and lines per file; a day of poses at 100 Hz has 8.64 million."""
@@ -73,7 +76,8 @@ class Trajectory(Immutable):
 
     ``trajectory @ mount`` is the trajectory of a sensor mounted on the body that follows `trajectory`; `mount`, a 4×4
     array or a RigidTransform, is the sensor's pose on the body (extrinsics), sensor to body. It also holds between the
-    given poses: a sensor away from the centre of a turning body moves on an arc.
+    given poses: a sensor away from the centre of a turning body moves on an arc. ``T @ trajectory`` is the same motion
+    seen from another world; `T`, also a 4×4 array or a RigidTransform, is rigid, from the old world to the new.
 
     Examples
     --------
@@ -184,6 +188,7 @@ class Trajectory(Immutable):
         *,
         times: PathLike | npt.ArrayLike | None = None,
         interpolation: Literal["linear", "spline"] = "linear",
+        axes: Literal["body", "camera"] = "body",
     ) -> Trajectory:
         """Read a file of poses, whose format is determined by its content.
 
@@ -202,12 +207,18 @@ class Trajectory(Immutable):
             Times of KITTI poses, which have none of their own, s: an array, or a file with one number per line.
         interpolation : {"linear", "spline"}
             Interpolation between the given poses.
+        axes : {"body", "camera"}
+            Axes of the world and of the moving frame in the file. "body": x ahead, y to the left, z up, as everywhere
+            in lidarsim. "camera": x to the right, y down, z ahead, as in the poses of the KITTI data set and of visual
+            odometry; both frames are turned to the axes of "body".
 
         Returns
         -------
         Trajectory
-            Trajectory through the poses of the file. Poses of the KITTI data set are those of the left camera; with the
-            matrix ``Tr`` of its calibration, ``trajectory @ Tr`` is the trajectory of the lidar.
+            Trajectory through the poses of the file. Poses of the KITTI data set are those of the left camera: with
+            ``axes="camera"``, ``trajectory @ CAMERA_TO_BODY @ Tr`` is the trajectory of the lidar, where ``Tr`` is the
+            matrix of its calibration and ``CAMERA_TO_BODY`` is ``[[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0,
+            1]]``.
 
         Raises
         ------
@@ -216,6 +227,7 @@ class Trajectory(Immutable):
         TypeError, ValueError
             If `times` are missing, superfluous, or not as many as the poses.
         """
+        _validation.one_of("axes", axes, ("body", "camera"))
         lines = _LineReader(path)
         with lines.refusals():
             first = next(iter(lines), "")
@@ -224,6 +236,8 @@ class Trajectory(Immutable):
                 kinds = "; ".join(f"{form.name}: {form.looks}" for form in _FORMATS)
                 raise ValueError(f"expected poses ({kinds}), got {'something else' if first else 'nothing'}")
             own, poses = form.read(chain([first], lines))
+        if axes == "camera":
+            poses = CAMERA_TO_BODY @ poses @ CAMERA_TO_BODY.T  # exact: coordinates change only place and sign
         if own is not None:
             if times is not None:
                 raise ArgumentValueError("times", f"none for {path}, which is {form.name} and has its own", "some")
@@ -372,6 +386,8 @@ class Trajectory(Immutable):
             raise ArgumentValueError("times", f"times from {first} to {last} s", f"{which} = {flat[i]}")
         return when
 
+    __array_ufunc__ = None  # an array on the left leaves the product to `__rmatmul__`
+
     def __matmul__(self, mount: Transform) -> Trajectory:
         """Return the trajectory of a sensor mounted on the body of this trajectory; `mount` is sensor to body."""
         if isinstance(mount, Trajectory):
@@ -379,6 +395,23 @@ class Trajectory(Immutable):
         matrix = _in_range("mount", _validation.pose("mount", mount)).tolist()
         kind, arguments, mounts = self._recipe
         return self._made(self._times, (kind, arguments, (*mounts, matrix)), self._native.mounted(matrix))
+
+    def __rmatmul__(self, world: Transform) -> Trajectory:
+        """Return the same motion in another world; `world` maps the present world to the new one."""
+        matrix = _in_range("world", _validation.pose("world", world))
+        kind, arguments, mounts = self._recipe
+        if kind == "twist":
+            start, *velocities = arguments
+            moved = _product(matrix, np.array(start))
+            arguments = _in_range("world", moved).tolist(), *velocities
+        else:
+            times, poses, steps = arguments
+            # A step adds s(u) to the position, which turns with the world, and exp(φ(u)) on the right, which does not.
+            turned = steps.reshape(-1, 2, 3, 3).copy()
+            turned[:, 0] = _product(matrix[:3, :3], turned[:, 0, :, :, None])[..., 0]
+            moved = _product(matrix, poses.reshape(-1, 4, 4))
+            arguments = times, _in_range("world", moved).reshape(-1, 16), _in_range("world", turned).reshape(-1, 18)
+        return self._made(self._times, (kind, arguments, mounts))
 
     @classmethod
     def _made(cls, times: Floats, recipe: _Recipe, native: _native.Path | None = None) -> Self:
@@ -435,9 +468,18 @@ def mounted(pose: Floats | Trajectory, mount: Floats) -> Floats | Trajectory:
     return still
 
 
+def _product(left: Floats, right: Floats) -> Floats:
+    """Return the matrix products, summed in order, so that they have the same bits on every processor."""
+    terms = left[:, :, None] * right[..., None, :, :]
+    total: Floats = terms[..., 0, :]
+    for k in range(1, terms.shape[-2]):
+        total = total + terms[..., k, :]
+    return total
+
+
 def _in_range(name: str, values: Floats) -> Floats:
     """Return `values`, coordinates or velocities, after checking that none is beyond `LARGEST`."""
-    if np.abs(values).max() > LARGEST:
+    if not np.abs(values).max(initial=0.0) <= LARGEST:
         raise ArgumentValueError(name, f"numbers up to {LARGEST:.3g} of what moves", f"{np.abs(values).max():.3g}")
     return values
 

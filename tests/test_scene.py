@@ -1,14 +1,18 @@
 """Scenes: adding, finding, changing and removing objects, and lines of sight between them."""
 
 import copy
+import functools
 import threading
 import time
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import trimesh
+from conformance.samples import SAMPLES, VERTICES, Move
+from exact.oracle import Ray, Surd
 from numpy.typing import NDArray
 
 import lidarsim as ls
@@ -219,6 +223,88 @@ def test_a_line_of_sight_is_blocked_where_a_cast_hits(level: int) -> None:
         assert scene.occluded(*ray, t_max=t)[0]
         assert not scene.occluded(*ray, t_max=np.nextafter(t, 0))[0]
         assert scene.occluded(*ray, t_min=t, t_max=t)[0]
+
+
+def crossings_of(scene: ls.Scene, specs: list[Any], origin: np.ndarray, direction: np.ndarray) -> list[Any]:
+    """Return t, object and primitive of every crossing ahead, by the exact oracle, in the order of `cast_all`."""
+    ray = Ray.of(origin, direction)
+    found = [
+        (crossing.t, item.id, min(crossing.faces) if judge.primitives else 0)
+        for item, judge in zip(scene, specs, strict=True)
+        for crossing in judge.crossings(ray)
+        if Surd(0, 1) <= crossing.t
+    ]
+    by_t = functools.cmp_to_key(lambda a, b: a[0].compare(b[0]) or a[1] - b[1])
+    return [(float(t), *ids) for t, *ids in sorted(found, key=by_t)]
+
+
+def test_all_hits_are_those_of_exact_arithmetic() -> None:
+    rng = np.random.default_rng(5)
+    scene, specs = ls.Scene(), []
+    for step, sample in enumerate(SAMPLES * 2):
+        move = Move(shift=np.array([step % 3, step // 3 % 3, step // 9]) / 2.0)
+        scene.add(sample.build(move))
+        specs.append(sample.spec(move).judge())
+    count = 300
+    origins = rng.integers(-16, 17, (count, 3)) / 4.0  # rays that meet edges and corners, and start on surfaces
+    targets = np.array(VERTICES)[rng.integers(len(VERTICES), size=count)] + rng.integers(0, 3, (count, 3)) / 2.0
+    targets[::3] = rng.uniform(-1.5, 2.5, targets[::3].shape)
+    directions = targets - origins
+    directions[~directions.any(axis=1)] = (1, 0, 0)
+    hits = scene.cast_all(origins, directions, most=60)
+    first = scene.cast(origins, directions)
+    met = 0
+    for i in range(count):
+        expected = crossings_of(scene, specs, origins[i], directions[i])
+        got = hits.hit[i].sum()
+        row = list(zip(hits.t[i], hits.object_id[i], hits.primitive_id[i], strict=True))
+        assert row[:got] == expected
+        assert (hits.t[i, got:] == np.inf).all()
+        assert not hits.normal[i, got:].any()
+        met += got
+    assert met > 1500
+    for k in (1, 2, 5):  # the nearest k, however many there are
+        fewer = scene.cast_all(origins, directions, most=k)
+        for name in ("t", "object_id", "primitive_id", "normal"):
+            np.testing.assert_array_equal(getattr(fewer, name), getattr(hits, name)[:, :k])
+    for name in ("t", "object_id", "primitive_id"):
+        np.testing.assert_array_equal(getattr(hits, name)[:, 0], getattr(first, name))
+    # Normals of `cast` and of `cast_all` have up to four roundings each.
+    np.testing.assert_allclose(hits.normal[:, 0], first.normal, rtol=0, atol=8 * np.spacing(0.5))
+
+
+def test_all_hits_of_ranges_times_and_removed_objects() -> None:
+    scene = row_of_spheres(9)
+    scene.remove(4)
+    there = ls.Trajectory.from_twist(at(0, 0, 0), linear=(2.0, 0, 0))
+    mover = scene.add(ls.Sphere((0, 0, 0), 0.125), motion=there)
+    origins, directions = np.full((3, 3), (-1.0, 0, 0)), np.full((3, 3), (2.0, 0, 0))
+    times = np.array([0.0, 1.0, 2.0])
+    whole = scene.cast_all(origins, directions, most=100, time=times)
+    for i, now in enumerate(times):
+        ahead = (whole.t[i][whole.object_id[i] == mover] * 2.0 - 1.0).tolist()
+        assert ahead == [2 * now - 0.125, 2 * now + 0.125]
+    assert 4 not in whole.object_id
+    low, high = whole.t[0, 3], whole.t[0, 7]
+    part = scene.cast_all(origins[:1], directions[:1], most=100, t_min=low, t_max=high)
+    np.testing.assert_array_equal(part.t[0, :5], whole.t[0, 3:8])
+    assert part.hit.sum() == 5
+    part = scene.cast_all(
+        origins[:1], directions[:1], most=100, t_min=np.nextafter(low, 9), t_max=np.nextafter(high, 0)
+    )
+    assert part.hit.sum() == 3
+
+
+def test_all_hits_refuse_what_casts_refuse() -> None:
+    scene = row_of_spheres(1)
+    assert scene.cast_all(np.empty((0, 3)), np.empty((0, 3)), most=3).t.shape == (0, 3)
+    with pytest.raises(ValueError, match=r"directions: expected non-zero vectors, got directions\[1\]"):
+        scene.cast_all(np.zeros((2, 3)), [[1, 0, 0], [0, 0, 0]], most=1)
+    for most in (0, -1, 2**31):
+        with pytest.raises(ValueError, match="most: expected an integer"):
+            scene.cast_all([[0, 0, 0]], [[1, 0, 0]], most=most)
+    with pytest.raises(MemoryError, match="the hits of 100000 rays"):
+        scene.cast_all(np.zeros((100_000, 3)), np.ones((100_000, 3)), most=2**31 - 1)
 
 
 def test_lines_of_sight_refuse_what_casts_refuse() -> None:

@@ -8,6 +8,7 @@ import pickle
 import re
 from collections.abc import Callable
 from itertools import pairwise
+from pathlib import Path
 
 import mpmath
 import numpy as np
@@ -377,6 +378,66 @@ def test_what_is_given_may_change_afterwards() -> None:
     assert trajectory.span == (0.0, 1.0)
     assert trajectory.at(1.0).translation.tolist() == [1, 0, 0]
     assert pickled(trajectory).at(1.0).translation.tolist() == [1, 0, 0]
+
+
+@pytest.mark.parametrize("kind", ["linear", "spline", "twist", "mounted"])
+def test_the_same_motion_in_another_world(kind: str) -> None:
+    trajectories = {
+        "linear": ls.Trajectory([0.0, 0.3, 0.4, 1.0], poses()),
+        "spline": spline(),
+        "twist": ls.Trajectory.from_twist(moved(3), linear=(2, 0.5, 0), angular=(0.1, 0, 0.7)),
+        "mounted": spline() @ moved(1),
+    }
+    trajectory = trajectories[kind]
+    world = RigidTransform.from_components([100.0, -20.0, 3.0], Rotation.from_euler("zyx", [2.0, 0.3, -0.4]))
+    first, last = np.clip(trajectory.span, 0.0, 1.0)
+    times = np.linspace(first, last, 101)
+    expected = world.as_matrix() @ trajectory.at(times).as_matrix()
+    for moved_world in (world, world.as_matrix()):
+        other = moved_world @ trajectory
+        assert isinstance(other, ls.Trajectory)
+        assert other.span == trajectory.span
+        # Entries up to 200 m pass through some twenty roundings, in two orders.
+        np.testing.assert_allclose(other.at(times).as_matrix(), expected, rtol=0, atol=40 * math.ulp(200.0))
+        velocity, angular = trajectory.velocity(times)
+        np.testing.assert_allclose(
+            other.velocity(times)[0], world.rotation.apply(velocity), rtol=0, atol=40 * math.ulp(np.abs(velocity).max())
+        )
+        np.testing.assert_allclose(
+            other.velocity(times)[1], angular, rtol=0, atol=40 * math.ulp(max(1.0, np.abs(angular).max()))
+        )
+    again = world.inv() @ (world @ trajectory)
+    np.testing.assert_allclose(
+        again.at(times).as_matrix(), trajectory.at(times).as_matrix(), rtol=0, atol=60 * math.ulp(200.0)
+    )
+    assert pickled(world @ trajectory).span == trajectory.span
+
+
+def test_poses_of_a_camera_are_turned_to_those_of_a_body(tmp_path: Path) -> None:
+    """A camera that drives ahead and turns right is a body that drives ahead along x and turns to negative yaw."""
+    right = Rotation.from_euler("y", 0.5)  # y is down
+    ahead = RigidTransform.from_components([0.0, 0.0, 10.0], right)
+    camera = ls.Trajectory([0.0, 1.0], np.stack([np.eye(4), ahead.as_matrix()]))
+    camera.save(tmp_path / "drive.kitti")
+    body = ls.Trajectory.load(tmp_path / "drive.kitti", times=[0.0, 1.0], axes="camera")
+    assert body.at(0.0).as_matrix().tolist() == np.eye(4).tolist()
+    assert body.at(1.0).translation.tolist() == [10.0, 0.0, 0.0]
+    np.testing.assert_allclose(body.at(1.0).rotation.as_rotvec(), [0, 0, -0.5], rtol=0, atol=4 * math.ulp(0.5))
+    with pytest.raises(ValueError, match=r"^axes: expected 'body' or 'camera', got 'ned'"):
+        ls.Trajectory.load(tmp_path / "drive.kitti", times=[0.0, 1.0], axes="ned")
+
+
+@pytest.mark.parametrize(
+    ("world", "message"),
+    [
+        (np.diag([1, 1, 2, 1]), "world: expected a rigid transform (orthonormal rotation), "),
+        (np.eye(3), "world: expected shape (4, 4), got (3, 3)"),
+        (moved(2.0**981), "world: expected numbers up to "),
+    ],
+)
+def test_bad_worlds(world: np.ndarray, message: str) -> None:
+    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+        world @ spline()
 
 
 @pytest.mark.parametrize(

@@ -303,6 +303,7 @@ class TrajectoryFile(Model):
     file: str
     times: str | None = None
     interpolation: Literal["linear", "spline"] = "linear"
+    axes: Literal["body", "camera"] = "body"
 
 
 def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> Floats | Trajectory:
@@ -311,7 +312,7 @@ def build_pose(value: Pose | list[Waypoint] | TrajectoryFile, place: Place) -> F
         files = {"path": (place / "file").file(value.file)}
         if value.times is not None:
             files["times"] = (place / "times").file(value.times)
-        return construct(Trajectory.load, value, ["interpolation"], place, **files)
+        return construct(Trajectory.load, value, ["interpolation", "axes"], place, **files)
     if isinstance(value, list):
         poses = [_rigid(waypoint, place / index) for index, waypoint in enumerate(value)]
         with place.refusals():

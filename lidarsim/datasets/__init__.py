@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from lidarsim._files import PathLike
     from lidarsim._validation import Transform
     from lidarsim.rig import Rig
+    from lidarsim.run import Deskew
     from lidarsim.scene import Scene
     from lidarsim.sensor import Lidar
     from lidarsim.trajectory import Trajectory
@@ -69,6 +70,7 @@ def generate(
     layout: str | dict[str, Any] | None = None,
     shard_frames: int | None = None,
     class_names: dict[int, str] | None = None,
+    deskew: Deskew = False,
     pictures: int = 3,
 ) -> Generated:
     """Make a data set, or resume an incomplete one.
@@ -106,6 +108,8 @@ def generate(
         Number of frames made at a time. Default: as many as fire 40 million pulses, but at most 1/32 of all.
     class_names : dict of int to str, optional
         Class names by label; they replace those of the recipe and override those of the scene.
+    deskew : bool, {"start", "middle", "end"} or float
+        How the points of a function's runs are deskewed, as in `Scan.point_cloud`. A YAML recipe has ``run.cloud``.
     pictures : int
         Number of frames that the data card shows; none without PyVista.
 
@@ -143,11 +147,13 @@ def generate(
     from lidarsim.datasets import recipe as recipes
     from lidarsim.datasets.layouts import layout_of
     from lidarsim.datasets.run import run
+    from lidarsim.scan import moment_of
 
     if not callable(recipe) and not isinstance(recipe, str | os.PathLike):
         raise ArgumentTypeError("recipe", "a path or a function", shown(recipe))
     part = _part(part)
     pictures = integer("pictures", pictures, at_least=0)
+    moment_of(deskew, 1.0)  # only checks it
     _check_client(client)
     texts = isinstance(overrides, Sequence) and not isinstance(overrides, str | bytes)
     if not texts or not all(isinstance(text, str) for text in overrides):
@@ -164,8 +170,11 @@ def generate(
             raise ArgumentValueError("overrides", "none with a function", shown(overrides))
         defaults = {"sequences": 1, "frames": 1, "seed": 0}
         settings = {key: defaults.get(key) if value is None else value for key, value in given.items()}
-        made = recipes.from_function(recipe, names, layout=chosen or layout_of("shards"), **settings)
+        made = recipes.from_function(recipe, names, deskew, layout=chosen or layout_of("shards"), **settings)
     else:
+        if deskew is not False:
+            hint = "use overrides=['run.cloud.deskew=…']"
+            raise ArgumentValueError("deskew", "False with a YAML recipe", shown(deskew), hint)
         if chosen is not None:
             given["layout"] = chosen.model_dump()
         if class_names is not None:

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from lidarsim._files import told
+from lidarsim._validation import pose as validated
 from lidarsim._validation import shown
 from lidarsim.config.document import (
     Loaded,
@@ -40,7 +41,7 @@ from lidarsim.datasets.scatter import Placed, Scatter, scatter
 from lidarsim.datasets.sources import hashes, located, paths
 from lidarsim.errors import ArgumentTypeError, ArgumentValueError
 from lidarsim.rig import Rig
-from lidarsim.run import Run
+from lidarsim.run import Deskew, Run
 from lidarsim.scene import Scene
 from lidarsim.sensor import Lidar
 from lidarsim.trajectory import Trajectory
@@ -294,12 +295,13 @@ MakeRun = Callable[[np.random.Generator, int], tuple[Scene, "Lidar | Rig", "Traj
 
 @dataclass(frozen=True)
 class Function:
-    """Runs from a function; `made_of` is its fingerprint."""
+    """Runs from a function; `made_of` is its fingerprint, and `deskew` is that of its points."""
 
     function: MakeRun
     frames: int
     seed: int
     made_of: dict[str, str]
+    deskew: Deskew = False
     by_frame: bool = False
 
     def run(self, sequence: int, frame: int | None = None) -> Run:
@@ -312,20 +314,21 @@ class Function:
         if not isinstance(scene, Scene) or not isinstance(sensor, Lidar | Rig):
             got = f"{type(scene).__name__}, {type(sensor).__name__}"
             raise ArgumentTypeError("recipe", "it to return a Scene and a Lidar or a Rig first", got)
-        still = np.eye(4) if pose is None else pose
+        if not isinstance(pose, Trajectory):
+            pose = np.eye(4) if pose is None else validated("recipe's pose", pose)
         seed = noise_seed(self.seed, sequence)
-        return Run(scene, sensor, still, seed, range(self.frames), {"frame": "sensor", "deskew": False})
+        return Run(scene, sensor, pose, seed, range(self.frames), {"frame": "sensor", "deskew": self.deskew})
 
     def resolved(self) -> dict[str, Any]:
-        """Return the name of the function."""
-        return {"function": name_of(self.function)}
+        """Return the name of the function, and how its points are deskewed."""
+        return {"function": name_of(self.function)} | ({"deskew": self.deskew} if self.deskew is not False else {})
 
     def files(self) -> dict[str, str]:
         """Return the hashes of the function's code and of the values that it takes from outside."""
         return dict(self.made_of)
 
 
-def from_function(function: MakeRun, class_names: dict[int, str], **settings: Any) -> Recipe:
+def from_function(function: MakeRun, class_names: dict[int, str], deskew: Deskew = False, **settings: Any) -> Recipe:
     """Return the recipe of a function with settings that were checked before.
 
     Raises
@@ -351,7 +354,7 @@ def from_function(function: MakeRun, class_names: dict[int, str], **settings: An
         raise ArgumentTypeError("recipe", "a function of a generator and a number", f"one with {told(error)}") from None
     known = Settings.model_construct(**settings)
     made_of = fingerprint(function)  # before a call, which may change its values
-    made = _recipe(Function(function, known.frames, known.seed, made_of), known, class_names)
+    made = _recipe(Function(function, known.frames, known.seed, made_of, deskew), known, class_names)
     if made.shards > MOST_SHARDS:
         raise ArgumentValueError("shard_frames", f"at most {MOST_SHARDS:,} shards", f"{made.shards:,}")
     return made

@@ -19,7 +19,7 @@ from lidarsim.shapes._tessellation import Triangles
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hits(Pickled):
-    """First hits of rays at a shape or a scene, one entry per ray.
+    """First hits of rays at a shape or a scene, one entry per ray; or all hits, one row per ray.
 
     Attributes
     ----------
@@ -116,6 +116,28 @@ class Shape(Value):
     def _image(self, transform: Transform) -> core.Shape:
         """Return the native shape under one more transform."""
         return self._native.transformed(placement(transform))
+
+    def _reach(self, directions: Floats, /) -> Floats:
+        """Return how far the surface reaches in some directions, before any transform.
+
+        Parameters
+        ----------
+        directions : ndarray of float64, shape (k, 3)
+            Directions of any length.
+
+        Returns
+        -------
+        ndarray of float64, shape (k,)
+            The greatest dot product of each direction with a point of the surface: its support function.
+        """
+        raise NotImplementedError
+
+    def _extent(self, affine: Floats) -> Floats:
+        """Return the bounds, (2, 3), of the surface under an affine map of shape (3, 4), after its own transform."""
+        if self.transform is not None:
+            affine = affine @ self.transform
+        linear, shift = affine[:, :3], affine[:, 3]
+        return np.stack([shift - self._reach(-linear), shift + self._reach(linear)])
 
     def _tessellated(self, chord_error: float | None, box: Floats, /) -> Triangles:
         """Return triangles that represent the surface in views, before any transform.

@@ -72,5 +72,9 @@ class Box(Shape):
         """The centre before any transform, m: read-only ndarray of float64, shape (3,)."""
         return frozen(self._arguments["center"])
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        reach: Floats = directions @ self.center + np.abs(directions) @ self.size / 2
+        return reach
+
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.center + self.size * (np.array(list(np.ndindex(2, 2, 2))) - 0.5), _FACES

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, Transform, Vector, frozen
@@ -71,6 +72,10 @@ class Capsule(Shape):
     def radius(self) -> float:
         """The radius before any transform, m: float."""
         return self._arguments["radius"][0]
+
+    def _reach(self, directions: Floats, /) -> Floats:
+        ends: Floats = np.maximum(directions @ self.start, directions @ self.end)
+        return ends + self.radius * np.linalg.norm(directions, axis=1)
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, radius, axis = self.start, self.radius, self.end - self.start

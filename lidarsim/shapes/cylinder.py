@@ -86,6 +86,12 @@ class Cylinder(Shape):
         """Whether the ends are closed: bool."""
         return bool(self._arguments["capped"][0])
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        axis = (self.end - self.start) / np.linalg.norm(self.end - self.start)
+        across = np.linalg.norm(np.cross(directions, axis), axis=1)
+        reach: Floats = np.maximum(directions @ self.start, directions @ self.end) + self.radius * across
+        return reach
+
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, end = self.start, self.end
         rim = circle(self.radius, chord_error) @ frame(end - start)

@@ -74,6 +74,12 @@ class Disk(Shape):
         """The radius before any transform, m: float."""
         return self._arguments["radius"][0]
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        axis = self.normal / np.abs(self.normal).max()  # whose square does not overflow
+        axis /= np.linalg.norm(axis)
+        reach: Floats = directions @ self.center + self.radius * np.linalg.norm(np.cross(directions, axis), axis=1)
+        return reach
+
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         rim = self.center + circle(self.radius, chord_error) @ frame(self.normal)
         index = np.arange(len(rim))

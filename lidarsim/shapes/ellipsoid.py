@@ -82,6 +82,11 @@ class Ellipsoid(Shape):
         arguments = self._arguments
         return frozen([arguments[row] for row in "xyz"])
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        axes = self.rotation * self.radii
+        reach: Floats = directions @ self.center + np.linalg.norm(directions @ axes, axis=1)
+        return reach
+
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         axes = self.rotation * self.radii
         # The map lengthens no distance by more than this factor.

@@ -150,6 +150,9 @@ class Plane(Shape):
         Shape.__init__(plane, _native.Shape("Plane", arguments), contents["transform"])
         return plane
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        return np.full(len(directions), np.inf)
+
     def _tessellated(self, _chord_error: float | None, box: Floats, /) -> Triangles:
         normal, point = self.normal / np.linalg.norm(self.normal), self.point
         # The box is widened by a tenth, and so far that it holds the point of the plane that is nearest to its middle.

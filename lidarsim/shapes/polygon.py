@@ -66,6 +66,10 @@ class Polygon(Shape):
         """The outline before any transform, m: read-only ndarray of float64, shape (n, 3)."""
         return self._native.vertices()
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        reach: Floats = (directions @ self.vertices.T).max(axis=1)
+        return reach
+
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self._native.faces()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
+import numpy as np
 import numpy.typing as npt
 
 from lidarsim._validation import Floats, Transform, Vector, frozen
@@ -60,6 +61,10 @@ class Sphere(Shape):
     def radius(self) -> float:
         """The radius before any transform, m: float."""
         return self._arguments["radius"][0]
+
+    def _reach(self, directions: Floats, /) -> Floats:
+        reach: Floats = directions @ self.center + self.radius * np.linalg.norm(directions, axis=1)
+        return reach
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         vertices, faces = unit_sphere(None if chord_error is None else chord_error / self.radius)

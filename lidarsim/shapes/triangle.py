@@ -66,5 +66,9 @@ class Triangle(Shape):
         """The third vertex before any transform, m: read-only ndarray of float64, shape (3,)."""
         return frozen(self._arguments["c"])
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        reach: Floats = (directions @ np.stack([self.a, self.b, self.c]).T).max(axis=1)
+        return reach
+
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return np.stack([self.a, self.b, self.c]), np.array([[0, 1, 2]], np.uint32)

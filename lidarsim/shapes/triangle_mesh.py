@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     import trimesh
 
 
+MOST_IN_HULL = 100_000
+"""Maximum number of vertices whose convex hull is found, which takes about 0.1 s."""
+
+
 class MeshFile(NamedTuple):
     """What a mesh file holds, in its order.
 
@@ -106,7 +110,7 @@ class TriangleMesh(Shape):
     (array([2.]), array([1], dtype=int32))
     """
 
-    __slots__ = ("_crs", "_grid")
+    __slots__ = ("_crs", "_grid", "_hull")
     __match_args__ = ("vertices", "faces")
 
     _crs: str | None
@@ -405,6 +409,14 @@ class TriangleMesh(Shape):
         """Number of triangles whose vertices lie on one line, exactly; nothing hits them."""
         return self._native.degenerate()
 
+    def _reach(self, directions: Floats, /) -> Floats:
+        hull: Floats | None = getattr(self, "_hull", None)
+        if hull is None:
+            hull = _corners_of_hull(self.vertices[np.unique(self.faces)])
+            object.__setattr__(self, "_hull", hull)  # a cache: the mesh does not change
+        reach: Floats = (directions @ hull.T).max(axis=1)
+        return reach
+
     def _tessellated(self, _chord_error: float | None, _box: Floats, /) -> Triangles:
         return self.vertices, self.faces
 
@@ -445,6 +457,19 @@ def _terrain(raster: Raster) -> tuple[Floats, npt.NDArray[np.uint32]]:
 def _corners(nodes: npt.NDArray[Any]) -> tuple[npt.NDArray[Any], ...]:
     """Return the values at the four corners of each cell, counter-clockwise."""
     return nodes[:-1, :-1], nodes[:-1, 1:], nodes[1:, 1:], nodes[1:, :-1]
+
+
+def _corners_of_hull(points: Floats) -> Floats:
+    """Return the points that are corners of their convex hull, or all points if these are too many, few or flat."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    if len(points) > MOST_IN_HULL:
+        return points
+    try:
+        corners: Floats = points[ConvexHull(points).vertices]
+    except (QhullError, ValueError):
+        return points
+    return corners
 
 
 def _cells(array: Any) -> tuple[Indices, Indices]:

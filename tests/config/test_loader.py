@@ -373,7 +373,7 @@ def test_poses_from_a_file() -> None:
         ),
         ("{file: 5}", "pose.file: expected text, got 5"),
         ("{file: drive.kitti, position_m: [0, 0, 0]}",
-         "pose.position_m: unknown key; expected one of file, times, interpolation"),
+         "pose.position_m: unknown key; expected one of file, times, interpolation, axes"),
     ],
 )  # fmt: skip
 def test_bad_files_of_poses(pose: str, message: str) -> None:

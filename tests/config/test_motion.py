@@ -199,7 +199,7 @@ MISTAKES = {
         "scene.1.motion: times: expected none for drive.tum, which is TUM and has its own, got some"
     ),
     "motion: {file: drive.tum, linear_m_per_s: [1, 0, 0]}": (
-        "scene.1.motion.linear_m_per_s: unknown key; expected one of file, times, interpolation"
+        "scene.1.motion.linear_m_per_s: unknown key; expected one of file, times, interpolation, axes"
     ),
 }  # fmt: skip
 

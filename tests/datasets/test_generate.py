@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 from hard.children import output
+from scipy.spatial.transform import RigidTransform
 
 import lidarsim as ls
 from lidarsim.config.document import dump, parse, plain
-from lidarsim.datasets.recipe import load
+from lidarsim.datasets.recipe import load, noise_seed
 from lidarsim.errors import ConfigError
 
 SETTINGS: dict[str, Any] = {"layout": "semantickitti", "pictures": 0}
@@ -48,6 +49,8 @@ def words() -> Iterator[str]:
 
 
 MISTAKES: list[tuple[dict[str, Any], type[Exception], str]] = [
+    ({"deskew": "begin"}, ValueError, "deskew: expected True, False, 'start'"),
+    ({"deskew": None}, TypeError, "deskew: expected True, False, 'start'"),
     ({"part": (0,)}, ValueError, r"part: expected \(i, n\), part i of n, got \(0,\)"),
     ({"part": (0, 1, 2)}, ValueError, r"part: expected \(i, n\)"),
     ({"part": "01"}, TypeError, r"part: expected \(i, n\), part i of n, got '01'"),
@@ -168,6 +171,46 @@ def test_functions_of_all_kinds(made: Callable[..., Any], tmp_path: Path) -> Non
     head = json.loads((tmp_path / "manifest.jsonl").read_text().splitlines()[0])
     assert head["sources"]
     assert ls.generate(made, tmp_path, **SETTINGS).frames == 0
+
+
+def drives(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Rig, ls.Trajectory]:  # noqa: ARG001
+    scene = ls.Scene()
+    scene.add(ls.Box((40, 40, 40)), label=1)
+    rig = ls.Rig({"top": (ls.Lidar.preset("velodyne-vlp16"), None)})
+    return scene, rig, ls.Trajectory.from_twist(np.eye(4), linear=(10.0, 0, 0), angular=(0, 0, 1.0))
+
+
+def test_a_function_deskews(tmp_path: Path) -> None:
+    scene, rig, pose = drives(np.random.default_rng(), 0)
+    scan = next(rig.frames(scene, pose, count=1, seed=noise_seed(0, 0)))["top"]
+    for deskew in (False, "end", 0.03):
+        folder = tmp_path / f"{deskew}"
+        ls.generate(drives, folder, layout="semantickitti", pictures=0, deskew=deskew)
+        (points,) = (np.fromfile(path, np.float32).reshape(-1, 4) for path in folder.rglob("*.bin"))
+        expected = scan.point_cloud(deskew=deskew).xyz
+        assert len(points) > 20_000
+        assert np.array_equal(points[:, :3], expected.astype(np.float32))
+    with pytest.raises(ls.errors.LidarsimError, match=r"got another recipe\.yaml"):
+        ls.generate(drives, tmp_path / "end", layout="semantickitti", pictures=0)
+
+
+@pytest.mark.parametrize("layout", ["semantickitti", "nuscenes", "shards", "bags"])
+def test_a_function_may_return_a_rigid_transform(layout: str, tmp_path: Path) -> None:
+    stands = RigidTransform.from_translation([0.0, 0.0, 1.5])
+
+    def standing(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Rig, RigidTransform]:
+        scene, rig, _ = drives(rng, sequence)
+        return scene, rig, stands
+
+    def the_same(rng: np.random.Generator, sequence: int) -> tuple[ls.Scene, ls.Rig, np.ndarray]:
+        scene, rig, _ = drives(rng, sequence)
+        return scene, rig, stands.as_matrix()
+
+    done = [
+        ls.generate(made, tmp_path / made.__name__, layout=layout, pictures=0, frames=2)
+        for made in (standing, the_same)
+    ]
+    assert done[0].points == done[1].points > 20_000
 
 
 def test_class_names_are_put_over_those_of_the_scene(recipe: Path, tmp_path: Path) -> None:

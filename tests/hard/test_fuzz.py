@@ -138,6 +138,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "directions": lambda _: np.array([(1.0, 0, 0), (0, 0, -1)]),
     "t_min": lambda _: 0.5,
     "t_max": lambda _: 50.0,
+    "most": lambda _: 3,
     **dict.fromkeys(("time", "offset"), lambda _: 0.25),
     # Scenes
     "shape": lambda _: ls.Sphere((4, 0, 0), 1.0),
@@ -210,6 +211,7 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "times": lambda _: np.array([0.0, 0.5, 2.0]),
     "poses": lambda _: np.array([turned(a, a, 0, 0) for a in (0.0, 1.0, 3.0)]),
     "interpolation": lambda _: "spline",
+    "axes": lambda _: "camera",
     # Scans and clouds
     "field": lambda _: "range",
     "return_number": lambda _: 1,

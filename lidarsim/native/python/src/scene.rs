@@ -3,7 +3,10 @@
 use std::sync::Arc;
 
 use lidarsim_core::measure::Appearance;
-use lidarsim_core::{Arrays, Columns, Kernels, Occlusion, Point, Rays, Scene, TRange, World, memory, span};
+use lidarsim_core::{
+    Arrays, Columns, HitRows, Kernels, Occlusion, Point, Rays, Scene, TRange, World, cast_all, memory,
+    objects_met, span,
+};
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
@@ -17,6 +20,9 @@ type HitArrays<'py> = (
     Bound<'py, PyArray1<i32>>,
     Bound<'py, PyArray2<f64>>,
 );
+
+/// Size of a hit, bytes.
+const HIT: usize = size_of::<f64>() + 2 * size_of::<i32>() + size_of::<Point>();
 
 /// Objects, which hits identify by index.
 #[pyclass(frozen, name = "Scene", module = "lidarsim._native")]
@@ -121,7 +127,6 @@ impl PyScene {
         t_max: f64,
         times: Option<PyReadonlyArray1<'py, f64>>,
     ) -> PyResult<HitArrays<'py>> {
-        const HIT: usize = size_of::<f64>() + 2 * size_of::<i32>() + size_of::<Point>();
         let rays = equal_points(&origins, &directions)?;
         let (t, object, primitive, normal) =
             self.cast_rays(py, rays, times.as_ref(), TRange { min: t_min, max: t_max }, HIT, |cast| {
@@ -150,6 +155,74 @@ impl PyScene {
             PyArray1::from_vec(py, primitive),
             PyArray1::from_vec(py, normal).reshape([n, 3])?,
         ))
+    }
+
+    /// The nearest `most` hits of each ray, ascending: as for `cast`, with rows of `most` hits and misses.
+    #[expect(clippy::too_many_arguments, reason = "the arguments of `cast`, and `most`")]
+    fn cast_all<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Points<'py>,
+        directions: Points<'py>,
+        t_min: f64,
+        t_max: f64,
+        times: Option<PyReadonlyArray1<'py, f64>>,
+        most: usize,
+    ) -> PyResult<HitArrays<'py>> {
+        let rays = equal_points(&origins, &directions)?;
+        legal_rays(rays.0, rays.1)?;
+        let bytes = HIT.saturating_mul(most);
+        let (t, object, primitive, normal) = self.cast_rays(
+            py,
+            rays,
+            times.as_ref(),
+            TRange { min: t_min, max: t_max },
+            bytes,
+            |RayCast { world, rays, range, .. }| {
+                let n = rays.origins.len() * most;
+                let (mut t, mut object, mut primitive, mut normal) = (vec![], vec![], vec![], vec![]);
+                memory::resize(&mut t, n, f64::INFINITY);
+                memory::resize(&mut object, n, -1);
+                memory::resize(&mut primitive, n, 0);
+                memory::resize(&mut normal, 3 * n, 0.0);
+                let rows = HitRows {
+                    most,
+                    t: &mut t,
+                    object: &mut object,
+                    primitive: &mut primitive,
+                    normal: normal.as_chunks_mut().0,
+                };
+                cast_all(&world, rays, range, rows);
+                ((t, object, primitive, normal), true)
+            },
+        )?;
+        Ok((
+            PyArray1::from_vec(py, t),
+            PyArray1::from_vec(py, object),
+            PyArray1::from_vec(py, primitive),
+            PyArray1::from_vec(py, normal).reshape([rays.0.len() * most, 3])?,
+        ))
+    }
+
+    /// The objects that each ray meets: two arrays of equal length, the indices of rays, ascending, and of
+    /// objects.
+    fn objects_met<'py>(
+        &self,
+        py: Python<'py>,
+        origins: Points<'py>,
+        directions: Points<'py>,
+        t_min: f64,
+        t_max: f64,
+        times: Option<PyReadonlyArray1<'py, f64>>,
+    ) -> PyResult<(Bound<'py, PyArray1<u32>>, Bound<'py, PyArray1<u32>>)> {
+        let rays = equal_points(&origins, &directions)?;
+        legal_rays(rays.0, rays.1)?;
+        let range = TRange { min: t_min, max: t_max };
+        let (ray, object): (Vec<u32>, Vec<u32>) =
+            self.cast_rays(py, rays, times.as_ref(), range, size_of::<(u32, u32)>(), |cast| {
+                (objects_met(&cast.world, cast.rays, cast.range).into_iter().unzip(), true)
+            })?;
+        Ok((PyArray1::from_vec(py, ray), PyArray1::from_vec(py, object)))
     }
 
     /// Whether each ray hits anything, (n,). `times` is as for `cast`.

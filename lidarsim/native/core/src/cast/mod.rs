@@ -1,5 +1,6 @@
-//! Casts: the closest hits of many rays.
+//! Casts: the closest hits of many rays, or all of them.
 
+mod all_hits;
 mod closest_hit;
 mod columns;
 mod deferred;
@@ -9,12 +10,14 @@ mod instance;
 mod leaf_intersector;
 mod local_rays;
 mod poses;
+mod ray_query;
 mod ray_sort;
 mod schedule;
 mod surface_intersector;
 mod traversal;
 mod triangle_hits;
 
+pub use all_hits::{HitRows, cast_all, objects_met};
 pub use columns::{Arrays, Columns, HitArrays, Occlusion};
 pub use driver::Cast;
 pub use schedule::pieces;

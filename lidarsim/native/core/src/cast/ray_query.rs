@@ -1,0 +1,56 @@
+//! Queries of one ray, which visit every primitive that the ray may intersect.
+
+use crate::arith::number::Interval;
+use crate::bvh::{Bvh, Stack, TraversalRay};
+use crate::scene::{Geometry, Scene, TimedRay, World};
+
+pub trait RayQuery<'a> {
+    fn scene(&self) -> &'a Scene;
+    fn ray(&self) -> &TimedRay;
+    fn t_min(&self) -> f64;
+
+    /// The largest t that still matters.
+    fn limit(&self) -> f64;
+
+    /// Visits a primitive of an object.
+    fn visit(&mut self, object: u32, primitive: u32);
+
+    /// Traverses the whole scene.
+    fn run(&mut self, world: &World, stack: &mut Stack) {
+        for &object in &world.index.unbounded {
+            self.visit(object, 0);
+        }
+        self.traverse(&world.index.bounded, stack);
+        if let Some(movers) = world.movers() {
+            self.traverse(movers, stack);
+        }
+    }
+
+    fn traverse(&mut self, hierarchy: &Bvh<u32>, stack: &mut Stack) {
+        let TimedRay { origin, direction, .. } = *self.ray();
+        let (o, d) = (origin.map(Interval::point), direction.map(Interval::point));
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());
+        hierarchy.traverse(&mut ray, stack, |stack, leaf| {
+            self.enter(*leaf, stack);
+            self.limit()
+        });
+    }
+
+    /// Traverses one object.
+    fn enter(&mut self, object: u32, stack: &mut Stack) {
+        let scene = self.scene();
+        let Geometry::Mesh(mesh) = &scene.objects()[object as usize].geometry else {
+            return self.visit(object, 0);
+        };
+        let TimedRay { origin, direction, time } = *self.ray();
+        let [o, d] = scene.at(object, time).enclose(origin, direction);
+        let hierarchy = mesh.hierarchy();
+        let mut ray = TraversalRay::new(o, d, hierarchy.center(), self.t_min(), self.limit());
+        hierarchy.traverse(&mut ray, stack, |_, leaf| {
+            for &primitive in leaf.ids() {
+                self.visit(object, primitive);
+            }
+            self.limit()
+        });
+    }
+}
