@@ -339,11 +339,12 @@ class Material(Value):
 
 def _reflectivity(value: object, per: Per) -> float | Floats | Texture:
     """Return the checked argument `reflectivity` of a material."""
-    if isinstance(value, Texture) != (per == "texture"):
-        expected = "a Texture" if per == "texture" else "numbers"
-        raise ArgumentTypeError("reflectivity", f"{expected} with per={per!r}", shown(value))
-    if isinstance(value, Texture):
+    if per == "texture":
+        if not isinstance(value, Texture):
+            raise ArgumentTypeError("reflectivity", "a Texture with per='texture'", shown(value))
         return value
+    if isinstance(value, Texture):
+        raise ArgumentTypeError("reflectivity", f"numbers with per={per!r}", "a Texture")
     if per == "object":
         if isinstance(value, (np.ndarray, list, tuple)):
             expected = "one number, or an array with per='face' or per='vertex'"

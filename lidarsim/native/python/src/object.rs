@@ -115,12 +115,11 @@ impl PySceneObject {
 
 fn reflectivity(material: &Bound<'_, PyAny>) -> PyResult<Reflectivity> {
     let py = material.py();
-    if let Some(map) =
-        material.getattr(intern!(py, "_texture_map"))?.extract::<Option<Bound<'_, PyTextureMap>>>()?
-    {
+    let Ok(numbers) = material.getattr(intern!(py, "_reflectivity"))?.extract() else {
+        let map: Bound<'_, PyTextureMap> = material.getattr(intern!(py, "_texture_map"))?.cast_into()?;
         return Ok(Reflectivity::Texture(map.get().map.clone()));
-    }
-    let values = match material.getattr(intern!(py, "_reflectivity"))?.extract()? {
+    };
+    let values = match numbers {
         ReflectivityParameter::Object(value) => return Ok(Reflectivity::Object(value)),
         ReflectivityParameter::Each(values) => values,
     };
