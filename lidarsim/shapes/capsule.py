@@ -74,8 +74,9 @@ class Capsule(Shape):
         return self._arguments["radius"][0]
 
     def _reach(self, directions: Floats, /) -> Floats:
-        ends: Floats = np.maximum(directions @ self.start, directions @ self.end)
-        return ends + self.radius * np.linalg.norm(directions, axis=1)
+        ends = np.maximum(directions @ self.start, directions @ self.end)
+        reach: Floats = ends + self.radius * np.linalg.norm(directions, axis=1)
+        return reach
 
     def _tessellated(self, chord_error: float | None, _box: Floats, /) -> Triangles:
         start, radius, axis = self.start, self.radius, self.end - self.start
