@@ -328,10 +328,12 @@ class Scan(Pickled, Plotted):
 
         Parameters
         ----------
-        frame, deskew
-            As in `point_cloud`: the boxes are those of the same points. Deskewed boxes are where the things are at that
-            moment. Without `deskew`, each box is where its thing is, in the sensor frame or the world, at the mean
-            firing time of its points, or of the pulses that would hit it if it has none.
+        frame : {"sensor", "world"}
+            Coordinates of the boxes, as in `point_cloud`.
+        deskew : bool, {"start", "middle", "end"} or float
+            As in `point_cloud`: the boxes are where the things are at that moment, in the sensor frame of that moment.
+            False: each box is where its thing is at the mean firing time of its points, or of the pulses that would hit
+            it if it has none.
         min_points : int
             Least number of points on the thing.
 

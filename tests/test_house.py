@@ -87,7 +87,7 @@ def faults(dotted: str, thing: object) -> list[str]:
     found = [f"{code} {text}" for code, text in validate(dotted)["errors"] if code in checks]
     if inspect.isclass(thing) and dataclasses.is_dataclass(thing):
         documented = ", ".join(re.findall(r"^ *(\w+(?:, \w+)*) : ", thing.__doc__ or "", re.MULTILINE)).split(", ")
-        fields = [field.name for field in dataclasses.fields(thing)]
+        fields = [field.name for field in dataclasses.fields(thing) if not field.name.startswith("_")]
         found += [f"field {name!r} is not documented" for name in fields if name not in documented]
     return found
 
