@@ -212,9 +212,19 @@ class Material(Value):
         encoded = array("colors", given[:, :3], ("n", 3)) / scale
         if ((encoded < 0.0) | (encoded > 1.0)).any():
             raise ArgumentValueError("colors", f"numbers from 0 to {scale:g}", f"{given.min()} to {given.max()}")
-        # IEC 61966-2-1
-        linear = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
-        return cls(reflectivity=linear @ (0.2126, 0.7152, 0.0722), per=per)
+        return cls(reflectivity=linear_light(encoded) @ LUMINANCE, per=per)
+
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
+"""Luminance of linear red, green and blue; ITU-R BT.709."""
+
+
+def linear_light(encoded: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    """Return the linear light of sRGB values from 0 to 1; IEC 61966-2-1."""
+    linear: npt.NDArray[np.float64] = np.where(
+        encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4
+    )
+    return linear
 
 
 def named(name: str) -> Material:

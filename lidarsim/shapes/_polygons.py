@@ -42,17 +42,8 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
     ValueError
         If a vertex is not finite, or a face names one that is not there.
     """
+    check_faces(vertices, corners, sizes)
     starts = np.cumsum(sizes) - sizes
-    finite = np.isfinite(vertices)
-    if not finite.all():
-        i, j = np.argwhere(~finite)[0]
-        raise ArgumentValueError("vertices", "finite numbers", f"vertices[{i}][{j}] = {vertices[i, j]}")
-    wrong = (corners < 0) | (corners >= len(vertices))
-    if wrong.any():
-        k = int(np.argmax(wrong))
-        i = int(np.searchsorted(starts, k, side="right")) - 1
-        last = len(vertices) - 1
-        raise ArgumentValueError("faces", f"indices from 0 to {last}", f"faces[{i}][{k - starts[i]}] = {corners[k]}")
     of = np.repeat(np.arange(len(sizes)), np.maximum(sizes - 2, 0))
     faces = np.empty((len(of), 3), np.int64)
     places = np.cumsum(np.maximum(sizes - 2, 0)) - np.maximum(sizes - 2, 0)  # of the first triangle of each face
@@ -66,6 +57,21 @@ def triangulated(vertices: Floats, corners: Indices, sizes: Indices) -> tuple[In
                 cut[i] = outlines[i][_clipped(vertices[outlines[i]])]
         faces[places[which, None] + step] = cut
     return faces, of
+
+
+def check_faces(vertices: Floats, corners: Indices, sizes: Indices) -> None:
+    """Raise `ValueError` if a vertex is not finite, or a face names one that is not there; see `triangulated`."""
+    finite = np.isfinite(vertices)
+    if not finite.all():
+        i, j = np.argwhere(~finite)[0]
+        raise ArgumentValueError("vertices", "finite numbers", f"vertices[{i}][{j}] = {vertices[i, j]}")
+    wrong = (corners < 0) | (corners >= len(vertices))
+    if wrong.any():
+        k = int(np.argmax(wrong))
+        starts = np.cumsum(sizes) - sizes
+        i = int(np.searchsorted(starts, k, side="right")) - 1
+        last = len(vertices) - 1
+        raise ArgumentValueError("faces", f"indices from 0 to {last}", f"faces[{i}][{k - starts[i]}] = {corners[k]}")
 
 
 def of_strips(corners: Indices, sizes: Indices) -> tuple[Indices, Indices]:

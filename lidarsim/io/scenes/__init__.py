@@ -1,0 +1,63 @@
+"""Scene files: one module per format, each of which returns nodes; `_build` makes objects of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+from lidarsim.io.meshes import SUFFIXES
+from lidarsim.io.scenes import dae, gltf, mesh_files, others, threemf
+from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
+from lidarsim.rules import Appearance, Options, Rule
+from lidarsim.scene import Scene, register_scene_reader
+from lidarsim.shapes.triangle_mesh import register_mesh_reader
+
+__all__ = ["Imported", "Load"]
+
+READERS: dict[str, Reader] = {
+    **dict.fromkeys((".glb", ".gltf"), gltf.read),
+    ".dae": dae.read,
+    ".3mf": threemf.read,
+    **dict.fromkeys(SUFFIXES, mesh_files.read),
+    **dict.fromkeys(others.CONVERTERS, others.refuse),
+}
+"""Readers by suffix; trimesh reads what else it knows."""
+
+
+def _reader(path: Path) -> Reader:
+    return READERS.get(path.suffix.lower(), others.read)
+
+
+def _recognise(path: Path, _head: bytes = b"") -> bool:
+    return path.suffix.lower() in READERS or others.known(path)
+
+
+def _read(
+    path: Path,
+    *,
+    up: Literal["y", "z"] | None = None,
+    unit: float | None = None,
+    rules: tuple[Rule, ...] = (),
+    reflectivity: Appearance = None,
+) -> Scene:
+    """Read a file as documented in `lidarsim.Scene.from_file`, which checks the options."""
+    return scene_of(path, _reader(path), Options(up, unit, rules, reflectivity))
+
+
+@dataclass(frozen=True)
+class Load:
+    """A reader with options: ``Load(options)(path)`` returns the objects of a file and what became of its parts."""
+
+    options: Options
+
+    def __call__(self, path: Path) -> Imported:
+        """Read a file."""
+        return imported(path, _reader(path), self.options)
+
+
+for _suffix in READERS.keys() - set(SUFFIXES):
+    register_mesh_reader(lambda path, suffix=_suffix: path.suffix.lower() == suffix, partial(mesh_of, READERS[_suffix]))
+register_mesh_reader(others.known, partial(mesh_of, others.read))
+register_scene_reader("a scene of meshes, by its suffix", _recognise, _read)
