@@ -221,9 +221,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722])
 
 def linear_light(encoded: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Return the linear light of sRGB values from 0 to 1; IEC 61966-2-1."""
-    linear: npt.NDArray[np.float64] = np.where(
-        encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4
-    )
+    linear: npt.NDArray[np.float64] = np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4)
     return linear
 
 

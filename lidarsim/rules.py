@@ -141,5 +141,3 @@ class Options:
                 raise ArgumentTypeError("rules", "a sequence of Rule", f"rules[{i}] = {shown(rule)}")
         scale = None if unit is None else real("unit", unit, above=0.0)
         return cls(up, scale, tuple(rules), checked_appearance(reflectivity))  # type: ignore[arg-type]
-
-

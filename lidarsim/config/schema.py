@@ -501,7 +501,7 @@ class SceneFile(Object):
     up: Literal["y", "z"] | None = None
     unit_m: float | None = None
     rules: list[SceneRule] = []
-    reflectivity: NumbersOrColor = 1.0
+    reflectivity: NumbersOrColor = 1.0  # type: ignore[assignment]
 
     def add_to(self, scene: Scene, place: Place) -> None:
         """Add the objects to `scene`, named after their nodes; what a rule says of them replaces what is said here."""

@@ -30,6 +30,8 @@ class Contents(NamedTuple):
     """Coordinates, which a colour may follow."""
     places: Lines
     """Texture coordinates."""
+    places_before: list[int]
+    """Texture coordinates above each face."""
     libraries: list[str]
     """Files with materials."""
 
@@ -45,6 +47,7 @@ def contents(path: Path) -> Contents:
     vertices, faces, places = Lines(), Lines(), Lines()
     libraries: list[str] = []
     before: list[int] = []  # vertices read before each face
+    places_before: list[int] = []
     now = {"o": "", "g": "", "usemtl": ""}
     states: dict[tuple[str, ...], int] = {}
     state_of: list[int] = []
@@ -56,6 +59,7 @@ def contents(path: Path) -> Contents:
         elif word in {"f", "fo"}:
             faces.append(number, rest)
             before.append(len(vertices))
+            places_before.append(len(places))
             if state < 0:
                 state = states.setdefault(tuple(now.values()), len(states))
             state_of.append(state)
@@ -77,7 +81,7 @@ def contents(path: Path) -> Contents:
         names=[name or material for name, material in parts],
         parts=np.array([parts[key] for key in keys], np.int64)[state_of],
     )
-    return Contents(mesh, [material for _, material in parts], faces, vertices, places, libraries)
+    return Contents(mesh, [material for _, material in parts], faces, vertices, places, places_before, libraries)
 
 
 def _corners(faces: Lines, vertices: int, before: Indices) -> tuple[Indices, Indices]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -12,7 +11,7 @@ from lidarsim.io.scenes import dae, gltf, mesh_files, others, threemf
 from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
 from lidarsim.rules import Appearance, Options, Rule
 from lidarsim.scene import Scene, register_scene_reader
-from lidarsim.shapes.triangle_mesh import register_mesh_reader
+from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 __all__ = ["Imported", "Load"]
 
@@ -57,7 +56,10 @@ class Load:
         return imported(path, _reader(path), self.options)
 
 
-for _suffix in READERS.keys() - set(SUFFIXES):
-    register_mesh_reader(lambda path, suffix=_suffix: path.suffix.lower() == suffix, partial(mesh_of, READERS[_suffix]))
-register_mesh_reader(others.known, partial(mesh_of, others.read))
+def _read_mesh(path: Path) -> MeshFile:
+    """Read a file as documented in `lidarsim.TriangleMesh.from_file`."""
+    return mesh_of(_reader(path), path)
+
+
+register_mesh_reader(_recognise, _read_mesh)
 register_scene_reader("a scene of meshes, by its suffix", _recognise, _read)

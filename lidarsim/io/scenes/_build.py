@@ -197,14 +197,16 @@ class _Meshes:
 
     def placed(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
         """Return the mesh of a part and its transform; a singular one flattens the vertices themselves."""
-        if not np.array_equal(transform, np.eye(4)):
-            try:
-                placement(transform)
-            except ValueError:
-                return TriangleMesh(_moved(part.vertices, transform), self.faces(part)), None
         if part not in self._shapes:
             self._shapes[part] = TriangleMesh(part.vertices, self.faces(part))
-        return self._shapes[part], None if np.array_equal(transform, np.eye(4)) else transform
+        shape = self._shapes[part]
+        if np.array_equal(transform, np.eye(4)):
+            return shape, None
+        try:
+            shape._native.transformed(placement(transform))
+        except ValueError:
+            return TriangleMesh(_moved(part.vertices, transform), self.faces(part)), None
+        return shape, transform
 
     def material(self, part: Part, appearance: Appearance) -> Material | None:
         """Return the material of a part."""

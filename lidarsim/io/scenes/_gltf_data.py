@@ -21,7 +21,7 @@ from lidarsim.io.scenes import _gltf_document as gltf
 
 T = TypeVar("T")
 
-DTYPES = {
+DTYPES: dict[int, np.dtype[Any]] = {
     5120: np.dtype("i1"),
     5121: np.dtype("u1"),
     5122: np.dtype("<i2"),
@@ -78,7 +78,9 @@ class Data:
             try:
                 return beside(self._path, uri).read_bytes()
             except (FileFormatError, OSError) as error:
-                raise FileFormatError(f"{where}.uri: {error.strerror or error if isinstance(error, OSError) else error}") from None
+                raise FileFormatError(
+                    f"{where}.uri: {error.strerror or error if isinstance(error, OSError) else error}"
+                ) from None
         head, comma, content = uri.partition(",")
         if not comma:
             raise FileFormatError(f"{where}.uri: expected data after a comma")
@@ -102,7 +104,9 @@ class Data:
             raise
         end = view.byte_offset + view.byte_length
         if end > len(buffer):
-            raise FileFormatError(f"{name}: expected bytes up to {end:,}, got {len(buffer):,} in buffers[{view.buffer}]")
+            raise FileFormatError(
+                f"{name}: expected bytes up to {end:,}, got {len(buffer):,} in buffers[{view.buffer}]"
+            )
         return buffer[view.byte_offset : end]
 
     def accessor(self, index: int, where: str, kinds: Collection[str], dtypes: str) -> npt.NDArray[Any]:
@@ -153,7 +157,7 @@ class Data:
         where = f"{name}.bufferView"
         view = self.view(accessor.buffer_view, where)
         stride = self._document.buffer_views[accessor.buffer_view].byte_stride
-        return _table(view, accessor.byte_offset, (accessor.count, width), dtype, stride, name)
+        return _table(view, accessor.byte_offset, (accessor.count, width), dtype, name, stride=stride)
 
     def _replaced(self, values: npt.NDArray[Any], sparse: gltf.Sparse, name: str) -> npt.NDArray[Any]:
         """Return the values with some replaced."""
@@ -162,7 +166,7 @@ class Data:
         indices, stored = sparse.indices, sparse.values
         view = self.view(indices.buffer_view, f"{name}.indices.bufferView")
         dtype = DTYPES[indices.component_type]
-        places = _table(view, indices.byte_offset, (sparse.count, 1), dtype, None, f"{name}.indices")[:, 0].astype(np.int64)
+        places = _table(view, indices.byte_offset, (sparse.count, 1), dtype, f"{name}.indices")[:, 0].astype(np.int64)
         wrong = np.flatnonzero((places >= len(values)) | (np.diff(places, prepend=-1) <= 0))
         if len(wrong):
             got = places[wrong[0]]
@@ -171,7 +175,7 @@ class Data:
         view = self.view(stored.buffer_view, f"{name}.values.bufferView")
         changed = values.copy()
         shape = sparse.count, values.shape[1]
-        changed[places] = _table(view, stored.byte_offset, shape, values.dtype, None, f"{name}.values")
+        changed[places] = _table(view, stored.byte_offset, shape, values.dtype, f"{name}.values")
         return changed
 
 
@@ -192,7 +196,7 @@ def real(stored: npt.NDArray[Any], *, normalized: bool) -> Floats:
 
 
 def _table(
-    view: memoryview, offset: int, shape: tuple[int, int], dtype: np.dtype[Any], stride: int | None, name: str
+    view: memoryview, offset: int, shape: tuple[int, int], dtype: np.dtype[Any], name: str, *, stride: int | None = None
 ) -> npt.NDArray[Any]:
     """Return a copy of rows of numbers in a buffer view, after checking that they lie in it."""
     size = shape[1] * dtype.itemsize

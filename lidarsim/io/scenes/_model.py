@@ -119,20 +119,18 @@ class SceneFile:
         self.nodes.append(node)
 
 
-
-def mean_of_corners(count: int, corners: Indices, values: Floats) -> Floats:
-    """Return for each of `count` vertices the mean of the values that the corners of its faces have, shape (count, k).
+def mean_of_corners(corners: Indices, values: Floats) -> Floats:
+    """Return for each vertex the mean of the values that the corners of its faces have, shape (vertices, k).
 
     Parameters
     ----------
-    count : int
-        Number of vertices, each of them a corner of a face.
     corners : ndarray of int64, shape (n,)
-        Vertices of the corners.
+        Vertices of the corners, each at least once.
     values : ndarray of float64, shape (n, k)
         Values of the corners.
     """
-    total = np.zeros((count, values.shape[1]))
+    counts = np.bincount(corners)
+    total = np.zeros((len(counts), values.shape[1]))
     np.add.at(total, corners, values)
-    mean: Floats = total / np.maximum(np.bincount(corners, minlength=count), 1)[:, None]
+    mean: Floats = total / counts[:, None]
     return mean

@@ -36,22 +36,22 @@ def _decoded(content: bytes) -> npt.NDArray[np.uint8]:
     """Return the pixels of an image, shape (height, width, 3), after checking its size."""
     module = import_extra("PIL.Image", "formats", "reading textures")
     try:
-        with module.open(BytesIO(content), formats=FORMATS) as image:
-            if image.width * image.height > MOST_PIXELS:
-                expected = f"a texture of at most {MOST_PIXELS:,} pixels"
-                raise FileFormatError(f"expected {expected}, got {image.width} × {image.height}")
-            pixels: npt.NDArray[np.uint8] = np.asarray(image.convert("RGB"))
-            return pixels
-    except FileFormatError:
-        raise
+        image = module.open(BytesIO(content), formats=FORMATS)
+        size = image.width, image.height
+        pixels: npt.NDArray[np.uint8] | None = None
+        if size[0] * size[1] <= MOST_PIXELS:
+            pixels = np.asarray(image.convert("RGB"))
     except Exception as error:
         raise FileFormatError(f"a texture cannot be decoded as {', '.join(FORMATS)}") from error
+    if pixels is None:
+        raise FileFormatError(f"expected a texture of at most {MOST_PIXELS:,} pixels, got {size[0]} × {size[1]}")
+    return pixels
 
 
 def _neighbours(
     place: Floats, size: int, wrap: str
 ) -> tuple[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]], Floats]:
-    """Return the pixels on both sides of places given in sizes of the image, and the distance from the first, pixels."""
+    """Return the pixels on both sides of places, in sizes of the image, and the distance from the first in pixels."""
     period = {"repeat": 1.0, "mirror": 2.0}.get(wrap)
     inside = np.clip(place, 0.0, 1.0) if period is None else place % period
     at = inside * size - 0.5

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from typing import NoReturn
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -12,21 +12,21 @@ from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._model import Indices
 
-Element = ElementTree.Element
+Element = ET.Element
 
 
-class _Builder(ElementTree.TreeBuilder):
+class _Builder(ET.TreeBuilder):
     def doctype(self, *_: object) -> NoReturn:
         raise FileFormatError("expected XML without a document type, whose entities a few bytes can make endless")
 
 
 def parse(data: bytes, what: str) -> Element:
     """Return the root of a document; `what` names it in errors."""
-    parser = ElementTree.XMLParser(target=_Builder())  # noqa: S314 - document types are refused
+    parser = ET.XMLParser(target=_Builder())  # noqa: S314 - document types are refused
     try:
         parser.feed(data)
         root: Element = parser.close()
-    except ElementTree.ParseError as error:
+    except ET.ParseError as error:
         raise FileFormatError(f"{what} is damaged XML: line {error.position[0]}") from None
     return root
 

@@ -183,8 +183,9 @@ class _Reader:
             used, corners = np.unique(corners, return_inverse=True)
             target = bound.get(element.get("material", ""), "")
             material = self._by_id.get(target.removeprefix("#"))
-            called = element.get("material", "") if material is None else material.get("name") or material.get("id", "")
-            paint = partial(self._paint, material, inputs, faces, corners, len(used), where)
+            named = {} if material is None else material.attrib
+            called = named.get("name") or named.get("id") or element.get("material", "")
+            paint = partial(self._paint, material, inputs, faces.indices, corners=corners, where=where)
             yield Part(vertices[used], corners, faces.sizes, called, paint)
 
     def _positions(self, vertices: Element) -> Floats:
@@ -220,22 +221,22 @@ class _Reader:
         self,
         material: Element | None,
         inputs: dict[str, tuple[Element, int]],
-        faces: _Faces,
+        rows: Indices,
+        *,
         corners: Indices,
-        count: int,
         where: str,
     ) -> Paint:
-        """Return the base colours of a part."""
+        """Return the base colours of a part: `rows` are the indices of its corners, `corners` their vertices."""
 
         def of_vertices(semantic: str, width: int) -> Floats | None:
             if semantic not in inputs:
                 return None
             source, offset = inputs[semantic]
             values = self._source(self._referred(source, "source", "source"), width)
-            indices = faces.indices[:, offset]
+            indices = rows[:, offset]
             if len(indices) and indices.max() >= len(values):
                 raise FileFormatError(f"{where}: expected {semantic} below {len(values)}, got {indices.max()}")
-            return mean_of_corners(count, corners, values[indices])
+            return mean_of_corners(corners, values[indices])
 
         colors, uv = of_vertices("COLOR", 3), of_vertices("TEXCOORD", 2)
         color, picture = self._diffuse(material)

@@ -143,11 +143,12 @@ class _Reader:
             raise FileFormatError(f"nodes[{cycle}]: expected a tree, got nodes that lie below themselves")
         drawn = set(shown_tops)
         for index, top, names in order:
-            if top in drawn and nodes[index].mesh is not None:
+            mesh = nodes[index].mesh
+            if top in drawn and mesh is not None:
                 if index in hidden:
                     self._left_out["hidden nodes"] += 1
                 else:
-                    self._add(index, top, names)
+                    self._add(mesh, index, top, names)
         self.file.left_out += [f"{count} {what}" for what, count in self._left_out.items()]
 
     def _name(self, index: int) -> str:
@@ -173,27 +174,26 @@ class _Reader:
             raise FileFormatError(f"scenes[{number}].nodes: expected each node once")
         return chosen
 
-    def _add(self, index: int, top: int, names: Names) -> None:
+    def _add(self, mesh: int, index: int, top: int, names: Names) -> None:
         """Add a node with a mesh."""
         node, place = self._document.nodes[index], self._places[index]
-        parts = self._mesh(index)
+        parts = self._mesh(mesh, index)
         if node.skin is not None:
             place = np.eye(4)  # its vertices are where the joints are
         if not parts:
             return
         parent = self._parents[index]
-        copies = [np.eye(4)] if node.extensions.instancing is None else self._copies(index)
+        instancing = node.extensions.instancing
+        copies = np.eye(4)[None] if instancing is None else self._copies(instancing, index)
         for number, copy in enumerate(copies):
             with np.errstate(over="ignore", invalid="ignore"):
                 transform = place @ copy
             keys = [(key, number) for key in (index, index if parent is None else parent, top)]
             self.file.add(Node(names, transform, parts, *keys))
 
-    def _copies(self, index: int) -> Floats:
+    def _copies(self, instancing: gltf.Instancing, index: int) -> Floats:
         """Return the transforms of the copies of a mesh by ``EXT_mesh_gpu_instancing``, shape (n, 4, 4)."""
-        instancing = self._document.nodes[index].extensions.instancing
         where = f"nodes[{index}].extensions.EXT_mesh_gpu_instancing.attributes"
-        assert instancing is not None
         found = {
             name: self._data.numbers(accessor, f"{where}.{name}", ["VEC4" if name == "ROTATION" else "VEC3"])
             for name, accessor in instancing.attributes.items()
@@ -211,19 +211,17 @@ class _Reader:
         placed[:, :3, 3] = found.get("TRANSLATION", 0.0)
         return placed
 
-    def _mesh(self, index: int) -> tuple[Part, ...]:
+    def _mesh(self, number: int, index: int) -> tuple[Part, ...]:
         """Return the parts of the mesh of a node, which nodes without their own weights or skin share."""
-        node = self._document.nodes[index]
-        assert node.mesh is not None
-        where = f"nodes[{index}]"
-        mesh = at(self._document.meshes, node.mesh, f"{where}.mesh")
+        node, where = self._document.nodes[index], f"nodes[{index}]"
+        mesh = at(self._document.meshes, number, f"{where}.mesh")
         weights = mesh.weights if node.weights is None else node.weights
-        key = (node.mesh, None if weights is None else tuple(weights), node.skin)
+        key = (number, None if weights is None else tuple(weights), node.skin)
         if key not in self._parts:
             skin = None if node.skin is None else self._skin(node.skin, f"{where}.skin")
             found = []
             for place, primitive in enumerate(mesh.primitives):
-                part = self._primitive(primitive, f"meshes[{node.mesh}].primitives[{place}]", weights, skin)
+                part = self._primitive(primitive, f"meshes[{number}].primitives[{place}]", weights, skin)
                 if part is not None:
                     found.append(part)
             self._parts[key] = tuple(found)
@@ -268,7 +266,11 @@ class _Reader:
         used[triangles] = True
         if not used.all():  # primitives may share the vertices of a whole file
             vertices, triangles = vertices[used], (np.cumsum(used) - 1)[triangles]
-        material = None if primitive.material is None else at(self._document.materials, primitive.material, f"{where}.material")
+        material = (
+            None
+            if primitive.material is None
+            else at(self._document.materials, primitive.material, f"{where}.material")
+        )
         paint = partial(self._paint, primitive, where, attribute, used)
         name = "" if material is None else material.name or f"{primitive.material}"
         return Part(vertices, triangles.ravel(), np.full(len(triangles), 3), name, paint)
@@ -497,10 +499,10 @@ def _skinned(
         for slot in range(4):
             placed = np.einsum("nij,nj->ni", skin[joints[:, slot], :3], homogeneous)
             moved += weights[:, slot, None] * placed
-    wrong = np.flatnonzero(~(total > 0.0))
-    if len(wrong):
-        got = total[wrong[0]]
-        raise FileFormatError(f"{where}.attributes: expected weights > 0, got a sum of {got} at vertex {wrong[0]}")
+    without = np.flatnonzero(~(total > 0.0))
+    if len(without):
+        got = total[without[0]]
+        raise FileFormatError(f"{where}.attributes: expected weights > 0, got a sum of {got} at vertex {without[0]}")
     moved /= total[:, None]
     _check_finite(moved, f"{where}, moved by its skin")
     return moved
@@ -517,7 +519,8 @@ def _uv(texture: gltf.TextureInfo, primitive: gltf.Primitive, attribute: Callabl
     if change is None:
         return uv
     cos, sin = np.cos(change.rotation), np.sin(change.rotation)
-    return uv * change.scale @ np.array([[cos, -sin], [sin, cos]]) + change.offset
+    turned: Floats = uv * change.scale @ np.array([[cos, -sin], [sin, cos]]) + change.offset
+    return turned
 
 
 def _check_finite(values: npt.NDArray[Any], where: str) -> None:

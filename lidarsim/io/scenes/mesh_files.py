@@ -5,7 +5,6 @@ The base colours of OBJ are those of its material library (``Kd``, ``map_Kd``) a
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from functools import cache, partial
 from pathlib import Path
@@ -18,7 +17,7 @@ from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
-from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile
+from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile, mean_of_corners
 from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces
 from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh
@@ -120,19 +119,22 @@ class _ObjPaint:
 
     def _texture_places(self) -> Floats:
         """Return the texture coordinates of the vertices, shape (n, 2): the mean of those that its faces give it."""
-        given = floats(self._contents.places, 2, more=True)
-        corners = self._contents.mesh.corners
-        words = [word.split("/") for text in self._contents.faces.texts for word in text.partition("#")[0].split()]
+        contents = self._contents
+        given = floats(contents.places, 2, more=True)
+        words = [word.split("/") for text in contents.faces.texts for word in text.partition("#")[0].split()]
         indices = np.array([int(word[1]) if len(word) > 1 and word[1] else 0 for word in words], np.int64)
-        total, count = np.zeros((len(self._contents.mesh.vertices), 2)), np.zeros(len(self._contents.mesh.vertices))
-        wrong = (indices > len(given)) | (indices < -len(given))
-        if len(indices) != len(corners) or wrong.any():
-            raise FileFormatError(f"expected texture coordinates from 1 to {len(given)}, got {indices[wrong][:1]}")
-        places = np.where(indices < 0, len(given) + indices, indices - 1)
+        before = np.repeat(contents.places_before, contents.mesh.sizes)
+        places = np.where(indices < 0, indices + before, indices - 1)
+        wrong = np.flatnonzero((places >= len(given)) | ((places < 0) & (indices != 0)))
+        if len(wrong):
+            face = int(np.searchsorted(np.cumsum(contents.mesh.sizes), wrong[0], side="right"))
+            raise FileFormatError(f"line {contents.faces.numbers[face]}: expected texture coordinates to {len(given)}")
         there = places >= 0
-        np.add.at(total, corners[there], given[places[there]])
-        np.add.at(count, corners[there], 1.0)
-        uv: Floats = total / np.maximum(count, 1.0)[:, None]
+        # A first corner of each vertex, which has no place, keeps all vertices in the result.
+        corners = np.concatenate([np.arange(len(contents.mesh.vertices)), contents.mesh.corners[there]])
+        values = np.concatenate([np.zeros((len(contents.mesh.vertices), 2)), given[places[there]]])
+        counts = np.bincount(corners) - 1
+        uv = mean_of_corners(corners, values) * ((counts + 1) / np.maximum(counts, 1))[:, None]
         return np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v of OBJ counts from the lower edge
 
 
@@ -150,16 +152,11 @@ def _kd(value: str, number: int) -> Floats:
     return linear_light(np.clip(np.broadcast_to(color, 3), 0.0, 1.0))
 
 
-OPTIONS = {"-o": 3, "-s": 3, "-t": 3, "-mm": 2}
-"""Options of ``map_Kd`` with several numbers, of which all but the first may be missing; the others have one word."""
-
-
 def _image(library: Path, value: str) -> bytes:
-    """Return the bytes of the image of a ``map_Kd``, whose name follows the options."""
+    """Return the bytes of the image of a ``map_Kd``, whose name follows options of one word each."""
     words = value.split()
-    while words and words[0].startswith("-"):
-        most = OPTIONS.get(words.pop(0), 1)
-        while most and words and (most == 1 and len(words) > 1 or re.fullmatch(r"[-+.\deE]+", words[0])):
-            words.pop(0)
-            most -= 1
+    while len(words) > 1 and words[0].startswith("-"):
+        if words[0] in {"-o", "-s", "-t", "-mm"}:
+            raise FileFormatError(f"map_Kd: its option {words[0]} is not supported")
+        words = words[2:]
     return beside(library, " ".join(words).replace("\\", "/")).read_bytes()

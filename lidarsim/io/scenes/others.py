@@ -78,15 +78,15 @@ def read(path: Path) -> SceneFile:
     with path.open("rb") as opened:
         options: dict[str, Any] = {"resolver": Beside(path), "process": False}
         loaded = trimesh.load_scene(opened, file_type=kind.removeprefix("."), **options)
-    parts = {
-        name: (_part(mesh),) for name, mesh in loaded.geometry.items() if isinstance(mesh, trimesh.Trimesh)
-    }
+    parts = {name: (_part(mesh),) for name, mesh in loaded.geometry.items() if isinstance(mesh, trimesh.Trimesh)}
     file = SceneFile()
     for number, node in enumerate(loaded.graph.nodes_geometry):
         transform, mesh = loaded.graph[node]
         if mesh in parts:
             key = number, 0
-            file.add(Node(Names(re.sub(r"\s+", " ", str(node))), np.array(transform, np.float64), parts[mesh], key, key, key))
+            file.add(
+                Node(Names(re.sub(r"\s+", " ", str(node))), np.array(transform, np.float64), parts[mesh], key, key, key)
+            )
     return file
 
 

@@ -15,7 +15,7 @@ from functools import partial
 from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from lidarsim.io.scenes._model import (
     MOST_DEPTH,
     MOST_LETTERS,
     MOST_OBJECTS,
-    Indices,
     Key,
     Names,
     Node,
@@ -158,7 +157,9 @@ class _Reader:
             spaces = _namespaces(data) if required else {}
             for prefix in required:
                 if spaces.get(prefix) not in READ:
-                    raise FileFormatError(f"it requires the extension {spaces.get(prefix)!a:.100}, which is not supported")
+                    raise FileFormatError(
+                        f"it requires the extension {spaces.get(prefix)!a:.100}, which is not supported"
+                    )
             for element in root.iterfind("{*}resources/{*}object"):
                 if self._objects.setdefault((model, element.get("id", "")), element) is not element:
                     raise FileFormatError(f"object {element.get('id', '')!a:.60}: expected each id once")
@@ -195,10 +196,7 @@ class _Reader:
         default = element.get("pid", ""), element.get("pindex", "0")
         chosen: dict[tuple[str, str], int] = {}
         which = np.array(
-            [
-                chosen.setdefault((t.get("pid", default[0]), t.get("p1", default[1])), len(chosen))
-                for t in triangles
-            ],
+            [chosen.setdefault((t.get("pid", default[0]), t.get("p1", default[1])), len(chosen)) for t in triangles],
             np.int64,
         )
         parts = []
@@ -214,8 +212,7 @@ class _Reader:
         """Return the groups of base materials of a model by id."""
         return {
             group.get("id", ""): [
-                _Base(base.get("name", ""), _color(base.get("displaycolor", "")))
-                for base in group.findall("{*}base")
+                _Base(base.get("name", ""), _color(base.get("displaycolor", ""))) for base in group.findall("{*}base")
             ]
             for group in self._root(model).iterfind("{*}resources/{*}basematerials")
         }
@@ -234,7 +231,7 @@ class _Reader:
 
 def _namespaces(data: bytes) -> dict[str, str]:
     """Return the namespaces of a document by prefix."""
-    found = ElementTree.iterparse(BytesIO(data), events=("start-ns",))  # noqa: S314 - parsed before
+    found = ET.iterparse(BytesIO(data), events=("start-ns",))  # noqa: S314 - parsed before
     return {prefix: space for _, (prefix, space) in found}
 
 
