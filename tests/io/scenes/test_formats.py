@@ -209,7 +209,10 @@ WRONG_COLLADA = {
     "words": (collada(ONE, positions="x y z"), "source 'p': expected numbers"),
     "matrix": (collada("<node><matrix>1 2 3</matrix></node>"), "node '0', matrix: expected 16 numbers, got 3"),
     "hole": (
-        collada(ONE, f'<polygons count="1">{'<input semantic="VERTEX" source="#v" offset="0"/>'}<ph><p>0 1 2</p><h>0 1 2</h></ph></polygons>'),
+        collada(
+            ONE,
+            '<polygons count="1"><input semantic="VERTEX" source="#v" offset="0"/><ph><p>0 1 2</p><h>0 1 2</h></ph></polygons>',
+        ),
         "geometry 'g', polygons: polygons with holes are not supported",
     ),
     "nothing": (collada("<node/>"), "it holds no triangles"),
@@ -245,13 +248,24 @@ def threemf(folder: Path, objects: str = OBJECTS, build: str = BUILD, head: str 
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
         relation = f'<Relationship Target="/3D/3dmodel.model" Id="r" Type="{kind}"/>'
         archive.writestr("_rels/.rels", f'<Relationships xmlns="{rels}">{relation}</Relationships>')
-        for name, (text, items) in {"3D/3dmodel.model": (objects, build), **{k: (v, "") for k, v in others.items()}}.items():
+        for name, (text, items) in {
+            "3D/3dmodel.model": (objects, build),
+            **{k: (v, "") for k, v in others.items()},
+        }.items():
             resources = f"<resources>{text}</resources><build>{items}</build>"
             archive.writestr(name, f'<model xmlns="{CORE}" xmlns:p="{PRODUCTION}" {head}>{resources}</model>')
     return path
 
 
-UNITS = {"": 0.001, "micron": 1e-6, "millimeter": 1e-3, "centimeter": 0.01, "inch": 0.0254, "foot": 0.3048, "meter": 1.0}
+UNITS = {
+    "": 0.001,
+    "micron": 1e-6,
+    "millimeter": 1e-3,
+    "centimeter": 0.01,
+    "inch": 0.0254,
+    "foot": 0.3048,
+    "meter": 1.0,
+}
 
 
 @pytest.mark.parametrize(("unit", "metres"), UNITS.items())
@@ -309,7 +323,10 @@ WRONG_3MF: dict[str, tuple[dict[str, str], str]] = {
     ),
     "index": ({"objects": OBJECTS.replace('v1="0"', 'v1="4"')}, "object '1': faces: expected indices from 0 to 3, got"),
     "missing": ({"objects": OBJECTS.replace('v1="0"', "")}, "object '1', triangles: expected integers >= 0"),
-    "infinite": ({"objects": OBJECTS.replace('x="1"', 'x="inf"')}, "object '1': vertices: expected finite numbers, got"),
+    "infinite": (
+        {"objects": OBJECTS.replace('x="1"', 'x="inf"')},
+        "object '1': vertices: expected finite numbers, got",
+    ),
     "number": ({"objects": OBJECTS.replace('x="1"', 'x="one"')}, "object '1', vertices: expected numbers"),
     "transform": ({"build": '<item objectid="1" transform="1 0"/>'}, "transform: expected 12 numbers, got 2"),
     "material": ({"objects": OBJECTS.replace('p1="1"', 'p1="2"')}, "object '1': expected a material below 2, got 2"),

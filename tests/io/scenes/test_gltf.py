@@ -323,7 +323,9 @@ def test_copies_of_gpu_instancing(place: Path) -> None:
         "SCALE": file.numbers(scales),
         "_ID": file.numbers([1, 2, 3, 4], "u2"),
     }
-    file.node(name="trees", mesh=file.mesh(), extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}}, **at(5))
+    file.node(
+        name="trees", mesh=file.mesh(), extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}}, **at(5)
+    )
     scene = as_written(file.save(place))
     assert [(item.name, item.instance) for item in scene] == [("trees", 1), ("trees", 2), ("trees", 3), ("trees", 4)]
     for k, item in enumerate(scene):
@@ -539,7 +541,10 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
     "negative": (lambda t: t["nodes"][0].update(mesh=-1), "nodes[0].mesh: expected greater than or equal to 0"),
     "huge": (lambda t: t["nodes"][0].update(mesh=10**30), "nodes[0].mesh: expected less than or equal to"),
     "long name": (lambda t: t["nodes"][0].update(name="x" * 1001), "nodes[0].name: expected String should have at"),
-    "infinite": (lambda t: t["nodes"][0].update(scale=[1, 1, float("inf")]), "nodes[0].scale[2]: expected a finite number"),
+    "infinite": (
+        lambda t: t["nodes"][0].update(scale=[1, 1, float("inf")]),
+        "nodes[0].scale[2]: expected a finite number",
+    ),
     "mode": (lambda t: t["meshes"][0]["primitives"][0].update(mode=7), "meshes[0].primitives[0].mode: expected less"),
     "no primitives": (lambda t: t["meshes"][0].update(primitives=[]), "meshes[0].primitives: expected List should"),
     "component": (lambda t: t["accessors"][0].update(componentType=5124), "accessors[0].componentType: expected 5120"),
@@ -594,7 +599,10 @@ WRONG: dict[str, tuple[Callable[[dict[str, Any]], object], str]] = {
         "accessors[0].count: expected at most 10,000,000 without a buffer view",
     ),
     "offset": (lambda t: t["accessors"][0].update(byteOffset=1), "accessors[0]: expected bytes up to 37, got 36 in"),
-    "stride": (lambda t: t["bufferViews"][0].update(byteStride=4), "accessors[0]: expected a byteStride of at least 12"),
+    "stride": (
+        lambda t: t["bufferViews"][0].update(byteStride=4),
+        "accessors[0]: expected a byteStride of at least 12",
+    ),
     "view": (lambda t: t["accessors"][0].update(bufferView=5), "accessors[0].bufferView: expected an index below 2"),
     "view's length": (
         lambda t: t["bufferViews"][1].update(byteLength=10**12),
