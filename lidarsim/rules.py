@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import fnmatch
-import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
 from typing import Literal, get_args
 
 import numpy as np
@@ -68,15 +67,12 @@ class Rule:
     instance: Grouping | int | None = None
     name: str | None = None
     skip: bool = False
-    _node: re.Pattern[str] = field(init=False, repr=False, compare=False)
-    _material: re.Pattern[str] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         for argument in ("node", "material"):
             pattern = getattr(self, argument)
             if not isinstance(pattern, str):
                 raise ArgumentTypeError(argument, "a pattern such as 'cars/*'", shown(pattern))
-            object.__setattr__(self, f"_{argument}", re.compile(fnmatch.translate(pattern)))
         if self.label is not None:
             object.__setattr__(self, "label", integer("label", self.label, at_least=0, at_most=UINT32))
         object.__setattr__(self, "reflectivity", checked_appearance(self.reflectivity))
@@ -106,7 +102,7 @@ class Rule:
         bool
             Whether both patterns match all of the text.
         """
-        return self._node.match(node) is not None and self._material.match(material) is not None
+        return fnmatchcase(node, self.node) and fnmatchcase(material, self.material)
 
 
 def checked_appearance(value: object) -> Appearance:

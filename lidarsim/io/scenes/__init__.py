@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from lidarsim.io.meshes import SUFFIXES
-from lidarsim.io.scenes import dae, gltf, mesh_files, others, threemf
+from lidarsim.io.scenes import others
 from lidarsim.io.scenes._build import Imported, Reader, imported, mesh_of, scene_of
 from lidarsim.rules import Appearance, Options, Rule
 from lidarsim.scene import Scene, register_scene_reader
@@ -15,22 +16,23 @@ from lidarsim.shapes.triangle_mesh import MeshFile, register_mesh_reader
 
 __all__ = ["Imported", "Load"]
 
-READERS: dict[str, Reader] = {
-    **dict.fromkeys((".glb", ".gltf"), gltf.read),
-    ".dae": dae.read,
-    ".3mf": threemf.read,
-    **dict.fromkeys(SUFFIXES, mesh_files.read),
-    **dict.fromkeys(others.CONVERTERS, others.refuse),
+MODULES = {
+    **dict.fromkeys((".glb", ".gltf"), "gltf"),
+    ".dae": "dae",
+    ".3mf": "threemf",
+    **dict.fromkeys(SUFFIXES, "mesh_files"),
 }
-"""Readers by suffix; trimesh reads what else it knows."""
+"""Modules by suffix, imported with the first file, since pydantic takes long; trimesh reads what else it knows."""
 
 
 def _reader(path: Path) -> Reader:
-    return READERS.get(path.suffix.lower(), others.read)
+    name = MODULES.get(path.suffix.lower(), "others")
+    read: Reader = importlib.import_module(f"lidarsim.io.scenes.{name}").read
+    return read
 
 
 def _recognise(path: Path, _head: bytes = b"") -> bool:
-    return path.suffix.lower() in READERS or others.known(path)
+    return path.suffix.lower() in MODULES or others.known(path)
 
 
 def _read(

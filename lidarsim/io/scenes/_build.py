@@ -62,6 +62,14 @@ class Imported:
     without_rule: list[str]
     """Paths of the nodes that no rule matched, if there are rules."""
 
+    @property
+    def bounds(self) -> Floats:
+        """Lowest and highest corner of the objects, m, shape (2, 3); nan if there are none."""
+        scene = Scene()
+        for item in self.objects:
+            scene.add(item.shape, transform=item.transform)
+        return scene.bounds
+
     def instances(self, first: int) -> Iterator[tuple[Placed, int]]:
         """Yield the objects with the numbers of their instances, if the first object has the id `first`."""
         numbers: dict[Hashable, int] = {}

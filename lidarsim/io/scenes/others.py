@@ -37,12 +37,6 @@ CONVERTERS = {
 """Names of formats that are not read, and what to convert them to, with which program."""
 
 
-def refuse(path: Path) -> SceneFile:
-    """Raise the error for a format that is not read."""
-    name, how = CONVERTERS[path.suffix.lower()]
-    raise FileFormatError(f"{name} is not read; convert it to {how}")
-
-
 class Beside:
     """Resolver through which trimesh reads the files beside a file."""
 
@@ -57,7 +51,9 @@ class Beside:
 
 
 def known(path: Path) -> bool:
-    """Return whether the suffix of a file is one of trimesh's; some formats have no signature."""
+    """Return whether the suffix of a file is one of trimesh's, or of a format that has a converter."""
+    if path.suffix.lower() in CONVERTERS:
+        return True
     import trimesh
 
     return path.suffix.lower().removeprefix(".") in trimesh.available_formats()
@@ -68,12 +64,17 @@ def read(path: Path) -> SceneFile:
 
     Raises
     ------
+    FileFormatError
+        For a format that is not read; it names a converter.
     Exception
         Any error that a parser of trimesh raises.
     """
+    suffix = path.suffix.lower()
+    if suffix in CONVERTERS:
+        name, how = CONVERTERS[suffix]
+        raise FileFormatError(f"{name} is not read; convert it to {how}")
     import trimesh
 
-    suffix = path.suffix.lower()
     kind = "".join(path.suffixes[-2:]).lower() if suffix in {".gz", ".bz2"} else suffix
     with path.open("rb") as opened:
         options: dict[str, Any] = {"resolver": Beside(path), "process": False}

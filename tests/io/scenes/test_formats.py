@@ -211,7 +211,8 @@ WRONG_COLLADA = {
     "hole": (
         collada(
             ONE,
-            '<polygons count="1"><input semantic="VERTEX" source="#v" offset="0"/><ph><p>0 1 2</p><h>0 1 2</h></ph></polygons>',
+            '<polygons count="1"><input semantic="VERTEX" source="#v" offset="0"/>'
+            "<ph><p>0 1 2</p><h>0 1 2</h></ph></polygons>",
         ),
         "geometry 'g', polygons: polygons with holes are not supported",
     ),
@@ -354,7 +355,7 @@ def test_obj_objects_are_nodes_of_several_materials(tmp_path: Path) -> None:
     path = tmp_path / "a.obj"
     path.write_text(
         "mtllib none.mtl\nv 0 0 0\nv\t1 0 0\nv 0 1 0\no car\nusemtl red\nf 1 2 3\nusemtl glass\nf -3 -2 -1\n"
-        "o road\nf 1 2 3\no car\nusemtl red\nf 3 2 1\n",
+        "o road\nusemtl tar\nf 1 2 3\no car\nusemtl red\nf 3 2 1\n",
         encoding="utf-8",
     )
     scene = ls.Scene.from_file(path)
