@@ -3,10 +3,10 @@
 SI units and radians. Right-handed frames; the sensor frame has x forward, y left, z up.
 """
 
-from lidarsim import config, datasets, errors, io, materials, patterns, viewers
+from lidarsim import config, datasets, errors, io, materials, patterns, viewers  # noqa: F401 (viewers register views)
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
-from lidarsim.io import vendors
+from lidarsim.io import vendors  # noqa: F401 (registers its readers)
 from lidarsim.materials import Material
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud, register_format

@@ -434,7 +434,7 @@ def _print_import(file: Imported) -> None:
     low, high = file.bounds
     size = high - low
     triangles = counted(sum(len(item.shape) for item in file.objects), "triangle")
-    extent = " × ".join(f"{length:.4g}" for length in size)
+    extent = " × ".join(f"{round(length, 6):,.6g}" for length in size.tolist())
     instances = counted(len({instance for _, instance in file.instances(0)}), "instance")
     print_line(f"{file.path}: {counted(len(file.objects), 'object')}, {instances}, {triangles}, {extent} m")
     for what, names in (

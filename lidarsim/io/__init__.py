@@ -1,6 +1,6 @@
 """File formats: one module per format, which registers itself."""
 
-from lidarsim.io import (
+from lidarsim.io import (  # noqa: F401 - each registers itself
     kitti,
     las,
     meshes,

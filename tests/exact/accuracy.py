@@ -239,7 +239,7 @@ def _installed() -> dict[str, Engine]:
     except MissingExtraError:
         del engines["Open3D"]
     try:
-        import mujoco
+        import mujoco  # noqa: F401
     except ImportError:
         del engines["MuJoCo"]
     return engines

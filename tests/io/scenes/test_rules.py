@@ -122,13 +122,13 @@ def test_scenes_in_yaml_take_no_options(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     path.write_text("[]", encoding="utf-8")
     assert len(ls.Scene.from_file(path, rules=(), up=None)) == 0
-    with pytest.raises(TypeError, match="unit: expected none, since lidarsim YAML has nothing as options, got 1.0"):
+    with pytest.raises(TypeError, match=r"unit: expected none, since lidarsim YAML has nothing as options, got 1\.0"):
         ls.Scene.from_file(path, unit=1)
 
 
 def test_rules_are_values() -> None:
     rule = ls.Rule(node="a", reflectivity=ls.materials.GRASS, instance=np.int64(3), label=np.uint8(7))
-    assert rule == copy.deepcopy(rule) == pickle.loads(pickle.dumps(rule))
+    assert rule == copy.deepcopy(rule) == pickle.loads(pickle.dumps(rule))  # noqa: S301 - our own
     assert (rule.instance, rule.label) == (3, 7)
     assert rule != ls.Rule(node="a")
 
@@ -144,7 +144,8 @@ def test_rules_in_yaml(town: Path) -> None:
         "{material: asphalt, reflectivity: asphalt}]"
     )
     ball = "  - {shape: sphere, center_m: [0, 0, 0], radius_m: 1}\n"
-    file = f"  - {{shape: scene_file, file: town.glb, name: town, label: 9, unit_m: 2, reflectivity: 0.5, rules: {rules}}}\n"
+    keys = "name: town, label: 9, unit_m: 2, reflectivity: 0.5"
+    file = f"  - {{shape: scene_file, file: town.glb, {keys}, rules: {rules}}}\n"
     path = town.with_name("run.yaml")
     path.write_text(f"{RUN}{ball}{file}{file}", encoding="utf-8")
     run = config.load(path)
@@ -191,7 +192,7 @@ def test_check_says_what_came_in(town: Path, capsys: pytest.CaptureFixture[str])
         main(["check", str(town.with_name("run.yaml"))])
     assert ended.value.code == 0
     printed = capsys.readouterr().out
-    assert f"{town}: 5 objects, 2 instances, 5 triangles, 3e+04 × 0 × 5000 m\n" in printed
+    assert f"{town}: 5 objects, 2 instances, 5 triangles, 30,000 × 0 × 5,000 m\n" in printed
     assert "  materials: paint (2), glass (2), asphalt (1)\n" in printed
     assert "  labels: 2 (2)\n" in printed
     assert "  skipped by rules: 2 parts\n" in printed
