@@ -7,7 +7,7 @@ from lidarsim import config, datasets, errors, io, materials, patterns, viewers 
 from lidarsim.comparison import Comparison, compare
 from lidarsim.datasets import generate
 from lidarsim.io import vendors  # noqa: F401 (registers its readers)
-from lidarsim.materials import Material
+from lidarsim.materials import Material, Texture
 from lidarsim.measurement import Beam, Detection, Measurement
 from lidarsim.pointcloud import PointCloud, register_format
 from lidarsim.rig import Rig, RigSensor
@@ -54,6 +54,7 @@ __all__ = [
     "Source",
     "Sphere",
     "Status",
+    "Texture",
     "Trajectory",
     "Triangle",
     "TriangleMesh",

@@ -402,7 +402,7 @@ def check(config: Configuration, overrides: Overrides = None) -> None:
                 type(item.shape).__name__,
                 plain(item.name, most=NAME),
                 label,
-                item.material.reflectivity,
+                item.material.reflectivity if item.material.per == "object" else f"by {item.material.per}",
                 *triangles,
                 *moves,
             )

@@ -279,11 +279,11 @@ class Scene(Pickled, Plotted):
         ------
         TypeError
             If `shape` is not a shape, `name` not a string, `label` or `instance` not an integer, `motion` not a
-            trajectory, or `material` not a material; or if labels or reflectivities per face or vertex are given for a
-            shape that is not a mesh.
+            trajectory, or `material` not a material; or if labels or reflectivities per face or vertex, or a texture,
+            are given for a shape that is not a mesh.
         ValueError
-            If a label or the instance is out of range, the transform is singular, or the number of labels or
-            reflectivities does not match the faces or vertices of the mesh.
+            If a label or the instance is out of range, the transform is singular, or the number of labels,
+            reflectivities or texture coordinates does not match the faces or vertices of the mesh.
         """
         number = self._next
         if number > MOST:
@@ -745,11 +745,17 @@ def _kind(value: object) -> str:
 
 
 def _check_reflectivity(material: Material, shape: Shape) -> None:
-    """Raise an error if the reflectivities per face or vertex do not fit the shape."""
+    """Raise an error if the texture, or the reflectivities per face or vertex, do not fit the shape."""
     per = material.per
     if not isinstance(shape, TriangleMesh):
-        raise ArgumentTypeError("material", f"a TriangleMesh for a reflectivity per {per}", type(shape).__name__)
-    wanted = len(shape) if per == "face" else len(shape.vertices)
-    given = np.size(material.reflectivity)
-    if given != wanted:
-        raise ArgumentValueError("material", f"{wanted} reflectivities, one per {per}", given)
+        wanted = "texture" if per == "texture" else f"reflectivity per {per}"
+        raise ArgumentTypeError("material", f"a TriangleMesh for a {wanted}", type(shape).__name__)
+    counts = {"face": len(shape), "vertex": len(shape.vertices)}
+    if material.texture_coordinates is not None:
+        given, per = material.texture_coordinates, "vertex" if material.texture_coordinates.ndim == 2 else "face"
+        expected = f"texture coordinates of {counts[per]} {'vertices' if per == 'vertex' else 'faces'}"
+    else:
+        given = np.asarray(material.reflectivity)
+        expected = f"{counts[per]} reflectivities, one per {per}"
+    if len(given) != counts[per]:
+        raise ArgumentValueError("material", expected, len(given))

@@ -35,6 +35,7 @@ LEFT_OUT = {
     "generate": "makes folders; tests/datasets",
     "datasets.": "the same",
     "materials.Material": "Material, by its other name",
+    "materials.Texture": "Texture, by its other name",
     "io.rosbag.": "bags, of whole runs; tests/io",
     "io.las.Writer": "writes in a with block; tests/io",
     "Shape": "abstract",
@@ -152,6 +153,9 @@ VALUES: dict[str, Callable[[Path], Any]] = {
     "per": lambda _: "object",
     **dict.fromkeys(("roughness", "specular", "specular_width"), lambda _: 0.3),
     "colors": lambda _: np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]),
+    "values": lambda _: np.array([(0.1, 0.2, 0.3), (0.4, 0.5, 0.6)]),
+    "texture_coordinates": lambda _: None,
+    "wrap": lambda _: ("clamp", "mirror"),
     # Patterns
     "elevations": lambda _: np.array([-0.1, 0.1]),
     **dict.fromkeys(("azimuths", "azimuth_offsets"), lambda _: np.array([0.0, 0.1])),
@@ -261,7 +265,9 @@ PARTICULAR: dict[str, Callable[[Path], Any]] = {
     "io.semantickitti.read_labels.path": lambda folder: written(folder, "a.label", "abcd"),
     "Scan.point_cloud.frame": lambda _: "world",
     "Scan.true_points.frame": lambda _: "world",
-    "Material.from_colors.per": lambda _: "vertex",
+    "Material.from_colors.colors": lambda _: np.linspace(0.0, 1.0, 12).reshape(2, 2, 3),
+    "Material.from_colors.per": lambda _: "texture",
+    "Material.from_colors.texture_coordinates": lambda _: np.array([(0.0, 0), (1, 0), (1, 1), (0, 1)]),
     "patterns.Grid.column_period": lambda _: 0.01,
 }
 """The same, of one parameter of one function."""

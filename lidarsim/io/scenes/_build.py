@@ -14,13 +14,13 @@ from lidarsim._files import check_regular, reading_as
 from lidarsim._shown import counted
 from lidarsim._validation import Floats, placement
 from lidarsim.errors import FileFormatError
-from lidarsim.io.scenes._model import Indices, Node, Part, SceneFile
-from lidarsim.io.scenes._pictures import sampled
-from lidarsim.materials import LUMINANCE, Material
+from lidarsim.io.scenes._model import Indices, Node, Part, Picture, SceneFile, mean_of_corners
+from lidarsim.io.scenes._pictures import sampled, texture
+from lidarsim.materials import LUMINANCE, Material, Texture
 from lidarsim.rules import Appearance, Options, Rule
 from lidarsim.scene import Scene
 from lidarsim.shapes import TriangleMesh
-from lidarsim.shapes._polygons import triangulated
+from lidarsim.shapes._polygons import check_faces, triangulated
 from lidarsim.shapes.triangle_mesh import MeshFile
 
 Reader = Callable[[Path], SceneFile]
@@ -162,7 +162,7 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
             if rule.skip:
                 skipped += 1
                 continue
-            if not len(meshes.faces(part)):
+            if not len(meshes.cuts(part)):
                 continue
             shape, place = meshes.placed(part, transform)
             if place is None and shape.degenerate_count == len(shape) and not np.array_equal(transform, np.eye(4)):
@@ -190,30 +190,33 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
 
 
 class _Meshes:
-    """The meshes of parts, which all nodes that place a part share."""
+    """The meshes of parts, which all nodes that place a part share, and their textures."""
 
     def __init__(self) -> None:
-        self._faces: dict[Part, Indices] = {}
+        self._cuts: dict[Part, Indices] = {}
         self._shapes: dict[Part, TriangleMesh] = {}
         self._colored: dict[Part, Material] = {}
+        self._textures: dict[tuple[Picture, bytes], Texture] = {}
 
-    def faces(self, part: Part) -> Indices:
-        """Return the triangles of a part."""
-        if part not in self._faces:
-            self._faces[part] = triangulated(part.vertices, part.corners, part.sizes)[0]
-        return self._faces[part]
+    def cuts(self, part: Part) -> Indices:
+        """Return the triangles of a part by the numbers of their corners in it, shape (m, 3)."""
+        if part not in self._cuts:
+            places = np.arange(len(part.corners))
+            check_faces(part.vertices, part.corners, part.sizes)
+            self._cuts[part] = triangulated(part.vertices[part.corners], places, part.sizes)[0]
+        return self._cuts[part]
 
     def placed(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
         """Return the mesh of a part and its transform; a singular one flattens the vertices themselves."""
         if part not in self._shapes:
-            self._shapes[part] = TriangleMesh(part.vertices, self.faces(part))
+            self._shapes[part] = TriangleMesh(part.vertices, part.corners[self.cuts(part)])
         shape = self._shapes[part]
         if np.array_equal(transform, np.eye(4)):
             return shape, None
         try:
             shape._native.transformed(placement(transform))
         except ValueError:
-            return TriangleMesh(_moved(part.vertices, transform), self.faces(part)), None
+            return TriangleMesh(_moved(part.vertices, transform), shape.faces), None
         return shape, transform
 
     def material(self, part: Part, appearance: Appearance) -> Material | None:
@@ -223,22 +226,29 @@ class _Meshes:
         if appearance != "color":
             return Material(reflectivity=appearance)
         if part not in self._colored:
-            self._colored[part] = _colored(part)
+            self._colored[part] = self._from_colors(part)
         return self._colored[part]
 
+    def _from_colors(self, part: Part) -> Material:
+        """Return the material whose reflectivity is the luminance of a part's base colours.
 
-def _colored(part: Part) -> Material:
-    """Return the material whose reflectivity is the luminance of a part's base colours."""
-    paint = part.paint()
-    color = paint.color[None]
-    if paint.colors is not None:
-        color = color * paint.colors
-    if paint.picture is not None and paint.uv is not None:
-        color = color * sampled(paint.picture, paint.uv)
-    reflectivity = np.clip(color, 0.0, 1.0) @ LUMINANCE
-    if paint.colors is None and (paint.picture is None or paint.uv is None):
-        return Material(reflectivity=float(reflectivity[0]))
-    return Material(reflectivity=reflectivity, per="vertex")
+        A texture on a part whose vertices differ in colour is sampled at the vertices.
+        """
+        paint = part.paint()
+        color, colors = np.clip(paint.color, 0.0, 1.0), paint.colors
+        if colors is not None and len(colors) and (colors == colors[0]).all():
+            color, colors = color * np.clip(colors[0], 0.0, 1.0), None
+        if paint.picture is None or paint.uv is None:
+            if colors is None:
+                return Material(reflectivity=float(color @ LUMINANCE))
+            return Material(reflectivity=np.clip(color * colors, 0.0, 1.0) @ LUMINANCE, per="vertex")
+        if colors is not None:
+            texels = sampled(paint.picture, mean_of_corners(part.corners, paint.uv))
+            return Material(reflectivity=np.clip(color * colors * texels, 0.0, 1.0) @ LUMINANCE, per="vertex")
+        key = paint.picture, color.tobytes()
+        if key not in self._textures:
+            self._textures[key] = texture(paint.picture, color)
+        return Material(reflectivity=self._textures[key], texture_coordinates=paint.uv[self.cuts(part)])
 
 
 def _group(node: Node, rule: Rule) -> Hashable:

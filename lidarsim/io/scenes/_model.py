@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from lidarsim._validation import Floats, short
 from lidarsim.errors import FileFormatError
+from lidarsim.materials import Wrap
 
 Indices = npt.NDArray[np.int64]
 Axis = Literal["x", "y", "z"]
@@ -31,7 +32,7 @@ class Picture:
 
     read: Callable[[], bytes]
     """Return the bytes of the image file."""
-    wrap: tuple[str, str] = ("repeat", "repeat")
+    wrap: tuple[Wrap, Wrap] = ("repeat", "repeat")
     """What is beyond the image along u and v: "repeat", "mirror" or "clamp"."""
 
 
@@ -44,7 +45,7 @@ class Paint(NamedTuple):
     """Linear colours of the vertices, shape (n, 3)."""
     picture: Picture | None = None
     uv: Floats | None = None
-    """Places of the vertices in the image from its upper left corner, in widths and heights, shape (n, 2)."""
+    """Places in the image from its upper left corner, in widths and heights, of the corners of all faces, (k, 2)."""
 
 
 def white() -> Paint:

@@ -11,11 +11,21 @@ from lidarsim._extras import import_extra
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._model import Picture
-from lidarsim.materials import linear_light
+from lidarsim.materials import LUMINANCE, Texture, Wrap, linear_light
 
 FORMATS = ("BMP", "JPEG", "PNG", "TGA", "WEBP")
 MOST_PIXELS = 1 << 26
 """Most pixels of an image, 8192 × 8192: a small file can claim any number of them."""
+
+
+def texture(picture: Picture, color: Floats) -> Texture:
+    """Return a texture of the luminance of an image, each pixel of which is multiplied by a linear colour."""
+    pixels = _decoded(picture.read())
+    shares = linear_light(np.arange(256) / 255.0)[:, None] * (color * LUMINANCE)
+    values = np.empty(pixels.shape[:2], np.float32)
+    for row, line in zip(values, pixels, strict=True):  # by rows, since float64 takes eight times the memory
+        row[:] = sum(shares[line[:, channel], channel] for channel in range(3))
+    return Texture(values, wrap=picture.wrap)
 
 
 def sampled(picture: Picture, uv: Floats) -> Floats:
@@ -49,7 +59,7 @@ def _decoded(content: bytes) -> npt.NDArray[np.uint8]:
 
 
 def _neighbours(
-    place: Floats, size: int, wrap: str
+    place: Floats, size: int, wrap: Wrap
 ) -> tuple[tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]], Floats]:
     """Return the pixels on both sides of places, in sizes of the image, and the distance from the first in pixels."""
     period = {"repeat": 1.0, "mirror": 2.0}.get(wrap)

@@ -80,6 +80,7 @@ class _Reader:
                 self._by_id.setdefault(name, element)
         self._parts: dict[tuple[int, tuple[tuple[str, str], ...]], tuple[Part, ...]] = {}
         self._sources: dict[int, Floats] = {}
+        self._diffuses: dict[Element | None, tuple[Floats, Picture | None]] = {}
         self._left_out: Counter[str] = Counter()
 
     def read(self) -> SceneFile:
@@ -228,7 +229,7 @@ class _Reader:
     ) -> Paint:
         """Return the base colours of a part: `rows` are the indices of its corners, `corners` their vertices."""
 
-        def of_vertices(semantic: str, width: int) -> Floats | None:
+        def of_corners(semantic: str, width: int) -> Floats | None:
             if semantic not in inputs:
                 return None
             source, offset = inputs[semantic]
@@ -236,13 +237,15 @@ class _Reader:
             indices = rows[:, offset]
             if len(indices) and indices.max() >= len(values):
                 raise FileFormatError(f"{where}: expected {semantic} below {len(values)}, got {indices.max()}")
-            return mean_of_corners(corners, values[indices])
+            return values[indices]
 
-        colors, uv = of_vertices("COLOR", 3), of_vertices("TEXCOORD", 2)
-        color, picture = self._diffuse(material)
+        colors, uv = of_corners("COLOR", 3), of_corners("TEXCOORD", 2)
+        if material not in self._diffuses:
+            self._diffuses[material] = self._diffuse(material)
+        color, picture = self._diffuses[material]
         if uv is not None:
             uv = np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v counts from the lower edge
-        linear = None if colors is None else linear_light(np.clip(colors, 0.0, 1.0))
+        linear = None if colors is None else linear_light(np.clip(mean_of_corners(corners, colors), 0.0, 1.0))
         return Paint(color, linear, picture, uv)
 
     def _diffuse(self, material: Element | None) -> tuple[Floats, Picture | None]:

@@ -26,6 +26,7 @@ from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._gltf_data import Data, at, real
 from lidarsim.io.scenes._model import MOST_DEPTH, Indices, Names, Node, Paint, Part, Picture, SceneFile
+from lidarsim.materials import Wrap
 from lidarsim.shapes._polygons import of_strips
 
 GLB = struct.Struct("<4sII")
@@ -41,7 +42,7 @@ COMPRESSED = re.compile(r"(EXT|KHR)_meshopt_compression")
 """Extensions of which a buffer view may hold the data without compression as well."""
 
 POINTS, LINES, TRIANGLES, STRIP = 0, (1, 2, 3), 4, 5
-WRAPS = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
+WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
 IMAGES = ("EXT_texture_webp", "EXT_texture_avif")
 """Extensions by which a texture has an image of another kind."""
 
@@ -110,6 +111,7 @@ class _Reader:
         self._document = document
         self._data = Data(path, document, binary)
         self._parts: dict[tuple[object, ...], tuple[Part, ...]] = {}
+        self._pictures: dict[int, Picture] = {}
         self._left_out: Counter[str] = Counter()
         self._parents = _parents(document.nodes)
         self._places: dict[int, Floats] = {}
@@ -262,21 +264,28 @@ class _Reader:
             vertices = _skinned(vertices, primitive, where, attribute, skin)
         indices = self._indices(primitive, where, len(vertices), faces)
         triangles = _triangles(primitive.mode if faces is None else TRIANGLES, indices, where)
+        corners = triangles.ravel()
         used = np.zeros(len(vertices), bool)
-        used[triangles] = True
+        used[corners] = True
         if not used.all():  # primitives may share the vertices of a whole file
-            vertices, triangles = vertices[used], (np.cumsum(used) - 1)[triangles]
+            vertices, corners = vertices[used], (np.cumsum(used) - 1)[corners]
         material = (
             None
             if primitive.material is None
             else at(self._document.materials, primitive.material, f"{where}.material")
         )
-        paint = partial(self._paint, primitive, where, attribute, used)
+        paint = partial(self._paint, primitive, where, attribute, used=used, corners=corners)
         name = "" if material is None else material.name or f"{primitive.material}"
-        return Part(vertices, triangles.ravel(), np.full(len(triangles), 3), name, paint)
+        return Part(vertices, corners, np.full(len(triangles), 3), name, paint)
 
     def _paint(
-        self, primitive: gltf.Primitive, where: str, attribute: Callable[..., Any], used: npt.NDArray[np.bool_]
+        self,
+        primitive: gltf.Primitive,
+        where: str,
+        attribute: Callable[..., Any],
+        *,
+        used: npt.NDArray[np.bool_],
+        corners: Indices,
     ) -> Paint:
         """Return the base colours of the vertices that are used."""
         color, picture, found = np.ones(3), None, {}
@@ -298,7 +307,8 @@ class _Reader:
                 if len(values) != len(used):
                     raise FileFormatError(f"{where}.attributes.{name}: expected {len(used)}, got {len(values)}")
                 found[name] = values[used]
-        return Paint(color, found.get("COLOR_0"), picture, found.get("TEXCOORD"))
+        uv = found.get("TEXCOORD")
+        return Paint(color, found.get("COLOR_0"), picture, None if uv is None else uv[corners])
 
     def _attributes(self, primitive: gltf.Primitive, where: str) -> tuple[Callable[..., Any], Indices | None]:
         """Return a function that gives the numbers of an attribute, and the vertices of the faces if Draco has them."""
@@ -378,6 +388,8 @@ class _Reader:
 
     def _picture(self, index: int, where: str) -> Picture | None:
         """Return a texture, or None for one whose image is of a kind that is not read."""
+        if index in self._pictures:
+            return self._pictures[index]
         texture = at(self._document.textures, index, where)
         wrap = (10497, 10497)
         if texture.sampler is not None:
@@ -393,7 +405,9 @@ class _Reader:
         if source < 0:
             raise FileFormatError(f"textures[{index}]: expected an index >= 0, got {source}")
         image = at(self._document.images, source, f"textures[{index}].source")
-        return Picture(partial(self._image, image, f"images[{source}]"), (WRAPS[wrap[0]], WRAPS[wrap[1]]))
+        read = partial(self._image, image, f"images[{source}]")
+        self._pictures[index] = Picture(read, (WRAPS[wrap[0]], WRAPS[wrap[1]]))
+        return self._pictures[index]
 
     def _image(self, image: gltf.Image, where: str) -> bytes:
         """Return the bytes of an image."""

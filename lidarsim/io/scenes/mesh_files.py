@@ -11,19 +11,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from lidarsim._files import beside, reading_as
 from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.meshes import obj
 from lidarsim.io.meshes._lines import floats, lines_of
-from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile, mean_of_corners
+from lidarsim.io.scenes._model import Indices, Names, Node, Paint, Part, Picture, SceneFile
 from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces
 from lidarsim.shapes.triangle_mesh import MeshFile, read_mesh
 
-Painter = Callable[[int, Indices], Paint]
-"""Returns the paint of a part, of which it gets the number and the vertices."""
+Chosen = npt.NDArray[np.bool_] | slice
+Painter = Callable[[int, Indices, Chosen], Paint]
+"""Returns the paint of a part, of which it gets the number, the vertices and which corners of all are its own."""
 
 
 def read(path: Path) -> SceneFile:
@@ -48,13 +50,15 @@ def _nodes(
     for number in range(1 if alone else len(mesh.names)):
         if alone or mesh.parts is None:
             corners, sizes, used = mesh.corners, mesh.sizes, np.arange(len(mesh.vertices))
+            chosen: Chosen = slice(None)
             called = next(filter(None, mesh.names), name)
         else:
             sizes = mesh.sizes[mesh.parts == number]
-            used, corners = np.unique(mesh.corners[np.repeat(mesh.parts == number, mesh.sizes)], return_inverse=True)
+            chosen = np.repeat(mesh.parts == number, mesh.sizes)
+            used, corners = np.unique(mesh.corners[chosen], return_inverse=True)
             called = mesh.names[number] or name
         material = materials[number] if materials else ""
-        paint = {} if painter is None else {"paint": partial(painter, number, used)}
+        paint = {} if painter is None else {"paint": partial(painter, number, used, chosen)}
         part = Part(mesh.vertices[used], corners, sizes, material, **paint)
         found.setdefault(number if materials is None else called, (called, []))[1].append(part)
     file = SceneFile()
@@ -79,13 +83,13 @@ class _ObjPaint:
         self._library = cache(self._materials)
         self._uv = cache(self._texture_places)
 
-    def __call__(self, number: int, used: Indices) -> Paint:
-        """Return the colours of a part, of which `used` are the vertices."""
+    def __call__(self, number: int, used: Indices, chosen: Chosen) -> Paint:
+        """Return the colours of a part, of which `used` are the vertices, and `chosen` the corners."""
         name = self._contents.materials[number] if self._contents.materials else ""
         material = self._library().get(name, _Material(np.ones(3), None))
         colors, uv = self._colors(), None
         if material.picture is not None:
-            uv = self._uv()[used]
+            uv = self._uv()[chosen]
         return Paint(material.color, None if colors is None else colors[used], material.picture, uv)
 
     def _vertex_colors(self) -> Floats | None:
@@ -118,7 +122,7 @@ class _ObjPaint:
         return materials
 
     def _texture_places(self) -> Floats:
-        """Return the texture coordinates of the vertices, shape (n, 2): the mean of those that its faces give it."""
+        """Return the texture coordinates of the corners of all faces, shape (k, 2); (0, 1) for those without."""
         contents = self._contents
         given = floats(contents.places, 2, more=True)
         words = [word.split("/") for text in contents.faces.texts for word in text.partition("#")[0].split()]
@@ -129,12 +133,8 @@ class _ObjPaint:
         if len(wrong):
             face = int(np.searchsorted(np.cumsum(contents.mesh.sizes), wrong[0], side="right"))
             raise FileFormatError(f"line {contents.faces.numbers[face]}: expected texture coordinates to {len(given)}")
-        there = places >= 0
-        # A first corner of each vertex, which has no place, keeps all vertices in the result.
-        corners = np.concatenate([np.arange(len(contents.mesh.vertices)), contents.mesh.corners[there]])
-        values = np.concatenate([np.zeros((len(contents.mesh.vertices), 2)), given[places[there]]])
-        counts = np.bincount(corners) - 1
-        uv = mean_of_corners(corners, values) * ((counts + 1) / np.maximum(counts, 1))[:, None]
+        uv = np.zeros((len(places), 2))
+        uv[places >= 0] = given[places[places >= 0]]
         return np.column_stack((uv[:, 0], 1.0 - uv[:, 1]))  # v of OBJ counts from the lower edge
 
 

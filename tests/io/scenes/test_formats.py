@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import logging
 import re
 import zipfile
@@ -170,6 +169,27 @@ def test_collada_colors(tmp_path: Path) -> None:
     assert item.material.reflectivity == pytest.approx(decoded([0.5, 0.25, 1]) @ REC_709, rel=1e-15)
     (item,) = ls.Scene.from_file(path, rules=[ls.Rule(material="Paint", label=7)])
     assert (item.label, item.material.reflectivity) == (7, 1.0)
+
+
+def test_collada_textures(tmp_path: Path) -> None:
+    (tmp_path / "sub folder").mkdir()
+    pixels = np.random.default_rng(1).integers(0, 256, (3, 4, 3), np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "sub folder" / "i.png")
+    places = """<source id="t"><float_array id="ta">0 0 1 0 0.5 0.25</float_array><technique_common>
+    <accessor source="#ta" count="3" stride="2"><param name="S" type="float"/><param name="T" type="float"/></accessor>
+    </technique_common></source>"""
+    faces = """<triangles count="1" material="m"><input semantic="VERTEX" source="#v" offset="0"/>
+    <input semantic="TEXCOORD" source="#t" offset="1" set="0"/><p>0 2 1 1 2 0</p></triangles>"""
+    more = COLORED.format('<texture texture="sa" texcoord="UV"/>')
+    path = dae(tmp_path, BOUND, places + faces, more=more)
+    (item,) = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(item.material.reflectivity, ls.Texture)
+    np.testing.assert_allclose(item.material.reflectivity.values, decoded(pixels / 255) @ REC_709, rtol=1e-6)
+    assert item.material.texture_coordinates is not None
+    assert item.material.texture_coordinates.tolist() == [[[0.5, 0.75], [1, 1], [0, 1]]]
+    (tmp_path / "sub folder" / "i.png").unlink()
+    assert len(ls.Scene.from_file(path)) == 1
+    assert refusal(path, reflectivity="color") == "it names a file that is not there"
 
 
 WRONG_COLLADA = {
@@ -389,6 +409,27 @@ def test_obj_colors(tmp_path: Path) -> None:
     path.write_text("v 0 0 0 1 0 0\nv 1 0 0 0.5 0.5 0.5\nv 0 1 0 0 0 0\nf 1 2 3\n", encoding="utf-8")
     (item,) = ls.Scene.from_file(path, reflectivity="color")
     np.testing.assert_allclose(item.material.reflectivity, [0.2126, half, 0.0], rtol=1e-14)
+
+
+def test_obj_textures(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(2).integers(0, 256, (2, 2, 3), np.uint8)
+    PIL.Image.fromarray(pixels).save(tmp_path / "my image.png")
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 0.5 0.5 0.5\nmap_Kd -clamp on my image.png\n", encoding="utf-8")
+    path = tmp_path / "a.obj"
+    path.write_text(
+        "mtllib a.mtl\nv 0 0 0\nv 4 0 0\nv 4 4 0\nv 0 4 0\nvt 0 0\nvt 1 0\nusemtl m\nf 1/1 2/-1 3/2/7\n"
+        "vt 1 0.75\nvt 0 1\no other\nf 1/1 2/2 3/-2 4/4\n",
+        encoding="utf-8",
+    )
+    first, second = ls.Scene.from_file(path, reflectivity="color")
+    assert isinstance(first.material.reflectivity, ls.Texture)
+    expected = decoded(0.5) * (decoded(pixels / 255) @ REC_709)
+    np.testing.assert_allclose(first.material.reflectivity.values, expected, rtol=1e-6)
+    assert first.material.reflectivity is second.material.reflectivity
+    assert first.material.texture_coordinates is not None
+    assert second.material.texture_coordinates is not None
+    assert first.material.texture_coordinates.tolist() == [[[0, 1], [1, 1], [1, 1]]]
+    assert second.material.texture_coordinates.tolist() == [[[0, 1], [1, 1], [1, 0.25]], [[0, 1], [1, 0.25], [0, 0]]]
 
 
 def test_wrong_material_libraries(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 use super::backscatter::Backscatter;
 use super::caster::Caster;
+use super::texture::TextureMap;
 use crate::scene::{Hit, TimedRay};
 
 /// What a lidar measures of an object besides its geometry.
@@ -41,6 +42,7 @@ pub enum Reflectivity {
     Face(Vec<f64>),
     /// One a vertex, linear in between.
     Vertex(Vec<f64>),
+    Texture(TextureMap),
 }
 
 impl Reflectivity {
@@ -62,6 +64,13 @@ impl Reflectivity {
                         let [a, b, c] = vertices.map(|i| values[i as usize]);
                         u * a + v * b + w * c
                     }
+                    None => f64::NAN,
+                }
+            }
+            Reflectivity::Texture(map) => {
+                let (hit, ray) = hit();
+                match caster.barycentric(&hit, &ray) {
+                    Some((vertices, weights)) => map.at(primitive as usize, vertices, weights),
                     None => f64::NAN,
                 }
             }
