@@ -90,7 +90,8 @@ class _Reader:
         unit, up = self._root.find("{*}asset/{*}unit"), self._root.findtext("{*}asset/{*}up_axis", "Y_UP").strip()
         if up not in AXES:
             raise FileFormatError(f"asset/up_axis: expected {', '.join(AXES)}")
-        meters = floats("1" if unit is None else unit.get("meter", "1"), "asset/unit, meter", 1)[0]
+        text = "1" if unit is None else unit.get("meter", "1").replace(",", ".")  # as some programs write it
+        meters = floats(text, "asset/unit, meter", 1)[0]
         if not 0.0 < meters < math.inf:
             raise FileFormatError(f"asset/unit, meter: expected a finite number > 0, got {meters}")
         file = SceneFile(up=AXES[up], unit=float(meters))
@@ -185,7 +186,7 @@ class _Reader:
             target = bound.get(element.get("material", ""), "")
             material = self._by_id.get(target.removeprefix("#"))
             named = {} if material is None else material.attrib
-            called = named.get("name") or named.get("id") or element.get("material", "")
+            called = named.get("name") or named.get("id") or element.get("material") or ""
             paint = partial(self._paint, material, inputs, faces.indices, corners=corners, where=where)
             yield Part(vertices[used], corners, faces.sizes, called, paint)
 

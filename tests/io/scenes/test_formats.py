@@ -80,7 +80,7 @@ def test_collada_declares_axes_and_unit(up: str, expected: tuple[float, ...], tm
     path = dae(
         tmp_path,
         '<node><translate>1 2 3</translate><instance_geometry url="#g"/></node>',
-        unit='<unit name="inch" meter="0.0254"/>',
+        unit='<unit name="inch" meter="0,0254"/>',  # with the decimal comma of some programs
         up=up and f"<up_axis>{up}</up_axis>",
     )
     (item,) = ls.Scene.from_file(path)
