@@ -11,7 +11,6 @@ from typing import NamedTuple
 import numpy as np
 
 from lidarsim._files import check_regular, reading_as
-from lidarsim._shown import counted
 from lidarsim._validation import Floats, placement
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes._model import Indices, Node, Part, Picture, SceneFile, mean_of_corners
@@ -78,6 +77,11 @@ class Imported:
             yield item, known if item.instance is None else item.instance
 
 
+IDENTITY = np.eye(4)
+UNTOUCHED = Rule()
+"""What applies to a part that no rule matches."""
+
+
 def imported(path: Path, read: Reader, options: Options) -> Imported:
     """Return what a file holds.
 
@@ -137,7 +141,7 @@ def _upright(file: SceneFile, options: Options) -> Floats:
 
 def _moved(points: Floats, transform: Floats) -> Floats:
     """Return points at their place; they are not changed at all by the identity."""
-    if np.array_equal(transform, np.eye(4)):
+    if np.array_equal(transform, IDENTITY):
         return points
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
         return points @ transform[:3, :3].T + transform[:3, 3]
@@ -158,14 +162,14 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
         for part in node.parts:
             found = next((rule for rule in options.rules if rule.matches(path_of_node, part.material)), None)
             matched = matched or found is not None
-            rule = found or Rule()
+            rule = found or UNTOUCHED
             if rule.skip:
                 skipped += 1
                 continue
             if not len(meshes.cuts(part)):
                 continue
             shape, place = meshes.placed(part, transform)
-            if place is None and shape.degenerate_count == len(shape) and not np.array_equal(transform, np.eye(4)):
+            if place is None and shape.degenerate_count == len(shape) and not np.array_equal(transform, IDENTITY):
                 flat += 1
                 continue
             appearance = options.reflectivity if rule.reflectivity is None else rule.reflectivity
@@ -183,7 +187,7 @@ def _built(path: Path, file: SceneFile, options: Options) -> Imported:
             )
         if options.rules and not matched:
             without_rule.append(path_of_node)
-    left_out = [*file.left_out, *([f"{counted(flat, 'object')} scaled to nothing"] if flat else [])]
+    left_out = [*file.left_out, *([f"objects scaled to nothing ({flat:,})"] if flat else [])]
     if not objects and not skipped:
         raise FileFormatError("it holds no triangles" + f"; left out: {', '.join(left_out)}" * bool(left_out))
     return Imported(path, objects, skipped, left_out, without_rule)
@@ -201,9 +205,12 @@ class _Meshes:
     def cuts(self, part: Part) -> Indices:
         """Return the triangles of a part by the numbers of their corners in it, shape (m, 3)."""
         if part not in self._cuts:
-            places = np.arange(len(part.corners))
             check_faces(part.vertices, part.corners, part.sizes)
-            self._cuts[part] = triangulated(part.vertices[part.corners], places, part.sizes)[0]
+            cuts = np.arange(len(part.corners))
+            if (part.sizes == 3).all():
+                self._cuts[part] = cuts.reshape(-1, 3)
+            else:
+                self._cuts[part] = triangulated(part.vertices[part.corners], cuts, part.sizes)[0]
         return self._cuts[part]
 
     def placed(self, part: Part, transform: Floats) -> tuple[TriangleMesh, Floats | None]:
@@ -211,7 +218,7 @@ class _Meshes:
         if part not in self._shapes:
             self._shapes[part] = TriangleMesh(part.vertices, part.corners[self.cuts(part)])
         shape = self._shapes[part]
-        if np.array_equal(transform, np.eye(4)):
+        if np.array_equal(transform, IDENTITY):
             return shape, None
         try:
             shape._native.transformed(placement(transform))

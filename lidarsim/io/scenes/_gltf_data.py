@@ -30,7 +30,7 @@ DTYPES: dict[int, np.dtype[Any]] = {
     5126: np.dtype("<f4"),
 }
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
-MOST_ZEROS = 10_000_000
+MOST_ZEROS = 1 << 22
 """Most elements of an accessor without a buffer view, whose zeros take no byte of the file."""
 MESHOPT = ("EXT_meshopt_compression", "KHR_meshopt_compression")
 

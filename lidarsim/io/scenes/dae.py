@@ -120,7 +120,7 @@ class _Reader:
                     case "instance_geometry":
                         parts += self._geometry(child)
                     case "instance_controller":
-                        self._left_out["skinned or morphed meshes"] += 1
+                        self._left_out["skinned and morphed meshes"] += 1
                     case "node":
                         below.append(_Visit(child, place, names, top or key, key, depth + 1))
                     case "instance_node":
@@ -129,7 +129,7 @@ class _Reader:
             stack += reversed(below)
             if parts:
                 file.add(Node(names, place, tuple(parts), key, parent or key, top or key))
-        file.left_out += [f"{count} {what}" for what, count in self._left_out.items()]
+        file.left_out += [f"{what} ({count:,})" for what, count in self._left_out.items()]
         return file
 
     def _referred(self, element: Element, kind: str, attribute: str = "url") -> Element:
@@ -162,7 +162,7 @@ class _Reader:
         for element in mesh:
             kind = local(element)
             if kind in LINES:
-                self._left_out["sets of lines"] += 1
+                self._left_out["lines"] += 1
             if kind not in FACES:
                 continue
             where = f"{name}, {kind}"

@@ -25,7 +25,7 @@ from lidarsim._validation import Floats
 from lidarsim.errors import FileFormatError
 from lidarsim.io.scenes import _gltf_document as gltf
 from lidarsim.io.scenes._gltf_data import Data, at, real
-from lidarsim.io.scenes._model import MOST_DEPTH, Indices, Names, Node, Paint, Part, Picture, SceneFile
+from lidarsim.io.scenes._model import MOST_DEPTH, MOST_OBJECTS, Indices, Names, Node, Paint, Part, Picture, SceneFile
 from lidarsim.materials import Wrap
 from lidarsim.shapes._polygons import of_strips
 
@@ -151,7 +151,7 @@ class _Reader:
                     self._left_out["hidden nodes"] += 1
                 else:
                     self._add(mesh, index, top, names)
-        self.file.left_out += [f"{count} {what}" for what, count in self._left_out.items()]
+        self.file.left_out += [f"{what} ({count:,})" for what, count in self._left_out.items()]
 
     def _name(self, index: int) -> str:
         """Return the name of a node, else of its mesh, else its number."""
@@ -205,6 +205,8 @@ class _Reader:
         if len(counts) != 1:
             raise FileFormatError(f"{where}: expected attributes of one count, got {sorted(counts)}")
         count = counts.pop()
+        if count > MOST_OBJECTS:
+            raise FileFormatError(f"{where}: expected at most {MOST_OBJECTS:,} copies, got {count:,}")
         for name, values in found.items():
             _check_finite(values, f"{where}.{name}")
         turns = _rotations(found.get("ROTATION", np.tile([0.0, 0.0, 0.0, 1.0], (count, 1))), where)
@@ -251,7 +253,7 @@ class _Reader:
     ) -> Part | None:
         """Return the part that a primitive makes, or None for points, lines and what has no positions."""
         if primitive.mode == POINTS or primitive.mode in LINES:
-            self._left_out["primitives of points or lines"] += 1
+            self._left_out["points and lines"] += 1
             return None
         if "POSITION" not in primitive.attributes:
             self._left_out["primitives without positions"] += 1

@@ -141,7 +141,7 @@ def test_collada_lines_and_controllers_are_left_out(tmp_path: Path, caplog: pyte
     path = dae(tmp_path, nodes, f'{NOTCHED}<lines count="0"><p/></lines>')
     with caplog.at_level(logging.WARNING, "lidarsim"):
         assert len(ls.Scene.from_file(path)) == 1
-    assert caplog.messages == [f"{path}: left out: 1 sets of lines, 1 skinned or morphed meshes"]
+    assert caplog.messages == [f"{path}: left out: lines (1), skinned and morphed meshes (1)"]
 
 
 def test_collada_is_what_trimesh_reads(tmp_path: Path) -> None:
