@@ -152,11 +152,16 @@ def _kd(value: str, number: int) -> Floats:
     return linear_light(np.clip(np.broadcast_to(color, 3), 0.0, 1.0))
 
 
-def _image(library: Path, value: str) -> bytes:
-    """Return the bytes of the image of a ``map_Kd``, whose name follows options of one word each."""
+def image_name(value: str) -> str:
+    """Return the name of the image of a ``map_Kd``, which follows options of one word each."""
     words = value.split()
     while len(words) > 1 and words[0].startswith("-"):
         if words[0] in {"-o", "-s", "-t", "-mm"}:
             raise FileFormatError(f"map_Kd: its option {words[0]} is not supported")
         words = words[2:]
-    return beside(library, " ".join(words).replace("\\", "/")).read_bytes()
+    return " ".join(words).replace("\\", "/")
+
+
+def _image(library: Path, value: str) -> bytes:
+    """Return the bytes of the image of a ``map_Kd``."""
+    return beside(library, image_name(value)).read_bytes()
