@@ -54,25 +54,19 @@ impl Reflectivity {
         hit: impl FnOnce() -> (Hit, TimedRay),
         caster: &impl Caster,
     ) -> f64 {
+        let place = || {
+            let (hit, ray) = hit();
+            caster.barycentric(&hit, &ray)
+        };
         match self {
             Reflectivity::Object(value) => *value,
             Reflectivity::Face(values) => values[primitive as usize],
-            Reflectivity::Vertex(values) => {
-                let (hit, ray) = hit();
-                match caster.barycentric(&hit, &ray) {
-                    Some((vertices, [u, v, w])) => {
-                        let [a, b, c] = vertices.map(|i| values[i as usize]);
-                        u * a + v * b + w * c
-                    }
-                    None => f64::NAN,
-                }
-            }
+            Reflectivity::Vertex(values) => place().map_or(f64::NAN, |(vertices, [u, v, w])| {
+                let [a, b, c] = vertices.map(|i| values[i as usize]);
+                u * a + v * b + w * c
+            }),
             Reflectivity::Texture(map) => {
-                let (hit, ray) = hit();
-                match caster.barycentric(&hit, &ray) {
-                    Some((vertices, weights)) => map.at(primitive as usize, vertices, weights),
-                    None => f64::NAN,
-                }
+                place().map_or(f64::NAN, |(vertices, weights)| map.at(primitive as usize, vertices, weights))
             }
         }
     }
