@@ -127,6 +127,31 @@ def _clipped(points: Floats) -> Indices:
     return ears
 
 
+def with_holes(points: Floats, ends: Indices) -> Indices:
+    """Cut a plane outline with holes into triangles that turn as the outline does, shape (t, 3).
+
+    Parameters
+    ----------
+    points : ndarray of float64, shape (n, 3)
+        Corners of the outline, then those of each hole.
+    ends : ndarray of int64, shape (m,)
+        Where the outline and each hole end among the corners.
+    """
+    import mapbox_earcut
+
+    normal = _normals(points[None, : ends[0]])[0][0]
+    drop = int(np.argmax(np.abs(normal)))
+    axes = [(drop + 1) % 3, (drop + 2) % 3]
+    if normal[drop] < 0:
+        axes.reverse()
+    flat = np.ascontiguousarray((points - points[0])[:, axes])
+    triangles = mapbox_earcut.triangulate_float64(flat, ends.astype(np.uint32)).reshape(-1, 3).astype(np.int64)
+    first, second = (flat[triangles[:, k]] - flat[triangles[:, 0]] for k in (1, 2))
+    backwards = first[:, 0] * second[:, 1] < first[:, 1] * second[:, 0]
+    triangles[backwards] = triangles[backwards][:, ::-1]
+    return triangles
+
+
 def _slivers(ears: Indices, n: int) -> Indices:
     """Return the triangles that ear clipping leaves out since their corners lie on one line.
 

@@ -234,12 +234,24 @@ class Material(Model):
     extensions: MaterialExtensions = MaterialExtensions()
 
 
+class OtherImage(Model):
+    """An image of another kind."""
+
+    source: Integer | None = None
+
+
+class TextureExtensions(Model):
+    """Extensions of a texture."""
+
+    webp: Annotated[OtherImage | None, Field(alias="EXT_texture_webp")] = None
+
+
 class Texture(Model):
     """An image, and how it goes on beyond its edges."""
 
     source: Integer | None = None
     sampler: Integer | None = None
-    extensions: Extensions = {}
+    extensions: TextureExtensions = TextureExtensions()
 
 
 Wrap = Literal[10497, 33071, 33648]

@@ -37,7 +37,7 @@ from lidarsim.io.scenes._model import (
 )
 from lidarsim.io.scenes._xml import Element, floats, integers, local, parse
 from lidarsim.materials import linear_light
-from lidarsim.shapes._polygons import check_faces, of_strips
+from lidarsim.shapes._polygons import check_faces, of_strips, with_holes
 
 AXES: dict[str, Axis] = {"X_UP": "x", "Y_UP": "y", "Z_UP": "z"}
 FACES = {"triangles", "polylist", "polygons", "trifans", "tristrips"}
@@ -66,6 +66,10 @@ class _Faces(NamedTuple):
     indices: Indices
     """Indices of each corner, shape (k, stride)."""
     sizes: Indices
+
+    def joined(self, other: _Faces) -> _Faces:
+        """Return these faces and then others."""
+        return _Faces(np.concatenate([self.indices, other.indices]), np.concatenate([self.sizes, other.sizes]))
 
 
 class _Reader:
@@ -174,9 +178,11 @@ class _Reader:
             stride = int(max(offsets, default=0)) + 1
             if "VERTEX" not in inputs:
                 raise FileFormatError(f"{where}: expected an input VERTEX")
-            faces = _faces(element, kind, stride, where)
             source, offset = inputs["VERTEX"]
             vertices = self._positions(self._referred(source, "vertices", "source"))
+            faces = _faces(element, kind, stride, where)
+            for polygon in element.iterfind("{*}ph"):
+                faces = faces.joined(_holed(polygon, stride, vertices, offset, where))
             corners = faces.indices[:, offset]
             try:
                 check_faces(vertices, corners, faces.sizes)
@@ -284,15 +290,13 @@ class _Reader:
 
 def _faces(element: Element, kind: str, stride: int, where: str) -> _Faces:
     """Return the faces of an element."""
-    if element.find("{*}ph") is not None:
-        raise FileFormatError(f"{where}: polygons with holes are not supported; triangulate them")
     rows = [integers(p.text, where) for p in element.iterfind("{*}p")]
     for row in rows:
         if len(row) % stride:
             raise FileFormatError(f"{where}: expected {stride} indices a corner, got {len(row)} in all")
     corners = [row.reshape(-1, stride) for row in rows]
     joined = np.concatenate([np.empty((0, stride), np.int64), *corners])
-    count = int(integers(element.get("count", "0"), f"{where}, count")[:1].sum())
+    count = int(integers(element.get("count", "0"), f"{where}, count")[:1].sum()) - len(element.findall("{*}ph"))
     if kind in {"trifans", "tristrips"}:
         lengths = np.array([len(part) for part in corners], np.int64)
         if kind == "tristrips":
@@ -310,6 +314,21 @@ def _faces(element: Element, kind: str, stride: int, where: str) -> _Faces:
         got = f"{len(sizes)} and {len(joined)} corners"
         raise FileFormatError(f"{where}: expected {count} faces of {int(sizes.sum())} corners in all, got {got}")
     return _Faces(joined, sizes)
+
+
+def _holed(polygon: Element, stride: int, vertices: Floats, offset: int, where: str) -> _Faces:
+    """Return the triangles of a polygon with holes."""
+    rings = [integers(ring.text, where) for ring in (*polygon.findall("{*}p"), *polygon.findall("{*}h"))]
+    if any(len(ring) % stride or len(ring) < 3 * stride for ring in rings) or len(polygon.findall("{*}p")) != 1:
+        raise FileFormatError(f"{where}: expected an outline and holes of at least three corners")
+    rows = np.concatenate(rings).reshape(-1, stride)
+    ends = np.cumsum([len(ring) // stride for ring in rings])
+    try:
+        check_faces(vertices, rows[:, offset], np.diff(ends, prepend=0))
+    except ValueError as error:
+        raise FileFormatError(f"{where}: {error}") from error
+    triangles = with_holes(vertices[rows[:, offset]], ends)
+    return _Faces(rows[triangles.ravel()], np.full(len(triangles), 3))
 
 
 def _of_fans(lengths: Indices) -> tuple[Indices, Indices]:

@@ -43,8 +43,6 @@ COMPRESSED = re.compile(r"(EXT|KHR)_meshopt_compression")
 
 POINTS, LINES, TRIANGLES, STRIP = 0, (1, 2, 3), 4, 5
 WRAPS: dict[int, Wrap] = {10497: "repeat", 33071: "clamp", 33648: "mirror"}
-IMAGES = ("EXT_texture_webp", "EXT_texture_avif")
-"""Extensions by which a texture has an image of another kind."""
 
 
 def read(path: Path) -> SceneFile:
@@ -388,8 +386,8 @@ class _Reader:
                 vertices = vertices + weight * moves
         return vertices
 
-    def _picture(self, index: int, where: str) -> Picture | None:
-        """Return a texture, or None for one whose image is of a kind that is not read."""
+    def _picture(self, index: int, where: str) -> Picture:
+        """Return a texture."""
         if index in self._pictures:
             return self._pictures[index]
         texture = at(self._document.textures, index, where)
@@ -398,14 +396,10 @@ class _Reader:
             sampler = at(self._document.samplers, texture.sampler, f"textures[{index}].sampler")
             wrap = sampler.wrap_s, sampler.wrap_t
         source = texture.source
-        for extension in IMAGES:
-            other = texture.extensions.get(extension)
-            if source is None and isinstance(other, dict) and type(other.get("source")) is int:
-                source = other["source"]
+        if source is None and texture.extensions.webp is not None:
+            source = texture.extensions.webp.source
         if source is None:
-            return None
-        if source < 0:
-            raise FileFormatError(f"textures[{index}]: expected an index >= 0, got {source}")
+            raise FileFormatError(f"textures[{index}]: expected an image in PNG, JPEG or WebP")
         image = at(self._document.images, source, f"textures[{index}].source")
         read = partial(self._image, image, f"images[{source}]")
         self._pictures[index] = Picture(read, (WRAPS[wrap[0]], WRAPS[wrap[1]]))

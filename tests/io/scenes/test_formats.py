@@ -119,6 +119,29 @@ def test_collada_nodes(tmp_path: Path) -> None:
     assert matrix.tolist() == [[0, -2, 0, 0], [2, 0, 0, 2], [0, 0, 2, 0], [0, 0, 0, 1]]
 
 
+HOLED = """<polygons count="2"><input semantic="VERTEX" source="#v" offset="0"/>
+<ph><p>0 1 2 3</p><h>{}</h></ph><p>0 1 2</p></polygons>"""
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize("order", ["4 5 6 7", "7 6 5 4"])
+def test_collada_polygons_have_holes(turned: bool, order: str, tmp_path: Path) -> None:
+    """A square of side 4 at x = y = 0 with a hole of side 2 in the middle, and a triangle 5 m above its half."""
+    points = np.array([[0, 0], [4, 0], [4, 4], [0, 4], [1, 1], [3, 1], [3, 3], [1, 3]])
+    corners = np.column_stack((points, points @ (0.5, 0.25)))[:, [1, 0, 2] if turned else [0, 1, 2]]
+    path = dae(tmp_path, ONE, HOLED.format(order), positions=" ".join(map(str, corners.ravel().tolist())))
+    (item,) = ls.Scene.from_file(path)
+    assert isinstance(item.shape, ls.TriangleMesh)
+    assert len(item.shape) == 9
+    places = np.random.default_rng(3).uniform(0, 4, (500, 2))
+    sheet = ls.TriangleMesh(item.shape.vertices, item.shape.faces[1:])
+    hits = sheet.cast(np.column_stack((places, np.full(500, 9.0))), [[0, 0, -1]] * 500)
+    inside = (np.abs(places - 2) < 1).all(axis=1)
+    assert 0 < inside.sum() < 500
+    np.testing.assert_array_equal(hits.hit, ~inside)
+    assert (np.sign(hits.normal[hits.hit, 2]) == (-1 if turned else 1)).all()
+
+
 PRIMITIVES = {
     "triangles": ('<triangles count="2">{}<p>0 1 2 0 2 3</p></triangles>', [[0, 1, 2], [0, 2, 3]]),
     "polygons": ('<polygons count="2">{}<p>0 1 2 3</p><p>0 1 4</p></polygons>', [[0, 1, 2], [0, 2, 3], [0, 1, 4]]),
@@ -229,12 +252,12 @@ WRONG_COLLADA = {
     "words": (collada(ONE, positions="x y z"), "source 'p': expected numbers"),
     "matrix": (collada("<node><matrix>1 2 3</matrix></node>"), "node '0', matrix: expected 16 numbers, got 3"),
     "hole": (
-        collada(
-            ONE,
-            '<polygons count="1"><input semantic="VERTEX" source="#v" offset="0"/>'
-            "<ph><p>0 1 2</p><h>0 1 2</h></ph></polygons>",
-        ),
-        "geometry 'g', polygons: polygons with holes are not supported",
+        collada(ONE, HOLED.format("4 5")),
+        "geometry 'g', polygons: expected an outline and holes of at least three corners",
+    ),
+    "index of a hole": (
+        collada(ONE, HOLED.format("4 5 9")),
+        "geometry 'g', polygons: faces: expected indices from 0 to 4, got faces[1][1] = 5",
     ),
     "nothing": (collada("<node/>"), "it holds no triangles"),
 }

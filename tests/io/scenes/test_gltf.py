@@ -144,7 +144,8 @@ def test_points_and_lines_are_left_out(place: Path, caplog: pytest.LogCaptureFix
     file = one(*(lambda file, mode=mode: file.primitive(**mode) for mode in modes))
     with caplog.at_level(logging.WARNING, "lidarsim"):
         assert len(as_written(file.save(place))) == 1
-    assert caplog.messages == [f"{place}: left out: points and lines (4)"]
+        assert len(ls.TriangleMesh.from_file(place)) == 1
+    assert caplog.messages == [f"{place}: left out: points and lines (4)"] * 2
 
 
 def test_vertices_that_a_primitive_does_not_use_are_not_in_its_mesh(place: Path) -> None:
@@ -832,6 +833,9 @@ def test_images_are_checked_before_they_are_decoded(place: Path, monkeypatch: py
     file.blob[view["byteOffset"] + 45] ^= 255
     assert "a texture cannot be decoded as" in refusal(file.save(place), reflectivity="color")
     assert len(ls.Scene.from_file(place)) == 1
+    file.tree["textures"] = [{"extensions": {"KHR_texture_basisu": {"source": 0}}}]
+    assert refusal(file.save(place), reflectivity="color") == "textures[0]: expected an image in PNG, JPEG or WebP"
+    file.tree["textures"] = [{"extensions": {"EXT_texture_webp": {"source": 0}}}]
     file.tree["images"] = [{"uri": "../a.png"}]
     assert "images[0].uri: it names" in refusal(file.save(place), reflectivity="color")
     monkeypatch.setitem(sys.modules, "PIL.Image", None)
