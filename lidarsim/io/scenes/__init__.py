@@ -18,7 +18,7 @@ __all__ = ["Imported", "Load"]
 
 MODULES = {
     **dict.fromkeys((".glb", ".gltf"), "gltf"),
-    ".dae": "dae",
+    **dict.fromkeys((".dae", ".zae"), "dae"),
     ".3mf": "threemf",
     **dict.fromkeys(SUFFIXES, "mesh_files"),
 }

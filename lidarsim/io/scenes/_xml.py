@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import zipfile
 from typing import NoReturn
 from xml.etree import ElementTree as ET
 
@@ -29,6 +30,21 @@ def parse(data: bytes, what: str) -> Element:
     except ET.ParseError as error:
         raise FileFormatError(f"{what} is damaged XML: line {error.position[0]}") from None
     return root
+
+
+SMALL, RATIO = 1 << 26, 100
+"""A file of an archive may have that many bytes, or that many times those that it takes there; a bomb has 1,000 times."""
+
+
+def unpacked(archive: zipfile.ZipFile, name: str) -> bytes:
+    """Return a file of an archive after checking its size."""
+    try:
+        info = archive.getinfo(name)
+    except KeyError:
+        raise FileFormatError(f"{name!a:.60}: missing in the archive") from None
+    if info.file_size > max(SMALL, RATIO * info.compress_size):
+        raise FileFormatError(f"{name!a:.60}: expected at most {RATIO} bytes for each that it takes in the archive")
+    return archive.read(info)
 
 
 def local(element: Element) -> str:

@@ -1,4 +1,4 @@
-"""COLLADA 1.4 and 1.5 (``.dae``): the triangles and polygons of its scene, in its own unit and axes.
+"""COLLADA 1.4 and 1.5 (``.dae``, ``.zae``): the triangles and polygons of its scene, in its own unit and axes.
 
 Lines, cameras, lights and physics are passed over; skinned and morphed meshes (``instance_controller``) are left out.
 Base colours are the diffuse colours and textures of the common profile and the colours of vertices, all in sRGB.
@@ -9,11 +9,15 @@ Format: https://www.khronos.org/files/collada_spec_1_4.pdf.
 from __future__ import annotations
 
 import math
+import posixpath
+import zipfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import NamedTuple
+from urllib.parse import unquote
 
 import numpy as np
 
@@ -35,7 +39,7 @@ from lidarsim.io.scenes._model import (
     SceneFile,
     mean_of_corners,
 )
-from lidarsim.io.scenes._xml import Element, floats, integers, local, parse
+from lidarsim.io.scenes._xml import Element, floats, integers, local, parse, unpacked
 from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces, of_strips, with_holes
 
@@ -46,7 +50,22 @@ LINES = {"lines", "linestrips"}
 
 def read(path: Path) -> SceneFile:
     """Read a file."""
-    return _Reader(path, parse(path.read_bytes(), "the file")).read()
+    data = path.read_bytes()
+    if not data.startswith(b"PK"):
+        return _Reader(parse(data, "the file"), lambda name: beside(path, name).read_bytes()).read()
+    archive = zipfile.ZipFile(BytesIO(data))
+    names = [name for name in archive.namelist() if name.lower().endswith(".dae")]
+    if "manifest.xml" in archive.namelist():
+        root = parse(unpacked(archive, "manifest.xml"), "manifest.xml").findtext("{*}dae_root")
+        names = names if root is None else [root.strip()]
+    if len(names) != 1:
+        raise FileFormatError(f"expected one COLLADA document in the archive, got {len(names)}")
+    document = names[0]
+
+    def within(name: str) -> bytes:
+        return unpacked(archive, posixpath.normpath(posixpath.join(posixpath.dirname(document), unquote(name))))
+
+    return _Reader(parse(unpacked(archive, document), "the document in the archive"), within).read()
 
 
 class _Visit(NamedTuple):
@@ -75,9 +94,9 @@ class _Faces(NamedTuple):
 class _Reader:
     """The reading of one document."""
 
-    def __init__(self, path: Path, root: Element) -> None:
-        self._path = path
+    def __init__(self, root: Element, image: Callable[[str], bytes]) -> None:
         self._root = root
+        self._image = image
         self._by_id: dict[str, Element] = {}
         for element in root.iter():
             if (name := element.get("id")) is not None:
@@ -285,7 +304,7 @@ class _Reader:
         if image is None:
             raise FileFormatError(f"diffuse/texture: expected an image, got {name!a:.60}")
         file = (image.findtext("{*}init_from/{*}ref") or image.findtext("{*}init_from") or "").strip()
-        return white, Picture(lambda: beside(self._path, file.replace("\\", "/")).read_bytes())
+        return white, Picture(lambda: self._image(file.replace("\\", "/")))
 
 
 def _faces(element: Element, kind: str, stride: int, where: str) -> _Faces:

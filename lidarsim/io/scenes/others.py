@@ -36,6 +36,9 @@ CONVERTERS = {
 }
 """Names of formats that are not read, and what to convert them to, with which program."""
 
+CONTAINERS = {"bz2", "gz", "tar.bz2", "tar.gz", "zip"}
+"""What trimesh unpacks, to read files of any format in it without lidarsim's checks."""
+
 
 class Beside:
     """Resolver through which trimesh reads the files beside a file."""
@@ -56,7 +59,7 @@ def known(path: Path) -> bool:
         return True
     import trimesh
 
-    return path.suffix.lower().removeprefix(".") in trimesh.available_formats()
+    return path.suffix.lower().removeprefix(".") in trimesh.available_formats() - CONTAINERS
 
 
 def read(path: Path) -> SceneFile:
@@ -75,10 +78,9 @@ def read(path: Path) -> SceneFile:
         raise FileFormatError(f"{name} is not read; convert it to {how}")
     import trimesh
 
-    kind = "".join(path.suffixes[-2:]).lower() if suffix in {".gz", ".bz2"} else suffix
     with path.open("rb") as opened:
         options: dict[str, Any] = {"resolver": Beside(path), "process": False}
-        loaded = trimesh.load_scene(opened, file_type=kind.removeprefix("."), **options)
+        loaded = trimesh.load_scene(opened, file_type=suffix.removeprefix("."), **options)
     parts = {name: (_part(mesh),) for name, mesh in loaded.geometry.items() if isinstance(mesh, trimesh.Trimesh)}
     file = SceneFile()
     for number, node in enumerate(loaded.graph.nodes_geometry):

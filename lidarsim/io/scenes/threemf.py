@@ -32,7 +32,7 @@ from lidarsim.io.scenes._model import (
     Part,
     SceneFile,
 )
-from lidarsim.io.scenes._xml import Element, floats, integers, parse
+from lidarsim.io.scenes._xml import Element, floats, integers, parse, unpacked
 from lidarsim.materials import linear_light
 from lidarsim.shapes._polygons import check_faces
 
@@ -50,9 +50,6 @@ READ = {
     "http://schemas.microsoft.com/3dmanufacturing/material/2015/02",
 }
 """Extensions that may be required."""
-
-SMALL, RATIO = 1 << 26, 100
-"""A model may have as many bytes, or as many times those that it takes in the file: a bomb has a thousand times."""
 
 
 def read(path: Path) -> SceneFile:
@@ -132,26 +129,16 @@ class _Reader:
 
     def _start(self) -> str:
         """Return the name of the first model."""
-        relations = parse(self._bytes("_rels/.rels"), "_rels/.rels")
+        relations = parse(unpacked(self._archive, "_rels/.rels"), "_rels/.rels")
         for relation in relations:
             if relation.get("Type", "").endswith("/3dmodel"):
                 return posixpath.normpath(relation.get("Target", "")).lstrip("/")
         raise FileFormatError("_rels/.rels: expected a relation to a 3dmodel")
 
-    def _bytes(self, name: str) -> bytes:
-        """Return a file of the archive after checking its size."""
-        try:
-            info = self._archive.getinfo(name)
-        except KeyError:
-            raise FileFormatError(f"{name!a:.60}: missing in the archive") from None
-        if info.file_size > max(SMALL, RATIO * info.compress_size):
-            raise FileFormatError(f"{name!a:.60}: expected at most {RATIO} bytes for each that it takes in the archive")
-        return self._archive.read(info)
-
     def _root(self, model: str) -> Element:
         """Return the root of a model after checking which extensions it requires."""
         if model not in self._roots:
-            data = self._bytes(model)
+            data = unpacked(self._archive, model)
             root = self._roots[model] = parse(data, f"{model!a:.60}")
             required = root.get("requiredextensions", "").split()
             spaces = _namespaces(data) if required else {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import zipfile
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -213,6 +214,30 @@ def test_collada_textures(tmp_path: Path) -> None:
     (tmp_path / "sub folder" / "i.png").unlink()
     assert len(ls.Scene.from_file(path)) == 1
     assert refusal(path, reflectivity="color") == "it names a file that is not there"
+
+
+def test_collada_in_an_archive(tmp_path: Path) -> None:
+    content = BytesIO()
+    PIL.Image.new("RGB", (2, 2), "white").save(content, "PNG")
+    places = """<source id="t"><float_array id="ta">0 0</float_array><technique_common>
+    <accessor source="#ta" count="1" stride="2"/></technique_common></source>"""
+    faces = """<triangles count="1" material="m"><input semantic="VERTEX" source="#v" offset="0"/>
+    <input semantic="TEXCOORD" source="#t" offset="1"/><p>0 0 1 0 2 0</p></triangles>"""
+    text = collada(BOUND, places + faces, more=COLORED.format('<texture texture="sa"/>'))
+    manifest = "<dae_root>deep/a.dae</dae_root>"
+    path = tmp_path / "a.zae"
+    for number, files in enumerate(
+        ({"deep/a.dae": text}, {"deep/a.dae": text, "b.dae": "", "manifest.xml": f"<x>{manifest}</x>"}, {"b.txt": ""})
+    ):
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, words in files.items():
+                archive.writestr(name, words)
+            archive.writestr("deep/sub folder/i.png", content.getvalue())
+        if number < 2:
+            (item,) = ls.Scene.from_file(path, reflectivity="color")
+            assert isinstance(item.material.reflectivity, ls.Texture)
+            assert item.material.reflectivity.values.tolist() == [[1, 1], [1, 1]]
+    assert refusal(path) == "expected one COLLADA document in the archive, got 0"
 
 
 WRONG_COLLADA = {
@@ -473,6 +498,14 @@ def test_wrong_material_libraries(tmp_path: Path) -> None:
 
 
 # Formats that are not read
+
+
+def test_archives_of_meshes_are_no_scenes(tmp_path: Path) -> None:
+    path = tmp_path / "a.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("a.off", "OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n")
+    with pytest.raises(FileFormatError, match=r"a\.zip: expected a scene of one of these kinds"):
+        ls.Scene.from_file(path)
 
 
 @pytest.mark.parametrize("suffix", CONVERTERS)
