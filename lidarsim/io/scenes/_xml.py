@@ -33,7 +33,7 @@ def parse(data: bytes, what: str) -> Element:
 
 
 SMALL, RATIO = 1 << 26, 100
-"""A file of an archive may have that many bytes, or that many times those that it takes there; a bomb has 1,000 times."""
+"""A file of an archive may have that many bytes, or that many times those that it takes there: a bomb has more."""
 
 
 def unpacked(archive: zipfile.ZipFile, name: str) -> bytes:

@@ -320,10 +320,11 @@ class _Reader:
         def attribute(name: str, kinds: Sequence[str], dtypes: str = "fiu") -> Any:
             index = primitive.attributes[name]
             place = f"{where}.attributes.{name}"
-            if decoded is None or draco is None or name not in draco.attributes:
-                return self._data.numbers(index, place, kinds, dtypes)
             accessor = at(self._document.accessors, index, place)
-            found = decoded.get_attribute_by_unique_id(draco.attributes[name])
+            stored = accessor.buffer_view is not None or accessor.sparse is not None
+            if decoded is None or draco is None or (name not in draco.attributes and stored):
+                return self._data.numbers(index, place, kinds, dtypes)
+            found = decoded.get_attribute_by_unique_id(draco.attributes.get(name, -1))
             values = None if found is None else np.asarray(found["data"])
             shape = (accessor.count, int(accessor.type[-1]) if accessor.type[-1].isdigit() else 1)
             if values is None or values.shape != shape or accessor.type not in kinds or values.dtype.kind not in dtypes:
@@ -383,7 +384,8 @@ class _Reader:
                 _check_finite(moves, name)
                 if len(moves) != len(vertices):
                     raise FileFormatError(f"{name}: expected {len(vertices)}, one a vertex, got {len(moves)}")
-                vertices = vertices + weight * moves
+                with np.errstate(over="ignore", invalid="ignore"):  # what overflows is refused as not finite
+                    vertices = vertices + weight * moves
         return vertices
 
     def _picture(self, index: int, where: str) -> Picture:
@@ -506,9 +508,10 @@ def _skinned(
             raise FileFormatError(f"{where}.attributes.{names[0]}[{i}]: expected joints below {len(skin)}, got {got}")
         joints[weights == 0.0] = 0
         total += weights.sum(axis=1)
-        for slot in range(4):
-            placed = np.einsum("nij,nj->ni", skin[joints[:, slot], :3], homogeneous)
-            moved += weights[:, slot, None] * placed
+        with np.errstate(over="ignore", invalid="ignore"):
+            for slot in range(4):
+                placed = np.einsum("nij,nj->ni", skin[joints[:, slot], :3], homogeneous)
+                moved += weights[:, slot, None] * placed
     without = np.flatnonzero(~(total > 0.0))
     if len(without):
         got = total[without[0]]

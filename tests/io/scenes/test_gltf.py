@@ -459,6 +459,10 @@ def test_damaged_draco(place: Path) -> None:
     expected = f"{where}.attributes.POSITION: expected VEC3 of shape (4, 3) by Draco, got float32 of shape (3, 3)"
     assert refusal(file.save(place)) == expected
     file = one(lambda file: draco(file, points, faces))
+    file.tree["meshes"][0]["primitives"][0]["extensions"]["KHR_draco_mesh_compression"]["attributes"] = {}
+    expected = f"{where}.attributes.POSITION: expected VEC3 of shape (3, 3) by Draco, got none"
+    assert refusal(file.save(place)) == expected
+    file = one(lambda file: draco(file, points, faces))
     file.blob[:] = bytes(len(file.blob))
     assert refusal(file.save(place)) == f"{where}.extensions.KHR_draco_mesh_compression: DracoPy cannot decode it"
 
@@ -666,6 +670,13 @@ def test_positions_are_finite(value: float, place: Path) -> None:
     file = one(lambda file: file.primitive(points))
     message = f"meshes[0].primitives[0].attributes.POSITION[1]: expected finite numbers, got {value}"
     assert refusal(file.save(place)) == message
+
+
+def test_morphed_positions_are_finite(place: Path) -> None:
+    file = Gltf()
+    target = {"POSITION": file.numbers(np.full((3, 3), 1e30))}
+    file.node(mesh=file.mesh(file.primitive(targets=[target]), weights=[1e300]))
+    assert refusal(file.save(place)) == "vertices: expected finite numbers, got vertices[0][0] = inf"
 
 
 def test_indices_are_those_of_vertices(place: Path) -> None:
